@@ -1,0 +1,64 @@
+"""The nomenclature: every canonical column of a trial, with symbol, unit and sign.
+
+Ingest converts to these units and signs; nothing after it converts anything.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Column:
+    """One canonical column: its symbol in the paper, its SI unit and what a positive value means."""
+
+    symbol: str
+    unit: str
+    meaning: str
+
+
+COLUMNS: dict[str, Column] = {
+    "time": Column("t", "s", "experiment time, strictly increasing"),
+    "theta": Column("θ_j", "rad", "joint angle from the bench's or the leg's joint encoder, dorsiflexion positive"),
+    "theta_m": Column("θ_m", "rad", "actuator output angle, after the gear and before the belt"),
+    "theta_command": Column("θ_j*", "rad", "joint angle that the dynamometer was told to follow"),
+    "current": Column("I_q", "A", "q-axis motor current"),
+    "torque": Column("τ", "N*m", "resisting joint torque, minus the τ_j of Eq. 4; internal plantarflexion moment"),
+    "K_1": Column("K_1", "N*m/rad", "stiffness gain that the leg applied at the actuator output"),
+    "B_1": Column("B_1", "N*m*s/rad", "damping gain that the leg applied at the actuator output"),
+    "sync": Column("", "V", "synchronisation pulse train, shared by the recorders"),
+    "trigger": Column("", "V", "trigger of the perturbation platform"),
+}
+
+AXES = ("x", "y", "z")
+
+
+def marker_columns(label: str) -> tuple[str, str, str]:
+    """Columns of one marker's position in the laboratory [m]; NaN where the marker was not seen."""
+    x, y, z = (f"marker_{label}_{axis}" for axis in AXES)
+    return x, y, z
+
+
+def plate_columns(plate: int, quantity: str) -> tuple[str, str, str]:
+    """Columns of one force plate, counted from 1: ground reaction `force` [N] or `moment` [N*m].
+
+    Both act on the foot, are expressed in the laboratory axes of the plate's resting pose, and the moment is
+    about the centre of the plate's surface (the mean of its four corners).
+    """
+    x, y, z = (f"plate{plate}_{quantity}_{axis}" for axis in AXES)
+    return x, y, z
+
+
+def unit_of(column: str) -> str:
+    """Canonical unit of a column; ingest's source files may add columns of their own, named in SI units.
+
+    Raises
+    ------
+    KeyError
+        The name is not in the nomenclature.
+    """
+    if column.startswith("marker_"):
+        return "m"
+    if column.startswith("plate"):
+        return "N" if "_force_" in column else "N*m"
+    if column.startswith("reference_ankle_moment"):
+        return "N*m/kg"
+    return COLUMNS[column].unit

@@ -1,0 +1,64 @@
+"""Belt stiffness: slope of torque on belt deflection while loading (Fig. 3)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from osl_analysis.errors import InputError
+from osl_analysis.fits.regression import LinearFit, linear_fit
+from osl_analysis.trial import Array
+
+ONSET_FRACTION = 0.05
+"""Loading begins where the deflection first passes this fraction of its peak: below it the belt's hysteresis turns."""
+SMALLEST_DEFLECTION = np.deg2rad(0.5)
+
+
+@dataclass(frozen=True)
+class BeltFit:
+    """Loading slope `K_s` [N*m/rad] with its regression, slope while unloading, and the loop's area [N*m*rad = J].
+
+    `quadratic` regresses torque on theta_s and theta_s |theta_s| while loading (`K_s`, `K_s2` [N*m/rad^2]).
+    """
+
+    K_s: float
+    loading: LinearFit
+    unloading: LinearFit
+    quadratic: LinearFit
+    hysteresis_area: float
+
+
+def fit_belt_stiffness(theta_s: Array, torque: Array) -> BeltFit:
+    """Fit one load-unload cycle: belt deflection theta_s [rad] and resisting torque [N*m], shape (n,).
+
+    Raises
+    ------
+    InputError
+        The deflection stays under 0.5 degrees, or the record ends before unloading.
+    """
+    deflection = theta_s - theta_s[0]
+    peak = int(np.argmax(np.abs(deflection)))
+    if abs(deflection[peak]) < SMALLEST_DEFLECTION:
+        raise InputError(
+            f"the belt deflects by {np.rad2deg(abs(deflection[peak])):.3f} deg at most, expected 0.5 deg or more; "
+            "check the angle channels and their units in the source file"
+        )
+    loaded = np.abs(deflection) >= ONSET_FRACTION * abs(deflection[peak])
+    onset = int(np.argmax(loaded))
+    release = len(loaded) - int(np.argmax(loaded[::-1]))
+    if release - peak < 10 or release == len(loaded):
+        raise InputError("the record ends while the belt is still loaded; record the way back too")
+    loading = slope(theta_s[onset : peak + 1], torque[onset : peak + 1])
+    unloading = slope(theta_s[peak:release], torque[peak:release])
+    quadratic = curvature(deflection[onset : peak + 1], torque[onset : peak + 1])
+    area = float(np.trapezoid(torque, theta_s))
+    return BeltFit(loading["K_s"], loading, unloading, quadratic, area)
+
+
+def slope(theta_s: Array, torque: Array) -> LinearFit:
+    """Straight line with intercept: `K_s` [N*m/rad], `offset` [N*m]."""
+    return linear_fit(torque, {"K_s": theta_s, "offset": np.ones_like(theta_s)})
+
+
+def curvature(theta_s: Array, torque: Array) -> LinearFit:
+    """Quadratic belt with intercept, odd in the deflection: `K_s`, `K_s2` [N*m/rad^2], `offset` [N*m]."""
+    return linear_fit(torque, {"K_s": theta_s, "K_s2": theta_s * np.abs(theta_s), "offset": np.ones_like(theta_s)})

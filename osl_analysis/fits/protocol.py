@@ -1,0 +1,121 @@
+"""Finding the stepped-sine protocol in the recorded motion: nothing relies on when the recorder was started."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import fftconvolve
+
+from osl_analysis.errors import InputError
+from osl_analysis.signals import sampling_rate
+from osl_analysis.trial import Array
+
+AMPLITUDE_TOLERANCE = 0.25
+"""Largest relative deviation of a recorded amplitude from the commanded one: a dynamometer's bandwidth costs some."""
+
+
+@dataclass(frozen=True)
+class SteppedSine:
+    """The protocol: at each amplitude [rad], `cycles` cycles at each frequency [Hz] without pause between them."""
+
+    amplitudes: tuple[float, ...]
+    frequencies_hz: tuple[float, ...]
+    cycles: int
+
+    @property
+    def block_duration(self) -> float:
+        """Duration [s] of the block of one amplitude."""
+        return sum(self.cycles / f for f in self.frequencies_hz)
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Rows [start, stop) of one frequency [Hz] at one commanded amplitude [rad]."""
+
+    amplitude: float
+    frequency_hz: float
+    start: int
+    stop: int
+
+    @property
+    def rows(self) -> slice:
+        return slice(self.start, self.stop)
+
+
+@dataclass(frozen=True)
+class Block:
+    """The segments of one amplitude [rad], which follow one another without a gap."""
+
+    amplitude: float
+    segments: tuple[Segment, ...]
+
+    @property
+    def rows(self) -> slice:
+        return slice(self.segments[0].start, self.segments[-1].stop)
+
+
+def find_blocks(time: Array, theta: Array, protocol: SteppedSine) -> tuple[Block, ...]:
+    """Where in the joint angle theta [rad] at uniform times [s], shape (n,), each amplitude's block lies.
+
+    The angle is correlated with one block of unit amplitude: at a block the correlation is the block's
+    amplitude. The highest peaks that do not overlap, in the order of time, must match the protocol.
+
+    Raises
+    ------
+    InputError
+        The record is too short, or the amplitudes found are not those of the protocol.
+    """
+    rate = sampling_rate(time)
+    template = unit_block(protocol, rate)
+    needed = len(protocol.amplitudes) * len(template)
+    if len(theta) < needed:
+        raise InputError(
+            f"the record lasts {len(theta) / rate:.1f} s, the protocol {needed / rate:.1f} s; "
+            "correct the protocol in the configuration, or record the whole trial"
+        )
+    matched = fftconvolve(theta - np.mean(theta), template[::-1], mode="valid") / float(template @ template)
+    starts = highest_peaks(matched, len(protocol.amplitudes), len(template))
+    for start, amplitude in zip(starts, protocol.amplitudes, strict=True):
+        check_amplitude(float(matched[start]), amplitude, float(time[start]))
+    return tuple(
+        Block(amplitude, split(start, amplitude, protocol, rate))
+        for start, amplitude in zip(starts, protocol.amplitudes, strict=True)
+    )
+
+
+def unit_block(protocol: SteppedSine, rate: float) -> Array:
+    """One block of unit amplitude, sampled at `rate` [Hz]."""
+    pieces = [
+        np.sin(2 * np.pi * f * np.arange(round(protocol.cycles / f * rate)) / rate) for f in protocol.frequencies_hz
+    ]
+    return np.concatenate(pieces)
+
+
+def highest_peaks(matched: Array, count: int, apart: int) -> list[int]:
+    """Rows of the `count` highest values that lie at least (almost) a block apart, in the order of time."""
+    remaining = matched.copy()
+    starts = []
+    for _ in range(count):
+        best = int(np.argmax(remaining))
+        starts.append(best)
+        clearance = int(0.98 * apart)
+        remaining[max(best - clearance, 0) : best + clearance] = -np.inf
+    return sorted(starts)
+
+
+def check_amplitude(found: float, commanded: float, start: float) -> None:
+    """Refuse an amplitude [rad] that is not the commanded one, at the block starting at `start` [s]."""
+    if not abs(found - commanded) <= AMPLITUDE_TOLERANCE * commanded:
+        raise InputError(
+            f"the block at {start:.1f} s has an amplitude of {np.rad2deg(found):.2f} deg, the protocol says "
+            f"{np.rad2deg(commanded):g} deg; correct the protocol in the configuration, or the angle's unit in the "
+            "source file"
+        )
+
+
+def split(start: int, amplitude: float, protocol: SteppedSine, rate: float) -> tuple[Segment, ...]:
+    """The segments of a block that starts at row `start`."""
+    ends = np.cumsum([0.0, *(protocol.cycles / f for f in protocol.frequencies_hz)]) * rate
+    rows = start + np.rint(ends).astype(int)
+    return tuple(
+        Segment(amplitude, f, int(a), int(b)) for f, a, b in zip(protocol.frequencies_hz, rows, rows[1:], strict=False)
+    )

@@ -1,0 +1,120 @@
+"""Sinusoid fits and the frequency response: phasors of angle and torque, their ratio, their mean (Fig. 7)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from osl_analysis.errors import InputError
+from osl_analysis.fits.regression import linear_fit
+from osl_analysis.trial import Array
+
+HARMONICS = 5
+"""Highest harmonic in the distortion: friction's odd ones, 3 and 5, lie within."""
+
+
+@dataclass(frozen=True)
+class Phasor:
+    """Complex amplitude P of signal = Re(P exp(j w t)) + ..., the covariance of (Re P, Im P), and the distortion.
+
+    `distortion` is the root sum of squares of harmonics 2 to 5 over the fundamental.
+    """
+
+    value: complex
+    covariance: Array
+    distortion: float
+    vaf: float
+
+
+@dataclass(frozen=True)
+class Response:
+    """Integral admittance Y = theta/torque [rad/(N*m)] at one frequency, with the covariance of (Re Y, Im Y)."""
+
+    value: complex
+    covariance: Array
+
+    @property
+    def magnitude(self) -> float:
+        return abs(self.value)
+
+    @property
+    def phase(self) -> float:
+        """Phase [rad] between -pi and pi."""
+        return float(np.angle(self.value))
+
+    @property
+    def magnitude_se(self) -> float:
+        """Standard error along the phasor, in its unit."""
+        return self._se_along(self.value / abs(self.value))
+
+    @property
+    def phase_se(self) -> float:
+        """Standard error across the phasor as an angle [rad]."""
+        return self._se_along(1j * self.value / abs(self.value)) / abs(self.value)
+
+    def _se_along(self, direction: complex) -> float:
+        unit = np.array([direction.real, direction.imag])
+        return float(np.sqrt(unit @ self.covariance @ unit))
+
+
+def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, settle_cycles: int = 0) -> Phasor:
+    """Phasor of a signal (n,) at a known frequency, with offset and harmonics 2 to 5, after `settle_cycles` cycles.
+
+    `time` [s] also sets the phase's zero: fit angle and torque with the same times.
+
+    Raises
+    ------
+    InputError
+        Less than one whole cycle remains, or the sampling is too slow for the fifth harmonic.
+    """
+    kept = time - time[0] >= settle_cycles / frequency_hz
+    time, signal = time[kept], signal[kept]
+    step = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
+    if len(time) * step < 0.99 / frequency_hz:
+        raise InputError(f"less than one settled cycle at {frequency_hz:g} Hz; record more cycles or settle fewer")
+    if 2 * HARMONICS * frequency_hz * step >= 1:
+        raise InputError(
+            f"a step of {step * 1e3:.2f} ms is too long for harmonic {HARMONICS} of {frequency_hz:g} Hz; sample faster"
+        )
+    fit = linear_fit(signal, harmonic_columns(time, frequency_hz))
+    cosines, sines = fit.estimates[1::2], fit.estimates[2::2]
+    amplitudes = np.hypot(cosines, sines)
+    to_phasor = np.diag([1.0, -1.0])
+    return Phasor(
+        complex(cosines[0], -sines[0]),
+        to_phasor @ fit.covariance[1:3, 1:3] @ to_phasor,
+        float(np.linalg.norm(amplitudes[1:]) / amplitudes[0]),
+        fit.vaf,
+    )
+
+
+def harmonic_columns(time: Array, frequency_hz: float) -> dict[str, Array]:
+    """Offset, then cosine and sine of the fundamental and each harmonic."""
+    columns = {"offset": np.ones_like(time)}
+    for k in range(1, HARMONICS + 1):
+        phase = 2 * np.pi * k * frequency_hz * time
+        columns |= {f"cos{k}": np.cos(phase), f"sin{k}": np.sin(phase)}
+    return columns
+
+
+def response(theta: Phasor, torque: Phasor) -> Response:
+    """Y = theta/torque [rad/(N*m)] from the phasors of angle [rad] and resisting torque [N*m].
+
+    The covariance is propagated to first order, the errors of angle and torque taken as independent.
+    """
+    Y = theta.value / torque.value
+    from_theta, from_torque = as_matrix(1 / torque.value), as_matrix(-Y / torque.value)
+    covariance = from_theta @ theta.covariance @ from_theta.T + from_torque @ torque.covariance @ from_torque.T
+    return Response(Y, covariance)
+
+
+def as_matrix(z: complex) -> Array:
+    """Multiplication by a complex number, as a matrix on (Re, Im)."""
+    return np.array([[z.real, -z.imag], [z.imag, z.real]])
+
+
+def mean_response(responses: Sequence[Response]) -> Response:
+    """Complex mean over amplitudes at one frequency; covariance from the fits' own, taken as independent."""
+    n = len(responses)
+    covariance = np.sum([r.covariance for r in responses], axis=0) / n**2
+    return Response(complex(np.mean([r.value for r in responses])), covariance)

@@ -1,0 +1,30 @@
+"""Transmission losses with the motor detached: torque = B_j omega + J_j alpha + offset (Eq. 4 with theta_s = 0)."""
+
+import numpy as np
+
+from osl_analysis.fits.regression import LinearFit, linear_fit
+from osl_analysis.signals import Motion
+from osl_analysis.trial import Array
+
+
+def fit_transmission(motion: Motion, torque: Array) -> LinearFit:
+    """Fit `B_j` [N*m*s/rad], `J_j` [kg*m^2] and `offset` [N*m] to a motion and resisting torque of shape (n,).
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        As `linear_fit`.
+    """
+    columns = {"B_j": motion.omega, "J_j": motion.alpha, "offset": np.ones_like(motion.omega)}
+    return linear_fit(torque, columns)
+
+
+def fit_transmission_with_coulomb(motion: Motion, torque: Array, width: float = 0.05) -> LinearFit:
+    """The same with Coulomb friction `T_C` [N*m] times tanh(omega/width), width in rad/s, for comparison."""
+    columns = {
+        "B_j": motion.omega,
+        "J_j": motion.alpha,
+        "T_C": np.tanh(motion.omega / width),
+        "offset": np.ones_like(motion.omega),
+    }
+    return linear_fit(torque, columns)

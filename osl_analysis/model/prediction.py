@@ -1,0 +1,26 @@
+"""What linear theory says that a fit of Eq. 15 will find for given gains."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from osl_analysis.model.compensator import Gains
+from osl_analysis.model.drivetrain import joint_admittance
+from osl_analysis.parameters import DrivetrainParameters
+
+
+def predicted_impedance(
+    gains: Gains, p: DrivetrainParameters, frequencies_hz: Sequence[float]
+) -> tuple[float, float, float]:
+    """K [N*m/rad], B [N*m*s/rad], I [kg*m^2] that least squares finds in a stepped sine on the linear drivetrain.
+
+    With equally many cycles of one amplitude at each frequency f, a sample's weight is the duration, so the
+    residual of 1/Y against K + j w B - w^2 I is weighted by 1/f. Friction is not in it.
+    """
+    w = 2 * np.pi * np.asarray(frequencies_hz, dtype=float)
+    Z = 1 / joint_admittance(gains.K_1, gains.B_1, p, p.J_j)(1j * w)
+    weight = 1 / np.sqrt(w)
+    storage = np.column_stack([np.ones_like(w), -(w**2)])
+    (K, I), *_ = np.linalg.lstsq(storage * weight[:, None], Z.real * weight, rcond=None)
+    B = np.sum(weight**2 * w * Z.imag) / np.sum(weight**2 * w**2)
+    return float(K), float(B), float(I)

@@ -1,0 +1,104 @@
+"""Physical parameters of one device (Table I), each with unit and source, from `config/parameters/`."""
+
+import warnings
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+from pydantic import Field, field_validator
+
+from osl_analysis.errors import InputError
+from osl_analysis.validation import Settings, read_yaml
+
+UNITS = {
+    "k_tau": "N*m/A", "n_m": "1", "B_m": "N*m*s/rad", "J_m": "kg*m^2", "f_C": "N*m", "f_G": "N*m/A",
+    "n_T": "1", "K_s": "N*m/rad", "K_s2": "N*m/rad^2", "B_j": "N*m*s/rad", "J_j": "kg*m^2",
+}  # fmt: skip
+MUST_BE_POSITIVE = ("k_tau", "n_m", "J_m", "n_T", "K_s")
+
+
+@dataclass(frozen=True)
+class DrivetrainParameters:
+    """Actuator and transmission (Table I) in SI units; J_m and B_m are at the actuator's output.
+
+    Raises
+    ------
+    InputError
+        A value that must be positive is not, or one that may be zero is negative.
+    """
+
+    k_tau: float
+    n_m: float
+    B_m: float
+    J_m: float
+    f_C: float
+    f_G: float
+    n_T: float
+    K_s: float
+    B_j: float
+    J_j: float
+    K_s2: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, unit in UNITS.items():
+            value = getattr(self, name)
+            if not (value > 0 or (value == 0 and name not in MUST_BE_POSITIVE)):
+                bound = "positive" if name in MUST_BE_POSITIVE else "zero or positive"
+                raise InputError(f"parameter {name} = {value} {unit} must be {bound}; correct the parameter file")
+
+
+class Quantity(Settings):
+    """A number, its unit and where it comes from; ratios may be written as they are, like 83/18."""
+
+    value: float
+    unit: str
+    source: str = Field(min_length=1)
+
+    @field_validator("value", mode="before")
+    @classmethod
+    def _ratio(cls, value: object) -> object:
+        try:
+            return float(Fraction(value)) if isinstance(value, str) else value
+        except (ValueError, ZeroDivisionError) as error:
+            raise ValueError("write a number or a ratio such as 83/18") from error
+
+
+class ParameterFile(Settings):
+    """A parameter file: the device's name, a warning to show whenever it is used, and the quantities."""
+
+    name: str
+    description: str
+    warning: str = ""
+    parameters: dict[str, Quantity]
+
+    @field_validator("parameters")
+    @classmethod
+    def _complete(cls, quantities: dict[str, Quantity]) -> dict[str, Quantity]:
+        for name in UNITS:
+            if name not in quantities and name != "K_s2":
+                raise ValueError(f"{name} [{UNITS[name]}] is missing")
+        for name, quantity in quantities.items():
+            if name not in UNITS:
+                raise ValueError(f"unknown parameter {name}; the known ones are {', '.join(UNITS)}")
+            if quantity.unit != UNITS[name]:
+                raise ValueError(f"{name} has unit '{quantity.unit}', expected '{UNITS[name]}'")
+        return quantities
+
+
+def read_parameters(path: Path) -> DrivetrainParameters:
+    """Parameters of one device, from a file like `config/parameters/default.yaml`.
+
+    Warns (`UserWarning`) where the file carries a warning.
+
+    Raises
+    ------
+    InputError
+        The file is missing, or a quantity is unknown, absent, of another unit or outside its range.
+    """
+    file = read_yaml(path, ParameterFile)
+    if file.warning:
+        warnings.warn(f"{path}: {' '.join(file.warning.split())}", stacklevel=2)
+    try:
+        return DrivetrainParameters(**{name: q.value for name, q in file.parameters.items()})
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error

@@ -1,0 +1,104 @@
+"""The sample sheet `trials.csv` of a campaign: one row per trial, validated when it is read."""
+
+import re
+from pathlib import Path
+
+import pandas as pd
+
+from osl_analysis.errors import InputError
+
+EXPERIMENTS = {
+    "belt": "input shaft locked, joint moved and back: belt stiffness",
+    "transmission": "motor detached, stepped sine: B_j and J_j",
+    "impedance": "stepped sine against the controller: K, B, I and the frequency response",
+    "static": "standing still: rest pose of the marker clusters and the ankle axis",
+    "plate": "platform moved without a foot on it: the force plate's own inertia",
+    "walking": "one crossing of the walkway, perturbed or not",
+    "gait": "overground gait with a reference ankle moment in the file",
+    "recording": "ingested only",
+}
+CONTROLLERS = ("compensated", "uncompensated")
+COLUMNS = {
+    "trial": "string", "experiment": "string", "controller": "string", "K_d": "float64", "B_d": "float64",
+    "perturbed": "boolean", "log": "string", "log_source": "string", "mocap": "string", "mocap_source": "string",
+    "exclude": "string",
+}  # fmt: skip
+REQUIRED = ("trial", "experiment")
+
+
+def read_sheet(path: Path) -> pd.DataFrame:
+    """Read and validate a sample sheet; the index is the trial's name, absent optional columns are NA.
+
+    Columns: `trial` (letters, digits, _ and -), `experiment` (one of `EXPERIMENTS`), `controller`, `K_d`
+    [N*m/rad], `B_d` [N*m*s/rad], `perturbed` (true/false), `log` and `log_source`, `mocap` and `mocap_source`
+    (a file relative to the campaign's raw data, and the name of a file in `config/sources`), `exclude` (why
+    the trial is left out; empty: it is used).
+
+    Raises
+    ------
+    InputError
+        The sheet is missing or empty, a column is unknown, or a value is not allowed: each by row and column.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such sample sheet; write one (README, 'Your own data') or set `sheet`")
+    try:
+        text = pd.read_csv(path, dtype="string", comment="#", skipinitialspace=True)
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a CSV table ({str(error).strip()}); export it as UTF-8 CSV") from error
+    return validate_sheet(text, path)
+
+
+def validate_sheet(text: pd.DataFrame, path: Path) -> pd.DataFrame:
+    """Check a sheet of strings and give its columns their types; `path` is for messages."""
+    unknown = sorted(set(text.columns) - set(COLUMNS))
+    absent = sorted(set(REQUIRED) - set(text.columns))
+    if unknown or absent:
+        what = f"unknown column '{unknown[0]}'" if unknown else f"no column '{absent[0]}'"
+        raise InputError(f"{path}: {what}; the columns are {', '.join(COLUMNS)}")
+    if text.empty:
+        raise InputError(f"{path}: no trials; add one row per trial")
+    sheet = text.reindex(columns=list(COLUMNS))
+    for row, record in enumerate(sheet.to_dict("records"), start=2):
+        problem = problem_in({str(k): ("" if pd.isna(v) else str(v).strip()) for k, v in record.items()})
+        if problem:
+            raise InputError(f"{path}: line {row}: {problem}")
+    twice = sheet["trial"][sheet["trial"].duplicated()]
+    if len(twice):
+        raise InputError(f"{path}: trial '{twice.iloc[0]}' stands twice; give each row its own name")
+    booleans = sheet["perturbed"].str.strip().str.lower().map({"true": True, "false": False})
+    return sheet.assign(perturbed=booleans).astype(COLUMNS).set_index("trial", drop=False)
+
+
+def problem_in(row: dict[str, str]) -> str:
+    """What is wrong with one row of a sheet, with the remedy; empty if nothing is."""
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", row["trial"]):
+        return f"trial '{row['trial']}' must be letters, digits, '_', '.' and '-' only: it becomes a file name"
+    if row["experiment"] not in EXPERIMENTS:
+        return f"experiment '{row['experiment']}' is none of {', '.join(EXPERIMENTS)}"
+    if row["controller"] and row["controller"] not in CONTROLLERS:
+        return f"controller '{row['controller']}' is none of {', '.join(CONTROLLERS)}"
+    for column in ("K_d", "B_d"):
+        if row[column] and not is_number(row[column]):
+            return f"{column} '{row[column]}' is not a number; give it in SI units, without the unit"
+    if row["perturbed"].lower() not in ("", "true", "false"):
+        return f"perturbed '{row['perturbed']}' must be true or false"
+    return problem_with_needs(row)
+
+
+def problem_with_needs(row: dict[str, str]) -> str:
+    """What a row lacks that its experiment needs; empty if nothing."""
+    needs = {"impedance": ("controller", "K_d", "B_d"), "walking": ("perturbed", "mocap")}
+    for column in needs.get(row["experiment"], ()):
+        if not row[column]:
+            return f"{column} is empty; a trial of experiment '{row['experiment']}' needs it"
+    if not row["log"] and not row["mocap"]:
+        return f"trial '{row['trial']}' names no file; fill in log or mocap"
+    for column in ("log", "mocap"):
+        if row[column] and not row[f"{column}_source"]:
+            return f"{column}_source is empty; name the file in config/sources that describes {row[column]}"
+    return ""
+
+
+def is_number(text: str) -> bool:
+    """Whether the text is a finite decimal number."""
+    return bool(re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", text))

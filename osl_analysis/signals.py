@@ -1,0 +1,87 @@
+"""One zero-phase filter for every signal of a trial, then derivatives: never filter angle and torque differently."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, sosfiltfilt
+
+from osl_analysis.errors import InputError
+from osl_analysis.trial import Array
+
+UNIFORM_TOLERANCE = 0.2
+"""Largest deviation of a sampling step from the mean step, as a fraction, that a digital filter forgives."""
+
+
+@dataclass(frozen=True)
+class LowPass:
+    """Butterworth low-pass of the given order and cut-off [Hz], run forwards and backwards: no phase, order doubled."""
+
+    cutoff_hz: float
+    order: int = 4
+
+    def __call__(self, signal: Array, rate_hz: float) -> Array:
+        """Filter samples along the first axis, shape (n, ...), taken at `rate_hz`.
+
+        Raises
+        ------
+        InputError
+            The cut-off is not below half the sampling rate, or the signal is shorter than the filter's edge.
+        """
+        if not 0 < self.cutoff_hz < rate_hz / 2:
+            raise InputError(
+                f"filter cut-off {self.cutoff_hz:g} Hz must lie between 0 and half the sampling rate of {rate_hz:g} Hz"
+            )
+        edge = int(np.ceil(3 * rate_hz / self.cutoff_hz))
+        if len(signal) <= edge:
+            raise InputError(
+                f"{len(signal)} samples are too few for a {self.cutoff_hz:g} Hz filter; it needs more than {edge}"
+            )
+        sections = butter(self.order, self.cutoff_hz, fs=rate_hz, output="sos")
+        return np.asarray(sosfiltfilt(sections, signal, axis=0, padlen=edge))
+
+
+@dataclass(frozen=True)
+class Motion:
+    """An angle and its derivatives, shape (n,) each: theta [rad], omega [rad/s], alpha [rad/s^2]."""
+
+    theta: Array
+    omega: Array
+    alpha: Array
+
+    def __getitem__(self, rows: slice) -> "Motion":
+        return Motion(self.theta[rows], self.omega[rows], self.alpha[rows])
+
+
+def sampling_rate(time: Array) -> float:
+    """Rate [Hz] of uniform stamps [s].
+
+    Raises
+    ------
+    InputError
+        A step deviates from the mean step by more than 20 %: resample, or cut the trial at the gap.
+    """
+    step = np.diff(time)
+    mean = float(np.mean(step))
+    worst = int(np.argmax(np.abs(step - mean)))
+    if abs(step[worst] - mean) > UNIFORM_TOLERANCE * mean:
+        raise InputError(
+            f"the step at {time[worst]:.4f} s is {step[worst] * 1e3:.3f} ms, the mean step {mean * 1e3:.3f} ms: "
+            "samples are missing or irregular; resample the log or cut the trial at the gap"
+        )
+    return 1 / mean
+
+
+def differentiate(time: Array, theta: Array) -> Motion:
+    """Angle [rad] at times [s] with its derivatives, from the quintic spline through the (already filtered) samples.
+
+    Central differences lose 3 % of a velocity at 20 Hz sampled at 300 Hz; the spline loses less than 0.1 %.
+    """
+    spline = make_interp_spline(time, theta, k=5)
+    return Motion(np.asarray(theta), np.asarray(spline(time, 1)), np.asarray(spline(time, 2)))
+
+
+def filtered_motion(time: Array, theta: Array, torque: Array, low_pass: LowPass) -> tuple[Motion, Array]:
+    """Motion from the filtered angle [rad], and the torque [N*m] through the *same* filter; shape (n,) each."""
+    rate = sampling_rate(time)
+    return differentiate(time, low_pass(theta, rate)), low_pass(torque, rate)

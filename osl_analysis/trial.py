@@ -1,0 +1,79 @@
+"""A trial: the canonical samples of one recording, checked once, at construction."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Samples of one trial in canonical columns (`columns.py`), a row per time stamp.
+
+    A *null* says that the column has no sample at that time (another recorder's rate), a *NaN* that it was
+    sampled and nothing was seen (a hidden marker).
+
+    Raises
+    ------
+    InputError
+        No rows, no `time`, time not strictly increasing or not finite.
+    """
+
+    name: str
+    samples: pl.DataFrame
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if "time" not in self.samples.columns:
+            raise InputError(f"trial {self.name}: no column 'time'; map one in the source file")
+        if self.samples.is_empty():
+            raise InputError(f"trial {self.name}: no samples; record the trial again or exclude it in the sheet")
+        check_time(self.name, self.samples["time"].to_numpy())
+
+    def signals(self, *columns: str) -> tuple[Array, ...]:
+        """Time [s] and the named columns, shape (n,) each, at the stamps where all of them have a sample.
+
+        Raises
+        ------
+        InputError
+            A column is missing, or holds NaN.
+        """
+        rows = self.sampled(*columns)
+        for column in columns:
+            missing = int(rows[column].is_nan().sum())
+            if missing:
+                raise InputError(
+                    f"trial {self.name}: column '{column}' is NaN in {missing} of {len(rows)} samples; "
+                    "repair the log or exclude the trial in the sheet"
+                )
+        return tuple(rows[c].to_numpy() for c in ("time", *columns))
+
+    def sampled(self, *columns: str) -> pl.DataFrame:
+        """The rows in which every named column has a sample (NaN counts as one), with `time` first."""
+        absent = [c for c in columns if c not in self.samples.columns]
+        if absent:
+            raise InputError(
+                f"trial {self.name}: no column '{absent[0]}'; it has {', '.join(self.samples.columns)}. "
+                "Map the channel in the source file"
+            )
+        return self.samples.select("time", *columns).drop_nulls()
+
+
+def check_time(name: str, time: Array) -> None:
+    """Refuse stamps [s] that are not finite or not strictly increasing, naming the first that offends."""
+    if not np.isfinite(time).all():
+        raise InputError(f"{name}: time is not finite at row {int(np.argmin(np.isfinite(time)))}; repair the log")
+    step = np.diff(time)
+    if (step <= 0).any():
+        row = int(np.argmax(step <= 0))
+        raise InputError(
+            f"{name}: time goes from {time[row]:.6f} s to {time[row + 1]:.6f} s at row {row + 1}; "
+            "stamps must strictly increase: check the recorder's clock or the time source in the source file"
+        )

@@ -1,0 +1,57 @@
+"""Reading validated YAML: one place turns a wrong field into one line that names file, field, value, remedy."""
+
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from osl_analysis.errors import InputError
+
+
+class Settings(BaseModel):
+    """Base of every validated file: frozen, and a misspelt field is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+Model = TypeVar("Model", bound=Settings)
+
+
+def read_yaml(path: Path, model: type[Model]) -> Model:
+    """Read a YAML file into a validated model.
+
+    Raises
+    ------
+    InputError
+        The file is missing, is not YAML, or a field is unknown, absent or of a wrong value.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; check the path in the configuration")
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+    return validated(content, model, path)
+
+
+def validated(content: Any, model: type[Model], path: Path) -> Model:
+    """The content of a configuration file as a model; `path` is for messages."""
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        raise InputError(f"{path}: {explain(error, model)}") from error
+
+
+def explain(error: ValidationError, model: type[BaseModel]) -> str:
+    """The first problem of a validation error, as one sentence with field, value and remedy."""
+    first = error.errors()[0]
+    place = ".".join(str(part) for part in first["loc"]) or "the file"
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    if first["type"] == "extra_forbidden":
+        known = ", ".join(model.model_fields) if len(first["loc"]) == 1 else "those in config/ as shipped"
+        return f"unknown field '{place}'; the known ones are {known}{more}"
+    if first["type"] == "missing":
+        return f"field '{place}' is missing; add it{more}"
+    reason = first["msg"].removeprefix("Value error, ")
+    return f"{place}: {first['input']!r} is not allowed: {reason}{more}"

@@ -1,0 +1,25 @@
+"""What several tests share: the shipped parameters, and motions with derivatives written by hand."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from osl_analysis.parameters import DrivetrainParameters, read_parameters
+from osl_analysis.signals import Motion
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="session")
+def parameters() -> DrivetrainParameters:
+    return read_parameters(ROOT / "config/parameters/default.yaml")
+
+
+def multisine(*frequencies_hz: float, amplitude: float = 0.1, duration: float = 10.0, rate: float = 500.0) -> Motion:
+    """A sum of sines with phases 0, 1, 2 ... rad; every derivative is the formula's, none is computed from data."""
+    t = np.arange(round(duration * rate)) / rate
+    w = 2 * np.pi * np.asarray(frequencies_hz)[:, None]
+    phase = w * t + np.arange(len(frequencies_hz))[:, None]
+    theta, omega, alpha = np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)
+    return Motion(*(amplitude * x.sum(axis=0) for x in (theta, omega, alpha)))

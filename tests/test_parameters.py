@@ -1,0 +1,68 @@
+"""Parameter files and configuration: what ships is valid, and a mistake is one line that names it."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+from conftest import ROOT
+
+from osl_analysis.errors import InputError
+from osl_analysis.parameters import read_parameters
+
+SHIPPED = ROOT / "config/parameters"
+
+
+def edited(tmp_path: Path, **changes: object) -> Path:
+    content = yaml.safe_load((SHIPPED / "default.yaml").read_text())
+    for name, value in changes.items():
+        if value is None:
+            del content["parameters"][name]
+        else:
+            content["parameters"].setdefault(name, {"value": 1.0, "unit": "1", "source": "test"}).update(value)
+    path = tmp_path / "edited.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def test_default_has_the_pulleys_of_the_hardware_and_the_stiffness_of_the_text():
+    p = read_parameters(SHIPPED / "default.yaml")
+    assert (p.n_T, p.n_m * p.n_T, p.K_s) == pytest.approx((83 / 18, 41.5, 685.6))
+
+
+def test_reflected_inertia_is_the_one_that_the_design_states():
+    p = read_parameters(SHIPPED / "default.yaml")
+    assert p.n_T**2 * p.J_m == pytest.approx(0.196, abs=5e-4)
+
+
+def test_the_printed_table_warns_whenever_it_is_used():
+    with pytest.warns(UserWarning, match="83/11 contradicts the hardware"):
+        p = read_parameters(SHIPPED / "table1-as-printed.yaml")
+    assert p.n_T**2 * p.J_m == pytest.approx(0.52, abs=5e-3)
+
+
+def test_the_later_publication_has_a_quadratic_belt():
+    p = read_parameters(SHIPPED / "osl-v2-published.yaml")
+    assert (p.K_s, p.K_s2, p.B_m) == (876, 14913, 6.06e-2)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"K_s": None}, "K_s .* is missing"),
+        ({"K_s": {"unit": "N*mm/rad"}}, "K_s has unit 'N\\*mm/rad', expected 'N\\*m/rad'"),
+        ({"K_s": {"value": -3}}, "K_s = -3.* must be positive"),
+        ({"B_j": {"value": -0.1}}, "B_j = -0.1 .* zero or positive"),
+        ({"n_T": {"value": "83/0"}}, "ratio such as 83/18"),
+        ({"k_tau": {"value": float("nan")}}, "k_tau"),
+        ({"mass": {"value": 1.0}}, "unknown parameter mass"),
+    ],
+)
+def test_a_wrong_quantity_is_named_with_its_file(tmp_path, changes, message):
+    with pytest.raises(InputError, match=f"edited.yaml.*{message}") as caught:
+        read_parameters(edited(tmp_path, **changes))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_is_named():
+    with pytest.raises(InputError, match=r"nowhere\.yaml: no such file"):
+        read_parameters(Path("nowhere.yaml"))

@@ -26,13 +26,26 @@ def read_yaml(path: Path, model: type[Model]) -> Model:
     InputError
         The file is missing, is not YAML, or a field is unknown, absent or of a wrong value.
     """
+    return validated(read_mapping(path), model, path)
+
+
+def read_mapping(path: Path) -> dict[str, Any]:
+    """The top level of a YAML file, which must be a mapping.
+
+    Raises
+    ------
+    InputError
+        The file is missing, is not YAML, or holds something else.
+    """
     if not path.is_file():
-        raise InputError(f"{path}: no such file; check the path in the configuration")
+        raise InputError(f"{path}: no such file; check the path, which is relative to the working directory")
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
-    return validated(content, model, path)
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: holds no fields; write `name: value` lines as in the shipped files")
+    return content
 
 
 def validated(content: Any, model: type[Model], path: Path) -> Model:

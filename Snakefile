@@ -1,0 +1,61 @@
+"""From raw logs to Figures 3-9: raw log -> trial -> fit -> table -> figure.
+
+`snakemake reproduce-all` runs the campaign of config/config.yaml; `--configfile FILE` overrides fields of it.
+"""
+
+from pathlib import Path
+
+from snakemake.exceptions import WorkflowError
+
+from osl_analysis import workflow as jobs
+from osl_analysis.campaign import open_campaign
+from osl_analysis.commands.simulate import planned_sheet, settings_files
+from osl_analysis.config import DynamometerAnalysis, campaign_config
+from osl_analysis.errors import OslAnalysisError
+from osl_analysis.walking.settings import GaitAnalysis, WalkingAnalysis
+
+
+configfile: "config/config.yaml"
+
+
+try:
+    CONFIG = campaign_config(config, " + ".join(map(str, workflow.configfiles)))
+    CAMPAIGN = open_campaign(CONFIG, planned_sheet(CONFIG.simulation, CONFIG.sheet) if CONFIG.simulation else None)
+    SIMULATION_FILES = settings_files(CONFIG.simulation) if CONFIG.simulation else []
+except OslAnalysisError as error:
+    raise WorkflowError(str(error)) from None
+
+RESULTS = CONFIG.results
+TRIALS = CAMPAIGN.sheet
+
+
+wildcard_constraints:
+    trial="[A-Za-z0-9][A-Za-z0-9_.-]*",
+    figure="fig[3-9]",
+
+
+include: "rules/simulate.smk"
+include: "rules/ingest.smk"
+include: "rules/dynamometer.smk"
+include: "rules/walking.smk"
+include: "rules/gait.smk"
+include: "rules/tables.smk"
+include: "rules/figures.smk"
+
+
+rule:
+    name:
+        "reproduce-all"
+    default_target: True
+    input:
+        simulated_logs(),
+        ingested(),
+        fitted(),
+        result_tables(),
+        drawn_figures(),
+        RESULTS / "summary.json",
+        RESULTS / "numbers.tex",
+
+
+onsuccess:
+    print(jobs.time_table())

@@ -1,0 +1,22 @@
+"""Results appear whole or not at all: write to a temporary sibling, then rename."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def atomic_path(path: Path) -> Iterator[Path]:
+    """Yield a path beside `path`, with the same suffix, that becomes `path` when the block succeeds.
+
+    Parent folders are created. When the block raises, what it wrote is deleted and an older `path` stays as it
+    was. The block must have closed the file when it ends.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    try:
+        yield temporary
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,97 @@
+"""A campaign: its sample sheet, and which of its trials are to be analysed."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from osl_analysis.config import Config
+from osl_analysis.errors import InputError
+from osl_analysis.sheet import read_sheet
+
+
+RECORDING_COLUMNS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source")
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """The configuration's trials; `sheet` is indexed by trial and leaves out the excluded ones."""
+
+    config: Config
+    sheet: pd.DataFrame
+
+    def trials(self, *experiments: str) -> list[str]:
+        """Names of the trials of these experiments, or of all, in the order of the sheet."""
+        wanted = self.sheet["experiment"].isin(experiments or self.sheet["experiment"])
+        return [str(name) for name in self.sheet.index[wanted]]
+
+    def crossings(self, perturbed: bool) -> list[str]:
+        """Names of the walking trials that are perturbed, or of those that are not."""
+        return [name for name in self.trials("walking") if bool(self.sheet.loc[name, "perturbed"]) == perturbed]
+
+    def pattern(self, *experiments: str) -> str:
+        """A regular expression that matches the trials of these experiments and nothing else."""
+        return "|".join(map(re.escape, self.trials(*experiments))) or "(?!)"
+
+    def row(self, trial: str) -> Mapping[str, Any]:
+        """One trial's row of the sheet, empty cells as None.
+
+        Raises
+        ------
+        InputError
+            There is no such trial.
+        """
+        if trial not in self.sheet.index:
+            raise InputError(f"{self.config.sheet}: no trial '{trial}'; it has {', '.join(self.sheet.index[:5])}, ...")
+        row = self.sheet.loc[trial]
+        return {str(name): None if pd.isna(value) else value for name, value in row.items()}
+
+    def impedance_trial(self, controller: str, K_d: float, B_d: float) -> str:
+        """The first trial of this controller and desired impedance [N*m/rad, N*m*s/rad].
+
+        Raises
+        ------
+        InputError
+            The sheet has none.
+        """
+        s = self.sheet
+        found = s.index[(s["controller"] == controller) & (s["K_d"] == K_d) & (s["B_d"] == B_d)]
+        if found.empty:
+            raise InputError(
+                f"{self.config.sheet}: no {controller} trial with K_d = {K_d:g}, B_d = {B_d:g}; choose another one, or "
+                "null, under `figures` in the configuration"
+            )
+        return str(found[0])
+
+    def recording(self, trial: str) -> Mapping[str, Any]:
+        """The part of a trial's row that ingest needs: a change of the others does not ask for it again."""
+        row = self.row(trial)
+        return {column: row[column] for column in RECORDING_COLUMNS}
+
+    def logs(self, trial: str) -> list[Path]:
+        """The raw files of a trial."""
+        row = self.row(trial)
+        return [self.config.raw_data / row[column] for column in ("log", "mocap") if row[column]]
+
+    def sources(self, trial: str) -> list[Path]:
+        """The source files that describe a trial's raw files."""
+        row = self.row(trial)
+        return [self.config.sources / f"{row[c]}.yaml" for c in ("log_source", "mocap_source") if row[c]]
+
+
+def open_campaign(config: Config, planned: pd.DataFrame | None) -> Campaign:
+    """The campaign of a configuration; `planned` is the sheet of a simulation that has not been written yet.
+
+    Raises
+    ------
+    InputError
+        The sheet is not valid, or excludes every trial.
+    """
+    sheet = read_sheet(config.sheet) if planned is None else planned.set_index("trial", drop=False)
+    used = sheet[sheet["exclude"].isna()]
+    if used.empty:
+        raise InputError(f"{config.sheet}: every trial is excluded; clear `exclude` of those to analyse")
+    return Campaign(config, used)

@@ -1,0 +1,157 @@
+"""The command line `osl-analysis`: one trial, or one pair of gains, at a time; `snakemake` runs whole campaigns."""
+
+import json
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import click
+
+from osl_analysis.errors import OslAnalysisError
+
+PARAMETERS = click.option(
+    "--parameters",
+    type=click.Path(path_type=Path),
+    default=Path("config/parameters/default.yaml"),
+    show_default=True,
+    help="Parameter file of the device.",
+)
+CONFIG = click.option(
+    "--config",
+    "config_path",
+    type=click.Path(path_type=Path),
+    default=Path("config/config.yaml"),
+    show_default=True,
+    help="Configuration with the filter [Hz] and the stepped-sine protocol [deg, Hz].",
+)
+AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON in SI units instead of a table.")
+
+
+class OneLineErrors(click.Group):
+    """Shows a user's mistake as one line on standard error, exit code 1, and a warning as one line."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        warnings.showwarning = lambda message, *_, **__: click.echo(f"warning: {message}", err=True)
+        try:
+            return super().invoke(ctx)
+        except OslAnalysisError as error:
+            click.echo(f"error: {error}", err=True)
+            sys.exit(1)
+
+
+@click.group(cls=OneLineErrors, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="osl-analysis")
+def main() -> None:
+    """From the logs of a powered prosthesis to stiffness [N·m/rad], damping [N·m·s/rad] and inertia [kg·m²].
+
+    Whole campaigns run with `snakemake reproduce-all`; these commands do one thing at a time.
+    """
+
+
+@main.command(epilog="Example: osl-analysis simulate --trial impedance_K300_B5.0_compensated /tmp/campaign")
+@click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
+@click.option(
+    "--settings",
+    type=click.Path(path_type=Path),
+    default=Path("config/simulation/default.yaml"),
+    show_default=True,
+    help="What to simulate: experiments, protocol [Hz, deg], imperfections with their units, seed.",
+)
+@click.option("--trial", help="Name of a single trial of the plan; default: the whole campaign.")
+def simulate(folder: Path, settings: Path, trial: str | None) -> None:
+    """Simulate a campaign into FOLDER: sample sheet, MCAP and C3D logs, and the truth beside them."""
+    from osl_analysis.commands.simulate import simulate_campaign, simulate_trial
+
+    if trial is None:
+        simulate_campaign(settings, folder)
+    else:
+        simulate_trial(settings, folder, trial)
+
+
+@main.command(
+    epilog="Example: osl-analysis ingest --log dyno.mcap --log-source dynamometer --output results/trials/dyno.parquet"
+)
+@click.option("--log", type=click.Path(path_type=Path), help="MCAP log of the dynamometer or the leg.")
+@click.option("--log-source", help="Name of the file in the sources folder that describes the log.")
+@click.option("--mocap", type=click.Path(path_type=Path), help="C3D file of the motion-capture system.")
+@click.option("--mocap-source", help="Name of the file in the sources folder that describes the C3D file.")
+@click.option(
+    "--sources",
+    type=click.Path(path_type=Path),
+    default=Path("config/sources"),
+    show_default=True,
+    help="Folder of source files: channel, unit and sign per signal.",
+)
+@click.option("--output", type=click.Path(path_type=Path), required=True, help="Parquet file to write, in SI units.")
+def ingest(
+    log: Path | None,
+    log_source: str | None,
+    mocap: Path | None,
+    mocap_source: str | None,
+    sources: Path,
+    output: Path,
+) -> None:
+    """Convert the raw logs of one trial into one canonical Parquet file, with provenance inside."""
+    from osl_analysis.commands.ingest import ingest_trial
+
+    for path, source, option in ((log, log_source, "--log"), (mocap, mocap_source, "--mocap")):
+        if (path is None) != (source is None):
+            raise click.UsageError(f"{option} and {option}-source go together")
+    if log is None and mocap is None:
+        raise click.UsageError("give --log, --mocap or both")
+    row = {
+        "trial": output.stem,
+        "experiment": "recording",
+        "log": log and str(log),
+        "log_source": log_source,
+        "mocap": mocap and str(mocap),
+        "mocap_source": mocap_source,
+    }
+    ingest_trial(row=row, raw_folder=Path(), sources_folder=sources, output=output)
+    click.echo(f"wrote {output}")
+
+
+@main.command(epilog="Example: osl-analysis fit results/trials/belt_01.parquet --model belt --plot belt.png")
+@click.argument("trial", type=click.Path(path_type=Path))
+@click.option(
+    "--model",
+    type=click.Choice(["impedance", "transmission", "belt"]),
+    default="impedance",
+    show_default=True,
+    help="K, B, I of Eq. 15; B_j, J_j of Eq. 4; or the belt stiffness K_s.",
+)
+@PARAMETERS
+@CONFIG
+@AS_JSON
+@click.option("--plot", type=click.Path(path_type=Path), help="Draw measured and modelled torque [N·m] to this file.")
+def fit(trial: Path, model: str, parameters: Path, config_path: Path, as_json: bool, plot: Path | None) -> None:
+    """Fit one ingested TRIAL (Parquet) and print the estimates in SI units with 95 % intervals."""
+    from osl_analysis.commands.fit import estimates_text, finite, fit_one
+    from osl_analysis.config import DynamometerAnalysis, read_section
+
+    fitted = fit_one(model, trial, parameters, read_section(config_path, "dynamometer", DynamometerAnalysis))
+    if plot is not None:
+        from osl_analysis.commands.figure import draw_table
+
+        draw_table("torque", fitted.series, [plot])
+    rows = fitted.estimates.to_dicts()
+    click.echo(json.dumps([finite(row) for row in rows], indent=2) if as_json else estimates_text(fitted.estimates))
+
+
+@main.command(epilog="Example: osl-analysis gains --stiffness 300 --damping 5")
+@click.option("--stiffness", type=float, required=True, help="Desired joint stiffness K_d [N·m/rad].")
+@click.option("--damping", type=float, required=True, help="Desired joint damping B_d [N·m·s/rad].")
+@PARAMETERS
+@AS_JSON
+def gains(stiffness: float, damping: float, parameters: Path, as_json: bool) -> None:
+    """Select the control gains K_1 and B_1 that render a desired impedance (Eqs. 13 and 14)."""
+    from osl_analysis.commands.gains import one_pair
+
+    pair = one_pair(stiffness, damping, parameters)
+    if as_json:
+        click.echo(json.dumps(pair, indent=2))
+        return
+    click.echo(f"K_1 = {pair['K_1']:.6g} N·m/rad      ({pair['K_1_joint']:.6g} at the joint)")
+    click.echo(f"B_1 = {pair['B_1']:.6g} N·m·s/rad    ({pair['B_1_joint']:.6g} at the joint)")
+    click.echo(f"||W (Y - Y_d)||_2 = {pair['error']:.4g} rad/(N·m)·s^-1/2")

@@ -1,0 +1,84 @@
+"""One trial fitted for the command line: the estimates, and the torque beside the fitted model's."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.commands.belt import belt_table, read_belt_trial
+from osl_analysis.commands.impedance import impedance_table
+from osl_analysis.commands.stepped_sine import SteppedSineTrial, read_stepped_sine
+from osl_analysis.commands.transmission import transmission_table
+from osl_analysis.config import DynamometerAnalysis
+from osl_analysis.fits.impedance import fit_impedance
+from osl_analysis.fits.transmission import fit_transmission
+from osl_analysis.trial import Array
+
+UNITS = {
+    "K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²", "K_s": "N·m/rad", "B_j": "N·m·s/rad", "J_j": "kg·m²",
+    "T_C": "N·m", "offset": "N·m",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class FittedTrial:
+    """Tidy estimates, a row per fit, and the series (time [s], torque, torque_model [N*m]) of the fit to all data."""
+
+    estimates: pl.DataFrame
+    series: pl.DataFrame
+
+
+def fit_one(model: str, trial: Path, parameters: Path, settings: DynamometerAnalysis) -> FittedTrial:
+    """Fit an ingested trial with model `belt`, `transmission` or `impedance`.
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        The trial lacks a signal, does not follow the protocol, or cannot identify the model.
+    """
+    if model == "belt":
+        record = read_belt_trial(trial, parameters, settings)
+        modelled = record.fit.loading["K_s"] * record.theta_s + record.fit.loading["offset"]
+        return FittedTrial(belt_table(record), series(record.time, record.torque, modelled))
+    stepped = read_stepped_sine(trial, settings)
+    if model == "transmission":
+        return FittedTrial(transmission_table(stepped), transmission_series(stepped))
+    return FittedTrial(impedance_table(stepped), impedance_series(stepped))
+
+
+def transmission_series(record: SteppedSineTrial) -> pl.DataFrame:
+    """Measured torque and that of Eq. 4 over the whole record, fitted to the protocol's blocks."""
+    *_, (_, motion, torque) = record.parts()
+    fit, whole = fit_transmission(motion, torque), record.motion
+    modelled = fit["B_j"] * whole.omega + fit["J_j"] * whole.alpha + fit["offset"]
+    return series(record.time, record.filtered_torque, modelled)
+
+
+def impedance_series(record: SteppedSineTrial) -> pl.DataFrame:
+    """Measured torque and that of Eq. 15 over the whole record, fitted to the protocol's blocks."""
+    *_, (_, motion, torque) = record.parts()
+    return series(record.time, record.filtered_torque, fit_impedance(motion, torque).torque(record.motion))
+
+
+def series(time: Array, torque: Array, torque_model: Array) -> pl.DataFrame:
+    """Time [s] from the start, measured and modelled torque [N*m]."""
+    return pl.DataFrame({"time": time - time[0], "torque": torque, "torque_model": torque_model})
+
+
+def estimates_text(estimates: pl.DataFrame) -> str:
+    """The estimates as a table for the eye: a line per fit and quantity, with 95 % interval and VAF."""
+    lines = []
+    for row in estimates.to_dicts():
+        amplitude = row.get("amplitude_deg")
+        which = "all amplitudes" if amplitude is None else f"{amplitude:g} deg"
+        lines.append(f"{row['trial']}, {which}: VAF {row['VAF']:.2f} %, R2 {row['R2']:.5f}, condition {row['condition_number']:.1f}")
+        for name in (n for n in UNITS if f"{n}_se" in row):
+            half = 1.96 * row[f"{name}_se"]
+            lines.append(f"  {name:<7}{row[name]:>12.5g} ± {half:<10.2g} {UNITS[name]}")
+    return "\n".join([*lines, "± is the half-width of the 95 % interval (1.96 standard errors, correlated residuals)"])
+
+
+def finite(row: dict[str, object]) -> dict[str, object]:
+    """A row for JSON: what is not a number becomes null."""
+    return {key: None if isinstance(value, float) and not np.isfinite(value) else value for key, value in row.items()}

@@ -1,0 +1,29 @@
+"""Tables over trials: rows brought together, and their mean with scatter and interval."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import polars as pl
+
+from osl_analysis.errors import InputError
+from osl_analysis.fits.repeats import over_repeats
+from osl_analysis.table_file import read_table, write_table
+
+
+def gather(rows: Sequence[Path], output: Path) -> None:
+    """One table from the tables of single trials, in the order given."""
+    write_table(pl.concat([read_table(path) for path in rows], how="diagonal_relaxed"), output)
+
+
+def summary_table(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFrame:
+    """Per quantity (a column): n, mean, sd, se, and the 95 % interval of the mean; one trial has only a mean."""
+    return pl.DataFrame([{"quantity": name, **one_summary(table[name])} for name in quantities])
+
+
+def one_summary(values: pl.Series) -> dict[str, float | None]:
+    """n, mean, sd, se, low, high of one column; what a single trial cannot give is null."""
+    try:
+        return dict(asdict(over_repeats(values.to_numpy())))
+    except InputError:
+        return {"n": len(values), "mean": float(values[0]), "sd": None, "se": None, "low": None, "high": None}

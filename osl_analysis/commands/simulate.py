@@ -1,0 +1,136 @@
+"""Simulate a campaign, or one trial of it, into a raw-data folder."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from osl_analysis.atomic import atomic_path
+from osl_analysis.errors import InputError
+from osl_analysis.parameters import DrivetrainParameters, read_parameters
+from osl_analysis.simulator import messages
+from osl_analysis.simulator.plan import plan_trials
+from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.validation import read_yaml
+
+BENCH_EXPERIMENTS = ("belt", "transmission", "impedance")
+
+
+def planned_sheet(settings_path: Path, sheet: Path) -> pd.DataFrame | None:
+    """The plan of a simulated campaign, or None where the sheet on disk is to be read instead.
+
+    A sheet that is newer than the settings stands, so that trials can be excluded or added by hand; settings that
+    changed since make a new one.
+
+    Raises
+    ------
+    InputError
+        The settings are not valid.
+    """
+    settings = read_yaml(settings_path, SimulationSettings)
+    if sheet.is_file() and sheet.stat().st_mtime >= settings_path.stat().st_mtime:
+        return None
+    return plan_trials(settings)
+
+
+def write_sheet(settings_path: Path, sheet: Path) -> None:
+    """Write the plan of a simulated campaign as its sample sheet."""
+    plan = plan_trials(read_yaml(settings_path, SimulationSettings))
+    with atomic_path(sheet) as path:
+        plan.to_csv(path, index=False)
+
+
+def settings_files(settings_path: Path) -> list[Path]:
+    """The files that decide what is simulated: the settings and those that they name.
+
+    Raises
+    ------
+    InputError
+        One of them is missing or not valid.
+    """
+    settings = read_yaml(settings_path, SimulationSettings)
+    files = [settings_path, settings.parameters]
+    if settings.walking is not None:
+        files += [settings.walking, read_yaml(settings.walking, WalkingSettings).impedance]
+    return files
+
+
+def simulate_trial(settings_path: Path, campaign_folder: Path, trial: str) -> None:
+    """Simulate one trial of the plan: its logs where the sheet says, and `truth/<trial>.json`.
+
+    Raises
+    ------
+    InputError
+        The settings are not valid, or plan no such trial.
+    """
+    settings = read_yaml(settings_path, SimulationSettings)
+    p = read_parameters(settings.parameters)
+    record_trial(planned_row(settings, settings_path, trial), settings, p, campaign_folder)
+
+
+def simulate_campaign(settings_path: Path, campaign_folder: Path) -> None:
+    """Write the sample sheet and simulate all of its trials, one after the other."""
+    settings = read_yaml(settings_path, SimulationSettings)
+    p = read_parameters(settings.parameters)
+    write_sheet(settings_path, campaign_folder / "trials.csv")
+    for row in plan_trials(settings).to_dict("records"):
+        record_trial({str(k): v for k, v in row.items()}, settings, p, campaign_folder)
+
+
+def planned_row(settings: SimulationSettings, settings_path: Path, trial: str) -> dict[str, Any]:
+    """The plan's row of one trial."""
+    plan = plan_trials(settings)
+    rows = plan[plan["trial"] == trial].to_dict("records")
+    if not rows:
+        raise InputError(
+            f"{settings_path}: plans no trial '{trial}'; it has {len(plan)}, from '{plan['trial'].iloc[0]}' "
+            f"to '{plan['trial'].iloc[-1]}': see trials.csv"
+        )
+    return {str(k): v for k, v in rows[0].items()}
+
+
+def record_trial(
+    row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, campaign_folder: Path
+) -> None:
+    """Simulate the trial of one row and let its recorders write."""
+    if row["experiment"] in BENCH_EXPERIMENTS:
+        record_bench_trial(row, settings, p, campaign_folder)
+    else:
+        record_laboratory_trial(row, settings, p, campaign_folder)
+
+
+def record_bench_trial(
+    row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, campaign_folder: Path
+) -> None:
+    """A dynamometer trial: the truth first, so that a log never stands without it."""
+    from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
+    from osl_analysis.simulator.mcap_recorder import write_mcap
+    from osl_analysis.simulator.truth_recorder import write_truth
+
+    log, truth = simulate_dynamometer_trial(row, settings, p)
+    write_truth(campaign_folder, row["trial"], truth)
+    columns = asdict(log)
+    write_mcap(
+        campaign_folder / row["log"],
+        messages.DYNAMOMETER_TOPIC,
+        messages.DYNAMOMETER_SCHEMA,
+        messages.DYNAMOMETER_SAMPLE,
+        messages.DYNAMOMETER_FRAME,
+        columns.pop("time"),
+        columns,
+    )
+
+
+def record_laboratory_trial(
+    row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, campaign_folder: Path
+) -> None:
+    """A trial of the gait laboratory; its simulator has recorders of its own."""
+    from osl_analysis.simulator.walking import simulate_walking_trial
+
+    if settings.walking is None:
+        raise InputError(f"trial '{row['trial']}': the settings name no 'walking' file; add it")
+    walking = read_yaml(settings.walking, WalkingSettings)
+    simulate_walking_trial(row, settings, walking, p, campaign_folder)

@@ -1,0 +1,50 @@
+"""The summary of a campaign: headline numbers from its tables, as JSON, LaTeX macros and a table for people."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from osl_analysis.atomic import atomic_path
+from osl_analysis.errors import InputError
+from osl_analysis.summary import TABLES, headline_numbers
+from osl_analysis.summary_text import to_json, to_markdown, to_tex
+from osl_analysis.table_file import read_table
+
+
+def write_summary(table_paths: Mapping[str, Path], summary_json: Path, numbers_tex: Path) -> None:
+    """Write headline numbers from the tables that the campaign has, named as in `summary.TABLES` (others are ignored).
+
+    Raises
+    ------
+    InputError
+        A table is missing, lacks a column, or has no finite mean where it lists one; neither file is written then.
+    """
+    tables = {name: read_table(path, required=TABLES[name]) for name, path in table_paths.items() if name in TABLES}
+    headlines = headline_numbers(tables)
+    with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
+        json_path.write_text(to_json(headlines), encoding="utf-8")
+        tex_path.write_text(to_tex(headlines), encoding="utf-8")
+
+
+def read_summary(summary_json: Path) -> dict[str, dict[str, Any]]:
+    """The summary that `write_summary` wrote.
+
+    Raises
+    ------
+    InputError
+        The file is missing or is not a summary.
+    """
+    if not summary_json.is_file():
+        raise InputError(f"{summary_json}: no such summary; run `snakemake reproduce-all` first")
+    try:
+        return dict(json.loads(summary_json.read_text(encoding="utf-8")))
+    except (json.JSONDecodeError, UnicodeDecodeError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{summary_json}: not a summary ({error}); delete it and run `snakemake reproduce-all`"
+        ) from error
+
+
+def format_results_table(summary: Mapping[str, Mapping[str, Any]]) -> str:
+    """Markdown table of a summary: quantity, value, interval, n and the draft's value."""
+    return to_markdown(summary)

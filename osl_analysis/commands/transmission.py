@@ -1,0 +1,34 @@
+"""Transmission losses B_j and J_j, from trials to tables."""
+
+from pathlib import Path
+
+import polars as pl
+
+from osl_analysis.commands.repeats import summary_table
+from osl_analysis.commands.stepped_sine import SteppedSineTrial, read_stepped_sine
+from osl_analysis.config import DynamometerAnalysis
+from osl_analysis.fits.rows import diagnostics_row, estimates_row
+from osl_analysis.fits.transmission import fit_transmission, fit_transmission_with_coulomb
+from osl_analysis.table_file import read_table, write_table
+
+
+def fit_trial(trial: Path, settings: DynamometerAnalysis, output: Path) -> None:
+    """Fit one trial: a row per amplitude and one over all amplitudes (amplitude empty)."""
+    write_table(transmission_table(read_stepped_sine(trial, settings)), output)
+
+
+def transmission_table(record: SteppedSineTrial) -> pl.DataFrame:
+    """Eq. 4 fitted to each amplitude [deg] and to all of them (amplitude null), without and with Coulomb friction."""
+    rows = []
+    for amplitude, motion, torque in record.parts():
+        fit, other = fit_transmission(motion, torque), fit_transmission_with_coulomb(motion, torque)
+        estimates = {**estimates_row(fit, "B_j", "J_j", "offset"), **diagnostics_row(fit, record.rate_hz)}
+        coulomb = {**estimates_row(other, "T_C"), "B_j_coulomb": other["B_j"], "VAF_coulomb": other.vaf}
+        rows.append({"trial": record.name, "amplitude_deg": amplitude, **estimates, **coulomb})
+    return pl.DataFrame(rows, schema_overrides={"amplitude_deg": pl.Float64})
+
+
+def summarise(table: Path, output: Path) -> None:
+    """Mean, scatter and interval over the trials' fits to all amplitudes."""
+    whole = read_table(table).filter(pl.col("amplitude_deg").is_null())
+    write_table(summary_table(whole, ("B_j", "J_j", "VAF", "T_C", "VAF_coulomb")), output)

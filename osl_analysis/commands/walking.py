@@ -1,0 +1,139 @@
+"""Walking, from analysed crossings to tables: unperturbed gait, perturbations, and the numbers of Fig. 9."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.commands.crossing_file import read_crossing
+from osl_analysis.commands.unperturbed_file import read_normal_gait, write_normal_gait
+from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.fits.impedance import fit_impedance
+from osl_analysis.fits.repeats import over_repeats
+from osl_analysis.fits.rows import diagnostics_row, estimates_row
+from osl_analysis.table_file import read_table, write_table
+from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.ensemble import Bootstrap, EnsembleResponse, bootstrap, ensemble_response
+from osl_analysis.walking.perturbation import NormalGait, Response, Timing, fit_response, isolate, normal_gait
+from osl_analysis.walking.settings import WalkingAnalysis
+
+QUANTITIES = ("K", "B", "I", "VAF")
+MEAN, ENSEMBLE = "mean of perturbations", "ensemble"
+
+
+def average_unperturbed(crossings: Sequence[Path], settings: WalkingAnalysis, output: Path) -> None:
+    """The unperturbed ones of the crossings on a common grid of stance phase, to a Parquet file."""
+    every = [read_crossing(path) for path in crossings]
+    calm = [crossing for crossing in every if crossing.onset is None]
+    write_normal_gait(normal_gait(calm, settings.fewest_unperturbed), output)
+
+
+def fit_perturbation(crossing: Path, unperturbed: Path, settings: WalkingAnalysis, output: Path) -> None:
+    """Fit Eq. 15 to the isolated response of one perturbed crossing: one row of `walking.csv`."""
+    walked, normal = read_crossing(crossing), read_normal_gait(unperturbed)
+    response = isolated(walked, normal, settings)
+    fit = fit_response(response).fit
+    onset = walked.onset or 0.0
+    row = {
+        "trial": walked.name,
+        "onset_s": onset,
+        "onset_phase": (onset - walked.stance.heel_strike) / walked.stance.duration,
+        "stance_s": walked.stance.duration,
+        "bridged": walked.bridged,
+        **estimates_row(fit, "K", "B", "I"),
+        **offset_row(response),
+        **diagnostics_row(fit, 1 / (response.time[1] - response.time[0])),
+    }
+    write_table(pl.DataFrame([row]), output)
+
+
+def offset_row(response: Response) -> dict[str, float | None]:
+    """What a fit with offset [N*m] reads beside the fit without: far apart, the response is not of second order."""
+    try:
+        free = fit_impedance(response.motion[response.window], response.torque[response.window])
+    except IdentifiabilityError:
+        return {"offset": None, "K_with_offset": None}
+    return {"offset": free.offset, "K_with_offset": free.K}
+
+
+def isolated(crossing: Crossing, normal: NormalGait, settings: WalkingAnalysis) -> Response:
+    """The response of a crossing, by the choices of the settings."""
+    timing = Timing(settings.window_s, settings.baseline_s, settings.guard_s)
+    own = settings.perturbed_stance == "own"
+    stance = crossing.stance.duration if own else float(np.mean(normal.stance))
+    return isolate(crossing, normal, timing, stance)
+
+
+def summarise(
+    table: Path,
+    crossings: Sequence[Path],
+    unperturbed: Path,
+    settings: WalkingAnalysis,
+    output: Path,
+    responses: Path,
+) -> None:
+    """Mean over perturbations and ensemble fit to `output`, every response in its window to `responses`.
+
+    `table` is `walking.csv`, `crossings` are the perturbed ones.
+    """
+    normal = read_normal_gait(unperturbed)
+    every = [isolated(read_crossing(path), normal, settings) for path in crossings]
+    ensemble = ensemble_response(every)
+    rows = mean_rows(read_table(table, ["trial", *QUANTITIES]))
+    rows += ensemble_rows(ensemble, bootstrap(every, settings.bootstrap_samples))
+    write_table(pl.DataFrame(rows), output)
+    write_table(response_table(every, ensemble), responses)
+
+
+def mean_rows(table: pl.DataFrame) -> list[dict[str, object]]:
+    """Mean and scatter of the estimates per perturbation; `se` is blind to what all have in common."""
+    if len(table) < 2:
+        raise InputError(f"{len(table)} perturbation in the table cannot give a scatter; record at least two")
+    return [
+        {"quantity": quantity, "estimator": MEAN, **asdict(over_repeats(table[quantity].to_numpy()))}
+        for quantity in QUANTITIES
+    ]
+
+
+def ensemble_rows(ensemble: EnsembleResponse, resampled: Bootstrap) -> list[dict[str, object]]:
+    """Estimates from the mean response; `se` and the 95 % interval (percentiles) from the bootstrap, no `sd`."""
+    fit = ensemble.fit
+    values = {"K": fit.K, "B": fit.B, "I": fit.I, "VAF": fit.fit.vaf}
+    rows: list[dict[str, object]] = []
+    for quantity, value in values.items():
+        drawn = getattr(resampled, quantity)
+        low, high = np.percentile(drawn, [2.5, 97.5])
+        rows.append(
+            {"quantity": quantity, "estimator": ENSEMBLE, "n": ensemble.n, "mean": value, "sd": None}
+            | {"se": float(np.std(drawn, ddof=1)), "low": float(low), "high": float(high)}
+        )
+    return rows
+
+
+def response_table(responses: Sequence[Response], ensemble: EnsembleResponse) -> pl.DataFrame:
+    """Isolated responses around the onset: trial (or 'ensemble'), time [s], angle [deg], torque and its fit [N*m].
+
+    The fitted torque stands in the window only.
+    """
+    frames = [
+        response_frame(r.name, r.time, np.rad2deg(r.motion.theta), r.torque, fit_response(r).torque(r.motion), r.window)
+        for r in responses
+    ]
+    mean, window = ensemble, responses[0].window
+    modelled = mean.fit.torque(mean.motion)
+    frames.append(response_frame(ENSEMBLE, mean.time, np.rad2deg(mean.motion.theta), mean.torque, modelled, window))
+    return pl.concat(frames)
+
+
+def response_frame(
+    name: str, time: np.ndarray, theta_deg: np.ndarray, torque: np.ndarray, modelled: np.ndarray, window: slice
+) -> pl.DataFrame:
+    """One response as rows of the table, the spline's margins left out."""
+    fitted = np.full(len(time), np.nan)
+    fitted[window] = modelled[window]
+    frame = pl.DataFrame(
+        {"time": time, "theta_deg": theta_deg, "torque": torque, "torque_model": pl.Series(fitted).fill_nan(None)}
+    )
+    return frame.select(pl.lit(name).alias("trial"), pl.all())[: window.stop]

@@ -1,0 +1,96 @@
+"""The configuration of a campaign: choices with their units, validated when they are read."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from osl_analysis.errors import InputError
+from osl_analysis.validation import Model, Settings, read_mapping, validated
+from osl_analysis.walking.settings import GaitAnalysis, WalkingAnalysis
+
+Positive = Annotated[float, Field(gt=0)]
+
+
+class DynamometerAnalysis(Settings):
+    """Filter (cut-off [Hz], order) and stepped-sine protocol (amplitudes [deg], frequencies [Hz], cycles)."""
+
+    cutoff_hz: Positive
+    order: Annotated[int, Field(ge=1, le=10)]
+    amplitudes_deg: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    cycles: Annotated[int, Field(ge=1)]
+    settle_cycles: Annotated[int, Field(ge=0)]
+
+    @property
+    def amplitudes(self) -> tuple[float, ...]:
+        """Amplitudes [rad]."""
+        return tuple(float(a) for a in np.deg2rad(self.amplitudes_deg))
+
+
+class TimeSeriesFigure(Settings):
+    """The trial of Fig. 4, and how many seconds of which amplitude [deg]."""
+
+    K_d: Positive
+    B_d: Annotated[float, Field(ge=0)]
+    controller: Literal["compensated", "uncompensated"]
+    amplitude_deg: Positive
+    duration_s: Positive
+
+
+class FrequencyResponseFigure(Settings):
+    """The pair of trials of Fig. 7."""
+
+    K_d: Positive
+    B_d: Annotated[float, Field(ge=0)]
+
+
+class FigureChoices(Settings):
+    """What Figs. 4, 7 and 9 show, null for none; `midstance_stiffness` [N*m/rad] is the command marked in Fig. 9."""
+
+    time_series: TimeSeriesFigure | None
+    frequency_response: FrequencyResponseFigure | None
+    midstance_stiffness: Positive | None
+
+
+class Config(Settings):
+    """One campaign. Paths are relative to the folder in which the pipeline runs; see `config/config.yaml`."""
+
+    campaign: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
+    raw_data: Path
+    sheet: Path
+    results: Path
+    simulation: Path | None
+    parameters: Path
+    sources: Path
+    dynamometer: DynamometerAnalysis
+    impedance_trajectory: Path | None
+    walking: WalkingAnalysis
+    gait: GaitAnalysis
+    figures: FigureChoices
+
+
+def read_section(path: Path, section: str, model: type[Model]) -> Model:
+    """One section of a configuration file.
+
+    Raises
+    ------
+    InputError
+        The file is missing or has no such section, or a field is not valid.
+    """
+    content = read_mapping(path)
+    if section not in content:
+        raise InputError(f"{path}: no section '{section}'; give a configuration like config/config.yaml")
+    return validated(content[section], model, path)
+
+
+def campaign_config(content: Any, files: str) -> Config:
+    """Validate a merged configuration; `files` names where it came from, for messages.
+
+    Raises
+    ------
+    InputError
+        A field is unknown, missing or of a wrong value.
+    """
+    return validated(content, Config, Path(files))

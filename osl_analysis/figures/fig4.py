@@ -1,0 +1,35 @@
+"""Fig. 4: ten seconds of a dynamometer trial, measured and as the best second-order system has it."""
+
+import polars as pl
+from matplotlib.figure import Figure
+
+from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, MAGENTA, panels, paper_style
+
+COLUMNS = ("time", "theta_deg", "torque", "torque_model")
+
+
+@paper_style()
+def draw(table: pl.DataFrame) -> Figure:
+    """Angle above, torque below with the fit dashed magenta, as fits are in Fig. 3.
+
+    The draft calls this line blue in its caption and magenta in its text. Rows in order of time: `time` [s] from
+    0, `theta_deg` [deg], `torque` and `torque_model` [N*m].
+    """
+    figure, (angle, torque) = panels(DOUBLE_COLUMN, 2.8, rows=2)
+    angle.plot(table["time"], table["theta_deg"], color=BLACK, linewidth=0.9)
+    torque.plot(table["time"], table["torque"], color="#B4B4B4", linewidth=2.2, label="Measured")
+    torque.plot(
+        table["time"],
+        table["torque_model"],
+        color=MAGENTA,
+        linestyle=(0, (2.5, 1.5)),
+        linewidth=1.0,
+        label="Best-fit second-order system",
+    )
+    angle.set_ylabel("Angle (deg)")
+    torque.set_ylabel("Torque (N·m)")
+    torque.set_xlabel("Time (s)")
+    for ax in (angle, torque):
+        ax.margins(x=0.005)
+    torque.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
+    return figure

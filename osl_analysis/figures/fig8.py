@@ -1,0 +1,39 @@
+"""Fig. 8: desired impedance over the gait cycle and the control gains that render it."""
+
+import polars as pl
+from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
+
+from osl_analysis.figures.style import BLACK, ORANGE, SINGLE_COLUMN, panels, paper_style
+
+COLUMNS = ("phase", "K_d", "B_d", "K_1_joint", "B_1_joint")
+
+
+def points(gains: pl.DataFrame) -> pl.DataFrame:
+    """Desired impedance and gains, these times the square of the belt's ratio, over `phase` (0 to 1 of the gait)."""
+    return gains.select(COLUMNS)
+
+
+@paper_style()
+def draw(table: pl.DataFrame) -> Figure:
+    """(a) stiffness, (b) damping: desired black, gain dashed orange."""
+    figure, (stiffness, damping) = panels(SINGLE_COLUMN, 3.0, rows=2)
+    for ax, desired, gain in ((stiffness, "K_d", "K_1"), (damping, "B_d", "B_1")):
+        ax.plot(table["phase"], table[desired], color=BLACK, label=f"Desired ${desired}$")
+        ax.plot(
+            table["phase"],
+            table[f"{gain}_joint"],
+            color=ORANGE,
+            linestyle=(0, (5, 1.5)),
+            linewidth=1.3,
+            label=f"Gain ${gain}\\,n_T^2$",
+        )
+        ax.update_datalim([(table["phase"][0], 0)])
+        ax.margins(x=0)
+        ax.legend(loc="best")
+    stiffness.set_ylabel("Stiffness (N·m/rad)")
+    damping.set_ylabel("Damping (N·m·s/rad)")
+    damping.set_xlabel("Gait cycle (%)")
+    damping.xaxis.set_major_formatter(PercentFormatter(xmax=1, decimals=0, symbol=""))
+    figure.align_ylabels()
+    return figure

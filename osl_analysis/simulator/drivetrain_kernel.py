@@ -1,0 +1,181 @@
+"""The compiled inner loop of `drivetrain_sim`: Eqs. 1-5 and 7 for scalars, and their integration over a trial.
+
+All compiled functions stand in this one file, because the disk cache of the compiler does not see changes in
+functions that are called from other files.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple, ParamSpec, TypeVar, cast
+
+import numpy as np
+from numba import njit
+
+from osl_analysis.trial import Array
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class Plant(NamedTuple):
+    """Fine step [s], fine steps per sample, and the drivetrain in SI units; torque_constant is k_tau n_m."""
+
+    step: float
+    substeps: int
+    J_m: float
+    B_m: float
+    n_T: float
+    K_s: float
+    K_s2: float
+    torque_constant: float
+    f_C: float
+    f_G: float
+    hysteresis_torque: float
+    hysteresis_width: float
+
+
+class Controller(NamedTuple):
+    """Fine steps per update, updates per second, delay in updates, encoder resolution [rad], the friction believed.
+
+    Smoothing 0 means that it is handed the true velocity.
+    """
+
+    every: int
+    updates_per_second: float
+    delay: int
+    resolution: float
+    smoothing: float
+    sign_width: float
+    cancels_friction: bool
+    torque_constant: float
+    f_C: float
+    f_G: float
+
+
+def compiled(function: Callable[P, R]) -> Callable[P, R]:
+    """The function, compiled on its first call and kept on disk; floats divide by zero as numpy's do."""
+    return cast(Callable[P, R], njit(cache=True, error_model="numpy")(function))
+
+
+@compiled
+def friction_level(current: float, f_C: float, f_G: float) -> float:
+    """Size of the friction [N*m] at a current I_q [A] (Eq. 2)."""
+    return f_C + f_G * abs(current)
+
+
+@compiled
+def feedforward_current(u: float, direction: float, torque_constant: float, f_C: float, f_G: float) -> float:
+    """Current [A] for an actuator torque u [N*m] in closed form (Eq. 5); direction 0 ignores friction."""
+    r = u + direction * f_C
+    side = direction if r >= 0.0 else -direction
+    return r / (torque_constant - side * f_G)
+
+
+@compiled
+def hysteresis(z: float, deflection_step: float, width: float) -> float:
+    """Exact solution of dz/dtheta_s = (1 -+ z)/width over a monotone step of the deflection [rad]."""
+    if deflection_step > 0.0:
+        return float(1.0 - (1.0 - z) * np.exp(-deflection_step / width))
+    return float(-1.0 + (1.0 + z) * np.exp(deflection_step / width))
+
+
+@compiled
+def belt_torque(theta_s: float, z: float, plant: Plant) -> float:
+    """Torque [N*m] in the belt: linear, quadratic, and hysteresis of state z in [-1, 1]."""
+    return (plant.K_s + plant.K_s2 * abs(theta_s)) * theta_s + plant.hysteresis_torque * z
+
+
+@compiled
+def kick(omega_m: float, torque: float, friction: float, plant: Plant) -> float:
+    """Velocity [rad/s] one step on: damping trapezoidal, friction implicit, so that it stops but never drives."""
+    inertia, half_damping = plant.J_m / plant.step, 0.5 * plant.B_m
+    free = ((inertia - half_damping) * omega_m + torque) / (inertia + half_damping)
+    lost = friction / (inertia + half_damping)
+    if abs(free) <= lost:
+        return 0.0
+    return free - lost if free > 0.0 else free + lost
+
+
+@compiled
+def quantised(angle: float, resolution: float) -> float:
+    """Angle [rad] to the nearest encoder count; resolution 0 is an ideal encoder."""
+    return float(np.rint(angle / resolution) * resolution) if resolution > 0.0 else angle
+
+
+@compiled
+def estimated_velocity(estimate: float, angle_step: float, true: float, c: Controller) -> float:
+    """The controller's next velocity estimate [rad/s]: encoder difference, then a one-pole low-pass."""
+    if c.smoothing <= 0.0:
+        return true
+    return estimate + c.smoothing * (angle_step * c.updates_per_second - estimate)
+
+
+@compiled
+def commanded_current(theta_m: float, omega_m: float, gains: tuple[float, float, float], c: Controller) -> float:
+    """Current [A] that answers one measurement, for gains (K_1, B_1, theta_eq) (Eqs. 5 and 7)."""
+    K_1, B_1, theta_eq = gains
+    direction = float(np.tanh(omega_m / c.sign_width)) if c.cancels_friction else 0.0
+    u = K_1 * (theta_eq - theta_m) - B_1 * omega_m
+    return feedforward_current(u, direction, c.torque_constant, c.f_C, c.f_G)
+
+
+@compiled
+def joint_angle(fraction: float, i: int, theta: Array, omega: Array, sample: float) -> float:
+    """Cubic Hermite interpolation of theta [rad] at a fraction of the way from sample i to i + 1."""
+    a, b, rise = omega[i] * sample, omega[i + 1] * sample, theta[i + 1] - theta[i]
+    cubic = a + b - 2.0 * rise
+    return float(theta[i] + fraction * (a + fraction * (3.0 * rise - 2.0 * a - b + fraction * cubic)))
+
+
+@compiled
+def integrate(
+    theta: Array,
+    omega: Array,
+    gains: Array,
+    theta_m: float,
+    plant: Plant,
+    c: Controller,
+    columns: Array,
+) -> None:
+    """Fill `columns`, shape (4, n), with theta_m, omega_m, current, belt torque, from rest at `theta_m`.
+
+    The rows of `gains`, shape (3, n), are K_1, B_1, theta_eq; before the first delayed answer the current is 0.
+    """
+    half, sample = 0.5 * plant.step, plant.step * plant.substeps
+    pending, slot, current = np.zeros(c.delay + 1), 0, 0.0
+    omega_m, velocity, seen, z = 0.0, 0.0, quantised(theta_m, c.resolution), 0.0
+    theta_s = theta[0] - theta_m / plant.n_T
+    for i in range(len(theta)):
+        before, theta_s = theta_s, theta[i] - theta_m / plant.n_T
+        z = hysteresis(z, theta_s - before, plant.hysteresis_width)
+        columns[0, i], columns[1, i], columns[3, i] = theta_m, omega_m, belt_torque(theta_s, z, plant)
+        told = (gains[0, i], gains[1, i], gains[2, i])
+        for k in range(plant.substeps):
+            if k % c.every == 0:
+                last, seen = seen, quantised(theta_m, c.resolution)
+                velocity = estimated_velocity(velocity, seen - last, omega_m, c)
+                pending[slot] = commanded_current(seen, velocity, told, c)
+                slot = 0 if slot == c.delay else slot + 1
+                current = pending[slot]
+            if k == 0:
+                columns[2, i] = current
+            if i + 1 == len(theta):
+                break
+            theta_m += half * omega_m
+            angle = joint_angle((k + 0.5) / plant.substeps, i, theta, omega, sample)
+            before, theta_s = theta_s, angle - theta_m / plant.n_T
+            z = hysteresis(z, theta_s - before, plant.hysteresis_width)
+            torque = plant.torque_constant * current + belt_torque(theta_s, z, plant) / plant.n_T
+            omega_m = kick(omega_m, torque, friction_level(current, plant.f_C, plant.f_G), plant)
+            theta_m += half * omega_m
+
+
+@compiled
+def belt_path(theta_s: Array, plant: Plant) -> Array:
+    """Torque [N*m] of the belt along a path of deflections [rad], shape (n,), from a rested belt."""
+    torque = np.empty_like(theta_s)
+    z = 0.0
+    for i in range(len(theta_s)):
+        if i > 0:
+            z = hysteresis(z, theta_s[i] - theta_s[i - 1], plant.hysteresis_width)
+        torque[i] = belt_torque(theta_s[i], z, plant)
+    return torque

@@ -1,0 +1,158 @@
+"""The two-mass drivetrain in time: prescribed joint motion, actuator with friction, sampled controller.
+
+Between two samples of the controller the actuator is integrated in `substeps` fine steps by the second-order
+Stoermer-Verlet scheme (half drift, kick, half drift): J_m domega_m/dt = k_tau n_m I_q - f - B_m omega_m +
+tau_s/n_T, where tau_s is the belt's torque at theta_s = theta - theta_m/n_T. Friction enters the kick
+implicitly with the true sign of the velocity: the actuator sticks where friction holds it, whatever the step.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from osl_analysis.errors import InputError
+from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.simulator.drivetrain_kernel import Controller, Plant, belt_path, integrate
+from osl_analysis.trial import Array
+
+
+@dataclass(frozen=True)
+class ControlCommands:
+    """What the controller is told at each of its n samples.
+
+    Stiffness gain K_1 [N*m/rad], damping gain B_1 [N*m*s/rad] and equilibrium theta_eq [rad], all at the
+    *actuator's* output, shape (n,); whether the controller feeds friction forward (Eq. 5).
+    """
+
+    K_1: Array
+    B_1: Array
+    theta_eq: Array
+    cancels_friction: bool
+
+
+@dataclass(frozen=True)
+class DrivetrainEffects:
+    """What separates the real drivetrain and its controller from the linear model.
+
+    `friction_scale` is the true friction over what the parameters say, which is what the controller cancels;
+    without `friction` there is none, the controller knows it, and the loop is linear.
+    The controller updates its current `control_updates` times per sample, evenly, and holds it in between;
+    `substeps` updates are the continuous controller that linear theory describes. `control_delay` counts
+    updates between a measurement and the current that answers it. `encoder_resolution` [rad] is at the
+    actuator's output, 0 is ideal. The controller differentiates the encoder and smooths it by a one-pole
+    low-pass at `velocity_cutoff_hz`; None hands it the true velocity. It takes the sign of that velocity
+    smoothly over `sign_width` [rad/s]. The belt adds a rate-independent torque of up to `hysteresis_torque`
+    [N*m] that turns round over `hysteresis_width` [rad].
+
+    Raises
+    ------
+    InputError
+        The updates do not fit evenly into the fine steps.
+    """
+
+    friction: bool
+    control_delay: int
+    encoder_resolution: float
+    velocity_cutoff_hz: float | None
+    sign_width: float
+    hysteresis_torque: float
+    hysteresis_width: float
+    friction_scale: float = 1.0
+    substeps: int = 20
+    control_updates: int = 1
+
+    def __post_init__(self) -> None:
+        if self.control_updates < 1 or self.substeps % self.control_updates:
+            raise InputError(
+                f"{self.control_updates} updates of the controller do not fit evenly into {self.substeps} fine steps; "
+                "choose a divisor"
+            )
+
+
+IDEAL = DrivetrainEffects(
+    friction=False,
+    control_delay=0,
+    encoder_resolution=0.0,
+    velocity_cutoff_hz=None,
+    sign_width=0.1,
+    hysteresis_torque=0.0,
+    hysteresis_width=1e-3,
+)
+
+
+@dataclass(frozen=True)
+class DrivetrainMotion:
+    """True values at the samples, shape (n,): theta_m [rad], omega_m [rad/s], current [A], belt torque [N*m].
+
+    The current is the one applied from that sample on; the belt torque contains its hysteresis.
+    """
+
+    theta_m: Array
+    omega_m: Array
+    current: Array
+    belt_torque: Array
+
+
+def simulate_drivetrain(
+    rate_hz: float,
+    theta: Array,
+    omega: Array,
+    commands: ControlCommands,
+    effects: DrivetrainEffects,
+    p: DrivetrainParameters,
+    theta_m_start: float = 0.0,
+) -> DrivetrainMotion:
+    """Motion of the actuator under a prescribed joint motion, from rest at `theta_m_start` [rad].
+
+    theta [rad] and omega [rad/s], shape (n,), are sampled at `rate_hz` [Hz] and must be a
+    function and its true derivative: they are interpolated by cubic Hermite pieces in between.
+    """
+    columns = np.empty((4, len(theta)))
+    gains = np.vstack([commands.K_1, commands.B_1, commands.theta_eq]).astype(float)
+    plant, controller = build_plant(rate_hz, effects, p), build_controller(rate_hz, commands, effects, p)
+    theta, omega = np.ascontiguousarray(theta, dtype=float), np.ascontiguousarray(omega, dtype=float)
+    integrate(theta, omega, gains, float(theta_m_start), plant, controller, columns)
+    return DrivetrainMotion(*columns)
+
+
+def simulate_belt_torque(theta_s: Array, effects: DrivetrainEffects, p: DrivetrainParameters) -> Array:
+    """Torque [N*m] of the belt along a path of deflections theta_s [rad], shape (n,), with hysteresis."""
+    return belt_path(np.ascontiguousarray(theta_s, dtype=float), build_plant(1.0, effects, p))
+
+
+def build_plant(rate_hz: float, effects: DrivetrainEffects, p: DrivetrainParameters) -> Plant:
+    """The drivetrain as the kernel wants it."""
+    scale = effects.friction_scale if effects.friction else 0.0
+    return Plant(
+        step=1.0 / (rate_hz * effects.substeps),
+        substeps=effects.substeps,
+        J_m=p.J_m,
+        B_m=p.B_m,
+        n_T=p.n_T,
+        K_s=p.K_s,
+        K_s2=p.K_s2,
+        torque_constant=p.k_tau * p.n_m,
+        f_C=scale * p.f_C,
+        f_G=scale * p.f_G,
+        hysteresis_torque=effects.hysteresis_torque,
+        hysteresis_width=effects.hysteresis_width,
+    )
+
+
+def build_controller(
+    rate_hz: float, commands: ControlCommands, effects: DrivetrainEffects, p: DrivetrainParameters
+) -> Controller:
+    """The controller as the kernel wants it, at the rate at which it updates the current."""
+    rate, cutoff = float(rate_hz * effects.control_updates), effects.velocity_cutoff_hz
+    return Controller(
+        every=effects.substeps // effects.control_updates,
+        updates_per_second=rate,
+        delay=effects.control_delay,
+        resolution=effects.encoder_resolution,
+        smoothing=0.0 if cutoff is None else float(-np.expm1(-2 * np.pi * cutoff / rate)),
+        sign_width=effects.sign_width,
+        cancels_friction=commands.cancels_friction,
+        torque_constant=p.k_tau * p.n_m,
+        f_C=p.f_C if effects.friction else 0.0,
+        f_G=p.f_G if effects.friction else 0.0,
+    )

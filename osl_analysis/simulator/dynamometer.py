@@ -1,0 +1,179 @@
+"""One dynamometer trial: the true motion and torque, what the sensors make of them, and the truth beside it."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from osl_analysis.model.compensator import Gains, compensated_gains, uncompensated_gains
+from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.simulator.draws import stream
+from osl_analysis.simulator.drivetrain_sim import (
+    ControlCommands,
+    DrivetrainEffects,
+    simulate_belt_torque,
+    simulate_drivetrain,
+)
+from osl_analysis.simulator.joint_motion import JointMotion, followed, stepped_sine, there_and_back
+from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.trial import Array
+
+
+@dataclass(frozen=True)
+class DynamometerLog:
+    """What the dynamometer's recorder writes, shape (n,) each, with its units and its own sign.
+
+    time [s] of the recorder's clock; joint_angle, actuator_angle, commanded_angle [rad]; motor_current [A];
+    load_cell_torque [N*m] is the torque that the joint exerts, the paper's tau_j: *minus* the canonical one.
+    """
+
+    time: Array
+    joint_angle: Array
+    load_cell_torque: Array
+    actuator_angle: Array
+    motor_current: Array
+    commanded_angle: Array
+
+
+@dataclass(frozen=True)
+class Response:
+    """True theta_m [rad], current [A] and resisting torque [N*m] of the joint, shape (n,) each."""
+
+    theta_m: Array
+    current: Array
+    torque: Array
+
+
+def simulate_dynamometer_trial(
+    row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters
+) -> tuple[DynamometerLog, dict[str, object]]:
+    """The log of one trial of the sample sheet, and the truth about it.
+
+    `row` has the sheet's trial, experiment (belt, transmission or impedance), controller, K_d and B_d.
+    """
+    trial, gains = str(row["trial"]), None
+    if row["experiment"] == "belt":
+        p = replace(p, K_s=p.K_s * scatter(trial, settings))
+        command, motion = moved(there_and_back(settings.belt, settings.dynamometer.rate_hz), settings)
+        response = simulate_belt(motion, drivetrain_effects(settings), p)
+    else:
+        command, motion = moved(stepped_sine(settings.protocol, settings.dynamometer.rate_hz), settings)
+        if row["experiment"] == "transmission":
+            response = simulate_transmission(motion, p)
+        else:
+            gains = selected_gains(row, p)
+            response = simulate_impedance(settings.dynamometer.rate_hz, motion, gains, drivetrain_effects(settings), p)
+    log, drawn = sensed(trial, command, motion, response, settings)
+    return log, truth(trial, settings, p, gains, drawn)
+
+
+def moved(command: JointMotion, settings: SimulationSettings) -> tuple[Array, JointMotion]:
+    """The commanded angle [rad], and the motion that the dynamometer makes of it."""
+    bandwidth = settings.effects.dynamometer_bandwidth
+    if not bandwidth.enabled:
+        return command.theta, command
+    bench = settings.dynamometer
+    return command.theta, followed(command, bench.rate_hz, bandwidth.size, bench.damping_ratio)
+
+
+def simulate_belt(motion: JointMotion, effects: DrivetrainEffects, p: DrivetrainParameters) -> Response:
+    """The actuator is locked at theta_m = 0: all of the joint's angle deflects the belt."""
+    still = np.zeros_like(motion.theta)
+    elastic = simulate_belt_torque(motion.theta, effects, p)
+    return Response(still, still, elastic + p.B_j * motion.omega + p.J_j * motion.alpha)
+
+
+def simulate_transmission(motion: JointMotion, p: DrivetrainParameters) -> Response:
+    """The motor is detached: the belt stays slack (theta_s = 0), the idle actuator's encoder and current read 0."""
+    still = np.zeros_like(motion.theta)
+    return Response(still, still, p.B_j * motion.omega + p.J_j * motion.alpha)
+
+
+def simulate_impedance(
+    rate_hz: float, motion: JointMotion, gains: Gains, effects: DrivetrainEffects, p: DrivetrainParameters
+) -> Response:
+    """The controller renders its impedance about theta_eq = 0, from rest at theta_m = 0."""
+    one = np.ones_like(motion.theta)
+    commands = ControlCommands(gains.K_1 * one, gains.B_1 * one, 0.0 * one, gains.cancels_friction)
+    leg = simulate_drivetrain(rate_hz, motion.theta, motion.omega, commands, effects, p)
+    return Response(leg.theta_m, leg.current, leg.belt_torque + p.B_j * motion.omega + p.J_j * motion.alpha)
+
+
+def selected_gains(row: Mapping[str, Any], p: DrivetrainParameters) -> Gains:
+    """The gains that the row's controller selects for its K_d [N*m/rad] and B_d [N*m*s/rad]."""
+    select = compensated_gains if row["controller"] == "compensated" else uncompensated_gains
+    return select(float(row["K_d"]), float(row["B_d"]), p)
+
+
+def drivetrain_effects(settings: SimulationSettings) -> DrivetrainEffects:
+    """The settings' effects as the drivetrain's simulation wants them."""
+    effects, drivetrain = settings.effects, settings.drivetrain
+    return DrivetrainEffects(
+        friction=effects.friction.enabled,
+        friction_scale=effects.friction.size,
+        control_delay=int(effects.control_delay.value),
+        control_updates=drivetrain.control_updates if effects.control_delay.enabled else drivetrain.substeps,
+        encoder_resolution=effects.actuator_encoder.value,
+        velocity_cutoff_hz=effects.velocity_filter.size if effects.velocity_filter.enabled else None,
+        sign_width=drivetrain.sign_width,
+        hysteresis_torque=effects.belt_hysteresis.value,
+        hysteresis_width=drivetrain.hysteresis_width,
+        substeps=drivetrain.substeps,
+    )
+
+
+def scatter(trial: str, settings: SimulationSettings) -> float:
+    """The trial's K_s over the parameter file's."""
+    draw = stream(settings.seed, trial, "belt_scatter").standard_normal()
+    return float(1 + settings.effects.belt_scatter.value * draw)
+
+
+def sensed(
+    trial: str, command: Array, motion: JointMotion, response: Response, settings: SimulationSettings
+) -> tuple[DynamometerLog, dict[str, float]]:
+    """What the recorder gets, and the numbers that were drawn for this trial."""
+    effects, seed = settings.effects, settings.seed
+    elapsed = np.arange(len(command)) / settings.dynamometer.rate_hz
+    drawn = {
+        "clock_start_s": float(stream(seed, trial, "clock_start").integers(20, 2000)),
+        "load_cell_offset": effects.load_cell_offset.value * stream(seed, trial, "load_cell_offset").standard_normal(),
+        "load_cell_drift": effects.load_cell_drift.value * stream(seed, trial, "load_cell_drift").standard_normal(),
+    }
+    noise = stream(seed, trial, "load_cell_noise").standard_normal(len(command))
+    load = drawn["load_cell_offset"] + drawn["load_cell_drift"] * elapsed / 60 - response.torque
+    ripple = stream(seed, trial, "current_noise").standard_normal(len(command))
+    log = DynamometerLog(
+        time=drawn["clock_start_s"] + elapsed,
+        joint_angle=quantised(motion.theta, effects.joint_encoder.value),
+        load_cell_torque=quantised(load + effects.load_cell_noise.value * noise, effects.load_cell_quantisation.value),
+        actuator_angle=quantised(response.theta_m, effects.actuator_encoder.value),
+        motor_current=quantised(
+            response.current + effects.current_noise.value * ripple, effects.current_quantisation.value
+        ),
+        commanded_angle=quantised(command, effects.joint_encoder.value),
+    )
+    return log, drawn
+
+
+def quantised(signal: Array, step: float) -> Array:
+    """The signal to the nearest multiple of `step`, which has its unit; 0 leaves it alone."""
+    return np.rint(signal / step) * step if step else signal
+
+
+def truth(
+    trial: str,
+    settings: SimulationSettings,
+    p: DrivetrainParameters,
+    gains: Gains | None,
+    drawn: Mapping[str, float],
+) -> dict[str, object]:
+    """What made the trial: parameters (K_s of this trial), gains, effects, and the sizes that were drawn."""
+    return {
+        "trial": trial,
+        "seed": settings.seed,
+        "parameters": asdict(p),
+        "gains": asdict(gains) if gains else None,
+        "effects": settings.effects.model_dump(),
+        "drawn": dict(drawn),
+    }

@@ -1,0 +1,71 @@
+"""The force plate on the moving platform: what its sensors read, in their own axes.
+
+The plate's axes are those of C3D force plates: x along laboratory +y, y along laboratory +x, z down, all turning with
+the platform. Corners 1-4 lie in the quadrants (+x, +y), (-x, +y), (-x, -y), (+x, -y) of these axes.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from osl_analysis.simulator.rigid_body import GRAVITY, Pose, RigidBody, Wrench
+from osl_analysis.simulator.walking_settings import Plate
+from osl_analysis.trial import Array
+
+PLATE_AXES = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+
+
+@dataclass(frozen=True)
+class PlateReading:
+    """Force [N] and moment about the sensor origin [N*m], shape (n, 3) each, in the plate's moving axes.
+
+    Signs as Vicon Nexus stores them: the reaction on the foot, so that a standing person reads Fz < 0 along z down.
+    """
+
+    force: Array
+    moment: Array
+
+
+def corners(plate: Plate) -> Array:
+    """The four corners [m] of the resting plate in laboratory axes, shape (4, 3), in C3D's order."""
+    quadrants = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]], dtype=float) @ PLATE_AXES.T
+    half = 0.5 * np.array([*plate.size_m, 0.0])
+    return np.asarray(np.array(plate.centre_m) + quadrants * half)
+
+
+def sensor_from_centre(plate: Plate) -> Array:
+    """The sensor origin [m] from the surface's centre, laboratory axes of the resting plate, shape (3,)."""
+    return np.array([*plate.sensor_offset_m, -plate.sensor_depth_m])
+
+
+def c3d_origin(plate: Plate) -> Array:
+    """FORCE_PLATFORM:ORIGIN [m] with the sign of Vicon Nexus, shape (3,): z > 0 for a sensor below the surface.
+
+    The C3D manual's vector goes the other way, from the sensor origin to the surface. Readers tell the two apart by
+    the sign of z and turn the whole vector round.
+    """
+    return np.asarray(PLATE_AXES.T @ sensor_from_centre(plate))
+
+
+def plate_reading(reaction: Wrench, platform: Pose, plate: Plate, mass: float, rate_hz: float) -> PlateReading:
+    """What the sensors read under a ground reaction, while the plate's own `mass` [kg] rides on them.
+
+    They carry the foot's action and the plate: force F + m (a - g), moment M + dH/dt + r x m (a - g). The zero was
+    taken at rest and unloaded, in the sensors' axes, so that the plate's weight shows only when it tilts.
+    """
+    sensor = np.array(plate.centre_m) + sensor_from_centre(plate)
+    turned = platform.rotation @ PLATE_AXES
+    body = RigidBody(mass, np.add(plate.centre_m, plate.centre_of_mass_m), np.array(plate.gyration_m))
+    own = body.support(platform, rate_hz)
+    origin = platform.point(sensor)
+    resting = -mass * GRAVITY
+    zero_moment = np.cross(body.centre_of_mass - sensor, resting)
+    return PlateReading(
+        in_axes(turned, reaction.force + own.force) - resting @ PLATE_AXES,
+        in_axes(turned, reaction.moment_about(origin) + own.moment_about(origin)) - zero_moment @ PLATE_AXES,
+    )
+
+
+def in_axes(rotation: Array, vectors: Array) -> Array:
+    """Laboratory vectors, shape (n, 3), in the axes that are the columns of rotation (n, 3, 3)."""
+    return np.asarray(np.einsum("nji,nj->ni", rotation, vectors))

@@ -1,0 +1,61 @@
+"""The sample sheet of a simulated campaign."""
+
+import itertools
+
+import pandas as pd
+
+from osl_analysis.sheet import COLUMNS
+from osl_analysis.simulator.draws import stream
+from osl_analysis.simulator.settings import SimulationSettings
+
+Row = dict[str, object]
+
+
+def plan_trials(settings: SimulationSettings) -> pd.DataFrame:
+    """One row per trial, in the columns of `sheet.py`; the same settings give the same plan.
+
+    A crossing's perturbation depends on the seed and its own name, not on how many crossings there are.
+    """
+    rows = [*bench_rows(settings), *laboratory_rows(settings)]
+    return pd.DataFrame(rows, columns=list(COLUMNS)).astype(COLUMNS)
+
+
+def bench_rows(settings: SimulationSettings) -> list[Row]:
+    """The trials on the dynamometer."""
+    wanted = settings.experiments
+    rows = [bench_row(name, "belt") for name in numbered("belt", wanted.belt, 2)]
+    rows += [bench_row(name, "transmission") for name in numbered("transmission", wanted.transmission, 1)]
+    for controller, K_d, B_d in itertools.product(wanted.controllers, wanted.K_d, wanted.B_d):
+        row = bench_row(f"impedance_K{K_d:g}_B{B_d:.1f}_{controller}", "impedance")
+        rows.append(row | {"controller": controller, "K_d": K_d, "B_d": B_d})
+    return rows
+
+
+def laboratory_rows(settings: SimulationSettings) -> list[Row]:
+    """The trials in the gait laboratory; the leg logs while it walks."""
+    wanted = settings.experiments
+    rows = [laboratory_row(name, "static") for name in numbered("static", wanted.static, 1)]
+    rows += [laboratory_row(name, "plate") for name in numbered("plate", wanted.plate, 2)]
+    for name in numbered("walking", wanted.walking, 2):
+        perturbed = stream(settings.seed, name, "perturbed").random() < wanted.perturbed_share
+        leg = {"log": f"leg/{name}.mcap", "log_source": "leg", "perturbed": bool(perturbed)}
+        rows.append(laboratory_row(name, "walking") | leg)
+    return rows
+
+
+def bench_row(trial: str, experiment: str) -> Row:
+    return {
+        "trial": trial,
+        "experiment": experiment,
+        "log": f"dynamometer/{trial}.mcap",
+        "log_source": "dynamometer",
+    }
+
+
+def laboratory_row(trial: str, experiment: str) -> Row:
+    return {"trial": trial, "experiment": experiment, "mocap": f"vicon/{trial}.c3d", "mocap_source": "vicon"}
+
+
+def numbered(stem: str, count: int, digits: int) -> list[str]:
+    """Names from 1 on, with at least `digits` digits."""
+    return [f"{stem}_{i:0{digits}d}" for i in range(1, count + 1)]

@@ -1,0 +1,181 @@
+"""The simulated campaign as a validated file, like `config/simulation/default.yaml`.
+
+Choices only: the device's physical parameters stand in the parameter file that `parameters` names.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from osl_analysis.validation import Settings
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Count = Annotated[int, Field(ge=0)]
+
+
+class Effect(Settings):
+    """One imperfection: whether it acts, its size, and the unit of the size (`on` would be a truth value in YAML)."""
+
+    enabled: bool
+    size: NotNegative
+    unit: str
+
+    @property
+    def value(self) -> float:
+        """The size, or 0 where the effect is off."""
+        return self.size if self.enabled else 0.0
+
+
+def in_unit(unit: str) -> AfterValidator:
+    """A check that an effect's size is given in `unit`."""
+
+    def check(effect: Effect) -> Effect:
+        if effect.unit != unit:
+            raise ValueError(f"its unit must be '{unit}'")
+        return effect
+
+    return AfterValidator(check)
+
+
+def whole_number(effect: Effect) -> Effect:
+    """Refuse a size that is not a whole number."""
+    if effect.size != int(effect.size):
+        raise ValueError("its size must be a whole number")
+    return effect
+
+
+def positive(effect: Effect) -> Effect:
+    """Refuse a size of 0, which would not mean "off"."""
+    if effect.size == 0:
+        raise ValueError("its size must be positive; set enabled: false to switch it off")
+    return effect
+
+
+class Effects(Settings):
+    """Every imperfection of bench, drivetrain and controller; offset, drift and scatter are standard deviations.
+
+    friction: true friction over what the parameter file says and the controller cancels; off: no friction,
+        and none to cancel.
+    control_delay: between a measurement and the current that answers it; size 0 still holds the current
+        between the controller's updates, off is a continuous controller.
+    velocity_filter: cut-off of the low-pass over the differentiated encoder; off: the true velocity.
+    actuator_encoder, joint_encoder: resolution, the first at the actuator's output.
+    load_cell_noise, current_noise: white, of that standard deviation at the log's rate.
+    belt_hysteresis: torque by which loading and unloading differ from the elastic belt.
+    belt_scatter: of K_s from trial to trial in the belt experiment.
+    dynamometer_bandwidth: natural frequency with which the motor follows its command; off: it follows exactly.
+    """
+
+    friction: Annotated[Effect, in_unit("1")]
+    control_delay: Annotated[Effect, in_unit("update"), AfterValidator(whole_number)]
+    velocity_filter: Annotated[Effect, in_unit("Hz"), AfterValidator(positive)]
+    actuator_encoder: Annotated[Effect, in_unit("rad")]
+    joint_encoder: Annotated[Effect, in_unit("rad")]
+    load_cell_noise: Annotated[Effect, in_unit("N*m")]
+    load_cell_offset: Annotated[Effect, in_unit("N*m")]
+    load_cell_drift: Annotated[Effect, in_unit("N*m/min")]
+    load_cell_quantisation: Annotated[Effect, in_unit("N*m")]
+    current_noise: Annotated[Effect, in_unit("A")]
+    current_quantisation: Annotated[Effect, in_unit("A")]
+    belt_hysteresis: Annotated[Effect, in_unit("N*m")]
+    belt_scatter: Annotated[Effect, in_unit("1")]
+    dynamometer_bandwidth: Annotated[Effect, in_unit("Hz"), AfterValidator(positive)]
+
+    def without(self, *names: str) -> "Effects":
+        """These effects with the named ones off, or with all off if none is named."""
+        off = {
+            name: getattr(self, name).model_copy(update={"enabled": False}) for name in names or type(self).model_fields
+        }
+        return self.model_copy(update=off)
+
+
+class Experiments(Settings):
+    """How many trials of each kind; an impedance trial per K_d [N*m/rad], B_d [N*m*s/rad] and controller.
+
+    Each of the `walking` crossings is perturbed with likelihood `perturbed_share`; a `plate` trial is a
+    perturbation with nobody on the platform.
+    """
+
+    belt: Count
+    transmission: Count
+    K_d: tuple[Positive, ...]
+    B_d: tuple[NotNegative, ...]
+    controllers: tuple[Literal["compensated", "uncompensated"], ...]
+    static: Count = 0
+    plate: Count = 0
+    walking: Count = 0
+    perturbed_share: Annotated[float, Field(ge=0, le=1)] = 0.5
+
+    @model_validator(mode="after")
+    def _some(self) -> Self:
+        impedance = len(self.K_d) * len(self.B_d) * len(self.controllers)
+        if not (self.belt + self.transmission + impedance + self.static + self.plate + self.walking):
+            raise ValueError("no trials are planned; ask for at least one")
+        return self
+
+
+class SteppedSine(Settings):
+    """At each amplitude [deg] `cycles` whole cycles at each frequency [Hz], then `rest_s` [s]; `lead_s` [s] first."""
+
+    frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    cycles: Annotated[int, Field(ge=1)]
+    amplitudes_deg: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    rest_s: NotNegative
+    lead_s: NotNegative
+
+
+class BeltMotion(Settings):
+    """The joint rests `rest_s` [s], turns by `amplitude_deg` and back in `ramp_s` [s] each, and rests again."""
+
+    amplitude_deg: Positive
+    ramp_s: Positive
+    rest_s: NotNegative
+
+
+class Dynamometer(Settings):
+    """Rate [Hz] of the bench's log; damping ratio of the bench's position loop."""
+
+    rate_hz: Positive
+    damping_ratio: Positive
+
+
+class Drivetrain(Settings):
+    """How the drivetrain is integrated and controlled, and how fast the belt's hysteresis turns round [rad].
+
+    Fine integration steps and controller's updates per sample; `sign_width` [rad/s], over which the controller
+    smooths the sign of the actuator's velocity.
+    """
+
+    substeps: Annotated[int, Field(ge=1)]
+    control_updates: Annotated[int, Field(ge=1)]
+    sign_width: Positive
+    hysteresis_width: Positive
+
+    @model_validator(mode="after")
+    def _even(self) -> Self:
+        if self.substeps % self.control_updates:
+            raise ValueError("control_updates must divide substeps")
+        return self
+
+
+class SimulationSettings(Settings):
+    """A simulated campaign; `parameters` and `walking` are files, relative to the working directory."""
+
+    seed: Annotated[int, Field(ge=0)]
+    parameters: Path
+    experiments: Experiments
+    protocol: SteppedSine
+    belt: BeltMotion
+    dynamometer: Dynamometer
+    drivetrain: Drivetrain
+    effects: Effects
+    walking: Path | None = None
+
+    @model_validator(mode="after")
+    def _walking_is_described(self) -> Self:
+        wanted = self.experiments.static + self.experiments.plate + self.experiments.walking
+        if wanted and self.walking is None:
+            raise ValueError(f"{wanted} gait-laboratory trials are planned but 'walking' names no settings file")
+        return self

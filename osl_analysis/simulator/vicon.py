@@ -1,0 +1,151 @@
+"""What Vicon makes of a trial: markers with noise and gaps, force plate, sync and trigger channels."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from osl_analysis.simulator.c3d_recorder import C3dRecording, ForcePlate
+from osl_analysis.simulator.draws import stream
+from osl_analysis.simulator.force_platform import PlateReading, c3d_origin, corners, plate_reading
+from osl_analysis.simulator.rigid_body import Pose, Wrench, at_times
+from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.trial import Array
+
+# from the ankle's centre, in the axes of foot and shank when standing [m]; the right leg's outer side is -y
+FOOT = {
+    "FOOT1": (-0.075, 0.012, -0.030),
+    "FOOT2": (0.160, 0.020, -0.050),
+    "FOOT3": (0.105, -0.050, -0.045),
+    "FOOT4": (0.060, 0.008, 0.035),
+}
+SHANK = {
+    "SHANK1": (0.055, -0.020, 0.100),
+    "SHANK2": (0.010, -0.065, 0.190),
+    "SHANK3": (-0.035, 0.050, 0.255),
+    "SHANK4": (0.060, 0.025, 0.330),
+}
+# from the centre of the plate's surface [m]; one stands on a post, so that the four span space
+PLATFORM = {
+    "PLAT1": (0.285, 0.235, 0.004),
+    "PLAT2": (-0.285, 0.230, 0.004),
+    "PLAT3": (-0.280, -0.235, 0.060),
+    "PLAT4": (0.285, -0.230, 0.004),
+}
+ANKLE_AXIS = {"ANKLE_MED": (0.0, 0.042, 0.0), "ANKLE_LAT": (0.0, -0.042, 0.0)}
+
+PLATE_CHANNELS = ("Fx1", "Fy1", "Fz1", "Mx1", "My1", "Mz1")
+PLATE_UNITS = ("N", "N", "N", "Nmm", "Nmm", "Nmm")
+NEWTON_MILLIMETRE = 1e3
+HIGH_V = 5.0
+TRIGGER_S = 0.02
+SYNC_INTERVAL_S = (0.06, 0.25)
+
+LONG_GAP_SHARE = 0.25
+SHORT_GAP_S, LONG_GAP_S = (0.007, 0.04), (0.05, 0.2)
+
+
+@dataclass(frozen=True)
+class SyncLine:
+    """Times [s] at which the synchronisation line changes its level; it is low before the first."""
+
+    edges: Array
+
+    def level(self, time: Array) -> Array:
+        """0 or 1 at times [s]."""
+        return np.asarray(np.searchsorted(self.edges, time, side="right") % 2, dtype=float)
+
+
+def draw_sync(trial: str, seed: int, duration: float) -> SyncLine:
+    """An irregular pulse train over a recording [s], which no other stretch of it resembles."""
+    intervals = stream(seed, trial, "sync").uniform(*SYNC_INTERVAL_S, int(duration / SYNC_INTERVAL_S[0]) + 1)
+    edges = np.cumsum(intervals)
+    return SyncLine(edges[edges < duration])
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What there is to record, exact and at the motion's rate.
+
+    Marker paths [m], shape (n, 3) each; the platform's pose and the ground reaction on its plate; when the trigger
+    fires [s], None if it does not.
+    """
+
+    markers: dict[str, Array]
+    platform: Pose
+    reaction: Wrench
+    command: float | None
+
+
+def platform_markers(platform: Pose, walking: WalkingSettings) -> dict[str, Array]:
+    """Exact paths [m], shape (n, 3) each, of the markers on the platform."""
+    centre = np.array(walking.plate.centre_m)
+    return {label: platform.point(centre + np.array(place)) for label, place in PLATFORM.items()}
+
+
+def leg_markers(foot: Pose, shank: Pose) -> dict[str, Array]:
+    """Exact paths [m], shape (n, 3) each, of the markers that foot and shank always carry."""
+    return on_body(foot, FOOT) | on_body(shank, SHANK)
+
+
+def on_body(body: Pose, places: Mapping[str, tuple[float, float, float]]) -> dict[str, Array]:
+    """Exact paths [m], shape (n, 3) each, of points given by their places [m] on a body."""
+    return {label: body.point(np.array(place)) for label, place in places.items()}
+
+
+def record(trial: str, seed: int, scene: Scene, walking: WalkingSettings) -> C3dRecording:
+    """What Vicon records of a scene; the sync line is the trial's (`draw_sync`)."""
+    rates, effects = walking.rates, walking.effects
+    exact = np.stack(list(scene.markers.values()), axis=1)[:: rates.motion_hz // rates.points_hz]
+    time = np.arange(len(exact) * (rates.analogs_hz // rates.points_hz)) / rates.analogs_hz
+    reading = plate_reading(scene.reaction, scene.platform, walking.plate, effects.plate_inertia.value, rates.motion_hz)
+    sync = draw_sync(trial, seed, walking.gait.recording_s)
+    channels = [
+        plate_channels(trial, seed, reading, time, walking),
+        HIGH_V * sync.level(time)[:, None],
+        HIGH_V * trigger(time, scene.command)[:, None],
+    ]
+    return C3dRecording(
+        labels=tuple(scene.markers),
+        points=seen_markers(trial, seed, exact, walking),
+        point_rate_hz=rates.points_hz,
+        channels=(*PLATE_CHANNELS, "Sync", "Trigger"),
+        units=(*PLATE_UNITS, "V", "V"),
+        analogs=np.hstack(channels),
+        analog_rate_hz=rates.analogs_hz,
+        plate=ForcePlate(corners(walking.plate), c3d_origin(walking.plate)),
+    )
+
+
+def trigger(time: Array, command: float | None) -> Array:
+    """1 while the trigger is high, 0 else; a platform that rests gets none."""
+    if command is None:
+        return np.zeros_like(time)
+    return np.asarray((time >= command) & (time < command + TRIGGER_S), dtype=float)
+
+
+def plate_channels(trial: str, seed: int, reading: PlateReading, time: Array, walking: WalkingSettings) -> Array:
+    """The six channels [N, N*mm] at times [s], shape (n, 6): late, off zero and noisy."""
+    effects, rate = walking.effects, walking.rates.motion_hz
+    late = time - 1e-3 * effects.plate_lag.value
+    columns = []
+    for quantity, values in (("force", reading.force), ("moment", reading.moment)):
+        noise = stream(seed, trial, f"{quantity}_noise").standard_normal((len(time), 3))
+        offset = stream(seed, trial, f"{quantity}_offset").standard_normal(3)
+        disturbed = at_times(values, rate, late) + getattr(effects, f"{quantity}_noise").value * noise
+        columns.append(disturbed + getattr(effects, f"{quantity}_offset").value * offset)
+    return np.hstack([columns[0], NEWTON_MILLIMETRE * columns[1]])
+
+
+def seen_markers(trial: str, seed: int, exact: Array, walking: WalkingSettings) -> Array:
+    """Marker positions [m] with noise, shape (frames, labels, 3), NaN where hidden."""
+    effects = walking.effects
+    noise = stream(seed, trial, "marker_noise").standard_normal(exact.shape)
+    seen = exact + 1e-3 * effects.marker_noise.value * noise
+    random = stream(seed, trial, "marker_gaps")
+    for _ in range(random.poisson(effects.marker_gaps.value)):
+        shortest, longest = LONG_GAP_S if random.random() < LONG_GAP_SHARE else SHORT_GAP_S
+        length = int(np.ceil(random.uniform(shortest, longest) * walking.rates.points_hz))
+        first, label = random.integers(len(exact)), random.integers(exact.shape[1])
+        seen[first : first + length, label] = np.nan
+    return seen

@@ -1,0 +1,169 @@
+"""A trial of the gait laboratory: simulate it, record it as Vicon and the leg would, write the truth beside."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from osl_analysis.errors import InputError
+from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.simulator.c3d_recorder import write_c3d
+from osl_analysis.simulator.crossing import Crossing, draw_step, simulate_crossing
+from osl_analysis.simulator.dynamometer import drivetrain_effects
+from osl_analysis.simulator.leg_recorder import LegClock, write_leg_log
+from osl_analysis.simulator.platform_motion import (
+    PlatformMotion,
+    nominal_ankle,
+    resting_platform,
+    unloaded_platform,
+)
+from osl_analysis.simulator.rigid_body import GRAVITY, Pose, Wrench
+from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.truth_recorder import write_truth
+from osl_analysis.simulator.vicon import ANKLE_AXIS, Scene, leg_markers, on_body, platform_markers, record
+from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.simulator.walking_truth import (
+    crossing_curves,
+    platform_curves,
+    rendered_impedance,
+    write_curves,
+)
+from osl_analysis.trial import Array
+
+
+@dataclass(frozen=True)
+class Laboratory:
+    """What the trials of a campaign share: settings, and the campaign's raw folder."""
+
+    settings: SimulationSettings
+    walking: WalkingSettings
+    folder: Path
+
+
+def simulate_walking_trial(
+    row: Mapping[str, object],
+    settings: SimulationSettings,
+    walking: WalkingSettings,
+    p: DrivetrainParameters,
+    folder: Path,
+) -> None:
+    """Simulate one row of the sample sheet, of experiment walking, plate or static, into a campaign's raw folder.
+
+    Writes the truth first, so that a log never stands without it, then `leg/<trial>.mcap` where the leg walks and
+    `vicon/<trial>.c3d`.
+
+    Raises
+    ------
+    InputError
+        The experiment is another one, or the impedance trajectory cannot be read.
+    UnreachableImpedanceError
+        The drivetrain cannot render the impedance trajectory.
+    """
+    trial, laboratory = str(row["trial"]), Laboratory(settings, walking, folder)
+    if row["experiment"] == "walking":
+        record_crossing(row, laboratory, p)
+    elif row["experiment"] == "plate":
+        record_unloaded(trial, laboratory)
+    elif row["experiment"] == "static":
+        record_standing(trial, laboratory)
+    else:
+        raise InputError(
+            f"trial {trial}: experiment '{row['experiment']}' is not one of the gait laboratory; "
+            "use walking, plate or static"
+        )
+
+
+def motion_grid(walking: WalkingSettings) -> Array:
+    """Times [s] of the motion: whole marker frames, at the motion's rate."""
+    rates = walking.rates
+    frames = round(walking.gait.recording_s * rates.points_hz)
+    return np.arange(frames * (rates.motion_hz // rates.points_hz)) / rates.motion_hz
+
+
+def record_crossing(row: Mapping[str, object], laboratory: Laboratory, p: DrivetrainParameters) -> None:
+    """A crossing, simulated without the perturbation too, so that the truth knows what the perturbation did.
+
+    The controller compensates unless the row's controller is 'uncompensated'.
+    """
+    settings, walking = laboratory.settings, laboratory.walking
+    trial, time, perturbed = str(row["trial"]), motion_grid(walking), bool(row["perturbed"])
+    step = draw_step(trial, settings.seed, time, walking)
+    compensates, effects = str(row.get("controller")) != "uncompensated", drivetrain_effects(settings)
+    calm = simulate_crossing(time, step, False, compensates, walking, effects, p)
+    walked = simulate_crossing(time, step, True, compensates, walking, effects, p) if perturbed else calm
+    write_curves(laboratory.folder, trial, crossing_curves(walked, calm, walking), analog_stride(walking))
+    clock = write_leg_log(laboratory.folder / "leg" / f"{trial}.mcap", trial, walked, settings, walking)
+    write_facts(trial, laboratory, crossing_facts(walked, calm, clock))
+    motion = walked.motion
+    markers = leg_markers(motion.foot, motion.shank) | platform_markers(motion.platform.pose, walking)
+    record_scene(trial, laboratory, Scene(markers, motion.platform.pose, walked.reaction, motion.platform.command))
+
+
+def record_unloaded(trial: str, laboratory: Laboratory) -> None:
+    """A perturbation with nobody on the platform."""
+    walking = laboratory.walking
+    time = motion_grid(walking)
+    platform = unloaded_platform(time, trial, laboratory.settings.seed, walking)
+    nothing = np.zeros((len(time), 3))
+    write_platform_truth(trial, laboratory, time, platform)
+    markers = platform_markers(platform.pose, walking)
+    record_scene(trial, laboratory, Scene(markers, platform.pose, Wrench(nothing, nothing, nothing), platform.command))
+
+
+def record_standing(trial: str, laboratory: Laboratory) -> None:
+    """Standing still: foot flat, shank upright, half the body's weight straight above the ankle."""
+    walking = laboratory.walking
+    time = motion_grid(walking)
+    platform = resting_platform(time)
+    leg = Pose(platform.pose.rotation, np.tile(nominal_ankle(walking), (len(time), 1)))
+    weight = np.tile(-0.5 * walking.gait.body_mass_kg * GRAVITY, (len(time), 1))
+    write_platform_truth(trial, laboratory, time, platform)
+    markers = leg_markers(leg, leg) | on_body(leg, ANKLE_AXIS) | platform_markers(platform.pose, walking)
+    record_scene(
+        trial, laboratory, Scene(markers, platform.pose, Wrench(weight, np.zeros_like(weight), leg.origin), None)
+    )
+
+
+def record_scene(trial: str, laboratory: Laboratory, scene: Scene) -> None:
+    """Write what Vicon records of a scene."""
+    recording = record(trial, laboratory.settings.seed, scene, laboratory.walking)
+    write_c3d(laboratory.folder / "vicon" / f"{trial}.c3d", recording)
+
+
+def write_platform_truth(trial: str, laboratory: Laboratory, time: Array, platform: PlatformMotion) -> None:
+    """Write the exact motion of a platform that nobody walks over."""
+    curves = platform_curves(time, platform, laboratory.walking)
+    write_curves(laboratory.folder, trial, curves, analog_stride(laboratory.walking))
+    write_facts(trial, laboratory, {"command_s": platform.command, "onset_s": platform.onset})
+
+
+def crossing_facts(walked: Crossing, calm: Crossing, clock: LegClock) -> dict[str, object]:
+    """What was drawn for a crossing, and the impedance that the leg rendered in it."""
+    step, platform = walked.step, walked.motion.platform
+    return {
+        "perturbed": platform.onset is not None,
+        "command_s": platform.command,
+        "onset_s": platform.onset,
+        "heel_strike_s": step.heel_strike,
+        "toe_off_s": step.toe_off,
+        "foot_yaw_rad": step.yaw,
+        "placement_m": step.placement.tolist(),
+        "leg_clock": {"offset_s": clock.offset, "drift": clock.drift},
+        **rendered_impedance(walked, calm),
+    }
+
+
+def write_facts(trial: str, laboratory: Laboratory, facts: Mapping[str, object]) -> None:
+    """Write what was drawn for a trial, and the settings that made it."""
+    effects = {
+        "effects": laboratory.settings.effects.model_dump(),
+        "gait_laboratory": laboratory.walking.model_dump(mode="json"),
+    }
+    truth = {"trial": trial, "seed": laboratory.settings.seed, **facts, **effects}
+    write_truth(laboratory.folder, trial, truth)
+
+
+def analog_stride(walking: WalkingSettings) -> int:
+    """Samples of the motion per analog sample: the truth's curves are kept at the analogs' rate."""
+    return walking.rates.motion_hz // walking.rates.analogs_hz

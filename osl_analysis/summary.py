@@ -1,0 +1,169 @@
+"""Headline numbers of a campaign: each with unit, interval and the value that the paper's draft prints."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.errors import InputError
+from osl_analysis.trial import Array
+
+STUDENT = "95 % of the mean (Student)"
+STANDARD_ERROR = "95 % of the fit (1.96 standard errors)"
+RANGE = "lowest to highest"
+NORMAL_95 = 1.96
+EXAMPLE_K_D, EXAMPLE_B_D = 300.0, 5.0
+"""The impedance of Fig. 4 [N*m/rad, N*m*s/rad], whose estimates are headline numbers."""
+PER_PERTURBATION = "mean of perturbations"
+"""Estimator of the walking summary that is the headline, where the table has a column `estimator`."""
+
+TABLES = {
+    "belt_summary": ("quantity", "n", "mean", "low", "high"),
+    "transmission_summary": ("quantity", "n", "mean", "low", "high"),
+    "transmission": ("amplitude_deg", "VAF"),
+    "impedance": ("controller", "K_d", "B_d", "amplitude_deg", "K", "K_se", "B", "B_se", "VAF"),
+    "walking_summary": ("quantity", "n", "mean", "low", "high"),
+    "walking": ("VAF",),
+}
+"""The tables that hold headline numbers, and the columns that are read."""
+
+
+@dataclass(frozen=True)
+class Label:
+    """What a number is called (`macro`: in LaTeX, letters only), its unit, the draft's value, and what it means."""
+
+    name: str
+    unit: str
+    draft: float | None
+    macro: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Headline(Label):
+    """A number with the bounds of its interval; `interval` says of what kind, `n` from how many trials or fits."""
+
+    value: float
+    low: float | None
+    high: float | None
+    interval: str | None
+    n: int
+
+
+BELT = {"K_s": Label("K_s", "N*m/rad", 685.6, "BeltStiffness", "belt stiffness while loading, mean of trials")}
+TRANSMISSION = {
+    "B_j": Label("B_j", "N*m*s/rad", 0.452, "JointDamping", "damping of the transmission, mean of trials"),
+    "J_j": Label("J_j", "kg*m^2", 5.0e-3, "JointInertia", "inertia of the transmission, mean of trials"),
+}
+TRANSMISSION_VAF = Label(
+    "transmission_VAF", "%", 99.1, "TransmissionVAF", "VAF of the transmission model, mean of trials"
+)
+WALKING = {
+    "K": Label(
+        "walking_K", "N*m/rad", 340.0, "WalkingStiffness", "ankle stiffness while walking, mean of perturbations"
+    ),
+    "B": Label("walking_B", "N*m*s/rad", None, "WalkingDamping", "ankle damping while walking, mean of perturbations"),
+    "I": Label("walking_I", "kg*m^2", None, "WalkingInertia", "ankle inertia while walking, mean of perturbations"),
+}
+WALKING_VAF = Label("walking_VAF", "%", None, "WalkingVAF", "VAF of the walking fits, mean of perturbations")
+
+
+def headline_numbers(tables: Mapping[str, pl.DataFrame]) -> list[Headline]:
+    """Headline numbers of the experiments that the campaign has; `tables` by the names in `TABLES`.
+
+    Raises
+    ------
+    InputError
+        A summary table has no finite mean for a quantity that it lists.
+    """
+    found: list[Headline] = []
+    if "belt_summary" in tables:
+        found += means(tables["belt_summary"], BELT)
+    if "transmission_summary" in tables:
+        found += means(tables["transmission_summary"], TRANSMISSION)
+    if "transmission" in tables:
+        found += over_fits(TRANSMISSION_VAF, over_all_amplitudes(tables["transmission"])["VAF"], np.mean)
+    if "impedance" in tables:
+        for controller in ("compensated", "uncompensated"):
+            found += impedance_headlines(controller, tables["impedance"])
+    if "walking_summary" in tables:
+        found += means(tables["walking_summary"], WALKING)
+    if "walking" in tables:
+        found += over_fits(WALKING_VAF, tables["walking"]["VAF"], np.mean)
+    return found
+
+
+def over_all_amplitudes(table: pl.DataFrame) -> pl.DataFrame:
+    """The rows that were fitted to all amplitudes of their trial together."""
+    return table.filter(pl.col("amplitude_deg").is_null())
+
+
+def means(table: pl.DataFrame, labels: Mapping[str, Label]) -> list[Headline]:
+    """Means over repeats with their Student intervals, of the labelled quantities that a summary table lists."""
+    if "estimator" in table.columns:
+        table = table.filter(pl.col("estimator") == PER_PERTURBATION)
+    rows = {row["quantity"]: row for row in table.iter_rows(named=True)}
+    found = []
+    for quantity, label in labels.items():
+        if quantity not in rows:
+            continue
+        n, mean, low, high = (rows[quantity][column] for column in ("n", "mean", "low", "high"))
+        if mean is None or not math.isfinite(mean):
+            raise InputError(
+                f"summary table: the mean of '{quantity}' is {mean}; look for a fit without a result in its trials"
+            )
+        found.append(headline(label, mean, low, high, STUDENT, int(n)))
+    return found
+
+
+def impedance_headlines(controller: str, impedance: pl.DataFrame) -> list[Headline]:
+    """VAF over trials and amplitudes, errors of K and B over trials, and the example of Fig. 4, for one controller."""
+    fits = impedance.filter(pl.col("controller") == controller)
+    trials = over_all_amplitudes(fits)
+    vaf = fits.filter(pl.col("amplitude_deg").is_not_null())["VAF"]
+    K_error = 100 * (trials["K"] / trials["K_d"] - 1).abs()
+    B_error = (trials["B"] - trials["B_d"]).abs()
+
+    def label(name: str, unit: str, macro: str, meaning: str) -> Label:
+        return Label(f"{name}_{controller}", unit, None, controller.capitalize() + macro, f"{meaning}, {controller}")
+
+    return [
+        *over_fits(label("VAF_median", "%", "VAFMedian", "median VAF of trials and amplitudes"), vaf, np.median),
+        *over_fits(label("VAF_mean", "%", "VAFMean", "mean VAF of trials and amplitudes"), vaf, np.mean),
+        *over_fits(label("K_error", "%", "StiffnessError", "mean |K/K_d - 1| of trials"), K_error, np.mean),
+        *over_fits(label("B_error", "N*m*s/rad", "DampingError", "mean |B - B_d| of trials"), B_error, np.mean),
+        *example_headlines(controller, trials),
+    ]
+
+
+def example_headlines(controller: str, trials: pl.DataFrame) -> list[Headline]:
+    """K and B of the trial that Fig. 4 shows; over repeats of it, their mean."""
+    rows = trials.filter((pl.col("K_d") == EXAMPLE_K_D) & (pl.col("B_d") == EXAMPLE_B_D))
+    found = []
+    for symbol, word, unit in (("K", "Stiffness", "N*m/rad"), ("B", "Damping", "N*m*s/rad")):
+        meaning = f"{symbol} for K_d = {EXAMPLE_K_D:g}, B_d = {EXAMPLE_B_D:g}, {controller}"
+        label = Label(f"{symbol}_example_{controller}", unit, None, f"{controller.capitalize()}Example{word}", meaning)
+        if len(rows) == 1 and rows[f"{symbol}_se"].is_finite().all():
+            value, half = rows[symbol][0], NORMAL_95 * rows[f"{symbol}_se"][0]
+            found.append(headline(label, value, value - half, value + half, STANDARD_ERROR, 1))
+        else:
+            found += over_fits(label, rows[symbol], np.mean)
+    return found
+
+
+def over_fits(label: Label, values: pl.Series, middle: Callable[[Array], np.floating]) -> list[Headline]:
+    """Mean or median of the finite values, with their range if they are several; nothing where none is finite."""
+    finite = values.filter(values.is_finite()).to_numpy()
+    if not len(finite):
+        return []
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) > 1 else (None, None)
+    return [headline(label, float(middle(finite)), low, high, RANGE, len(finite))]
+
+
+def headline(label: Label, value: float, low: float | None, high: float | None, interval: str, n: int) -> Headline:
+    """A number without an interval where a bound is missing (a single trial has no scatter)."""
+    if low is None or high is None or not (math.isfinite(low) and math.isfinite(high)):
+        return Headline(**asdict(label), value=value, low=None, high=None, interval=None, n=n)
+    return Headline(**asdict(label), value=value, low=low, high=high, interval=interval, n=n)

@@ -1,0 +1,91 @@
+"""Belt stiffness (Fig. 3), transmission losses, and the rendered impedance on the dynamometer (Figs. 4-7)."""
+
+DYNAMOMETER = CONFIG.dynamometer.model_dump(mode="json")
+
+
+def dynamometer_settings(params) -> DynamometerAnalysis:
+    """The dynamometer's part of the configuration, as the job's parameters carry it."""
+    return DynamometerAnalysis.model_validate(params.settings)
+
+
+rule fit_belt_trial:
+    input:
+        trial=RESULTS / "trials/{trial}.parquet",
+        parameters=CONFIG.parameters,
+    output:
+        fit=RESULTS / "fits/belt/{trial}.csv",
+        curve=RESULTS / "fits/belt_curves/{trial}.csv",
+    log:
+        RESULTS / "logs/belt/{trial}.log",
+    params:
+        code=jobs.code("commands.belt"),
+        settings=DYNAMOMETER,
+    run:
+        jobs.run_job(
+            log[0],
+            "belt.fit_trial",
+            trial=Path(input.trial),
+            parameters=Path(input.parameters),
+            settings=dynamometer_settings(params),
+            output=Path(output.fit),
+            curve=Path(output.curve),
+        )
+
+
+rule fit_transmission_trial:
+    input:
+        trial=RESULTS / "trials/{trial}.parquet",
+    output:
+        RESULTS / "fits/transmission/{trial}.csv",
+    log:
+        RESULTS / "logs/transmission/{trial}.log",
+    params:
+        code=jobs.code("commands.transmission"),
+        settings=DYNAMOMETER,
+    run:
+        jobs.run_job(
+            log[0],
+            "transmission.fit_trial",
+            trial=Path(input.trial),
+            settings=dynamometer_settings(params),
+            output=Path(output[0]),
+        )
+
+
+rule fit_impedance_trial:
+    input:
+        trial=RESULTS / "trials/{trial}.parquet",
+        parameters=CONFIG.parameters,
+    output:
+        fit=RESULTS / "fits/impedance/{trial}.csv",
+        phasors=RESULTS / "fits/phasors/{trial}.csv",
+    log:
+        RESULTS / "logs/impedance/{trial}.log",
+    params:
+        code=jobs.code("commands.impedance"),
+        settings=DYNAMOMETER,
+        row=lambda wildcards: {key: CAMPAIGN.row(wildcards.trial)[key] for key in ("controller", "K_d", "B_d")},
+    run:
+        jobs.run_job(
+            log[0],
+            "impedance.fit_trial",
+            trial=Path(input.trial),
+            parameters=Path(input.parameters),
+            settings=dynamometer_settings(params),
+            output=Path(output.fit),
+            phasors=Path(output.phasors),
+            **params.row,
+        )
+
+
+rule frequency_response:
+    input:
+        phasors=RESULTS / "tables/phasors.csv",
+    output:
+        RESULTS / "tables/frequency_response.csv",
+    log:
+        RESULTS / "logs/tables/frequency_response.log",
+    params:
+        code=jobs.code("commands.response"),
+    run:
+        jobs.run_job(log[0], "response.frequency_response", phasors=Path(input.phasors), output=Path(output[0]))

@@ -1,0 +1,192 @@
+"""Tables -> the numbers that a figure plots (CSV) -> the figure, and the headline numbers."""
+
+SUFFIXES = ("pdf", "svg", "png")
+TIME_SERIES = CONFIG.figures.time_series
+RESPONSE = CONFIG.figures.frequency_response
+FIGURES = {  # what the campaign must have for each
+    "fig3": CAMPAIGN.trials("belt"),
+    "fig4": CAMPAIGN.trials("impedance") and TIME_SERIES,
+    "fig5": CAMPAIGN.trials("impedance"),
+    "fig6": CAMPAIGN.trials("impedance"),
+    "fig7": CAMPAIGN.trials("impedance") and RESPONSE,
+    "fig8": CONFIG.impedance_trajectory,
+    "fig9": CAMPAIGN.trials("walking"),
+}
+
+
+def drawn_figures() -> list[Path]:
+    """Every figure that the campaign's experiments give, in each format, and its numbers."""
+    return [
+        RESULTS / f"figures/{figure}.{suffix}"
+        for figure, present in FIGURES.items()
+        if present
+        for suffix in ("csv", *SUFFIXES)
+    ]
+
+
+def time_series_trial(wildcards) -> Path:
+    """The ingested trial that Fig. 4 shows."""
+    trial = CAMPAIGN.impedance_trial(TIME_SERIES.controller, TIME_SERIES.K_d, TIME_SERIES.B_d)
+    return RESULTS / f"trials/{trial}.parquet"
+
+
+rule plot_numbers_fig3:
+    input:
+        curves=fitted("belt_curves"),
+        summary=RESULTS / "tables/belt_summary.csv",
+    output:
+        RESULTS / "figures/fig3.csv",
+    log:
+        RESULTS / "logs/figures/fig3_numbers.log",
+    params:
+        code=jobs.code("commands.belt"),
+    run:
+        jobs.run_job(
+            log[0],
+            "belt.plot_numbers",
+            curves=[Path(p) for p in input.curves],
+            summary=Path(input.summary),
+            output=Path(output[0]),
+        )
+
+
+rule plot_numbers_fig4:
+    input:
+        trial=time_series_trial,
+    output:
+        RESULTS / "figures/fig4.csv",
+    log:
+        RESULTS / "logs/figures/fig4_numbers.log",
+    params:
+        code=jobs.code("commands.time_series"),
+        settings=DYNAMOMETER,
+        choice=TIME_SERIES and TIME_SERIES.model_dump(mode="json"),
+    run:
+        jobs.run_job(
+            log[0],
+            "time_series.plot_numbers",
+            trial=Path(input.trial),
+            settings=dynamometer_settings(params),
+            choice=TIME_SERIES,
+            output=Path(output[0]),
+        )
+
+
+rule plot_numbers_fig5_fig6:
+    input:
+        table=RESULTS / "tables/impedance.csv",
+    output:
+        RESULTS / "figures/{figure}.csv",
+    log:
+        RESULTS / "logs/figures/{figure}_numbers.log",
+    wildcard_constraints:
+        figure="fig5|fig6",
+    params:
+        code=jobs.code("commands.figure"),
+        figure=lambda wildcards: jobs.code(f"figures.{wildcards.figure}"),
+    run:
+        jobs.run_job(
+            log[0],
+            f"figure.plotted_numbers_{wildcards.figure}",
+            impedance_csv=Path(input.table),
+            figure_csv=Path(output[0]),
+        )
+
+
+rule plot_numbers_fig7:
+    input:
+        table=RESULTS / "tables/frequency_response.csv",
+        parameters=CONFIG.parameters,
+    output:
+        RESULTS / "figures/fig7.csv",
+    log:
+        RESULTS / "logs/figures/fig7_numbers.log",
+    params:
+        code=jobs.code("commands.response"),
+        choice=RESPONSE and RESPONSE.model_dump(mode="json"),
+        frequencies_hz=CONFIG.dynamometer.frequencies_hz,
+    run:
+        jobs.run_job(
+            log[0],
+            "response.plot_numbers",
+            table=Path(input.table),
+            parameters=Path(input.parameters),
+            frequencies_hz=params.frequencies_hz,
+            output=Path(output[0]),
+            **params.choice,
+        )
+
+
+rule plot_numbers_fig8:
+    input:
+        table=RESULTS / "tables/gains.csv",
+    output:
+        RESULTS / "figures/fig8.csv",
+    log:
+        RESULTS / "logs/figures/fig8_numbers.log",
+    params:
+        code=jobs.code("commands.figure"),
+        figure=jobs.code("figures.fig8"),
+    run:
+        jobs.run_job(log[0], "figure.plotted_numbers_fig8", gains_csv=Path(input.table), figure_csv=Path(output[0]))
+
+
+rule plot_numbers_fig9:
+    input:
+        table=RESULTS / "tables/walking_summary.csv",
+    output:
+        RESULTS / "figures/fig9.csv",
+    log:
+        RESULTS / "logs/figures/fig9_numbers.log",
+    params:
+        code=jobs.code("commands.figure"),
+        figure=jobs.code("figures.fig9"),
+        commanded=CONFIG.figures.midstance_stiffness,
+    run:
+        jobs.run_job(
+            log[0],
+            "figure.plotted_numbers_fig9",
+            walking_summary_csv=Path(input.table),
+            commanded_K=params.commanded,
+            figure_csv=Path(output[0]),
+        )
+
+
+rule draw_figure:
+    input:
+        table=RESULTS / "figures/{figure}.csv",
+    output:
+        multiext(str(RESULTS / "figures/{figure}"), *(f".{suffix}" for suffix in SUFFIXES)),
+    log:
+        RESULTS / "logs/figures/{figure}.log",
+    params:
+        code=jobs.code("commands.figure"),
+        figure=lambda wildcards: jobs.code(f"figures.{wildcards.figure}"),
+    run:
+        jobs.run_job(
+            log[0],
+            "figure.draw_figure",
+            name=wildcards.figure,
+            table_csv=Path(input.table),
+            outputs=[Path(p) for p in output],
+        )
+
+
+rule headline_numbers:
+    input:
+        tables=result_tables(),
+    output:
+        summary=RESULTS / "summary.json",
+        macros=RESULTS / "numbers.tex",
+    log:
+        RESULTS / "logs/summary.log",
+    params:
+        code=jobs.code("commands.summarise"),
+    run:
+        jobs.run_job(
+            log[0],
+            "summarise.write_summary",
+            table_paths={Path(p).stem: Path(p) for p in input.tables},
+            summary_json=Path(output.summary),
+            numbers_tex=Path(output.macros),
+        )

@@ -1,0 +1,76 @@
+"""Fits of single trials -> tidy tables."""
+
+FILLED_BY = {  # table: the trials whose fits are its rows
+    "belt": CAMPAIGN.trials("belt"),
+    "belt_curves": CAMPAIGN.trials("belt"),
+    "transmission": CAMPAIGN.trials("transmission"),
+    "impedance": CAMPAIGN.trials("impedance"),
+    "phasors": CAMPAIGN.trials("impedance"),
+    "walking": CAMPAIGN.crossings(perturbed=True),
+    "ankle_moment": CAMPAIGN.trials("gait"),
+}
+SUMMARISED = ("belt", "transmission")
+
+
+def fitted(*tables: str) -> list[Path]:
+    """The fits of single trials behind these tables, or behind all."""
+    return [RESULTS / f"fits/{table}/{trial}.csv" for table in tables or FILLED_BY for trial in FILLED_BY[table]]
+
+
+def result_tables() -> list[Path]:
+    """Every table that the campaign's experiments give."""
+    tables = [table for table, trials in FILLED_BY.items() if trials and table != "belt_curves"]
+    tables += [f"{table}_summary" for table in (*SUMMARISED, "walking") if table in tables]
+    tables += ["frequency_response"] * ("impedance" in tables)
+    tables += ["gains"] * bool(CONFIG.impedance_trajectory)
+    return [RESULTS / f"tables/{table}.csv" for table in tables]
+
+
+rule table:
+    input:
+        rows=lambda wildcards: fitted(wildcards.table),
+    output:
+        RESULTS / "tables/{table}.csv",
+    log:
+        RESULTS / "logs/tables/{table}.log",
+    wildcard_constraints:
+        table="|".join(FILLED_BY),
+    params:
+        code=jobs.code("commands.repeats"),
+    run:
+        jobs.run_job(log[0], "repeats.gather", rows=[Path(p) for p in input.rows], output=Path(output[0]))
+
+
+rule summary_table:
+    input:
+        table=RESULTS / "tables/{table}.csv",
+    output:
+        RESULTS / "tables/{table}_summary.csv",
+    log:
+        RESULTS / "logs/tables/{table}_summary.log",
+    wildcard_constraints:
+        table="|".join(SUMMARISED),
+    params:
+        code=lambda wildcards: jobs.code(f"commands.{wildcards.table}"),
+    run:
+        jobs.run_job(log[0], f"{wildcards.table}.summarise", table=Path(input.table), output=Path(output[0]))
+
+
+rule gains_table:
+    input:
+        trajectory=CONFIG.impedance_trajectory or [],
+        parameters=CONFIG.parameters,
+    output:
+        RESULTS / "tables/gains.csv",
+    log:
+        RESULTS / "logs/tables/gains.log",
+    params:
+        code=jobs.code("commands.gains"),
+    run:
+        jobs.run_job(
+            log[0],
+            "gains.select_trajectory",
+            trajectory=Path(input.trajectory),
+            parameters=Path(input.parameters),
+            output=Path(output[0]),
+        )

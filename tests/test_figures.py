@@ -1,0 +1,422 @@
+"""Figures show the numbers of their tables: checked on the lines, markers and bars that they draw."""
+
+import os
+import subprocess
+import sys
+from importlib import import_module
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+
+from osl_analysis.commands.figure import (
+    FIGURES,
+    draw_figure,
+    draw_table,
+    plotted_numbers_fig5,
+    plotted_numbers_fig6,
+    plotted_numbers_fig8,
+    plotted_numbers_fig9,
+)
+from osl_analysis.errors import InputError
+from osl_analysis.figures import fig3, fig4, fig5, fig6, fig7, fig8, fig9
+from osl_analysis.figures.style import LOOKS, MAGENTA, ORANGE, PURPLE, SINGLE_COLUMN
+from osl_analysis.table_file import read_table, write_table
+
+K_S = 685.6
+
+
+def belt_table():
+    deflection = np.linspace(0, 5, 20)
+    trials = [
+        pl.DataFrame(
+            {"trial": f"belt_{i:02d}", "branch": "loading", "theta_s_deg": deflection, "torque": i + 12 * deflection}
+        )
+        for i in range(1, 11)
+    ]
+    mean = {"trial": fig3.MEAN_SLOPE, "branch": "loading", "theta_s_deg": [0.0, 5.0], "torque": [0.0, 59.8]}
+    interval = {"K_s": [K_S] * 2, "K_s_low": [682.9] * 2, "K_s_high": [688.3] * 2}
+    return pl.concat([*trials, pl.DataFrame(mean | interval)], how="diagonal")
+
+
+def time_series():
+    time = np.arange(0, 10, 0.01)
+    torque = 30 * np.sin(8 * time)
+    return pl.DataFrame(
+        {"time": time, "theta_deg": 6 * np.sin(8 * time), "torque": torque, "torque_model": 0.99 * torque}
+    )
+
+
+def impedance():
+    rng, rows = np.random.default_rng(1), []
+    for controller, share in (("compensated", lambda K: 1.0), ("uncompensated", lambda K: K_S / (K + K_S))):
+        for K_d in (100.0, 200.0, 300.0, 400.0):
+            for B_d in (0.0, 2.5, 5.0, 7.5):
+                for amplitude in (2.0, 4.0, 6.0, None):
+                    rows.append({
+                        "trial": f"impedance_K{K_d:.0f}_B{B_d:.1f}_{controller}", "controller": controller, "K_d": K_d,
+                        "B_d": B_d, "amplitude_deg": amplitude, "K": K_d * share(K_d) * rng.normal(1, 0.01),
+                        "K_se": 0.5, "B": B_d * share(K_d) ** 2 + 0.4, "B_se": 0.05,
+                        "VAF": 100 - 10 ** rng.normal(-0.3 if controller == "compensated" else 0.5, 0.3),
+                        "K_predicted": K_d * share(K_d), "B_predicted": B_d + 0.3,
+                    })  # fmt: skip
+    return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def response_table():
+    frequency = [1.0, 2.0, 3.0, 4.0, 5.0]
+    response = pl.concat(
+        pl.DataFrame({
+            "controller": controller, "K_d": 200.0, "B_d": 7.5, "frequency_hz": frequency,
+            "magnitude": [5e-3, 4.8e-3, 4.4e-3, 4.0e-3, 3.5e-3], "magnitude_se": 1e-4,
+            "phase_deg": [-13.0, -25.0, -35.0, -43.0, -50.0], "phase_se_deg": 0.5,
+        })
+        for controller in ("compensated", "uncompensated")
+    )  # fmt: skip
+    curves = pl.concat(
+        pl.DataFrame({"condition": name, "frequency_hz": frequency, "magnitude": 4e-3, "phase_deg": -30.0})
+        for name in ("desired", f"compensated{fig7.LINEAR_MODEL}", f"uncompensated{fig7.LINEAR_MODEL}")
+    )
+    return fig7.points(response, curves)
+
+
+def gains():
+    phase = np.linspace(0, 0.6, 31)
+    K_d = 100 + 240 * np.sin(np.pi * phase / 0.6)
+    return pl.DataFrame({"phase": phase, "K_d": K_d, "B_d": 2 + phase, "K_1_joint": 2 * K_d, "B_1_joint": 3 + phase})
+
+
+def walking_summary():
+    values = {"mean": [338.0, 4.3, 0.012, 97.0], "sd": [20.0, 0.7, 0.02, 1.0]}
+    return pl.DataFrame({"quantity": ["K", "B", "I", "VAF"], "n": 31, **values, "low": 0.0, "high": 1.0})
+
+
+def plotted(name):
+    tables = {
+        "fig3": belt_table,
+        "fig4": time_series,
+        "fig5": lambda: fig5.points(impedance()),
+        "fig6": lambda: fig6.points(impedance()),
+        "fig7": response_table,
+        "fig8": lambda: fig8.points(gains()),
+        "fig9": lambda: fig9.points(walking_summary(), 340.0),
+    }
+    return tables[name]()
+
+
+def line(ax, label):
+    """Data (2, n) of the line with that label."""
+    (found,) = [artist for artist in ax.lines if artist.get_label() == label]
+    return np.array(found.get_data(), dtype=float)
+
+
+def texts(figure):
+    return " ".join(text.get_text() for text in figure.findobj(lambda a: hasattr(a, "get_text")))
+
+
+def test_fig3_draws_every_trial_grey_and_the_mean_slope_dashed_magenta_with_its_interval():
+    figure = fig3.draw(belt_table())
+    *trials, mean = figure.axes[0].lines
+    assert len(trials) == 10
+    for number, trial in enumerate(trials, start=1):
+        rows = belt_table().filter(pl.col("trial") == f"belt_{number:02d}")
+        np.testing.assert_array_equal(trial.get_data(), [rows["theta_s_deg"], rows["torque"]])
+        assert trial.get_alpha() < 1
+    np.testing.assert_array_equal(mean.get_data(), [[0, 5], [0, 59.8]])
+    assert mean.get_color() == MAGENTA
+    assert mean.is_dashed()
+    assert "685.6" in texts(figure)
+    assert "682.9 to 688.3" in texts(figure)
+
+
+def test_fig3_of_a_single_trial_claims_no_interval():
+    table = belt_table().with_columns(
+        pl.lit(None, pl.Float64).alias("K_s_low"), pl.lit(None, pl.Float64).alias("K_s_high")
+    )
+    assert "685.6" in texts(fig3.draw(table))
+    assert "interval" not in texts(fig3.draw(table))
+
+
+def test_fig4_draws_angle_torque_and_the_dashed_fit():
+    table = time_series()
+    angle, torque = fig4.draw(table).axes
+    np.testing.assert_array_equal(angle.lines[0].get_data(), [table["time"], table["theta_deg"]])
+    np.testing.assert_array_equal(line(torque, "Measured"), [table["time"], table["torque"]])
+    np.testing.assert_array_equal(line(torque, "Best-fit second-order system"), [table["time"], table["torque_model"]])
+
+
+@pytest.mark.parametrize(("panel", "symbol"), [(0, "K"), (1, "B")])
+def test_fig5_draws_every_trial_at_its_desired_value_beside_the_identity(panel, symbol):
+    table = fig5.points(impedance())
+    ax = fig5.draw(table).axes[panel]
+    for controller, look in LOOKS.items():
+        if controller != "desired":
+            rows = table.filter(pl.col("controller") == controller)
+            assert len(rows) == 16
+            np.testing.assert_array_equal(line(ax, look.label), [rows[f"{symbol}_d"], rows[symbol]])
+    (identity,) = [a for a in ax.lines if a.get_label() == "Desired"]
+    assert identity.get_slope() == 1
+    assert identity.get_xy1() == (0, 0)
+
+
+def test_fig5_intervals_reach_196_standard_errors_to_either_side_and_are_drawn():
+    table = fig5.points(impedance())
+    np.testing.assert_allclose(table["K_high"] - table["K"], 1.96 * 0.5)
+    np.testing.assert_allclose(table["B"] - table["B_low"], 1.96 * 0.05)
+    drawn = [s for c in fig5.draw(table).axes[0].collections for s in c.get_segments()]
+    np.testing.assert_array_equal(sorted(s[0][1] for s in drawn), sorted(table["K_low"]))
+    np.testing.assert_array_equal(sorted(s[1][1] for s in drawn), sorted(table["K_high"]))
+
+
+def test_fig5_takes_only_the_fits_over_all_amplitudes_and_says_when_there_is_none():
+    assert len(fig5.points(impedance())) == 32
+    with pytest.raises(InputError, match="no fit over all amplitudes"):
+        fig5.points(impedance().filter(pl.col("amplitude_deg").is_not_null()))
+
+
+def test_fig5_without_a_prediction_draws_none():
+    figure = fig5.draw(fig5.points(impedance().drop("K_predicted", "B_predicted")))
+    assert "Linear model" not in texts(figure)
+    assert "Linear model" in texts(fig5.draw(fig5.points(impedance())))
+
+
+def test_fig6_has_a_point_for_each_of_16_trials_and_3_amplitudes_per_controller_and_marks_the_median():
+    table = fig6.points(impedance())
+    ax = fig6.draw(table).axes[0]
+    for controller in ("compensated", "uncompensated"):
+        rows = table.filter(pl.col("controller") == controller)
+        assert len(rows) == 48
+        np.testing.assert_array_equal(line(ax, LOOKS[controller].label), [rows["x"], rows["VAF"]])
+    medians = sorted(c.get_segments()[0][0][1] for c in ax.collections)
+    expected = sorted(float(np.median(g["VAF"])) for g in table.partition_by("controller"))
+    np.testing.assert_allclose(medians, expected)
+
+
+def test_fig6_markers_do_not_overlap_on_the_page_nor_leave_it():
+    table = fig6.points(impedance())
+    figure = fig6.draw(table)
+    ax = figure.axes[0]
+    for look in (LOOKS["compensated"], LOOKS["uncompensated"]):
+        points = ax.transData.transform(line(ax, look.label).T) / figure.dpi * 72
+        distance = np.hypot(*(points[:, None, :] - points[None, :, :]).transpose(2, 0, 1))
+        reach = look.size * (np.sqrt(2) if look.marker == "D" else 1)
+        assert distance[np.triu_indices(len(points), 1)].min() > reach
+    low, high = ax.get_ylim()
+    assert table["VAF"].is_between(low, high).all()
+
+
+def test_fig6_leaves_out_a_fit_without_vaf_and_draws_a_perfect_one_inside_the_panel():
+    vaf = pl.Series([float("nan"), 100.0, 99.0, 95.0])
+    table = fig6.points(impedance().filter(pl.col("amplitude_deg") == 2).head(4).with_columns(VAF=vaf))
+    assert table["VAF"].to_list() == [100.0, 99.0, 95.0]
+    low, high = fig6.draw(table).axes[0].get_ylim()
+    assert low < 95
+    assert high > 99.9999
+
+
+def test_fig6_scale_and_its_inverse_cancel():
+    vaf = np.array([-300.0, 0.0, 50.0, 90.0, 99.0, 99.99])
+    np.testing.assert_allclose(fig6.vaf_from_scale(fig6.vaf_scale(vaf)), vaf, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(fig6.vaf_scale(np.array([90.0, 99.0])), [-1, 0])
+
+
+@given(st.lists(st.floats(0, 3), min_size=1, max_size=40), st.floats(0.05, 1))
+@settings(deadline=None)
+def test_swarm_keeps_points_a_diameter_apart_and_always_in_the_same_place(values, width):
+    values = np.array(values)
+    offsets = fig6.swarm_positions(values, width)
+    np.testing.assert_array_equal(offsets, fig6.swarm_positions(values, width))
+    distance = np.hypot(values[:, None] - values, offsets[:, None] - offsets)[np.triu_indices(len(values), 1)]
+    assert (distance >= width * (1 - 1e-6)).all()
+
+
+def test_swarm_leaves_points_that_are_apart_in_the_middle_and_sets_equal_ones_side_by_side():
+    np.testing.assert_array_equal(fig6.swarm_positions(np.array([0.0, 1.0, 2.0]), 0.5), 0)
+    np.testing.assert_allclose(sorted(fig6.swarm_positions(np.zeros(3), 0.5)), [-0.5, 0, 0.5], rtol=1e-6)
+
+
+def test_fig7_draws_observed_points_with_intervals_and_the_curves():
+    table = response_table()
+    magnitude, phase = fig7.draw(table).axes
+    for ax, column in ((magnitude, "magnitude"), (phase, "phase_deg")):
+        for condition, look in LOOKS.items():
+            rows = table.filter(pl.col("condition") == condition)
+            np.testing.assert_array_equal(line(ax, look.label), [rows["frequency_hz"], rows[column]])
+        assert len(ax.lines) == 5
+    assert magnitude.get_yscale() == "log"
+    bars = phase.collections[0].get_segments()
+    np.testing.assert_allclose([bars[0][0][1], bars[0][1][1]], [-13 - 1.96 * 0.5, -13 + 1.96 * 0.5])
+
+
+def test_fig7_refuses_a_mixture_of_desired_impedances():
+    mixed = pl.DataFrame({"K_d": [100.0, 200.0], "B_d": [0.0, 0.0]})
+    with pytest.raises(InputError, match="2 desired impedances"):
+        fig7.points(mixed, pl.DataFrame())
+
+
+def test_fig8_draws_desired_impedance_and_gains_at_the_joint_over_the_gait():
+    table = gains()
+    panels = fig8.draw(fig8.points(table)).axes
+    for ax, desired, gain in zip(panels, ("K_d", "B_d"), ("K_1_joint", "B_1_joint"), strict=True):
+        np.testing.assert_array_equal(ax.lines[0].get_data(), [table["phase"], table[desired]])
+        np.testing.assert_array_equal(ax.lines[1].get_data(), [table["phase"], table[gain]])
+    assert panels[1].xaxis.get_major_formatter()(0.4) == "40"
+
+
+def test_fig9_bars_are_means_their_whiskers_one_sd_and_the_commanded_stiffness_stands_in_its_panel_only():
+    figure = fig9.draw(fig9.points(walking_summary(), 340.0))
+    for ax, mean, sd in zip(figure.axes, (338.0, 4.3, 0.012), (20.0, 0.7, 0.02), strict=True):
+        assert ax.patches[0].get_height() == mean
+        (whisker,) = [s for c in ax.collections for s in c.get_segments()]
+        np.testing.assert_allclose(whisker[:, 1], [mean - sd, mean + sd])
+    commanded = [340.0 in [y for a in ax.lines for y in a.get_ydata()] for ax in figure.axes]
+    assert commanded == [True, False, False]
+
+
+def test_fig9_of_a_single_perturbation_has_no_whisker_and_no_command_unless_given():
+    table = fig9.points(walking_summary().with_columns(sd=pl.lit(None, pl.Float64)), None)
+    figure = fig9.draw(table)
+    assert not any(ax.collections for ax in figure.axes)
+    assert "commanded" not in texts(figure)
+
+
+def test_fig9_takes_the_mean_of_perturbations_where_there_are_several_estimators():
+    other = walking_summary().with_columns(estimator=pl.lit("ensemble"), mean=pl.lit(1.0))
+    both = pl.concat([other, walking_summary().with_columns(estimator=pl.lit(fig9.PER_PERTURBATION))], how="diagonal")
+    assert fig9.points(both, None)["mean"].to_list() == [338.0, 4.3, 0.012]
+    with pytest.raises(InputError, match="no 'K' over perturbations"):
+        fig9.points(other, None)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_every_figure_fits_the_page_reads_at_8_points_and_comes_out_the_same_twice(name, tmp_path):
+    write_table(plotted(name), tmp_path / "t.csv")
+    outputs = [tmp_path / f"{name}{suffix}" for suffix in (".pdf", ".svg", ".png")]
+    draw_figure(name, tmp_path / "t.csv", outputs)
+    first = [path.read_bytes() for path in outputs]
+    draw_figure(name, tmp_path / "t.csv", outputs)
+    assert [path.read_bytes() for path in outputs] == first
+    assert b"/Type3" not in first[0]
+    figure: Figure = import_module(f"osl_analysis.figures.{name}").draw(plotted(name))
+    assert figure.get_figwidth() in (SINGLE_COLUMN, 7.16)
+    assert {t.get_fontsize() for t in figure.findobj(lambda a: hasattr(a, "get_fontsize")) if t.get_text()} == {8.0}
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_no_lettering_is_cut_off_at_the_edge_of_the_page(name):
+    figure = import_module(f"osl_analysis.figures.{name}").draw(plotted(name))
+    figure.draw_without_rendering()
+    inked, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    hair = 0.01
+    assert inked.x0 > -hair
+    assert inked.y0 > -hair
+    assert inked.x1 < width + hair
+    assert inked.y1 < height + hair
+
+
+def test_a_figure_is_the_same_in_another_process_whatever_the_users_matplotlib_settings(tmp_path):
+    write_table(plotted("fig5"), tmp_path / "t.csv")
+    (tmp_path / "users").write_text("font.size: 20\npdf.fonttype: 3\nsavefig.bbox: tight\n")
+    (tmp_path / "plain").write_text("")
+    drawn = []
+    for seed, settings_file in (("1", "plain"), ("2", "users")):
+        code = (
+            "from pathlib import Path; from osl_analysis.commands.figure import draw_figure; "
+            f"draw_figure('fig5', Path('t.csv'), [Path('{seed}.pdf'), Path('{seed}.svg')])"
+        )
+        env = os.environ | {"PYTHONHASHSEED": seed, "MATPLOTLIBRC": str(tmp_path / settings_file)}
+        subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=env, check=True)
+        drawn.append([(tmp_path / f"{seed}.{suffix}").read_bytes() for suffix in ("pdf", "svg")])
+    assert drawn[0] == drawn[1]
+
+
+def test_drawing_a_figure_imports_neither_pyplot_nor_the_other_figures(tmp_path):
+    write_table(plotted("fig8"), tmp_path / "t.csv")
+    code = (
+        "import sys; from pathlib import Path; from osl_analysis.commands.figure import draw_figure; "
+        "assert 'matplotlib' not in sys.modules; draw_figure('fig8', Path('t.csv'), [Path('f.png')]); "
+        "assert 'matplotlib.pyplot' not in sys.modules and 'osl_analysis.figures.fig6' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
+
+
+def lightness(rgb):
+    """CIE L* of linear-light sRGB, shape (3,)."""
+    Y = float(np.dot([0.2126, 0.7152, 0.0722], rgb))
+    return 116 * Y ** (1 / 3) - 16
+
+
+@pytest.mark.parametrize(
+    ("vision", "matrix"),
+    [
+        ("ordinary", np.eye(3)),
+        # Machado, Oliveira and Fernandes (2009), severity 1, for linear light
+        ("protan", [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]),
+        ("deutan", [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]),
+        ("tritan", [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]]),
+    ],
+)
+def test_controllers_differ_in_lightness_for_every_reader_and_in_marker(vision, matrix):
+    orange, purple = (np.clip(matrix @ linear_light(colour), 0, 1) for colour in (ORANGE, PURPLE))
+    assert lightness(orange) - lightness(purple) > 15, vision
+    assert LOOKS["compensated"].marker != LOOKS["uncompensated"].marker
+
+
+def linear_light(colour):
+    s = np.array(to_rgb(colour))
+    return np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
+
+
+@pytest.mark.parametrize("colour", [ORANGE, PURPLE, MAGENTA])
+def test_colours_stand_out_from_paper_by_at_least_three_to_one(colour):
+    Y = float(np.dot([0.2126, 0.7152, 0.0722], linear_light(colour)))
+    assert 1.05 / (Y + 0.05) >= 3
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_table_without_a_column_is_refused_by_file_and_column_and_nothing_is_drawn(name, tmp_path):
+    module = import_module(f"osl_analysis.figures.{name}")
+    write_table(plotted(name).drop(module.COLUMNS[-1]), tmp_path / "t.csv")
+    with pytest.raises(InputError, match=rf"t\.csv: no column '{module.COLUMNS[-1]}'"):
+        draw_figure(name, tmp_path / "t.csv", [tmp_path / "f.pdf"])
+    assert [path.name for path in tmp_path.iterdir()] == ["t.csv"]
+
+
+def test_numbers_in_memory_are_drawn_as_a_file_of_the_format_that_its_suffix_names(tmp_path):
+    draw_table("torque", time_series(), [tmp_path / "torque.png"])
+    assert (tmp_path / "torque.png").read_bytes().startswith(b"\x89PNG")
+    assert [path.name for path in tmp_path.iterdir()] == ["torque.png"]
+
+
+def test_unknown_figures_formats_and_empty_tables_are_refused(tmp_path):
+    write_table(plotted("fig8").clear(), tmp_path / "empty.csv")
+    with pytest.raises(InputError, match=r"no figure 'fig2'; there are fig3"):
+        draw_figure("fig2", tmp_path / "t.csv", [])
+    with pytest.raises(InputError, match=r"f\.jpg: figures are written as \.pdf, \.svg, \.png"):
+        draw_table("fig8", plotted("fig8"), [tmp_path / "f.jpg"])
+    with pytest.raises(InputError, match=r"empty\.csv: no rows to draw as fig8"):
+        draw_figure("fig8", tmp_path / "empty.csv", [tmp_path / "f.png"])
+
+
+def test_plotted_numbers_are_written_from_the_result_tables(tmp_path):
+    tables = {"impedance": impedance(), "gains": gains(), "walking_summary": walking_summary()}
+    for name, table in tables.items():
+        write_table(table, tmp_path / f"{name}.csv")
+    plotted_numbers_fig5(tmp_path / "impedance.csv", tmp_path / "fig5.csv")
+    plotted_numbers_fig6(tmp_path / "impedance.csv", tmp_path / "fig6.csv")
+    plotted_numbers_fig8(tmp_path / "gains.csv", tmp_path / "fig8.csv")
+    plotted_numbers_fig9(tmp_path / "walking_summary.csv", 340.0, tmp_path / "fig9.csv")
+    for name in ("fig5", "fig6", "fig8", "fig9"):
+        written = read_table(tmp_path / f"{name}.csv", required=import_module(f"osl_analysis.figures.{name}").COLUMNS)
+        assert written.equals(plotted(name).cast(dict(written.schema)))
+
+
+def test_a_result_table_without_a_column_is_refused_by_file_and_column(tmp_path):
+    write_table(impedance().drop("K_se"), tmp_path / "impedance.csv")
+    with pytest.raises(InputError, match=r"impedance\.csv: no column 'K_se'"):
+        plotted_numbers_fig5(tmp_path / "impedance.csv", tmp_path / "fig5.csv")
+    assert not (tmp_path / "fig5.csv").exists()

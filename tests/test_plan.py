@@ -1,0 +1,120 @@
+"""The planned sample sheet and the settings that it comes from."""
+
+import itertools
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import yaml
+
+from osl_analysis.commands.simulate import simulate_trial, write_sheet
+from osl_analysis.errors import InputError
+from osl_analysis.sheet import COLUMNS, read_sheet
+from osl_analysis.simulator.plan import plan_trials
+from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.validation import read_yaml
+
+ROOT = Path(__file__).parents[1]
+DEFAULT = ROOT / "config" / "simulation" / "default.yaml"
+TINY = ROOT / "tests" / "tiny_simulation.yaml"
+
+
+def settings_with(tmp_path, *changes):
+    """The tiny settings with values set at dotted places, as a file."""
+    content = yaml.safe_load(TINY.read_text())
+    for place, value in changes:
+        *parents, last = place.split(".")
+        inner = content
+        for parent in parents:
+            inner = inner[parent]
+        inner[last] = value
+    path = tmp_path / "settings.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def test_the_default_campaign_is_the_papers():
+    plan = plan_trials(read_yaml(DEFAULT, SimulationSettings)).set_index("trial")
+    names = [f"belt_{i:02d}" for i in range(1, 11)] + [f"transmission_{i}" for i in range(1, 6)]
+    for controller, K_d, B_d in itertools.product(
+        ("compensated", "uncompensated"), (100, 200, 300, 400), ("0.0", "2.5", "5.0", "7.5")
+    ):
+        names.append(f"impedance_K{K_d}_B{B_d}_{controller}")
+    names += ["static_1", *(f"plate_{i:02d}" for i in range(1, 7)), *(f"walking_{i:02d}" for i in range(1, 61))]
+    assert list(plan.index) == names
+    row = plan.loc["impedance_K400_B2.5_uncompensated"]
+    assert (row["K_d"], row["B_d"], row["controller"], row["log"]) == (
+        400, 2.5, "uncompensated", "dynamometer/impedance_K400_B2.5_uncompensated.mcap"
+    )  # fmt: skip
+    assert plan.loc["static_1", "mocap"] == "vicon/static_1.c3d"
+    assert plan.loc["walking_60", ["log", "log_source", "mocap", "mocap_source"]].tolist() == [
+        "leg/walking_60.mcap", "leg", "vicon/walking_60.c3d", "vicon"
+    ]  # fmt: skip
+
+
+def test_about_half_of_the_crossings_are_perturbed():
+    walking = plan_trials(read_yaml(DEFAULT, SimulationSettings)).query("experiment == 'walking'")
+    assert 20 <= walking["perturbed"].sum() <= 40  # 30 +- 2.6 SD of a fair coin
+
+
+def test_the_written_sheet_is_the_plan_and_passes_validation(tmp_path):
+    write_sheet(DEFAULT, tmp_path)
+    sheet = read_sheet(tmp_path / "trials.csv").reset_index(drop=True)
+    assert list(sheet.columns) == list(COLUMNS)
+    pd.testing.assert_frame_equal(sheet, plan_trials(read_yaml(DEFAULT, SimulationSettings)))
+
+
+def test_a_crossings_perturbation_does_not_depend_on_the_number_of_crossings():
+    settings = read_yaml(DEFAULT, SimulationSettings)
+    fewer = settings.model_copy(update={"experiments": settings.experiments.model_copy(update={"walking": 9})})
+    many, few = (plan_trials(s).query("experiment == 'walking'")["perturbed"].tolist() for s in (settings, fewer))
+    assert few == many[:9]
+
+
+def test_another_seed_draws_other_perturbations():
+    settings = read_yaml(DEFAULT, SimulationSettings)
+    other = plan_trials(settings.model_copy(update={"seed": 2}))["perturbed"]
+    assert not other.equals(plan_trials(settings)["perturbed"])
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "match"),
+    [
+        ("effects.load_cell_noise.unit", "mN*m", r"effects.load_cell_noise.*unit must be 'N\*m'"),
+        ("effects.control_delay.size", 1.5, "effects.control_delay.*whole number"),
+        ("effects.velocity_filter.size", 0, "effects.velocity_filter.*enabled: false"),
+        ("effects.friction.size", -1, "effects.friction.size.*greater than or equal to 0"),
+        ("effects.fricton", {}, "unknown field 'effects.fricton'"),
+        ("drivetrain.control_updates", 3, "drivetrain.*control_updates must divide substeps"),
+        ("protocol.cycles", 2.5, "protocol.cycles"),
+        ("protocol.amplitudes_deg", [], "protocol.amplitudes_deg"),
+        ("experiments.controllers", ["ideal"], "experiments.controllers.0: 'ideal'"),
+        ("experiments.walking", 3, "'walking' names no settings file"),
+        ("seed", "x", "seed: 'x'"),
+    ],
+)
+def test_a_wrong_setting_is_named_with_its_place(tmp_path, place, value, match):
+    path = settings_with(tmp_path, (place, value))
+    with pytest.raises(InputError, match=match) as refused:
+        read_yaml(path, SimulationSettings)
+    assert str(refused.value).startswith(f"{path}: ")
+    assert "\n" not in str(refused.value)
+
+
+def test_a_campaign_without_trials_is_refused(tmp_path):
+    path = settings_with(tmp_path, ("experiments.belt", 0), ("experiments.transmission", 0), ("experiments.K_d", []))
+    with pytest.raises(InputError, match="ask for at least one"):
+        read_yaml(path, SimulationSettings)
+
+
+def test_a_trial_that_is_not_planned_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    with pytest.raises(InputError, match="plans no trial 'belt_99'; it has 5, from 'belt_01' to 'impedance"):
+        simulate_trial(TINY, tmp_path, "belt_99")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_missing_parameter_file_is_named(tmp_path):
+    path = settings_with(tmp_path, ("parameters", "nowhere.yaml"))
+    with pytest.raises(InputError, match=r"nowhere.yaml: no such file"):
+        simulate_trial(path, tmp_path / "raw", "belt_01")

@@ -1,0 +1,196 @@
+"""The simulated drivetrain against linear theory, sampled-data theory and hand-made motions."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from osl_analysis.errors import InputError
+from osl_analysis.model.compensator import compensated_gains, motor_current, uncompensated_gains
+from osl_analysis.model.drivetrain import belt_torque, joint_admittance, motor_friction
+from osl_analysis.parameters import read_parameters
+from osl_analysis.simulator.drivetrain_kernel import feedforward_current, friction_level
+from osl_analysis.simulator.drivetrain_sim import (
+    IDEAL,
+    ControlCommands,
+    simulate_belt_torque,
+    simulate_drivetrain,
+)
+
+P = read_parameters(Path(__file__).parents[1] / "config" / "parameters" / "default.yaml")
+RATE = 1000.0
+CONTINUOUS = replace(IDEAL, substeps=100, control_updates=100)
+
+
+def constant(n, K_1, B_1=0.0, theta_eq=0.0, cancels_friction=False):
+    one = np.ones(n)
+    return ControlCommands(K_1 * one, B_1 * one, theta_eq * one, cancels_friction)
+
+
+def joint_stiffness_at(frequency_hz, gains, effects, p=P):
+    """Complex torque over angle from whole settled cycles of a simulated sine, without J_j."""
+    w, t = 2 * np.pi * frequency_hz, np.arange(int(8 * RATE)) / RATE
+    theta, omega = 0.07 * np.sin(w * t), 0.07 * w * np.cos(w * t)
+    commands = constant(len(t), gains.K_1, gains.B_1, cancels_friction=gains.cancels_friction)
+    motion = simulate_drivetrain(RATE, theta, omega, commands, effects, p)
+    settled = slice(int(4 * RATE), None)
+    turn = np.exp(-1j * w * t[settled])
+    return ((motion.belt_torque + p.B_j * omega)[settled] @ turn) / (theta[settled] @ turn)
+
+
+@pytest.mark.parametrize("frequency_hz", [1, 3, 5])
+@pytest.mark.parametrize("gains", [compensated_gains(300, 5, P), uncompensated_gains(300, 5, P)])
+def test_without_imperfections_the_joint_is_the_admittance_of_eq_9(frequency_hz, gains):
+    Y = joint_admittance(gains.K_1, gains.B_1, P)(2j * np.pi * frequency_hz)
+    assert abs(joint_stiffness_at(frequency_hz, gains, CONTINUOUS) * Y - 1) < 3e-4
+
+
+def sampled_data_stiffness(frequency_hz, gains, delay, cutoff_hz, updates):
+    """Independent formula: held and delayed feedback of angle and filtered difference, at one frequency."""
+    s, T = 2j * np.pi * frequency_hz, 1 / (RATE * updates)
+    hold = (1 - np.exp(-s * T)) / (s * T) * np.exp(-s * T * delay)
+    a = 1 - np.exp(-2 * np.pi * cutoff_hz * T)
+    difference = (1 - np.exp(-s * T)) / T * a / (1 - (1 - a) * np.exp(-s * T))
+    control = hold * (gains.K_1 + gains.B_1 * difference)
+    M = P.J_m * s**2 + P.B_m * s + control
+    return P.B_j * s + P.K_s * M / (M + P.K_s / P.n_T**2)
+
+
+@pytest.mark.parametrize(("delay", "updates"), [(0, 1), (1, 1), (4, 1), (0, 5), (6, 5)])
+@pytest.mark.parametrize("frequency_hz", [1, 5])
+def test_hold_delay_and_velocity_filter_shift_the_phase_as_sampled_data_theory_says(delay, updates, frequency_hz):
+    gains = uncompensated_gains(300, 5, P)
+    effects = replace(IDEAL, control_delay=delay, velocity_cutoff_hz=40.0, control_updates=updates)
+    found = joint_stiffness_at(frequency_hz, gains, effects)
+    assert found == pytest.approx(sampled_data_stiffness(frequency_hz, gains, delay, 40.0, updates), rel=5e-4)
+
+
+@given(st.floats(-60, 60), st.floats(-1, 1))
+def test_the_kernels_friction_and_current_are_those_of_the_model(u, direction):
+    current = feedforward_current(u, direction, P.k_tau * P.n_m, P.f_C, P.f_G)
+    assert current == pytest.approx(float(motor_current(u, direction, P)), rel=1e-12, abs=1e-12)
+    friction = direction * friction_level(current, P.f_C, P.f_G)
+    assert friction == pytest.approx(float(motor_friction(direction, current, P)), rel=1e-12, abs=1e-12)
+
+
+def pushed_with(torque, n, effects, cancels_friction=False):
+    """An actuator without damping or belt under a constant control torque, from rest."""
+    p = replace(P, B_m=0.0, K_s=1e-9)
+    commands = constant(n, 1e-9, theta_eq=torque / 1e-9, cancels_friction=cancels_friction)
+    return simulate_drivetrain(RATE, np.zeros(n), np.zeros(n), commands, effects, p)
+
+
+@pytest.mark.parametrize(("torque", "sign"), [(2.0, 1), (-2.0, -1)])
+@pytest.mark.parametrize("scale", [1.0, 1.5])
+def test_friction_brakes_by_coulomb_and_gear_friction(torque, sign, scale):
+    motion = pushed_with(torque, 201, replace(IDEAL, friction=True, friction_scale=scale))
+    friction = scale * (P.f_C + P.f_G * 2.0 / (P.k_tau * P.n_m))
+    t = np.arange(201) / RATE
+    assert motion.omega_m == pytest.approx(sign * (2.0 - friction) / P.J_m * t, rel=1e-9, abs=1e-12)
+
+
+def test_the_actuator_sticks_below_the_breakaway_torque_and_moves_above_it():
+    friction = replace(IDEAL, friction=True)
+    breakaway = P.f_C / (1 - P.f_G / (P.k_tau * P.n_m))
+    assert not np.any(pushed_with(0.999 * breakaway, 500, friction).theta_m)
+    assert pushed_with(1.001 * breakaway, 500, friction).theta_m[-1] > 0
+
+
+def test_friction_never_reverses_a_motion_that_it_stops():
+    n = 4000
+    gains = constant(n, 2.0)
+    theta = np.full(n, 0.05)
+    motion = simulate_drivetrain(RATE, theta, np.zeros(n), gains, replace(IDEAL, friction=True), P)
+    assert np.any(motion.omega_m != 0)
+    assert np.all(motion.omega_m[-1000:] == 0)
+
+
+def test_a_controller_that_cancels_friction_accelerates_the_bare_inertia():
+    motion = pushed_with(3.0, 400, replace(IDEAL, friction=True, sign_width=0.01), cancels_friction=True)
+    gained = (motion.omega_m[-1] - motion.omega_m[100]) * RATE / 299
+    assert gained == pytest.approx(3.0 / P.J_m, rel=1e-7)
+
+
+def test_a_controller_overcomes_only_the_friction_that_it_believes_in():
+    effects = replace(IDEAL, friction=True, sign_width=0.01, friction_scale=1.2)
+    motion = pushed_with(3.0, 400, effects, cancels_friction=True)
+    missing = 0.2 * (P.f_C + P.f_G * float(motor_current(3.0, 1.0, P)))
+    gained = (motion.omega_m[-1] - motion.omega_m[200]) * RATE / 199
+    assert gained == pytest.approx((3.0 - missing) / P.J_m, rel=1e-6)
+
+
+def test_without_friction_the_controller_has_none_to_cancel():
+    gains = compensated_gains(300, 5, P)
+    cancelling = joint_stiffness_at(2, gains, IDEAL)
+    assert cancelling == joint_stiffness_at(2, replace(gains, cancels_friction=False), IDEAL)
+
+
+def test_stick_and_slip_do_not_depend_on_the_fine_step():
+    t = np.arange(6000) / RATE
+    theta, omega = 0.035 * np.sin(2 * np.pi * t), 0.035 * 2 * np.pi * np.cos(2 * np.pi * t)
+    gains = uncompensated_gains(200, 2.5, P)
+    coarse, fine = (
+        simulate_drivetrain(
+            RATE, theta, omega, constant(6000, gains.K_1, gains.B_1), replace(IDEAL, friction=True, substeps=n), P
+        )
+        for n in (20, 160)
+    )
+    assert np.mean(fine.omega_m == 0) > 0.02, "this motion sticks"
+    assert coarse.belt_torque == pytest.approx(fine.belt_torque, abs=0.02)
+
+
+def test_the_controller_sees_the_encoder_and_not_the_angle():
+    t = np.arange(2000) / RATE
+    theta, omega = 0.05 * np.sin(9 * t), 0.05 * 9 * np.cos(9 * t)
+    coarse = replace(IDEAL, encoder_resolution=0.01)
+    motion = simulate_drivetrain(RATE, theta, omega, constant(2000, 10.0, theta_eq=0.1), coarse, P)
+    seen = 0.01 * np.rint(motion.theta_m / 0.01)
+    assert motion.current == pytest.approx(10.0 * (0.1 - seen) / (P.k_tau * P.n_m), abs=1e-12)
+
+
+def test_a_delayed_current_answers_the_measurement_of_so_many_samples_before():
+    t = np.arange(500) / RATE
+    theta, omega = 0.05 * np.sin(9 * t), 0.05 * 9 * np.cos(9 * t)
+    motion = simulate_drivetrain(RATE, theta, omega, constant(500, 10.0), replace(IDEAL, control_delay=3), P)
+    assert motion.current[3:] == pytest.approx(-10.0 * motion.theta_m[:-3] / (P.k_tau * P.n_m), abs=1e-12)
+    assert not np.any(motion.current[:3])
+
+
+def test_an_unloaded_belt_at_the_equilibrium_stays_at_rest():
+    motion = simulate_drivetrain(
+        RATE, np.full(300, 0.1), np.zeros(300), constant(300, 20.0, 0.1, 0.1 * P.n_T), IDEAL, P, 0.1 * P.n_T
+    )
+    assert motion.theta_m == pytest.approx(np.full(300, 0.1 * P.n_T), abs=1e-12)
+    assert motion.belt_torque == pytest.approx(np.zeros(300), abs=1e-9)
+
+
+def test_a_belt_without_hysteresis_is_the_models_belt():
+    p, theta_s = replace(P, K_s2=14913.0), np.linspace(-0.05, 0.08, 50)
+    assert simulate_belt_torque(theta_s, IDEAL, p) == pytest.approx(belt_torque(theta_s, p), rel=1e-14)
+
+
+def test_hysteresis_costs_the_area_of_its_loop_whatever_the_speed():
+    effects = replace(IDEAL, hysteresis_torque=2.0, hysteresis_width=0.002)
+    up = np.linspace(-0.05, 0.05, 20001)
+    for cycle in (np.concatenate([up, up[-2::-1]]), np.concatenate([up[::100], up[-2::-1]])):
+        path = np.concatenate([cycle, cycle[1:]])
+        torque = simulate_belt_torque(path, effects, P)[len(cycle) - 1 :]
+        area = np.trapezoid(torque, path[len(cycle) - 1 :])
+        assert area == pytest.approx(2.0 * (4 * 0.05 - 4 * 0.002), rel=2e-3)
+
+
+def test_hysteresis_stands_in_the_torque_that_the_actuator_feels():
+    n, effects = 3000, replace(IDEAL, hysteresis_torque=1.0, hysteresis_width=1e-4, control_updates=20)
+    t = np.arange(n) / RATE
+    theta = 0.02 * np.minimum(t, 1.0)
+    omega = np.where(t < 1.0, 0.02, 0.0)
+    motion = simulate_drivetrain(RATE, theta, omega, constant(n, 20.0, 3.0), effects, P)
+    assert motion.belt_torque[-1] == pytest.approx(20.0 * P.n_T * motion.theta_m[-1], rel=1e-6)
+
+
+def test_updates_that_do_not_fit_into_the_fine_steps_are_refused():
+    with pytest.raises(InputError, match="3 updates of the controller do not fit evenly into 20 fine steps"):
+        replace(IDEAL, control_updates=3)

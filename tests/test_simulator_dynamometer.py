@@ -1,0 +1,292 @@
+"""The simulated bench: commanded and followed motion, the three experiments, the sensors, the files."""
+
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+from osl_analysis.commands.simulate import planned_row, simulate_campaign, simulate_trial
+from osl_analysis.model.compensator import Gains
+from osl_analysis.model.prediction import predicted_impedance
+from osl_analysis.parameters import read_parameters
+from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
+from osl_analysis.simulator.joint_motion import JointMotion, followed, stepped_sine, there_and_back
+from osl_analysis.simulator.settings import BeltMotion, SimulationSettings, SteppedSine
+from osl_analysis.validation import read_yaml
+
+ROOT = Path(__file__).parents[1]
+DEFAULT = ROOT / "config" / "simulation" / "default.yaml"
+TINY = ROOT / "tests" / "tiny_simulation.yaml"
+P = read_parameters(ROOT / "config" / "parameters" / "default.yaml")
+
+
+def settings_from(path, *, without=None, only=None):
+    """Settings without the named effects, or with the named ones only."""
+    settings = read_yaml(path, SimulationSettings)
+    effects = settings.effects
+    if without is not None:
+        effects = effects.without(*without)
+    if only is not None:
+        effects = effects.without().model_copy(update={name: getattr(effects, name) for name in only})
+    return settings.model_copy(update={"effects": effects})
+
+
+def simulate(trial, settings, p=P):
+    return simulate_dynamometer_trial(planned_row(settings, Path("settings.yaml"), trial), settings, p)
+
+
+def regress(y, *columns):
+    return np.linalg.lstsq(np.column_stack(columns), y, rcond=None)[0]
+
+
+def test_the_stepped_sine_makes_whole_cycles_of_each_frequency_at_each_amplitude():
+    protocol = SteppedSine(frequencies_hz=(1, 3), cycles=4, amplitudes_deg=(2, 5), rest_s=0.5, lead_s=1.0)
+    motion = stepped_sine(protocol, 1000.0)
+    block = 4 + 4 / 3 + 0.5
+    assert len(motion.theta) == round((1 + 2 * block) * 1000)
+    t = np.arange(len(motion.theta)) / 1000
+    for amplitude, start in ((2, 1.0), (5, 1.0 + block)):
+        for f, begin, end in ((1, start, start + 4), (3, start + 4, start + 4 + 4 / 3)):
+            inside = (t > begin + 1e-6) & (t < end - 1e-6)
+            w, phase = 2 * np.pi * f, 2 * np.pi * f * (t[inside] - begin)
+            assert motion.theta[inside] == pytest.approx(np.deg2rad(amplitude) * np.sin(phase), abs=1e-12)
+            assert motion.omega[inside] == pytest.approx(np.deg2rad(amplitude) * w * np.cos(phase), abs=1e-10)
+            assert motion.alpha[inside] == pytest.approx(-np.deg2rad(amplitude) * w**2 * np.sin(phase), abs=1e-9)
+    rests = (t < 1) | ((t > 1 + block - 0.5 + 1e-6) & (t < 1 + block - 1e-6)) | (t > 1 + 2 * block - 0.5 + 1e-6)
+    assert not np.any(motion.theta[rests])
+    assert np.max(np.abs(np.diff(motion.theta))) < 1.01 * np.deg2rad(5) * 2 * np.pi * 3 / 1000, "no jumps"
+
+
+def test_a_default_trial_lasts_about_140_seconds():
+    settings = read_yaml(DEFAULT, SimulationSettings)
+    assert len(stepped_sine(settings.protocol, 1000.0).theta) / 1000 == pytest.approx(141, abs=1e-3)
+
+
+def simpson_error(values, derivative, rate):
+    """Largest mismatch between two-sample increments and Simpson's integral of the derivative."""
+    integral = (derivative[:-2] + 4 * derivative[1:-1] + derivative[2:]) / (3 * rate)
+    return np.max(np.abs(values[2:] - values[:-2] - integral))
+
+
+def test_the_belt_motion_goes_there_and_back_with_true_derivatives():
+    motion = there_and_back(BeltMotion(amplitude_deg=5, ramp_s=2.0, rest_s=0.5), 1000.0)
+    assert len(motion.theta) == 5000
+    assert np.max(motion.theta) == motion.theta[2500] == pytest.approx(np.deg2rad(5))
+    assert not np.any(motion.theta[:500])
+    assert motion.theta[-500:] == pytest.approx(np.zeros(500), abs=1e-12)
+    moving = slice(501, 4499)
+    assert simpson_error(motion.theta[moving], motion.omega[moving], 1000) < 1e-12
+    assert simpson_error(motion.omega[moving], motion.alpha[moving], 1000) < 1e-10
+
+
+@pytest.mark.parametrize("frequency_hz", [1, 5, 30])
+def test_the_dynamometer_follows_as_a_second_order_system(frequency_hz):
+    rate, w, bandwidth = 2000.0, 2 * np.pi * frequency_hz, 2 * np.pi * 30
+    t = np.arange(int(4 * rate)) / rate
+    command = JointMotion(np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t))
+    motion = followed(command, rate, 30.0, 0.9)
+    settled = slice(int(2 * rate), None)
+    phasor = 2j * np.mean(motion.theta[settled] * np.exp(-1j * w * t[settled]))
+    expected = bandwidth**2 / (bandwidth**2 - w**2 + 2j * 0.9 * bandwidth * w)
+    assert phasor == pytest.approx(expected, abs=1e-6)
+    assert simpson_error(motion.theta[settled], motion.omega[settled], rate) < 1e-5 * w / rate
+    assert simpson_error(motion.omega[settled], motion.alpha[settled], rate) < 1e-5 * w**2 / rate
+
+
+def test_the_dynamometer_rests_until_it_is_told_to_move():
+    command = np.concatenate([np.full(50, 0.2), np.full(50, 0.3)])
+    motion = followed(JointMotion(command, 0 * command, 0 * command), 1000.0, 30.0, 0.9)
+    assert motion.theta[:50] == pytest.approx(np.full(50, 0.2), abs=1e-12)
+    assert motion.omega[:50] == pytest.approx(np.zeros(50), abs=1e-10)
+
+
+def settled_rows(protocol, rate=1000.0, dropped=4):
+    """Rows of the stepped sine without the first cycles of each frequency, where transients die out."""
+    rows, start = [], protocol.lead_s
+    for _ in protocol.amplitudes_deg:
+        for f in protocol.frequencies_hz:
+            end = start + protocol.cycles / f
+            rows.append(np.arange(round((start + dropped / f) * rate), round(end * rate) - 2))
+            start = end
+        start += protocol.rest_s
+    return np.concatenate(rows)
+
+
+def fitted_impedance(log, protocol, rate=1000.0):
+    """K, B, I of Eq. 15 from a log without noise, settled cycles, derivatives by fourth-order differences."""
+    theta, torque, i = log.joint_angle, -log.load_cell_torque, settled_rows(protocol, rate)
+    omega = (theta[i - 2] - 8 * theta[i - 1] + 8 * theta[i + 1] - theta[i + 2]) * rate / 12
+    alpha = (-theta[i - 2] + 16 * theta[i - 1] - 30 * theta[i] + 16 * theta[i + 1] - theta[i + 2]) * rate**2 / 12
+    return regress(torque[i], theta[i], omega, alpha, np.ones(len(i)))[:3]
+
+
+@pytest.mark.parametrize(
+    ("controller", "expected"), [("compensated", (299.1, 5.46, 0.000)), ("uncompensated", (209.7, 3.61, 0.093))]
+)
+def test_without_effects_the_fit_of_eq_15_finds_what_linear_theory_says(controller, expected):
+    settings = settings_from(DEFAULT, only=("dynamometer_bandwidth",))
+    p = replace(P, J_j=0.0)
+    log, truth = simulate(f"impedance_K300_B5.0_{controller}", settings, p)
+    K, B, I = fitted_impedance(log, settings.protocol)
+    predicted = predicted_impedance(Gains(**truth["gains"]), p, settings.protocol.frequencies_hz)
+    for reference in (expected, predicted):
+        assert pytest.approx(reference[0], rel=1e-3) == K
+        assert pytest.approx(reference[1], rel=3e-3) == B
+        assert pytest.approx(reference[2], abs=1e-3) == I
+
+
+def test_the_inertia_of_the_joint_adds_to_the_fitted_inertia():
+    settings = settings_from(DEFAULT, only=("dynamometer_bandwidth",))
+    with_J_j, without = (
+        fitted_impedance(simulate("impedance_K300_B5.0_uncompensated", settings, p)[0], settings.protocol)
+        for p in (P, replace(P, J_j=0.0))
+    )
+    assert with_J_j[2] - without[2] == pytest.approx(P.J_j, rel=1e-3)
+    assert with_J_j[:2] == pytest.approx(without[:2], rel=1e-3)
+
+
+@pytest.mark.parametrize("stiffness", [100, 200, 300, 400])
+def test_with_every_effect_but_friction_the_stiffness_is_within_2_percent_of_linear_theory(stiffness):
+    settings = settings_from(DEFAULT, without=("friction", "load_cell_noise", "joint_encoder", "actuator_encoder"))
+    protocol = settings.protocol.model_copy(update={"amplitudes_deg": (4.0,), "cycles": 10})
+    settings = settings.model_copy(update={"protocol": protocol})
+    log, truth = simulate(f"impedance_K{stiffness}_B5.0_compensated", settings)
+    predicted = predicted_impedance(Gains(**truth["gains"]), P, protocol.frequencies_hz)
+    assert fitted_impedance(log, protocol)[0] == pytest.approx(predicted[0], rel=0.02)
+
+
+def residual_share(log, settled=slice(2000, 11000)):
+    """Part of the torque's variance that one sine with offset leaves, in settled cycles of a 1 Hz sine."""
+    t, torque = log.time[settled] - log.time[0], log.load_cell_torque[settled]
+    columns = np.column_stack([np.sin(2 * np.pi * t), np.cos(2 * np.pi * t), np.ones_like(t)])
+    residual = torque - columns @ regress(torque, *columns.T)
+    return np.var(residual) / np.var(torque)
+
+
+def test_cancelling_friction_makes_the_torque_more_sinusoidal():
+    settings = settings_from(DEFAULT)
+    protocol = SteppedSine(frequencies_hz=(1,), cycles=11, amplitudes_deg=(2,), rest_s=0, lead_s=0)
+    settings = settings.model_copy(update={"protocol": protocol})
+    shares = [
+        residual_share(simulate(f"impedance_K300_B5.0_{c}", settings)[0]) for c in ("compensated", "uncompensated")
+    ]
+    assert shares[0] < shares[1] / 4
+
+
+def test_the_stiffest_undamped_impedance_is_stable_with_every_effect():
+    settings = settings_from(DEFAULT)
+    protocol = SteppedSine(frequencies_hz=(1,), cycles=20, amplitudes_deg=(6,), rest_s=0, lead_s=0)
+    log, _ = simulate("impedance_K400_B0.0_compensated", settings.model_copy(update={"protocol": protocol}))
+    assert np.max(np.abs(log.load_cell_torque)) < 1.2 * 400 * np.deg2rad(6)
+
+
+def test_the_belt_trial_loads_the_belt_by_its_own_stiffness_with_the_actuator_locked():
+    settings = settings_from(TINY, only=("belt_scatter", "dynamometer_bandwidth"))
+    stiffness = []
+    for trial in ("belt_01", "belt_02"):
+        log, truth = simulate(trial, settings)
+        loading = slice(600, 1400)
+        omega = np.gradient(log.joint_angle, 1e-3)[loading]
+        slope, _ = regress(-log.load_cell_torque[loading] - P.B_j * omega, log.joint_angle[loading], np.ones(800))
+        assert slope == pytest.approx(truth["parameters"]["K_s"], rel=1e-4)
+        assert not np.any(log.actuator_angle)
+        stiffness.append(slope)
+    assert 1e-4 < abs(stiffness[0] / stiffness[1] - 1) < 0.06
+
+
+def test_belt_scatter_stays_out_of_the_other_experiments():
+    settings = settings_from(TINY)
+    for trial in ("transmission_1", "impedance_K300_B5.0_compensated"):
+        assert simulate(trial, settings)[1]["parameters"] == asdict(P)
+
+
+def test_the_transmission_trial_shows_damping_and_inertia_only():
+    settings = settings_from(DEFAULT, only=("dynamometer_bandwidth",))
+    log, _ = simulate("transmission_1", settings)
+    K, B, I = fitted_impedance(log, settings.protocol)
+    assert (B, I) == (pytest.approx(P.B_j, rel=1e-4), pytest.approx(P.J_j, rel=1e-3))
+    assert pytest.approx(0, abs=1e-3) == K
+    assert not np.any(log.actuator_angle)
+    assert not np.any(log.motor_current)
+
+
+def test_the_load_cell_pulls_back_where_the_joint_is_pushed():
+    log, _ = simulate("belt_01", settings_from(TINY, only=()))
+    assert np.argmin(log.load_cell_torque) == pytest.approx(np.argmax(log.joint_angle), abs=50)
+    assert np.min(log.load_cell_torque) == pytest.approx(-685.6 * np.deg2rad(5), rel=0.01)
+
+
+def test_each_sensor_effect_adds_what_the_truth_says_and_leaves_the_other_draws_alone():
+    names = ("load_cell_offset", "load_cell_drift", "load_cell_noise")
+    clean = simulate("belt_01", settings_from(TINY, only=()))[0].load_cell_torque
+    all_on, truth = simulate("belt_01", settings_from(TINY, only=names))
+    parts = {name: simulate("belt_01", settings_from(TINY, only=(name,)))[0].load_cell_torque - clean for name in names}
+    assert all_on.load_cell_torque - clean == pytest.approx(sum(parts.values()), abs=1e-10)
+    elapsed = all_on.time - all_on.time[0]
+    assert parts["load_cell_offset"] == pytest.approx(np.full(3000, truth["drawn"]["load_cell_offset"]), abs=1e-10)
+    assert parts["load_cell_drift"] == pytest.approx(truth["drawn"]["load_cell_drift"] * elapsed / 60, abs=1e-10)
+    sizes = [truth["drawn"][name] / truth["effects"][name]["size"] for name in names[:2]]
+    assert sizes[0] != pytest.approx(sizes[1]), "each effect draws from a stream of its own"
+    assert np.std(parts["load_cell_noise"]) == pytest.approx(0.05, rel=4 / np.sqrt(2 * 3000))
+
+
+def test_every_sensor_reads_in_its_counts():
+    log, _ = simulate("impedance_K300_B5.0_compensated", settings_from(TINY))
+    for values, step in (
+        (log.joint_angle, 2.397e-5),
+        (log.actuator_angle, 4.26e-5),
+        (log.load_cell_torque, 0.01),
+        (log.motor_current, 1e-3),
+    ):
+        counts = values / step
+        assert counts == pytest.approx(np.rint(counts), abs=1e-6)
+        assert len(np.unique(np.rint(counts))) > 50
+
+
+def test_two_trials_draw_different_noise_and_the_same_trial_the_same():
+    settings = settings_from(TINY)
+    first, again, second = (simulate(t, settings)[0] for t in ("belt_01", "belt_01", "belt_02"))
+    assert np.array_equal(first.load_cell_torque, again.load_cell_torque)
+    assert not np.array_equal(first.load_cell_torque, second.load_cell_torque)
+    other = simulate("belt_01", settings.model_copy(update={"seed": 8}))[0]
+    assert not np.array_equal(first.load_cell_torque, other.load_cell_torque)
+
+
+def test_switching_all_effects_off_leaves_the_exact_linear_world():
+    log, truth = simulate("impedance_K300_B5.0_compensated", settings_from(TINY, without=()))
+    assert np.array_equal(log.joint_angle, log.commanded_angle)
+    assert not any(effect["enabled"] for effect in truth["effects"].values())
+    assert (truth["drawn"]["load_cell_offset"], truth["drawn"]["load_cell_drift"]) == (0, 0)
+
+
+def test_a_trial_simulated_alone_is_the_campaigns(tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    simulate_campaign(TINY, tmp_path / "all")
+    simulate_trial(TINY, tmp_path / "one", "impedance_K300_B5.0_compensated")
+    written = sorted(str(f.relative_to(tmp_path / "one")) for f in (tmp_path / "one").rglob("*.*"))
+    assert written == [
+        "dynamometer/impedance_K300_B5.0_compensated.mcap",
+        "truth/impedance_K300_B5.0_compensated.json",
+    ]
+    for name in written:
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "all" / name).read_bytes()
+    assert len(list((tmp_path / "all" / "dynamometer").iterdir())) == 5
+    assert (tmp_path / "all" / "trials.csv").is_file()
+
+
+def test_the_files_hold_the_log_and_the_truth(tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    simulate_trial(TINY, tmp_path, "belt_02")
+    log, truth = simulate("belt_02", settings_from(TINY))
+    with (tmp_path / "dynamometer" / "belt_02.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        messages = [ros for *_, ros in reader.iter_decoded_messages("/dynamometer")]
+    torque = np.array([m.load_cell_torque for m in messages])
+    assert torque == pytest.approx(log.load_cell_torque, rel=1e-6, abs=1e-6)
+    stamps = np.array([m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages])
+    assert stamps == pytest.approx(log.time, abs=1e-9)
+    assert json.loads((tmp_path / "truth" / "belt_02.json").read_text()) == truth

@@ -1,0 +1,223 @@
+"""Headline numbers: the right ones, with their intervals, as JSON, LaTeX and Markdown that can be used as it is."""
+
+import json
+import re
+
+import polars as pl
+import pytest
+
+from osl_analysis.commands import walking
+from osl_analysis.commands.summarise import format_results_table, read_summary, write_summary
+from osl_analysis.errors import InputError
+from osl_analysis.figures import fig9
+from osl_analysis.summary import PER_PERTURBATION, RANGE, STUDENT, Headline, headline_numbers
+from osl_analysis.summary_text import decimals, to_json, to_tex
+from osl_analysis.table_file import write_table
+
+
+def summary_rows(**means):
+    return pl.DataFrame([
+        {"quantity": name, "n": 10, "mean": mean, "sd": 0.02 * mean, "low": 0.99 * mean, "high": 1.01 * mean}
+        for name, mean in means.items()
+    ])  # fmt: skip
+
+
+def impedance():
+    """Compensated K off by +1 % and -3 %, B by 0.5 and 0.1; VAF of single amplitudes 90, 98, 99."""
+    columns = ("controller", "K_d", "B_d", "amplitude_deg", "K", "K_se", "B", "B_se", "VAF")
+    rows = [
+        ("compensated", 300.0, 5.0, 2.0, 1.0, 9.0, 1.0, 9.0, 90.0),
+        ("compensated", 300.0, 5.0, 4.0, 1.0, 9.0, 1.0, 9.0, 98.0),
+        ("compensated", 300.0, 5.0, 6.0, 1.0, 9.0, 1.0, 9.0, 99.0),
+        ("compensated", 300.0, 5.0, None, 303.0, 2.0, 5.5, 0.1, 10.0),
+        ("compensated", 100.0, 0.0, None, 97.0, 2.0, 0.1, 0.1, 10.0),
+        ("uncompensated", 300.0, 5.0, None, 210.0, 2.0, 3.6, 0.1, 10.0),
+    ]
+    return pl.DataFrame(rows, schema=columns, orient="row")
+
+
+def all_tables():
+    vaf = [99.0, 99.4, None, 50.0]
+    return {
+        "belt_summary": summary_rows(K_s=686.2, unloading=640.0),
+        "transmission_summary": summary_rows(B_j=0.45, J_j=0.0051, VAF=99.2),
+        "transmission": pl.DataFrame({"amplitude_deg": [None, None, None, 2.0], "VAF": vaf}),
+        "impedance": impedance(),
+        "walking_summary": summary_rows(K=338.0, B=4.3, I=-0.012),
+        "walking": pl.DataFrame({"VAF": [96.0, 98.0, float("nan")]}),
+    }
+
+
+def by_name(tables):
+    return {h.name: h for h in headline_numbers(tables)}
+
+
+def test_means_over_repeats_come_with_their_intervals_and_the_values_of_the_draft():
+    found = by_name(all_tables())
+    assert (found["K_s"].value, found["K_s"].draft, found["K_s"].n) == (686.2, 685.6, 10)
+    assert (found["K_s"].low, found["K_s"].high) == (0.99 * 686.2, 1.01 * 686.2)
+    assert (found["B_j"].value, found["B_j"].draft) == (0.45, 0.452)
+    assert (found["J_j"].value, found["J_j"].draft) == (0.0051, 5.0e-3)
+    assert (found["walking_K"].value, found["walking_K"].draft) == (338.0, 340.0)
+    assert found["walking_B"].draft is None
+    assert "Student" in found["K_s"].interval
+
+
+def test_transmission_vaf_is_the_mean_over_trials_of_all_amplitudes_together():
+    vaf = by_name(all_tables())["transmission_VAF"]
+    assert (vaf.value, vaf.low, vaf.high, vaf.n, vaf.draft) == (pytest.approx(99.2), 99.0, 99.4, 2, 99.1)
+
+
+def test_walking_vaf_leaves_out_a_fit_that_has_none():
+    vaf = by_name(all_tables())["walking_VAF"]
+    assert (vaf.value, vaf.n) == (97.0, 2)
+
+
+def test_second_order_vaf_is_over_single_amplitudes():
+    found = by_name(all_tables())
+    assert (found["VAF_median_compensated"].value, found["VAF_median_compensated"].n) == (98.0, 3)
+    assert found["VAF_mean_compensated"].value == pytest.approx(287 / 3)
+    assert "VAF_median_uncompensated" not in found
+
+
+def test_errors_of_stiffness_and_damping_are_over_trials_each_fitted_to_all_amplitudes():
+    found = by_name(all_tables())
+    K, B = found["K_error_compensated"], found["B_error_compensated"]
+    assert (K.value, K.low, K.high, K.n) == (pytest.approx(2.0), pytest.approx(1.0), pytest.approx(3.0), 2)
+    assert (B.value, B.low, B.high) == (pytest.approx(0.3), pytest.approx(0.1), pytest.approx(0.5))
+    assert found["K_error_uncompensated"].value == pytest.approx(30.0)
+    assert found["K_error_uncompensated"].interval is None
+
+
+def test_the_example_of_fig4_has_the_interval_of_its_fit():
+    K = by_name(all_tables())["K_example_compensated"]
+    assert (K.value, K.low, K.high) == (303.0, 303.0 - 1.96 * 2, 303.0 + 1.96 * 2)
+    assert by_name(all_tables())["B_example_uncompensated"].value == 3.6
+
+
+def test_a_repeated_example_becomes_the_mean_with_its_range():
+    again = impedance().filter(pl.col("K") == 303.0).with_columns(K=pl.lit(297.0))
+    K = by_name({"impedance": pl.concat([impedance(), again])})["K_example_compensated"]
+    assert (K.value, K.low, K.high, K.n) == (300.0, 297.0, 303.0, 2)
+
+
+def test_a_campaign_without_walking_has_fewer_headlines_and_one_without_tables_none():
+    tables = all_tables()
+    del tables["walking"], tables["walking_summary"]
+    found = by_name(tables)
+    assert not any(name.startswith("walking") for name in found)
+    assert "K_s" in found
+    assert headline_numbers({}) == []
+
+
+def test_walking_takes_the_mean_of_perturbations_not_the_ensemble():
+    ensemble = summary_rows(K=1.0).with_columns(estimator=pl.lit("ensemble"))
+    both = pl.concat([summary_rows(K=338.0).with_columns(estimator=pl.lit(PER_PERTURBATION)), ensemble])
+    assert by_name({"walking_summary": both})["walking_K"].value == 338.0
+
+
+def test_the_walking_command_figure_9_and_the_summary_mean_the_same_estimator():
+    assert walking.MEAN == fig9.PER_PERTURBATION == PER_PERTURBATION
+
+
+def test_a_single_trial_has_a_value_and_no_interval():
+    single = summary_rows(K_s=686.2).with_columns(low=pl.lit(None, pl.Float64), high=pl.lit(None, pl.Float64))
+    K_s = by_name({"belt_summary": single})["K_s"]
+    assert (K_s.value, K_s.low, K_s.high, K_s.interval) == (686.2, None, None, None)
+
+
+def test_a_mean_that_is_nan_is_refused_by_quantity():
+    with pytest.raises(InputError, match="the mean of 'B_j' is nan"):
+        headline_numbers({"transmission_summary": summary_rows(B_j=float("nan"))})
+
+
+def test_json_keeps_full_precision_and_null_where_there_is_nothing():
+    content = json.loads(to_json(headline_numbers(all_tables())))
+    assert content["K_s"]["value"] == 686.2
+    assert content["K_s"]["unit"] == "N*m/rad"
+    assert content["K_error_uncompensated"]["low"] is None
+    assert content["walking_B"]["draft"] is None
+    assert {"value", "unit", "low", "high", "interval", "n", "draft"} <= set(content["B_j"])
+
+
+def test_every_line_of_the_macros_is_a_comment_or_one_definition_that_latex_accepts():
+    number = r"-?\d+(\.\d+)?(\\times 10\^\{-\d+\})?"
+    definition = rf"\\newcommand\{{\\[A-Za-z]+\}}\{{({number}|\\ensuremath\{{{number}\}})\}}% [ -~]*"
+    lines = to_tex(headline_numbers(all_tables())).splitlines()
+    assert len(lines) > 40
+    assert all(re.fullmatch(rf"%.*|{definition}", line) for line in lines)
+
+
+def test_macros_are_unique_and_have_low_and_high_only_where_there_is_an_interval():
+    names = re.findall(r"newcommand\{\\(\w+)\}", to_tex(headline_numbers(all_tables())))
+    assert len(set(names)) == len(names)
+    assert {"oslBeltStiffness", "oslBeltStiffnessLow", "oslBeltStiffnessHigh"} <= set(names)
+    assert "oslUncompensatedStiffnessError" in names
+    assert "oslUncompensatedStiffnessErrorLow" not in names
+
+
+def number(value, low, high, interval=STUDENT):
+    return Headline("x", "1", None, "X", "a number", value, low, high, interval, 1)
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "text"),
+    [
+        (685.6432, 682.9, 688.4, "685.6"),
+        (685.6432, 655.0, 716.0, "686"),
+        (0.45213, 0.4480, 0.4562, "0.4521"),
+        (-0.01234, -0.0223, -0.0024, r"\ensuremath{-0.0123}"),
+        (-0.0004, -1.0, 1.0, "0.0"),
+        (99.12345, None, None, "99.1"),
+        (340.0, 340.0, 340.0, "340"),
+        (5.04e-5, 4.9e-5, 5.2e-5, r"\ensuremath{5.04\times 10^{-5}}"),
+        (0.0, None, None, "0"),
+    ],
+)
+def test_values_are_rounded_to_two_digits_of_half_the_interval_or_to_three_digits(value, low, high, text):
+    assert rf"\oslX}}{{{text}}}%" in to_tex([number(value, low, high)])
+
+
+def test_a_range_over_trials_does_not_blunt_the_mean():
+    assert r"\oslX}{95.8}%" in to_tex([number(95.84, 74.0, 99.2, RANGE)])
+
+
+def test_rounding_errors_of_equal_values_do_not_count_as_an_interval():
+    assert decimals(340.0, 340.0, 340.0 + 1e-13, STUDENT) == 0
+
+
+def test_files_are_written_from_the_tables_that_exist_and_read_back(tmp_path):
+    paths = {}
+    for name, table in all_tables().items():
+        paths[name] = tmp_path / f"{name}.csv"
+        write_table(table, paths[name])
+    write_summary(paths | {"gains": tmp_path / "not_read.csv"}, tmp_path / "summary.json", tmp_path / "numbers.tex")
+    summary = read_summary(tmp_path / "summary.json")
+    assert summary == json.loads(to_json(headline_numbers(all_tables())))
+    assert (tmp_path / "numbers.tex").read_text() == to_tex(headline_numbers(all_tables()))
+
+
+def test_a_table_without_a_column_stops_the_summary_and_nothing_is_written(tmp_path):
+    write_table(summary_rows(K_s=686.2).drop("low"), tmp_path / "belt.csv")
+    with pytest.raises(InputError, match=r"belt\.csv: no column 'low'"):
+        write_summary({"belt_summary": tmp_path / "belt.csv"}, tmp_path / "s.json", tmp_path / "n.tex")
+    assert [path.name for path in tmp_path.iterdir()] == ["belt.csv"]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"), [(None, "no such summary"), ("{", "not a summary"), ("3", "not a summary")]
+)
+def test_a_missing_or_broken_summary_is_refused(tmp_path, content, message):
+    if content is not None:
+        (tmp_path / "summary.json").write_text(content)
+    with pytest.raises(InputError, match=message):
+        read_summary(tmp_path / "summary.json")
+
+
+def test_the_table_for_people_has_a_row_per_number_and_no_stray_bars():
+    table = format_results_table(json.loads(to_json(headline_numbers(all_tables()))))
+    lines = table.splitlines()
+    assert len(lines) == 2 + len(headline_numbers(all_tables()))
+    assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {6}
+    interval = "679.3 to 693.1, 95 % of the mean (Student)"
+    assert f"| belt stiffness while loading, mean of trials | 686.2 N*m/rad | {interval} | 10 | 685.6 |" in lines

@@ -1,0 +1,87 @@
+"""Tables read back as they were written, appear whole or not at all, and say what is wrong with them."""
+
+import polars as pl
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from polars.testing import assert_frame_equal
+
+from osl_analysis.atomic import atomic_path
+from osl_analysis.errors import InputError
+from osl_analysis.table_file import read_table, write_table
+
+
+@given(st.lists(st.one_of(st.none(), st.floats(allow_infinity=False)), min_size=1, max_size=8))
+def test_every_number_null_and_nan_reads_back_to_the_last_bit(tmp_path_factory, numbers):
+    path = tmp_path_factory.mktemp("tables") / "t.csv"
+    table = pl.DataFrame(
+        {"n": list(range(len(numbers))), "value": numbers}, schema={"n": pl.Int64, "value": pl.Float64}
+    )
+    write_table(table, path)
+    assert_frame_equal(read_table(path), table, check_exact=True)
+
+
+def test_a_trial_named_01_keeps_its_name(tmp_path):
+    write_table(pl.DataFrame({"trial": ["01", "2"], "K": [1.0, 2.0]}), tmp_path / "t.csv")
+    assert read_table(tmp_path / "t.csv")["trial"].to_list() == ["01", "2"]
+
+
+def test_a_column_without_entries_can_be_calculated_with(tmp_path):
+    write_table(pl.DataFrame({"trial": ["a"], "amplitude_deg": [None], "K": [1.0]}), tmp_path / "t.csv")
+    assert read_table(tmp_path / "t.csv")["amplitude_deg"].dtype == pl.Float64
+
+
+def test_a_number_far_down_the_table_may_have_decimals(tmp_path):
+    (tmp_path / "t.csv").write_text("K\n" + "1\n" * 5000 + "1.5\n")
+    assert read_table(tmp_path / "t.csv")["K"][-1] == 1.5
+
+
+def test_parent_folders_are_created_and_nothing_lies_beside_the_table(tmp_path):
+    write_table(pl.DataFrame({"K": [1.0]}), tmp_path / "a" / "b" / "t.csv")
+    assert [p.name for p in (tmp_path / "a" / "b").iterdir()] == ["t.csv"]
+
+
+def fail_halfway(path):
+    path.write_text("half of the new")
+    raise ZeroDivisionError
+
+
+def test_a_failure_while_writing_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("old")
+    with pytest.raises(ZeroDivisionError), atomic_path(path) as temporary:
+        fail_halfway(temporary)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_table_that_cannot_be_written_leaves_nothing(tmp_path):
+    with pytest.raises(pl.exceptions.PolarsError):
+        write_table(pl.DataFrame({"nested": [[1, 2]]}), tmp_path / "t.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_temporary_file_has_the_suffix_of_the_final_one(tmp_path):
+    with atomic_path(tmp_path / "fig.pdf") as temporary:
+        assert temporary.suffix == ".pdf"
+        assert temporary.parent == tmp_path
+        temporary.write_text("x")
+    assert (tmp_path / "fig.pdf").read_text() == "x"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, r"t\.csv: no such table"),
+        ("", r"t\.csv: not a CSV table"),
+        ("K,B\n1,2,3\n", r"t\.csv: not a CSV table"),
+        ("B\n1\n", r"t\.csv: no column 'K'; it has B"),
+        ("K\n1\nERROR\n", r"t\.csv: column 'K' holds 'ERROR', expected numbers"),
+    ],
+)
+def test_a_bad_table_is_refused_by_file_and_column_in_one_line(tmp_path, content, message):
+    if content is not None:
+        (tmp_path / "t.csv").write_text(content)
+    with pytest.raises(InputError, match=message) as caught:
+        read_table(tmp_path / "t.csv", required=["K"])
+    assert "\n" not in str(caught.value)

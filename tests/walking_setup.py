@@ -1,0 +1,59 @@
+"""The shipped gait laboratory for tests: trials and crossings of it, with and without imperfections."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import ezc3d
+from conftest import ROOT
+
+from osl_analysis.parameters import DrivetrainParameters, read_parameters
+from osl_analysis.simulator.crossing import Crossing, draw_step, simulate_crossing
+from osl_analysis.simulator.dynamometer import drivetrain_effects
+from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.walking import motion_grid, simulate_walking_trial
+from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.validation import read_yaml
+
+PERTURBED = {"trial": "walking_01", "experiment": "walking", "perturbed": True}
+CALM = {"trial": "walking_01", "experiment": "walking", "perturbed": False}
+STATIC = {"trial": "static_1", "experiment": "static"}
+
+
+@dataclass(frozen=True)
+class Setup:
+    """The shipped simulation, with paths that hold wherever the tests are started."""
+
+    settings: SimulationSettings
+    walking: WalkingSettings
+    p: DrivetrainParameters
+
+    def ideal(self) -> "Setup":
+        """Without any imperfection."""
+        return Setup(
+            self.settings.model_copy(update={"effects": self.settings.effects.without()}),
+            self.walking.model_copy(update={"effects": self.walking.effects.without()}),
+            self.p,
+        )
+
+    def lacking(self, *effects: str) -> "Setup":
+        """Without some imperfections of gait laboratory."""
+        walking = self.walking.model_copy(update={"effects": self.walking.effects.without(*effects)})
+        return Setup(self.settings, walking, self.p)
+
+    def crossing(self, perturbed: bool, trial: str = "walking_01") -> Crossing:
+        time = motion_grid(self.walking)
+        step = draw_step(trial, self.settings.seed, time, self.walking)
+        return simulate_crossing(time, step, perturbed, True, self.walking, drivetrain_effects(self.settings), self.p)
+
+    def record(self, folder: Path, row: dict[str, object]) -> Any:
+        simulate_walking_trial(row, self.settings, self.walking, self.p, folder)
+        return ezc3d.c3d(str(folder / "vicon" / f"{row['trial']}.c3d"))["data"]
+
+
+def load_setup() -> Setup:
+    """The shipped simulation."""
+    settings = read_yaml(ROOT / "config/simulation/default.yaml", SimulationSettings)
+    walking = read_yaml(ROOT / "config/simulation/walking.yaml", WalkingSettings)
+    walking = walking.model_copy(update={"impedance": ROOT / walking.impedance})
+    return Setup(settings, walking, read_parameters(ROOT / "config/parameters/default.yaml"))

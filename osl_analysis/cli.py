@@ -155,3 +155,18 @@ def gains(stiffness: float, damping: float, parameters: Path, as_json: bool) -> 
     click.echo(f"K_1 = {pair['K_1']:.6g} N·m/rad      ({pair['K_1_joint']:.6g} at the joint)")
     click.echo(f"B_1 = {pair['B_1']:.6g} N·m·s/rad    ({pair['B_1_joint']:.6g} at the joint)")
     click.echo(f"||W (Y - Y_d)||_2 = {pair['error']:.4g} rad/(N·m)·s^-1/2")
+
+
+@main.command(epilog="Example: osl-analysis results --summary results/summary.json")
+@click.option(
+    "--summary",
+    type=click.Path(path_type=Path),
+    default=Path("results/summary.json"),
+    show_default=True,
+    help="Summary of a campaign, as `snakemake reproduce-all` writes it.",
+)
+def results(summary: Path) -> None:
+    """Print the headline numbers of a campaign as a Markdown table, with units, intervals and the draft's values."""
+    from osl_analysis.commands.summarise import format_results_table, read_summary
+
+    click.echo(format_results_table(read_summary(summary)))

@@ -57,7 +57,7 @@ def validate_sheet(text: pd.DataFrame, path: Path) -> pd.DataFrame:
         raise InputError(f"{path}: {what}; the columns are {', '.join(COLUMNS)}")
     if text.empty:
         raise InputError(f"{path}: no trials; add one row per trial")
-    sheet = text.reindex(columns=list(COLUMNS))
+    sheet = text.reindex(columns=list(COLUMNS)).astype("string")
     for row, record in enumerate(sheet.to_dict("records"), start=2):
         problem = problem_in({str(k): ("" if pd.isna(v) else str(v).strip()) for k, v in record.items()})
         if problem:

@@ -79,6 +79,12 @@ def uncompensated_gains(K_d: float, B_d: float, p: DrivetrainParameters) -> Gain
     return Gains(K_d / p.n_T**2, B_d / p.n_T**2, cancels_friction=False)
 
 
+def select_gains(controller: str, K_d: float, B_d: float, p: DrivetrainParameters) -> Gains:
+    """The gains of a `compensated` or an `uncompensated` trial; raises as `compensated_gains`."""
+    rules = {"compensated": compensated_gains, "uncompensated": uncompensated_gains}
+    return rules[controller](K_d, B_d, p)
+
+
 def damping_gain(K_d: float, B_d: float, K_1: float, p: DrivetrainParameters) -> float:
     """B_1 [N*m*s/rad] that minimises ||W (Y - Y_d)||_2 with B_m + B_1 > 0 (Eq. 14), by a bounded search.
 

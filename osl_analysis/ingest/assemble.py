@@ -1,0 +1,87 @@
+"""One or two recordings of a trial to its canonical samples, with the provenance of every column."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.clock import ClockFit, Edges, find_edges, fit_clock
+from osl_analysis.ingest.recording import Recording
+from osl_analysis.trial import Trial
+
+NANOSECOND = 1e-9
+
+
+def assemble(name: str, recordings: Mapping[str, Recording], files: Mapping[str, Mapping[str, Any]]) -> Trial:
+    """A trial of a `log`, a `mocap` recording or both; with both, the log's clock is fitted to motion capture.
+
+    `files` says for each recording which file it is (`identity`). The log's rows before and after motion capture
+    are left out, and its `sync` is dropped for motion capture's once the clocks are fitted.
+
+    Raises
+    ------
+    InputError
+        The clocks cannot be aligned, or a column comes from both.
+    """
+    provenance = provenance_of(recordings, files)
+    if len(recordings) == 1:
+        (only,) = recordings.values()
+        return Trial(name, only.samples, provenance)
+    log, mocap = recordings["log"], recordings["mocap"]
+    both = sorted((set(log.columns) & set(mocap.columns)) - {"sync"})
+    if both:
+        raise InputError(f"column '{both[0]}' is mapped in log and motion capture; leave it out of one source file")
+    fit = fit_clock(edges_of(log, "log"), edges_of(mocap, "motion capture"))
+    return Trial(name, merged(log, mocap, fit), {**provenance, "clock": asdict(fit)})
+
+
+def provenance_of(recordings: Mapping[str, Recording], files: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Where every column comes from, and what each recording has to say; a column of both is motion capture's."""
+    in_order = [(role, recordings[role]) for role in ("log", "mocap") if role in recordings]
+    return {
+        "software": {"name": "osl-analysis", "version": version("osl-analysis")},
+        "files": dict(files),
+        "columns": {name: {"file": role, **origin} for role, one in in_order for name, origin in one.columns.items()},
+        "plates": [plate for _, one in in_order for plate in one.facts.get("plates", [])],
+        "warnings": [warning for _, one in in_order for warning in one.warnings],
+        **{role: {key: fact for key, fact in one.facts.items() if key != "plates"} for role, one in in_order},
+    }
+
+
+def edges_of(recording: Recording, who: str) -> Edges:
+    """Edges of a recording's sync channel."""
+    if "sync" not in recording.samples.columns:
+        raise InputError(
+            f"no column 'sync' from {who}: the clocks cannot be aligned; map the channel in its source file"
+        )
+    rows = recording.samples.select("time", "sync").drop_nulls()
+    return find_edges(rows["time"].to_numpy(), rows["sync"].to_numpy())
+
+
+def merged(log: Recording, mocap: Recording, fit: ClockFit) -> pl.DataFrame:
+    """The rows of both in order of motion capture's time [s]; rows within the same nanosecond become one."""
+    aligned = pl.Series("log_time", fit.to_master(log.samples["time"].to_numpy()))
+    end = float(mocap.samples["time"][-1])
+    rows = log.samples.drop("time", "sync").insert_column(0, aligned).filter(aligned.is_between(0.0, end))
+    if rows.is_empty():
+        raise InputError("log and motion capture do not overlap in time; check that they are of the same trial")
+    rows = rows.with_columns(key=nanoseconds("log_time"))
+    joined = mocap.samples.with_columns(key=nanoseconds("time")).join(rows, on="key", how="full", coalesce=True)
+    return joined.sort("key").with_columns(time=pl.coalesce("time", "log_time")).drop("key", "log_time")
+
+
+def nanoseconds(column: str) -> pl.Expr:
+    """Times [s] in whole nanoseconds, which unlike floats can be joined on."""
+    return (pl.col(column) / NANOSECOND).round().cast(pl.Int64)
+
+
+def identity(path: Path, given: str, source: str) -> dict[str, Any]:
+    """What identifies a raw file: its name in the sheet, size and SHA-256, and the source file that describes it."""
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return {"path": given, "bytes": path.stat().st_size, "sha256": digest, "source": source}

@@ -1,0 +1,118 @@
+"""The force plates that a C3D file declares, with their channels in SI units.
+
+FORCE_PLATFORM:ZERO, the frames of a baseline to subtract, is not applied: the reference values are reproduced
+without it, the frames named are often loaded or absent (0), and an offset is for the analysis to remove.
+"""
+
+import numpy as np
+
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.c3d_file import C3DRecording
+from osl_analysis.ingest.force_plate import CHANNELS, ForcePlate
+from osl_analysis.ingest.source_file import C3dSource
+from osl_analysis.ingest.units import si_factor
+from osl_analysis.trial import Array
+
+QUANTITIES = {1: ("N",) * 3 + ("m",) * 2 + ("N*m",), 2: ("N",) * 3 + ("N*m",) * 3, 3: ("N",) * 8}
+
+
+def plate_count(recording: C3DRecording) -> int:
+    """How many plates the file says are in use."""
+    used = recording.header.numbers("FORCE_PLATFORM:USED")
+    return int(used[0]) if used.size else 0
+
+
+def plates_of(recording: C3DRecording, source: C3dSource) -> list[tuple[ForcePlate, Array]]:
+    """The plates that the source file asks for, each with its channels (samples, channels) for `ForcePlate.wrench`.
+
+    Raises
+    ------
+    InputError
+        The file has no such plate, the plate lacks channels or parameters, or a unit is unknown.
+    """
+    count = plate_count(recording)
+    wanted = range(1, count + 1) if source.plates == "all" else source.plates
+    found = []
+    for number in wanted:
+        if not 1 <= number <= count:
+            raise InputError(f"{recording.path}: no force plate {number}; the file has {count}, counted from 1")
+        try:
+            plate = plate_of(recording, source, number)
+            found.append((plate, plate_channels(recording, source, plate)))
+        except InputError as error:
+            raise InputError(f"{recording.path}: {error} (or leave it out under `plates`)") from error
+    return found
+
+
+def plate_of(recording: C3DRecording, source: C3dSource, number: int) -> ForcePlate:
+    """Geometry of one plate in SI units."""
+    metre = si_factor(source.point_unit or recording.point_unit(), "m")
+    kind = int(parameter(recording, "TYPE", number))
+    return ForcePlate(
+        number,
+        kind,
+        parameter(recording, "CORNERS", number, (3, 4)).T * metre,
+        parameter(recording, "ORIGIN", number, (3,)) * metre,
+        calibration(recording, source, number) if kind == 4 else None,
+    )
+
+
+def calibration(recording: C3DRecording, source: C3dSource, number: int) -> Array:
+    """Matrix of a type 4 plate; its moments are in N times the file's unit of length unless overridden."""
+    matrix = parameter(recording, "CAL_MATRIX", number, (6, 6))
+    if recording.header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
+        matrix = matrix.T
+    units = source.plate_units
+    moment = units.moment if units else f"N*{source.point_unit or recording.point_unit()}"
+    force_factor = si_factor(units.force, "N") if units else 1.0
+    return np.asarray(matrix * np.repeat([force_factor, si_factor(moment, "N*m")], 3)[:, None])
+
+
+def channel_numbers(recording: C3DRecording, plate: ForcePlate) -> list[int]:
+    """The plate's analog channels, counted from 0."""
+    needed = CHANNELS[plate.type]
+    numbers = parameter(recording, "CHANNEL", plate.number, (0,)).astype(int)[:needed]
+    if numbers.size < needed or (numbers < 1).any() or (numbers > recording.header.channels).any():
+        raise InputError(
+            f"plate {plate.number} of type {plate.type} needs {needed} channels, FORCE_PLATFORM:CHANNEL gives "
+            f"{numbers.tolist()} of the file's {recording.header.channels}; correct it"
+        )
+    return [int(number) - 1 for number in numbers]
+
+
+def plate_channels(recording: C3DRecording, source: C3dSource, plate: ForcePlate) -> Array:
+    """The plate's samples (samples, channels), in SI units except for type 4, whose calibration takes them as they are."""
+    numbers = channel_numbers(recording, plate)
+    values = recording.analogs[:, numbers]
+    if plate.type == 4:
+        return values
+    units = [
+        factor(recording, source, n, quantity) for n, quantity in zip(numbers, QUANTITIES[plate.type], strict=True)
+    ]
+    return np.asarray(values * np.array(units))
+
+
+def factor(recording: C3DRecording, source: C3dSource, channel: int, quantity: str) -> float:
+    """Factor of a plate's channel, counted from 0, to the SI unit of its quantity."""
+    unit = recording.analog_unit(channel)
+    if source.plate_units:
+        unit = {"N": source.plate_units.force, "N*m": source.plate_units.moment}.get(quantity, unit)
+    try:
+        return si_factor(unit, quantity)
+    except InputError as error:
+        raise InputError(f"analog channel {channel + 1}: {error}; or state `plate_units`") from error
+
+
+def parameter(recording: C3DRecording, name: str, number: int, shape: tuple[int, ...] = ()) -> Array:
+    """One plate's part, of the given shape (0: any), of a FORCE_PLATFORM parameter.
+
+    The last dimension counts plates; writers drop it where there is one.
+    """
+    table = recording.header.table(f"FORCE_PLATFORM:{name}")
+    whole = table[..., None] if table.ndim == len(shape) else table
+    fits = whole.ndim == len(shape) + 1 and all(
+        want in (0, size) for want, size in zip(shape, whole.shape, strict=False)
+    )
+    if not fits or whole.shape[-1] < number:
+        raise InputError(f"plate {number}: FORCE_PLATFORM:{name} has dimensions {table.shape}; correct or remove it")
+    return np.asarray(whole[..., number - 1])

@@ -1,0 +1,152 @@
+"""One crossing of the walkway: from markers and plate to angle and torque over stance, with its events."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from osl_analysis.errors import InputError
+from osl_analysis.signals import sampling_rate
+from osl_analysis.trial import Array, Trial
+from osl_analysis.walking.ankle import (
+    FootInertia,
+    StaticCalibration,
+    ankle_angle,
+    ankle_in_lab,
+    ankle_torque,
+    foot_torque,
+)
+from osl_analysis.walking.events import Stance, checked_onset, find_onset, find_stances, only_stance
+from osl_analysis.walking.kinematics import body_motion
+from osl_analysis.walking.moving_plate import Wrench, at_marker_times, in_laboratory, rotation_from_rest
+from osl_analysis.walking.plate_inertia import PlateInertia, PlateModel
+from osl_analysis.walking.rigid_body import Poses, smoothed
+from osl_analysis.walking.segments import plate_centre, plate_wrench, reference_of, segment_poses
+from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
+
+SEGMENTS = ("foot", "shank", "platform")
+EDGE_S = 0.1
+"""What the low-pass needs [s] of the record before and after a stance, where there is that much."""
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Joint angle [rad] and internal plantarflexion moment [N*m] of one crossing, n samples at the marker rate.
+
+    `platform` is the platform's rotation [rad], not filtered; `onset` [s] of the perturbation, None without one;
+    `bridged` the fraction of frames in stance in which a hidden cluster was interpolated.
+    """
+
+    name: str
+    time: Array
+    theta: Array
+    torque: Array
+    platform: Array
+    stance: Stance
+    onset: float | None
+    bridged: float
+
+
+def analyse_crossing(
+    trial: Trial, calibration: StaticCalibration, plate: PlateModel, perturbed: bool, settings: WalkingAnalysis
+) -> Crossing:
+    """Angle and torque of a crossing; `perturbed` is what the sheet says, checked against the platform's motion.
+
+    Markers and wrench pass the same low-pass at the same rate first; what follows from them is not filtered again.
+
+    Raises
+    ------
+    InputError
+        No or several stances, a perturbation that is not where or what it should be, or a cluster hidden in stance.
+    """
+    try:
+        return crossing_of(trial, calibration, plate, perturbed, settings)
+    except InputError as error:
+        text = str(error)
+        raise InputError(text if trial.name in text else f"trial {trial.name}: {text}") from error
+
+
+def crossing_of(
+    trial: Trial, calibration: StaticCalibration, plate: PlateModel, perturbed: bool, settings: WalkingAnalysis
+) -> Crossing:
+    """As `analyse_crossing`; its messages do not name the trial."""
+    clusters = {name: (getattr(settings.markers, name), getattr(calibration, name)) for name in SEGMENTS}
+    raw = {}
+    for name, (labels, positions) in clusters.items():
+        time, raw[name] = segment_poses(trial, labels, positions, settings)
+    stance, wrench = stance_and_wrench(trial, time, settings, plate.lag)
+    rotation = rotation_from_rest(raw["platform"])
+    onset = find_onset(time, rotation, float(np.deg2rad(settings.perturbation_deg)))
+    lead = settings.guard_s + settings.baseline_s
+    onset = checked_onset(onset, stance, perturbed, lead, settings.window_s)
+    rows = rows_of_stance(time, raw, stance)
+    rate = sampling_rate(time)
+    poses = {
+        name: smoothed(raw[name][rows], reference_of(positions, labels, trial.name), settings.low_pass, rate)
+        for name, (labels, positions) in clusters.items()
+    }
+    filtered = Wrench(settings.low_pass(wrench.force, rate)[rows], settings.low_pass(wrench.moment, rate)[rows])
+    torque = torque_of(
+        time[rows], poses, filtered, plate_centre(trial, settings.plate), calibration, plate.inertia, settings.foot
+    )
+    theta = ankle_angle(poses["foot"], poses["shank"], calibration.ankle_axis)
+    inside = (time[rows] >= stance.heel_strike) & (time[rows] <= stance.toe_off)
+    bridged = np.any([pose.bridged for pose in poses.values()], axis=0)
+    return Crossing(
+        trial.name, time[rows], theta, torque, rotation[rows], stance, onset, float(np.mean(bridged[inside]))
+    )
+
+
+def stance_and_wrench(trial: Trial, marker_time: Array, settings: WalkingAnalysis, lag: float) -> tuple[Stance, Wrench]:
+    """The stance, from the vertical force, and the wrench at the marker frames (n,), in the plate's axes."""
+    plate_time, measured = plate_wrench(trial, settings.plate)
+    wrench = at_marker_times(plate_time, measured, marker_time, lag)
+    limits = settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
+    return only_stance(find_stances(marker_time, wrench.force[:, 2], *limits)), wrench
+
+
+def rows_of_stance(time: Array, poses: dict[str, Poses], stance: Stance) -> slice:
+    """Frames of the stance and up to 0.1 s either side, in all of which every cluster is seen.
+
+    Raises
+    ------
+    InputError
+        A cluster is hidden within the stance for longer than gaps are bridged.
+    """
+    for name, pose in poses.items():
+        inside = (time >= stance.heel_strike) & (time <= stance.toe_off)
+        hidden = np.flatnonzero(inside & ~pose.seen())
+        if len(hidden):
+            raise InputError(
+                f"the {name} markers cannot be followed at {time[hidden[0]]:.3f} s, in {len(hidden)} frames of stance; "
+                "fill the gap in Nexus, raise longest_gap_s, or exclude the trial"
+            )
+    seen = np.all([pose.seen() for pose in poses.values()], axis=0)
+    first = int(np.searchsorted(time, stance.heel_strike))
+    last = int(np.searchsorted(time, stance.toe_off, side="right")) - 1
+    while first > 0 and seen[first - 1] and time[first - 1] >= stance.heel_strike - EDGE_S:
+        first -= 1
+    while last < len(time) - 1 and seen[last + 1] and time[last + 1] <= stance.toe_off + EDGE_S:
+        last += 1
+    return slice(first, last + 1)
+
+
+def torque_of(
+    time: Array,
+    poses: dict[str, Poses],
+    wrench: Wrench,
+    centre: Array,
+    calibration: StaticCalibration,
+    inertia: PlateInertia,
+    foot: FootSettings | None,
+) -> Array:
+    """Internal plantarflexion moment (n,) [N*m] from filtered poses and the filtered wrench in the plate's axes."""
+    own = inertia.wrench(body_motion(time, poses["platform"], centre))
+    reaction, plate_now = in_laboratory(wrench - own, poses["platform"], centre)
+    ankle, axis = ankle_in_lab(poses["foot"], poses["shank"], calibration)
+    torque = ankle_torque(reaction.force, reaction.moment, plate_now, ankle, axis)
+    if foot is None:
+        return torque
+    carried = FootInertia(foot.mass_kg, np.array(foot.centre_of_mass_m), foot.inertia_kg_m2)
+    mass_centre = calibration.ankle_centre + carried.centre_of_mass
+    motion = body_motion(time, poses["foot"], mass_centre)
+    return torque + foot_torque(motion, motion.point, ankle, axis, carried)

@@ -1,0 +1,154 @@
+"""Events of a crossing: stance from the vertical force, onset of a perturbation from the platform's rotation."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from osl_analysis.errors import InputError
+from osl_analysis.trial import Array
+
+REST_S = 0.1
+"""Length [s] of the stretch ahead of the first motion that says where the platform rests."""
+PART_NOISE, PART_FROM, PART_TO = 25.0, 0.03, 0.25
+"""The start of a turn is fitted up to so many standard deviations of the rest, between these fractions of the turn: the
+less of a soft start is fitted, the truer it is to a power of time, and the more noise counts."""
+LEAST_FRAMES = 4
+"""Frames that the fitted start has at least, for its power to show."""
+POWERS = np.arange(1.0, 4.01, 0.25)
+START_STEP_S = 0.0002
+
+
+@dataclass(frozen=True)
+class Stance:
+    """Heel strike and toe-off [s]."""
+
+    heel_strike: float
+    toe_off: float
+
+    @property
+    def duration(self) -> float:
+        """Duration [s]."""
+        return self.toe_off - self.heel_strike
+
+
+def find_stances(time: Array, force: Array, on: float, off: float, shortest: float) -> list[Stance]:
+    """Whole stances of at least `shortest` [s] in a vertical force (n,) [N].
+
+    A stance begins where the force rises through `on` and ends where it falls through `off` [N], off <= on, each
+    interpolated between samples. NaN changes nothing: the foot stays where it was. A stance that the record cuts
+    is left out.
+    """
+    level = np.where(force > on, 1, np.where(force < off, -1, 0))
+    known = np.maximum.accumulate(np.where(level != 0, np.arange(len(level)), -1))
+    loaded = (known >= 0) & (level[known] == 1)
+    change = np.diff(loaded.astype(int))
+    starts, ends = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
+    ends = ends[ends > starts[0]] if len(starts) else ends[:0]
+    stances = [
+        Stance(crossing_time(time, force, s, on), crossing_time(time, force, e, off))
+        for s, e in zip(starts.tolist(), ends.tolist(), strict=False)
+    ]
+    return [s for s in stances if s.duration >= shortest]
+
+
+def crossing_time(time: Array, values: Array, row: int, level: float) -> float:
+    """Time [s] between rows `row` and `row + 1` at which the values pass `level`; the later one if one is NaN."""
+    before, after = values[row], values[row + 1]
+    if not np.isfinite(before + after) or before == after:
+        return float(time[row + 1])
+    share = np.clip((level - before) / (after - before), 0.0, 1.0)
+    return float(time[row] + share * (time[row + 1] - time[row]))
+
+
+def only_stance(stances: list[Stance]) -> Stance:
+    """The one stance of a crossing.
+
+    Raises
+    ------
+    InputError
+        There is none, or more than one.
+    """
+    if len(stances) != 1:
+        found = ", ".join(f"{s.heel_strike:.3f}-{s.toe_off:.3f} s" for s in stances) or "none"
+        raise InputError(
+            f"one stance on the plate is expected, found {found}; check the plate's number, zero and load thresholds, "
+            "cut the record to one crossing, or exclude it in the sheet"
+        )
+    return stances[0]
+
+
+def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
+    """Time [s] at which a platform starts to turn; None if it never turns by `threshold` [rad].
+
+    `rotation` (n,) [rad] is positive in the direction of the turn, and must not have passed the low-pass of the
+    analysis, which smears the start ahead. The first part of the turn is fitted as c (t - onset)^p, p from 1 (a
+    straight ramp) to 4: a straight line taken back to rest would find a soft start late by a fifth of the ramp.
+
+    Raises
+    ------
+    InputError
+        The platform turns before its rest is known.
+    """
+    seen = np.isfinite(rotation)
+    time, rotation = time[seen], rotation[seen]
+    above = np.flatnonzero(rotation > threshold)
+    if not len(above):
+        return None
+    first = int(above[0])
+    resting = (time >= time[first] - 2 * REST_S) & (time < time[first] - REST_S)
+    if not resting.any():
+        raise InputError(
+            f"the platform turns within {2 * REST_S:g} s of the record's start; record its rest before, or exclude "
+            "the trial"
+        )
+    turned, noise = rotation - float(np.mean(rotation[resting])), float(np.std(rotation[resting]))
+    end = end_of_start(turned[: first + 1], noise, float(np.max(turned)))
+    rows = slice(int(np.searchsorted(time, time[end] - 2 * REST_S)), end + 1)
+    return float(time[end] + power_law_start(time[rows] - time[end], turned[rows]))
+
+
+def end_of_start(turned: Array, noise: float, height: float) -> int:
+    """The frame up to which a turn's start is fitted, of `turned` (n,) [rad] that ends above the threshold."""
+    level = height * np.clip(PART_NOISE * noise / height, PART_FROM, PART_TO)
+    seen = max(0.2 * level, 3 * noise)
+    end, start = (int(np.flatnonzero(turned[:-1] < limit)[-1]) + 1 for limit in (level, seen))
+    return min(max(end, start + LEAST_FRAMES - 1), len(turned) - 1)
+
+
+def power_law_start(time: Array, turned: Array) -> float:
+    """The start t0 < 0 [s] that fits c (time - t0)^p best to `turned` (n,) [rad], by a search over t0 and p."""
+    starts = np.arange(-REST_S, -START_STEP_S, START_STEP_S)
+    since = np.clip(time - starts[:, None], 0.0, None)
+    misfits = []
+    for p in POWERS:
+        shape = since**p
+        size = shape @ turned / np.sum(shape**2, axis=1)
+        misfits.append(np.sum((turned - size[:, None] * shape) ** 2, axis=1))
+    return float(starts[np.argmin(misfits) % len(starts)])
+
+
+def checked_onset(onset: float | None, stance: Stance, perturbed: bool, lead: float, window: float) -> float | None:
+    """The onset [s], once it agrees with the sheet and leaves room for the baseline and the window [s] in stance.
+
+    Raises
+    ------
+    InputError
+        The sheet says otherwise, or baseline or window leave the stance.
+    """
+    if (onset is not None) != perturbed:
+        found = "does not turn" if onset is None else f"turns at {onset:.3f} s"
+        raise InputError(
+            f"the platform {found} but the sheet says perturbed = {str(perturbed).lower()}; correct the sheet, "
+            "perturbation_deg or the platform markers, or exclude the trial"
+        )
+    if onset is None:
+        return None
+    span = f"stance {stance.heel_strike:.3f}-{stance.toe_off:.3f} s"
+    if not stance.heel_strike < onset < stance.toe_off:
+        raise InputError(f"the perturbation starts at {onset:.3f} s, outside {span}; exclude the trial")
+    if onset - lead < stance.heel_strike or onset + window > stance.toe_off:
+        raise InputError(
+            f"baseline and window, {onset - lead:.3f}-{onset + window:.3f} s, leave {span}; shorten window_s, "
+            "baseline_s or guard_s, or exclude the trial"
+        )
+    return onset

@@ -1,0 +1,167 @@
+"""What a perturbation adds to a crossing: the crossing minus the mean unperturbed one at the same phase of stance."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.fits.impedance import ImpedanceFit
+from osl_analysis.fits.regression import linear_fit
+from osl_analysis.signals import Motion, differentiate, sampling_rate
+from osl_analysis.trial import Array
+from osl_analysis.walking.crossing import Crossing
+
+PHASES = np.linspace(0.0, 1.0, 401)
+"""Phases of stance at which unperturbed crossings are kept: finer than the markers' frames."""
+MARGIN = 8
+"""Samples on either side of what is used, for the derivatives' spline."""
+
+
+@dataclass(frozen=True)
+class NormalGait:
+    """Unperturbed crossings at `PHASES`: theta [rad], torque [N*m], (crossings, phases); stance [s], (crossings,)."""
+
+    names: tuple[str, ...]
+    theta: Array
+    torque: Array
+    stance: Array
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Window [s] after the onset that is fitted; baseline [s], which ends `guard` [s] before the onset."""
+
+    window: float
+    baseline: float
+    guard: float
+
+
+@dataclass(frozen=True)
+class Response:
+    """Isolated response to one perturbation, k samples at `time` [s] from the onset, zero on the baseline's mean.
+
+    `motion` of the ankle's angle and `torque` [N*m]; `thetas` and `torques` (crossings, k) are angle and torque with
+    each unperturbed crossing subtracted instead of their mean, for the bootstrap.
+    """
+
+    name: str
+    time: Array
+    motion: Motion
+    torque: Array
+    thetas: Array
+    torques: Array
+    timing: Timing
+
+    @property
+    def window(self) -> slice:
+        """Samples of the fitted window."""
+        return window_rows(self.time, self.timing)
+
+
+def window_rows(time: Array, timing: Timing) -> slice:
+    """Samples from the onset, where the grid has one, up to but without the window's end: 30 at 300 Hz for 0.1 s."""
+    first = int(np.argmin(np.abs(time)))
+    return slice(first, first + round(timing.window / (time[1] - time[0])))
+
+
+def normal_gait(crossings: Sequence[Crossing], fewest: int) -> NormalGait:
+    """Unperturbed crossings on a common grid of stance phase: 0 at heel strike, 1 at toe-off.
+
+    Raises
+    ------
+    InputError
+        There are fewer than `fewest`.
+    """
+    if len(crossings) < fewest:
+        raise InputError(
+            f"{len(crossings)} unperturbed crossings ({', '.join(c.name for c in crossings) or 'none'}), expected "
+            f"{fewest} or more; record more, or exclude fewer in the sheet"
+        )
+    theta, torque = (
+        np.array(
+            [at_times(c, getattr(c, signal), c.stance.heel_strike + PHASES * c.stance.duration) for c in crossings]
+        )
+        for signal in ("theta", "torque")
+    )
+    return NormalGait(tuple(c.name for c in crossings), theta, torque, np.array([c.stance.duration for c in crossings]))
+
+
+def at_times(crossing: Crossing, signal: Array, time: Array) -> Array:
+    """A signal (n,) of a crossing at other times [s], by a cubic spline; at the record's ends it is held."""
+    inside = np.clip(time, crossing.time[0], crossing.time[-1])
+    return np.asarray(make_interp_spline(crossing.time, signal, k=3)(inside))
+
+
+def isolate(crossing: Crossing, normal: NormalGait, timing: Timing, stance: float) -> Response:
+    """The crossing's response to its perturbation.
+
+    Phase is time since heel strike over `stance` [s]: the crossing's own duration, or the unperturbed mean where the
+    perturbation changes how long stance lasts. The response is zero on average over the baseline, which ends before
+    the zero-phase filter smears the onset into it: zeroing at the onset itself reads K 321 for 340.
+
+    Raises
+    ------
+    InputError
+        The crossing has no onset, or baseline or window leave the phases of the unperturbed gait.
+    """
+    if crossing.onset is None:
+        raise InputError(f"trial {crossing.name}: no perturbation in it; mark it as unperturbed in the sheet")
+    time = response_grid(sampling_rate(crossing.time), timing)
+    phase = (crossing.onset + time - crossing.stance.heel_strike) / stance
+    used = phase[MARGIN:-MARGIN]
+    if used[0] < 0 or used[-1] > 1:
+        raise InputError(
+            f"trial {crossing.name}: baseline and window span {used[0]:.2f}-{used[-1]:.2f} of stance, expected 0-1; "
+            "shorten window_s, baseline_s or guard_s, or exclude the trial"
+        )
+    phase = np.clip(phase, 0.0, 1.0)
+    rest = slice(MARGIN, MARGIN + round(timing.baseline * sampling_rate(time)))
+    thetas, torques = (
+        without_baseline(at_times(crossing, own, crossing.onset + time) - at_phases(others, phase), rest)
+        for own, others in ((crossing.theta, normal.theta), (crossing.torque, normal.torque))
+    )
+    motion = differentiate(time, thetas.mean(axis=0))
+    return Response(crossing.name, time, motion, torques.mean(axis=0), thetas, torques, timing)
+
+
+def response_grid(rate: float, timing: Timing) -> Array:
+    """Times [s] from the onset at the marker `rate` [Hz]: baseline, guard and window, with the spline's margins."""
+    first = -round((timing.baseline + timing.guard) * rate) - MARGIN
+    last = round(timing.window * rate) + MARGIN
+    return np.arange(first, last + 1) / rate
+
+
+def at_phases(curves: Array, phase: Array) -> Array:
+    """Curves (crossings, phases) at other phases (k,): (crossings, k)."""
+    return np.asarray(make_interp_spline(PHASES, curves, k=3, axis=1)(phase))
+
+
+def without_baseline(curves: Array, rest: slice) -> Array:
+    """Curves (crossings, k) without their means over the samples `rest` of the baseline."""
+    return np.asarray(curves - curves[:, rest].mean(axis=1, keepdims=True))
+
+
+def fit_response(response: Response) -> ImpedanceFit:
+    """Eq. 15 in the window after the onset, without an offset: the baseline before the onset is the zero.
+
+    An offset would be fitted to whatever of the response is not of second order: it reads K 321 for 334 on the exact
+    response of the simulated drivetrain, and 308 if the onset is found 20 ms late.
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        As `linear_fit`, naming the trial: a ramp longer than the window can't tell K from I.
+    """
+    rows = response.window
+    try:
+        return fit_without_offset(response.motion[rows], response.torque[rows])
+    except OslAnalysisError as error:
+        raise type(error)(f"trial {response.name}: {error}") from error
+
+
+def fit_without_offset(motion: Motion, torque: Array) -> ImpedanceFit:
+    """K, B, I of a motion (n,) and torque (n,) [N*m] whose zeros are known."""
+    fit = linear_fit(torque, {"K": motion.theta, "B": motion.omega, "I": motion.alpha})
+    return ImpedanceFit(fit["K"], fit["B"], fit["I"], 0.0, fit)

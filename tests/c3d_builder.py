@@ -1,0 +1,81 @@
+"""C3D files byte by byte, independent of every reader: Intel, floats or integers, with any parameters."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+
+REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
+
+
+def write_c3d(
+    path: Path,
+    points: np.ndarray,
+    analogs: np.ndarray | None = None,
+    rate: float = 100.0,
+    integers: bool = False,
+    processor: int = 84,
+    **parameters: object,
+) -> Path:
+    """Write raw points (frames, points, 4: x, y, z, residual) and raw analogs (samples, channels) as they are.
+
+    Parameters are named `GROUP__NAME`: lists of text, whole numbers or floats, in C3D's dimensions.
+    """
+    analogs = np.zeros((len(points), 0)) if analogs is None else analogs
+    ratio = len(analogs) // len(points)
+    known = {
+        "POINT__USED": np.array([points.shape[1]]),
+        "POINT__FRAMES": np.array([len(points)]),
+        "POINT__SCALE": np.array([0.1 if integers else -0.1]),
+        "POINT__RATE": np.array([rate]),
+        "POINT__UNITS": ["mm"],
+        "POINT__LABELS": [f"M{i + 1}" for i in range(points.shape[1])],
+        "ANALOG__USED": np.array([analogs.shape[1]]),
+        "ANALOG__RATE": np.array([rate * ratio]),
+        "ANALOG__SCALE": np.ones(analogs.shape[1]),
+        "ANALOG__GEN_SCALE": np.array([1.0]),
+        "ANALOG__OFFSET": np.zeros(analogs.shape[1], int),
+        "ANALOG__LABELS": [f"A{i + 1}" for i in range(analogs.shape[1])],
+        "ANALOG__UNITS": ["V"] * analogs.shape[1],
+        "FORCE_PLATFORM__USED": np.array([0]),
+    }
+    section = parameter_section({**known, **parameters}, processor)
+    data_start = 2 + len(section) // 512
+    known["POINT__DATA_START"] = np.array([data_start])
+    section = parameter_section({**known, **parameters}, processor)
+    scale = 0.1 if integers else -0.1
+    counts = (points.shape[1], analogs.shape[1] * ratio, 1, min(len(points), 65535), 0)
+    header = struct.pack("<BB5Hf2Hf", 2, 0x50, *counts, scale, data_start, ratio, rate)
+    frames = np.hstack([points.reshape(len(points), -1), analogs.reshape(len(points), -1)])
+    kind = "<i2" if integers else "<f4"
+    data = (frames.astype(np.int64) % 65536).astype("<u2") if integers else frames.astype(kind)
+    content = header.ljust(512, b"\0") + section + data.tobytes()
+    path.write_bytes(content.ljust(-(-len(content) // 512) * 512, b"\0"))
+    return path
+
+
+def parameter_section(parameters: dict[str, object], processor: int) -> bytes:
+    """Groups first, then their parameters, padded to blocks of 512 bytes."""
+    groups = list(dict.fromkeys(name.split("__")[0] for name in parameters))
+    records = [record(-number, group, b"\0") for number, group in enumerate(groups, start=1)]
+    for name, value in parameters.items():
+        group, own = name.split("__")
+        records.append(record(groups.index(group) + 1, own, content(value) + b"\0"))
+    body = b"".join(records) + b"\0\0"
+    blocks = -(-(len(body) + 4) // 512)
+    return (bytes([1, 0x50, blocks, processor]) + body).ljust(blocks * 512, b"\0")
+
+
+def record(group: int, name: str, rest: bytes) -> bytes:
+    return struct.pack("bb", len(name), group) + name.encode() + struct.pack("<h", 2 + len(rest)) + rest
+
+
+def content(value: object) -> bytes:
+    if isinstance(value, list):
+        length = max([len(text) for text in value], default=1) or 1
+        joined = b"".join(text.encode("latin-1").ljust(length) for text in value)
+        return struct.pack("bBBB", -1, 2, length, len(value)) + joined
+    array = np.asarray(value)
+    kind, size = ("<i2", 2) if array.dtype.kind == "i" else ("<f4", 4)
+    stored = (array % 65536).astype("<u2") if kind == "<i2" else array.astype(kind)
+    return struct.pack("bB", size, array.ndim) + bytes(array.shape) + stored.ravel(order="F").tobytes()

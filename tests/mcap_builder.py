@@ -1,0 +1,56 @@
+"""Small ROS 2 logs in MCAP, encoded by mcap_ros2's own writer, independent of the decoder under test."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from mcap.writer import CompressionType, Writer
+from mcap_ros2._dynamic import serialize_dynamic
+
+HEADER = """\
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+SAMPLE = "std_msgs/Header header\nfloat32 angle\nfloat64 torque\nbool sync\n" + HEADER
+SAMPLE_NAME = "lab_msgs/msg/Sample"
+
+
+def stamped(nanoseconds: int, **fields: Any) -> tuple[int, dict[str, Any]]:
+    """A message with a header stamp, logged 1 ms after it."""
+    stamp = {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9}
+    return nanoseconds + 1_000_000, {"header": {"stamp": stamp, "frame_id": "lab"}, **fields}
+
+
+def write_log(
+    path: Path,
+    messages: Iterable[tuple[int, dict[str, Any]]],
+    schema: str = SAMPLE,
+    name: str = SAMPLE_NAME,
+    topic: str = "/lab",
+    **options: Any,
+) -> Path:
+    """One topic; messages are (log time [ns], fields), in file order."""
+    return write_topics(path, {topic: (name, schema, list(messages))}, **options)
+
+
+def write_topics(
+    path: Path, topics: dict[str, tuple[str, str, list[tuple[int, dict[str, Any]]]]], **options: Any
+) -> Path:
+    """Several topics, one after the other; a topic whose name ends in `#2` is a second channel of the same topic."""
+    with path.open("wb") as file:
+        writer = Writer(file, **{"compression": CompressionType.ZSTD, **options})
+        writer.start(profile="ros2")
+        for topic, (name, schema, messages) in topics.items():
+            encode = serialize_dynamic(name, schema)[name]
+            number = writer.register_schema(name, "ros2msg", schema.encode())
+            channel = writer.register_channel(topic.removesuffix("#2"), "cdr", number)
+            for sequence, (log_time, fields) in enumerate(messages):
+                writer.add_message(channel, log_time, encode(fields), log_time, sequence)
+        writer.finish()
+    return path

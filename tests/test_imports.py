@@ -1,0 +1,50 @@
+"""Who may import whom: data flows one way, and the simulator shares nothing with what it is used to check."""
+
+import pytest
+from conftest import ROOT
+
+from osl_analysis.workflow import imported_names
+
+PACKAGE = ROOT / "osl_analysis"
+COMMON = {"errors", "trial"}
+MAY_IMPORT = {
+    "model": COMMON | {"model", "parameters"},
+    "simulator": COMMON | {"simulator", "model", "parameters", "columns", "sheet", "validation", "atomic", "trajectory"},
+    "ingest": COMMON | {"ingest", "columns", "validation"},
+    "fits": COMMON | {"fits", "signals"},
+    "walking": COMMON | {"walking", "fits", "signals", "columns", "validation"},
+    "figures": COMMON | {"figures"},
+}
+
+
+def stations(folder: str) -> set[tuple[str, str]]:
+    """(module, station that it imports) for every module of ours in a folder."""
+    return {
+        (str(path.relative_to(PACKAGE)), name.split(".")[1])
+        for path in (PACKAGE / folder).rglob("*.py")
+        for name in imported_names(path)
+    }
+
+
+@pytest.mark.parametrize("folder", MAY_IMPORT)
+def test_a_station_imports_only_what_lies_before_it(folder):
+    assert {(m, s) for m, s in stations(folder) if s not in MAY_IMPORT[folder]} == set()
+
+
+def test_only_the_simulate_command_knows_the_simulator():
+    users = {m for m, s in stations(".") if s == "simulator" and not m.startswith("simulator/")}
+    assert users == {"commands/simulate.py"}
+
+
+def test_commands_are_called_by_the_command_line_alone():
+    users = {m for m, s in stations(".") if s == "commands" and not m.startswith("commands/")}
+    assert users == {"cli.py"}
+
+
+def test_matplotlib_stays_in_the_figures():
+    users = {
+        str(path.relative_to(PACKAGE))
+        for path in PACKAGE.rglob("*.py")
+        if "import matplotlib" in path.read_text() or "from matplotlib" in path.read_text()
+    }
+    assert {user for user in users if not user.startswith("figures/")} == set()

@@ -1,0 +1,302 @@
+"""C3D: what the file means comes out, and what cannot be trusted is refused before a decoder sees it."""
+
+import contextlib
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from c3d_builder import REAL_DATA, write_c3d
+
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.c3d_capture import read_capture
+from osl_analysis.ingest.c3d_file import read_c3d
+from osl_analysis.ingest.c3d_header import read_header
+from osl_analysis.ingest.source_file import C3dSource
+
+C3D = REAL_DATA / "c3d"
+needs_real_data = pytest.mark.skipif(not C3D.is_dir(), reason="real data are not here")
+REAL_FILES = sorted(p for p in C3D.glob("*") if p.stat().st_size > 1024) if C3D.is_dir() else []
+UNREADABLE = {
+    "Eb015si.c3d": "written for a processor MIPS; only Intel and DEC are read",
+    "Optotrak_truncated_29_of_1149.c3d": "truncated: it declares 1149 frames and holds 29",
+    "s18_bad_parameter_section.c3d": "damaged C3D file: the parameter section is damaged",
+    "mac_s11_evart_types3344.c3d": "correct POINT:RATE and ANALOG:RATE",
+    "bts_561xxa01_anonym.C3D": "correct POINT:RATE and ANALOG:RATE",
+}
+READABLE = [path for path in REAL_FILES if path.name not in UNREADABLE]
+
+
+def source(**fields: object) -> C3dSource:
+    return C3dSource.model_validate({"format": "c3d", **fields})
+
+
+def points(frames: int = 6, count: int = 3) -> np.ndarray:
+    """Whole numbers, all different, none zero, residual 0."""
+    values = np.arange(1, frames * count * 4 + 1, dtype=float).reshape(frames, count, 4)
+    values[:, :, 3] = 0.0
+    return values
+
+
+def analogs(samples: int = 24, channels: int = 2) -> np.ndarray:
+    return np.arange(samples * channels, dtype=float).reshape(samples, channels) - 7.0
+
+
+def refused(path: Path, c3d_source: C3dSource | None = None) -> str:
+    with pytest.raises(InputError) as caught:
+        read_capture(path, c3d_source or source())
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    return message
+
+
+def test_points_analogs_and_time_are_those_of_the_file(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), rate=100.0)
+    recording = read_capture(path, source(analogs={"sync": {"channel": "A2"}}))
+    markers = recording.samples.select("time", pl.col("^marker_.*$")).drop_nulls()
+    np.testing.assert_allclose(markers["time"], np.arange(6) / 100, rtol=1e-15)
+    for i in range(3):
+        for axis, name in enumerate("xyz"):
+            np.testing.assert_allclose(markers[f"marker_M{i + 1}_{name}"], points()[:, i, axis] / 1000, rtol=1e-15)
+    np.testing.assert_allclose(recording.samples["time"], np.arange(24) / 400, rtol=1e-15)
+    np.testing.assert_array_equal(recording.samples["sync"], analogs()[:, 1])
+
+
+def test_markers_alone_have_one_row_per_frame(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs())
+    samples = read_capture(path, source()).samples
+    assert len(samples) == 6
+    assert samples.null_count().sum_horizontal()[0] == 0
+
+
+def test_a_point_with_negative_residual_or_at_the_exact_origin_was_not_seen(tmp_path: Path) -> None:
+    raw = points()
+    raw[1, 0, 3] = -1.0
+    raw[2, 0, :3] = 0.0
+    raw[3, 0, 2] = 0.0
+    samples = read_capture(write_c3d(tmp_path / "a.c3d", raw), source()).samples
+    assert samples["marker_M1_x"].is_nan().to_list() == [False, True, True, False, False, False]
+    assert samples["marker_M1_z"].is_nan().to_list() == [False, True, True, False, False, False]
+    assert not samples["marker_M2_x"].is_nan().any()
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)])
+def test_positions_are_in_metres_whatever_the_files_unit(tmp_path: Path, unit: str, factor: float) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), POINT__UNITS=[unit])
+    np.testing.assert_allclose(read_capture(path, source()).samples["marker_M2_y"], points()[:, 1, 1] * factor)
+
+
+@pytest.mark.parametrize(("unit", "problem"), [("inch", "unit 'inch' is unknown"), ("", "the unit is empty")])
+def test_an_unknown_unit_of_length_is_refused_unless_the_source_states_it(
+    tmp_path: Path, unit: str, problem: str
+) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), POINT__UNITS=[unit])
+    assert problem in refused(path)
+    samples = read_capture(path, source(point_unit="cm")).samples
+    np.testing.assert_allclose(samples["marker_M1_x"], points()[:, 0, 0] / 100)
+
+
+@pytest.mark.parametrize("offset", [0, 2048, -300])
+@pytest.mark.parametrize("integers", [True, False])
+def test_signed_samples_are_raw_minus_offset_times_both_scales(tmp_path: Path, offset: int, integers: bool) -> None:
+    path = write_c3d(
+        tmp_path / "a.c3d",
+        points(),
+        analogs(),
+        integers=integers,
+        ANALOG__OFFSET=np.array([offset, 0]),
+        ANALOG__SCALE=np.array([0.5, 2.0]),
+        ANALOG__GEN_SCALE=np.array([0.25]),
+        ANALOG__FORMAT=["SIGNED"],
+    )
+    expected = (analogs() - [offset, 0]) * [0.125, 0.5]
+    np.testing.assert_allclose(read_c3d(path).analogs, expected, rtol=1e-12, atol=1e-9)
+
+
+@pytest.mark.parametrize("offset", [0, 32768, 40000])
+@pytest.mark.parametrize("integers", [True, False])
+def test_unsigned_samples_reach_to_65535_and_so_does_their_offset(tmp_path: Path, offset: int, integers: bool) -> None:
+    raw = np.linspace(0, 65535, 24).round()[:, None]
+    path = write_c3d(
+        tmp_path / "a.c3d",
+        points(),
+        raw,
+        integers=integers,
+        ANALOG__OFFSET=np.array([offset]),
+        ANALOG__SCALE=np.array([0.5]),
+        ANALOG__FORMAT=["UNSIGNED"],
+    )
+    np.testing.assert_allclose(read_c3d(path).analogs, (raw - offset) * 0.5, rtol=1e-12, atol=1e-9)
+
+
+def test_model_outputs_take_unit_and_sign_from_the_source_file(tmp_path: Path) -> None:
+    labels = {"POINT__LABELS": ["LTOE", "LAnkleMoment", "*3"]}
+    groups = {"POINT__TYPE_GROUPS": ["MOMENTS", "MOMENT"], "POINT__MOMENTS": ["LAnkleMoment"]}
+    path = write_c3d(tmp_path / "a.c3d", points(), **labels, **groups)
+    output = {"label": "LAnkleMoment", "component": "y", "unit": "N*mm/kg", "sign": -1}
+    recording = read_capture(path, source(outputs={"reference_ankle_moment_left": output}))
+    moment = recording.samples["reference_ankle_moment_left"]
+    np.testing.assert_allclose(moment, -points()[:, 1, 1] / 1000, rtol=1e-15)
+    assert [name for name in recording.samples.columns if name.startswith("marker")] == [
+        "marker_LTOE_x",
+        "marker_LTOE_y",
+        "marker_LTOE_z",
+    ]
+
+
+def test_a_missing_marker_is_refused_with_the_markers_there_are(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points())
+    assert "no marker 'TOE'; the file has M1, M2, M3" in refused(path, source(markers=["M1", "TOE"]))
+
+
+def test_a_missing_analog_channel_is_refused_with_the_channels_there_are(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs())
+    message = refused(path, source(analogs={"sync": {"channel": "Sync"}}))
+    assert "no analog channel 'Sync'; the file has A1, A2" in message
+
+
+def test_a_label_that_stands_twice_is_refused_where_it_is_asked_for(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=["TOE", "HEEL", "TOE"])
+    assert "marker 'TOE' stands 2 times" in refused(path)
+    assert len(read_capture(path, source(markers=["HEEL"])).samples) == 6
+
+
+def test_an_analog_channels_unit_is_the_sources_or_else_the_files(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), ANALOG__UNITS=["mV", "volt?"])
+    of_file = read_capture(path, source(analogs={"sync": {"channel": "A1"}})).samples["sync"]
+    np.testing.assert_allclose(of_file, analogs()[:, 0] / 1000, rtol=1e-15)
+    assert "unit 'volt?' is unknown" in refused(path, source(analogs={"sync": {"channel": "A2"}}))
+    stated = read_capture(path, source(analogs={"sync": {"channel": "A2", "unit": "V", "sign": -1}})).samples["sync"]
+    np.testing.assert_allclose(stated, -analogs()[:, 1], rtol=1e-15)
+
+
+def test_an_analog_value_that_is_not_finite_is_refused_by_channel_and_sample(tmp_path: Path) -> None:
+    raw = analogs()
+    raw[5, 1] = np.nan
+    path = write_c3d(tmp_path / "a.c3d", points(), raw)
+    message = refused(path, source(analogs={"trigger": {"channel": "A2"}}))
+    assert "trigger: nan in sample 6 of 24, at 0.013 s" in message
+
+
+def test_an_analog_rate_that_contradicts_the_frames_is_refused(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), ANALOG__RATE=np.array([300.0]))
+    assert "correct POINT:RATE and ANALOG:RATE" in refused(path)
+
+
+def test_labels_beyond_the_first_255_are_found(tmp_path: Path) -> None:
+    labels = [f"P{i}" for i in range(300)]
+    names = {"POINT__LABELS": labels[:255], "POINT__LABELS2": labels[255:]}
+    recording = read_c3d(write_c3d(tmp_path / "a.c3d", points(2, 300), **names))
+    assert recording.point_labels == labels
+
+
+@pytest.mark.parametrize(("content", "problem"), [(b"", "not a C3D file"), (b"\x89MCAP0\r\n" * 200, "not a C3D file")])
+def test_another_format_is_refused(tmp_path: Path, content: bytes, problem: str) -> None:
+    path = tmp_path / "a.c3d"
+    path.write_bytes(content)
+    assert problem in refused(path)
+
+
+@pytest.mark.parametrize(("processor", "name"), [(86, "MIPS"), (99, "of an unknown type")])
+def test_a_file_for_another_processor_is_refused_with_the_remedy(tmp_path: Path, processor: int, name: str) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), processor=processor)
+    message = refused(path)
+    assert f"written for a processor {name}; only Intel and DEC are read: save it as Intel" in message
+
+
+@pytest.mark.parametrize("missing", [1, 12 * 16, 12 * 16 + 1, 9000])
+def test_a_truncated_file_is_refused_with_both_counts(tmp_path: Path, missing: int) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(200, 12))
+    end = read_header(path).data_start + 200 * 12 * 16
+    path.write_bytes(path.read_bytes()[: end - missing])
+    there = 200 - -(-missing // (12 * 16))
+    assert f"truncated: it declares 200 frames and holds {there}" in refused(path)
+    path.write_bytes(path.read_bytes() + bytes(missing))
+    assert len(read_capture(path, source()).samples) == 200
+
+
+def test_more_frames_than_the_header_can_count_are_refused(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(65700, 1))
+    assert "more than the 65535 that a C3D header can count; export it in parts" in refused(path)
+
+
+def test_an_analog_rate_slightly_off_is_reported_and_the_frames_hold(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), ANALOG__RATE=np.array([401.0]))
+    recording = read_capture(path, source(analogs={"sync": {"channel": "A1"}}))
+    assert recording.samples["time"][-1] == pytest.approx(23 / 400)
+    assert recording.warnings == [
+        "a.c3d: ANALOG:RATE is 401.0 Hz, the frames hold samples at 400.0 Hz; the latter is used"
+    ]
+
+
+def test_damage_anywhere_ends_in_a_sentence_or_in_numbers(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs())
+    content, random = path.read_bytes(), np.random.default_rng(1)
+    for _ in range(100):
+        damaged = bytearray(content)
+        damaged[random.integers(1400)] = random.integers(256)
+        path.write_bytes(damaged)
+        with contextlib.suppress(InputError):
+            assert len(read_capture(path, source()).samples)
+
+
+@needs_real_data
+@pytest.mark.parametrize(("name", "problem"), UNREADABLE.items(), ids=lambda value: value.split(".")[0])
+def test_a_real_file_that_cannot_be_trusted_is_refused_with_the_reason(name: str, problem: str) -> None:
+    with pytest.raises(InputError, match=problem):
+        read_c3d(C3D / name)
+
+
+@pytest.mark.parametrize("path", READABLE, ids=lambda path: path.stem)
+def test_parameters_of_real_files_equal_ezc3ds(path: Path) -> None:
+    import ezc3d
+
+    header, compared = read_header(path), 0
+    for group, values in ezc3d.c3d(str(path))["parameters"].items():
+        for name, parameter in values.items():
+            mine = header.parameters.get(f"{group}:{name}".upper())
+            if mine is None or group == "":
+                continue  # a name that ezc3d adds
+            theirs = parameter["value"]
+            if isinstance(mine, list):
+                assert [text.encode("latin-1", "replace") for text in mine] == [
+                    text.encode("latin-1", "surrogateescape") for text in theirs
+                ]
+            else:
+                np.testing.assert_array_equal(mine.ravel(order="F"), np.ravel(theirs, order="F"))
+            compared += 1
+    assert compared >= 10
+
+
+@pytest.mark.parametrize("path", READABLE, ids=lambda path: path.stem)
+def test_points_of_real_files_are_the_numbers_in_the_file(path: Path) -> None:
+    recording = read_c3d(path)
+    header, content = recording.header, path.read_bytes()
+    if header.integers or content[(content[0] - 1) * 512 + 3] != 84:
+        pytest.skip("only floats of Intel files are numbers as they stand")
+    width = 4 * header.points + header.channels * header.samples_per_frame
+    raw = np.frombuffer(content, "<f4", header.frames * width, header.data_start).reshape(header.frames, width)
+    raw_points = raw[:, : 4 * header.points].reshape(header.frames, header.points, 4)
+    unseen = (raw_points[:, :, 3] < 0) | (raw_points[:, :, :3] == 0).all(axis=2)
+    expected = np.where(unseen[:, :, None], np.nan, raw_points[:, :, :3].astype(float))
+    np.testing.assert_array_equal(recording.points, expected)
+
+
+@needs_real_data
+def test_one_trial_stored_in_four_ways_is_one_trial() -> None:
+    files = [read_c3d(C3D / f"Eb015{kind}.c3d") for kind in ("pi", "pr", "vi", "vr")]
+    for other in files[1:]:
+        np.testing.assert_allclose(other.points, files[0].points, atol=0.0834)  # mm, one integer step
+        np.testing.assert_allclose(other.analogs, files[0].analogs, rtol=1e-4, atol=1e-3)
+
+
+@needs_real_data
+def test_unsigned_offsets_of_a_real_plate_are_read_as_unsigned() -> None:
+    recording = read_c3d(C3D / "vicon_shd01_unsigned_offsets_missing_plate2.c3d")
+    content, header = (C3D / recording.path.name).read_bytes(), recording.header
+    width = 4 * header.points + header.channels * header.samples_per_frame
+    raw = np.frombuffer(content, "<f4", header.frames * width, header.data_start).reshape(header.frames, width)
+    samples = raw[:, 4 * header.points :].reshape(-1, header.channels).astype(float)
+    offset, scale = header.numbers("ANALOG:OFFSET") % 65536, header.numbers("ANALOG:SCALE")
+    np.testing.assert_allclose(recording.analogs, (samples - offset) * scale, rtol=1e-9, atol=1e-6)

@@ -1,0 +1,190 @@
+"""CDR: the vectorised decoder agrees bit for bit with the reference decoder, whatever the messages' shapes."""
+
+import struct
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap_builder import HEADER, stamped, write_log
+from mcap_ros2.decoder import DecoderFactory
+
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.cdr import layout_of, leaf_at, read_leaves
+from osl_analysis.ingest.mcap_records import read_mcap
+from osl_analysis.ingest.ros2_schema import parse_schema
+from osl_analysis.ingest.topic import decode_topic
+
+REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
+REAL_LOGS = ["rerun_rosbag2_all_sensor_msgs_ros2_cdr.mcap", "rosbag2_cdr_test_0.mcap", "pj_test_empty_channel.mcap"]
+
+MIXED = """\
+# a constant, a default, comments, bounds and every alignment
+uint8 MODE_OFF=0
+string LABEL = "a # b"
+std_msgs/Header header
+bool flag
+float64 wide 1.5
+uint8[3] bytes
+int16 small
+string<=20 name
+float64[] series
+Part[<=4] parts
+Nothing nothing
+float32 last
+================================================================================
+MSG: lab_msgs/Part
+int8 kind
+int64[2] counts
+string[] tags
+================================================================================
+MSG: lab_msgs/msg/Nothing
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+"""
+text = st.text("abcé", max_size=6)
+finite = st.floats(allow_nan=False, allow_infinity=False)
+part = st.fixed_dictionaries(
+    {
+        "kind": st.integers(-128, 127),
+        "counts": st.lists(st.integers(-(2**63), 2**63 - 1), min_size=2, max_size=2),
+        "tags": st.lists(text, max_size=2),
+    }
+)
+mixed = st.fixed_dictionaries(
+    {
+        "flag": st.booleans(),
+        "wide": finite,
+        "bytes": st.binary(min_size=3, max_size=3),
+        "small": st.integers(-(2**15), 2**15 - 1),
+        "name": text,
+        "series": st.lists(finite, max_size=3),
+        "parts": st.lists(part, max_size=2),
+        "nothing": st.just({}),
+        "last": st.floats(width=32, allow_nan=False),
+    }
+)
+
+
+def numbers(value: Any, path: str = "") -> dict[str, float]:
+    """Every number in a message of the reference decoder by its path; of long arrays a few."""
+    if isinstance(value, bool | int | float):
+        return {path: value}
+    if isinstance(value, str):
+        return {}
+    if isinstance(value, list | tuple | bytes):
+        chosen = range(len(value)) if len(value) < 40 else [0, 1, len(value) // 2, len(value) - 1]
+        return {key: v for i in chosen for key, v in numbers(value[i], f"{path}[{i}]").items()}
+    dot = f"{path}." if path else ""
+    return {key: v for name in value.__slots__ for key, v in numbers(getattr(value, name), dot + name).items()}
+
+
+def reference(path: Path) -> dict[str, list[tuple[int, dict[str, float]]]]:
+    """Every topic's messages as the reference decoder reads them."""
+    topics: dict[str, list[tuple[int, dict[str, float]]]] = {}
+    with path.open("rb") as file:
+        for _, channel, message, decoded in make_reader(
+            file, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages():
+            topics.setdefault(channel.topic, []).append((message.log_time, numbers(decoded)))
+    return topics
+
+
+def assert_equal_to_reference(path: Path) -> int:
+    """Compare every topic, exactly; return how many numbers were compared."""
+    compared = 0
+    for topic, messages in reference(path).items():
+        paths = sorted({name for _, values in messages for name in values})
+        if not paths:
+            continue
+        decoded = decode_topic(read_mcap(path, [topic]), topic, paths)
+        assert decoded.log_time.tolist() == [log_time for log_time, _ in messages]
+        for name in paths:
+            for row, (_, values) in enumerate(messages):
+                assert decoded.present[name][row] == (name in values)
+                if name in values:
+                    np.testing.assert_array_equal(decoded.values[name][row], values[name], err_msg=f"{topic} {name}")
+                    compared += 1
+    return compared
+
+
+@pytest.mark.parametrize("name", REAL_LOGS)
+def test_every_number_of_a_real_log_equals_the_reference_decoders(name: str) -> None:
+    path = REAL_DATA / "mcap" / name
+    if not path.exists():
+        pytest.skip("real data are not here")
+    assert assert_equal_to_reference(path) > 50
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(mixed, min_size=1, max_size=8))
+def test_messages_of_any_shape_equal_the_reference_decoders(messages: list[dict[str, Any]]) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        log = [stamped(10**9 + i * 10**6, **fields) for i, fields in enumerate(messages)]
+        path = write_log(Path(folder) / "log.mcap", log, MIXED, "lab_msgs/msg/Mixed")
+        assert assert_equal_to_reference(path) >= 8 * len(messages)
+
+
+def test_big_endian_messages_are_read() -> None:
+    definitions = parse_schema("lab_msgs/msg/S", "uint8 a\nfloat64 b\nint16 c\nfloat32[] d")
+    payload = b"\x00\x00\x00\x00" + struct.pack(">B7xdh2xIf", 7, -2.5, -300, 1, 0.75)
+    layout = layout_of(definitions, "lab_msgs/S", payload)
+    leaves = {name: leaf_at(layout, name) for name in ("a", "b", "c", "d[0]")}
+    values = read_leaves(np.frombuffer(payload, np.uint8)[None], leaves)
+    assert [values[name][0] for name in leaves] == [7, -2.5, -300, 0.75]
+
+
+def test_a_joint_is_found_by_name_though_the_order_of_joints_changes(tmp_path: Path) -> None:
+    schema = "std_msgs/Header header\nstring[] name\nfloat64[] position\n" + HEADER
+    orders = [["hip", "toe"], ["toe", "hip"], ["hip", "toe"], ["shank", "toe"], ["hip", "leg"]]
+    log = [stamped(i, name=order, position=[10.0 + i, 20.0 + i]) for i, order in enumerate(orders)]
+    path = write_log(tmp_path / "log.mcap", log, schema, "sensor_msgs/msg/JointState")
+    field = "position[name=toe]"
+    decoded = decode_topic(read_mcap(path, ["/lab"]), "/lab", [field])
+    assert decoded.present[field].tolist() == [True, True, True, True, False]
+    assert decoded.values[field][:4].tolist() == [20.0, 11.0, 22.0, 23.0]
+
+
+def test_an_array_is_refused_where_a_number_is_asked_for(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "log.mcap", [(0, {"series": [1.0, 2.0]})], "float64[] series", "lab_msgs/msg/S")
+    with pytest.raises(InputError, match=r"field 'series' is an array of 2; name one element, like 'series\[0\]'"):
+        decode_topic(read_mcap(path, ["/lab"]), "/lab", ["series"])
+
+
+def test_a_missing_field_is_refused_with_the_fields_there_are(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "log.mcap", [(0, {"a": 1.0, "b": [1.0, 2.0]})], "float64 a\nfloat64[] b", "l/msg/S")
+    with pytest.raises(InputError, match=r"topic '/lab' has no field 'c'; it has a, b\[0..1\]"):
+        decode_topic(read_mcap(path, ["/lab"]), "/lab", ["a", "c"])
+
+
+def test_a_message_shorter_than_its_schema_is_refused() -> None:
+    definitions = parse_schema("lab_msgs/msg/S", "float64 a\nstring s\nfloat64[] b")
+    for payload in (struct.pack("<4sd", b"\0\1\0\0", 1.0), struct.pack("<4sdII", b"\0\1\0\0", 1.0, 0, 2**31)):
+        with pytest.raises(InputError, match="too short for its schema"):
+            layout_of(definitions, "lab_msgs/S", payload)
+
+
+def test_an_encapsulation_other_than_plain_cdr_is_refused() -> None:
+    with pytest.raises(InputError, match="encapsulation 00070000 is not plain CDR"):
+        layout_of(parse_schema("l/S", "uint8 a"), "l/S", b"\x00\x07\x00\x00\x01")
+
+
+def test_a_schema_with_an_undefined_type_is_refused() -> None:
+    with pytest.raises(InputError, match="schema l/S: type 'l/Other' of field 'a' is not defined"):
+        parse_schema("l/msg/S", "Other a")
+
+
+def test_a_line_that_is_no_field_is_refused() -> None:
+    with pytest.raises(InputError, match=r"schema l/S: cannot read the line '\}\{'"):
+        parse_schema("l/msg/S", "}{")
+
+
+def test_a_wide_string_is_refused_by_name() -> None:
+    with pytest.raises(InputError, match="field 'w' is a wstring"):
+        layout_of(parse_schema("l/S", "wstring w"), "l/S", b"\0\1\0\0\0\0\0\0")

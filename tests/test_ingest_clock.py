@@ -1,0 +1,124 @@
+"""Clocks: offset and drift come back from the edges of a shared pulse train, or are refused."""
+
+import numpy as np
+import pytest
+
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.clock import Edges, find_edges, fit_clock
+
+OFFSET, DRIFT = -3.2, 50e-6
+SLAVE_RATE, MASTER_RATE = 500.0, 1500.0
+
+
+def irregular(duration: float, seed: int = 0) -> np.ndarray:
+    """Times [s] of level changes, 0.06 to 0.25 s apart."""
+    return np.cumsum(np.random.default_rng(seed).uniform(0.06, 0.25, int(duration / 0.155)))
+
+
+def level(changes: np.ndarray, time: np.ndarray) -> np.ndarray:
+    return (np.searchsorted(changes, time, side="right") % 2).astype(float)
+
+
+def slave_edges(changes: np.ndarray, duration: float) -> Edges:
+    """As a logger on its own clock sees them: a logic level, sampled."""
+    time = np.arange(0, duration - OFFSET + 1, 1 / SLAVE_RATE)
+    return find_edges(time, level(changes, OFFSET + (1 + DRIFT) * time))
+
+
+def master_edges(changes: np.ndarray, duration: float, noise: float = 0.02) -> Edges:
+    """As motion capture sees them: a noisy voltage."""
+    time = np.arange(0, duration, 1 / MASTER_RATE)
+    voltage = 5.0 * level(changes, time) + noise * np.random.default_rng(1).standard_normal(time.size)
+    return find_edges(time, voltage)
+
+
+@pytest.mark.parametrize("duration", [3.0, 30.0, 300.0])
+def test_recovers_offset_and_drift_within_what_sampling_allows(duration: float) -> None:
+    changes = irregular(duration)
+    fit = fit_clock(slave_edges(changes, duration), master_edges(changes, duration))
+    sampling = np.hypot(1 / SLAVE_RATE, 1 / MASTER_RATE) / np.sqrt(12)
+    time = np.array([-OFFSET, -OFFSET + duration / 2, -OFFSET + duration])
+    error = fit.to_master(time) - (OFFSET + (1 + DRIFT) * time)
+    assert abs(error).max() < 4 * 2 * sampling / np.sqrt(fit.edges)  # at its ends a line is twice as uncertain
+    assert abs(fit.drift - DRIFT) < 4 * fit.drift_error
+    assert fit.residual == pytest.approx(sampling, rel=0.4)
+    assert fit.left_out == 0
+
+
+def test_a_long_recording_tells_the_drift_to_a_part_per_million() -> None:
+    changes = irregular(300.0)
+    fit = fit_clock(slave_edges(changes, 300.0), master_edges(changes, 300.0))
+    assert fit.drift == pytest.approx(DRIFT, abs=1e-6)
+
+
+def test_missing_and_spurious_edges_do_not_move_the_fit() -> None:
+    changes = irregular(60.0)
+    slave, master = slave_edges(changes, 60.0), master_edges(changes, 60.0)
+    clean = fit_clock(slave, master)
+    kept = np.random.default_rng(2).random(slave.time.size) > 0.15
+    time = np.append(slave.time[kept], [10.0, 20.0, 30.0])
+    rising = np.append(slave.rising[kept], [True, False, True])
+    fit = fit_clock(Edges(time, rising, slave.step), master)
+    assert fit.to_master(np.array([30.0])) == pytest.approx(clean.to_master(np.array([30.0])), abs=2e-4)
+    assert fit.drift == pytest.approx(clean.drift, abs=5e-6)
+
+
+def test_an_edge_far_from_the_line_is_left_out_and_counted() -> None:
+    changes = irregular(60.0)
+    slave, master = slave_edges(changes, 60.0), master_edges(changes, 60.0)
+    late = slave.time.copy()
+    late[[40, 41]] += 0.012
+    clean, fit = fit_clock(slave, master), fit_clock(Edges(late, slave.rising, slave.step), master)
+    assert fit.left_out == 2
+    assert fit.edges == clean.edges - 2
+    assert fit.to_master(np.array([30.0])) == pytest.approx(clean.to_master(np.array([30.0])), abs=5e-5)
+
+
+def test_edges_of_a_slow_voltage_are_found_between_its_samples() -> None:
+    time = np.arange(0, 1, 1e-3)
+    edges = find_edges(time, np.clip((time - 0.4003) / 0.02 + 0.5, 0, 1) * 5)
+    np.testing.assert_allclose(edges.time, [0.4003], atol=1e-9)
+    assert edges.rising.tolist() == [True]
+
+
+def test_an_edge_of_a_logic_level_is_midway_between_its_samples() -> None:
+    edges = find_edges(np.array([0.0, 2.0, 4.0, 6.0]), np.array([0.0, 0.0, 1.0, 0.0]))
+    assert edges.time.tolist() == [3.0, 5.0]
+    assert edges.rising.tolist() == [True, False]
+
+
+def test_noise_at_the_mid_level_is_one_edge() -> None:
+    edges = find_edges(np.arange(9.0), np.array([0, 0, 2.4, 2.6, 2.4, 2.7, 5, 5, 5]))
+    assert edges.rising.tolist() == [True]
+    assert edges.time[0] == pytest.approx(4 + 1 / 3)
+
+
+def test_a_silent_channel_has_no_edges() -> None:
+    assert find_edges(np.arange(5.0), np.full(5, 3.3)).time.size == 0
+
+
+def test_pulses_of_one_period_are_refused_because_they_fit_anywhere() -> None:
+    changes = np.arange(0.5, 10, 0.25)
+    with pytest.raises(InputError, match="let the pulses vary in length"):
+        fit_clock(slave_edges(changes, 10.0), master_edges(changes, 10.0))
+
+
+def test_trains_of_different_trials_are_refused() -> None:
+    with pytest.raises(InputError, match="sync edges agree on one offset"):
+        fit_clock(slave_edges(irregular(3.0, 4), 3.0), master_edges(irregular(3.0, 5), 3.0))
+
+
+def test_too_few_edges_are_refused_with_the_recorder_that_lacks_them() -> None:
+    changes = irregular(3.0)
+    with pytest.raises(InputError, match="4 sync edges in motion capture, at least 6 are needed"):
+        fit_clock(slave_edges(changes, 3.0), master_edges(changes[:4], 3.0))
+    with pytest.raises(InputError, match="0 sync edges in the log"):
+        fit_clock(slave_edges(changes[:0], 3.0), master_edges(changes, 3.0))
+
+
+def test_edges_that_scatter_more_than_a_sample_are_refused() -> None:
+    changes = irregular(30.0)
+    slave = slave_edges(changes, 30.0)
+    jitter = np.random.default_rng(3).normal(0, 0.004, slave.time.size)
+    with pytest.raises(InputError, match="the sync edges fit with a residual of"):
+        fit_clock(Edges(slave.time + jitter, slave.rising, slave.step), master_edges(changes, 30.0))

@@ -1,0 +1,281 @@
+"""MCAP logs: canonical columns out, whatever the file's build; damage and mistakes are one-line errors."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType, Writer
+from mcap_builder import SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
+
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.mcap_log import read_log
+from osl_analysis.ingest.source_file import McapSource
+
+REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
+DEGREE = math.pi / 180
+MILLISECOND = 1_000_000
+START = 1_700_000_000 * 10**9
+
+
+def source(time: str = "header", **channels: dict[str, Any]) -> McapSource:
+    """Channels on `/lab`; without any, theta from `angle` in degrees."""
+    channels = channels or {"theta": {"field": "angle", "unit": "deg"}}
+    full = {column: {"topic": "/lab", **channel} for column, channel in channels.items()}
+    return McapSource.model_validate({"format": "mcap", "time": {"source": time}, "channels": full})
+
+
+def samples(count: int = 50) -> list[tuple[int, dict[str, Any]]]:
+    """Angle i deg, torque i^2 / 8, one message per millisecond."""
+    return [stamped(START + i * MILLISECOND, angle=float(i), torque=i * i / 8, sync=i % 7 == 0) for i in range(count)]
+
+
+def refused(path: Path, log_source: McapSource) -> str:
+    with pytest.raises(InputError) as caught:
+        read_log(path, log_source)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    return message
+
+
+def test_values_are_converted_by_offset_unit_and_sign(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "log.mcap", samples())
+    log_source = source(
+        theta={"field": "angle", "unit": "deg", "offset": 2.0, "sign": -1},
+        torque={"field": "torque", "unit": "N·mm"},
+        sync={"field": "sync", "unit": "V"},
+    )
+    recording = read_log(path, log_source)
+    i = np.arange(50)
+    np.testing.assert_allclose(recording.samples["theta"], -(i + 2) * DEGREE, rtol=1e-15)
+    np.testing.assert_allclose(recording.samples["torque"], i**2 / 8000, rtol=1e-15)
+    np.testing.assert_array_equal(recording.samples["sync"], i % 7 == 0)
+
+
+def test_time_is_the_header_stamp_from_its_first_exact_to_the_nanosecond(tmp_path: Path) -> None:
+    stamps = [0, 1, 2_000_000, 999_999_999, 1_000_000_001]
+    path = write_log(tmp_path / "log.mcap", [stamped(START + s, angle=0.0) for s in stamps])
+    recording = read_log(path, source())
+    np.testing.assert_allclose(recording.samples["time"], np.array(stamps) / 1e9, rtol=1e-15, atol=0)
+    assert recording.facts["time"] == {"source": "header.stamp", "start_ns": START}
+
+
+def test_time_is_the_log_time_where_the_source_says_so(tmp_path: Path) -> None:
+    late = [(log_time + i * 500, fields) for i, (log_time, fields) in enumerate(samples())]
+    recording = read_log(write_log(tmp_path / "log.mcap", late), source("log"))
+    np.testing.assert_allclose(np.diff(recording.samples["time"]), 1e-3 + 5e-7, rtol=1e-9)
+    assert recording.facts["time"]["source"] == "log"
+
+
+def test_log_time_is_not_publish_time() -> None:
+    path = REAL_DATA / "mcap" / "pj_test_publish_vs_log_time.mcap"
+    if not path.exists():
+        pytest.skip("real data are not here")
+    channel = {"theta": {"topic": "/sensor/value", "field": "data", "unit": "rad"}}
+    log_source = McapSource.model_validate({"format": "mcap", "time": {"source": "log"}, "channels": channel})
+    with path.open("rb") as file:
+        logged = [message.log_time for _, _, message in make_reader(file).iter_messages()]
+    assert read_log(path, log_source).facts["time"]["start_ns"] == min(logged)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"compression": CompressionType.NONE},
+        {"compression": CompressionType.LZ4},
+        {"use_chunking": False},
+        {"chunk_size": 300},
+        {"index_types": IndexType.NONE, "repeat_channels": False, "repeat_schemas": False, "use_statistics": False},
+        {"use_summary_offsets": False, "enable_data_crcs": True},
+    ],
+    ids=lambda options: " ".join(options),
+)
+def test_the_files_build_does_not_change_what_is_read(tmp_path: Path, options: dict[str, Any]) -> None:
+    plain = read_log(write_log(tmp_path / "plain.mcap", samples()), source())
+    built = read_log(write_log(tmp_path / "built.mcap", samples(), **options), source())
+    assert built.samples.equals(plain.samples)
+
+
+def test_messages_in_any_file_order_come_in_time_order(tmp_path: Path) -> None:
+    shuffled = np.random.default_rng(0).permutation(50)
+    log = samples()
+    path = write_log(tmp_path / "log.mcap", [log[i] for i in shuffled], chunk_size=300)
+    assert read_log(path, source()).samples["time"].is_sorted()
+
+
+def test_two_channels_of_one_topic_are_one(tmp_path: Path) -> None:
+    log = samples()
+    topics = {"/lab": (SAMPLE_NAME, SAMPLE, log[::2]), "/lab#2": (SAMPLE_NAME, SAMPLE, log[1::2])}
+    recording = read_log(write_topics(tmp_path / "log.mcap", topics), source())
+    np.testing.assert_allclose(recording.samples["theta"], np.arange(50) * DEGREE)
+
+
+def test_topics_of_different_rates_leave_nulls_where_one_has_no_sample(tmp_path: Path) -> None:
+    log = samples(6)
+    topics = {"/lab": (SAMPLE_NAME, SAMPLE, log), "/slow": (SAMPLE_NAME, SAMPLE, log[1::3])}
+    log_source = source(
+        theta={"field": "angle", "unit": "deg"}, torque={"topic": "/slow", "field": "torque", "unit": "Nm"}
+    )
+    recording = read_log(write_topics(tmp_path / "log.mcap", topics), log_source)
+    assert recording.samples["torque"].to_list() == [None, 1 / 8, None, None, 16 / 8, None]
+    assert recording.samples["theta"].null_count() == 0
+
+
+def test_a_field_that_some_messages_lack_is_null_there(tmp_path: Path) -> None:
+    schema = SAMPLE.replace("float32 angle", "float64[] angles")
+    log = [stamped(i * MILLISECOND, angles=[1.0] * (1 + i % 2), torque=1.0, sync=False) for i in range(4)]
+    path = write_log(tmp_path / "log.mcap", log, schema)
+    recording = read_log(path, source(theta={"field": "angles[1]", "unit": "rad"}))
+    assert recording.samples["theta"].to_list() == [None, 1.0, None, 1.0]
+
+
+def test_no_single_flipped_bit_changes_what_is_read_unnoticed(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "log.mcap", samples(), chunk_size=800)
+    intact, content = read_log(path, source()).samples, path.read_bytes()
+    random = np.random.default_rng(0)
+    noticed = 0
+    for _ in range(400):
+        damaged = bytearray(content)
+        damaged[random.integers(len(content))] ^= 1 << random.integers(8)
+        path.write_bytes(damaged)
+        try:
+            assert read_log(path, source()).samples.equals(intact)
+        except InputError:
+            noticed += 1
+    assert noticed > 100
+
+
+def test_a_chunk_that_is_no_longer_seen_as_one_is_missed(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "log.mcap", samples(), chunk_size=800)
+    with path.open("rb") as file:
+        last_chunk = make_reader(file).get_summary().chunk_indexes[-1].chunk_start_offset
+    content = bytearray(path.read_bytes())
+    assert content[last_chunk] == Opcode.CHUNK
+    content[last_chunk] = 0x7F
+    path.write_bytes(content)
+    assert "it declares 50 messages and holds" in refused(path, source())
+
+
+def test_a_changed_value_in_a_chunk_fails_its_checksum(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "log.mcap", samples(20), compression=CompressionType.NONE)
+    content = path.read_bytes()
+    angle = np.float32(13).tobytes()
+    assert content.count(angle) == 1
+    path.write_bytes(content.replace(angle, np.float32(14).tobytes()))
+    assert "the checksum of the chunk" in refused(path, source())
+
+
+def test_a_changed_value_outside_of_chunks_fails_the_data_checksum(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "log.mcap", samples(20), use_chunking=False, enable_data_crcs=True)
+    content = path.read_bytes()
+    path.write_bytes(content.replace(np.float32(13).tobytes(), np.float32(14).tobytes()))
+    assert "the checksum of the data section does not match" in refused(path, source())
+
+
+@pytest.mark.parametrize("kept", [0.4, 0.9, 0.999])
+def test_a_file_cut_short_is_refused(tmp_path: Path, kept: float) -> None:
+    path = write_log(tmp_path / "log.mcap", samples(2000))
+    content = path.read_bytes()
+    path.write_bytes(content[: int(kept * len(content))])
+    assert "damaged or incomplete MCAP" in refused(path, source())
+
+
+def test_a_log_whose_recorder_was_killed_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE)
+        writer.start(profile="ros2")
+        number = writer.register_schema(SAMPLE_NAME, "ros2msg", SAMPLE.encode())
+        writer.register_channel("/lab", "cdr", number)
+    assert "no footer: the recorder did not finish" in refused(path, source())
+
+
+@pytest.mark.parametrize(
+    ("options", "covered"),
+    [
+        ({}, True),
+        ({"enable_crcs": False}, False),
+        ({"enable_crcs": False, "enable_data_crcs": True}, True),
+        ({"use_chunking": False}, False),
+        ({"use_chunking": False, "enable_data_crcs": True}, True),
+    ],
+)
+def test_messages_that_no_checksum_covers_are_reported(tmp_path: Path, options: dict[str, Any], covered: bool) -> None:
+    recording = read_log(write_log(tmp_path / "log.mcap", samples(), **options), source())
+    report = "log.mcap: no checksum covers 50 of 50 messages; damage cannot be excluded"
+    assert recording.warnings == ([] if covered else [report])
+
+
+def test_an_unknown_compression_is_refused(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "log.mcap", samples(), compression=CompressionType.LZ4, enable_data_crcs=False)
+    path.write_bytes(path.read_bytes().replace(b"\x03\0\0\0lz4", b"\x03\0\0\0xyz"))
+    assert "compressed with 'xyz'; zstd and lz4 are read" in refused(path, source())
+
+
+def test_a_text_file_is_no_mcap(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    path.write_text("time,angle\n0,1\n")
+    assert "not an MCAP file (it begins with b'time,ang')" in refused(path, source())
+
+
+def test_a_missing_topic_is_refused_with_the_topics_there_are(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "log.mcap", samples())
+    assert "no topic '/leg'; the file has /lab" in refused(
+        path, source(theta={"topic": "/leg", "field": "angle", "unit": "rad"})
+    )
+
+
+def test_a_topic_without_messages_is_refused(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "log.mcap", [])
+    assert "topic '/lab' has no messages" in refused(path, source())
+
+
+def test_a_log_without_header_stamps_is_refused_when_they_are_asked_for(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "log.mcap", [(0, {"angle": 1.0})], "float64 angle", "lab_msgs/msg/Bare")
+    assert "has no field 'header.stamp.sec'; it has angle" in refused(path, source())
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_value_that_is_not_finite_is_refused_by_channel_and_message(tmp_path: Path, value: float) -> None:
+    log = samples()
+    log[17][1]["angle"] = value
+    message = refused(write_log(tmp_path / "log.mcap", log), source())
+    assert f"topic /lab, field angle: {value} in sample 18 of 50, at 0.017 s" in message
+
+
+@pytest.mark.parametrize("shift", [-MILLISECOND, -5 * MILLISECOND])
+def test_time_that_does_not_increase_is_refused(tmp_path: Path, shift: int) -> None:
+    log = samples()
+    log[17] = (log[17][0], stamped(START + 17 * MILLISECOND + shift, angle=0.0)[1])
+    assert "topic /lab: time goes from 0.016000 s" in refused(write_log(tmp_path / "log.mcap", log), source())
+
+
+@pytest.mark.parametrize(
+    ("name", "topic", "encoding"),
+    [
+        ("rerun_json_and_protobuf.mcap", "mouse", r"json \(jsonschema\)"),
+        ("rerun_json_and_protobuf.mcap", "pose", r"protobuf \(protobuf\)"),
+        ("pj_test_unsupported_encoding.mcap", "/proto/data", r"protobuf \(proto\)"),
+    ],
+)
+def test_another_encoding_is_refused_by_its_name(name: str, topic: str, encoding: str) -> None:
+    path = REAL_DATA / "mcap" / name
+    if not path.exists():
+        pytest.skip("real data are not here")
+    with pytest.raises(InputError, match=f"topic '{topic}' is encoded as {encoding}"):
+        read_log(path, source(theta={"topic": topic, "field": "x", "unit": "rad"}))
+
+
+def test_a_bad_schema_hurts_its_own_topic_only() -> None:
+    path = REAL_DATA / "mcap" / "pj_test_bad_schema.mcap"
+    if not path.exists():
+        pytest.skip("real data are not here")
+    good = source("log", theta={"topic": "/good/data", "field": "data", "unit": "rad"})
+    assert len(read_log(path, good).samples) == 10
+    bad = source("log", theta={"topic": "/bad/data", "field": "data", "unit": "rad"})
+    with pytest.raises(InputError, match="schema broken_msgs/Garbage"):
+        read_log(path, bad)

@@ -1,0 +1,276 @@
+"""From the sheet's row to the trial's file: joined recordings, provenance, and mistakes that leave nothing behind."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+import yaml
+from c3d_builder import REAL_DATA, write_c3d
+from mcap_builder import SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
+
+from osl_analysis.commands.ingest import ingest_trial
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.assemble import merged
+from osl_analysis.ingest.clock import ClockFit
+from osl_analysis.ingest.recording import Recording
+from osl_analysis.trial import Trial
+from osl_analysis.trial_file import read_trial, write_trial
+
+SOURCES = Path(__file__).parents[1] / "config" / "sources"
+LEG = {
+    "format": "mcap",
+    "clock": "sync",
+    "time": {"source": "header"},
+    "channels": {
+        "theta": {"topic": "/lab", "field": "angle", "unit": "deg"},
+        "sync": {"topic": "/lab", "field": "sync", "unit": "V"},
+    },
+}
+CAPTURE = {"format": "c3d", "analogs": {"sync": {"channel": "A1"}}}
+LEG_OFFSET, LEG_DRIFT = 4.321, 40e-6  # leg time = offset + (1 + drift) * motion capture's
+CHANGES = np.cumsum(np.random.default_rng(0).uniform(0.06, 0.25, 40))
+DURATION = 5.0
+
+
+def level(time: np.ndarray) -> np.ndarray:
+    return (np.searchsorted(CHANGES, time, side="right") % 2).astype(float)
+
+
+def angle(time: np.ndarray) -> np.ndarray:
+    """A joint angle [deg] at motion capture's time [s]."""
+    return 10 * np.sin(2 * np.pi * 0.7 * time)
+
+
+@pytest.fixture
+def laboratory(tmp_path: Path) -> Path:
+    """Raw files of one trial, `leg.mcap` at 500 Hz and `vicon.c3d` at 300 and 1500 Hz, and their source files."""
+    leg_time = np.arange(np.ceil((LEG_OFFSET - 1) * 500), (LEG_OFFSET + DURATION + 1) * 500) / 500
+    mocap_time = (leg_time - LEG_OFFSET) / (1 + LEG_DRIFT)
+    log = [
+        stamped(round(t * 1e9), angle=a, torque=0.0, sync=s > 0)
+        for t, a, s in zip(leg_time.tolist(), angle(mocap_time).tolist(), level(mocap_time).tolist(), strict=True)
+    ]
+    write_log(tmp_path / "leg.mcap", log, SAMPLE.replace("float32 angle", "float64 angle"))
+    frames = int(DURATION * 300)
+    time = np.arange(frames)[:, None] / 300
+    positions = np.concatenate([100 + time, 200 - time, 1 + 0 * time, 0 * time], axis=1)[:, None, :]
+    analog = 5.0 * level(np.arange(frames * 5) / 1500)[:, None]
+    write_c3d(tmp_path / "vicon.c3d", positions, analog, rate=300.0)
+    (tmp_path / "leg.yaml").write_text(yaml.safe_dump(LEG))
+    (tmp_path / "vicon.yaml").write_text(yaml.safe_dump(CAPTURE))
+    return tmp_path
+
+
+def row(**fields: object) -> dict[str, object]:
+    known = {"log": "leg.mcap", "log_source": "leg", "mocap": "vicon.c3d", "mocap_source": "vicon"}
+    return {"trial": "walk_1", **known, **fields}
+
+
+def ingested(folder: Path, **fields: object) -> Trial:
+    ingest_trial(row(**fields), folder, folder, folder / "out" / "walk_1.parquet")
+    return read_trial(folder / "out" / "walk_1.parquet")
+
+
+def refused(folder: Path, **fields: object) -> str:
+    output = folder / "out" / "walk_1.parquet"
+    with pytest.raises(InputError) as caught:
+        ingest_trial(row(**fields), folder, folder, output)
+    assert "\n" not in str(caught.value)
+    assert not output.parent.exists()
+    return str(caught.value)
+
+
+def test_the_leg_and_motion_capture_share_one_clock_afterwards(laboratory: Path) -> None:
+    trial = ingested(laboratory)
+    time, theta = trial.signals("theta")
+    speed = np.radians(10 * 2 * np.pi * 0.7)
+    np.testing.assert_allclose(theta, np.radians(angle(time)), atol=speed * 0.5e-3)  # half a millisecond
+    clock = trial.provenance["clock"]
+    assert clock["residual"] < 1e-3
+    assert clock["edges"] >= 25
+
+
+def test_each_column_keeps_its_own_samples_only(laboratory: Path) -> None:
+    samples = ingested(laboratory).samples
+    assert samples["sync"].drop_nulls().len() == 7500
+    assert samples["marker_M1_x"].drop_nulls().len() == 1500
+    assert samples["theta"].drop_nulls().len() == pytest.approx(2500, abs=2)
+    assert samples["time"].null_count() == 0
+    assert samples["time"].is_between(0, DURATION).all()
+
+
+def test_motion_captures_time_is_left_as_it_is(laboratory: Path) -> None:
+    time, _ = ingested(laboratory).signals("marker_M1_x")
+    np.testing.assert_array_equal(time, np.arange(1500) * 5 / 1500)
+
+
+def test_rows_within_a_nanosecond_become_one() -> None:
+    mocap = pl.DataFrame({"time": [0.0, 2 / 3, 0.9], "sync": [0.0, 1.0, 0.0], "trigger": [1.0, 2.0, 3.0]})
+    times = [0.05, 2 / 3 + 3e-10, 0.7, 0.9 - 3e-10]
+    log = pl.DataFrame({"time": times, "sync": [0.0, 1.0, 0.0, 1.0], "theta": [7.0, 8.0, 9.0, 10.0]})
+    joined = merged(Recording(log, {}), Recording(mocap, {}), ClockFit(0.0, 0.0, 0.0, 0.0, 6, 0))
+    assert joined["time"].to_list() == [0.0, 0.05, 2 / 3, 0.7, 0.9]
+    assert joined["theta"].to_list() == [None, 7.0, 8.0, 9.0, 10.0]
+    assert joined["trigger"].to_list() == [1.0, None, 2.0, None, 3.0]
+
+
+def test_the_provenance_names_files_hashes_and_every_columns_channel(laboratory: Path) -> None:
+    trial = ingested(laboratory)
+    files, columns = trial.provenance["files"], trial.provenance["columns"]
+    for role, name in (("log", "leg.mcap"), ("mocap", "vicon.c3d")):
+        assert files[role]["path"] == name
+        assert files[role]["sha256"] == hashlib.sha256((laboratory / name).read_bytes()).hexdigest()
+    assert set(columns) == set(trial.samples.columns) - {"time"}
+    assert columns["theta"]["topic"] == "/lab"
+    assert columns["theta"]["factor"] == pytest.approx(np.pi / 180)
+    assert columns["sync"]["file"] == "mocap"
+    assert columns["marker_M1_y"] == {
+        "file": "mocap", "label": "M1", "component": "y", "unit": "mm", "factor": 0.001, "si_unit": "m"
+    }  # fmt: skip
+
+
+def test_a_log_alone_is_a_trial(laboratory: Path) -> None:
+    trial = ingested(laboratory, mocap=None, mocap_source=None)
+    assert set(trial.samples.columns) == {"time", "theta", "sync"}
+    assert trial.samples["time"][0] == 0
+
+
+def test_motion_capture_alone_is_a_trial(laboratory: Path) -> None:
+    assert "theta" not in ingested(laboratory, log="", log_source="").samples.columns
+
+
+def test_a_column_from_both_recordings_is_refused(laboratory: Path) -> None:
+    both = {**CAPTURE, "analogs": {"sync": {"channel": "A1"}, "theta": {"channel": "A1", "unit": "deg"}}}
+    (laboratory / "vicon.yaml").write_text(yaml.safe_dump(both))
+    assert "trial walk_1 (leg.mcap, vicon.c3d): column 'theta' is mapped in log and motion capture" in refused(
+        laboratory
+    )
+
+
+def test_motion_capture_without_a_sync_channel_is_refused(laboratory: Path) -> None:
+    (laboratory / "vicon.yaml").write_text(yaml.safe_dump({"format": "c3d"}))
+    assert "no column 'sync' from motion capture: the clocks cannot be aligned" in refused(laboratory)
+
+
+def test_a_log_of_its_own_clock_is_refused_beside_motion_capture(laboratory: Path) -> None:
+    (laboratory / "leg.yaml").write_text(yaml.safe_dump({**LEG, "clock": "master"}))
+    assert "write clock: sync" in refused(laboratory)
+
+
+def test_two_recordings_of_different_trials_are_refused(laboratory: Path) -> None:
+    log = [stamped(i * 2_000_000, angle=0.0, torque=0.0, sync=(i // 29) % 2 > 0) for i in range(2500)]
+    write_log(laboratory / "leg.mcap", log)
+    assert "trial walk_1 (leg.mcap, vicon.c3d): " in refused(laboratory)
+
+
+@pytest.mark.parametrize("missing", ["log", "mocap"])
+def test_a_missing_file_is_refused(laboratory: Path, missing: str) -> None:
+    message = refused(laboratory, **{missing: "elsewhere/none.bin"})
+    assert message.startswith(f"{laboratory / 'elsewhere/none.bin'}: no such file; correct the sample sheet")
+
+
+def test_an_empty_file_is_refused(laboratory: Path) -> None:
+    (laboratory / "leg.mcap").write_bytes(b"")
+    assert refused(laboratory).startswith(f"{laboratory / 'leg.mcap'}: the file is empty")
+
+
+def test_a_file_of_the_other_format_is_refused(laboratory: Path) -> None:
+    assert "not an MCAP file" in refused(laboratory, log="vicon.c3d", mocap="")
+    assert "not a C3D file" in refused(laboratory, log="", mocap="leg.mcap")
+
+
+def test_a_missing_source_file_is_refused(laboratory: Path) -> None:
+    assert f"{laboratory / 'none.yaml'}: no such file" in refused(laboratory, log_source="none")
+    assert "log_source is empty" in refused(laboratory, log_source=None)
+
+
+def test_a_row_without_files_is_refused(laboratory: Path) -> None:
+    assert "trial walk_1: the sheet names no file" in refused(laboratory, log=None, mocap=float("nan"))
+
+
+def test_a_refused_trial_leaves_an_older_one_as_it_was(laboratory: Path) -> None:
+    ingested(laboratory)
+    before = (laboratory / "out" / "walk_1.parquet").read_bytes()
+    (laboratory / "leg.mcap").write_bytes(b"")
+    with pytest.raises(InputError):
+        ingested(laboratory)
+    assert [path.name for path in (laboratory / "out").iterdir()] == ["walk_1.parquet"]
+    assert (laboratory / "out" / "walk_1.parquet").read_bytes() == before
+
+
+def test_a_trial_file_keeps_null_and_nan_apart_and_every_bit(tmp_path: Path) -> None:
+    samples = pl.DataFrame({"time": [0.1, 0.2, 0.3], "theta": [None, float("nan"), 1 / 3]})
+    trial = Trial("t", samples, {"plates": [{"corners": [[0.1, 1e-17, -0.0]]}], "warnings": ["°"]})
+    write_trial(trial, tmp_path / "new" / "t.parquet")
+    read = read_trial(tmp_path / "new" / "t.parquet")
+    assert read.samples.equals(samples)
+    assert read.samples["theta"].is_nan().to_list() == [None, True, False]
+    assert (read.name, read.provenance) == (trial.name, trial.provenance)
+
+
+def test_a_file_that_is_no_parquet_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    for content in (b"", b"time,theta\n", b"PAR1" + bytes(50) + b"PAR1"):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=r"t.parquet: not a Parquet file .*; ingest the trial again"):
+            read_trial(path)
+
+
+def test_a_parquet_of_another_program_is_refused(tmp_path: Path) -> None:
+    pl.DataFrame({"time": [0.0]}).write_parquet(tmp_path / "t.parquet")
+    with pytest.raises(InputError, match="Parquet without provenance"):
+        read_trial(tmp_path / "t.parquet")
+
+
+def test_a_trial_that_was_never_ingested_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such trial; ingest it first"):
+        read_trial(tmp_path / "t.parquet")
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="real data are not here")
+def test_a_real_plug_in_gait_trial_is_ingested_with_its_reference_moments(tmp_path: Path) -> None:
+    fields = {"trial": "pig", "mocap": "c3d/btk_PiG_Motion3_FF.c3d", "mocap_source": "plug_in_gait"}
+    ingest_trial(fields, REAL_DATA, SOURCES, tmp_path / "pig.parquet")
+    trial = read_trial(tmp_path / "pig.parquet")
+    reference = pl.read_csv(REAL_DATA / "reference" / "ankle_moment.csv")
+    for side, letter in (("left", "L"), ("right", "R")):
+        moment = trial.samples[f"reference_ankle_moment_{side}"].drop_nulls().drop_nans()
+        highest = reference.filter(pl.col("side") == letter)["pig_peak_Nmm_per_kg"].max() / 1000
+        assert moment.max() == pytest.approx(highest, abs=1e-5)
+    assert trial.samples["marker_LANK_x"].drop_nulls().len() == 293
+    assert not any("Moment" in name or "*" in name for name in trial.samples.columns)
+    assert [plate["plate"] for plate in trial.provenance["plates"]] == [1, 2, 3]
+    assert trial.provenance["mocap"]["body_mass_kg"] == 74
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="real data are not here")
+def test_a_real_ros_2_recording_of_joint_states_is_ingested(tmp_path: Path) -> None:
+    log = "mcap/rerun_rosbag2_all_sensor_msgs_ros2_cdr.mcap"
+    ingest_trial(
+        {"trial": "r", "log": log, "log_source": "ros2_joint_state"}, REAL_DATA, SOURCES, tmp_path / "r.parquet"
+    )
+    trial = read_trial(tmp_path / "r.parquet")
+    assert trial.samples["theta"][:2].to_list() == [1.3, 1.2966313233808127]
+    assert trial.samples["torque"][0] == -4.5
+    assert trial.samples["time"].len() == 15
+    assert "no checksum covers" in trial.provenance["warnings"][0]
+
+
+def test_topics_on_two_rates_are_one_trial(tmp_path: Path) -> None:
+    fast = [stamped(i * 1_000_000, angle=float(i), torque=0.0, sync=False) for i in range(10)]
+    slow = [stamped(i * 4_000_000, angle=0.0, torque=float(i), sync=False) for i in range(3)]
+    write_topics(tmp_path / "a.mcap", {"/fast": (SAMPLE_NAME, SAMPLE, fast), "/slow": (SAMPLE_NAME, SAMPLE, slow)})
+    channels = {
+        "theta": {"topic": "/fast", "field": "angle", "unit": "rad"},
+        "torque": {"topic": "/slow", "field": "torque", "unit": "Nm"},
+    }
+    content = {"format": "mcap", "time": {"source": "header"}, "channels": channels}
+    (tmp_path / "two.yaml").write_text(yaml.safe_dump(content))
+    ingest_trial({"trial": "t", "log": "a.mcap", "log_source": "two"}, tmp_path, tmp_path, tmp_path / "t.parquet")
+    trial = read_trial(tmp_path / "t.parquet")
+    time, torque = trial.signals("torque")
+    np.testing.assert_allclose(time, [0, 0.004, 0.008])
+    np.testing.assert_array_equal(torque, [0, 1, 2])
+    assert trial.signals("theta")[0].size == 10

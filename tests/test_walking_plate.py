@@ -1,0 +1,234 @@
+"""The moving force plate: its axes, its own mass, and its lateness."""
+
+import numpy as np
+import pytest
+from walking_synthetic import (
+    CORNERS,
+    FOOT,
+    PLATE_RATE,
+    PLATFORM,
+    RATE,
+    about_y,
+    bump,
+    labelled,
+    moved,
+    pose,
+    recording,
+    settings,
+    static_trial,
+)
+
+from osl_analysis.errors import InputError
+from osl_analysis.trial import Array, Trial
+from osl_analysis.walking.kinematics import BodyMotion
+from osl_analysis.walking.moving_plate import Wrench, at_marker_times, in_laboratory, rotation_from_rest
+from osl_analysis.walking.plate_inertia import PARAMETERS, identify_plate_inertia, regressors
+from osl_analysis.walking.rigid_body import cluster_poses
+from osl_analysis.walking.segments import static_calibration
+from osl_analysis.walking.unloaded_plate import identify_plate_model
+
+G = 9.80665
+PIVOT = np.array([-0.06, 0.0, 0.08])
+MASS, COM, I_COM = 12.0, np.array([0.01, -0.02, -0.03]), np.diag([0.25, 0.36, 0.60])
+ABOUT_CENTRE = I_COM + MASS * ((COM @ COM) * np.eye(3) - np.outer(COM, COM))
+TRUE = np.array(
+    [MASS, *(MASS * COM), *np.diag(ABOUT_CENTRE), ABOUT_CENTRE[0, 1], ABOUT_CENTRE[0, 2], ABOUT_CENTRE[1, 2]]
+)
+
+
+def matrix(about: int, angle: Array) -> Array:
+    """Rotations (n, 3, 3) about a laboratory axis."""
+    order = np.roll([0, 1, 2], about - 1)
+    return about_y(angle)[:, order][:, :, order]
+
+
+def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, Wrench]:
+    """The plate turns about a laboratory axis through the pivot by two bumps; its wrench by Newton and Euler.
+
+    All derivatives by hand: a = z x r + w x (w x r), and the force on the body is m (a_com - g).
+    """
+    t = np.arange(RATE) / RATE
+    phi, omega, alpha = (height * (a - 0.7 * b) for a, b in zip(bump(t, 0.3, scale), bump(t, 0.6, scale), strict=True))
+    R, n = matrix(about, phi), np.eye(3)[about]
+
+    def swung(point: Array) -> tuple[Array, Array]:
+        r = R @ (point - PIVOT)
+        w, z = omega[:, None] * n, alpha[:, None] * n
+        return r + PIVOT, np.cross(z, r) + np.cross(w, np.cross(w, r))
+
+    centre, acceleration = swung(np.zeros(3))
+    com, com_acceleration = swung(COM)
+    w, z = omega[:, None] * n, alpha[:, None] * n
+    inertia = R @ I_COM @ R.transpose(0, 2, 1)
+    turning = np.einsum("nij,nj->ni", inertia, z) + np.cross(w, np.einsum("nij,nj->ni", inertia, w))
+    force = MASS * (com_acceleration + [0, 0, G])
+    moment = turning + np.cross(com - centre, force)
+    in_plate = R.transpose(0, 2, 1)
+    tare, tare_moment = np.array([0, 0, MASS * G]), np.cross(COM, [0, 0, MASS * G])
+    read = Wrench(
+        np.einsum("nij,nj->ni", in_plate, force) - tare, np.einsum("nij,nj->ni", in_plate, moment) - tare_moment
+    )
+    return BodyMotion(R, w, z, centre, acceleration), read
+
+
+def test_a_wrench_turns_with_the_plate_and_acts_where_the_plate_is() -> None:
+    R = about_y(np.array([np.pi / 2]))
+    moving = pose(R, np.array([[0.5, 0.0, 0.2]]), origin=np.array([0.1, 0.0, 0.0]))
+    wrench, centre = in_laboratory(Wrench(np.eye(3)[[2]], np.eye(3)[[0]]), moving, np.array([0.1, 0.0, 0.3]))
+    np.testing.assert_allclose(wrench.force, [[1, 0, 0]], atol=1e-12)
+    np.testing.assert_allclose(wrench.moment, [[0, 0, -1]], atol=1e-12)
+    np.testing.assert_allclose(centre, [[0.8, 0.0, 0.2]], atol=1e-12)
+
+
+def test_the_regressors_are_newton_and_euler() -> None:
+    for about in range(3):
+        motion, wrench = plate_motion(about, 0.2, 0.05)
+        own = regressors(motion) @ TRUE
+        np.testing.assert_allclose(own[:, :3], wrench.force, atol=1e-9)
+        np.testing.assert_allclose(own[:, 3:], wrench.moment, atol=1e-9)
+
+
+def test_recovers_all_ten_parameters_where_all_axes_turn() -> None:
+    found = identify_plate_inertia([plate_motion(about, 0.15, 0.04) for about in range(3)])
+    np.testing.assert_allclose(found.parameters, TRUE, rtol=1e-7, atol=1e-9)
+    assert found.rms_before[1] > 1
+    assert found.rms_after.max() < 1e-8
+
+
+def test_an_axis_that_does_not_turn_has_no_inertia_and_the_rest_is_right() -> None:
+    found = identify_plate_inertia([plate_motion(1, 0.09, 0.03)])
+    shown = np.array([name not in ("I_xx", "I_zz", "I_xz") for name in PARAMETERS])
+    np.testing.assert_allclose(found.parameters[shown], TRUE[shown], rtol=1e-7, atol=1e-9)
+    assert (found.parameters[~shown] == 0).all()
+
+
+def test_each_recording_may_have_its_own_zero() -> None:
+    pair = [plate_motion(about, 0.15, 0.04) for about in range(3)]
+    shifted = [(m, Wrench(w.force + k, w.moment - 0.3 * k)) for k, (m, w) in enumerate(pair)]
+    np.testing.assert_allclose(identify_plate_inertia(shifted).parameters, TRUE, rtol=1e-7, atol=1e-9)
+
+
+def test_standard_errors_cover_white_noise() -> None:
+    random = np.random.default_rng(5)
+    pair = [plate_motion(about, 0.15, 0.04) for about in range(3)]
+    scores = []
+    for _ in range(40):
+        noisy = [
+            (m, Wrench(w.force + random.normal(0, 0.5, w.force.shape), w.moment + random.normal(0, 0.05, (RATE, 3))))
+            for m, w in pair
+        ]
+        found = identify_plate_inertia(noisy)
+        scores.append((found.parameters - TRUE) / found.standard_errors)
+    # 400 scores of unit variance: their RMS lies within 0.85-1.2 even with the few that Newey and West misjudge
+    assert 0.8 < np.sqrt(np.mean(np.square(scores))) < 1.3
+
+
+def test_no_recordings_are_refused() -> None:
+    with pytest.raises(InputError, match="experiment 'plate'"):
+        identify_plate_inertia([])
+
+
+def test_a_wrench_is_brought_to_the_markers_frames_without_delay() -> None:
+    fast, slow = np.arange(4500) / PLATE_RATE, np.arange(900) / RATE
+    tone = np.sin(2 * np.pi * 15 * fast)[:, None] * [1.0, 2.0, 3.0]
+    found = at_marker_times(fast, Wrench(tone, tone), slow)
+    expected = np.sin(2 * np.pi * 15 * slow)[:, None] * [1.0, 2.0, 3.0]
+    np.testing.assert_allclose(found.force[60:-60], expected[60:-60], atol=1e-4)
+
+
+def test_what_is_faster_than_the_markers_does_not_fold_into_the_signal() -> None:
+    """290 Hz seen at 300 Hz would be 10 Hz, full size."""
+    fast, slow = np.arange(4500) / PLATE_RATE, np.arange(900) / RATE
+    tone = np.sin(2 * np.pi * 290 * fast)[:, None] * np.ones(3)
+    assert np.abs(at_marker_times(fast, Wrench(tone, tone), slow).force[60:-60]).max() < 1e-3
+
+
+def test_a_late_plate_is_read_later() -> None:
+    fast, slow = np.arange(4500) / PLATE_RATE, np.arange(900) / RATE
+    late = np.sin(2 * np.pi * 8 * (fast - 0.0021))[:, None] * np.ones(3)
+    found = at_marker_times(fast, Wrench(late, late), slow, lag=0.0021)
+    np.testing.assert_allclose(found.moment[60:-60, 0], np.sin(2 * np.pi * 8 * slow)[60:-60], atol=1e-5)
+
+
+def test_platform_rotation_is_signed_and_positive_at_its_excursion() -> None:
+    angle = np.array([0.0, 0.001, -0.002, -0.08, -0.087])
+    turned = pose(about_y(angle), np.zeros((5, 3)))
+    np.testing.assert_allclose(rotation_from_rest(turned), -angle, atol=1e-12)
+
+
+def unloaded(name: str, lag: float = 0.0, mass: float = 1.0, load: float = 0.0, turn: float = 0.09) -> Trial:
+    """A recording of a plate that turns about y, its wrench late by `lag` [s], its mass scaled, noise on all."""
+    random = np.random.default_rng(7)
+    t = np.arange(3 * PLATE_RATE) / PLATE_RATE
+
+    def at(time: Array) -> tuple[Array, Array, Array]:
+        up, down = bump(time, 1.0, 0.03), bump(time, 2.0, 0.05)
+        return tuple(turn * (a - b) for a, b in zip(up, down, strict=True))  # type: ignore[return-value]
+
+    phi, omega, alpha = at(t - lag)
+    R, n = about_y(phi), np.array([0.0, 1.0, 0.0])
+    r = R @ -PIVOT
+    w, z = omega[:, None] * n, alpha[:, None] * n
+    motion = BodyMotion(R, w, z, r + PIVOT, np.cross(z, r) + np.cross(w, np.cross(w, r)))
+    wrench = mass * (regressors(motion) @ TRUE) + random.normal(0, [0.4] * 3 + [0.05] * 3, (len(t), 6))
+    wrench[:, 2] += load
+    tracks = moved(PLATFORM, about_y(at(t[::5])[0]), PIVOT)
+    tracks = tracks + random.normal(0, 1.5e-4, tracks.shape)
+    return recording(name, labelled("PLAT", tracks), wrench[:, :3], wrench[:, 3:])
+
+
+CALIBRATION = static_calibration(static_trial(np.array([0.0, 0.0, 0.09])), settings())
+
+
+def test_recovers_lag_and_inertia_of_a_noisy_recorded_plate() -> None:
+    model = identify_plate_model([unloaded(f"plate_{k}", lag=0.0015) for k in range(2)], CALIBRATION, settings())
+    assert model.lag == pytest.approx(0.0015, abs=1e-4)
+    by_name = dict(zip(PARAMETERS, model.inertia.parameters, strict=True))
+    true = dict(zip(PARAMETERS, TRUE, strict=True))
+    assert by_name["m"] == pytest.approx(true["m"], rel=0.02)
+    assert by_name["I_yy"] == pytest.approx(true["I_yy"], rel=0.01)
+    assert by_name["mc_z"] == pytest.approx(true["mc_z"], abs=0.02)
+    assert model.inertia.rms_after[4] < 0.05 * model.inertia.rms_before[4]
+
+
+def test_a_plate_without_mass_has_no_lag_to_find() -> None:
+    model = identify_plate_model([unloaded("plate_1", lag=0.002, mass=0.0)], CALIBRATION, settings())
+    assert (model.lag, model.lag_se, len(model.lags)) == (0.0, None, 0)
+
+
+def test_lag_correction_can_be_switched_off() -> None:
+    model = identify_plate_model([unloaded("plate_1", lag=0.002)], CALIBRATION, settings(correct_plate_lag=False))
+    assert model.lag == 0.0
+
+
+@pytest.mark.parametrize("lag", [0.014, -0.05])
+def test_clocks_that_are_far_apart_are_refused(lag: float) -> None:
+    with pytest.raises(InputError, match="trial plate_1: the unloaded plate's wrench does not follow"):
+        identify_plate_model([unloaded("plate_1", lag=lag)], CALIBRATION, settings())
+
+
+def test_a_platform_at_rest_cannot_show_what_the_plate_weighs() -> None:
+    with pytest.raises(InputError, match=r"trial plate_1: the platform turns by 0\.\d+ deg only"):
+        identify_plate_model([unloaded("plate_1", turn=0.005)], CALIBRATION, settings())
+
+
+def test_a_foot_on_the_unloaded_plate_is_refused() -> None:
+    with pytest.raises(InputError, match="trial plate_1: the plate carries 300 N"):
+        identify_plate_model([unloaded("plate_1", load=300.0)], CALIBRATION, settings())
+
+
+def test_a_hidden_platform_is_refused_by_name() -> None:
+    trial = unloaded("plate_1")
+    blind = Trial("plate_1", trial.samples.with_columns(trial.samples["marker_PLAT1_x", "marker_PLAT2_x"] * np.nan))
+    with pytest.raises(InputError, match="PLAT1"):
+        identify_plate_model([Trial("plate_1", blind.samples, trial.provenance)], CALIBRATION, settings())
+
+
+def test_an_unknown_plate_is_named() -> None:
+    with pytest.raises(InputError, match=r"trial plate_1: no column 'plate2_force_x'"):
+        identify_plate_model([unloaded("plate_1")], CALIBRATION, settings(plate=2))
+
+
+def test_the_synthetic_plate_is_level_and_its_markers_span_space() -> None:
+    assert np.mean(CORNERS, axis=0) == pytest.approx([0, 0, 0])
+    assert cluster_poses(PLATFORM, PLATFORM[None]).residual[0] < 1e-12 and len(FOOT) == 4

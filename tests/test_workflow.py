@@ -1,0 +1,173 @@
+"""A small campaign through the real Snakefile: everything is made, and a change reruns what depends on it, no more."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import polars as pl
+import pytest
+import yaml
+from conftest import ROOT
+
+from osl_analysis.workflow import code, sources
+
+TRIAL = "impedance_K300_B5.0_compensated"
+PROTOCOL = {"frequencies_hz": [2, 5], "cycles": 5, "amplitudes_deg": [2, 4]}
+OVERRIDES = {
+    "campaign": "small",
+    "raw_data": "raw_data/small",
+    "sheet": "raw_data/small/trials.csv",
+    "simulation": "config/simulation/small.yaml",
+    "dynamometer": PROTOCOL,
+    "walking": {"bootstrap_samples": 100},
+    "figures": {
+        "time_series": {"amplitude_deg": 4, "duration_s": 2},
+        "frequency_response": {"K_d": 300, "B_d": 5},
+    },
+}
+
+
+def small_simulation():
+    settings = yaml.safe_load((ROOT / "config/simulation/default.yaml").read_text())
+    settings["experiments"] |= {"belt": 2, "transmission": 2, "K_d": [200, 300], "B_d": [5.0], "plate": 3, "walking": 8}
+    settings["protocol"] |= PROTOCOL | {"rest_s": 0.5, "lead_s": 0.5}
+    return settings
+
+
+class Workspace:
+    """A folder with a copy of config/ in which the repository's Snakefile runs."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        shutil.copytree(ROOT / "config", folder / "config")
+        (folder / "config/simulation/small.yaml").write_text(yaml.safe_dump(small_simulation()))
+        self.configure({})
+
+    def configure(self, changes):
+        (self.folder / "config/small.yaml").write_text(yaml.safe_dump(OVERRIDES | changes))
+
+    def run(self, *arguments, package=ROOT):
+        command = [sys.executable, "-m", "snakemake", *arguments, "--snakefile", str(ROOT / "Snakefile")]
+        environment = os.environ | {"PYTHONPATH": str(package), "PYTHONWARNINGS": "default"}
+        return subprocess.run(
+            [*command, "--configfile", "config/small.yaml"],
+            cwd=self.folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    def planned(self, *arguments, package=ROOT):
+        """Jobs per rule of a dry run."""
+        result = self.run("-n", *arguments, package=package)
+        assert result.returncode == 0, result.stderr
+        stats = re.findall(r"^([\w-]+) +(\d+)$", result.stdout + result.stderr, re.MULTILINE)
+        return {rule: int(count) for rule, count in stats if rule not in ("total", "reproduce-all")}
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory):
+    space = Workspace(tmp_path_factory.mktemp("campaign"))
+    result = space.run("reproduce-all")
+    assert result.returncode == 0, result.stderr
+    assert "where the time went" in result.stdout + result.stderr
+    return space
+
+
+def test_every_figure_table_and_headline_number_is_there(workspace):
+    results = workspace.folder / "results"
+    figures = {path.name for path in (results / "figures").iterdir()}
+    assert figures == {f"fig{n}.{suffix}" for n in range(3, 10) for suffix in ("csv", "pdf", "svg", "png")}
+    assert {"K_s", "B_j", "walking_K"} <= set(json.loads((results / "summary.json").read_text()))
+    assert "\\newcommand" in (results / "numbers.tex").read_text()
+    assert len(pl.read_csv(results / "tables/impedance.csv")) == 4 * 3
+
+
+def test_nothing_is_left_to_do_and_plain_snakemake_means_the_same(workspace):
+    assert workspace.planned("reproduce-all") == {}
+    assert workspace.planned() == {}
+
+
+def test_one_trial_is_rerun_alone(workspace):
+    fit = workspace.folder / f"results/fits/impedance/{TRIAL}.csv"
+    before = fit.read_bytes()
+    fit.unlink()
+    result = workspace.run(str(fit.relative_to(workspace.folder)))
+    assert result.returncode == 0, result.stderr
+    assert fit.read_bytes() == before
+    assert workspace.planned() == {}
+
+
+def test_a_changed_log_reruns_that_trial_and_what_follows(workspace):
+    logs = workspace.folder / "raw_data/small/dynamometer"
+    log, other = logs / "belt_01.mcap", logs / "belt_02.mcap"
+    original = log.read_bytes()
+    log.write_bytes(other.read_bytes())
+    planned = workspace.planned()
+    log.write_bytes(original)
+    assert planned["ingest"] == 1
+    assert planned["fit_belt_trial"] == 1
+    assert "fit_impedance_trial" not in planned
+    assert "simulate_dynamometer_trial" not in planned
+
+
+def test_a_changed_estimator_reruns_its_fits_and_not_ingest(workspace, tmp_path):
+    shutil.copytree(ROOT / "osl_analysis", tmp_path / "osl_analysis", ignore=shutil.ignore_patterns("__pycache__"))
+    estimator = tmp_path / "osl_analysis/fits/impedance.py"
+    estimator.write_text(estimator.read_text() + "\n# another estimator\n")
+    planned = workspace.planned(package=tmp_path)
+    assert planned["fit_impedance_trial"] == 4
+    assert planned["fit_perturbation"] >= 2
+    assert not {"ingest", "fit_belt_trial", "fit_transmission_trial", "simulate_crossing"} & set(planned)
+
+
+def test_a_changed_filter_reruns_the_fits_of_the_bench_only(workspace):
+    workspace.configure({"dynamometer": PROTOCOL | {"cutoff_hz": 20}})
+    planned = workspace.planned()
+    workspace.configure({})
+    assert planned["fit_impedance_trial"] == 4
+    assert not {"ingest", "analyse_crossing"} & set(planned)
+
+
+def test_a_misspelt_field_is_one_line_that_names_it(workspace):
+    workspace.configure({"dynamometer": PROTOCOL | {"cut_off": 20}})
+    result = workspace.run("-n")
+    workspace.configure({})
+    assert result.returncode != 0
+    assert re.search(r"config/small.yaml: unknown field 'dynamometer.cut_off'", result.stderr)
+    assert "Traceback" not in result.stderr
+
+
+def test_a_broken_log_fails_alone_with_its_reason(tmp_path, workspace):
+    """A copy of the campaign as a laboratory's: no simulation, one log missing, one that is no log."""
+    folder = tmp_path / "laboratory"
+    shutil.copytree(workspace.folder / "raw_data", folder / "raw_data", ignore=shutil.ignore_patterns("truth"))
+    shutil.copytree(workspace.folder / "config", folder / "config")
+    space = object.__new__(Workspace)
+    space.folder = folder
+    space.configure({"simulation": None})
+    logs = folder / "raw_data/small/dynamometer"
+    (logs / "belt_01.mcap").unlink()
+    (logs / f"{TRIAL}.mcap").write_text("time,theta\n0,0\n")
+    result = space.run("reproduce-all")
+    said = result.stdout + result.stderr
+    assert result.returncode != 0
+    assert re.search(r"error: .*belt_01\.mcap: no such file", said)
+    assert re.search(rf"error: .*{TRIAL}\.mcap: ", said)
+    assert not (folder / "results/trials/belt_01.parquet").exists()
+    assert not list((folder / "results").rglob(".*"))
+    assert (folder / "results/fits/belt/belt_02.csv").exists()
+    assert (folder / "results/tables/walking_summary.csv").exists()
+    assert (folder / "results/tables/transmission_summary.csv").exists()
+
+
+def test_fingerprint_follows_imports_downwards_only():
+    fit = {path.name for path in sources("osl_analysis.commands.transmission")}
+    assert {"transmission.py", "regression.py", "signals.py"} <= fit
+    assert not {"belt.py", "c3d_file.py", "drivetrain_kernel.py"} & fit
+    assert code("commands.transmission") != code("commands.belt")

@@ -10,8 +10,9 @@ from snakemake.exceptions import WorkflowError
 from osl_analysis import workflow as jobs
 from osl_analysis.campaign import open_campaign
 from osl_analysis.commands.simulate import planned_sheet, settings_files
-from osl_analysis.config import DynamometerAnalysis, campaign_config
+from osl_analysis.config import DynamometerAnalysis, WeightSettings, campaign_config
 from osl_analysis.errors import OslAnalysisError
+from osl_analysis.model.admittance_error import Weight
 from osl_analysis.walking.settings import GaitAnalysis, WalkingAnalysis
 
 

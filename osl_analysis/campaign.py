@@ -12,7 +12,6 @@ from osl_analysis.config import Config
 from osl_analysis.errors import InputError
 from osl_analysis.sheet import read_sheet
 
-
 RECORDING_COLUMNS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source")
 
 

@@ -10,9 +10,31 @@ import click
 
 from osl_analysis.errors import OslAnalysisError
 
+
+class NumberList(click.ParamType[list[float]]):
+    """Numbers as 300, as 100,200 or as first:last:step."""
+
+    name = "numbers"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> list[float]:
+        text = str(value)
+        try:
+            numbers = [float(part) for part in text.replace(":", ",").split(",")]
+        except ValueError:
+            self.fail(f"'{text}' is neither a number nor a list like 100,200 or 100:400:50", param, ctx)
+        if ":" not in text:
+            return numbers
+        if len(numbers) != 3 or not numbers[2] > 0:
+            self.fail(f"'{text}' is no range; write first:last:step with a step above 0", param, ctx)
+        first, last, step = numbers
+        return [first + step * k for k in range(int((last - first) / step + 1e-9) + 1)]
+
+
+FILE = click.Path(path_type=Path)
+NUMBERS = NumberList()
 PARAMETERS = click.option(
     "--parameters",
-    type=click.Path(path_type=Path),
+    type=FILE,
     default=Path("config/parameters/default.yaml"),
     show_default=True,
     help="Parameter file of the device.",
@@ -20,7 +42,7 @@ PARAMETERS = click.option(
 CONFIG = click.option(
     "--config",
     "config_path",
-    type=click.Path(path_type=Path),
+    type=FILE,
     default=Path("config/config.yaml"),
     show_default=True,
     help="Configuration with the filter [Hz] and the stepped-sine protocol [deg, Hz].",
@@ -53,7 +75,7 @@ def main() -> None:
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
 @click.option(
     "--settings",
-    type=click.Path(path_type=Path),
+    type=FILE,
     default=Path("config/simulation/default.yaml"),
     show_default=True,
     help="What to simulate: experiments, protocol [Hz, deg], imperfections with their units, seed.",
@@ -72,18 +94,18 @@ def simulate(folder: Path, settings: Path, trial: str | None) -> None:
 @main.command(
     epilog="Example: osl-analysis ingest --log dyno.mcap --log-source dynamometer --output results/trials/dyno.parquet"
 )
-@click.option("--log", type=click.Path(path_type=Path), help="MCAP log of the dynamometer or the leg.")
+@click.option("--log", type=FILE, help="MCAP log of the dynamometer or the leg.")
 @click.option("--log-source", help="Name of the file in the sources folder that describes the log.")
-@click.option("--mocap", type=click.Path(path_type=Path), help="C3D file of the motion-capture system.")
+@click.option("--mocap", type=FILE, help="C3D file of the motion-capture system.")
 @click.option("--mocap-source", help="Name of the file in the sources folder that describes the C3D file.")
 @click.option(
     "--sources",
-    type=click.Path(path_type=Path),
+    type=FILE,
     default=Path("config/sources"),
     show_default=True,
     help="Folder of source files: channel, unit and sign per signal.",
 )
-@click.option("--output", type=click.Path(path_type=Path), required=True, help="Parquet file to write, in SI units.")
+@click.option("--output", type=FILE, required=True, help="Parquet file to write, in SI units.")
 def ingest(
     log: Path | None,
     log_source: str | None,
@@ -113,7 +135,7 @@ def ingest(
 
 
 @main.command(epilog="Example: osl-analysis fit results/trials/belt_01.parquet --model belt --plot belt.png")
-@click.argument("trial", type=click.Path(path_type=Path))
+@click.argument("trial", type=FILE)
 @click.option(
     "--model",
     type=click.Choice(["impedance", "transmission", "belt"]),
@@ -124,11 +146,12 @@ def ingest(
 @PARAMETERS
 @CONFIG
 @AS_JSON
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw measured and modelled torque [N·m] to this file.")
+@click.option("--plot", type=FILE, help="Draw measured and modelled torque [N·m] to this file.")
 def fit(trial: Path, model: str, parameters: Path, config_path: Path, as_json: bool, plot: Path | None) -> None:
     """Fit one ingested TRIAL (Parquet) and print the estimates in SI units with 95 % intervals."""
-    from osl_analysis.commands.fit import estimates_text, finite, fit_one
+    from osl_analysis.commands.fit import estimates_text, fit_one
     from osl_analysis.config import DynamometerAnalysis, read_section
+    from osl_analysis.table_file import finite_or_null
 
     fitted = fit_one(model, trial, parameters, read_section(config_path, "dynamometer", DynamometerAnalysis))
     if plot is not None:
@@ -136,31 +159,55 @@ def fit(trial: Path, model: str, parameters: Path, config_path: Path, as_json: b
 
         draw_table("torque", fitted.series, [plot])
     rows = fitted.estimates.to_dicts()
-    click.echo(json.dumps([finite(row) for row in rows], indent=2) if as_json else estimates_text(fitted.estimates))
+    click.echo(
+        json.dumps([finite_or_null(row) for row in rows], indent=2) if as_json else estimates_text(fitted.estimates)
+    )
 
 
-@main.command(epilog="Example: osl-analysis gains --stiffness 300 --damping 5")
-@click.option("--stiffness", type=float, required=True, help="Desired joint stiffness K_d [N·m/rad].")
-@click.option("--damping", type=float, required=True, help="Desired joint damping B_d [N·m·s/rad].")
+@main.command(epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (or 100:400:50 and 0,5 for a grid)")
+@click.option("--stiffness", type=NUMBERS, help="Desired joint stiffness K_d [N·m/rad]: 300, 100,200 or 100:400:50.")
+@click.option("--damping", type=NUMBERS, help="Desired joint damping B_d [N·m·s/rad]: 5, 0,2.5,5 or 0:7.5:2.5.")
+@click.option(
+    "--trajectory", type=FILE, help="CSV file with phase (0 to 1), K_d [N·m/rad] and B_d [N·m·s/rad] instead."
+)
+@click.option("--weight-hz", type=float, default=1.0, show_default=True, help="Cut-off of W in Eq. 14 [Hz].")
+@click.option("--weight-order", type=int, default=3, show_default=True, help="Order of W in Eq. 14.")
 @PARAMETERS
 @AS_JSON
-def gains(stiffness: float, damping: float, parameters: Path, as_json: bool) -> None:
-    """Select the control gains K_1 and B_1 that render a desired impedance (Eqs. 13 and 14)."""
-    from osl_analysis.commands.gains import one_pair
+@click.option("--output", type=FILE, help="Write the table to this file (.csv or .json).")
+@click.option("--plot", type=FILE, help="Draw response, gains or trajectory to this file (.pdf, .svg or .png).")
+def gains(
+    stiffness: list[float] | None,
+    damping: list[float] | None,
+    trajectory: Path | None,
+    weight_hz: float,
+    weight_order: int,
+    parameters: Path,
+    as_json: bool,
+    output: Path | None,
+    plot: Path | None,
+) -> None:
+    """Select the control gains K_1 and B_1 that render a desired impedance best (Eqs. 13 and 14).
 
-    pair = one_pair(stiffness, damping, parameters)
-    if as_json:
-        click.echo(json.dumps(pair, indent=2))
-        return
-    click.echo(f"K_1 = {pair['K_1']:.6g} N·m/rad      ({pair['K_1_joint']:.6g} at the joint)")
-    click.echo(f"B_1 = {pair['B_1']:.6g} N·m·s/rad    ({pair['B_1_joint']:.6g} at the joint)")
-    click.echo(f"||W (Y - Y_d)||_2 = {pair['error']:.4g} rad/(N·m)·s^-1/2")
+    One pair, a grid, or a trajectory; with the impedance that a fit will find, stability, passivity and fidelity.
+    """
+    from osl_analysis.commands import gains as command
+
+    if (trajectory is None) == (stiffness is None or damping is None):
+        raise click.UsageError("give --stiffness and --damping, or --trajectory")
+    request = command.Request(stiffness or [], damping or [], trajectory, weight_hz, weight_order)
+    table = command.selected_gains(request, parameters)
+    if output is not None:
+        command.write_gains(table, output)
+    if plot is not None:
+        command.plot_gains(request, table, parameters, plot)
+    click.echo(command.gains_json(table) if as_json else command.gains_text(request, table, parameters))
 
 
 @main.command(epilog="Example: osl-analysis results --summary results/summary.json")
 @click.option(
     "--summary",
-    type=click.Path(path_type=Path),
+    type=FILE,
     default=Path("results/summary.json"),
     show_default=True,
     help="Summary of a campaign, as `snakemake reproduce-all` writes it.",

@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from osl_analysis.errors import InputError
+from osl_analysis.model.admittance_error import Weight
 from osl_analysis.validation import Model, Settings, read_mapping, validated
 from osl_analysis.walking.settings import GaitAnalysis, WalkingAnalysis
 
@@ -27,6 +28,18 @@ class DynamometerAnalysis(Settings):
     def amplitudes(self) -> tuple[float, ...]:
         """Amplitudes [rad]."""
         return tuple(float(a) for a in np.deg2rad(self.amplitudes_deg))
+
+
+class WeightSettings(Settings):
+    """W of Eq. 14, with which the laboratory selected its gains: Butterworth cut-off [Hz] and order."""
+
+    cutoff_hz: Positive
+    order: Annotated[int, Field(ge=1, le=10)]
+
+    @property
+    def weight(self) -> Weight:
+        """W itself."""
+        return Weight(self.cutoff_hz, self.order)
 
 
 class TimeSeriesFigure(Settings):
@@ -66,6 +79,7 @@ class Config(Settings):
     sources: Path
     dynamometer: DynamometerAnalysis
     impedance_trajectory: Path | None
+    gain_weight: WeightSettings
     walking: WalkingAnalysis
     gait: GaitAnalysis
     figures: FigureChoices

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
@@ -49,7 +50,7 @@ class Motion:
     omega: Array
     alpha: Array
 
-    def __getitem__(self, rows: slice) -> "Motion":
+    def __getitem__(self, rows: slice | NDArray[np.intp]) -> "Motion":
         return Motion(self.theta[rows], self.omega[rows], self.alpha[rows])
 
 

@@ -1,6 +1,7 @@
 """Tidy result tables as CSV: full precision, written whole or not at all."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import polars as pl
@@ -61,3 +62,8 @@ def is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def finite_or_null(row: Mapping[str, object]) -> dict[str, object]:
+    """A row of a table for JSON, which knows neither infinity nor NaN: they become null."""
+    return {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in row.items()}

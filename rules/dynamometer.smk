@@ -1,11 +1,17 @@
 """Belt stiffness (Fig. 3), transmission losses, and the rendered impedance on the dynamometer (Figs. 4-7)."""
 
 DYNAMOMETER = CONFIG.dynamometer.model_dump(mode="json")
+WEIGHT = CONFIG.gain_weight.model_dump(mode="json")
 
 
 def dynamometer_settings(params) -> DynamometerAnalysis:
     """The dynamometer's part of the configuration, as the job's parameters carry it."""
     return DynamometerAnalysis.model_validate(params.settings)
+
+
+def gain_weight(params) -> Weight:
+    """W of Eq. 14, as the job's parameters carry it."""
+    return WeightSettings.model_validate(params.weight).weight
 
 
 rule fit_belt_trial:
@@ -64,6 +70,7 @@ rule fit_impedance_trial:
     params:
         code=jobs.code("commands.impedance"),
         settings=DYNAMOMETER,
+        weight=WEIGHT,
         row=lambda wildcards: {key: CAMPAIGN.row(wildcards.trial)[key] for key in ("controller", "K_d", "B_d")},
     run:
         jobs.run_job(
@@ -72,6 +79,7 @@ rule fit_impedance_trial:
             trial=Path(input.trial),
             parameters=Path(input.parameters),
             settings=dynamometer_settings(params),
+            weight=gain_weight(params),
             output=Path(output.fit),
             phasors=Path(output.phasors),
             **params.row,

@@ -103,6 +103,7 @@ rule plot_numbers_fig7:
         RESULTS / "logs/figures/fig7_numbers.log",
     params:
         code=jobs.code("commands.response"),
+        weight=WEIGHT,
         choice=RESPONSE and RESPONSE.model_dump(mode="json"),
         frequencies_hz=CONFIG.dynamometer.frequencies_hz,
     run:
@@ -111,6 +112,7 @@ rule plot_numbers_fig7:
             "response.plot_numbers",
             table=Path(input.table),
             parameters=Path(input.parameters),
+            weight=gain_weight(params),
             frequencies_hz=params.frequencies_hz,
             output=Path(output[0]),
             **params.choice,

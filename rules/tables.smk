@@ -66,11 +66,13 @@ rule gains_table:
         RESULTS / "logs/tables/gains.log",
     params:
         code=jobs.code("commands.gains"),
+        weight=WEIGHT,
     run:
         jobs.run_job(
             log[0],
             "gains.select_trajectory",
             trajectory=Path(input.trajectory),
             parameters=Path(input.parameters),
+            weight=gain_weight(params),
             output=Path(output[0]),
         )

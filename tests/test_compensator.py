@@ -1,4 +1,4 @@
-"""Eqs. 12-14: gains against static physics, an independent norm, a dense search, and the limits of the possible."""
+"""Eqs. 12-13: gains against static physics and the limits of the possible; Eq. 15 as linear theory predicts it."""
 
 from dataclasses import replace
 
@@ -6,51 +6,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.integrate import quad
 
 from osl_analysis.errors import UnreachableImpedanceError
-from osl_analysis.model.compensator import (
-    admittance_error,
-    compensated_gains,
-    stiffness_gain,
-    uncompensated_gains,
-)
-from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
+from osl_analysis.model.compensator import compensated_gains, stiffness_gain, uncompensated_gains
+from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.prediction import predicted_impedance
 
 TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)
-
-
-def norm_by_quadrature(K_d, B_d, K_1, B_1, p):
-    """Eq. 14's norm as an integral over frequency; |W|^2 of a Butterworth filter needs no filter design."""
-    Y, Y_d = joint_admittance(K_1, B_1, p), desired_admittance(K_d, B_d)
-
-    def density(w):
-        return abs(Y(1j * w) - Y_d(1j * w)) ** 2 / (1 + (w / (2 * np.pi)) ** 6)
-
-    low, high = (quad(density, *ends, limit=500, epsabs=0)[0] for ends in ((0, 50), (50, np.inf)))
-    return np.sqrt((low + high) / np.pi)
 
 
 @given(K_d=st.floats(1, 680))
 def test_stiffness_gain_in_series_with_the_belt_gives_the_desired_stiffness(parameters, K_d):
     K_1 = stiffness_gain(K_d, parameters)
     assert 1 / abs(joint_admittance(float(K_1), 0.1, parameters)(0)) == pytest.approx(K_d)
-
-
-@pytest.mark.parametrize(("K_d", "B_d"), [(300, 5), (100, 0), (400, 7.5), (20, 2.5)])
-def test_norm_agrees_with_quadrature_over_frequency(parameters, K_d, B_d):
-    gains = compensated_gains(K_d, B_d, parameters)
-    by_quadrature = norm_by_quadrature(K_d, B_d, gains.K_1, gains.B_1, parameters)
-    assert admittance_error(K_d, B_d, gains.K_1, gains.B_1, parameters) == pytest.approx(by_quadrature, rel=1e-6)
-
-
-@pytest.mark.parametrize(("K_d", "B_d"), [(300, 5), (100, 0), (100, 7.5), (400, 2.5), (340, 3)])
-def test_no_damping_gain_of_a_dense_search_does_better(parameters, K_d, B_d):
-    gains = compensated_gains(K_d, B_d, parameters)
-    best = admittance_error(K_d, B_d, gains.K_1, gains.B_1, parameters)
-    tried = np.geomspace(1e-4, 20, 400) - parameters.B_m
-    assert best <= min(admittance_error(K_d, B_d, gains.K_1, B_1, parameters) for B_1 in tried) * (1 + 1e-9)
 
 
 @settings(max_examples=25, deadline=None)
@@ -65,7 +33,7 @@ def test_the_loop_is_stable_for_every_reachable_impedance(parameters, K_d, B_d):
     ("K_d", "B_d", "message"),
     [
         (685.6, 5, r"K_d = 685\.6 .* less than 685\.6"),
-        (900, 5, "K_s = 685.6"),
+        (900, 5, r"99 % of it: 678\.7"),
         (0, 5, "more than 0"),
         (-10, 5, "more than 0"),
         (float("nan"), 5, "K_d = nan"),

@@ -9,7 +9,8 @@ PACKAGE = ROOT / "osl_analysis"
 COMMON = {"errors", "trial"}
 MAY_IMPORT = {
     "model": COMMON | {"model", "parameters"},
-    "simulator": COMMON | {"simulator", "model", "parameters", "columns", "sheet", "validation", "atomic", "trajectory"},
+    "simulator": COMMON
+    | {"simulator", "model", "parameters", "columns", "sheet", "validation", "atomic", "trajectory"},
     "ingest": COMMON | {"ingest", "columns", "validation"},
     "fits": COMMON | {"fits", "signals"},
     "walking": COMMON | {"walking", "fits", "signals", "columns", "validation"},

@@ -58,7 +58,7 @@ def test_about_half_of_the_crossings_are_perturbed():
 
 
 def test_the_written_sheet_is_the_plan_and_passes_validation(tmp_path):
-    write_sheet(DEFAULT, tmp_path)
+    write_sheet(DEFAULT, tmp_path / "trials.csv")
     sheet = read_sheet(tmp_path / "trials.csv").reset_index(drop=True)
     assert list(sheet.columns) == list(COLUMNS)
     pd.testing.assert_frame_equal(sheet, plan_trials(read_yaml(DEFAULT, SimulationSettings)))

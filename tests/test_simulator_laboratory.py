@@ -12,9 +12,9 @@ from mcap_ros2.decoder import DecoderFactory
 from walking_setup import CALM, PERTURBED, Setup, load_setup
 
 from osl_analysis.errors import InputError
-from osl_analysis.simulator.leg_controller import read_impedance_trajectory
 from osl_analysis.simulator.walking import simulate_walking_trial
 from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.trajectory import read_impedance_trajectory
 from osl_analysis.trial import Array
 from osl_analysis.validation import read_yaml
 

@@ -8,10 +8,10 @@ from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.simulator import gait
 from osl_analysis.simulator.crossing import Crossing, draw_step, simulate_crossing
 from osl_analysis.simulator.dynamometer import drivetrain_effects
-from osl_analysis.simulator.leg_controller import read_impedance_trajectory
 from osl_analysis.simulator.rigid_body import Pose, RigidBody, at_times, derivative, rotation_about
 from osl_analysis.simulator.walking import motion_grid
 from osl_analysis.simulator.walking_truth import rendered_impedance
+from osl_analysis.trajectory import read_impedance_trajectory
 from osl_analysis.trial import Array
 
 G = 9.81

@@ -54,9 +54,17 @@ def test_the_angle_is_the_twist_about_a_skew_axis_wherever_the_leg_is() -> None:
     np.testing.assert_allclose(found, theta, atol=1e-12)
 
 
+def test_what_a_soft_joint_adds_across_the_axis_does_not_leak_into_the_angle() -> None:
+    """Inversion by 0.3 rad about the long axis of the foot, and the angle is still the twist about the ankle's."""
+    swing, twist = Rotation.from_rotvec([0.3, 0.0, 0.1]), Rotation.from_rotvec([0.0, -0.25, 0.0])
+    still = np.zeros((1, 3))
+    foot = pose((swing * twist).as_matrix()[None], still)
+    assert ankle_angle(foot, pose(UPRIGHT, still), LEFT)[0] == pytest.approx(0.25, abs=1e-12)
+
+
 def test_a_load_in_front_of_the_ankle_needs_a_plantarflexion_moment() -> None:
     """800 N through a point 0.1 m ahead of the ankle: +80 N*m, wherever plate and origin are."""
-    force, ahead = np.array([[0.0, 0.0, 800.0]]), ANKLE + [0.1, 0.0, -0.09]
+    force, ahead = np.array([[0.0, 0.0, 800.0]]), ANKLE + np.array([0.1, 0.0, -0.09])
     for centre in (np.zeros(3), np.array([0.3, 0.25, 0.0])):
         moment = np.cross(ahead - centre, force)
         assert ankle_torque(force, moment, centre, ANKLE[None], LEFT[None])[0] == pytest.approx(80.0)
@@ -77,7 +85,7 @@ def test_the_torque_of_an_unloaded_plate_is_its_couple_and_no_centre_of_pressure
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_the_calibrated_axis_points_to_the_left_for_either_leg(side: Literal["left", "right"]) -> None:
     inner = 0.04 if side == "right" else -0.04
-    medial, lateral = (np.tile(ANKLE + [0, y, 0], (5, 1)) for y in (inner, -inner))
+    medial, lateral = (np.tile(ANKLE + np.array([0, y, 0]), (5, 1)) for y in (inner, -inner))
     clusters = {
         name: {f"{key}{k}": np.tile(p, (5, 1)) for k, p in enumerate(CLUSTERS[key])}
         for name, key in (("foot", "FOOT"), ("shank", "SHANK"), ("platform", "PLAT"))

@@ -182,7 +182,8 @@ def test_a_plate_whose_inertia_stays_in_passes_for_the_ankles(real: Session, tmp
 def test_the_tables_have_what_figures_and_summary_read(real: Session) -> None:
     table, responses = read_table(real.folder / "walking.csv", COLUMNS), read_table(real.folder / "responses.csv")
     assert table["trial"].to_list() == real.perturbed
-    assert (table["onset_phase"].is_between(0.3, 0.5)).all() and (table["samples"] == 30).all()
+    assert (table["onset_phase"].is_between(0.3, 0.5)).all()
+    assert (table["samples"] == 30).all()
     assert set(responses["trial"]) == {*real.perturbed, "ensemble"}
     ensemble = responses.filter(pl.col("trial") == "ensemble")
     assert ensemble["time"].max() == pytest.approx(29 / 300)

@@ -183,7 +183,7 @@ def test_a_turn_that_outlasts_the_window_cannot_tell_stiffness_from_damping_or_i
     response = respond(walked, normal)
     grown = np.exp(20 * response.time)
     motion = replace(response.motion, theta=grown, omega=20 * grown, alpha=400 * grown)
-    with pytest.raises(IdentifiabilityError, match="trial p: .* cannot be told apart"):
+    with pytest.raises(IdentifiabilityError, match=r"trial p: .* cannot be told apart"):
         fit_response(replace(response, motion=motion))
 
 

@@ -93,7 +93,7 @@ def plot_numbers(curves: Sequence[Path], summary: Path, output: Path) -> None:
     """The numbers of Fig. 3: every trial's curve, and the mean slope as two points with its interval."""
     data = pl.concat([read_table(path) for path in curves])
     K_s, low, high = read_table(summary).filter(pl.col("quantity") == "K_s").select("mean", "low", "high").row(0)
-    peak = float(data["theta_s_deg"].abs().max() or 0.0)
+    peak = float(np.abs(data["theta_s_deg"].to_numpy()).max())
     line = pl.DataFrame(
         {
             "trial": ["mean slope"] * 2,

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import polars as pl
 
 from osl_analysis.commands.belt import belt_table, read_belt_trial
@@ -72,13 +71,9 @@ def estimates_text(estimates: pl.DataFrame) -> str:
     for row in estimates.to_dicts():
         amplitude = row.get("amplitude_deg")
         which = "all amplitudes" if amplitude is None else f"{amplitude:g} deg"
-        lines.append(f"{row['trial']}, {which}: VAF {row['VAF']:.2f} %, R2 {row['R2']:.5f}, condition {row['condition_number']:.1f}")
+        quality = f"VAF {row['VAF']:.2f} %, R2 {row['R2']:.5f}, condition {row['condition_number']:.1f}"
+        lines.append(f"{row['trial']}, {which}: {quality}")
         for name in (n for n in UNITS if f"{n}_se" in row):
             half = 1.96 * row[f"{name}_se"]
             lines.append(f"  {name:<7}{row[name]:>12.5g} ± {half:<10.2g} {UNITS[name]}")
     return "\n".join([*lines, "± is the half-width of the 95 % interval (1.96 standard errors, correlated residuals)"])
-
-
-def finite(row: dict[str, object]) -> dict[str, object]:
-    """A row for JSON: what is not a number becomes null."""
-    return {key: None if isinstance(value, float) and not np.isfinite(value) else value for key, value in row.items()}

@@ -1,74 +1,212 @@
-"""Gain selection for a trajectory of desired impedances (Fig. 8)."""
+"""Gain selection for one pair, a grid or a trajectory of desired impedances, with what the joint will then do."""
 
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import polars as pl
+from numpy.typing import ArrayLike, NDArray
 
+from osl_analysis.atomic import atomic_path
+from osl_analysis.commands.figure import draw_table
 from osl_analysis.errors import InputError, UnreachableImpedanceError
-from osl_analysis.model.compensator import admittance_error, compensated_gains
-from osl_analysis.parameters import read_parameters
-from osl_analysis.table_file import write_table
+from osl_analysis.figures.fig7 import LINEAR_MODEL, response_curve
+from osl_analysis.figures.fig8 import points as fig8_points
+from osl_analysis.model.admittance_error import Weight
+from osl_analysis.model.certificate import Certificate, certify
+from osl_analysis.model.compensator import PAPER_WEIGHT, Gains, check_request, stiffness_gain
+from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
+from osl_analysis.model.gain_selection import optimal_damping
+from osl_analysis.model.prediction import predicted_impedance
+from osl_analysis.model.rendering import rendering
+from osl_analysis.parameters import DrivetrainParameters, read_parameters
+from osl_analysis.table_file import finite_or_null, write_table
+from osl_analysis.trajectory import read_impedance_trajectory
 
-def one_pair(K_d: float, B_d: float, parameters: Path) -> dict[str, float]:
-    """Gains for one desired impedance: K_1, B_1 at the actuator's output, both times n_T^2, and the norm of Eq. 14.
+TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)
+"""Frequencies of Section III-B, over which the fit of Eq. 15 is predicted."""
+
+
+def gain_table(
+    K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters, weight: Weight, frequencies_hz: Sequence[float]
+) -> pl.DataFrame:
+    """A row per pair K_d [N*m/rad], B_d [N*m*s/rad], arrays of shape (pairs,).
+
+    Gains at the actuator's output and times n_T^2; the norm of Eq. 14; flags of `OptimalDamping`; the fit of Eq. 15
+    that linear theory predicts at `frequencies_hz`; stability, passivity and fidelity of the impedance (`Rendering`).
 
     Raises
     ------
     UnreachableImpedanceError
-        No gains render it.
+        No gains render one of the pairs.
     """
-    p = read_parameters(parameters)
-    gains = compensated_gains(K_d, B_d, p)
-    return {
-        "K_d": K_d,
-        "B_d": B_d,
-        "K_1": gains.K_1,
-        "B_1": gains.B_1,
-        "K_1_joint": gains.K_1 * p.n_T**2,
-        "B_1_joint": gains.B_1 * p.n_T**2,
-        "error": admittance_error(K_d, B_d, gains.K_1, gains.B_1, p),
+    check_request(K_d, B_d, p)
+    K_d, B_d = (np.asarray(v, dtype=float) for v in (K_d, B_d))
+    K_1, found = stiffness_gain(K_d, p), optimal_damping(K_d, B_d, p, weight)
+    table = pl.DataFrame({"K_d": K_d, "B_d": B_d, "K_1": K_1, "B_1": found.B_1})
+    return table.with_columns(
+        (pl.col("K_1", "B_1") * p.n_T**2).name.suffix("_joint"),
+        error=pl.Series(found.error),
+        minima=pl.Series(found.minima),
+        at_lower_bound=pl.Series(found.at_lower_bound),
+        unbounded=pl.Series(found.unbounded),
+        **behaviour(table, ~found.unbounded, p, frequencies_hz),
+    )
+
+
+def behaviour(
+    table: pl.DataFrame, finite: NDArray[np.bool_], p: DrivetrainParameters, frequencies_hz: Sequence[float]
+) -> dict[str, pl.Series]:
+    """What the joint will do with the gains of each row: columns, null where no finite B_1 is best."""
+    rows = table.filter(pl.Series(finite))
+    K_1, B_1, K_d, B_d = (rows[name].to_numpy() for name in ("K_1", "B_1", "K_d", "B_d"))
+    fits = [predicted_impedance(Gains(k, b, True), p, frequencies_hz) for k, b in zip(K_1, B_1, strict=True)]
+    rendered = rendering(K_1, B_1, K_d, B_d, p)
+    columns = {
+        "K_predicted": [K for K, _, _ in fits],
+        "B_predicted": [B for _, B, _ in fits],
+        "I_predicted": [I for _, _, I in fits],
+        "decay_rate": rendered.decay_rate.tolist(),
+        "delay_margin": rendered.delay_margin.tolist(),
+        "passive": [True] * len(rows),
+        "positive_real": rendered.positive_real.tolist(),
+        "faithful_to_hz": rendered.faithful_to_hz.tolist(),
     }
+    return {name: pl.Series(spread(values, finite)) for name, values in columns.items()}
 
 
-TRAJECTORY_COLUMNS = ("phase", "K_d", "B_d")
+def spread(values: Sequence[float | bool], finite: NDArray[np.bool_]) -> list[float | bool | None]:
+    """Values at the finite rows, None at the others."""
+    rest = iter(values)
+    return [next(rest) if known else None for known in finite]
 
 
-def read_trajectory(path: Path) -> pl.DataFrame:
-    """A desired-impedance trajectory: CSV with `phase` (0 to 1), `K_d` [N*m/rad], `B_d` [N*m*s/rad], # comments.
+@dataclass(frozen=True)
+class Request:
+    """What is wanted: every combination of K_d [N*m/rad] and B_d [N*m*s/rad], or a trajectory file; W of Eq. 14."""
+
+    stiffness: Sequence[float]
+    damping: Sequence[float]
+    trajectory: Path | None
+    weight_hz: float = PAPER_WEIGHT.cutoff_hz
+    weight_order: int = PAPER_WEIGHT.order
+
+    @property
+    def weight(self) -> Weight:
+        return Weight(self.weight_hz, self.weight_order)
+
+    @property
+    def single(self) -> bool:
+        """Whether it is one pair, whose minimum is then certified."""
+        return self.trajectory is None and len(self.stiffness) == len(self.damping) == 1
+
+
+def selected_gains(request: Request, parameters: Path) -> pl.DataFrame:
+    """The table of gains for a request.
 
     Raises
     ------
     InputError
-        The file is missing, lacks a column, or holds something that is not a number.
-    """
-    if not path.is_file():
-        raise InputError(f"{path}: no such impedance trajectory; correct `impedance_trajectory` in the configuration")
-    try:
-        table = pl.read_csv(path, comment_prefix="#")
-    except pl.exceptions.PolarsError as error:
-        raise InputError(f"{path}: not a CSV table ({str(error).splitlines()[0]}); write {TRAJECTORY_COLUMNS}") from error
-    for column in TRAJECTORY_COLUMNS:
-        if column not in table.columns:
-            raise InputError(f"{path}: no column '{column}'; it has {', '.join(table.columns)}")
-        if not table[column].dtype.is_numeric() or table[column].null_count():
-            raise InputError(f"{path}: column '{column}' must hold a number in every row, in SI units")
-    return table
-
-
-def select_trajectory(trajectory: Path, parameters: Path, output: Path) -> None:
-    """Gains for every row of a trajectory: K_1 and B_1 at the actuator's output, and both times n_T^2.
-
-    Raises
-    ------
+        The parameter or trajectory file is missing or not valid.
     UnreachableImpedanceError
-        A row asks for the impossible; names the row.
+        No gains render a pair, or W is none.
     """
-    p, rows = read_parameters(parameters), []
-    for number, (phase, K_d, B_d) in enumerate(read_trajectory(trajectory).select(TRAJECTORY_COLUMNS).rows(), start=1):
-        try:
-            gains = compensated_gains(K_d, B_d, p)
-        except UnreachableImpedanceError as error:
-            raise UnreachableImpedanceError(f"{trajectory}: row {number} (phase {phase:g}): {error}") from error
-        rows.append({"phase": phase, "K_d": K_d, "B_d": B_d, "K_1": gains.K_1, "B_1": gains.B_1})
-    scaled = (pl.col("K_1", "B_1") * p.n_T**2).name.suffix("_joint")
-    write_table(pl.DataFrame(rows).with_columns(scaled), output)
+    p = read_parameters(parameters)
+    if request.trajectory is not None:
+        return trajectory_table(request.trajectory, p, request.weight)
+    K_d, B_d = (v.ravel() for v in np.meshgrid(request.stiffness, request.damping, indexing="ij"))
+    return gain_table(K_d, B_d, p, request.weight, TESTED_HZ)
+
+
+def trajectory_table(trajectory: Path, p: DrivetrainParameters, weight: Weight) -> pl.DataFrame:
+    """The table of every row of a trajectory file, `phase` first; an impossible row is refused with the file's name."""
+    desired = read_impedance_trajectory(trajectory)
+    try:
+        table = gain_table(desired.K_d, desired.B_d, p, weight, TESTED_HZ)
+    except UnreachableImpedanceError as error:
+        raise UnreachableImpedanceError(f"{trajectory}: {error}") from error
+    return table.select(pl.Series("phase", desired.phase), pl.all())
+
+
+def select_trajectory(trajectory: Path, parameters: Path, weight: Weight, output: Path) -> None:
+    """Write the gains for every row of a trajectory (Fig. 8)."""
+    write_table(trajectory_table(trajectory, read_parameters(parameters), weight), output)
+
+
+def write_gains(table: pl.DataFrame, output: Path) -> None:
+    """Write the table as CSV or JSON, by suffix."""
+    if output.suffix == ".csv":
+        write_table(table, output)
+    elif output.suffix == ".json":
+        with atomic_path(output) as temporary:
+            temporary.write_text(gains_json(table) + "\n", encoding="utf-8")
+    else:
+        raise InputError(f"{output}: gains are written as .csv or .json; choose one of these suffixes")
+
+
+def gains_json(table: pl.DataFrame) -> str:
+    """A list of rows; a number that is infinite or undefined becomes null."""
+    return json.dumps([finite_or_null(row) for row in table.to_dicts()], indent=2)
+
+
+def gains_text(request: Request, table: pl.DataFrame, parameters: Path) -> str:
+    """The table for the eye: one pair in words, with the proof of its minimum; several as columns."""
+    if request.single:
+        proof = certify(request.stiffness[0], request.damping[0], read_parameters(parameters), request.weight)
+        return pair_text(table.to_dicts()[0], proof)
+    shown = ("phase", "K_d", "B_d", "K_1", "B_1", "error", "K_predicted", "B_predicted", "faithful_to_hz")
+    columns = [c for c in shown if c in table.columns]
+    rows = [columns, *([f"{v:.5g}" for v in row] for row in table.select(columns).rows())]
+    return "\n".join("".join(f"{cell:>14}" for cell in row) for row in rows)
+
+
+def pair_text(row: dict[str, float], proof: Certificate) -> str:
+    """One pair in words."""
+    minima = "exactly one local minimum" if proof.unique else f"{len(proof.minima)} local minima"
+    lines = [
+        f"K_1 = {row['K_1']:.6g} N·m/rad ({row['K_1_joint']:.6g} at the joint)",
+        f"B_1 = {row['B_1']:.6g} N·m·s/rad ({row['B_1_joint']:.6g} at the joint)",
+        f"||W (Y - Y_d)||_2 = {row['error']:.4g} rad/(N·m)·s^-1/2; proved: {minima} among the stable gains",
+    ]
+    if row["at_lower_bound"]:
+        lines.append("warning: the joint alone damps more than was asked for; B_1 is the least that is stable")
+    if row["unbounded"]:
+        lines.append("warning: no B_1 is best: the error falls until the motor is locked; lower --weight-hz")
+        return "\n".join(lines)
+    found = (
+        f"K {row['K_predicted']:.4g} N·m/rad, B {row['B_predicted']:.4g} N·m·s/rad, I {row['I_predicted']:.3g} kg·m²"
+    )
+    return "\n".join(
+        [
+            *lines,
+            f"a fit over 1 to 5 Hz will find {found} (friction cancelled)",
+            f"within 10 % of the desired impedance up to {row['faithful_to_hz']:.3g} Hz; passive",
+            f"the slowest mode dies with {row['decay_rate']:.3g} 1/s; with the joint held, "
+            f"{1e3 * row['delay_margin']:.3g} ms of delay in the loop make it unstable",
+        ]
+    )
+
+
+def plot_gains(request: Request, table: pl.DataFrame, parameters: Path, output: Path) -> None:
+    """Draw the response of one pair, the gains of a grid, or those of a trajectory (as Fig. 8)."""
+    if request.single:
+        p, row = read_parameters(parameters), table.to_dicts()[0]
+        draw_table("fig7", pair_response(row, p), [output])
+    elif request.trajectory is not None:
+        draw_table("fig8", fig8_points(table), [output])
+    else:
+        draw_table("gain_grid", table, [output])
+
+
+def pair_response(row: dict[str, float], p: DrivetrainParameters) -> pl.DataFrame:
+    """Desired and predicted response of one pair over 0.1 to 10 Hz, as rows of Fig. 7."""
+    f = np.geomspace(0.1, 10, 201)
+    curves = {
+        "desired": desired_admittance(row["K_d"], row["B_d"]),
+        f"compensated{LINEAR_MODEL}": joint_admittance(row["K_1"], row["B_1"], p, p.J_j),
+    }
+    frames = [response_curve(name, f, Y(2j * np.pi * f)) for name, Y in curves.items()]
+    intervals = ("magnitude_low", "magnitude_high", "phase_low", "phase_high")
+    return pl.concat(frames).with_columns(pl.lit(None, pl.Float64).alias(name) for name in intervals)

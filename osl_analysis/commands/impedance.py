@@ -11,6 +11,7 @@ from osl_analysis.config import DynamometerAnalysis
 from osl_analysis.fits.impedance import fit_impedance
 from osl_analysis.fits.rows import diagnostics_row, estimates_row
 from osl_analysis.fits.sinusoid import Phasor, fit_sinusoid, response
+from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.prediction import predicted_impedance
 from osl_analysis.parameters import read_parameters
@@ -24,14 +25,17 @@ def fit_trial(
     B_d: float,
     parameters: Path,
     settings: DynamometerAnalysis,
+    weight: Weight,
     output: Path,
     phasors: Path,
 ) -> None:
     """Fit one trial: Eq. 15 per amplitude and over all (amplitude empty) to `output`, phasors to `phasors`."""
     p, record = read_parameters(parameters), read_stepped_sine(trial, settings)
-    condition = {"controller": controller, "K_d": K_d, "B_d": B_d}
-    predicted = predicted_impedance(select_gains(controller, K_d, B_d, p), p, settings.frequencies_hz)
-    prediction = dict(zip(("K_predicted", "B_predicted", "I_predicted"), predicted, strict=True))
+    condition: dict[str, float | str] = {"controller": controller, "K_d": K_d, "B_d": B_d}
+    predicted = predicted_impedance(select_gains(controller, K_d, B_d, p, weight), p, settings.frequencies_hz)
+    prediction: dict[str, float | str] = dict(
+        zip(("K_predicted", "B_predicted", "I_predicted"), predicted, strict=True)
+    )
     write_table(impedance_table(record).with_columns(**literals(condition), **literals(prediction)), output)
     write_table(phasor_table(record, settings.settle_cycles).with_columns(**literals(condition)), phasors)
 

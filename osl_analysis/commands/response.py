@@ -7,8 +7,9 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures.fig7 import LINEAR_MODEL, RESPONSE, points
+from osl_analysis.figures.fig7 import LINEAR_MODEL, RESPONSE, points, response_curve
 from osl_analysis.fits.sinusoid import Response, mean_response
+from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
 from osl_analysis.parameters import read_parameters
@@ -44,16 +45,22 @@ def response_row(group: pl.DataFrame) -> dict[str, float]:
 
 
 def plot_numbers(
-    table: Path, K_d: float, B_d: float, parameters: Path, frequencies_hz: Sequence[float], output: Path
+    table: Path,
+    K_d: float,
+    B_d: float,
+    parameters: Path,
+    weight: Weight,
+    frequencies_hz: Sequence[float],
+    output: Path,
 ) -> None:
     """The numbers of Fig. 7: measured responses of one K_d, B_d, the desired one (Eq. 11), the linear model (Eq. 9)."""
     measured, p = of_impedance(read_table(table, required=RESPONSE), K_d, B_d, table), read_parameters(parameters)
     f = np.linspace(min(frequencies_hz), max(frequencies_hz), 101)
     curves = {"desired": desired_admittance(K_d, B_d)}
     for controller in measured["controller"].unique(maintain_order=True):
-        gains = select_gains(controller, K_d, B_d, p)
+        gains = select_gains(controller, K_d, B_d, p, weight)
         curves[controller + LINEAR_MODEL] = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
-    frames = [curve_frame(name, f, Y(2j * np.pi * f)) for name, Y in curves.items()]
+    frames = [response_curve(name, f, Y(2j * np.pi * f)) for name, Y in curves.items()]
     write_table(points(measured, pl.concat(frames)), output)
 
 
@@ -66,9 +73,3 @@ def of_impedance(responses: pl.DataFrame, K_d: float, B_d: float, path: Path) ->
             "figures.frequency_response in the configuration"
         )
     return found
-
-
-def curve_frame(condition: str, frequency_hz: np.ndarray, Y: np.ndarray) -> pl.DataFrame:
-    """A response without uncertainty, as rows of Fig. 7."""
-    columns = {"frequency_hz": frequency_hz, "magnitude": np.abs(Y), "phase_deg": np.rad2deg(np.angle(Y))}
-    return pl.DataFrame(columns).with_columns(condition=pl.lit(condition))

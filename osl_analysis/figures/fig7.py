@@ -49,6 +49,12 @@ def points(response: pl.DataFrame, curves: pl.DataFrame) -> pl.DataFrame:
     return pl.concat([observed, curves.select(CURVES)], how="diagonal_relaxed")
 
 
+def response_curve(condition: str, frequency_hz: np.ndarray, Y: np.ndarray) -> pl.DataFrame:
+    """An integral admittance Y [rad/(N*m)], complex, of shape (n,), as rows in the columns `CURVES`."""
+    columns = {"frequency_hz": frequency_hz, "magnitude": np.abs(Y), "phase_deg": np.rad2deg(np.angle(Y))}
+    return pl.DataFrame(columns).with_columns(condition=pl.lit(condition))
+
+
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
     """(a) magnitude, (b) phase: markers with 95 % intervals observed, black line desired, thin lines predicted."""

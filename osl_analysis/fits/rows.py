@@ -5,7 +5,7 @@ from osl_analysis.fits.regression import LinearFit
 
 def estimates_row(fit: LinearFit, *names: str) -> dict[str, float]:
     """`name` and `name_se` for each name, in SI units."""
-    row = {}
+    row: dict[str, float] = {}
     for name in names:
         row |= {name: fit[name], f"{name}_se": fit.se(name)}
     return row

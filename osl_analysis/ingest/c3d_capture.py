@@ -67,28 +67,27 @@ def interleaved(time: Array, fast: Columns, slow: Columns, ratio: int) -> pl.Dat
 
 def read_markers(recording: C3DRecording, source: C3dSource) -> tuple[Columns, Origins]:
     """Three columns [m] per marker, (frames,) each."""
-    labels = recording.point_labels
-    wanted = source.markers
-    if wanted == "all":
-        outputs = recording.model_outputs
-        wanted = tuple(label for label in labels if label and not label.startswith("*") and label not in outputs)
     columns: Columns = {}
     origins: Origins = {}
-    if wanted:
+    for label in wanted_markers(recording, source):
         unit = source.point_unit or recording.point_unit()
         factor = si_factor(unit, "m")
-        for label in wanted:
-            place = place_of(label, labels, "marker")
-            for axis, column in enumerate(marker_columns(label)):
-                columns[column] = recording.points[:, place, axis] * factor
-                origins[column] = {
-                    "label": label,
-                    "component": AXES[axis],
-                    "unit": unit,
-                    "factor": factor,
-                    "si_unit": "m",
-                }
+        place = place_of(label, recording.point_labels, "marker")
+        for axis, column in enumerate(marker_columns(label)):
+            columns[column] = recording.points[:, place, axis] * factor
+            where = {"label": label, "component": AXES[axis]}
+            origins[column] = {**where, "unit": unit, "factor": factor, "si_unit": unit_of(column)}
     return columns, origins
+
+
+def wanted_markers(recording: C3DRecording, source: C3dSource) -> tuple[str, ...]:
+    """Labels that the source file asks for; "all" leaves out model outputs and what Nexus did not label (`*1`)."""
+    if source.markers != "all":
+        return source.markers
+    outputs = recording.model_outputs
+    return tuple(
+        label for label in recording.point_labels if label and not label.startswith("*") and label not in outputs
+    )
 
 
 def read_outputs(recording: C3DRecording, source: C3dSource) -> tuple[Columns, Origins]:

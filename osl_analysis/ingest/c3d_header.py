@@ -1,7 +1,7 @@
 """The header and the parameters of a C3D file, read before any decoder sees it.
 
 Decoders trust these bytes: one returns fewer frames for a truncated file without a word, another crashes on a
-damaged parameter section. What passes here is safe to decode.
+damaged parameter section. Some damage passes all the same, so the decoder runs isolated (`isolation.py`).
 """
 
 import math

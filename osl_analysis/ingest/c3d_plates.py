@@ -81,7 +81,7 @@ def channel_numbers(recording: C3DRecording, plate: ForcePlate) -> list[int]:
 
 
 def plate_channels(recording: C3DRecording, source: C3dSource, plate: ForcePlate) -> Array:
-    """The plate's samples (samples, channels), in SI units except for type 4, whose calibration takes them as they are."""
+    """The plate's samples (samples, channels) in SI units; of type 4 as they are, for its calibration."""
     numbers = channel_numbers(recording, plate)
     values = recording.analogs[:, numbers]
     if plate.type == 4:

@@ -13,7 +13,7 @@ no case of its own, although it takes a's leading coefficient away.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.signal import butter
 
 from osl_analysis.errors import UnreachableImpedanceError
@@ -39,7 +39,7 @@ class Weight:
     def __post_init__(self) -> None:
         if self.order not in range(1, HIGHEST_ORDER + 1):
             raise UnreachableImpedanceError(
-                f"W of order {self.order} cannot weigh the error of Eq. 14; use a whole number from 1 to {HIGHEST_ORDER}"
+                f"W of order {self.order} cannot weigh the error of Eq. 14; use a whole number, 1 to {HIGHEST_ORDER}"
             )
         if not 0 < self.cutoff_hz < np.inf:
             raise UnreachableImpedanceError(f"W cannot have its cut-off at {self.cutoff_hz:g} Hz; give one above 0")
@@ -52,40 +52,37 @@ class Weight:
 
 @dataclass(frozen=True)
 class AdmittanceError:
-    """Coefficients of a = a0 + x a1 and b = b0 + x b1, a row per pair, highest power first, s in rad/s."""
+    """Coefficients of a = a0 + x a1, b = b0 + x b1, shape (powers, pairs), highest power first, s in rad/s."""
 
     a0: Array
     a1: Array
     b0: Array
     b1: Array
 
-    def squared(self, x: Array) -> tuple[Array, Array, Array]:
-        """The squared norm J [(rad/(N*m))^2/s] at x [N*m*s/rad], shape (pairs,), and its derivatives J', J''."""
-        z, zero = x[:, None], np.zeros_like(self.a0)
-        a = Jet(self.a0 + z * self.a1, self.a1, zero)
-        b = Jet(self.b0 + z * self.b1, self.b1, zero[:, 1:])
-        total = Jet(*np.zeros((3, len(x))))
-        while b.value.shape[1]:
-            alpha, beta = a[:, 0] / a[:, 1], b[:, 0] / a[:, 1]
-            total = total + halved_ratio(beta, alpha)
-            a, b = next_row(a, b, alpha, beta)
-        return total.value, total.slope, total.curvature
+    def squared(self, x: Array) -> "Jet":
+        """The squared norm [(rad/(N*m))^2/s] at x [N*m*s/rad], shape (pairs,), with its derivatives."""
+        zero = np.zeros_like(x)
+        a = [Jet(a0 + x * a1, a1, zero) for a0, a1 in zip(self.a0, self.a1, strict=True)]
+        b = [Jet(b0 + x * b1, b1, zero) for b0, b1 in zip(self.b0, self.b1, strict=True)]
+        total = Jet(zero, zero, zero)
+        while b:
+            alpha, beta = a[0] / a[1], b[0] / a[1]
+            total = total + half_square_over(beta, alpha)
+            a, b = next_rows(a, b, alpha, beta)
+        return total
 
-    def rows(self, which: Array) -> "AdmittanceError":
-        """The pairs at these indices."""
-        return AdmittanceError(self.a0[which], self.a1[which], self.b0[which], self.b1[which])
+    def pairs(self, which: NDArray[np.intp] | slice) -> "AdmittanceError":
+        """Some of the pairs, by index."""
+        return AdmittanceError(self.a0[:, which], self.a1[:, which], self.b0[:, which], self.b1[:, which])
 
 
 @dataclass(frozen=True)
 class Jet:
-    """A function of x by value and first two derivatives: arithmetic on it is the product and the quotient rule."""
+    """A function of x by its value and first two derivatives; arithmetic is the product and the quotient rule."""
 
     value: Array
     slope: Array
     curvature: Array
-
-    def __getitem__(self, where: tuple[slice, slice | int]) -> "Jet":
-        return Jet(self.value[where], self.slope[where], self.curvature[where])
 
     def __add__(self, other: "Jet") -> "Jet":
         return Jet(self.value + other.value, self.slope + other.slope, self.curvature + other.curvature)
@@ -104,35 +101,19 @@ class Jet:
         return Jet(value, slope, (self.curvature - 2 * slope * other.slope - value * other.curvature) / other.value)
 
 
-def halved_ratio(beta: Jet, alpha: Jet) -> Jet:
-    """beta^2/(2 alpha), the row's part of the norm: nothing where b has no such power, alpha = 0 or not."""
-    absent = beta.value == 0
-    one = np.where(absent, 1.0, 0.0)
-    safe = Jet(np.where(absent, 1.0, alpha.value), alpha.slope * (1 - one), alpha.curvature * (1 - one))
-    return beta * beta / (safe + safe)
+def half_square_over(beta: Jet, alpha: Jet) -> Jet:
+    """beta^2/(2 alpha), one row's part of the norm; nothing where b lacks the power, also where a does (B_d = 0)."""
+    divisor = Jet(np.where(beta.value == 0, 1.0, alpha.value), alpha.slope, alpha.curvature)
+    return beta * beta / (divisor + divisor)
 
 
-def next_row(a: Jet, b: Jet, alpha: Jet, beta: Jet) -> tuple[Jet, Jet]:
-    """The next rows of Astrom's tables: of degree one less, every other coefficient reduced."""
-    n = b.value.shape[1]
-    reduced, left = list_of(a, n), list_of(b, n - 1)
-    for i in range(1, n - 1, 2):
-        reduced[i] = reduced[i] - alpha * a[:, i + 2]
-        left[i] = left[i] - beta * a[:, i + 2]
-    return stack(reduced, a), stack(left, a)
-
-
-def list_of(row: Jet, count: int) -> list[Jet]:
-    """The `count` columns after the first."""
-    return [row[:, i] for i in range(1, count + 1)]
-
-
-def stack(columns: list[Jet], like: Jet) -> Jet:
-    """Columns side by side; none at all is a row of degree -1."""
-    if not columns:
-        return like[:, 0:0]
-    parts = zip(*((c.value, c.slope, c.curvature) for c in columns), strict=True)
-    return Jet(*(np.column_stack(part) for part in parts))
+def next_rows(a: list[Jet], b: list[Jet], alpha: Jet, beta: Jet) -> tuple[list[Jet], list[Jet]]:
+    """The next rows of Astrom's two tables: the first coefficient gone, every second one reduced."""
+    shorter_a, shorter_b = a[1:], b[1:]
+    for i in range(1, len(shorter_b), 2):
+        shorter_a[i] = shorter_a[i] - alpha * a[i + 2]
+        shorter_b[i] = shorter_b[i] - beta * a[i + 2]
+    return shorter_a, shorter_b
 
 
 def admittance_error(
@@ -146,28 +127,28 @@ def admittance_error(
     K_1 = K_d * p.K_s / (p.n_T**2 * (p.K_s - K_d))
     gain, W = weight.polynomials()
     zero, one = np.zeros_like(K_d), np.ones_like(K_d)
-    inertia = [J_j * one] if J_j else []
-    joint = np.column_stack([*inertia, p.B_j * one, p.K_s * one])
-    desired = np.column_stack([*(zero for _ in inertia), B_d, K_d])
-    motor = np.column_stack([p.J_m * one, zero, K_1 + p.K_s / p.n_T**2])
-    damper = np.column_stack([one, zero])
-    D0, b0 = polymul(motor, joint), polymul(motor, desired - joint)
-    D0[:, -1], b0[:, -1] = K_1 * p.K_s, 0.0
-    lag = polymul(np.column_stack([B_d, K_d]), np.tile(W, (len(K_d), 1)))
+    joint = [J_j * one] * bool(J_j) + [p.B_j * one, p.K_s * one]
+    desired = [zero] * bool(J_j) + [B_d, K_d]
+    difference = [d - j for d, j in zip(desired, joint, strict=True)]
+    motor, damper = [p.J_m * one, zero, K_1 + p.K_s / p.n_T**2], [one, zero]
+    D0, b0 = polymul(motor, joint), polymul(motor, difference)
+    D0[-1], b0[-1] = K_1 * p.K_s, zero
+    lag = polymul([B_d, K_d], [w * one for w in W])
     a0, a1 = polymul(D0, lag), polymul(polymul(damper, joint), lag)
-    b1 = polymul(damper, desired - joint)
-    n = a0.shape[1] - 1
-    return AdmittanceError(a0, fill(a1, n + 1), gain * fill(b0, n), gain * fill(b1, n))
+    b1 = polymul(damper, difference)
+    n = len(a0) - 1
+    return AdmittanceError(stack(a0, n + 1), stack(a1, n + 1), gain * stack(b0, n), gain * stack(b1, n))
 
 
-def polymul(u: Array, v: Array) -> Array:
-    """Products of polynomials, row by row."""
-    out = np.zeros((len(u), u.shape[1] + v.shape[1] - 1))
-    for k in range(v.shape[1]):
-        out[:, k : k + u.shape[1]] += u * v[:, k : k + 1]
+def polymul(u: list[Array], v: list[Array]) -> list[Array]:
+    """Product of two polynomials whose coefficients are arrays."""
+    out = [np.zeros_like(u[0])] * (len(u) + len(v) - 1)
+    for i, ui in enumerate(u):
+        for j, vj in enumerate(v):
+            out[i + j] = out[i + j] + ui * vj
     return out
 
 
-def fill(u: Array, length: int) -> Array:
-    """Rows filled up with zero coefficients of higher powers."""
-    return np.pad(u, ((0, 0), (length - u.shape[1], 0)))
+def stack(coefficients: list[Array], count: int) -> Array:
+    """Coefficients as rows, with zeros for the higher powers up to `count` rows."""
+    return np.vstack([np.zeros((count - len(coefficients), len(coefficients[0]))), coefficients])

@@ -8,9 +8,9 @@ import polars as pl
 from osl_analysis.atomic import atomic_path
 from osl_analysis.columns import AXES
 from osl_analysis.simulator.crossing import Crossing
-from osl_analysis.simulator.leg_controller import read_impedance_trajectory
 from osl_analysis.simulator.platform_motion import PlatformMotion
 from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.trajectory import read_impedance_trajectory
 from osl_analysis.trial import Array
 
 WINDOW_S = 0.1

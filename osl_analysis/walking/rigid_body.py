@@ -97,15 +97,11 @@ def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
     Rotations by slerp between the gap's neighbours, positions by a cubic spline through the frames that were seen. The
     ends and longer gaps stay NaN.
     """
-    seen = np.flatnonzero(poses.seen())
-    rows = [
-        np.arange(before + 1, after)
-        for before, after in pairwise(seen)
-        if after - before > 1 and time[after] - time[before] <= longest + (time[1] - time[0]) * 1.5
-    ]
-    if not rows or len(seen) < 4:
+    seen, step = np.flatnonzero(poses.seen()), time[1] - time[0]
+    gaps = [(before, after) for before, after in pairwise(seen) if 0 < (after - before - 1) * step < longest + step / 2]
+    if not gaps or len(seen) < 4:
         return poses
-    gap = np.concatenate(rows)
+    gap = np.concatenate([np.arange(before + 1, after) for before, after in gaps])
     rotation, position, bridged = poses.rotation.copy(), poses.position.copy(), poses.bridged.copy()
     rotation[gap] = Slerp(time[seen], Rotation.from_matrix(poses.rotation[seen]))(time[gap]).as_matrix()
     position[gap] = CubicSpline(time[seen], poses.position[seen])(time[gap])

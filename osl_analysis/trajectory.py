@@ -1,0 +1,65 @@
+"""The trajectory of the impedance that a walking controller asks for (Fig. 8): a CSV file, an input of a campaign."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from osl_analysis.errors import InputError
+from osl_analysis.trial import Array
+
+REQUIRED = ("phase", "K_d", "B_d")
+EQUILIBRIUM = "theta_eq_rad"
+
+
+@dataclass(frozen=True)
+class ImpedanceTrajectory:
+    """Desired K_d [N*m/rad] and B_d [N*m*s/rad] at the joint over the gait cycle, shape (n,), phase from 0 to 1.
+
+    theta_eq [rad] is the equilibrium at the joint; None leaves it to the nominal ankle moment.
+    """
+
+    phase: Array
+    K_d: Array
+    B_d: Array
+    theta_eq: Array | None
+
+    def at(self, values: Array, c: Array) -> Array:
+        """One of the columns at cycle phases c of any cycle, by linear interpolation."""
+        return np.interp(np.mod(c, 1.0), self.phase, values)
+
+
+@lru_cache(maxsize=8)
+def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
+    """Read a CSV table with columns phase, K_d [N*m/rad], B_d [N*m*s/rad] and, if it has it, theta_eq_rad [rad].
+
+    Raises
+    ------
+    InputError
+        The file is missing or no such table, a column is absent, a value is no number, or the phase does not rise
+        from 0 to 1.
+    """
+    if not path.is_file():
+        raise InputError(
+            f"{path}: no such impedance trajectory; correct its path in the configuration or the walking settings"
+        )
+    rows = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip() and line[0] != "#"]
+    names = [name.strip() for name in rows[0].split(",")] if rows else []
+    absent = [name for name in REQUIRED if name not in names]
+    if absent or len(rows) < 3:
+        problem = f"no column '{absent[0]}'" if absent else "fewer than two rows"
+        raise InputError(f"{path}: {problem}; it needs a header with {', '.join(REQUIRED)} and a row per phase")
+    try:
+        columns = dict(zip(names, np.loadtxt(rows[1:], delimiter=",", ndmin=2).T, strict=True))
+    except ValueError as error:
+        raise InputError(f"{path}: not a table of numbers ({error}); write one number per column") from error
+    for name, column in columns.items():
+        if not np.isfinite(column).all():
+            raise InputError(
+                f"{path}: column {name} holds {column[~np.isfinite(column)][0]}; write a number in every row"
+            )
+    phase = columns["phase"]
+    if phase[0] != 0 or phase[-1] != 1 or not (np.diff(phase) > 0).all():
+        raise InputError(f"{path}: column phase runs from {phase[0]:g} to {phase[-1]:g}; it must rise from 0 to 1")
+    return ImpedanceTrajectory(phase, columns["K_d"], columns["B_d"], columns.get(EQUILIBRIUM))

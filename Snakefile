@@ -3,6 +3,7 @@
 `snakemake reproduce-all` runs the campaign of config/config.yaml; `--configfile FILE` overrides fields of it.
 """
 
+import os
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
@@ -20,7 +21,7 @@ configfile: "config/config.yaml"
 
 
 try:
-    CONFIG = campaign_config(config, " + ".join(map(str, workflow.configfiles)))
+    CONFIG = campaign_config(config, " overridden by ".join(os.path.relpath(f) for f in reversed(workflow.configfiles)))
     CAMPAIGN = open_campaign(CONFIG, planned_sheet(CONFIG.simulation, CONFIG.sheet) if CONFIG.simulation else None)
     SIMULATION_FILES = settings_files(CONFIG.simulation) if CONFIG.simulation else []
 except OslAnalysisError as error:

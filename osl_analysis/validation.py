@@ -62,9 +62,19 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
     place = ".".join(str(part) for part in first["loc"]) or "the file"
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     if first["type"] == "extra_forbidden":
-        known = ", ".join(model.model_fields) if len(first["loc"]) == 1 else "those in config/ as shipped"
-        return f"unknown field '{place}'; the known ones are {known}{more}"
+        return f"unknown field '{place}'; the known ones are {known_fields(model, first['loc'][:-1])}{more}"
     if first["type"] == "missing":
         return f"field '{place}' is missing; add it{more}"
     reason = first["msg"].removeprefix("Value error, ")
     return f"{place}: {first['input']!r} is not allowed: {reason}{more}"
+
+
+def known_fields(model: type[BaseModel], path: tuple[int | str, ...]) -> str:
+    """Names of the fields where `path` leads, in words for a message."""
+    for name in path:
+        field = model.model_fields.get(str(name))
+        inner = field.annotation if field else None
+        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
+            return "those of the shipped files in config/"
+        model = inner
+    return ", ".join(model.model_fields)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pytest
 import yaml
@@ -84,6 +85,40 @@ def test_every_figure_table_and_headline_number_is_there(workspace):
     assert {"K_s", "B_j", "walking_K"} <= set(json.loads((results / "summary.json").read_text()))
     assert "\\newcommand" in (results / "numbers.tex").read_text()
     assert len(pl.read_csv(results / "tables/impedance.csv")) == 4 * 3
+
+
+def truth(workspace, trial):
+    return json.loads((workspace.folder / f"raw_data/small/truth/{trial}.json").read_text())
+
+
+def table(workspace, name):
+    return pl.read_csv(workspace.folder / f"results/tables/{name}.csv")
+
+
+def test_belt_stiffness_is_that_of_each_simulated_belt(workspace):
+    """Hysteresis of 0.25 N*m moves the slope by 0.1 %."""
+    rows = table(workspace, "belt")
+    true = [truth(workspace, trial)["parameters"]["K_s"] for trial in rows["trial"]]
+    assert rows["K_s"].to_list() == pytest.approx(true, rel=0.003)
+
+
+def test_transmission_damping_is_the_simulated_joint_s(workspace):
+    whole = table(workspace, "transmission").filter(pl.col("amplitude_deg").is_null())
+    assert (np.abs(whole["B_j"].to_numpy() - 0.452) < 4 * whole["B_j_se"].to_numpy()).all()
+
+
+def test_dynamometer_stiffness_is_that_of_linear_theory_within_what_friction_costs(workspace):
+    whole = table(workspace, "impedance").filter(
+        pl.col("amplitude_deg").is_null() & (pl.col("controller") == "compensated")
+    )
+    assert whole["K"].to_list() == pytest.approx(whole["K_predicted"].to_list(), rel=0.03)
+
+
+def test_walking_stiffness_is_what_the_simulated_drivetrain_renders(workspace):
+    """Each perturbation scatters by some percent; the mean of a few must come within five."""
+    rows = table(workspace, "walking")
+    rendered = np.mean([truth(workspace, trial)["K_rendered"] for trial in rows["trial"]])
+    assert rows["K"].mean() == pytest.approx(rendered, rel=0.05)
 
 
 def test_nothing_is_left_to_do_and_plain_snakemake_means_the_same(workspace):

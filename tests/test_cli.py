@@ -1,0 +1,136 @@
+"""The command line from simulation to fit, each step on what the one before wrote, and its errors as one line."""
+
+import json
+import re
+
+import numpy as np
+import polars as pl
+import pytest
+import yaml
+from click.testing import CliRunner
+from conftest import ROOT
+
+from osl_analysis.cli import main
+
+TRIAL = "impedance_K300_B5.0_compensated"
+
+
+def call(*arguments):
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A configuration whose protocol is the tiny campaign's, and two of its trials, simulated and ingested."""
+    folder = tmp_path_factory.mktemp("cli")
+    config = yaml.safe_load((ROOT / "config/config.yaml").read_text())
+    config["dynamometer"] |= {"amplitudes_deg": [4], "frequencies_hz": [2, 5], "cycles": 3, "settle_cycles": 1}
+    (folder / "config.yaml").write_text(yaml.safe_dump(config))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(ROOT)
+        for trial in (TRIAL, "belt_01"):
+            settings = ("--settings", "tests/tiny_simulation.yaml")
+            assert call("simulate", *settings, "--trial", trial, folder).exit_code == 0
+            log = folder / f"dynamometer/{trial}.mcap"
+            output = ("--output", folder / f"{trial}.parquet")
+            result = call("ingest", "--log", log, "--log-source", "dynamometer", *output)
+            assert result.exit_code == 0, result.stderr
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def in_root(monkeypatch):
+    monkeypatch.chdir(ROOT)
+
+
+def test_fit_prints_the_impedance_and_draws_it(folder, tmp_path):
+    arguments = (folder / f"{TRIAL}.parquet", "--config", folder / "config.yaml", "--plot", tmp_path / "fit.png")
+    result = call("fit", *arguments)
+    assert result.exit_code == 0, result.stderr
+    assert re.search(r"K +\d{3}\.?\d* ± [\d.]+ +N·m/rad", result.stdout)
+    assert (tmp_path / "fit.png").stat().st_size > 10_000
+
+
+def test_fit_as_json_holds_numbers_near_linear_theory(folder):
+    result = call("fit", folder / f"{TRIAL}.parquet", "--config", folder / "config.yaml", "--json")
+    whole = next(row for row in json.loads(result.stdout) if row["amplitude_deg"] is None)
+    assert whole["K"] == pytest.approx(299, rel=0.03)
+    assert whole["B"] == pytest.approx(5.46, rel=0.15)
+
+
+def test_fit_of_the_belt_finds_the_truth_beside_the_log(folder):
+    result = call("fit", folder / "belt_01.parquet", "--model", "belt", "--json")
+    truth = json.loads((folder / "truth/belt_01.json").read_text())
+    assert json.loads(result.stdout)[0]["K_s"] == pytest.approx(truth["parameters"]["K_s"], rel=0.003)
+
+
+def test_gains_prints_the_paper_s_example_with_its_proof():
+    result = call("gains", "--stiffness", 300, "--damping", 5)
+    assert "K_1 = 25.0867 N·m/rad" in result.stdout
+    assert "proved: exactly one local minimum" in result.stdout
+
+
+def test_gains_of_a_grid_is_a_row_per_pair(tmp_path):
+    arguments = ("--stiffness", "100:400:100", "--damping", "0,5", "--output", tmp_path / "gains.csv")
+    result = call("gains", *arguments, "--plot", tmp_path / "gains.svg", "--json")
+    rows = json.loads(result.stdout)
+    assert [(r["K_d"], r["B_d"]) for r in rows] == [(k, b) for k in (100, 200, 300, 400) for b in (0, 5)]
+    table = pl.read_csv(tmp_path / "gains.csv")
+    assert np.allclose(table["B_1"], [r["B_1"] for r in rows], rtol=1e-12)
+    assert (tmp_path / "gains.svg").exists()
+
+
+def test_gains_of_a_trajectory_follows_the_file():
+    result = call("gains", "--trajectory", "config/impedance/synthetic_walking.csv", "--json")
+    rows = json.loads(result.stdout)
+    assert max(r["K_d"] for r in rows) == 340
+    assert all(r["minima"] == 1 for r in rows)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ("gains", "--stiffness", 700, "--damping", 5),
+            r"K_d = 700 .* ask for less than 685\.6 \(99 % of it: 678\.7\)",
+        ),
+        (("gains", "--stiffness", 0, "--damping", 5), "K_d = 0 .* ask for more than 0"),
+        (("gains", "--stiffness", "nan", "--damping", 5), "K_d = nan"),
+        (("gains", "--stiffness", 300, "--damping", -1), "B_d = -1 .* ask for 0 or more"),
+        (("gains", "--stiffness", 300, "--damping", 5, "--weight-order", 0), "W of order 0"),
+        (("gains", "--stiffness", 300, "--damping", 5, "--parameters", "no.yaml"), r"no\.yaml: no such file"),
+        (("gains", "--trajectory", "no.csv"), r"no\.csv: no such impedance trajectory"),
+        (("gains", "--stiffness", 300, "--damping", 5, "--output", "x.txt"), "written as .csv or .json"),
+        (("fit", "no.parquet"), r"no\.parquet: no such trial"),
+        (("fit", "README.md"), "not a Parquet file"),
+        (("simulate", "--trial", "belt_99", "raw_data/nowhere"), "plans no trial 'belt_99'"),
+        (("results", "--summary", "no.json"), r"no\.json: no such summary"),
+        (("ingest", "--log", "no.mcap", "--log-source", "leg", "--output", "no.parquet"), r"no\.mcap: no such file"),
+    ],
+)
+def test_a_mistake_is_one_line_with_exit_code_1(arguments, message):
+    result = call(*arguments)
+    assert result.exit_code == 1
+    assert re.search(f"^error: .*{message}", result.stderr)
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("gains",),
+        ("gains", "--stiffness", "stiff", "--damping", 5),
+        ("gains", "--stiffness", "1:5", "--damping", 5),
+        ("ingest", "--output", "x.parquet"),
+        ("ingest", "--log", "x.mcap", "--output", "x.parquet"),
+    ],
+)
+def test_a_call_that_does_not_fit_is_explained_with_exit_code_2(arguments):
+    result = call(*arguments)
+    assert result.exit_code == 2
+    assert "Error: " in result.stderr
+
+
+@pytest.mark.parametrize("command", ["simulate", "ingest", "fit", "gains", "results"])
+def test_every_command_has_help_with_an_example(command):
+    assert "Example: osl-analysis" in call(command, "--help").stdout

@@ -2,8 +2,8 @@
 
     python benchmarks/gain_selection.py
 
-One run, one core; the ratios are the claim. The error is that of B_m + B_1, relative, against the minimum that `certify`
-locates in rational arithmetic.
+One run, one core; the ratios are the claim. The error is that of B_m + B_1, relative, against the minimum that
+`certify` locates in rational arithmetic.
 """
 
 import time

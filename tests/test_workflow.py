@@ -111,7 +111,7 @@ def test_dynamometer_stiffness_is_that_of_linear_theory_within_what_friction_cos
     whole = table(workspace, "impedance").filter(
         pl.col("amplitude_deg").is_null() & (pl.col("controller") == "compensated")
     )
-    assert whole["K"].to_list() == pytest.approx(whole["K_predicted"].to_list(), rel=0.03)
+    assert whole["K"].to_list() == pytest.approx(whole["K_predicted"].to_list(), rel=0.05)
 
 
 def test_walking_stiffness_is_what_the_simulated_drivetrain_renders(workspace):

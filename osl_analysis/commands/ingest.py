@@ -9,7 +9,7 @@ from osl_analysis.ingest.assemble import assemble, identity
 from osl_analysis.ingest.c3d_capture import read_capture
 from osl_analysis.ingest.mcap_log import read_log
 from osl_analysis.ingest.recording import Recording
-from osl_analysis.ingest.source_file import C3dSource, read_source
+from osl_analysis.ingest.source_file import C3dSource, McapSource, read_source
 from osl_analysis.trial_file import write_trial
 
 
@@ -28,30 +28,31 @@ def ingest_trial(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path,
     files = {role: text(row, role) for role in ("log", "mocap") if text(row, role)}
     if not files:
         raise InputError(f"trial {name}: the sheet names no file; fill in log or mocap, or exclude the trial")
-    recordings, identities = {}, {}
+    recordings, identities, shared = {}, {}, None
     for role, given in files.items():
         path, source = raw_folder / given, text(row, f"{role}_source")
         if not source:
             raise InputError(f"trial {name}: {role}_source is empty; name the file in {sources_folder} for {given}")
         check_file(path)
-        recordings[role] = read(path, sources_folder / f"{source}.yaml", len(files) == 2)
+        described = read_source(sources_folder / f"{source}.yaml")
+        recordings[role] = read(path, described, sources_folder / f"{source}.yaml", len(files) == 2)
+        shared = described.shared if isinstance(described, C3dSource) else shared
         identities[role] = identity(path, given, source)
     try:
-        trial = assemble(name, recordings, identities)
+        trial = assemble(name, recordings, identities, shared)
     except InputError as error:
         raise InputError(f"trial {name} ({', '.join(files.values())}): {error}") from error
     write_trial(trial, output)
 
 
-def read(path: Path, source_path: Path, together: bool) -> Recording:
+def read(path: Path, source: McapSource | C3dSource, source_path: Path, together: bool) -> Recording:
     """One raw file, by the source file that describes it; `together` with motion capture a log needs a way to align."""
-    source = read_source(source_path)
     if isinstance(source, C3dSource):
         return read_capture(path, source)
-    if together and source.clock != "sync":
+    if together and source.clock == "master":
         raise InputError(
             f"{source_path}: clock: {source.clock}, but the trial has motion capture too; write clock: sync and map "
-            "the column sync"
+            "the column sync (or clock: shared, with `shared` in motion capture's source file)"
         )
     return read_log(path, source)
 

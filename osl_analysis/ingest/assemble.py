@@ -10,18 +10,25 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.clock import ClockFit, Edges, find_edges, fit_clock
+from osl_analysis.ingest.alignment import aligned
+from osl_analysis.ingest.clock import ClockFit
 from osl_analysis.ingest.recording import Recording
+from osl_analysis.ingest.source_file import SharedAngle
 from osl_analysis.trial import Trial
 
 NANOSECOND = 1e-9
 
 
-def assemble(name: str, recordings: Mapping[str, Recording], files: Mapping[str, Mapping[str, Any]]) -> Trial:
+def assemble(
+    name: str,
+    recordings: Mapping[str, Recording],
+    files: Mapping[str, Mapping[str, Any]],
+    shared: SharedAngle | None = None,
+) -> Trial:
     """A trial of a `log`, a `mocap` recording or both; with both, the log's clock is fitted to motion capture.
 
     `files` says for each recording which file it is (`identity`). The log's rows before and after motion capture
-    are left out, and its `sync` is dropped for motion capture's once the clocks are fitted.
+    are left out and counted, and its `sync` is dropped for motion capture's once the clocks are fitted.
 
     Raises
     ------
@@ -36,8 +43,10 @@ def assemble(name: str, recordings: Mapping[str, Recording], files: Mapping[str,
     both = sorted((set(log.columns) & set(mocap.columns)) - {"sync"})
     if both:
         raise InputError(f"column '{both[0]}' is mapped in log and motion capture; leave it out of one source file")
-    fit = fit_clock(edges_of(log, "log"), edges_of(mocap, "motion capture"))
-    return Trial(name, merged(log, mocap, fit), {**provenance, "clock": asdict(fit)})
+    fit, warnings = aligned(log, mocap, shared)
+    clock = {**asdict(fit), **rows_outside(log, mocap, fit)}
+    warnings = [*provenance["warnings"], *warnings]
+    return Trial(name, merged(log, mocap, fit), {**provenance, "warnings": warnings, "clock": clock})
 
 
 def provenance_of(recordings: Mapping[str, Recording], files: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
@@ -53,21 +62,18 @@ def provenance_of(recordings: Mapping[str, Recording], files: Mapping[str, Mappi
     }
 
 
-def edges_of(recording: Recording, who: str) -> Edges:
-    """Edges of a recording's sync channel."""
-    if "sync" not in recording.samples.columns:
-        raise InputError(
-            f"no column 'sync' from {who}: the clocks cannot be aligned; map the channel in its source file"
-        )
-    rows = recording.samples.select("time", "sync").drop_nulls()
-    return find_edges(rows["time"].to_numpy(), rows["sync"].to_numpy())
+def rows_outside(log: Recording, mocap: Recording, fit: ClockFit) -> dict[str, int]:
+    """How many of the log's rows `merged` leaves out, because they lie before or after motion capture."""
+    time, end = fit.to_master(log.samples["time"].to_numpy()), float(mocap.samples["time"][-1])
+    return {"rows_before": int((time < 0.0).sum()), "rows_after": int((time > end).sum())}
 
 
 def merged(log: Recording, mocap: Recording, fit: ClockFit) -> pl.DataFrame:
     """The rows of both in order of motion capture's time [s]; rows within the same nanosecond become one."""
-    aligned = pl.Series("log_time", fit.to_master(log.samples["time"].to_numpy()))
+    time = pl.Series("log_time", fit.to_master(log.samples["time"].to_numpy()))
     end = float(mocap.samples["time"][-1])
-    rows = log.samples.drop("time", "sync").insert_column(0, aligned).filter(aligned.is_between(0.0, end))
+    own = log.samples.drop("time", "sync", strict=False)
+    rows = own.insert_column(0, time).filter(time.is_between(0.0, end))
     if rows.is_empty():
         raise InputError("log and motion capture do not overlap in time; check that they are of the same trial")
     rows = rows.with_columns(key=nanoseconds("log_time"))

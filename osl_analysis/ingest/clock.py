@@ -23,6 +23,7 @@ class ClockFit:
     """Offset [s] and drift (1) of a slave clock, standard error of the drift (1), RMS of the residuals [s].
 
     `edges` pairs were used; `left_out` edges of the slave, in the time common to both, fit none of the master's.
+    `method` says what was matched: the edges of a pulse train, or by `correlation` the course of a shared signal.
     """
 
     offset: float
@@ -31,6 +32,7 @@ class ClockFit:
     residual: float
     edges: int
     left_out: int
+    method: str = "edges"
 
     def to_master(self, time: Array) -> Array:
         """Times [s] of the slave on the master's clock [s]."""

@@ -34,11 +34,14 @@ class TimeSource(Settings):
 
 
 class McapSource(Settings):
-    """A log in MCAP. `clock: sync` aligns its clock to motion capture by the edges of the column `sync`."""
+    """A log in MCAP. `clock: sync` aligns its clock to motion capture by the edges of the column `sync`.
+
+    `clock: shared` does so by the signal that motion capture's source file names under `shared`.
+    """
 
     format: Literal["mcap"]
     description: str = ""
-    clock: Literal["master", "sync"] = "master"
+    clock: Literal["master", "sync", "shared"] = "master"
     time: TimeSource
     channels: dict[str, LogChannel] = Field(min_length=1)
 
@@ -90,6 +93,16 @@ class PlateUnits(Settings):
         return self
 
 
+class SharedAngle(Settings):
+    """What aligns a log's clock where the edges of a sync channel cannot.
+
+    A column of the log is, up to scale, sign and offset, the angle at the second of three markers.
+    """
+
+    column: str
+    markers: tuple[str, str, str]
+
+
 class C3dSource(Settings):
     """A motion capture recording in C3D.
 
@@ -105,6 +118,7 @@ class C3dSource(Settings):
     outputs: dict[str, ModelOutput] = Field(default={})
     point_unit: str | None = None
     plate_units: PlateUnits | None = None
+    shared: SharedAngle | None = None
 
     @field_validator("markers", "plates", mode="before")
     @classmethod

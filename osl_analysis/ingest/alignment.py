@@ -1,0 +1,73 @@
+"""A log's clock on motion capture's: by sync edges, or else by the course of a signal that both recorded."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from osl_analysis.columns import marker_columns
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.clock import ClockFit, Edges, find_edges, fit_clock
+from osl_analysis.ingest.correlation import Course, correlate_clocks
+from osl_analysis.ingest.recording import Recording
+from osl_analysis.ingest.source_file import SharedAngle
+from osl_analysis.trial import Array
+
+
+def aligned(log: Recording, mocap: Recording, shared: SharedAngle | None) -> tuple[ClockFit, list[str]]:
+    """The clock fit, and a warning where the sync edges had to be replaced.
+
+    The replacement is the angle that motion capture's source file names, or the sync voltage itself.
+
+    Raises
+    ------
+    InputError
+        Neither aligns the clocks; the message has both reasons.
+    """
+    try:
+        return fit_clock(edges_of(log, "log"), edges_of(mocap, "motion capture")), []
+    except InputError as error:
+        refused = error
+    if shared is None and not all("sync" in one.samples.columns for one in (log, mocap)):
+        raise refused
+    what = f"'{shared.column}' and the angle at marker {shared.markers[1]}" if shared else "the sync level"
+    try:
+        ours = course_of(log, shared.column if shared else "sync", "log")
+        theirs = marker_angle(mocap, shared.markers) if shared else course_of(mocap, "sync", "motion capture")
+        fit = correlate_clocks(ours, theirs)
+    except InputError as error:
+        raise InputError(f"{refused}; cross-correlation of {what} is no way out: {error}") from error
+    return fit, [f"clocks aligned by cross-correlation of {what}, because of the sync edges: {refused}"]
+
+
+def course_of(recording: Recording, column: str, who: str) -> Course:
+    """A column over its recorder's time."""
+    if column not in recording.samples.columns:
+        raise InputError(f"no column '{column}' from {who}; map the channel in its source file")
+    rows = recording.samples.select("time", column).drop_nulls()
+    return Course(rows["time"].to_numpy(), rows[column].to_numpy())
+
+
+def marker_angle(mocap: Recording, labels: Sequence[str]) -> Course:
+    """Angle [rad] at the second of three markers, where all of them are seen."""
+    absent = [label for label in labels if marker_columns(label)[0] not in mocap.samples.columns]
+    if absent:
+        raise InputError(f"no marker '{absent[0]}', which `shared` names; correct the source file of motion capture")
+    columns = [marker_columns(label) for label in labels]
+    seen = mocap.samples.select("time", *(name for three in columns for name in three)).fill_nan(None).drop_nulls()
+    first, vertex, last = (seen.select(three).to_numpy() for three in columns)
+    return Course(seen["time"].to_numpy(), angle_between(first - vertex, last - vertex))
+
+
+def angle_between(first: Array, second: Array) -> Array:
+    """Angle [rad] between vectors, (n, 3) each."""
+    return np.asarray(np.arctan2(np.linalg.norm(np.cross(first, second), axis=1), (first * second).sum(axis=1)))
+
+
+def edges_of(recording: Recording, who: str) -> Edges:
+    """Edges of a recording's sync channel."""
+    if "sync" not in recording.samples.columns:
+        raise InputError(
+            f"no column 'sync' from {who}: the clocks cannot be aligned; map the channel in its source file"
+        )
+    rows = recording.samples.select("time", "sync").drop_nulls()
+    return find_edges(rows["time"].to_numpy(), rows["sync"].to_numpy())

@@ -13,7 +13,10 @@ from osl_analysis.campaign import open_campaign
 from osl_analysis.commands.simulate import planned_sheet, settings_files
 from osl_analysis.config import DynamometerAnalysis, WeightSettings, campaign_config
 from osl_analysis.errors import OslAnalysisError
+from osl_analysis.exclusion import exclusion_report, kept
 from osl_analysis.model.admittance_error import Weight
+from osl_analysis.quality.protocol import Commanded
+from osl_analysis.quality.settings import QualityRules
 from osl_analysis.walking.settings import GaitAnalysis, WalkingAnalysis
 
 
@@ -38,6 +41,7 @@ wildcard_constraints:
 
 include: "rules/simulate.smk"
 include: "rules/ingest.smk"
+include: "rules/quality.smk"
 include: "rules/dynamometer.smk"
 include: "rules/walking.smk"
 include: "rules/gait.smk"
@@ -54,6 +58,8 @@ rule:
         ingested(),
         fitted(),
         result_tables(),
+        RESULTS / "tables/quality.csv",
+        RESULTS / "tables/excluded.csv",
         drawn_figures(),
         RESULTS / "summary.json",
         RESULTS / "numbers.tex",
@@ -61,3 +67,8 @@ rule:
 
 onsuccess:
     print(jobs.time_table())
+    print(exclusion_report(RESULTS / "tables/excluded.csv"))
+
+
+onerror:
+    print(exclusion_report(RESULTS / "tables/excluded.csv"))

@@ -70,6 +70,10 @@ class Campaign:
         row = self.row(trial)
         return {column: row[column] for column in RECORDING_COLUMNS}
 
+    def accepted(self, trial: str) -> list[str]:
+        """The quality checks whose failure the sheet accepts for a trial."""
+        return str(self.row(trial)["accept"] or "").split()
+
     def logs(self, trial: str) -> list[Path]:
         """The raw files of a trial."""
         row = self.row(trial)

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from osl_analysis.errors import InputError
 from osl_analysis.model.admittance_error import Weight
+from osl_analysis.quality.settings import QualityRules
 from osl_analysis.validation import Model, Settings, read_mapping, validated
 from osl_analysis.walking.settings import GaitAnalysis, WalkingAnalysis
 
@@ -82,6 +83,7 @@ class Config(Settings):
     gain_weight: WeightSettings
     walking: WalkingAnalysis
     gait: GaitAnalysis
+    quality: QualityRules
     figures: FigureChoices
 
 

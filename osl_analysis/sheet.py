@@ -6,6 +6,7 @@ from pathlib import Path
 import pandas as pd
 
 from osl_analysis.errors import InputError
+from osl_analysis.quality.names import CHECKS
 
 EXPERIMENTS = {
     "belt": "input shaft locked, joint moved and back: belt stiffness",
@@ -21,7 +22,7 @@ CONTROLLERS = ("compensated", "uncompensated")
 COLUMNS = {
     "trial": "string", "experiment": "string", "controller": "string", "K_d": "float64", "B_d": "float64",
     "perturbed": "boolean", "log": "string", "log_source": "string", "mocap": "string", "mocap_source": "string",
-    "exclude": "string",
+    "exclude": "string", "accept": "string",
 }  # fmt: skip
 REQUIRED = ("trial", "experiment")
 
@@ -32,7 +33,8 @@ def read_sheet(path: Path) -> pd.DataFrame:
     Columns: `trial` (letters, digits, _ and -), `experiment` (one of `EXPERIMENTS`), `controller`, `K_d`
     [N*m/rad], `B_d` [N*m*s/rad], `perturbed` (true/false), `log` and `log_source`, `mocap` and `mocap_source`
     (a file relative to the campaign's raw data, and the name of a file in `config/sources`), `exclude` (why
-    the trial is left out; empty: it is used).
+    the trial is left out; empty: it is used), `accept` (names of quality checks, separated by blanks, whose failure
+    neither flags nor excludes the trial).
 
     Raises
     ------
@@ -82,6 +84,9 @@ def problem_in(row: dict[str, str]) -> str:
             return f"{column} '{row[column]}' is not a number; give it in SI units, without the unit"
     if row["perturbed"].lower() not in ("", "true", "false"):
         return f"perturbed '{row['perturbed']}' must be true or false"
+    unknown = [name for name in row["accept"].split() if name not in CHECKS]
+    if unknown:
+        return f"accept '{unknown[0]}' is no quality check; the checks are {', '.join(CHECKS)}"
     return problem_with_needs(row)
 
 

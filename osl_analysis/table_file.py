@@ -9,7 +9,9 @@ import polars as pl
 from osl_analysis.atomic import atomic_path
 from osl_analysis.errors import InputError
 
-TEXT_COLUMNS = ("trial", "controller", "condition", "branch", "quantity", "estimator")
+TEXT_COLUMNS = (
+    "trial", "controller", "condition", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
+)  # fmt: skip
 """Columns that are text even where every entry looks like a number (a trial named `01`)."""
 
 

@@ -24,15 +24,15 @@ def drawn_figures() -> list[Path]:
     ]
 
 
-def time_series_trial(wildcards) -> Path:
-    """The ingested trial that Fig. 4 shows."""
-    trial = CAMPAIGN.impedance_trial(TIME_SERIES.controller, TIME_SERIES.K_d, TIME_SERIES.B_d)
-    return RESULTS / f"trials/{trial}.parquet"
+def time_series_trial() -> str:
+    """The trial that Fig. 4 shows."""
+    return CAMPAIGN.impedance_trial(TIME_SERIES.controller, TIME_SERIES.K_d, TIME_SERIES.B_d)
 
 
 rule plot_numbers_fig3:
     input:
         curves=fitted("belt_curves"),
+        quality=verdicts_on("belt_curves"),
         summary=RESULTS / "tables/belt_summary.csv",
     output:
         RESULTS / "figures/fig3.csv",
@@ -44,7 +44,7 @@ rule plot_numbers_fig3:
         jobs.run_job(
             log[0],
             "belt.plot_numbers",
-            curves=[Path(p) for p in input.curves],
+            curves=kept(input.curves, input.quality),
             summary=Path(input.summary),
             output=Path(output[0]),
         )
@@ -52,7 +52,8 @@ rule plot_numbers_fig3:
 
 rule plot_numbers_fig4:
     input:
-        trial=time_series_trial,
+        trial=lambda wildcards: RESULTS / f"trials/{time_series_trial()}.parquet",
+        quality=lambda wildcards: checked([time_series_trial()]),
     output:
         RESULTS / "figures/fig4.csv",
     log:
@@ -65,7 +66,7 @@ rule plot_numbers_fig4:
         jobs.run_job(
             log[0],
             "time_series.plot_numbers",
-            trial=Path(input.trial),
+            trial=kept([input.trial], input.quality)[0],
             settings=dynamometer_settings(params),
             choice=TIME_SERIES,
             output=Path(output[0]),

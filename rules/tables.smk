@@ -8,18 +8,31 @@ FILLED_BY = {  # table: the trials whose fits are its rows
     "phasors": CAMPAIGN.trials("impedance"),
     "walking": CAMPAIGN.crossings(perturbed=True),
     "ankle_moment": CAMPAIGN.trials("gait"),
+    "quality": CAMPAIGN.trials(),
 }
 SUMMARISED = ("belt", "transmission")
 
 
 def fitted(*tables: str) -> list[Path]:
     """The fits of single trials behind these tables, or behind all."""
-    return [RESULTS / f"fits/{table}/{trial}.csv" for table in tables or FILLED_BY for trial in FILLED_BY[table]]
+    return [path for table in tables or FILLED_BY for path in rows_of(table)]
+
+
+def rows_of(table: str) -> list[Path]:
+    """The files of single trials that a table brings together."""
+    if table == "quality":
+        return checked(FILLED_BY[table])
+    return [RESULTS / f"fits/{table}/{trial}.csv" for trial in FILLED_BY[table]]
+
+
+def verdicts_on(table: str) -> list[Path]:
+    """What quality control says of a table's trials; its own table leaves none of them out."""
+    return [] if table == "quality" else checked(FILLED_BY[table])
 
 
 def result_tables() -> list[Path]:
     """Every table that the campaign's experiments give."""
-    tables = [table for table, trials in FILLED_BY.items() if trials and table != "belt_curves"]
+    tables = [table for table, trials in FILLED_BY.items() if trials and table not in ("belt_curves", "quality")]
     tables += [f"{table}_summary" for table in (*SUMMARISED, "walking") if table in tables]
     tables += ["frequency_response"] * ("impedance" in tables)
     tables += ["gains"] * bool(CONFIG.impedance_trajectory)
@@ -29,6 +42,7 @@ def result_tables() -> list[Path]:
 rule table:
     input:
         rows=lambda wildcards: fitted(wildcards.table),
+        quality=lambda wildcards: verdicts_on(wildcards.table),
     output:
         RESULTS / "tables/{table}.csv",
     log:
@@ -38,7 +52,7 @@ rule table:
     params:
         code=jobs.code("commands.repeats"),
     run:
-        jobs.run_job(log[0], "repeats.gather", rows=[Path(p) for p in input.rows], output=Path(output[0]))
+        jobs.run_job(log[0], "repeats.gather", rows=kept(input.rows, input.quality), output=Path(output[0]))
 
 
 rule summary_table:

@@ -16,6 +16,7 @@ def crossings(perturbed: bool) -> list[Path]:
 rule calibrate_markers:
     input:
         trial=ingested("static")[:1],
+        quality=checked(CAMPAIGN.trials("static")[:1]),
     output:
         RESULTS / "fits/calibration.json",
     log:
@@ -27,7 +28,7 @@ rule calibrate_markers:
         jobs.run_job(
             log[0],
             "calibration.calibrate",
-            trial=Path(input.trial[0]),
+            trial=kept(input.trial, input.quality)[0],
             settings=walking_settings(params),
             output=Path(output[0]),
         )
@@ -36,6 +37,7 @@ rule calibrate_markers:
 rule identify_plate:
     input:
         trials=ingested("plate"),
+        quality=checked(CAMPAIGN.trials("plate")),
         calibration=RESULTS / "fits/calibration.json",
     output:
         RESULTS / "fits/plate.json",
@@ -48,7 +50,7 @@ rule identify_plate:
         jobs.run_job(
             log[0],
             "calibration.identify_plate",
-            trials=[Path(p) for p in input.trials],
+            trials=kept(input.trials, input.quality),
             calibration=Path(input.calibration),
             settings=walking_settings(params),
             output=Path(output[0]),
@@ -84,6 +86,7 @@ rule analyse_crossing:
 rule average_unperturbed:
     input:
         crossings=crossings(perturbed=False),
+        quality=checked(CAMPAIGN.crossings(perturbed=False)),
     output:
         RESULTS / "fits/unperturbed.parquet",
     log:
@@ -95,7 +98,7 @@ rule average_unperturbed:
         jobs.run_job(
             log[0],
             "walking.average_unperturbed",
-            crossings=[Path(p) for p in input.crossings],
+            crossings=kept(input.crossings, input.quality),
             settings=walking_settings(params),
             output=Path(output[0]),
         )
@@ -127,6 +130,7 @@ rule summarise_walking:
     input:
         table=RESULTS / "tables/walking.csv",
         crossings=crossings(perturbed=True),
+        quality=checked(CAMPAIGN.crossings(perturbed=True)),
         unperturbed=RESULTS / "fits/unperturbed.parquet",
     output:
         summary=RESULTS / "tables/walking_summary.csv",
@@ -141,7 +145,7 @@ rule summarise_walking:
             log[0],
             "walking.summarise",
             table=Path(input.table),
-            crossings=[Path(p) for p in input.crossings],
+            crossings=kept(input.crossings, input.quality),
             unperturbed=Path(input.unperturbed),
             settings=walking_settings(params),
             output=Path(output.summary),

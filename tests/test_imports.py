@@ -14,6 +14,7 @@ MAY_IMPORT = {
     "ingest": COMMON | {"ingest", "columns", "validation"},
     "fits": COMMON | {"fits", "signals"},
     "walking": COMMON | {"walking", "fits", "signals", "columns", "validation"},
+    "quality": COMMON | {"quality", "validation"},
     "figures": COMMON | {"figures"},
 }
 

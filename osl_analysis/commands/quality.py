@@ -1,0 +1,30 @@
+"""Quality control of one trial, and the list of those that it excludes."""
+
+from collections.abc import Collection
+from pathlib import Path
+
+import polars as pl
+
+from osl_analysis.quality.protocol import Commanded
+from osl_analysis.quality.settings import QualityRules
+from osl_analysis.quality.verdict import examine, quality_table
+from osl_analysis.table_file import read_table, write_table
+from osl_analysis.trial_file import read_trial
+
+
+def check_trial(
+    trial: Path,
+    experiment: str,
+    accept: Collection[str],
+    rules: QualityRules,
+    commanded: Commanded,
+    output: Path,
+) -> None:
+    """Every check of an ingested trial, a row each; a failure of those in `accept` counts as passed."""
+    record = read_trial(trial)
+    write_table(quality_table(record.name, examine(record, experiment, commanded), rules, accept), output)
+
+
+def list_excluded(quality: Path, output: Path) -> None:
+    """The failed checks of a campaign's quality table that exclude a trial."""
+    write_table(read_table(quality).filter(pl.col("verdict") == "exclude").drop("verdict"), output)

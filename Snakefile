@@ -67,8 +67,8 @@ rule:
 
 onsuccess:
     print(jobs.time_table())
-    print(exclusion_report(RESULTS / "tables/excluded.csv"))
+    print(exclusion_report(checked(CAMPAIGN.trials())))
 
 
 onerror:
-    print(exclusion_report(RESULTS / "tables/excluded.csv"))
+    print(exclusion_report(checked(CAMPAIGN.trials())))

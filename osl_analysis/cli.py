@@ -204,6 +204,27 @@ def gains(
     click.echo(command.gains_json(table) if as_json else command.gains_text(request, table, parameters))
 
 
+@main.command(epilog="Example: osl-analysis samples ../shared/real_data --output docs/real_samples.md")
+@click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
+@click.option("--output", type=FILE, help="Write a Markdown page to this file instead of printing the table.")
+@CONFIG
+def samples(folder: Path, output: Path | None, config_path: Path) -> None:
+    """Say what ingest and quality control make of every C3D and MCAP file below FOLDER, without a source file.
+
+    Rates are in Hz, gaps in s; a file that is refused is told with the reason.
+    """
+    from osl_analysis.commands.samples import samples_table, write_samples
+    from osl_analysis.config import read_section
+    from osl_analysis.quality.settings import QualityRules
+
+    rules = read_section(config_path, "quality", QualityRules)
+    if output is None:
+        click.echo(samples_table(folder, rules))
+    else:
+        write_samples(folder, rules, output, f"osl-analysis samples {folder} --output {output}")
+        click.echo(f"wrote {output}")
+
+
 @main.command(epilog="Example: osl-analysis results --summary results/summary.json")
 @click.option(
     "--summary",

@@ -10,12 +10,12 @@ REMEDY = "record again, give a reason under `exclude` in the sample sheet, or na
 
 
 def excluded(quality: Iterable[Path]) -> dict[str, str]:
-    """Excluded trials and why, from the quality tables of single trials (or from the list of excluded ones)."""
+    """Excluded trials and why, from the quality tables of single trials."""
     reasons: dict[str, str] = {}
     for path in quality:
         with path.open(newline="", encoding="utf-8") as file:
             for row in csv.DictReader(file):
-                if row.get("verdict", "exclude") == "exclude":
+                if row["verdict"] == "exclude":
                     said = f"{row['check']} {float(row['value']):.4g} {row['unit']}, threshold {row['threshold']}"
                     reasons[row["trial"]] = "; ".join(filter(None, [reasons.get(row["trial"]), said]))
     return reasons
@@ -37,10 +37,11 @@ def kept(files: Iterable[str | Path], quality: Iterable[str | Path]) -> list[Pat
     return left
 
 
-def exclusion_report(listed: Path) -> str:
-    """What a user must know at the end of a run: which trials were left out, and why; empty if none."""
-    reasons = excluded([listed]) if listed.is_file() else {}
-    lines = [f"left out by quality control: {trial} ({why})" for trial, why in reasons.items()]
-    return "\n".join(
-        [*lines, f"({listed}; to use them after all, name the check under `accept` in the sheet)"] * bool(lines)
-    )
+def exclusion_report(quality: Iterable[Path]) -> str:
+    """What a user must know at the end of a run, even of one that failed: who was left out, and why; empty if nobody.
+
+    Trials whose table was not written are passed over.
+    """
+    reasons = excluded(path for path in quality if path.is_file())
+    lines = [f"left out of tables and figures by quality control: {trial} ({why})" for trial, why in reasons.items()]
+    return "\n".join([*lines, f"to change that: {REMEDY}"] if lines else [])

@@ -179,14 +179,29 @@ def test_a_misspelt_field_is_one_line_that_names_it(workspace):
     assert "Traceback" not in said
 
 
-def test_a_broken_log_fails_alone_with_its_reason(tmp_path, workspace):
-    """A copy of the campaign as a laboratory's: no simulation, one log missing, one that is no log."""
+def load_cell_rests(workspace):
+    """Torque [N*m] at rest of each transmission trial, as quality control measured it; the smallest first."""
+    table = pl.read_csv(workspace.folder / "results/tables/quality.csv")
+    rests = table.filter(pl.col("check") == "unzeroed_load_cell", pl.col("trial").str.starts_with("transmission"))
+    return rests.sort("value").select("trial", "value").rows()
+
+
+def test_quality_control_finds_nothing_in_the_simulated_campaign(workspace):
+    tables = workspace.folder / "results/tables"
+    assert pl.read_csv(tables / "quality.csv")["verdict"].unique().to_list() == ["pass"]
+    assert pl.read_csv(tables / "excluded.csv").is_empty()
+
+
+def test_a_broken_log_fails_alone_and_an_excluded_trial_is_left_out_by_name(tmp_path, workspace):
+    """A copy of the campaign as a laboratory's: one log missing, one that is no log, one load cell off its zero."""
     folder = tmp_path / "laboratory"
     shutil.copytree(workspace.folder / "raw_data", folder / "raw_data", ignore=shutil.ignore_patterns("truth"))
     shutil.copytree(workspace.folder / "config", folder / "config")
     space = object.__new__(Workspace)
     space.folder = folder
-    space.configure({"simulation": None})
+    (good, low), (bad, high) = load_cell_rests(workspace)
+    rule = {"threshold": f"{(low + high) / 2} N*m", "on_failure": "exclude"}
+    space.configure({"simulation": None, "quality": {"unzeroed_load_cell": rule}})
     logs = folder / "raw_data/small/dynamometer"
     (logs / "belt_01.mcap").unlink()
     (logs / f"{TRIAL}.mcap").write_text("time,theta\n0,0\n")
@@ -199,7 +214,10 @@ def test_a_broken_log_fails_alone_with_its_reason(tmp_path, workspace):
     assert not list((folder / "results").rglob(".*"))
     assert (folder / "results/fits/belt/belt_02.csv").exists()
     assert (folder / "results/tables/walking_summary.csv").exists()
-    assert (folder / "results/tables/transmission_summary.csv").exists()
+    assert pl.read_csv(folder / "results/tables/transmission.csv")["trial"].unique().to_list() == [good]
+    assert pl.read_csv(folder / "results/tables/transmission_summary.csv")["n"].unique().to_list() == [1]
+    assert re.search(rf"left out of tables and figures by quality control: {bad} \(unzeroed_load_cell", said)
+    assert not re.search(rf"left out .*: {good} ", said)
 
 
 def test_fingerprint_follows_imports_downwards_only():

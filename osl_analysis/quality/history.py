@@ -21,7 +21,7 @@ def check_damage(trial: Trial) -> Finding:
     if not damage:
         return not_applicable("no damage report")
     said = [f"{damage[key]} {key.replace('_', ' ')}" for key in ("chunks_lost", "messages_lost") if damage.get(key)]
-    said += [] if damage.get("complete", True) else ["the recorder did not finish the file"]
+    said += [] if damage.get("complete", True) else ["the file is not complete"]
     said += [f"CRC {damage['crc']}"] if damage.get("crc") else []
     remarks = damage.get("remarks") or []
     said += [remarks] if isinstance(remarks, str) else [str(remark) for remark in remarks]

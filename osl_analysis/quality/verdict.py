@@ -12,6 +12,7 @@ from osl_analysis.quality.settings import QualityRules
 from osl_analysis.trial import Trial
 
 STEPPED_SINE = ("transmission", "impedance")
+ROUNDING = 1e-9  # of a threshold: 100 Hz from stamps is 99.999 999 999 97 Hz
 ACCEPTED = "accepted in the sheet"
 
 
@@ -38,10 +39,11 @@ def examine(trial: Trial, experiment: str, commanded: Commanded) -> dict[str, Fi
 
 
 def fails(name: str, value: float | None, limit: float) -> bool:
-    """Whether a value is on the wrong side of its threshold; what is no number is."""
+    """Whether a value is on the wrong side of its threshold by more than rounding; what is no number is."""
     if value is None:
         return False
-    return not (value >= limit if CHECKS[name].fails == "below" else value <= limit)
+    slack = ROUNDING * limit
+    return not (value >= limit - slack if CHECKS[name].fails == "below" else value <= limit + slack)
 
 
 def quality_table(

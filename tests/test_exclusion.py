@@ -1,0 +1,69 @@
+"""Trials that quality control excludes: left out by name, and never silently."""
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from conftest import ROOT
+
+from osl_analysis.commands.quality import check_trial, list_excluded
+from osl_analysis.commands.repeats import gather
+from osl_analysis.config import read_section
+from osl_analysis.errors import InputError
+from osl_analysis.exclusion import exclusion_report, kept
+from osl_analysis.quality.protocol import Commanded
+from osl_analysis.quality.settings import QualityRules
+from osl_analysis.table_file import read_table
+from osl_analysis.trial import Trial
+from osl_analysis.trial_file import write_trial
+
+RULES = read_section(ROOT / "config/config.yaml", "quality", QualityRules)
+
+
+@pytest.fixture
+def checked(tmp_path: Path) -> list[Path]:
+    """Quality tables of three plate trials; the second plate was not zeroed."""
+    paths = []
+    for name, offset in (("plate_1", 1.0), ("plate_2", -80.0), ("plate_3", -90.0)):
+        force = offset + np.random.default_rng(1).standard_normal(1000)
+        trial = Trial(name, pl.DataFrame({"time": np.arange(1000) / 1000, "plate1_force_z": force}))
+        write_trial(trial, tmp_path / f"trials/{name}.parquet")
+        paths.append(tmp_path / f"quality/{name}.csv")
+        accept = ("unzeroed_plate",) if name == "plate_3" else ()
+        check_trial(tmp_path / f"trials/{name}.parquet", "plate", accept, RULES, Commanded((), (), 1), paths[-1])
+    return paths
+
+
+def test_an_excluded_trial_is_left_out_and_an_accepted_one_is_not(checked: list[Path]) -> None:
+    files = [f"fits/{name}.parquet" for name in ("plate_1", "plate_2", "plate_3")]
+    assert kept(files, checked) == [Path("fits/plate_1.parquet"), Path("fits/plate_3.parquet")]
+
+
+def test_who_was_left_out_is_listed_and_told_with_value_threshold_and_remedy(checked: list[Path]) -> None:
+    folder = checked[0].parent
+    gather(checked, folder / "quality.csv")
+    list_excluded(folder / "quality.csv", folder / "excluded.csv")
+    listed = read_table(folder / "excluded.csv")
+    assert listed.select("trial", "check").rows() == [("plate_2", "unzeroed_plate")]
+    assert listed["value"][0] == pytest.approx(80, abs=0.5)
+    told = exclusion_report([*checked, folder / "missing.csv"])
+    assert told.count("left out") == 1
+    assert "plate_2 (unzeroed_plate 80.0" in told or "plate_2 (unzeroed_plate 79.9" in told
+    assert "threshold 20" in told
+    assert "`accept`" in told
+
+
+def test_without_exclusions_nothing_is_told_and_the_list_is_empty(checked: list[Path]) -> None:
+    assert exclusion_report(checked[:1]) == ""
+    gather(checked[:1], checked[0].parent / "quality.csv")
+    list_excluded(checked[0].parent / "quality.csv", checked[0].parent / "excluded.csv")
+    assert read_table(checked[0].parent / "excluded.csv").is_empty()
+
+
+def test_where_nothing_is_left_the_reason_is_one_line_with_a_remedy(checked: list[Path]) -> None:
+    with pytest.raises(
+        InputError, match=r"excludes every trial .*: plate_2 \(unzeroed_plate .*; record again"
+    ) as caught:
+        kept(["trials/plate_2.parquet"], checked)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,259 @@
+"""Quality control: every check sees the fault it is for, and nothing in a sound recording."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+import yaml
+from c3d_builder import REAL_DATA
+from conftest import ROOT
+
+from osl_analysis.config import read_section
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.c3d_capture import read_capture
+from osl_analysis.ingest.source_file import C3dSource
+from osl_analysis.quality.finding import Finding
+from osl_analysis.quality.names import CHECKS
+from osl_analysis.quality.protocol import Commanded, sine_runs
+from osl_analysis.quality.settings import QualityRules
+from osl_analysis.quality.verdict import examine, fails, quality_table
+from osl_analysis.trial import Array, Trial
+
+COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6)
+RULES = read_section(ROOT / "config/config.yaml", "quality", QualityRules)
+RATE = 1000.0
+
+
+def stepped_sine(commanded: Commanded = COMMANDED) -> Array:
+    """The joint's angle [rad]: half a second of rest, then each amplitude at every frequency, rests between."""
+    rest = np.zeros(500)
+    pieces = [rest]
+    for a in commanded.amplitudes_deg:
+        for f in commanded.frequencies_hz:
+            pieces.append(np.radians(a) * np.sin(2 * np.pi * f * np.arange(round(commanded.cycles / f * RATE)) / RATE))
+        pieces.append(rest)
+    return np.concatenate(pieces)
+
+
+def bench(theta: Array | None = None, **changed: Array) -> pl.DataFrame:
+    """A sound recording of the dynamometer, with columns changed or added."""
+    theta, rng = stepped_sine() if theta is None else theta, np.random.default_rng(5)
+    torque = 300 * theta + 0.5 + 0.05 * rng.standard_normal(theta.size)
+    current = theta * 20 + 0.01 * rng.standard_normal(theta.size)
+    columns = {"theta": theta, "theta_command": theta, "torque": torque, "current": current}
+    return pl.DataFrame({"time": np.arange(theta.size) / RATE, **columns, **changed})
+
+
+def laboratory(**changed: Array | pl.Series) -> pl.DataFrame:
+    """A sound crossing: a plate at 1000 Hz that is stepped on, a marker at 200 Hz."""
+    time, rng = np.arange(2000) / RATE, np.random.default_rng(6)
+    load = 800 * np.clip(np.minimum(time - 0.7, 1.4 - time) / 0.02, 0, 1)
+    frame = every_fifth(0.1 * time[::5])
+    plate = {"plate1_force_z": load + 2 + rng.standard_normal(2000)}
+    return pl.DataFrame({"time": time, **plate, "marker_A_x": frame, **changed})
+
+
+def every_fifth(values: Array) -> pl.Series:
+    """A marker's column beside one that is sampled five times as often."""
+    column = pl.Series("marker_A_x", [None] * (5 * values.size), pl.Float64)
+    return column.scatter(np.arange(values.size) * 5, values)
+
+
+def findings(samples: pl.DataFrame, experiment: str = "impedance", **provenance: Any) -> dict[str, Finding]:
+    return examine(Trial("t", samples, provenance), experiment, COMMANDED)
+
+
+def failed(found: Mapping[str, Finding]) -> set[str]:
+    """Names of the checks that the shipped thresholds do not pass."""
+    return {name for name, finding in found.items() if fails(name, finding.value, RULES.rule(name).limit)}
+
+
+def test_a_sound_recording_passes_every_check() -> None:
+    assert failed(findings(bench())) == set()
+    assert failed(findings(laboratory(), "walking")) == set()
+    assert set(findings(bench())) == set(CHECKS)
+
+
+def test_a_slow_recorder_is_told_by_its_rate() -> None:
+    found = findings(bench()[::20])
+    assert found["rate"].value == pytest.approx(50.0)
+    assert failed(found) == {"rate"}
+
+
+def test_every_recorders_rate_is_measured_on_its_own() -> None:
+    found = findings(laboratory(), "walking")["rate"]
+    assert found.value == pytest.approx(200.0)
+    assert found.remark == "plate1_force_z 1000 Hz, marker_A_x 200 Hz"
+
+
+def test_jitter_is_the_scatter_of_the_steps_and_a_gap_is_not_jitter() -> None:
+    samples = bench()
+    noise = 0.1 / RATE * np.random.default_rng(2).standard_normal(samples.height)
+    found = findings(samples.with_columns(time=pl.col("time") + pl.Series(noise)))
+    assert found["jitter"].value == pytest.approx(10 * np.sqrt(2), rel=0.03)  # of two stamps' difference
+    assert failed(found) == {"jitter"}
+    late = findings(samples.with_columns(time=pl.col("time") + pl.when(pl.col("time") > 3).then(0.2).otherwise(0)))
+    assert late["gap"].value == pytest.approx(0.2)
+    assert late["jitter"].value == pytest.approx(0, abs=1e-6)
+    assert failed(late) >= {"gap"}
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_load_cell_that_rails_is_seen_at_either_end(sign: int) -> None:
+    torque = bench()["torque"].to_numpy()
+    found = findings(bench(torque=sign * np.minimum(torque, 15.0)))
+    assert found["saturation"].value == np.count_nonzero(torque[:3000] > 15) or found["saturation"].value > 10
+    assert found["saturation"].remark == "torque"
+    assert failed(found) == {"saturation"}
+
+
+def test_the_length_of_a_rail_is_counted_in_samples() -> None:
+    torque = bench()["torque"].to_numpy().copy()
+    torque[1000:1009] = 40.0
+    torque[1100:1104] = 40.0
+    assert findings(bench(torque=torque))["saturation"].value == 9
+
+
+def test_an_unloaded_plate_that_reads_zero_is_neither_railed_nor_stuck() -> None:
+    time = np.arange(2000) / RATE
+    clipped = 800 * np.clip(np.minimum(time - 0.7, 1.4 - time) / 0.02, 0, 1) * (1 + 0.01 * np.sin(300 * time))
+    assert failed(findings(laboratory(plate1_force_z=clipped), "walking")) == set()
+
+
+def test_a_channel_that_repeats_a_value_is_stuck() -> None:
+    torque = bench()["torque"].to_numpy().copy()
+    torque[2000:2800] = torque[2000]
+    found = findings(bench(torque=torque))
+    assert found["stuck"] == Finding(pytest.approx(0.799), "torque")
+    assert failed(found) == {"stuck"}
+
+
+def test_an_encoder_that_stands_while_the_joint_is_told_to_move_is_stuck_and_one_at_rest_is_not() -> None:
+    theta = stepped_sine().copy()
+    command = theta.copy()
+    theta[1000:2000] = theta[1000]
+    found = findings(bench(theta, theta_command=command))
+    assert found["stuck"] == Finding(pytest.approx(1.0, abs=2e-3), "theta")
+
+
+@pytest.mark.parametrize("turn", [2 * np.pi, -2 * np.pi, 360.0])
+def test_jumps_by_a_turn_are_counted(turn: float) -> None:
+    theta = stepped_sine() + turn * (np.arange(stepped_sine().size) > 2000) * (np.arange(stepped_sine().size) < 2500)
+    assert findings(bench(theta))["encoder_wrap"] == Finding(2.0, "theta")
+
+
+def test_a_load_cell_that_was_not_zeroed_is_told_by_its_rest() -> None:
+    found = findings(bench(torque=bench()["torque"].to_numpy() - 8.0))
+    assert found["unzeroed_load_cell"].value == pytest.approx(7.5, abs=0.05)
+    assert failed(found) == {"unzeroed_load_cell"}
+
+
+def test_a_recording_that_begins_in_motion_has_no_rest_to_judge() -> None:
+    assert findings(bench()[500:])["unzeroed_load_cell"].value is None
+
+
+@pytest.mark.parametrize("offset", [-100.0, 60.0])
+def test_a_plate_that_was_not_zeroed_is_told_by_its_bare_level(offset: float) -> None:
+    force = laboratory()["plate1_force_z"].to_numpy() + offset
+    found = findings(laboratory(plate1_force_z=force), "walking")
+    assert found["unzeroed_plate"].value == pytest.approx(abs(offset + 2), abs=0.5)
+    assert failed(found) == {"unzeroed_plate"}
+
+
+def test_somebody_who_stands_on_a_plate_all_the_time_is_no_offset() -> None:
+    force = 800 + np.random.default_rng(1).standard_normal(2000)
+    assert findings(laboratory(plate1_force_z=force), "static")["unzeroed_plate"].value is None
+    assert failed(findings(laboratory(plate1_force_z=force), "walking")) == {"unzeroed_plate"}
+    assert failed(findings(laboratory(plate1_force_z=-force), "static")) == {"unzeroed_plate"}
+
+
+def test_the_plate_at_minus_713_n_of_a_real_recording_is_caught() -> None:
+    path = REAL_DATA / "c3d/qtm_JH_01_300_1200_plate_offset.c3d"
+    if not path.is_file():
+        pytest.skip("no real data")
+    recording = read_capture(path, C3dSource(format="c3d"))
+    found = findings(recording.samples, "recording")
+    assert found["unzeroed_plate"].value == pytest.approx(702, abs=1)  # its quietest; its median is 713 N
+    assert "plate1 -702.0 N" in found["unzeroed_plate"].remark
+    assert "unzeroed_plate" in failed(found)
+
+
+def test_a_hidden_marker_is_told_by_its_longest_gap_between_sightings() -> None:
+    seen = np.linspace(0, 0.1, 400)
+    seen[:40] = np.nan  # before it was first seen: no gap
+    seen[100:160] = np.nan
+    seen[200:210] = np.nan
+    found = findings(laboratory(marker_A_x=every_fifth(seen)), "walking")
+    assert found["marker_gap"] == Finding(pytest.approx(60 / 200), "A; 1 of 1 markers")
+    never = findings(laboratory(marker_A_x=every_fifth(np.full(400, np.nan))), "walking")
+    assert never["marker_gap"].value == pytest.approx(1.995)
+
+
+def test_clocks_that_fit_badly_and_a_damaged_log_are_told_from_the_provenance() -> None:
+    clock = {"offset": 0.0, "drift": 5e-5, "drift_error": 1e-6, "residual": 2.5e-3, "edges": 20, "left_out": 1}
+    damage = {"complete": False, "crc": "checked", "chunks_lost": 2, "messages_lost": 130, "share_lost": 0.04}
+    found = findings(bench(), clock=clock, damage=damage | {"remarks": ["chunk 3: checksum"]})
+    assert failed(found) == {"clock_residual", "damage"}
+    assert found["clock_residual"].remark.startswith("drift 50.0 +- 1.0 ppm; 20 matched and 1 left out by edges")
+    assert found["damage"].value == pytest.approx(4.0)
+    assert "130 messages lost; the file is not complete; CRC checked; chunk 3" in found["damage"].remark
+    assert findings(bench())["damage"] == Finding(None, "not applicable: no damage report")
+
+
+def test_what_the_joint_really_did_is_found_without_the_configuration() -> None:
+    theta = stepped_sine() + 1e-5 * np.random.default_rng(0).standard_normal(stepped_sine().size)
+    runs = [run for run in sine_runs(np.arange(theta.size) / RATE, theta) if run.cycles >= 3]
+    assert [run.amplitude_deg for run in runs] == pytest.approx([2, 2, 4, 4], rel=1e-2)
+    assert [run.frequency_hz for run in runs] == pytest.approx([2, 5, 2, 5], rel=1e-2)
+    assert all(run.cycles in (4, 5, 6) for run in runs)
+
+
+@pytest.mark.parametrize(
+    ("really", "missing", "remark"),
+    [
+        (Commanded((2.0, 4.0), (2.0, 5.0), 6), 0, "4 commanded pairs of amplitude and frequency found"),
+        (Commanded((2.0, 4.0), (2.0,), 6), 2, "missing 2 deg at 5 Hz; missing 4 deg at 5 Hz"),
+        (Commanded((2.0, 6.0), (2.0, 5.0), 6), 2, "besides 6 deg at 2 Hz"),
+        (Commanded((2.0, 4.0), (2.0, 5.0), 3), 4, "missing 2 deg at 2 Hz"),
+    ],
+)
+def test_the_protocol_in_the_log_is_held_against_the_configured_one(
+    really: Commanded, missing: int, remark: str
+) -> None:
+    found = findings(bench(stepped_sine(really)))["protocol"]
+    assert found.value == missing
+    assert remark in found.remark
+
+
+def test_a_joint_that_never_moved_lacks_the_whole_protocol() -> None:
+    assert findings(bench(np.zeros(5000)))["protocol"].value == 4
+
+
+def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_name() -> None:
+    found = {"gap": Finding(0.2, "theta"), "unzeroed_plate": Finding(700.0, "plate1 -700 N"), "rate": Finding(None)}
+    table = quality_table("w", found, RULES, ())
+    assert table["verdict"].to_list() == ["flag", "exclude", "pass"]
+    assert table.columns == ["trial", "check", "value", "unit", "threshold", "verdict", "remark"]
+    assert table.row(1) == ("w", "unzeroed_plate", 700.0, "N", 20.0, "exclude", "plate1 -700 N")
+    accepted = quality_table("w", found, RULES, ("unzeroed_plate",))
+    assert accepted["verdict"].to_list() == ["flag", "pass", "pass"]
+    assert accepted["remark"][1] == "accepted in the sheet; plate1 -700 N"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "failing"),
+    [("rate", 99.0, True), ("rate", 100.0, False), ("gap", 0.05, False), ("gap", 0.051, True), ("gap", np.nan, True)],
+)
+def test_a_value_at_its_threshold_passes_and_no_number_fails(name: str, value: float, failing: bool) -> None:
+    assert fails(name, value, RULES.rule(name).limit) is failing
+
+
+@pytest.mark.parametrize("threshold", ["20", "20 kN", "much N", "-1 N", "nan N", "inf N"])
+def test_a_threshold_without_its_unit_is_refused(threshold: str, tmp_path) -> None:
+    content = yaml.safe_load((ROOT / "config/config.yaml").read_text())
+    content["quality"]["unzeroed_plate"]["threshold"] = threshold
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match=f"threshold '{threshold}' of unzeroed_plate must be a number and its unit"):
+        read_section(tmp_path / "config.yaml", "quality", QualityRules)

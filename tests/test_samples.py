@@ -1,0 +1,86 @@
+"""What ingest says to a folder of recordings, as a table that no stranger's text can break."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from c3d_builder import REAL_DATA, write_c3d
+from click.testing import CliRunner
+from conftest import ROOT
+from mcap_builder import stamped, write_log
+
+from osl_analysis.cli import main
+from osl_analysis.commands.samples import escaped, samples_table
+from osl_analysis.config import read_section
+from osl_analysis.errors import InputError
+from osl_analysis.quality.settings import QualityRules
+
+RULES = read_section(ROOT / "config/config.yaml", "quality", QualityRules)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A capture, a log, one of each that is none, a table, and what is no recording."""
+    positions = np.concatenate([np.linspace(1, 2, 300).reshape(100, 1, 3), np.zeros((100, 1, 1))], axis=2)
+    positions[40:65] = 0.0
+    write_c3d(tmp_path / "walk.c3d", positions, rate=100.0, POINT__LABELS=["a|<b>"])
+    (tmp_path / "broken.C3D").write_bytes(b"no C3D file")
+    log = [stamped(k * 1_000_000 + (k > 5) * 7_000_000, angle=0.0, torque=1.0, sync=False) for k in range(10)]
+    write_log(tmp_path / "bench.mcap", log)
+    (tmp_path / "broken.mcap").write_bytes(b"no MCAP file")
+    (tmp_path / "table.csv").write_text("a,b\n1,2\n")
+    (tmp_path / "notes.md").write_text("nothing to read")
+    return tmp_path
+
+
+def rows(folder: Path) -> dict[str, list[str]]:
+    """The table's cells by file."""
+    lines = samples_table(folder, RULES).splitlines()[2:]
+    cells = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines]
+    return {file: rest for file, *rest in cells}
+
+
+def test_every_recording_has_a_row_and_nothing_else(folder: Path) -> None:
+    assert list(rows(folder)) == ["bench.mcap", "broken.C3D", "broken.mcap", "table.csv", "walk.c3d"]
+
+
+def test_what_is_read_is_told_with_rates_counts_and_gaps(folder: Path) -> None:
+    found = rows(folder)
+    assert "/lab: ok: 10 messages, 1000 Hz by header time, longest step 0.008 s" in found["bench.mcap"][0]
+    assert found["walk.c3d"][0] == "ok: 1 markers, 100 frames at 100 Hz; 25.0 % hidden"
+    assert found["walk.c3d"][1].startswith("marker\\_gap: 0.25 s, threshold 0.2 (a\\|&lt;b&gt;")
+
+
+def test_what_is_refused_is_told_with_the_reason_and_without_the_folder(folder: Path) -> None:
+    found = rows(folder)
+    assert found["broken.C3D"][0].startswith("refused: not a C3D file")
+    assert found["broken.mcap"][0].startswith("refused: not an MCAP file")
+    assert str(folder) not in samples_table(folder, RULES)
+
+
+def test_text_of_a_file_is_neither_markup_nor_a_line_of_its_own() -> None:
+    assert escaped("a|b\n<script>`x`*_[l](u)\x1b") == "a\\|b�&lt;script&gt;\\`x\\`\\*\\_\\[l\\](u)�"
+
+
+def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no C3D, MCAP or CSV files below it"):
+        samples_table(tmp_path, RULES)
+
+
+def test_the_command_writes_a_page_that_names_the_command(folder: Path) -> None:
+    page = folder / "page.md"
+    config = str(ROOT / "config/config.yaml")
+    result = CliRunner().invoke(main, ["samples", str(folder), "--output", str(page), "--config", config])
+    assert result.exit_code == 0, result.output
+    assert f"Made by `osl-analysis samples {folder} --output {page}`." in page.read_text()
+    assert samples_table(folder, RULES) in page.read_text()
+
+
+def test_the_page_in_the_documentation_names_every_real_sample() -> None:
+    if not REAL_DATA.is_dir():
+        pytest.skip("no real data")
+    page = (ROOT / "docs/real_samples.md").read_text()
+    samples = [p for p in REAL_DATA.rglob("*") if p.suffix.lower() in (".c3d", ".mcap", ".csv")]
+    assert len(samples) >= 30
+    assert [p.name for p in samples if escaped(p.name) not in page] == []

@@ -23,11 +23,11 @@ RULES = read_section(ROOT / "config/config.yaml", "quality", QualityRules)
 
 @pytest.fixture
 def checked(tmp_path: Path) -> list[Path]:
-    """Quality tables of three plate trials; the second plate was not zeroed."""
+    """Quality tables of three plate trials: one slow, which flags it, the others with a plate that was not zeroed."""
     paths = []
-    for name, offset in (("plate_1", 1.0), ("plate_2", -80.0), ("plate_3", -90.0)):
+    for name, offset, rate in (("plate_1", 1.0, 50), ("plate_2", -80.0, 1000), ("plate_3", -90.0, 1000)):
         force = offset + np.random.default_rng(1).standard_normal(1000)
-        trial = Trial(name, pl.DataFrame({"time": np.arange(1000) / 1000, "plate1_force_z": force}))
+        trial = Trial(name, pl.DataFrame({"time": np.arange(1000) / rate, "plate1_force_z": force}))
         write_trial(trial, tmp_path / f"trials/{name}.parquet")
         paths.append(tmp_path / f"quality/{name}.csv")
         accept = ("unzeroed_plate",) if name == "plate_3" else ()
@@ -44,6 +44,8 @@ def test_who_was_left_out_is_listed_and_told_with_value_threshold_and_remedy(che
     folder = checked[0].parent
     gather(checked, folder / "quality.csv")
     list_excluded(folder / "quality.csv", folder / "excluded.csv")
+    verdicts = read_table(folder / "quality.csv").filter(pl.col("verdict") != "pass")
+    assert verdicts.select("trial", "verdict").rows() == [("plate_1", "flag"), ("plate_2", "exclude")]
     listed = read_table(folder / "excluded.csv")
     assert listed.select("trial", "check").rows() == [("plate_2", "unzeroed_plate")]
     assert listed["value"][0] == pytest.approx(80, abs=0.5)

@@ -107,6 +107,16 @@ def test_a_short_recording_says_that_it_cannot_tell_the_drift() -> None:
     assert long.drift_error < 1e-6
 
 
+def test_edges_that_are_late_by_little_more_than_a_sample_do_not_pull_the_fit() -> None:
+    changes = irregular(300.0)
+    slave, master = slave_edges(changes, 300.0), master_edges(changes, 300.0)
+    late = slave.time + 0.0045 * (np.arange(slave.time.size) % 20 == 7)
+    clean, fit = fit_clock(slave, master), fit_clock(Edges(late, slave.rising, slave.step), master)
+    middle = np.array([150.0])
+    assert fit.to_master(middle) == pytest.approx(clean.to_master(middle), abs=2e-5)  # all edges: 2e-4
+    assert fit.left_out == pytest.approx(slave.time.size / 20, abs=1)
+
+
 def test_edges_of_a_slow_voltage_are_found_between_its_samples() -> None:
     time = np.arange(0, 1, 1e-3)
     edges = find_edges(time, np.clip((time - 0.4003) / 0.02 + 0.5, 0, 1) * 5)

@@ -13,11 +13,11 @@ KNOTS = np.arange(-120.0, 450.0, 0.15)
 MOVEMENT = make_interp_spline(KNOTS, np.random.default_rng(9).standard_normal(KNOTS.size))  # never repeats itself
 
 
-def encoder(offset: float, duration: float, seed: int = 0) -> Course:
+def encoder(offset: float, duration: float, drift: float = DRIFT) -> Course:
     """A joint's encoder on a clock that is behind by the offset [s]: of the other sign, scale and zero, with noise."""
     time = np.arange(0, duration, 1 / SLAVE_RATE)
-    noise = 0.02 * np.random.default_rng(seed).standard_normal(time.size)
-    return Course(time, 3.0 - 2 * MOVEMENT(offset + (1 + DRIFT) * time) + noise)
+    noise = 0.02 * np.random.default_rng(0).standard_normal(time.size)
+    return Course(time, 3.0 - 2 * MOVEMENT(offset + (1 + drift) * time) + noise)
 
 
 def markers(duration: float, seed: int = 1) -> Course:
@@ -34,6 +34,12 @@ def test_offset_and_drift_come_back_to_a_tenth_of_a_sample(offset: float) -> Non
     assert abs(fit.drift - DRIFT) < 4 * fit.drift_error < 4e-6
     assert fit.residual < 0.1 / SLAVE_RATE
     assert fit.method == "correlation"
+
+
+def test_a_bad_crystal_is_followed_over_a_long_recording() -> None:
+    fit = correlate_clocks(encoder(0.5, 300.0, 400e-6), markers(300.0))
+    assert fit.drift == pytest.approx(400e-6, abs=2e-6)
+    assert fit.edges >= 10
 
 
 def test_a_lag_is_found_between_the_samples() -> None:

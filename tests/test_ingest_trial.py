@@ -11,8 +11,10 @@ from c3d_builder import REAL_DATA, write_c3d
 from mcap_builder import SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
 from scipy.interpolate import make_interp_spline
 
+from osl_analysis.columns import marker_columns
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.errors import InputError
+from osl_analysis.ingest.alignment import marker_angle
 from osl_analysis.ingest.assemble import merged
 from osl_analysis.ingest.clock import ClockFit
 from osl_analysis.ingest.recording import Recording
@@ -126,6 +128,17 @@ def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_s
     (tmp_path / "out" / "walk_1.parquet").unlink()
     (tmp_path / "out").rmdir()
     assert "cross-correlation of 'theta' and the angle at marker M2 is no way out" in refused(tmp_path)
+
+
+def test_the_angle_at_a_marker_is_that_between_the_other_two_where_all_are_seen() -> None:
+    places = {"A": [(1.0, 0.0, 0.0)] * 3, "B": [(0.0, 0.0, 0.0)] * 3}
+    places["C"] = [(0.0, 2.0, 0.0), (np.nan, np.nan, np.nan), (-3.0, 0.0, 3.0)]
+    columns = {
+        name: np.array(place)[:, k] for label, place in places.items() for k, name in enumerate(marker_columns(label))
+    }
+    course = marker_angle(Recording(pl.DataFrame({"time": [0.0, 0.1, 0.2], **columns}), {}), ("A", "B", "C"))
+    assert course.time.tolist() == [0.0, 0.2]
+    np.testing.assert_allclose(course.value, np.radians([90, 135]))
 
 
 def test_a_sync_voltage_with_a_spike_that_hides_its_edges_aligns_by_its_course(laboratory: Path) -> None:

@@ -14,7 +14,8 @@ from osl_analysis.config import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.c3d_capture import read_capture
 from osl_analysis.ingest.source_file import C3dSource
-from osl_analysis.quality.finding import Finding
+from osl_analysis.quality.channels import rail
+from osl_analysis.quality.finding import Finding, longest_run
 from osl_analysis.quality.names import CHECKS
 from osl_analysis.quality.protocol import Commanded, sine_runs
 from osl_analysis.quality.settings import QualityRules
@@ -104,7 +105,7 @@ def test_jitter_is_the_scatter_of_the_steps_and_a_gap_is_not_jitter() -> None:
 def test_a_load_cell_that_rails_is_seen_at_either_end(sign: int) -> None:
     torque = bench()["torque"].to_numpy()
     found = findings(bench(torque=sign * np.minimum(torque, 15.0)))
-    assert found["saturation"].value == np.count_nonzero(torque[:3000] > 15) or found["saturation"].value > 10
+    assert found["saturation"].value == longest_run(torque > 15) > 10
     assert found["saturation"].remark == "torque"
     assert failed(found) == {"saturation"}
 
@@ -122,6 +123,16 @@ def test_an_unloaded_plate_that_reads_zero_is_neither_railed_nor_stuck() -> None
     assert failed(findings(laboratory(plate1_force_z=clipped), "walking")) == set()
 
 
+def test_an_extreme_at_zero_or_where_the_channel_mostly_is_is_no_rail() -> None:
+    loaded = np.where(np.arange(1000) < 800, 700 + np.sin(np.arange(1000)), 0.0)
+    assert rail(loaded) < 5  # on a plate that is mostly stood on, zero is an extreme
+    coarse = np.where(np.arange(1000) < 800, -80.0, 700 + np.sin(np.arange(1000)))
+    assert rail(coarse) < 5  # an unzeroed plate whose noise is below its resolution
+    assert rail(-coarse + 300) < 5
+    assert rail(np.minimum(loaded, 700.5)) < 5
+    assert rail(np.where(np.arange(1000) % 100 < 20, 900.0, np.sin(np.arange(1000)))) == 20
+
+
 def test_a_channel_that_repeats_a_value_is_stuck() -> None:
     torque = bench()["torque"].to_numpy().copy()
     torque[2000:2800] = torque[2000]
@@ -136,6 +147,7 @@ def test_an_encoder_that_stands_while_the_joint_is_told_to_move_is_stuck_and_one
     theta[1000:2000] = theta[1000]
     found = findings(bench(theta, theta_command=command))
     assert found["stuck"] == Finding(pytest.approx(1.0, abs=2e-3), "theta")
+    assert findings(bench())["stuck"].value == 0.0  # though the joint rests for half a second
 
 
 @pytest.mark.parametrize("turn", [2 * np.pi, -2 * np.pi, 360.0])
@@ -148,6 +160,13 @@ def test_a_load_cell_that_was_not_zeroed_is_told_by_its_rest() -> None:
     found = findings(bench(torque=bench()["torque"].to_numpy() - 8.0))
     assert found["unzeroed_load_cell"].value == pytest.approx(7.5, abs=0.05)
     assert failed(found) == {"unzeroed_load_cell"}
+
+
+def test_the_rest_ends_where_the_joint_first_moves() -> None:
+    theta = np.radians(5) * np.clip((np.arange(4000) - 1000) / 2000, 0, 1)
+    found = findings(bench(theta), "belt")["unzeroed_load_cell"]
+    assert found.value == pytest.approx(0.5, abs=0.05)
+    assert "over the first 1.04 s" in found.remark
 
 
 def test_a_recording_that_begins_in_motion_has_no_rest_to_judge() -> None:

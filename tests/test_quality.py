@@ -261,6 +261,20 @@ def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_nam
     assert accepted["remark"][1] == "accepted in the sheet; plate1 -700 N"
 
 
+@pytest.mark.parametrize("rows", [1, 2, 3, 250])
+@pytest.mark.parametrize("experiment", ["impedance", "walking"])
+def test_a_trial_of_few_rows_or_empty_columns_is_judged_without_an_error(rows: int, experiment: str) -> None:
+    samples = bench()[:rows].with_columns(plate1_force_z=pl.lit(None, pl.Float64), marker_A_x=pl.lit(np.nan))
+    found = findings(samples, experiment)
+    assert set(found) == set(CHECKS)
+    assert all(f.value is None or np.isfinite(f.value) for f in found.values())
+    assert quality_table("t", found, RULES, ()).height == len(CHECKS)
+    no_theta = findings(
+        samples.with_columns(theta=pl.lit(None, pl.Float64), torque=pl.lit(None, pl.Float64)), experiment
+    )
+    assert quality_table("t", no_theta, RULES, ()).height == len(CHECKS)
+
+
 @pytest.mark.parametrize(
     ("name", "value", "failing"),
     [("rate", 99.0, True), ("rate", 100.0, False), ("gap", 0.05, False), ("gap", 0.051, True), ("gap", np.nan, True)],

@@ -36,7 +36,7 @@ TRIALS = CAMPAIGN.sheet
 
 wildcard_constraints:
     trial="[A-Za-z0-9][A-Za-z0-9_.-]*",
-    figure="fig[3-9]",
+    figure="fig[3-9]|walking_page",
 
 
 include: "rules/simulate.smk"

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import polars as pl
@@ -12,12 +12,15 @@ from osl_analysis.trial import Array
 
 STUDENT = "95 % of the mean (Student)"
 STANDARD_ERROR = "95 % of the fit (1.96 standard errors)"
+BOOTSTRAP = "95 % of the ensemble (bootstrap of perturbed and unperturbed crossings)"
 RANGE = "lowest to highest"
 NORMAL_95 = 1.96
 EXAMPLE_K_D, EXAMPLE_B_D = 300.0, 5.0
 """The impedance of Fig. 4 [N*m/rad, N*m*s/rad], whose estimates are headline numbers."""
 PER_PERTURBATION = "mean of perturbations"
 """Estimator of the walking summary that is the headline, where the table has a column `estimator`."""
+ENSEMBLE = "ensemble"
+"""Estimator of the walking summary whose interval knows that all perturbations share one mean unperturbed gait."""
 
 TABLES = {
     "belt_summary": ("quantity", "n", "mean", "low", "high"),
@@ -89,7 +92,7 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame]) -> list[Headline]:
         for controller in ("compensated", "uncompensated"):
             found += impedance_headlines(controller, tables["impedance"])
     if "walking_summary" in tables:
-        found += means(tables["walking_summary"], WALKING)
+        found += walking_means(tables["walking_summary"])
     if "walking" in tables:
         found += over_fits(WALKING_VAF, tables["walking"]["VAF"], np.mean)
     return found
@@ -116,6 +119,26 @@ def means(table: pl.DataFrame, labels: Mapping[str, Label]) -> list[Headline]:
             )
         found.append(headline(label, mean, low, high, STUDENT, int(n)))
     return found
+
+
+def walking_means(table: pl.DataFrame) -> list[Headline]:
+    """Means over perturbations, with the ensemble's bootstrap interval laid about them where the table has it.
+
+    Student's interval of the mean would be too narrow: the mean unperturbed crossing is subtracted from every
+    perturbation, so that its chance error moves them all alike and does not show in their scatter.
+    """
+    found = means(table, WALKING)
+    if "estimator" not in table.columns:
+        return found
+    rows = table.filter(pl.col("estimator") == ENSEMBLE).iter_rows(named=True)
+    ensemble = {WALKING[row["quantity"]].name: row for row in rows if row["quantity"] in WALKING}
+    return [about_the_mean(h, ensemble[h.name]) if h.name in ensemble else h for h in found]
+
+
+def about_the_mean(found: Headline, ensemble: Mapping[str, float]) -> Headline:
+    """The headline with the ensemble's interval, moved by what the two estimates differ."""
+    moved = found.value - ensemble["mean"]
+    return replace(found, low=ensemble["low"] + moved, high=ensemble["high"] + moved, interval=BOOTSTRAP)
 
 
 def impedance_headlines(controller: str, impedance: pl.DataFrame) -> list[Headline]:

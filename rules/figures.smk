@@ -11,6 +11,7 @@ FIGURES = {  # what the campaign must have for each
     "fig7": CAMPAIGN.trials("impedance") and RESPONSE,
     "fig8": CONFIG.impedance_trajectory,
     "fig9": CAMPAIGN.trials("walking"),
+    "walking_page": CAMPAIGN.trials("walking"),
 }
 
 
@@ -152,6 +153,33 @@ rule plot_numbers_fig9:
             walking_summary_csv=Path(input.table),
             commanded_K=params.commanded,
             figure_csv=Path(output[0]),
+        )
+
+
+rule plot_numbers_walking_page:
+    input:
+        crossings=crossings(perturbed=True),
+        quality=checked(CAMPAIGN.crossings(perturbed=True)),
+        selection=RESULTS / "tables/walking_crossings.csv",
+        unperturbed=RESULTS / "fits/unperturbed.parquet",
+        responses=RESULTS / "tables/walking_responses.csv",
+    output:
+        RESULTS / "figures/walking_page.csv",
+    log:
+        RESULTS / "logs/figures/walking_page_numbers.log",
+    params:
+        code=jobs.code("commands.walking_page"),
+        settings=WALKING,
+    run:
+        jobs.run_job(
+            log[0],
+            "walking_page.plot_numbers",
+            crossings=kept(input.crossings, input.quality),
+            selection=Path(input.selection),
+            unperturbed=Path(input.unperturbed),
+            responses=Path(input.responses),
+            settings=walking_settings(params),
+            output=Path(output[0]),
         )
 
 

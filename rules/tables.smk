@@ -34,6 +34,7 @@ def result_tables() -> list[Path]:
     """Every table that the campaign's experiments give."""
     tables = [table for table, trials in FILLED_BY.items() if trials and table not in ("belt_curves", "quality")]
     tables += [f"{table}_summary" for table in (*SUMMARISED, "walking") if table in tables]
+    tables += ["walking_crossings", "walking_excluded", "hinge", "plate"] * ("walking" in tables)
     tables += ["frequency_response"] * ("impedance" in tables)
     tables += ["gains"] * bool(CONFIG.impedance_trajectory)
     return [RESULTS / f"tables/{table}.csv" for table in tables]

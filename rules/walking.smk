@@ -13,12 +13,19 @@ def crossings(perturbed: bool) -> list[Path]:
     return [RESULTS / f"crossings/{trial}.parquet" for trial in CAMPAIGN.crossings(perturbed)]
 
 
+def every_crossing() -> list[Path]:
+    """The analysed crossings, perturbed or not, in the order of the sheet."""
+    return [RESULTS / f"crossings/{trial}.parquet" for trial in CAMPAIGN.trials("walking")]
+
+
 rule calibrate_markers:
     input:
         trial=ingested("static")[:1],
-        quality=checked(CAMPAIGN.trials("static")[:1]),
+        motion=[RESULTS / f"trials/{trial}.parquet" for trial in CAMPAIGN.crossings(perturbed=False)[:3]],
+        quality=checked([*CAMPAIGN.trials("static")[:1], *CAMPAIGN.crossings(perturbed=False)[:3]]),
     output:
-        RESULTS / "fits/calibration.json",
+        calibration=RESULTS / "fits/calibration.json",
+        hinge=RESULTS / "tables/hinge.csv",
     log:
         RESULTS / "logs/walking/calibration.log",
     params:
@@ -29,8 +36,10 @@ rule calibrate_markers:
             log[0],
             "calibration.calibrate",
             trial=kept(input.trial, input.quality)[0],
+            motion=kept([*input.trial, *input.motion], input.quality)[1:],
             settings=walking_settings(params),
-            output=Path(output[0]),
+            output=Path(output.calibration),
+            comparison=Path(output.hinge),
         )
 
 
@@ -40,7 +49,8 @@ rule identify_plate:
         quality=checked(CAMPAIGN.trials("plate")),
         calibration=RESULTS / "fits/calibration.json",
     output:
-        RESULTS / "fits/plate.json",
+        model=RESULTS / "fits/plate.json",
+        comparison=RESULTS / "tables/plate.csv",
     log:
         RESULTS / "logs/walking/plate.log",
     params:
@@ -53,7 +63,8 @@ rule identify_plate:
             trials=kept(input.trials, input.quality),
             calibration=Path(input.calibration),
             settings=walking_settings(params),
-            output=Path(output[0]),
+            output=Path(output.model),
+            comparison=Path(output.comparison),
         )
 
 
@@ -83,10 +94,32 @@ rule analyse_crossing:
         )
 
 
+rule select_crossings:
+    input:
+        crossings=every_crossing(),
+        quality=checked(CAMPAIGN.trials("walking")),
+    output:
+        RESULTS / "tables/walking_crossings.csv",
+    log:
+        RESULTS / "logs/walking/selection.log",
+    params:
+        code=jobs.code("commands.walking_selection"),
+        settings=WALKING,
+    run:
+        jobs.run_job(
+            log[0],
+            "walking_selection.select",
+            crossings=kept(input.crossings, input.quality),
+            settings=walking_settings(params),
+            output=Path(output[0]),
+        )
+
+
 rule average_unperturbed:
     input:
         crossings=crossings(perturbed=False),
         quality=checked(CAMPAIGN.crossings(perturbed=False)),
+        selection=RESULTS / "tables/walking_crossings.csv",
     output:
         RESULTS / "fits/unperturbed.parquet",
     log:
@@ -99,6 +132,7 @@ rule average_unperturbed:
             log[0],
             "walking.average_unperturbed",
             crossings=kept(input.crossings, input.quality),
+            selection=Path(input.selection),
             settings=walking_settings(params),
             output=Path(output[0]),
         )
@@ -107,6 +141,7 @@ rule average_unperturbed:
 rule fit_perturbation:
     input:
         crossing=RESULTS / "crossings/{trial}.parquet",
+        selection=RESULTS / "tables/walking_crossings.csv",
         unperturbed=RESULTS / "fits/unperturbed.parquet",
     output:
         RESULTS / "fits/walking/{trial}.csv",
@@ -120,6 +155,7 @@ rule fit_perturbation:
             log[0],
             "walking.fit_perturbation",
             crossing=Path(input.crossing),
+            selection=Path(input.selection),
             unperturbed=Path(input.unperturbed),
             settings=walking_settings(params),
             output=Path(output[0]),
@@ -131,10 +167,12 @@ rule summarise_walking:
         table=RESULTS / "tables/walking.csv",
         crossings=crossings(perturbed=True),
         quality=checked(CAMPAIGN.crossings(perturbed=True)),
+        selection=RESULTS / "tables/walking_crossings.csv",
         unperturbed=RESULTS / "fits/unperturbed.parquet",
     output:
         summary=RESULTS / "tables/walking_summary.csv",
         responses=RESULTS / "tables/walking_responses.csv",
+        excluded=RESULTS / "tables/walking_excluded.csv",
     log:
         RESULTS / "logs/walking/summary.log",
     params:
@@ -146,8 +184,10 @@ rule summarise_walking:
             "walking.summarise",
             table=Path(input.table),
             crossings=kept(input.crossings, input.quality),
+            selection=Path(input.selection),
             unperturbed=Path(input.unperturbed),
             settings=walking_settings(params),
             output=Path(output.summary),
             responses=Path(output.responses),
+            excluded=Path(output.excluded),
         )

@@ -23,7 +23,7 @@ from osl_analysis.commands.figure import (
     plotted_numbers_fig9,
 )
 from osl_analysis.errors import InputError
-from osl_analysis.figures import fig3, fig4, fig5, fig6, fig7, fig8, fig9
+from osl_analysis.figures import fig3, fig4, fig5, fig6, fig7, fig8, fig9, walking_page
 from osl_analysis.figures.style import LOOKS, MAGENTA, ORANGE, PURPLE, SINGLE_COLUMN
 from osl_analysis.table_file import read_table, write_table
 
@@ -95,6 +95,29 @@ def walking_summary():
     return pl.DataFrame({"quantity": ["K", "B", "I", "VAF"], "n": 31, **values, "low": 0.0, "high": 1.0})
 
 
+def walking_page_table():
+    """Gait of parabolas, two perturbations and their mean; the fit is 1 N*m below it."""
+    stance, after = np.linspace(0, 100, 26), np.linspace(-100, 97, 20)
+    frames = []
+    for panel in ("angle", "torque"):
+        for name, mean in (
+            ("unperturbed", stance * (100 - stance) / 100),
+            ("perturbed", stance * (120 - stance) / 100),
+        ):
+            frames.append(pl.DataFrame({"x": stance, "mean": mean}).with_columns(
+                panel=pl.lit(panel), curve=pl.lit(name), sd=pl.lit(2.0), n=pl.lit(5 if name == "perturbed" else 7)
+            ))  # fmt: skip
+    frames.append(pl.DataFrame({"panel": "angle", "curve": "window", "x": [40.0, 54.0]}))
+    for panel in ("response angle", "response torque"):
+        for trial, name, size in (("w1", "each", 0.9), ("w2", "each", 1.1), ("ensemble", "mean", 1.0)):
+            values = size * np.clip(after, 0, 60)
+            rows = pl.DataFrame({"x": after, "mean": values, "trial": trial, "curve": name, "panel": panel})
+            frames.append(rows)
+    fit = pl.DataFrame({"x": after[10:], "mean": np.clip(after[10:], 0, 60) - 1})
+    frames.append(fit.with_columns(panel=pl.lit("response torque"), curve=pl.lit("fit"), trial=pl.lit("ensemble")))
+    return pl.concat(frames, how="diagonal")
+
+
 def plotted(name):
     tables = {
         "fig3": belt_table,
@@ -104,6 +127,7 @@ def plotted(name):
         "fig7": response_table,
         "fig8": lambda: fig8.points(gains()),
         "fig9": lambda: fig9.points(walking_summary(), 340.0),
+        "walking_page": walking_page_table,
     }
     return tables[name]()
 
@@ -290,6 +314,26 @@ def test_fig9_takes_the_mean_of_perturbations_where_there_are_several_estimators
     assert fig9.points(both, None)["mean"].to_list() == [338.0, 4.3, 0.012]
     with pytest.raises(InputError, match="no 'K' over perturbations"):
         fig9.points(other, None)
+
+
+def test_the_walking_page_shows_both_gaits_every_response_their_mean_and_its_fit():
+    table = walking_page_table()
+    angle, torque, isolated_angle, isolated_torque = walking_page.draw(table).axes
+    for ax in (angle, torque):
+        (calm,) = [a for a in ax.lines if a.get_label().startswith("Unperturbed")]
+        assert calm.get_label() == "Unperturbed ($n$ = 7)"
+        np.testing.assert_allclose(calm.get_ydata(), calm.get_xdata() * (100 - calm.get_xdata()) / 100)
+        band = ax.collections[0].get_paths()[0].get_extents()
+        assert band.y1 == pytest.approx(calm.get_ydata().max() + 2, abs=0.1)
+        assert (ax.patches[0].get_x(), ax.patches[0].get_width()) == (40, 14)
+    for ax, fits in ((isolated_angle, 0), (isolated_torque, 1)):
+        thin = [a for a in ax.lines if a.get_alpha()]
+        assert len(thin) == 2
+        (mean,) = [a for a in ax.lines if a.get_label() == "Mean"]
+        np.testing.assert_allclose(mean.get_ydata(), np.mean([a.get_ydata() for a in thin], axis=0))
+        dashed = [a for a in ax.lines if a.is_dashed()]
+        assert len(dashed) == fits
+    np.testing.assert_allclose(dashed[0].get_ydata(), np.clip(dashed[0].get_xdata(), 0, 60) - 1)
 
 
 @pytest.mark.parametrize("name", FIGURES)

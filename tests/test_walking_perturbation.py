@@ -9,7 +9,7 @@ from walking_synthetic import RATE, bump
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.trial import Array
-from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.crossing import Crossing, Quality
 from osl_analysis.walking.ensemble import bootstrap, ensemble_response
 from osl_analysis.walking.events import Stance
 from osl_analysis.walking.perturbation import (
@@ -26,6 +26,7 @@ K, B, I = 340.0, 5.0, 0.03
 TIMING = Timing(window=0.1, baseline=0.06, guard=0.04)
 RISE = 0.018
 LEAD = 0.045
+QUALITY = Quality({}, None, (0.0, 0.0), None)
 
 
 def gait_angle(phase: Array) -> Array:
@@ -53,7 +54,7 @@ def crossing(
     if onset is not None:
         d, v, a = (0.087 * part for part in bump(time, onset + LEAD, rise))
         theta, tau = theta + d, tau + impedance[0] * d + impedance[1] * v + impedance[2] * a
-    return Crossing(name, time, theta, tau, 0 * time, Stance(0.3, 0.3 + stance), onset, 0.0)
+    return Crossing(name, time, theta, tau, 0 * time, Stance(0.3, 0.3 + stance), onset, 0.0, QUALITY)
 
 
 def calm(n: int = 4) -> NormalGait:

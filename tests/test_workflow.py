@@ -81,10 +81,13 @@ def workspace(tmp_path_factory):
 def test_every_figure_table_and_headline_number_is_there(workspace):
     results = workspace.folder / "results"
     figures = {path.name for path in (results / "figures").iterdir()}
-    assert figures == {f"fig{n}.{suffix}" for n in range(3, 10) for suffix in ("csv", "pdf", "svg", "png")}
+    names = [*(f"fig{n}" for n in range(3, 10)), "walking_page"]
+    assert figures == {f"{name}.{suffix}" for name in names for suffix in ("csv", "pdf", "svg", "png")}
     assert {"K_s", "B_j", "walking_K"} <= set(json.loads((results / "summary.json").read_text()))
     assert "\\newcommand" in (results / "numbers.tex").read_text()
     assert len(pl.read_csv(results / "tables/impedance.csv")) == 4 * 3
+    assert len(pl.read_csv(results / "tables/walking_crossings.csv")) == 8
+    assert {"walking_excluded.csv", "hinge.csv", "plate.csv"} <= {path.name for path in (results / "tables").iterdir()}
 
 
 def truth(workspace, trial):

@@ -11,14 +11,14 @@ from osl_analysis.atomic import atomic_path
 from osl_analysis.errors import InputError
 from osl_analysis.table_file import read_table, write_table
 
-FIGURES = ("fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9")
+FIGURES = ("fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9", "walking_page")
 DRAWINGS = (*FIGURES, "torque", "gain_grid", "gain_map")
 METADATA: dict[str, dict[str, Any]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}, ".png": {}}
 """Formats that can be written, and what keeps the hour out of them: the same numbers give the same bytes."""
 
 
 def draw_figure(name: str, table_csv: Path, outputs: Sequence[Path]) -> None:
-    """Draw the numbers of `table_csv` as figure `name` (fig3 ... fig9) into PDF, SVG or PNG files, by suffix.
+    """Draw the numbers of `table_csv` as figure `name` (one of `FIGURES`) into PDF, SVG or PNG files, by suffix.
 
     Raises
     ------

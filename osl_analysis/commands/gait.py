@@ -8,13 +8,14 @@ from osl_analysis.errors import InputError
 from osl_analysis.table_file import write_table
 from osl_analysis.trial import Trial
 from osl_analysis.trial_file import read_trial
-from osl_analysis.walking.gait import MomentComparison, compare_moments
+from osl_analysis.walking.gait import MomentComparison, check_plates, compare_moments
 from osl_analysis.walking.settings import GaitAnalysis
 
 
 def compare(trial: Path, settings: GaitAnalysis, output: Path) -> None:
     """One row per stance and plate of a trial: our ankle moment against the laboratory's."""
     record = read_trial(trial)
+    check_plates(record, settings.largest_zero_n)
     mass = body_mass(record, settings.body_mass_kg)
     rows = [
         {"trial": record.name, "body_mass_kg": mass, **comparison_row(c)}

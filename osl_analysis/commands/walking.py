@@ -9,34 +9,57 @@ import polars as pl
 
 from osl_analysis.commands.crossing_file import read_crossing
 from osl_analysis.commands.unperturbed_file import read_normal_gait, write_normal_gait
-from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.commands.walking_selection import left_out, used
+from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
 from osl_analysis.fits.impedance import fit_impedance
 from osl_analysis.fits.repeats import over_repeats
 from osl_analysis.fits.rows import diagnostics_row, estimates_row
 from osl_analysis.table_file import read_table, write_table
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import Bootstrap, EnsembleResponse, bootstrap, ensemble_response
+from osl_analysis.walking.lag import response_lag
 from osl_analysis.walking.perturbation import NormalGait, Response, Timing, fit_response, isolate, normal_gait
 from osl_analysis.walking.settings import WalkingAnalysis
 
 QUANTITIES = ("K", "B", "I", "VAF")
+EXCLUDED = "excluded"
+"""Column of `walking.csv` that says why a crossing has no numbers."""
 MEAN, ENSEMBLE = "mean of perturbations", "ensemble"
 
 
-def average_unperturbed(crossings: Sequence[Path], settings: WalkingAnalysis, output: Path) -> None:
-    """The unperturbed ones of the crossings on a common grid of stance phase, to a Parquet file."""
-    every = [read_crossing(path) for path in crossings]
-    calm = [crossing for crossing in every if crossing.onset is None]
+def average_unperturbed(crossings: Sequence[Path], selection: Path, settings: WalkingAnalysis, output: Path) -> None:
+    """The unperturbed ones of the crossings on a common grid of stance phase, to a Parquet file.
+
+    `selection` is `walking_crossings.csv`: crossings that it leaves out stay out.
+    """
+    calm = [crossing for crossing in used(crossings, selection) if crossing.onset is None]
     write_normal_gait(normal_gait(calm, settings.fewest_unperturbed), output)
 
 
-def fit_perturbation(crossing: Path, unperturbed: Path, settings: WalkingAnalysis, output: Path) -> None:
-    """Fit Eq. 15 to the isolated response of one perturbed crossing: one row of `walking.csv`."""
-    walked, normal = read_crossing(crossing), read_normal_gait(unperturbed)
+def fit_perturbation(
+    crossing: Path, selection: Path, unperturbed: Path, settings: WalkingAnalysis, output: Path
+) -> None:
+    """Fit Eq. 15 to the isolated response of one perturbed crossing: one row of `walking.csv`.
+
+    A crossing that was left out, or whose response cannot be fitted, has a row without numbers that says why.
+    """
+    normal, reason = read_normal_gait(unperturbed), left_out(crossing, selection)
+    if reason is None:
+        try:
+            row = fitted_row(read_crossing(crossing), normal, settings)
+        except OslAnalysisError as error:
+            reason = str(error)
+    if reason is not None:
+        row = {"trial": crossing.stem, EXCLUDED: reason}
+    write_table(pl.DataFrame([row]), output)
+
+
+def fitted_row(walked: Crossing, normal: NormalGait, settings: WalkingAnalysis) -> dict[str, object]:
+    """One row of `walking.csv`."""
     response = isolated(walked, normal, settings)
     fit = fit_response(response).fit
     onset = walked.onset or 0.0
-    row = {
+    return {
         "trial": walked.name,
         "onset_s": onset,
         "onset_phase": (onset - walked.stance.heel_strike) / walked.stance.duration,
@@ -44,9 +67,16 @@ def fit_perturbation(crossing: Path, unperturbed: Path, settings: WalkingAnalysi
         "bridged": walked.bridged,
         **estimates_row(fit, "K", "B", "I"),
         **offset_row(response),
+        **lag_row(response),
         **diagnostics_row(fit, 1 / (response.time[1] - response.time[0])),
+        EXCLUDED: None,
     }
-    write_table(pl.DataFrame([row]), output)
+
+
+def lag_row(response: Response) -> dict[str, float | None]:
+    """By how much the torque lags the angle [s], with its standard error, as far as the response itself can tell."""
+    found = response_lag(response)
+    return {"lag_s": None, "lag_se_s": None} if found is None else {"lag_s": found.lag, "lag_se_s": found.se}
 
 
 def offset_row(response: Response) -> dict[str, float | None]:
@@ -69,28 +99,45 @@ def isolated(crossing: Crossing, normal: NormalGait, settings: WalkingAnalysis) 
 def summarise(
     table: Path,
     crossings: Sequence[Path],
+    selection: Path,
     unperturbed: Path,
     settings: WalkingAnalysis,
     output: Path,
     responses: Path,
+    excluded: Path,
 ) -> None:
-    """Mean over perturbations and ensemble fit to `output`, every response in its window to `responses`.
+    """Mean over perturbations and ensemble fit to `output`, every response in its window to `responses`, and what was
+    left out and why to `excluded`.
 
-    `table` is `walking.csv`, `crossings` are the perturbed ones.
+    `table` is `walking.csv`, `crossings` are the perturbed ones, `selection` is `walking_crossings.csv`.
     """
-    normal = read_normal_gait(unperturbed)
-    every = [isolated(read_crossing(path), normal, settings) for path in crossings]
+    fits = read_table(table, ["trial"])
+    write_table(excluded_table(read_table(selection, ["trial", "reason"]), fits), excluded)
+    good = fits.filter(pl.col(EXCLUDED).is_null())
+    if len(good) < 2:
+        raise InputError(
+            f"{len(good)} perturbation that can be used cannot give a scatter; record at least two (of {len(fits)}, "
+            f"{len(fits) - len(good)} were left out: see {excluded.name})"
+        )
+    normal, kept = read_normal_gait(unperturbed), set(good["trial"])
+    every = [isolated(read_crossing(path), normal, settings) for path in crossings if path.stem in kept]
     ensemble = ensemble_response(every)
-    rows = mean_rows(read_table(table, ["trial", *QUANTITIES]))
+    rows = mean_rows(good)
     rows += ensemble_rows(ensemble, bootstrap(every, settings.bootstrap_samples))
     write_table(pl.DataFrame(rows), output)
     write_table(response_table(every, ensemble), responses)
 
 
+def excluded_table(selection: pl.DataFrame, fits: pl.DataFrame) -> pl.DataFrame:
+    """Crossings that were left out (trial, perturbed, reason): refused, too far from the others, or without a fit."""
+    unfitted = fits.select("trial", pl.col(EXCLUDED).alias("late_reason"))
+    both = selection.join(unfitted, on="trial", how="left", maintain_order="left")
+    reason = pl.coalesce("reason", "late_reason").alias("reason")
+    return both.select("trial", "perturbed", reason).filter(pl.col("reason").is_not_null())
+
+
 def mean_rows(table: pl.DataFrame) -> list[dict[str, object]]:
     """Mean and scatter of the estimates per perturbation; `se` is blind to what all have in common."""
-    if len(table) < 2:
-        raise InputError(f"{len(table)} perturbation in the table cannot give a scatter; record at least two")
     return [
         {"quantity": quantity, "estimator": MEAN, **asdict(over_repeats(table[quantity].to_numpy()))}
         for quantity in QUANTITIES

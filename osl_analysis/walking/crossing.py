@@ -1,5 +1,6 @@
 """One crossing of the walkway: from markers and plate to angle and torque over stance, with its events."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,17 +16,37 @@ from osl_analysis.walking.ankle import (
     ankle_torque,
     foot_torque,
 )
+from osl_analysis.walking.encoder import EncoderCheck, compare_encoder
 from osl_analysis.walking.events import Stance, checked_onset, find_onset, find_stances, only_stance
 from osl_analysis.walking.kinematics import body_motion
 from osl_analysis.walking.moving_plate import Wrench, at_marker_times, in_laboratory, rotation_from_rest
 from osl_analysis.walking.plate_inertia import PlateInertia, PlateModel
+from osl_analysis.walking.plate_zero import check_range, plate_axes, unloaded_zero
 from osl_analysis.walking.rigid_body import Poses, smoothed
-from osl_analysis.walking.segments import plate_centre, plate_wrench, reference_of, segment_poses
+from osl_analysis.walking.segments import plate_centre, plate_corners, plate_wrench, reference_of, segment_poses
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
 
 SEGMENTS = ("foot", "shank", "platform")
 EDGE_S = 0.1
 """What the low-pass needs [s] of the record before and after a stance, where there is that much."""
+FOOT_FLAT = (0.15, 0.35)
+"""Part of stance, ahead of the perturbation, over which the foot's place on the plate is averaged."""
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What says how far a crossing can be trusted.
+
+    RMS residual [m] of each cluster's markers from their rigid body in stance; `zero` [N]: vertical force of the plate
+    before it was stepped on, which was taken away (None: it was not looked for); `placement` (2,) [m]: the ankle
+    forward and to the left of the plate's centre while the foot is flat; `encoder`: the leg's own (None: no column
+    theta).
+    """
+
+    residuals: Mapping[str, float]
+    zero: float | None
+    placement: tuple[float, float]
+    encoder: EncoderCheck | None
 
 
 @dataclass(frozen=True)
@@ -44,6 +65,7 @@ class Crossing:
     stance: Stance
     onset: float | None
     bridged: float
+    quality: Quality
 
 
 def analyse_crossing(
@@ -73,7 +95,7 @@ def crossing_of(
     raw = {}
     for name, (labels, positions) in clusters.items():
         time, raw[name] = segment_poses(trial, labels, positions, settings)
-    stance, wrench = stance_and_wrench(trial, time, settings, plate.lag)
+    stance, wrench, zero = stance_and_wrench(trial, time, settings, plate.lag)
     rotation = rotation_from_rest(raw["platform"])
     onset = find_onset(time, rotation, float(np.deg2rad(settings.perturbation_deg)))
     lead = settings.guard_s + settings.baseline_s
@@ -91,17 +113,54 @@ def crossing_of(
     theta = ankle_angle(poses["foot"], poses["shank"], calibration.ankle_axis)
     inside = (time[rows] >= stance.heel_strike) & (time[rows] <= stance.toe_off)
     bridged = np.any([pose.bridged for pose in poses.values()], axis=0)
+    quality = Quality(
+        {name: residual_of(pose[inside]) for name, pose in poses.items()},
+        zero,
+        placement_of(time[rows], poses["foot"], calibration, plate_centre(trial, settings.plate), stance),
+        encoder_check(trial, time[rows], theta, settings),
+    )
     return Crossing(
-        trial.name, time[rows], theta, torque, rotation[rows], stance, onset, float(np.mean(bridged[inside]))
+        trial.name, time[rows], theta, torque, rotation[rows], stance, onset, float(np.mean(bridged[inside])), quality
     )
 
 
-def stance_and_wrench(trial: Trial, marker_time: Array, settings: WalkingAnalysis, lag: float) -> tuple[Stance, Wrench]:
-    """The stance, from the vertical force, and the wrench at the marker frames (n,), in the plate's axes."""
+def residual_of(poses: Poses) -> float:
+    """RMS distance [m] of the markers from their rigid body, over the frames in which they were seen."""
+    return float(np.sqrt(np.nanmean(poses.residual**2))) if np.isfinite(poses.residual).any() else float("nan")
+
+
+def placement_of(
+    time: Array, foot: Poses, calibration: StaticCalibration, centre: Array, stance: Stance
+) -> tuple[float, float]:
+    """Where the ankle is [m], forward and to the left of the plate's centre at rest, while the foot is flat."""
+    phase = (time - stance.heel_strike) / stance.duration
+    flat = (phase >= FOOT_FLAT[0]) & (phase <= FOOT_FLAT[1])
+    ankle = foot[flat].points(calibration.ankle_centre[None])[:, 0].mean(axis=0) - centre
+    return float(ankle[0]), float(ankle[1])
+
+
+def encoder_check(trial: Trial, time: Array, theta: Array, settings: WalkingAnalysis) -> EncoderCheck | None:
+    """The leg's joint encoder beside the angle from markers, where the trial has one."""
+    if "theta" not in trial.samples.columns:
+        return None
+    encoder_time, encoder = trial.signals("theta")
+    return compare_encoder(time, theta, encoder_time, encoder, settings.low_pass)
+
+
+def stance_and_wrench(
+    trial: Trial, marker_time: Array, settings: WalkingAnalysis, lag: float
+) -> tuple[Stance, Wrench, float | None]:
+    """The stance, from the vertical force; the wrench at the marker frames (n,), in the plate's axes, without its zero,
+    and the vertical force [N] of that zero."""
     plate_time, measured = plate_wrench(trial, settings.plate)
+    check_range(plate_time, measured.force, plate_axes(plate_corners(trial, settings.plate)), settings.load_on_n)
+    zero = None
+    if settings.unloaded_s is not None:
+        own = unloaded_zero(plate_time, measured, settings.unloaded_s, settings.largest_zero_n)
+        measured, zero = measured - own, float(own.force[0, 2])
     wrench = at_marker_times(plate_time, measured, marker_time, lag)
     limits = settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
-    return only_stance(find_stances(marker_time, wrench.force[:, 2], *limits)), wrench
+    return only_stance(find_stances(marker_time, wrench.force[:, 2], *limits)), wrench, zero
 
 
 def rows_of_stance(time: Array, poses: dict[str, Poses], stance: Stance) -> slice:

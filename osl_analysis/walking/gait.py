@@ -78,6 +78,27 @@ def compare_moments(trial: Trial, body_mass: float, load: float) -> list[MomentC
     return found
 
 
+def check_plates(trial: Trial, largest_zero: float) -> None:
+    """Refuse a plate whose vertical force is below minus `largest_zero` [N] in most of the record: a foot never pulls.
+
+    An offset upwards is not found here: it looks like somebody who stands.
+
+    Raises
+    ------
+    InputError
+        Names the plate and what it reads.
+    """
+    for plate in trial.provenance.get("plates", []):
+        number = int(plate["plate"])
+        reading = float(np.median(plate_wrench(trial, number)[1].force[:, 2]))
+        if reading < -largest_zero:
+            raise InputError(
+                f"trial {trial.name}: force plate {number} reads {reading:.0f} N in most of the record, as if a foot "
+                "pulled it up: it was not zeroed, has reached its limit or is wired with the other sign; record again, "
+                "or leave the plate out under `plates` in the source file"
+            )
+
+
 def reference_column(side: Side) -> str:
     """Column of the laboratory's own ankle moment."""
     return f"reference_ankle_moment_{side}"

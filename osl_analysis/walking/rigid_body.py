@@ -32,7 +32,7 @@ class Poses:
     residual: Array
     bridged: Mask
 
-    def __getitem__(self, rows: slice) -> "Poses":
+    def __getitem__(self, rows: slice | Mask) -> "Poses":
         return Poses(self.rotation[rows], self.position[rows], self.origin, self.residual[rows], self.bridged[rows])
 
     def points(self, reference: Array) -> Array:

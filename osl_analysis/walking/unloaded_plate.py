@@ -76,7 +76,7 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: W
     time, poses = segment_poses(trial, names, calibration.platform, settings)
     plate_time, wrench = plate_wrench(trial, settings.plate)
     loaded = float(np.median(np.abs(wrench.force[:, 2])))
-    if loaded > settings.load_on_n:
+    if loaded > settings.largest_zero_n:
         raise InputError(
             f"trial {trial.name}: the plate carries {loaded:.0f} N, expected nobody on it; zero the plate, or take "
             "experiment 'plate' off this trial in the sheet"

@@ -1,0 +1,57 @@
+"""The leg's own joint encoder beside the angle from markers: offset, delay, and what remains."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from osl_analysis.errors import InputError
+from osl_analysis.signals import LowPass, sampling_rate
+from osl_analysis.trial import Array
+
+LARGEST_DELAY_S = 0.05
+STEPS = 8
+LEAST_SAMPLES = 30
+
+
+@dataclass(frozen=True)
+class EncoderCheck:
+    """Encoder minus markers: `offset` [rad], `delay` [s] (positive: the encoder's clock is late), and the RMS [rad] of
+    what is left when both are taken away."""
+
+    offset: float
+    delay: float
+    rms: float
+
+
+def compare_encoder(
+    time: Array, theta: Array, encoder_time: Array, encoder: Array, low_pass: LowPass
+) -> EncoderCheck | None:
+    """Reconcile the angle (n,) [rad] at `time` [s] with the encoder's (k,), which is low-passed here as the angle was.
+
+    theta_encoder(t + delay) = theta(t) + offset in least squares, by Gauss and Newton; None where the two overlap in
+    less than 30 samples.
+
+    Raises
+    ------
+    InputError
+        The delay leaves 50 ms: the clocks are not aligned, or the encoder is another joint's.
+    """
+    spare = LARGEST_DELAY_S + 1 / sampling_rate(time)
+    rows = (time > encoder_time[0] + spare) & (time < encoder_time[-1] - spare) if len(encoder_time) else time < -1
+    if rows.sum() < LEAST_SAMPLES:
+        return None
+    spline = make_interp_spline(encoder_time, low_pass(encoder, sampling_rate(encoder_time)), k=5)
+    offset, delay = 0.0, 0.0
+    for _ in range(STEPS):
+        rest = spline(time[rows] + delay) - theta[rows] - offset
+        columns = np.column_stack([np.ones(len(rest)), -spline(time[rows] + delay, 1)])
+        change = np.linalg.lstsq(columns, rest, rcond=None)[0]
+        offset, delay = offset + float(change[0]), delay + float(change[1])
+        if abs(delay) > LARGEST_DELAY_S:
+            raise InputError(
+                f"the leg's joint encoder does not follow the angle from markers within {LARGEST_DELAY_S * 1e3:g} ms; "
+                "check the sync line, and which encoder and which sign the source file maps to theta"
+            )
+    rest = spline(time[rows] + delay) - theta[rows] - offset
+    return EncoderCheck(offset, delay, float(np.sqrt(np.mean(rest**2))))

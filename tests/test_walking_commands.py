@@ -311,6 +311,19 @@ def test_the_table_of_the_plate_shows_what_its_removal_is_worth(real: Session) -
 # What users get wrong
 
 
+def test_a_plate_that_was_not_zeroed_changes_nothing(ideal: Session, tmp_path: Path) -> None:
+    """60 N and 7 N*m off: more than what begins a stance. The zero is read before the foot comes."""
+    name, output = ideal.perturbed[0], tmp_path / "c.parquet"
+    trial = read_trial(ideal.trial(name))
+    off = [pl.col("plate1_force_z") + 60, pl.col("plate1_moment_y") - 7, pl.col("plate1_force_x") - 20]
+    write_trial(Trial(name, trial.samples.with_columns(off), trial.provenance), tmp_path / "t.parquet")
+    analyse(tmp_path / "t.parquet", ideal.calibration, ideal.plate, True, settings(), output)
+    whole, found = read_crossing(ideal.crossing(name)), read_crossing(output)
+    assert found.stance.heel_strike == pytest.approx(whole.stance.heel_strike, abs=1e-6)
+    np.testing.assert_allclose(found.torque, whole.torque, atol=1e-6)
+    assert found.quality.zero == pytest.approx(60, abs=1e-4)
+
+
 def saturate(trial: Trial, limit: float) -> Trial:
     """The trial with its plate's vertical force cut off."""
     return Trial(

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from osl_analysis.commands.crossing_file import Refusal, read_crossing, read_outcome, read_outcomes
+from osl_analysis.commands.crossing_file import Refusal, read_crossing, read_outcomes
 from osl_analysis.table_file import read_table, write_table
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.perturbation import Timing
@@ -67,12 +67,6 @@ def used(crossings: Sequence[Path], selection: Path) -> list[Crossing]:
 
 
 def left_out(crossing: Path, selection: Path) -> str | None:
-    """Why a crossing is left out; None if it is not.
-
-    The file itself is asked too, so that a crossing that was analysed anew is never taken for the one before.
-    """
+    """Why a crossing is left out; None if it is not."""
     rows = read_table(selection, ["trial", "reason"]).filter(pl.col("trial") == crossing.stem)
-    outcome = read_outcome(crossing)
-    if isinstance(outcome, Refusal):
-        return outcome.reason
     return None if rows.is_empty() else rows["reason"][0]

@@ -153,11 +153,11 @@ def stance_and_wrench(
     """The stance, from the vertical force; the wrench at the marker frames (n,), in the plate's axes, without its zero,
     and the vertical force [N] of that zero."""
     plate_time, measured = plate_wrench(trial, settings.plate)
-    check_range(plate_time, measured.force, plate_axes(plate_corners(trial, settings.plate)), settings.load_on_n)
     zero = None
     if settings.unloaded_s is not None:
         own = unloaded_zero(plate_time, measured, settings.unloaded_s, settings.largest_zero_n)
         measured, zero = measured - own, float(own.force[0, 2])
+    check_range(plate_time, measured.force, plate_axes(plate_corners(trial, settings.plate)), settings.load_on_n)
     wrench = at_marker_times(plate_time, measured, marker_time, lag)
     limits = settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
     return only_stance(find_stances(marker_time, wrench.force[:, 2], *limits)), wrench, zero

@@ -195,8 +195,18 @@ def test_quality_control_finds_nothing_in_the_simulated_campaign(workspace):
     assert pl.read_csv(tables / "excluded.csv").is_empty()
 
 
+def mistake_in_sheet(path):
+    """Call the last perturbed crossing unperturbed; its name."""
+    sheet = pl.read_csv(path, schema_overrides={"perturbed": pl.String})
+    name = sheet.filter(pl.col("perturbed").str.to_lowercase() == "true")["trial"][-1]
+    wrong = pl.when(pl.col("trial") == name).then(pl.lit("false")).otherwise(pl.col("perturbed")).alias("perturbed")
+    sheet.with_columns(wrong).write_csv(path)
+    return name
+
+
 def test_a_broken_log_fails_alone_and_an_excluded_trial_is_left_out_by_name(tmp_path, workspace):
-    """A copy of the campaign as a laboratory's: one log missing, one that is no log, one load cell off its zero."""
+    """A copy of the campaign as a laboratory's: one log missing, one that is no log, one load cell off its zero, and a
+    crossing that the sheet calls unperturbed though the platform turned."""
     folder = tmp_path / "laboratory"
     shutil.copytree(workspace.folder / "raw_data", folder / "raw_data", ignore=shutil.ignore_patterns("truth"))
     shutil.copytree(workspace.folder / "config", folder / "config")
@@ -208,6 +218,7 @@ def test_a_broken_log_fails_alone_and_an_excluded_trial_is_left_out_by_name(tmp_
     logs = folder / "raw_data/small/dynamometer"
     (logs / "belt_01.mcap").unlink()
     (logs / f"{TRIAL}.mcap").write_text("time,theta\n0,0\n")
+    mistaken = mistake_in_sheet(folder / "raw_data/small/trials.csv")
     result = space.run("reproduce-all")
     said = result.stdout + result.stderr
     assert result.returncode != 0
@@ -217,6 +228,9 @@ def test_a_broken_log_fails_alone_and_an_excluded_trial_is_left_out_by_name(tmp_
     assert not list((folder / "results").rglob(".*"))
     assert (folder / "results/fits/belt/belt_02.csv").exists()
     assert (folder / "results/tables/walking_summary.csv").exists()
+    (left_out,) = pl.read_csv(folder / "results/tables/walking_excluded.csv").to_dicts()
+    assert left_out["trial"] == mistaken
+    assert re.search(r"turns at \d\.\d+ s but the sheet says perturbed = false", left_out["reason"])
     assert pl.read_csv(folder / "results/tables/transmission.csv")["trial"].unique().to_list() == [good]
     assert pl.read_csv(folder / "results/tables/transmission_summary.csv")["n"].unique().to_list() == [1]
     assert re.search(rf"left out of tables and figures by quality control: {bad} \(unzeroed_load_cell", said)

@@ -12,7 +12,7 @@ MAY_IMPORT = {
     "simulator": COMMON
     | {"simulator", "model", "parameters", "columns", "sheet", "validation", "atomic", "trajectory"},
     "ingest": COMMON | {"ingest", "columns", "validation"},
-    "fits": COMMON | {"fits", "signals"},
+    "fits": COMMON | {"fits", "signals", "model", "parameters"},
     "walking": COMMON | {"walking", "fits", "signals", "columns", "validation"},
     "quality": COMMON | {"quality", "validation"},
     "figures": COMMON | {"figures"},

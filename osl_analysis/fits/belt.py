@@ -36,6 +36,22 @@ def fit_belt_stiffness(theta_s: Array, torque: Array) -> BeltFit:
         The deflection stays under 0.5 degrees, or the record ends before unloading.
     """
     deflection = theta_s - theta_s[0]
+    onset, peak, release = loaded_rows(deflection)
+    loading = slope(theta_s[onset : peak + 1], torque[onset : peak + 1])
+    unloading = slope(theta_s[peak:release], torque[peak:release])
+    quadratic = curvature(deflection[onset : peak + 1], torque[onset : peak + 1])
+    area = float(np.trapezoid(torque, theta_s))
+    return BeltFit(loading["K_s"], loading, unloading, quadratic, area)
+
+
+def loaded_rows(deflection: Array) -> tuple[int, int, int]:
+    """Rows of one cycle where loading begins, where it ends at the peak, and where the belt is released again.
+
+    Raises
+    ------
+    InputError
+        As `fit_belt_stiffness`.
+    """
     peak = int(np.argmax(np.abs(deflection)))
     if abs(deflection[peak]) < SMALLEST_DEFLECTION:
         raise InputError(
@@ -47,11 +63,7 @@ def fit_belt_stiffness(theta_s: Array, torque: Array) -> BeltFit:
     release = len(loaded) - int(np.argmax(loaded[::-1]))
     if release - peak < 10 or release == len(loaded):
         raise InputError("the record ends while the belt is still loaded; record the way back too")
-    loading = slope(theta_s[onset : peak + 1], torque[onset : peak + 1])
-    unloading = slope(theta_s[peak:release], torque[peak:release])
-    quadratic = curvature(deflection[onset : peak + 1], torque[onset : peak + 1])
-    area = float(np.trapezoid(torque, theta_s))
-    return BeltFit(loading["K_s"], loading, unloading, quadratic, area)
+    return onset, peak, release
 
 
 def slope(theta_s: Array, torque: Array) -> LinearFit:

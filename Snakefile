@@ -11,7 +11,7 @@ from snakemake.exceptions import WorkflowError
 from osl_analysis import workflow as jobs
 from osl_analysis.campaign import open_campaign
 from osl_analysis.commands.simulate import planned_sheet, settings_files
-from osl_analysis.config import DynamometerAnalysis, WeightSettings, campaign_config
+from osl_analysis.config import ActuatorAnalysis, DynamometerAnalysis, WeightSettings, campaign_config
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.exclusion import exclusion_report, kept
 from osl_analysis.model.admittance_error import Weight
@@ -43,6 +43,8 @@ include: "rules/simulate.smk"
 include: "rules/ingest.smk"
 include: "rules/quality.smk"
 include: "rules/dynamometer.smk"
+include: "rules/actuator.smk"
+include: "rules/model_comparison.smk"
 include: "rules/walking.smk"
 include: "rules/gait.smk"
 include: "rules/tables.smk"

@@ -22,6 +22,9 @@ COLUMNS: dict[str, Column] = {
     "theta_command": Column("θ_j*", "rad", "joint angle that the dynamometer was told to follow"),
     "current": Column("I_q", "A", "q-axis motor current"),
     "torque": Column("τ", "N*m", "resisting joint torque, minus the τ_j of Eq. 4; internal plantarflexion moment"),
+    "torque_m": Column(
+        "τ_m", "N*m", "torque that the actuator exerts at its output, positive if it drives θ_m up (Eq. 1)"
+    ),
     "K_1": Column("K_1", "N*m/rad", "stiffness gain that the leg applied at the actuator output"),
     "B_1": Column("B_1", "N*m*s/rad", "damping gain that the leg applied at the actuator output"),
     "sync": Column("", "V", "synchronisation pulse train, shared by the recorders"),

@@ -31,6 +31,21 @@ class DynamometerAnalysis(Settings):
         return tuple(float(a) for a in np.deg2rad(self.amplitudes_deg))
 
 
+class ActuatorAnalysis(Settings):
+    """Filter (cut-off [Hz], order), how the sign of the velocity is smoothed and which samples are too slow [rad/s]."""
+
+    cutoff_hz: Positive
+    order: Annotated[int, Field(ge=1, le=10)]
+    sign_width: Positive
+    slowest: Annotated[float, Field(ge=0)]
+
+
+class ModelComparison(Settings):
+    """Width [rad/s] over which rival models smooth the sign of a velocity: the leg's controller has one of its own."""
+
+    sign_width: Positive
+
+
 class WeightSettings(Settings):
     """W of Eq. 14, with which the laboratory selected its gains: Butterworth cut-off [Hz] and order."""
 
@@ -79,6 +94,8 @@ class Config(Settings):
     parameters: Path
     sources: Path
     dynamometer: DynamometerAnalysis
+    actuator: ActuatorAnalysis
+    model_comparison: ModelComparison
     impedance_trajectory: Path | None
     gain_weight: WeightSettings
     walking: WalkingAnalysis

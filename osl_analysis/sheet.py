@@ -11,6 +11,7 @@ from osl_analysis.quality.names import CHECKS
 EXPERIMENTS = {
     "belt": "input shaft locked, joint moved and back: belt stiffness",
     "transmission": "motor detached, stepped sine: B_j and J_j",
+    "actuator": "actuator alone, driven at a velocity and a current: k_tau n_m, f_C, f_G, B_m and J_m",
     "impedance": "stepped sine against the controller: K, B, I and the frequency response",
     "static": "standing still: rest pose of the marker clusters and the ankle axis",
     "plate": "platform moved without a foot on it: the force plate's own inertia",

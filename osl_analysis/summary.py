@@ -26,6 +26,7 @@ TABLES = {
     "belt_summary": ("quantity", "n", "mean", "low", "high"),
     "transmission_summary": ("quantity", "n", "mean", "low", "high"),
     "transmission": ("amplitude_deg", "VAF"),
+    "actuator_summary": ("quantity", "n", "mean", "low", "high"),
     "impedance": ("controller", "K_d", "B_d", "amplitude_deg", "K", "K_se", "B", "B_se", "VAF"),
     "walking_summary": ("quantity", "n", "mean", "low", "high"),
     "walking": ("VAF",),
@@ -63,6 +64,13 @@ TRANSMISSION = {
 TRANSMISSION_VAF = Label(
     "transmission_VAF", "%", 99.1, "TransmissionVAF", "VAF of the transmission model, mean of trials"
 )
+ACTUATOR = {
+    "k_tau_n_m": Label("k_tau_n_m", "N*m/A", 113.3e-3 * 9, "TorqueConstant", "torque per current, mean of trials"),
+    "f_C": Label("f_C", "N*m", 0.377, "CoulombFriction", "Coulomb friction of the actuator, mean of trials"),
+    "f_G": Label("f_G", "N*m/A", 89.6e-3, "GearFriction", "gear friction of the actuator, mean of trials"),
+    "B_m": Label("B_m", "N*m*s/rad", 5.6e-3, "MotorDamping", "damping of the actuator, mean of trials"),
+    "J_m": Label("J_m", "kg*m^2", 9.211e-3, "MotorInertia", "inertia of the actuator, mean of trials"),
+}
 WALKING = {
     "K": Label(
         "walking_K", "N*m/rad", 340.0, "WalkingStiffness", "ankle stiffness while walking, mean of perturbations"
@@ -88,6 +96,8 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame]) -> list[Headline]:
         found += means(tables["transmission_summary"], TRANSMISSION)
     if "transmission" in tables:
         found += over_fits(TRANSMISSION_VAF, over_all_amplitudes(tables["transmission"])["VAF"], np.mean)
+    if "actuator_summary" in tables:
+        found += means(tables["actuator_summary"], ACTUATOR)
     if "impedance" in tables:
         for controller in ("compensated", "uncompensated"):
             found += impedance_headlines(controller, tables["impedance"])

@@ -24,6 +24,7 @@ PRELOADED = [
     "osl_analysis.commands.belt",
     "osl_analysis.commands.impedance",
     "osl_analysis.commands.ingest",
+    "osl_analysis.commands.model_comparison",
     "osl_analysis.commands.quality",
     "osl_analysis.commands.simulate",
     "osl_analysis.commands.calibration",

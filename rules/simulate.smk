@@ -36,6 +36,18 @@ if CONFIG.simulation:
         run:
             simulate(log[0], wildcards.trial)
 
+    rule simulate_actuator_trial:
+        input:
+            settings=SIMULATION_FILES,
+        output:
+            CONFIG.raw_data / "actuator/{trial}.mcap",
+        log:
+            RESULTS / "logs/simulate/{trial}.log",
+        params:
+            code=jobs.code("commands.simulate"),
+        run:
+            simulate(log[0], wildcards.trial)
+
     rule simulate_crossing:
         input:
             settings=SIMULATION_FILES,

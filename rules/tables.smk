@@ -4,13 +4,15 @@ FILLED_BY = {  # table: the trials whose fits are its rows
     "belt": CAMPAIGN.trials("belt"),
     "belt_curves": CAMPAIGN.trials("belt"),
     "transmission": CAMPAIGN.trials("transmission"),
+    "actuator": CAMPAIGN.trials("actuator"),
     "impedance": CAMPAIGN.trials("impedance"),
     "phasors": CAMPAIGN.trials("impedance"),
+    "model_comparison": comparisons(),
     "walking": CAMPAIGN.crossings(perturbed=True),
     "ankle_moment": CAMPAIGN.trials("gait"),
     "quality": CAMPAIGN.trials(),
 }
-SUMMARISED = ("belt", "transmission")
+SUMMARISED = ("belt", "transmission", "actuator")
 
 
 def fitted(*tables: str) -> list[Path]:

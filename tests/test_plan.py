@@ -36,6 +36,7 @@ def settings_with(tmp_path, *changes):
 def test_the_default_campaign_is_the_papers():
     plan = plan_trials(read_yaml(DEFAULT, SimulationSettings)).set_index("trial")
     names = [f"belt_{i:02d}" for i in range(1, 11)] + [f"transmission_{i}" for i in range(1, 6)]
+    names += [f"actuator_{i}" for i in range(1, 4)]
     for controller, K_d, B_d in itertools.product(
         ("compensated", "uncompensated"), (100, 200, 300, 400), ("0.0", "2.5", "5.0", "7.5")
     ):

@@ -33,7 +33,16 @@ OVERRIDES = {
 
 def small_simulation():
     settings = yaml.safe_load((ROOT / "config/simulation/default.yaml").read_text())
-    settings["experiments"] |= {"belt": 2, "transmission": 2, "K_d": [200, 300], "B_d": [5.0], "plate": 3, "walking": 8}
+    settings["experiments"] |= {
+        "belt": 2,
+        "transmission": 2,
+        "actuator": 2,
+        "K_d": [200, 300],
+        "B_d": [5.0],
+        "plate": 3,
+        "walking": 8,
+    }
+    settings["actuator"] |= {"duration_s": 10}
     settings["protocol"] |= PROTOCOL | {"rest_s": 0.5, "lead_s": 0.5}
     return settings
 
@@ -83,11 +92,13 @@ def test_every_figure_table_and_headline_number_is_there(workspace):
     figures = {path.name for path in (results / "figures").iterdir()}
     names = [*(f"fig{n}" for n in range(3, 10)), "walking_page"]
     assert figures == {f"{name}.{suffix}" for name in names for suffix in ("csv", "pdf", "svg", "png")}
-    assert {"K_s", "B_j", "walking_K"} <= set(json.loads((results / "summary.json").read_text()))
+    assert {"K_s", "B_j", "k_tau_n_m", "walking_K"} <= set(json.loads((results / "summary.json").read_text()))
     assert "\\newcommand" in (results / "numbers.tex").read_text()
     assert len(pl.read_csv(results / "tables/impedance.csv")) == 4 * 3
     assert len(pl.read_csv(results / "tables/walking_crossings.csv")) == 8
     assert {"walking_excluded.csv", "hinge.csv", "plate.csv"} <= {path.name for path in (results / "tables").iterdir()}
+    compared = pl.read_csv(results / "tables/model_comparison.csv")
+    assert dict(compared.group_by("experiment").len().iter_rows()) == {"belt": 8, "transmission": 4, "impedance": 16}
 
 
 def truth(workspace, trial):

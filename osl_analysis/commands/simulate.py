@@ -98,6 +98,8 @@ def record_trial(
     """Simulate the trial of one row and let its recorders write."""
     if row["experiment"] in BENCH_EXPERIMENTS:
         record_bench_trial(row, settings, p, campaign_folder)
+    elif row["experiment"] == "actuator":
+        record_actuator_trial(row, settings, p, campaign_folder)
     else:
         record_laboratory_trial(row, settings, p, campaign_folder)
 
@@ -119,6 +121,28 @@ def record_bench_trial(
         messages.DYNAMOMETER_SCHEMA,
         messages.DYNAMOMETER_SAMPLE,
         messages.DYNAMOMETER_FRAME,
+        columns.pop("time"),
+        columns,
+    )
+
+
+def record_actuator_trial(
+    row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, campaign_folder: Path
+) -> None:
+    """A trial of the actuator's own bench: the truth first, as for the dynamometer."""
+    from osl_analysis.simulator.actuator_bench import simulate_actuator_trial
+    from osl_analysis.simulator.mcap_recorder import write_mcap
+    from osl_analysis.simulator.truth_recorder import write_truth
+
+    log, truth = simulate_actuator_trial(row["trial"], settings, p)
+    write_truth(campaign_folder, row["trial"], truth)
+    columns = asdict(log)
+    write_mcap(
+        campaign_folder / row["log"],
+        messages.ACTUATOR_TOPIC,
+        messages.ACTUATOR_SCHEMA,
+        messages.ACTUATOR_SAMPLE,
+        messages.ACTUATOR_FRAME,
         columns.pop("time"),
         columns,
     )

@@ -1,4 +1,4 @@
-"""The ROS 2 messages of the two loggers, as `ros2msg` text with the definitions that they depend on."""
+"""The ROS 2 messages of the three loggers, as `ros2msg` text with the definitions that they depend on."""
 
 SAMPLE_HEADER = "std_msgs/Header header"
 
@@ -24,6 +24,19 @@ float32 load_cell_torque  # N*m, exerted by the joint on the dynamometer
 float32 actuator_angle    # rad, at the actuator's output
 float32 motor_current     # A, q-axis
 float32 commanded_angle   # rad, in counts of the joint encoder
+"""
+    + DEPENDENCIES
+)
+
+ACTUATOR_TOPIC = "/actuator"
+ACTUATOR_FRAME = "actuator_bench"
+ACTUATOR_SCHEMA = "osl_interfaces/msg/ActuatorSample"
+ACTUATOR_SAMPLE = (
+    SAMPLE_HEADER
+    + """
+float32 actuator_angle  # rad, at the actuator's output
+float32 motor_current   # A, q-axis
+float32 output_torque   # N*m, exerted by the actuator's output on the bench
 """
     + DEPENDENCIES
 )

@@ -25,6 +25,7 @@ def bench_rows(settings: SimulationSettings) -> list[Row]:
     wanted = settings.experiments
     rows = [bench_row(name, "belt") for name in numbered("belt", wanted.belt, 2)]
     rows += [bench_row(name, "transmission") for name in numbered("transmission", wanted.transmission, 1)]
+    rows += [actuator_row(name) for name in numbered("actuator", wanted.actuator, 1)]
     for controller, K_d, B_d in itertools.product(wanted.controllers, wanted.K_d, wanted.B_d):
         row = bench_row(f"impedance_K{K_d:g}_B{B_d:.1f}_{controller}", "impedance")
         rows.append(row | {"controller": controller, "K_d": K_d, "B_d": B_d})
@@ -50,6 +51,10 @@ def bench_row(trial: str, experiment: str) -> Row:
         "log": f"dynamometer/{trial}.mcap",
         "log_source": "dynamometer",
     }
+
+
+def actuator_row(trial: str) -> Row:
+    return {"trial": trial, "experiment": "actuator", "log": f"actuator/{trial}.mcap", "log_source": "actuator"}
 
 
 def laboratory_row(trial: str, experiment: str) -> Row:

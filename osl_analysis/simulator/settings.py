@@ -100,6 +100,7 @@ class Experiments(Settings):
 
     belt: Count
     transmission: Count
+    actuator: Count = 0
     K_d: tuple[Positive, ...]
     B_d: tuple[NotNegative, ...]
     controllers: tuple[Literal["compensated", "uncompensated"], ...]
@@ -111,7 +112,8 @@ class Experiments(Settings):
     @model_validator(mode="after")
     def _some(self) -> Self:
         impedance = len(self.K_d) * len(self.B_d) * len(self.controllers)
-        if not (self.belt + self.transmission + impedance + self.static + self.plate + self.walking):
+        bench = self.belt + self.transmission + self.actuator + impedance
+        if not (bench + self.static + self.plate + self.walking):
             raise ValueError("no trials are planned; ask for at least one")
         return self
 
@@ -132,6 +134,32 @@ class BeltMotion(Settings):
     amplitude_deg: Positive
     ramp_s: Positive
     rest_s: NotNegative
+
+
+class Tone(Settings):
+    """One sine of a schedule, from phase 0: its frequency [Hz] and its size."""
+
+    frequency_hz: Positive
+    size: Positive
+
+
+class ActuatorBench(Settings):
+    """A bench turns the actuator's output while its current is commanded, for `duration_s` [s]; each a sum of sines.
+
+    Sizes are rad/s and A; both begin and end in `fade_s` [s]. The frequencies must differ, so that the current both
+    drives and brakes: that is what tells the gear's friction from the torque constant.
+    """
+
+    duration_s: Positive
+    fade_s: Positive
+    velocity: Annotated[tuple[Tone, ...], Field(min_length=1)]
+    current: Annotated[tuple[Tone, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.duration_s < 4 * self.fade_s:
+            raise ValueError("duration_s must be at least four times fade_s")
+        return self
 
 
 class Dynamometer(Settings):
@@ -171,7 +199,14 @@ class SimulationSettings(Settings):
     dynamometer: Dynamometer
     drivetrain: Drivetrain
     effects: Effects
+    actuator: ActuatorBench | None = None
     walking: Path | None = None
+
+    @model_validator(mode="after")
+    def _actuator_is_described(self) -> Self:
+        if self.experiments.actuator and self.actuator is None:
+            raise ValueError(f"{self.experiments.actuator} actuator trials are planned but 'actuator' has no schedule")
+        return self
 
     @model_validator(mode="after")
     def _walking_is_described(self) -> Self:

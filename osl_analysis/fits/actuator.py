@@ -1,0 +1,76 @@
+"""The actuator alone: torque_m = k_tau n_m I_q - f - B_m omega_m - J_m alpha_m + offset (Eqs. 1-2)."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from osl_analysis.errors import InputError
+from osl_analysis.fits.regression import LinearFit, linear_fit
+from osl_analysis.signals import LowPass, differentiate, sampling_rate
+from osl_analysis.trial import Array
+
+PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
+"""Torque per current k_tau n_m [N*m/A], Coulomb friction [N*m], gear friction [N*m/A], damping, inertia."""
+FEWEST_MOVING_S = 1.0
+EDGE_PERIODS = 3
+"""Periods of the filter's cut-off left out at both ends, where the filter had to invent what came before and after."""
+
+
+def fit_actuator(
+    time: Array,
+    theta_m: Array,
+    current: Array,
+    torque_m: Array,
+    low_pass: LowPass,
+    sign_width: float,
+    slowest: float,
+) -> LinearFit:
+    """Fit `PARAMETERS` and `offset` [N*m] to angle [rad], I_q [A] and torque [N*m] at the output, shape (n,) each.
+
+    Torque and columns pass the same filter, the friction's after its sign is taken: a jump that is smeared on both
+    sides biases nothing. The sign is tanh(omega_m/sign_width); samples slower than `slowest` [rad/s], where friction
+    may be anything up to its limit, are left out. f_G is told from k_tau n_m only where the current both
+    drives and brakes: while it always has the direction of the motion, sign(omega_m) |I_q| is I_q.
+
+    Raises
+    ------
+    InputError
+        As `linear_fit` and `LowPass`, or the actuator hardly moves.
+    IdentifiabilityError
+        The schedule cannot tell two parameters apart; the message names them.
+    """
+    columns, torque = actuator_columns(time, theta_m, current, torque_m, low_pass, sign_width)
+    rate = sampling_rate(time)
+    moving = np.abs(columns["B_m"]) > slowest
+    edge = int(np.ceil(EDGE_PERIODS * rate / low_pass.cutoff_hz))
+    moving[:edge] = moving[-edge:] = False
+    if np.count_nonzero(moving) < FEWEST_MOVING_S * rate:
+        raise InputError(
+            f"the actuator is faster than {slowest:g} rad/s in {np.count_nonzero(moving)} of {len(time)} samples; "
+            "drive it faster or longer, or check the unit of theta_m in the source file"
+        )
+    return linear_fit(torque[moving], {name: column[moving] for name, column in columns.items()})
+
+
+def actuator_columns(
+    time: Array, theta_m: Array, current: Array, torque_m: Array, low_pass: LowPass, sign_width: float
+) -> tuple[Mapping[str, Array], Array]:
+    """The columns of `fit_actuator`, each with its sign in Eqs. 1-2, and the torque, all filtered; shape (n,) each."""
+    rate = sampling_rate(time)
+    motion = differentiate(time, low_pass(theta_m, rate))
+    direction = np.tanh(motion.omega / sign_width)
+    columns = {
+        "k_tau_n_m": low_pass(current, rate),
+        "f_C": -low_pass(direction, rate),
+        "f_G": -low_pass(direction * np.abs(current), rate),
+        "B_m": -motion.omega,
+        "J_m": -motion.alpha,
+        "offset": np.ones_like(time),
+    }
+    return columns, low_pass(torque_m, rate)
+
+
+def correlation(fit: LinearFit, first: str, second: str) -> float:
+    """Correlation of two estimates, between -1 and 1: near the ends only their combination is known."""
+    i, j = fit.names.index(first), fit.names.index(second)
+    return float(fit.covariance[i, j] / (fit.se(first) * fit.se(second)))

@@ -1,0 +1,106 @@
+"""One trial of the actuator's own bench: its output turned, its current commanded, its torque measured (Eqs. 1-2)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from osl_analysis.model.drivetrain import actuator_torque
+from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.simulator.draws import stream
+from osl_analysis.simulator.dynamometer import moved, quantised, truth
+from osl_analysis.simulator.joint_motion import JointMotion
+from osl_analysis.simulator.settings import ActuatorBench, SimulationSettings, Tone
+from osl_analysis.trial import Array
+
+
+@dataclass(frozen=True)
+class ActuatorLog:
+    """What the bench's recorder writes, shape (n,): time [s], actuator_angle [rad], motor_current [A], torque [N*m].
+
+    output_torque is what the actuator exerts on the bench, the paper's tau_m.
+    """
+
+    time: Array
+    actuator_angle: Array
+    motor_current: Array
+    output_torque: Array
+
+
+def simulate_actuator_trial(
+    trial: str, settings: SimulationSettings, p: DrivetrainParameters
+) -> tuple[ActuatorLog, dict[str, object]]:
+    """The log of one trial, and the truth about it; `settings.actuator` must be there.
+
+    The bench follows its angle as the dynamometer does, by `dynamometer_bandwidth`; its transducer and its clock
+    have the load cell's imperfections.
+    """
+    assert settings.actuator is not None  # as SimulationSettings checked
+    _, motion = moved(turning(settings.actuator, settings.dynamometer.rate_hz), settings)
+    current = commanded_current(settings.actuator, settings.dynamometer.rate_hz)
+    friction = settings.effects.friction.value
+    actuator = replace(p, f_C=friction * p.f_C, f_G=friction * p.f_G)
+    torque = actuator_torque(current, motion.omega, motion.alpha, actuator)
+    log, drawn = sensed(trial, motion, current, torque, settings)
+    return log, truth(trial, settings, actuator, None, drawn)
+
+
+def turning(bench: ActuatorBench, rate_hz: float) -> JointMotion:
+    """The commanded angle [rad] with its derivatives: tones of the velocity, faded in and out."""
+    time = np.arange(round(bench.duration_s * rate_hz)) / rate_hz
+    w = 2 * np.pi * np.array([[tone.frequency_hz] for tone in bench.velocity])
+    size = np.array([[tone.size] for tone in bench.velocity])
+    angle, velocity, acceleration = (
+        x.sum(axis=0) for x in (size / w * (1 - np.cos(w * time)), size * np.sin(w * time), size * w * np.cos(w * time))
+    )
+    fade, rate, curvature = fading(time, bench.duration_s, bench.fade_s)
+    return JointMotion(
+        fade * angle,
+        rate * angle + fade * velocity,
+        curvature * angle + 2 * rate * velocity + fade * acceleration,
+    )
+
+
+def fading(time: Array, duration: float, fade: float) -> tuple[Array, Array, Array]:
+    """A window from 0 to 1 and back within `fade` [s] at both ends, smooth to its second derivative, and those two."""
+    u = np.clip(np.minimum(time, duration - time) / fade, 0.0, 1.0)
+    side = np.where(time < duration / 2, 1.0, -1.0) / fade
+    return (
+        u**3 * (10 - 15 * u + 6 * u**2),
+        30 * u**2 * (1 - u) ** 2 * side,
+        60 * u * (1 - u) * (1 - 2 * u) * side**2,
+    )
+
+
+def commanded_current(bench: ActuatorBench, rate_hz: float) -> Array:
+    """I_q [A], which the current loop follows: its tones, faded in and out."""
+    time = np.arange(round(bench.duration_s * rate_hz)) / rate_hz
+    return tones(bench.current, time) * fading(time, bench.duration_s, bench.fade_s)[0]
+
+
+def tones(schedule: Sequence[Tone], time: Array) -> Array:
+    """Sum of sines from phase 0, in the unit of their sizes."""
+    return np.asarray(sum(tone.size * np.sin(2 * np.pi * tone.frequency_hz * time) for tone in schedule))
+
+
+def sensed(
+    trial: str, motion: JointMotion, current: Array, torque: Array, settings: SimulationSettings
+) -> tuple[ActuatorLog, dict[str, float]]:
+    """What the recorder gets, and the numbers that were drawn for this trial."""
+    effects, seed, n = settings.effects, settings.seed, len(torque)
+    elapsed = np.arange(n) / settings.dynamometer.rate_hz
+    drawn = {
+        "clock_start_s": float(stream(seed, trial, "clock_start").integers(20, 2000)),
+        "load_cell_offset": effects.load_cell_offset.value * stream(seed, trial, "load_cell_offset").standard_normal(),
+        "load_cell_drift": effects.load_cell_drift.value * stream(seed, trial, "load_cell_drift").standard_normal(),
+    }
+    noise = effects.load_cell_noise.value * stream(seed, trial, "load_cell_noise").standard_normal(n)
+    load = torque + drawn["load_cell_offset"] + drawn["load_cell_drift"] * elapsed / 60 + noise
+    ripple = effects.current_noise.value * stream(seed, trial, "current_noise").standard_normal(n)
+    log = ActuatorLog(
+        time=drawn["clock_start_s"] + elapsed,
+        actuator_angle=quantised(motion.theta, effects.actuator_encoder.value),
+        motor_current=quantised(current + ripple, effects.current_quantisation.value),
+        output_torque=quantised(load, effects.load_cell_quantisation.value),
+    )
+    return log, drawn

@@ -1,0 +1,66 @@
+"""Rival models side by side: repeats held out for belt and transmission, amplitudes for the rendered impedance."""
+
+REPEATED = ("belt", "transmission")
+
+
+def comparisons() -> list[str]:
+    """What is compared: all trials of an experiment together, of which two are needed, and each impedance trial."""
+    repeated = [f"{experiment}_trials" for experiment in REPEATED if len(CAMPAIGN.trials(experiment)) > 1]
+    return repeated + CAMPAIGN.trials("impedance") * (len(CONFIG.dynamometer.amplitudes_deg) > 1)
+
+
+rule compare_over_repeats:
+    input:
+        trials=lambda wildcards: ingested(wildcards.experiment),
+        parameters=CONFIG.parameters,
+    output:
+        RESULTS / "fits/model_comparison/{experiment}_trials.csv",
+    log:
+        RESULTS / "logs/model_comparison/{experiment}_trials.log",
+    wildcard_constraints:
+        experiment="|".join(REPEATED),
+    params:
+        code=jobs.code("commands.model_comparison"),
+        settings=DYNAMOMETER,
+        sign_width=CONFIG.model_comparison.sign_width,
+    run:
+        jobs.run_job(
+            log[0],
+            "model_comparison.compare_repeats",
+            experiment=wildcards.experiment,
+            trials=[Path(path) for path in input.trials],
+            parameters=Path(input.parameters),
+            settings=dynamometer_settings(params),
+            sign_width=params.sign_width,
+            output=Path(output[0]),
+        )
+
+
+rule compare_impedance_trial:
+    input:
+        trial=RESULTS / "trials/{trial}.parquet",
+        parameters=CONFIG.parameters,
+    output:
+        RESULTS / "fits/model_comparison/{trial}.csv",
+    log:
+        RESULTS / "logs/model_comparison/{trial}.log",
+    wildcard_constraints:
+        trial=CAMPAIGN.pattern("impedance"),
+    params:
+        code=jobs.code("commands.model_comparison"),
+        settings=DYNAMOMETER,
+        weight=WEIGHT,
+        sign_width=CONFIG.model_comparison.sign_width,
+        row=lambda wildcards: {key: CAMPAIGN.row(wildcards.trial)[key] for key in ("controller", "K_d", "B_d")},
+    run:
+        jobs.run_job(
+            log[0],
+            "model_comparison.compare_impedance",
+            trial=Path(input.trial),
+            parameters=Path(input.parameters),
+            settings=dynamometer_settings(params),
+            weight=gain_weight(params),
+            sign_width=params.sign_width,
+            output=Path(output[0]),
+            **params.row,
+        )

@@ -1,0 +1,244 @@
+"""The actuator's own bench: what is simulated obeys Eqs. 1-2, and the five parameters come back from its log."""
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+import yaml
+from conftest import ROOT
+
+from osl_analysis.columns import COLUMNS
+from osl_analysis.commands.actuator import fit_trial, summarise
+from osl_analysis.commands.ingest import ingest_trial
+from osl_analysis.commands.simulate import simulate_trial
+from osl_analysis.config import ActuatorAnalysis, read_section
+from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.fits.actuator import PARAMETERS, actuator_columns, correlation, fit_actuator
+from osl_analysis.parameters import read_parameters
+from osl_analysis.signals import LowPass
+from osl_analysis.simulator.actuator_bench import commanded_current, simulate_actuator_trial, turning
+from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.summary import ACTUATOR, headline_numbers
+from osl_analysis.table_file import read_table
+from osl_analysis.trial_file import read_trial
+from osl_analysis.validation import read_yaml
+
+DEFAULT = ROOT / "config/simulation/default.yaml"
+P = read_parameters(ROOT / "config/parameters/default.yaml")
+TRUE = {"k_tau_n_m": 0.1133 * 9, "f_C": 0.377, "f_G": 0.0896, "B_m": 5.6e-3, "J_m": 9.211e-3}
+LOW_PASS, WIDTH, SLOWEST = LowPass(15), 0.05, 0.5
+RATE = 1000.0
+
+
+def settings(duration_s=20.0, effects=True):
+    found = read_yaml(DEFAULT, SimulationSettings)
+    shorter = found.actuator.model_copy(update={"duration_s": duration_s})
+    kept = found.effects if effects else found.effects.without().model_copy(update={"friction": found.effects.friction})
+    return found.model_copy(update={"actuator": shorter, "effects": kept})
+
+
+def fitted(log):
+    return fit_actuator(log.time, log.actuator_angle, log.motor_current, log.output_torque, LOW_PASS, WIDTH, SLOWEST)
+
+
+def by_hand(theta_m, omega, alpha, current, **changes):
+    """Eqs. 1-2 retyped, for a motion (n,) and I_q [A]."""
+    p = TRUE | changes
+    friction = np.sign(omega) * (p["f_C"] + p["f_G"] * np.abs(current))
+    return p["k_tau_n_m"] * current - friction - p["B_m"] * omega - p["J_m"] * alpha
+
+
+def schedule(current_hz=(0.17, 0.73), velocity_offset=0.0, phase=0.0):
+    """Time, angle, velocity, acceleration, current of sums of sines over 20 s; derivatives by hand."""
+    t = np.arange(round(20 * RATE)) / RATE
+    w = 2 * np.pi * np.array([[0.3], [1.1]])
+    a = np.array([[8.0], [5.0]])
+    theta = (-a / w * np.cos(w * t)).sum(axis=0) + velocity_offset * t
+    omega, alpha = (a * np.sin(w * t)).sum(axis=0) + velocity_offset, (a * w * np.cos(w * t)).sum(axis=0)
+    current = sum(s * np.sin(2 * np.pi * f * t + phase) for s, f in zip((4, 3), current_hz, strict=True))
+    return t, theta, omega, alpha, current
+
+
+def test_what_is_simulated_obeys_equations_1_and_2():
+    log, truth = simulate_actuator_trial("actuator_1", settings(effects=False), P)
+    motion = turning(settings().actuator, RATE)
+    expected = by_hand(motion.theta, motion.omega, motion.alpha, log.motor_current)
+    assert log.output_torque == pytest.approx(expected, abs=1e-12)
+    assert log.actuator_angle == pytest.approx(motion.theta, abs=0)
+    assert truth["parameters"]["f_G"] == P.f_G
+
+
+def test_the_schedule_fades_in_and_out_with_true_derivatives():
+    motion = turning(settings().actuator, RATE)
+    for values, slope, kink in ((motion.theta, motion.omega, 1e-8), (motion.omega, motion.alpha, 1e-4)):
+        simpson = (slope[:-2] + 4 * slope[1:-1] + slope[2:]) / (3 * RATE)
+        assert values[2:] - values[:-2] == pytest.approx(simpson, abs=kink), "alpha bends where the fade ends"
+    current = commanded_current(settings().actuator, RATE)
+    assert [abs(x[i]) < 1e-3 for x in (motion.omega, current) for i in (0, -1)] == [True] * 4
+    driving = np.mean(current * motion.omega > 0)
+    assert 0.4 < driving < 0.6, "it drives half of the time and brakes the other half"
+
+
+def test_a_log_without_noise_gives_the_parameters_back():
+    """The filter smears friction's jumps on both sides alike: the smooth sign is left, 6e-5 N*m*s/rad of B_m."""
+    t, theta, omega, alpha, current = schedule()
+    torque = by_hand(theta, omega, alpha, current) + 0.7
+    fit = fit_actuator(t, theta, current, torque, LOW_PASS, WIDTH, SLOWEST)
+    assert [fit[name] for name in PARAMETERS] == pytest.approx([TRUE[name] for name in PARAMETERS], rel=0.02)
+    assert fit["k_tau_n_m"] == pytest.approx(TRUE["k_tau_n_m"], rel=5e-4)
+    assert fit["offset"] == pytest.approx(0.7, abs=1e-3)
+
+
+def test_a_simulated_bench_gives_them_back_within_their_errors():
+    """With every imperfection, over twelve trials: no estimate further than 4 standard errors, hardly any than 2."""
+    fits = [fitted(simulate_actuator_trial(f"actuator_{i}", settings(), P)[0]) for i in range(12)]
+    z = np.array([[(fit[name] - TRUE[name]) / fit.se(name) for name in PARAMETERS] for fit in fits])
+    assert np.abs(z).max() < 4
+    assert np.mean(np.abs(z) < 1.96) > 0.85
+    assert np.abs(z.mean(axis=0)).max() < 3 / np.sqrt(12)
+    assert max(fits[0].se(name) / TRUE[name] for name in ("k_tau_n_m", "f_C", "f_G", "J_m")) < 0.02
+
+
+def test_another_friction_is_found_as_it_is():
+    found = settings(effects=False)
+    stronger = found.effects.friction.model_copy(update={"size": 1.5})
+    found = found.model_copy(update={"effects": found.effects.model_copy(update={"friction": stronger})})
+    fit = fitted(simulate_actuator_trial("actuator_1", found, P)[0])
+    assert (fit["f_C"], fit["f_G"]) == pytest.approx((1.5 * 0.377, 1.5 * 0.0896), rel=0.01)
+
+
+def test_mirrored_motion_and_current_give_the_same_parameters():
+    t, theta, omega, alpha, current = schedule()
+    torque = by_hand(theta, omega, alpha, current)
+    here, there = (fit_actuator(t, s * theta, s * current, s * torque, LOW_PASS, WIDTH, SLOWEST) for s in (1, -1))
+    assert [here[name] for name in PARAMETERS] == pytest.approx([there[name] for name in PARAMETERS])
+
+
+def test_refuses_a_current_that_always_has_the_direction_of_the_motion():
+    t, theta, omega, alpha, _ = schedule()
+    current = 0.6 * omega
+    torque = by_hand(theta, omega, alpha, current)
+    with pytest.raises(IdentifiabilityError, match="cannot be told apart"):
+        fit_actuator(t, theta, current, torque, LOW_PASS, WIDTH, SLOWEST)
+    current = np.sign(omega) * (3 + np.sin(2 * np.pi * 0.73 * t))
+    torque = by_hand(theta, omega, alpha, current)
+    with pytest.raises(IdentifiabilityError, match="k_tau_n_m and f_G"):
+        fit_actuator(t, theta, current, torque, LOW_PASS, WIDTH, SLOWEST)
+
+
+def test_refuses_a_motion_that_never_turns_round_because_friction_looks_like_an_offset():
+    t, theta, omega, alpha, current = schedule(velocity_offset=30.0)
+    torque = by_hand(theta, omega, alpha, current)
+    with pytest.raises(IdentifiabilityError, match="f_C and offset"):
+        fit_actuator(t, theta, current, torque, LOW_PASS, WIDTH, SLOWEST)
+
+
+def test_refuses_an_actuator_that_hardly_moves():
+    t, theta, _, _, current = schedule()
+    with pytest.raises(InputError, match=r"faster than 0\.5 rad/s in 0 of 20000 samples; drive it faster"):
+        fit_actuator(t, theta / 57, current, current, LOW_PASS, WIDTH, SLOWEST)
+
+
+def test_slow_samples_are_left_out_because_friction_is_not_at_its_limit_there():
+    """A slow actuator that sticks reads half of its friction; only samples beyond 0.5 rad/s may count."""
+    t, theta, omega, alpha, current = schedule()
+    torque = by_hand(theta, omega, alpha, current)
+    sticking = np.abs(omega) < 0.3
+    torque[sticking] += 0.5 * np.sign(omega[sticking]) * TRUE["f_C"]
+    errors = [
+        abs(fit_actuator(t, theta, current, torque, LowPass(100), WIDTH, slowest)["f_C"] - TRUE["f_C"])
+        for slowest in (0.0, 0.5)
+    ]
+    assert errors[1] < errors[0] / 4
+
+
+def test_friction_passes_the_filter_of_the_torque():
+    """Its columns are not the sign of the filtered velocity: at a reversal they cross zero as slowly as the torque."""
+    t, theta, omega, _, current = schedule()
+    columns, torque = actuator_columns(t, theta, current, -np.sign(omega), LOW_PASS, WIDTH)
+    inside = slice(500, -500)
+    gear = -LOW_PASS(np.sign(omega) * np.abs(current), RATE)
+    for column, expected in ((columns["f_C"], torque), (columns["f_G"], gear)):
+        off = (column - expected)[inside]
+        assert np.std(off) < 0.04 * np.std(expected), "8 % where only the velocity is filtered"
+
+
+def test_correlation_of_two_estimates_warns_of_a_poor_schedule():
+    t, theta, omega, alpha, good = schedule()
+    poor = np.sign(omega) * (3 + np.sin(2 * np.pi * 0.73 * t)) + np.sin(2 * np.pi * 0.17 * t)
+    rng = np.random.default_rng(2)
+    fits = [
+        fit_actuator(
+            t, theta, i, by_hand(theta, omega, alpha, i) + rng.normal(0, 0.05, len(t)), LOW_PASS, WIDTH, SLOWEST
+        )
+        for i in (good, poor)
+    ]
+    assert abs(correlation(fits[0], "k_tau_n_m", "f_G")) < 0.6
+    assert correlation(fits[1], "k_tau_n_m", "f_G") > 0.9
+    assert fits[1].condition_number > 2 * fits[0].condition_number
+
+
+@pytest.fixture
+def campaign(tmp_path, monkeypatch):
+    """Settings of a campaign with two actuator trials of 10 s and nothing else."""
+    monkeypatch.chdir(ROOT)
+    content = yaml.safe_load((ROOT / "tests/tiny_simulation.yaml").read_text())
+    content["experiments"] = {"belt": 0, "transmission": 0, "actuator": 2, "K_d": [], "B_d": [], "controllers": []}
+    content["actuator"] = yaml.safe_load(DEFAULT.read_text())["actuator"] | {"duration_s": 10}
+    path = tmp_path / "settings.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def test_from_log_to_headline_numbers(tmp_path, campaign):
+    analysis = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
+    for name in ("actuator_1", "actuator_2"):
+        simulate_trial(campaign, tmp_path, name)
+        row = {"trial": name, "experiment": "actuator", "log": f"actuator/{name}.mcap", "log_source": "actuator"}
+        ingest_trial(row, tmp_path, Path("config/sources"), tmp_path / f"{name}.parquet")
+        fit_trial(tmp_path / f"{name}.parquet", analysis, tmp_path / f"{name}.csv")
+    assert set(read_trial(tmp_path / "actuator_1.parquet").samples.columns) == {
+        "time",
+        "theta_m",
+        "current",
+        "torque_m",
+    }
+    table = pl.concat([read_table(tmp_path / f"actuator_{i}.csv") for i in (1, 2)])
+    table.write_csv(tmp_path / "actuator.csv")
+    assert table["VAF"].min() > 99.9
+    summarise(tmp_path / "actuator.csv", tmp_path / "summary.csv")
+    found = {h.name: h for h in headline_numbers({"actuator_summary": read_table(tmp_path / "summary.csv")})}
+    assert set(found) == set(TRUE)
+    assert found["k_tau_n_m"].value == pytest.approx(TRUE["k_tau_n_m"], rel=0.01)
+    assert [found[name].draft for name in TRUE] == pytest.approx(list(TRUE.values()))
+    assert [found[name].n for name in TRUE] == [2] * 5
+
+
+def test_an_error_names_the_trial(tmp_path, campaign):
+    analysis = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
+    simulate_trial(campaign, tmp_path, "actuator_1")
+    row = {"trial": "a", "experiment": "actuator", "log": "actuator/actuator_1.mcap", "log_source": "actuator"}
+    ingest_trial(row, tmp_path, Path("config/sources"), tmp_path / "a.parquet")
+    with pytest.raises(InputError, match=r"^trial a: the actuator is faster than 99 rad/s in 0 of"):
+        fit_trial(tmp_path / "a.parquet", analysis.model_copy(update={"slowest": 99}), tmp_path / "a.csv")
+    assert not (tmp_path / "a.csv").exists()
+
+
+def test_actuator_trials_without_a_schedule_are_refused(campaign):
+    content = yaml.safe_load(campaign.read_text())
+    del content["actuator"]
+    campaign.write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match="2 actuator trials are planned but 'actuator' has no schedule"):
+        read_yaml(campaign, SimulationSettings)
+
+
+def test_the_units_of_the_headlines_are_those_of_the_nomenclature():
+    assert COLUMNS["torque_m"].unit == "N*m"
+    assert {name: label.unit for name, label in ACTUATOR.items()} == {
+        "k_tau_n_m": "N*m/A",
+        "f_C": "N*m",
+        "f_G": "N*m/A",
+        "B_m": "N*m*s/rad",
+        "J_m": "kg*m^2",
+    }

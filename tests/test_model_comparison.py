@@ -1,0 +1,287 @@
+"""The model that made the data is found: on data held out where its terms matter, by BIC where they are not there."""
+
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+from conftest import ROOT, multisine
+
+from osl_analysis.commands.model_comparison import compare_impedance, compare_repeats
+from osl_analysis.commands.simulate import planned_row
+from osl_analysis.config import DynamometerAnalysis
+from osl_analysis.errors import InputError
+from osl_analysis.fits.drivetrain import DrivetrainTrial, adjusted, candidates
+from osl_analysis.fits.model_comparison import (
+    BELT,
+    SECOND_ORDER,
+    TRANSMISSION,
+    Candidate,
+    belt_fold,
+    compare,
+    effective_samples,
+    held_out_parts,
+    held_out_repeats,
+    impedance_fold,
+    transmission_fold,
+)
+from osl_analysis.model.admittance_error import Weight
+from osl_analysis.model.compensator import select_gains
+from osl_analysis.parameters import read_parameters
+from osl_analysis.signals import LowPass, Motion, filtered_motion
+from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
+from osl_analysis.simulator.settings import SimulationSettings, SteppedSine
+from osl_analysis.trial import Trial
+from osl_analysis.trial_file import write_trial
+from osl_analysis.validation import read_yaml
+
+TINY = ROOT / "tests/tiny_simulation.yaml"
+DEFAULT_FILE = ROOT / "config/parameters/default.yaml"
+DEFAULT = read_parameters(DEFAULT_FILE)
+QUADRATIC = read_parameters(ROOT / "config/parameters/osl-v2-published.yaml")
+LOW_PASS = LowPass(15)
+BLOCK = 3 * (1 / 2 + 1 / 5)
+
+
+def settings(*off, amplitudes_deg=(4,)):
+    found = read_yaml(TINY, SimulationSettings)
+    protocol = SteppedSine(frequencies_hz=(2, 5), cycles=3, amplitudes_deg=amplitudes_deg, rest_s=0.5, lead_s=0.5)
+    effects = found.effects.without(*off) if off else found.effects
+    wanted = found.experiments.model_copy(update={"belt": 3})
+    return found.model_copy(update={"effects": effects, "protocol": protocol, "experiments": wanted})
+
+
+def simulated(trial, found, p):
+    return simulate_dynamometer_trial(planned_row(found, TINY, trial), found, p)[0]
+
+
+def simulated_belts(p, *off):
+    found = settings("load_cell_drift", *off).model_copy(update={"seed": 3})
+    logs = [simulated(f"belt_{i:02d}", found, p) for i in (1, 2, 3)]
+    return [belt_fold(LOW_PASS(log.joint_angle, 1000.0), LOW_PASS(-log.load_cell_torque, 1000.0)) for log in logs]
+
+
+BELTS = {
+    "M1": (DEFAULT, ("belt_hysteresis",)),
+    "M2": (QUADRATIC, ("belt_hysteresis",)),
+    "M3": (DEFAULT, ()),
+    "M4": (QUADRATIC, ()),
+}
+
+
+@pytest.mark.parametrize("true", BELT)
+def test_the_belt_that_was_simulated_is_ranked_first(true):
+    """By BIC over the trials it is the first; on each repeat held out, whatever lacks one of its terms is behind it.
+
+    A single trial of 40 effective samples buys a needless term in chi2(1) > ln 40: one in twenty. What damps the joint
+    (B_j) differs between the branches too, so it is switched off where there is no hysteresis.
+    """
+    p, off = BELTS[true]
+    folds = simulated_belts(p if "T_h" in BELT[true] else replace(p, B_j=0.0), *off)
+    trials = [{s.model: s for s in held_out_repeats(folds, BELT, k)} for k in range(3)]
+    total = {model: sum(scores[model].bic for scores in trials) for model in BELT}
+    assert min(total, key=total.__getitem__) == true
+    for model, terms in BELT.items():
+        lacking = not set(BELT[true]) <= set(terms)
+        assert lacking == (total[model] > total[true] + 60)
+        for scores in trials:
+            worse = scores[true].vaf_held_out - scores[model].vaf_held_out
+            assert worse > 0.002 if lacking else abs(worse) < 0.001
+
+
+def transmission_trials(T_C, trials=3):
+    """Motor detached, by hand: B_j 0.45, J_j 0.005, Coulomb friction, noise, an offset of each trial's own."""
+    rng, t = np.random.default_rng(11), np.arange(10_000) / 1000
+    folds = []
+    for i in range(trials):
+        motion = multisine(1.0, 3.0, 5.0, amplitude=0.05, rate=1000)
+        sign = np.tanh(motion.omega / 0.05)
+        torque = 0.45 * motion.omega + 0.005 * motion.alpha + T_C * sign + i + 0.01 * t * i
+        measured, filtered = filtered_motion(t, motion.theta, torque + rng.normal(0, 0.05, len(t)), LOW_PASS)
+        inner = slice(300, -300)
+        direction = LOW_PASS(np.tanh(measured.omega / 0.05), 1000.0)
+        folds.append(transmission_fold(measured[inner], direction[inner], filtered[inner]))
+    return folds
+
+
+def test_coulomb_friction_in_the_joint_is_preferred_where_it_is_and_not_where_it_is_not():
+    for T_C, best in ((0.05, "M2"), (0.0, "M1")):
+        folds = transmission_trials(T_C)
+        for k in range(3):
+            scores = {s.model: s for s in held_out_repeats(folds, TRANSMISSION, k)}
+            assert scores[best].rank == 1
+            gain = scores["M2"].vaf_held_out - scores["M1"].vaf_held_out
+            assert gain > 0.05 if T_C else gain < 0.001
+
+
+def stepped_trial(controller, *off, p=DEFAULT, believed=None):
+    """A trial at 2, 4 and 6 deg, and Eq. 9 with what is believed of it; with the folds of Eq. 15."""
+    believed, found = believed or p, settings(*off, amplitudes_deg=(2, 4, 6))
+    log = simulated(f"impedance_K300_B5.0_{controller}", found, p)
+    motion, torque = filtered_motion(log.time, log.joint_angle, -log.load_cell_torque, LOW_PASS)
+    starts = [500 + i * round(1000 * (BLOCK + 0.5)) for i in range(3)]
+    parts = [slice(start, start + round(1000 * BLOCK), 11) for start in starts]
+    gains = select_gains(controller, 300.0, 5.0, believed)
+    trial = DrivetrainTrial(log.joint_angle, motion, torque, parts, 1000.0, LOW_PASS, gains, believed, 0.05)
+    return trial, [impedance_fold(motion[part], torque[part]) for part in parts]
+
+
+def scored(trial, folds):
+    rivals = [held_out_parts(folds, "M1", SECOND_ORDER["M1"]), *candidates(trial)]
+    return {s.model: s for s in compare(np.concatenate([fold.torque for fold in folds]), rivals)}
+
+
+def test_the_drivetrain_with_its_friction_predicts_another_amplitude_and_eq_15_does_not():
+    scores = scored(*stepped_trial("uncompensated"))
+    order = sorted(scores, key=lambda model: -scores[model].vaf_held_out)
+    assert set(order[:2]) == {"M3", "M4"}
+    assert scores["M3"].vaf_held_out > 99.8
+    assert scores["M1"].vaf_held_out < 99
+    assert {scores["M3"].rank, scores["M4"].rank} == {1, 2}
+    assert (scores["M1"].parameters, scores["M3"].parameters, scores["M4"].parameters) == (3, 0, 3)
+
+
+def test_without_friction_the_linear_drivetrain_wins_with_no_parameter_fitted():
+    scores = scored(*stepped_trial("uncompensated", "friction", "control_delay", "velocity_filter", "belt_hysteresis"))
+    assert scores["M2"].rank == 1
+    assert scores["M2"].vaf_held_out > 99.99
+    assert scores["M3"].vaf_held_out < 99
+
+
+def test_fitting_gains_and_friction_makes_up_for_a_wrong_parameter_file():
+    """The file has half of the friction and far too much damping: only M4 can find out."""
+    believed = replace(DEFAULT, f_C=DEFAULT.f_C / 2, f_G=DEFAULT.f_G / 2, B_m=0.2)
+    scores = scored(*stepped_trial("uncompensated", believed=believed))
+    assert scores["M4"].rank == scores["M4"].rank_held_out == 1
+    assert scores["M4"].vaf_held_out > scores["M3"].vaf_held_out + 0.5
+
+
+def test_one_gauss_newton_step_stands_for_a_fit_without_an_amplitude():
+    trial, _ = stepped_trial("uncompensated")
+    candidate = adjusted(trial, "M4", "")
+    ends = np.cumsum([0, *(len(trial.torque[part]) for part in trial.parts)])
+    for k, part in enumerate(trial.parts):
+        others = replace(trial, parts=[other for other in trial.parts if other is not part])
+        refitted = adjusted(others, "M4", "").residual
+        rows = np.delete(np.arange(ends[-1]), np.arange(ends[k], ends[k + 1]))
+        assert np.std(refitted) == pytest.approx(np.std(candidate.residual[rows]), rel=0.1)
+    assert np.std(candidate.held_out_residual) > np.std(candidate.residual)
+
+
+def test_a_loop_that_would_be_unstable_is_refused_by_name():
+    trial, _ = stepped_trial("uncompensated")
+    wild = replace(trial, gains=replace(trial.gains, B_1=-50.0), theta=trial.theta + 1e-3)
+    with pytest.raises(InputError, match="grows without bounds for K_1 = "):
+        wild.predicted(np.array([1.0, 1.0, 0.0]))
+
+
+def test_vaf_on_data_held_out_is_that_of_the_other_trials_fit():
+    """Trials of gain 1, 1 and 1.3: for the third the fit says 1, so 0.3 of 1.3 is left, VAF 100 (1 - (3/13)^2)."""
+    x = np.sin(np.arange(600) / 7)
+    motion = Motion(x, x, np.cos(np.arange(600) / 7))
+    folds = [transmission_fold(motion, x**3, gain * x) for gain in (1.0, 1.0, 1.3)]
+    third = held_out_repeats(folds, {"M1": ("B_j",)}, 2)[0]
+    assert third.vaf_held_out == pytest.approx(100 * (1 - (3 / 13) ** 2), abs=1e-6)
+    assert third.vaf == pytest.approx(100)
+    with pytest.raises(InputError, match="repeat the experiment"):
+        held_out_repeats(folds[:1], TRANSMISSION, 0)
+
+
+def test_eq_15_is_held_out_by_amplitude():
+    x = np.sin(np.arange(900) / 7)
+    motion = Motion(x, np.cos(np.arange(900) / 7), np.sin(np.arange(900) / 3))
+    folds = [impedance_fold(motion, gain * x) for gain in (100.0, 100.0, 130.0)]
+    candidate = held_out_parts(folds, "M1", ("K", "B", "I"))
+    assert np.std(candidate.held_out_residual[1800:]) == pytest.approx(30 * np.std(folds[0].columns["K"]), rel=1e-6)
+    assert np.std(candidate.residual[:900]) == pytest.approx(10 * np.std(folds[0].columns["K"]), rel=1e-6)
+
+
+def test_effective_samples_are_those_of_theory():
+    """White noise has n; AR(1) has n (1 - r^2)/(1 + r^2) (Bayley and Hammersley): within 10 % for 20 000 samples."""
+    rng = np.random.default_rng(4)
+    white = rng.standard_normal(20_000)
+    assert effective_samples(white) == pytest.approx(20_000, rel=0.1)
+    r, correlated = 0.9, np.zeros(20_000)
+    for i in range(1, 20_000):
+        correlated[i] = r * correlated[i - 1] + white[i]
+    assert effective_samples(correlated) == pytest.approx(20_000 * (1 - r**2) / (1 + r**2), rel=0.1)
+    band = LOW_PASS(white, 1000.0)
+    assert effective_samples(band) == pytest.approx(20_000 * 2 * 15 / 1000, rel=0.15)
+    thinned = effective_samples(band[::11])
+    assert thinned == pytest.approx(effective_samples(band), rel=0.15), "thinning a filtered signal loses nothing"
+
+
+def test_bic_charges_a_parameter_the_logarithm_of_the_effective_samples():
+    rng = np.random.default_rng(5)
+    torque, left = rng.standard_normal(500), 0.1 * rng.standard_normal(500)
+    few, many = (Candidate("", "", p, left, left) for p in (2, 5))
+    scores = compare(torque, [few, many])
+    m = scores[0].effective_samples
+    assert scores[1].bic - scores[0].bic == pytest.approx(3 * np.log(m))
+    assert scores[0].bic == pytest.approx(m * np.log(np.mean(left**2)) + 2 * np.log(m))
+    assert [s.rank for s in scores] == [1, 2]
+    assert [s.rank_held_out for s in scores] == [1, 1]
+
+
+def test_bic_rejects_a_needless_term_as_often_as_it_should_though_samples_are_correlated():
+    """chi2(1) > ln m in 1 to 5 % of trials for m of 50 to 600: at most 10 of 100 here, 60 if all samples counted."""
+    rng, needless, n = np.random.default_rng(6), 0, 8000
+    t = np.arange(n) / 1000
+    x, extra = np.sin(2 * np.pi * t), np.sin(2 * np.pi * 2.3 * t + 1)
+    for _ in range(100):
+        noise = LOW_PASS(rng.standard_normal(n), 1000.0)[::11]
+        fold = transmission_fold(Motion(x[::11], x[::11], extra[::11]), x[::11], 3 * x[::11] + noise)
+        scores = held_out_repeats([fold, fold], {"M1": ("B_j",), "M2": ("B_j", "J_j")}, 0)
+        needless += scores[1].rank == 1
+    assert needless <= 10
+
+
+def test_branches_of_the_belt_are_signed_alike_in_both_directions():
+    way = 0.08 * (1 - np.cos(np.linspace(0, np.pi, 1500))) / 2
+    theta_s = np.concatenate([np.zeros(100), way, way[::-1], np.zeros(100)])
+    side = np.concatenate([np.ones(1600), -np.ones(1600)])
+    torque = 600 * theta_s + 0.3 * side
+    for sign in (1, -1):
+        fold = belt_fold(sign * theta_s, sign * torque)
+        residual = fold.torque - 600 * fold.columns["K_s"] - 0.3 * fold.columns["T_h"]
+        assert np.max(np.abs(residual)) < 1e-9
+
+
+@pytest.fixture(scope="module")
+def analysis():
+    return DynamometerAnalysis(
+        cutoff_hz=15, order=4, amplitudes_deg=(2, 4, 6), frequencies_hz=(2, 5), cycles=3, settle_cycles=0
+    )
+
+
+def write_log(log, name, folder):
+    columns = {"time": log.time, "theta": log.joint_angle, "theta_m": log.actuator_angle}
+    samples = pl.DataFrame({**columns, "torque": -log.load_cell_torque})
+    write_trial(Trial(name, samples), folder / f"{name}.parquet")
+    return folder / f"{name}.parquet"
+
+
+def test_tables_name_experiment_trial_and_model(tmp_path, analysis):
+    found = settings(amplitudes_deg=(2, 4, 6))
+    belts = [write_log(simulated(f"belt_0{i}", found, DEFAULT), f"belt_0{i}", tmp_path) for i in (1, 2)]
+    compare_repeats("belt", belts, DEFAULT_FILE, analysis, 0.05, tmp_path / "belt.csv")
+    table = pl.read_csv(tmp_path / "belt.csv")
+    assert table["trial"].to_list() == ["belt_01"] * 4 + ["belt_02"] * 4
+    assert table["model"].to_list() == list(BELT) * 2
+    assert table.filter(pl.col("rank") == 1)["terms"].to_list() == ["K_s + T_h"] * 2
+    name = "impedance_K300_B5.0_uncompensated"
+    path = write_log(simulated(name, found, DEFAULT), name, tmp_path)
+    compare_impedance(
+        path, "uncompensated", 300.0, 5.0, DEFAULT_FILE, analysis, Weight(1, 3), 0.05, tmp_path / "impedance.csv"
+    )
+    table = pl.read_csv(tmp_path / "impedance.csv")
+    assert table["experiment"].to_list() == ["impedance"] * 4
+    assert table["model"].to_list() == ["M1", "M2", "M3", "M4"]
+    assert table["VAF_held_out"].arg_max() >= 2
+    transmissions = [
+        write_log(simulated("transmission_1", found, DEFAULT), f"transmission_{i}", tmp_path) for i in "12"
+    ]
+    compare_repeats("transmission", transmissions, DEFAULT_FILE, analysis, 0.05, tmp_path / "transmission.csv")
+    table = pl.read_csv(tmp_path / "transmission.csv")
+    assert table.filter(pl.col("rank") == 1)["terms"].to_list() == ["B_j + J_j"] * 2
+    assert table["VAF_held_out"].min() > 99

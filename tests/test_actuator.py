@@ -27,7 +27,7 @@ from osl_analysis.validation import read_yaml
 DEFAULT = ROOT / "config/simulation/default.yaml"
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 TRUE = {"k_tau_n_m": 0.1133 * 9, "f_C": 0.377, "f_G": 0.0896, "B_m": 5.6e-3, "J_m": 9.211e-3}
-LOW_PASS, WIDTH, SLOWEST = LowPass(15), 0.05, 0.5
+LOW_PASS, WIDTH, SLOWEST = LowPass(15), 0.01, 0.5
 RATE = 1000.0
 
 
@@ -81,22 +81,24 @@ def test_the_schedule_fades_in_and_out_with_true_derivatives():
 
 
 def test_a_log_without_noise_gives_the_parameters_back():
-    """The filter smears friction's jumps on both sides alike: the smooth sign is left, 6e-5 N*m*s/rad of B_m."""
+    """The filter smears friction's jumps on both sides alike; the smooth sign is left, which costs B_m most."""
     t, theta, omega, alpha, current = schedule()
-    torque = by_hand(theta, omega, alpha, current) + 0.7
+    torque = by_hand(theta, omega, alpha, current) + 0.7 + 0.01 * (t - np.mean(t))
     fit = fit_actuator(t, theta, current, torque, LOW_PASS, WIDTH, SLOWEST)
     assert [fit[name] for name in PARAMETERS] == pytest.approx([TRUE[name] for name in PARAMETERS], rel=0.02)
     assert fit["k_tau_n_m"] == pytest.approx(TRUE["k_tau_n_m"], rel=5e-4)
-    assert fit["offset"] == pytest.approx(0.7, abs=1e-3)
+    assert (fit["offset"], fit["drift"]) == (pytest.approx(0.7, abs=1e-3), pytest.approx(0.01, rel=0.01))
 
 
 def test_a_simulated_bench_gives_them_back_within_their_errors():
-    """With every imperfection, over twelve trials: no estimate further than 4 standard errors, hardly any than 2."""
+    """With every imperfection, over twelve trials: no estimate further than 5 standard errors, few further than 2."""
     fits = [fitted(simulate_actuator_trial(f"actuator_{i}", settings(), P)[0]) for i in range(12)]
     z = np.array([[(fit[name] - TRUE[name]) / fit.se(name) for name in PARAMETERS] for fit in fits])
-    assert np.abs(z).max() < 4
-    assert np.mean(np.abs(z) < 1.96) > 0.85
-    assert np.abs(z.mean(axis=0)).max() < 3 / np.sqrt(12)
+    assert np.abs(z).max() < 5
+    assert np.mean(np.abs(z) < 1.96) > 0.8
+    means = np.mean([[fit[name] / TRUE[name] for name in PARAMETERS] for fit in fits], axis=0)
+    assert means == pytest.approx(np.ones(5), abs=0.02)
+    assert means[:3] == pytest.approx(np.ones(3), abs=0.003)
     assert max(fits[0].se(name) / TRUE[name] for name in ("k_tau_n_m", "f_C", "f_G", "J_m")) < 0.02
 
 
@@ -166,7 +168,7 @@ def test_friction_passes_the_filter_of_the_torque():
 
 def test_correlation_of_two_estimates_warns_of_a_poor_schedule():
     t, theta, omega, alpha, good = schedule()
-    poor = np.sign(omega) * (3 + np.sin(2 * np.pi * 0.73 * t)) + np.sin(2 * np.pi * 0.17 * t)
+    poor = np.sign(omega) * (3 + np.sin(2 * np.pi * 0.73 * t)) + 3 * np.sin(2 * np.pi * 0.17 * t)
     rng = np.random.default_rng(2)
     fits = [
         fit_actuator(
@@ -175,7 +177,8 @@ def test_correlation_of_two_estimates_warns_of_a_poor_schedule():
         for i in (good, poor)
     ]
     assert abs(correlation(fits[0], "k_tau_n_m", "f_G")) < 0.6
-    assert correlation(fits[1], "k_tau_n_m", "f_G") > 0.9
+    assert 0.9 < correlation(fits[1], "k_tau_n_m", "f_G") < 1
+    assert correlation(fits[1], "f_G", "k_tau_n_m") == pytest.approx(correlation(fits[1], "k_tau_n_m", "f_G"))
     assert fits[1].condition_number > 2 * fits[0].condition_number
 
 

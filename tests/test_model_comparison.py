@@ -148,6 +148,13 @@ def test_without_friction_the_linear_drivetrain_wins_with_no_parameter_fitted():
     assert scores["M3"].vaf_held_out < 99
 
 
+def test_cancelled_friction_leaves_the_linear_drivetrain():
+    """Without friction M2 has nothing to cancel either: a feedforward alone would drive the joint."""
+    scores = scored(*stepped_trial("compensated"))
+    assert scores["M2"].vaf_held_out > 99.7
+    assert scores["M3"].vaf_held_out > scores["M2"].vaf_held_out
+
+
 def test_fitting_gains_and_friction_makes_up_for_a_wrong_parameter_file():
     """The file has half of the friction and far too much damping: only M4 can find out."""
     believed = replace(DEFAULT, f_C=DEFAULT.f_C / 2, f_G=DEFAULT.f_G / 2, B_m=0.2)
@@ -245,6 +252,16 @@ def test_branches_of_the_belt_are_signed_alike_in_both_directions():
         fold = belt_fold(sign * theta_s, sign * torque)
         residual = fold.torque - 600 * fold.columns["K_s"] - 0.3 * fold.columns["T_h"]
         assert np.max(np.abs(residual)) < 1e-9
+
+
+def test_both_branches_cover_the_same_deflections_away_from_the_turns():
+    way = 0.08 * (1 - np.cos(np.linspace(0, np.pi, 1500))) / 2
+    theta_s = np.concatenate([np.zeros(100), way, way[::-1], np.zeros(100)])
+    fold = belt_fold(theta_s, 600 * theta_s)
+    loading = fold.columns["T_h"] > 0
+    for branch in (loading, ~loading):
+        assert np.ptp(fold.columns["K_s"][branch]) == pytest.approx(0.8 * 0.08, rel=0.01)
+    assert np.mean(loading) == pytest.approx(0.5, abs=0.01)
 
 
 @pytest.fixture(scope="module")

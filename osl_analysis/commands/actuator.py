@@ -28,7 +28,7 @@ def actuator_table(trial: Path, settings: ActuatorAnalysis) -> pl.DataFrame:
         fit = fit_actuator(time, theta_m, current, torque_m, low_pass, settings.sign_width, settings.slowest)
     except (InputError, IdentifiabilityError) as error:
         raise type(error)(f"trial {record.name}: {error}") from error
-    row = {**estimates_row(fit, *PARAMETERS, "offset"), **diagnostics_row(fit, sampling_rate(time))}
+    row = {**estimates_row(fit, *PARAMETERS, "offset", "drift"), **diagnostics_row(fit, sampling_rate(time))}
     return pl.DataFrame([{"trial": record.name, **row, "correlation_k_f_G": correlation(fit, "k_tau_n_m", "f_G")}])
 
 

@@ -1,4 +1,4 @@
-"""The actuator alone: torque_m = k_tau n_m I_q - f - B_m omega_m - J_m alpha_m + offset (Eqs. 1-2)."""
+"""The actuator alone: torque_m = k_tau n_m I_q - f - B_m omega_m - J_m alpha_m + offset + drift (Eqs. 1-2)."""
 
 from collections.abc import Mapping
 
@@ -27,6 +27,7 @@ def fit_actuator(
 ) -> LinearFit:
     """Fit `PARAMETERS` and `offset` [N*m] to angle [rad], I_q [A] and torque [N*m] at the output, shape (n,) each.
 
+    `drift` [N*m/s] is the transducer's: left in the residual it would cost f_G four times its standard error.
     Torque and columns pass the same filter, the friction's after its sign is taken: a jump that is smeared on both
     sides biases nothing. The sign is tanh(omega_m/sign_width); samples slower than `slowest` [rad/s], where friction
     may be anything up to its limit, are left out. f_G is told from k_tau n_m only where the current both
@@ -66,6 +67,7 @@ def actuator_columns(
         "B_m": -motion.omega,
         "J_m": -motion.alpha,
         "offset": np.ones_like(time),
+        "drift": time - np.mean(time),
     }
     return columns, low_pass(torque_m, rate)
 

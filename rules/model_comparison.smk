@@ -4,14 +4,15 @@ REPEATED = ("belt", "transmission")
 
 
 def comparisons() -> list[str]:
-    """What is compared: all trials of an experiment together, of which two are needed, and each impedance trial."""
-    repeated = [f"{experiment}_trials" for experiment in REPEATED if len(CAMPAIGN.trials(experiment)) > 1]
+    """What is compared: all trials of an experiment together, and each impedance trial that has amplitudes to hold out."""
+    repeated = [f"{experiment}_trials" for experiment in REPEATED if CAMPAIGN.trials(experiment)]
     return repeated + CAMPAIGN.trials("impedance") * (len(CONFIG.dynamometer.amplitudes_deg) > 1)
 
 
 rule compare_over_repeats:
     input:
         trials=lambda wildcards: ingested(wildcards.experiment),
+        quality=lambda wildcards: checked(CAMPAIGN.trials(wildcards.experiment)),
         parameters=CONFIG.parameters,
     output:
         RESULTS / "fits/model_comparison/{experiment}_trials.csv",
@@ -28,7 +29,7 @@ rule compare_over_repeats:
             log[0],
             "model_comparison.compare_repeats",
             experiment=wildcards.experiment,
-            trials=[Path(path) for path in input.trials],
+            trials=kept(input.trials, input.quality),
             parameters=Path(input.parameters),
             settings=dynamometer_settings(params),
             sign_width=params.sign_width,

@@ -190,8 +190,9 @@ def test_vaf_on_data_held_out_is_that_of_the_other_trials_fit():
     third = held_out_repeats(folds, {"M1": ("B_j",)}, 2)[0]
     assert third.vaf_held_out == pytest.approx(100 * (1 - (3 / 13) ** 2), abs=1e-6)
     assert third.vaf == pytest.approx(100)
-    with pytest.raises(InputError, match="repeat the experiment"):
-        held_out_repeats(folds[:1], TRANSMISSION, 0)
+    alone = held_out_repeats(folds[:1], {"M1": ("B_j",)}, 0)[0]
+    assert np.isnan(alone.vaf_held_out)
+    assert (alone.rank_held_out, alone.rank, alone.vaf) == (None, 1, pytest.approx(100))
 
 
 def test_eq_15_is_held_out_by_amplitude():

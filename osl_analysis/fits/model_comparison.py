@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from osl_analysis.errors import InputError
 from osl_analysis.fits.belt import loaded_rows
 from osl_analysis.fits.regression import LinearFit, linear_fit, variance_accounted_for
 from osl_analysis.signals import Motion
@@ -64,7 +63,7 @@ class Score:
     vaf_held_out: float
     bic: float
     effective_samples: float
-    rank_held_out: int
+    rank_held_out: int | None
     rank: int
 
 
@@ -114,21 +113,21 @@ def impedance_fold(motion: Motion, torque: Array) -> Fold:
 def held_out_repeats(folds: Sequence[Fold], models: Terms, k: int) -> list[Score]:
     """Each model on fold k: fitted to it for the BIC, and to all the others for the VAF on data held out.
 
+    A fold that is alone has no such VAF: it is NaN, and its rank None.
+
     Raises
     ------
     InputError, IdentifiabilityError
-        There is one fold only, or as `linear_fit`.
+        As `linear_fit`.
     """
     others = [f for i, f in enumerate(folds) if i != k]
-    if not others:
-        raise InputError("one trial leaves none to hold out; repeat the experiment at least twice")
     candidates = [
         Candidate(
             model,
             " + ".join(terms),
             len(terms),
             residual(folds[k], fitted([folds[k]], terms)),
-            residual(folds[k], fitted(others, terms)),
+            residual(folds[k], fitted(others, terms)) if others else np.full_like(folds[k].torque, np.nan),
         )
         for model, terms in models.items()
     ]
@@ -180,7 +179,7 @@ def compare(torque: Array, candidates: Sequence[Candidate]) -> list[Score]:
             vaf,
             float(b),
             m,
-            1 + sum(bool(other > vaf) for other in held_out),
+            None if np.isnan(vaf) else 1 + sum(bool(other > vaf) for other in held_out),
             1 + sum(bool(other < b) for other in bic),
         )
         for c, vaf, b in zip(candidates, held_out, bic, strict=True)

@@ -138,10 +138,10 @@ def ingest(
 @click.argument("trial", type=FILE)
 @click.option(
     "--model",
-    type=click.Choice(["impedance", "transmission", "belt"]),
+    type=click.Choice(["impedance", "transmission", "belt", "actuator"]),
     default="impedance",
     show_default=True,
-    help="K, B, I of Eq. 15; B_j, J_j of Eq. 4; or the belt stiffness K_s.",
+    help="K, B, I of Eq. 15; B_j, J_j of Eq. 4; the belt stiffness K_s; or the actuator's five of Eqs. 1-2.",
 )
 @PARAMETERS
 @CONFIG
@@ -149,11 +149,14 @@ def ingest(
 @click.option("--plot", type=FILE, help="Draw measured and modelled torque [N·m] to this file.")
 def fit(trial: Path, model: str, parameters: Path, config_path: Path, as_json: bool, plot: Path | None) -> None:
     """Fit one ingested TRIAL (Parquet) and print the estimates in SI units with 95 % intervals."""
-    from osl_analysis.commands.fit import estimates_text, fit_one
-    from osl_analysis.config import DynamometerAnalysis, read_section
+    from osl_analysis.commands.fit import estimates_text, fit_one, fit_one_actuator
+    from osl_analysis.config import ActuatorAnalysis, DynamometerAnalysis, read_section
     from osl_analysis.table_file import finite_or_null
 
-    fitted = fit_one(model, trial, parameters, read_section(config_path, "dynamometer", DynamometerAnalysis))
+    if model == "actuator":
+        fitted = fit_one_actuator(trial, read_section(config_path, "actuator", ActuatorAnalysis))
+    else:
+        fitted = fit_one(model, trial, parameters, read_section(config_path, "dynamometer", DynamometerAnalysis))
     if plot is not None:
         from osl_analysis.commands.figure import draw_table
 

@@ -1,15 +1,19 @@
 """The actuator's own bench: what is simulated obeys Eqs. 1-2, and the five parameters come back from its log."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
 import yaml
+from click.testing import CliRunner
 from conftest import ROOT
 
+from osl_analysis.cli import main
 from osl_analysis.columns import COLUMNS
 from osl_analysis.commands.actuator import fit_trial, summarise
+from osl_analysis.commands.fit import fit_one_actuator
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.config import ActuatorAnalysis, read_section
@@ -38,8 +42,13 @@ def settings(duration_s=20.0, effects=True):
     return found.model_copy(update={"actuator": shorter, "effects": kept})
 
 
+def fit_log(time, theta_m, current, torque_m, low_pass=LOW_PASS, slowest=SLOWEST):
+    columns, torque = actuator_columns(time, theta_m, current, torque_m, low_pass, WIDTH)
+    return fit_actuator(columns, torque, RATE, low_pass, slowest)
+
+
 def fitted(log):
-    return fit_actuator(log.time, log.actuator_angle, log.motor_current, log.output_torque, LOW_PASS, WIDTH, SLOWEST)
+    return fit_log(log.time, log.actuator_angle, log.motor_current, log.output_torque)
 
 
 def by_hand(theta_m, omega, alpha, current, **changes):
@@ -84,7 +93,7 @@ def test_a_log_without_noise_gives_the_parameters_back():
     """The filter smears friction's jumps on both sides alike; the smooth sign is left, which costs B_m most."""
     t, theta, omega, alpha, current = schedule()
     torque = by_hand(theta, omega, alpha, current) + 0.7 + 0.01 * (t - np.mean(t))
-    fit = fit_actuator(t, theta, current, torque, LOW_PASS, WIDTH, SLOWEST)
+    fit = fit_log(t, theta, current, torque)
     assert [fit[name] for name in PARAMETERS] == pytest.approx([TRUE[name] for name in PARAMETERS], rel=0.02)
     assert fit["k_tau_n_m"] == pytest.approx(TRUE["k_tau_n_m"], rel=5e-4)
     assert (fit["offset"], fit["drift"]) == (pytest.approx(0.7, abs=1e-3), pytest.approx(0.01, rel=0.01))
@@ -113,7 +122,7 @@ def test_another_friction_is_found_as_it_is():
 def test_mirrored_motion_and_current_give_the_same_parameters():
     t, theta, omega, alpha, current = schedule()
     torque = by_hand(theta, omega, alpha, current)
-    here, there = (fit_actuator(t, s * theta, s * current, s * torque, LOW_PASS, WIDTH, SLOWEST) for s in (1, -1))
+    here, there = (fit_log(t, s * theta, s * current, s * torque) for s in (1, -1))
     assert [here[name] for name in PARAMETERS] == pytest.approx([there[name] for name in PARAMETERS])
 
 
@@ -122,24 +131,24 @@ def test_refuses_a_current_that_always_has_the_direction_of_the_motion():
     current = 0.6 * omega
     torque = by_hand(theta, omega, alpha, current)
     with pytest.raises(IdentifiabilityError, match="cannot be told apart"):
-        fit_actuator(t, theta, current, torque, LOW_PASS, WIDTH, SLOWEST)
+        fit_log(t, theta, current, torque)
     current = np.sign(omega) * (3 + np.sin(2 * np.pi * 0.73 * t))
     torque = by_hand(theta, omega, alpha, current)
     with pytest.raises(IdentifiabilityError, match="k_tau_n_m and f_G"):
-        fit_actuator(t, theta, current, torque, LOW_PASS, WIDTH, SLOWEST)
+        fit_log(t, theta, current, torque)
 
 
 def test_refuses_a_motion_that_never_turns_round_because_friction_looks_like_an_offset():
     t, theta, omega, alpha, current = schedule(velocity_offset=30.0)
     torque = by_hand(theta, omega, alpha, current)
     with pytest.raises(IdentifiabilityError, match="f_C and offset"):
-        fit_actuator(t, theta, current, torque, LOW_PASS, WIDTH, SLOWEST)
+        fit_log(t, theta, current, torque)
 
 
 def test_refuses_an_actuator_that_hardly_moves():
     t, theta, _, _, current = schedule()
     with pytest.raises(InputError, match=r"faster than 0\.5 rad/s in 0 of 20000 samples; drive it faster"):
-        fit_actuator(t, theta / 57, current, current, LOW_PASS, WIDTH, SLOWEST)
+        fit_log(t, theta / 57, current, current)
 
 
 def test_slow_samples_are_left_out_because_friction_is_not_at_its_limit_there():
@@ -149,8 +158,7 @@ def test_slow_samples_are_left_out_because_friction_is_not_at_its_limit_there():
     sticking = np.abs(omega) < 0.3
     torque[sticking] += 0.5 * np.sign(omega[sticking]) * TRUE["f_C"]
     errors = [
-        abs(fit_actuator(t, theta, current, torque, LowPass(100), WIDTH, slowest)["f_C"] - TRUE["f_C"])
-        for slowest in (0.0, 0.5)
+        abs(fit_log(t, theta, current, torque, LowPass(100), slowest)["f_C"] - TRUE["f_C"]) for slowest in (0.0, 0.5)
     ]
     assert errors[1] < errors[0] / 4
 
@@ -170,12 +178,7 @@ def test_correlation_of_two_estimates_warns_of_a_poor_schedule():
     t, theta, omega, alpha, good = schedule()
     poor = np.sign(omega) * (3 + np.sin(2 * np.pi * 0.73 * t)) + 3 * np.sin(2 * np.pi * 0.17 * t)
     rng = np.random.default_rng(2)
-    fits = [
-        fit_actuator(
-            t, theta, i, by_hand(theta, omega, alpha, i) + rng.normal(0, 0.05, len(t)), LOW_PASS, WIDTH, SLOWEST
-        )
-        for i in (good, poor)
-    ]
+    fits = [fit_log(t, theta, i, by_hand(theta, omega, alpha, i) + rng.normal(0, 0.05, len(t))) for i in (good, poor)]
     assert abs(correlation(fits[0], "k_tau_n_m", "f_G")) < 0.6
     assert 0.9 < correlation(fits[1], "k_tau_n_m", "f_G") < 1
     assert correlation(fits[1], "f_G", "k_tau_n_m") == pytest.approx(correlation(fits[1], "k_tau_n_m", "f_G"))
@@ -216,6 +219,18 @@ def test_from_log_to_headline_numbers(tmp_path, campaign):
     assert found["k_tau_n_m"].value == pytest.approx(TRUE["k_tau_n_m"], rel=0.01)
     assert [found[name].draft for name in TRUE] == pytest.approx(list(TRUE.values()))
     assert [found[name].n for name in TRUE] == [2] * 5
+
+
+def test_the_command_line_fits_a_trial_with_its_model(tmp_path, campaign):
+    simulate_trial(campaign, tmp_path, "actuator_1")
+    row = {"trial": "a", "experiment": "actuator", "log": "actuator/actuator_1.mcap", "log_source": "actuator"}
+    ingest_trial(row, tmp_path, Path("config/sources"), tmp_path / "a.parquet")
+    said = CliRunner().invoke(main, ["fit", str(tmp_path / "a.parquet"), "--model", "actuator"])
+    assert said.exit_code == 0, said.output
+    assert re.search(r"k_tau_n_m +1\.0\d+ ± \S+ +N·m/A", said.output)
+    analysis = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
+    series = fit_one_actuator(tmp_path / "a.parquet", analysis).series
+    assert (series["torque"] - series["torque_model"]).std() < 0.05 * series["torque"].std()
 
 
 def test_an_error_names_the_trial(tmp_path, campaign):

@@ -1,35 +1,58 @@
 """Actuator identification (left half of Table I), from trials to tables."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 
 from osl_analysis.commands.repeats import summary_table
 from osl_analysis.config import ActuatorAnalysis
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.fits.actuator import PARAMETERS, correlation, fit_actuator
+from osl_analysis.fits.actuator import PARAMETERS, actuator_columns, correlation, fit_actuator
+from osl_analysis.fits.regression import LinearFit
 from osl_analysis.fits.rows import diagnostics_row, estimates_row
 from osl_analysis.signals import LowPass, sampling_rate
 from osl_analysis.table_file import read_table, write_table
+from osl_analysis.trial import Array
 from osl_analysis.trial_file import read_trial
+
+
+@dataclass(frozen=True)
+class ActuatorTrial:
+    """Time [s], filtered torque and that of the fitted model [N*m] of one trial, shape (n,), and the fit."""
+
+    name: str
+    time: Array
+    torque: Array
+    modelled: Array
+    fit: LinearFit
 
 
 def fit_trial(trial: Path, settings: ActuatorAnalysis, output: Path) -> None:
     """Fit one ingested trial: one row of estimates."""
-    write_table(actuator_table(trial, settings), output)
+    write_table(actuator_table(read_actuator_trial(trial, settings)), output)
 
 
-def actuator_table(trial: Path, settings: ActuatorAnalysis) -> pl.DataFrame:
-    """One row of `actuator.csv`; an error names the trial."""
+def read_actuator_trial(trial: Path, settings: ActuatorAnalysis) -> ActuatorTrial:
+    """Read, filter and fit one ingested trial; an error names the trial."""
     record = read_trial(trial)
     time, theta_m, current, torque_m = record.signals("theta_m", "current", "torque_m")
     low_pass = LowPass(settings.cutoff_hz, settings.order)
     try:
-        fit = fit_actuator(time, theta_m, current, torque_m, low_pass, settings.sign_width, settings.slowest)
+        columns, torque = actuator_columns(time, theta_m, current, torque_m, low_pass, settings.sign_width)
+        fit = fit_actuator(columns, torque, sampling_rate(time), low_pass, settings.slowest)
     except (InputError, IdentifiabilityError) as error:
         raise type(error)(f"trial {record.name}: {error}") from error
-    row = {**estimates_row(fit, *PARAMETERS, "offset", "drift"), **diagnostics_row(fit, sampling_rate(time))}
-    return pl.DataFrame([{"trial": record.name, **row, "correlation_k_f_G": correlation(fit, "k_tau_n_m", "f_G")}])
+    modelled = np.sum([fit[name] * column for name, column in columns.items()], axis=0)
+    return ActuatorTrial(record.name, time, torque, modelled, fit)
+
+
+def actuator_table(record: ActuatorTrial) -> pl.DataFrame:
+    """One row of `actuator.csv`."""
+    estimates = estimates_row(record.fit, *PARAMETERS, "offset", "drift")
+    row = {"trial": record.name, **estimates, **diagnostics_row(record.fit, sampling_rate(record.time))}
+    return pl.DataFrame([{**row, "correlation_k_f_G": correlation(record.fit, "k_tau_n_m", "f_G")}])
 
 
 def summarise(table: Path, output: Path) -> None:

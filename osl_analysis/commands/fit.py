@@ -5,18 +5,20 @@ from pathlib import Path
 
 import polars as pl
 
+from osl_analysis.commands.actuator import actuator_table, read_actuator_trial
 from osl_analysis.commands.belt import belt_table, read_belt_trial
 from osl_analysis.commands.impedance import impedance_table
 from osl_analysis.commands.stepped_sine import SteppedSineTrial, read_stepped_sine
 from osl_analysis.commands.transmission import transmission_table
-from osl_analysis.config import DynamometerAnalysis
+from osl_analysis.config import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.fits.impedance import fit_impedance
 from osl_analysis.fits.transmission import fit_transmission
 from osl_analysis.trial import Array
 
 UNITS = {
     "K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²", "K_s": "N·m/rad", "B_j": "N·m·s/rad", "J_j": "kg·m²",
-    "T_C": "N·m", "offset": "N·m",
+    "T_C": "N·m", "k_tau_n_m": "N·m/A", "f_C": "N·m", "f_G": "N·m/A", "B_m": "N·m·s/rad", "J_m": "kg·m²",
+    "offset": "N·m", "drift": "N·m/s",
 }  # fmt: skip
 
 
@@ -44,6 +46,12 @@ def fit_one(model: str, trial: Path, parameters: Path, settings: DynamometerAnal
     if model == "transmission":
         return FittedTrial(transmission_table(stepped), transmission_series(stepped))
     return FittedTrial(impedance_table(stepped), impedance_series(stepped))
+
+
+def fit_one_actuator(trial: Path, settings: ActuatorAnalysis) -> FittedTrial:
+    """Fit an ingested trial of the actuator's bench; raises as `fit_one`."""
+    record = read_actuator_trial(trial, settings)
+    return FittedTrial(actuator_table(record), series(record.time, record.torque, record.modelled))
 
 
 def transmission_series(record: SteppedSineTrial) -> pl.DataFrame:

@@ -17,37 +17,28 @@ EDGE_PERIODS = 3
 
 
 def fit_actuator(
-    time: Array,
-    theta_m: Array,
-    current: Array,
-    torque_m: Array,
-    low_pass: LowPass,
-    sign_width: float,
-    slowest: float,
+    columns: Mapping[str, Array], torque: Array, rate_hz: float, low_pass: LowPass, slowest: float
 ) -> LinearFit:
-    """Fit `PARAMETERS` and `offset` [N*m] to angle [rad], I_q [A] and torque [N*m] at the output, shape (n,) each.
+    """Fit `PARAMETERS`, `offset` [N*m] and `drift` [N*m/s] to what `actuator_columns` makes of a trial.
 
-    `drift` [N*m/s] is the transducer's: left in the residual it would cost f_G four times its standard error.
-    Torque and columns pass the same filter, the friction's after its sign is taken: a jump that is smeared on both
-    sides biases nothing. The sign is tanh(omega_m/sign_width); samples slower than `slowest` [rad/s], where friction
-    may be anything up to its limit, are left out. f_G is told from k_tau n_m only where the current both
-    drives and brakes: while it always has the direction of the motion, sign(omega_m) |I_q| is I_q.
+    Samples slower than `slowest` [rad/s], where friction may be anything up to its limit, are left out, and so are the
+    filter's edges. f_G is told from k_tau n_m only where the current both drives and brakes: while it always has the
+    direction of the motion, sign(omega_m) |I_q| is I_q. The drift is the transducer's: left in the residual it would
+    cost f_G four times its standard error.
 
     Raises
     ------
     InputError
-        As `linear_fit` and `LowPass`, or the actuator hardly moves.
+        As `linear_fit`, or the actuator hardly moves.
     IdentifiabilityError
         The schedule cannot tell two parameters apart; the message names them.
     """
-    columns, torque = actuator_columns(time, theta_m, current, torque_m, low_pass, sign_width)
-    rate = sampling_rate(time)
     moving = np.abs(columns["B_m"]) > slowest
-    edge = int(np.ceil(EDGE_PERIODS * rate / low_pass.cutoff_hz))
+    edge = int(np.ceil(EDGE_PERIODS * rate_hz / low_pass.cutoff_hz))
     moving[:edge] = moving[-edge:] = False
-    if np.count_nonzero(moving) < FEWEST_MOVING_S * rate:
+    if np.count_nonzero(moving) < FEWEST_MOVING_S * rate_hz:
         raise InputError(
-            f"the actuator is faster than {slowest:g} rad/s in {np.count_nonzero(moving)} of {len(time)} samples; "
+            f"the actuator is faster than {slowest:g} rad/s in {np.count_nonzero(moving)} of {len(torque)} samples; "
             "drive it faster or longer, or check the unit of theta_m in the source file"
         )
     return linear_fit(torque[moving], {name: column[moving] for name, column in columns.items()})
@@ -56,7 +47,16 @@ def fit_actuator(
 def actuator_columns(
     time: Array, theta_m: Array, current: Array, torque_m: Array, low_pass: LowPass, sign_width: float
 ) -> tuple[Mapping[str, Array], Array]:
-    """The columns of `fit_actuator`, each with its sign in Eqs. 1-2, and the torque, all filtered; shape (n,) each."""
+    """Columns with their signs in Eqs. 1-2, and the torque [N*m], from angle [rad], I_q [A], torque; shape (n,) each.
+
+    All pass the same filter, the friction's after its sign, tanh(omega_m/sign_width), is taken: a jump that is smeared
+    on both sides biases nothing.
+
+    Raises
+    ------
+    InputError
+        As `LowPass`, or the stamps are not uniform.
+    """
     rate = sampling_rate(time)
     motion = differentiate(time, low_pass(theta_m, rate))
     direction = np.tanh(motion.omega / sign_width)

@@ -3,6 +3,7 @@
 Ingest converts to these units and signs; nothing after it converts anything.
 """
 
+import re
 from dataclasses import dataclass
 
 
@@ -33,6 +34,14 @@ COLUMNS: dict[str, Column] = {
 
 AXES = ("x", "y", "z")
 
+# columns of which a trial has as many as the laboratory has markers, plates and sides, with their units
+FAMILIES = {
+    re.compile(r"marker_.+_[xyz]", re.DOTALL): "m",  # a label is the laboratory's own
+    re.compile(r"plate[1-9][0-9]*_force_[xyz]"): "N",
+    re.compile(r"plate[1-9][0-9]*_moment_[xyz]"): "N*m",
+    re.compile(r"reference_ankle_moment_(left|right)"): "N*m/kg",
+}
+
 
 def marker_columns(label: str) -> tuple[str, str, str]:
     """Columns of one marker's position in the laboratory [m]; NaN where the marker was not seen."""
@@ -58,10 +67,7 @@ def unit_of(column: str) -> str:
     KeyError
         The name is not in the nomenclature.
     """
-    if column.startswith("marker_"):
-        return "m"
-    if column.startswith("plate"):
-        return "N" if "_force_" in column else "N*m"
-    if column.startswith("reference_ankle_moment"):
-        return "N*m/kg"
+    for pattern, unit in FAMILIES.items():
+        if pattern.fullmatch(column):
+            return unit
     return COLUMNS[column].unit

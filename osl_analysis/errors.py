@@ -1,8 +1,16 @@
 """What can go wrong, as one family: every message names the cause and the remedy, on one line."""
 
 
+def printable(text: str) -> str:
+    """Text of a file made fit for a terminal or a log: control characters and line breaks as escapes."""
+    return "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode() for sign in text)
+
+
 class OslAnalysisError(ValueError):
-    """A mistake or a limit that the user can do something about."""
+    """A mistake or a limit that the user can do something about; what a file made the message say is escaped."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
 
 
 class InputError(OslAnalysisError):

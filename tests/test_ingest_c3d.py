@@ -75,7 +75,7 @@ def test_positions_are_in_metres_whatever_the_files_unit(tmp_path: Path, unit: s
     np.testing.assert_allclose(read_capture(path, source()).samples["marker_M2_y"], points()[:, 1, 1] * factor)
 
 
-@pytest.mark.parametrize(("unit", "problem"), [("inch", "unit 'inch' is unknown"), ("", "the unit is empty")])
+@pytest.mark.parametrize(("unit", "problem"), [("mmm", "unit 'mmm' is unknown"), ("", "the unit is empty")])
 def test_an_unknown_unit_of_length_is_refused_unless_the_source_states_it(
     tmp_path: Path, unit: str, problem: str
 ) -> None:

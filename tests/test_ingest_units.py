@@ -3,9 +3,11 @@
 import math
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.units import SPELLINGS, normalised, si_factor
+from osl_analysis.ingest.units import EXAMPLES, si_factor
 
 
 @pytest.mark.parametrize(
@@ -25,6 +27,17 @@ from osl_analysis.ingest.units import SPELLINGS, normalised, si_factor
         ("μV", "V", 1e-6),
         (" mA ", "A", 1e-3),
         ("rpm", "rad/s", 2 * math.pi / 60),
+        ("Nm/kg", "N*m/kg", 1.0),
+        ("N∙mm", "N*m", 1e-3),
+        ("Degrees", "rad", math.pi / 180),
+        ("º", "rad", math.pi / 180),
+        ("Volts", "V", 1.0),
+        ("nt", "N", 1.0),
+        ("mNm", "N*m", 1e-3),
+        ("Nms/deg", "N*m*s/rad", 180 / math.pi),
+        ("%", "1", 0.01),
+        ("inch", "m", 0.0254),
+        ("rev", "rad", 2 * math.pi),
     ],
 )
 def test_a_laboratorys_spelling_has_its_factor(unit: str, expected: str, factor: float) -> None:
@@ -32,16 +45,42 @@ def test_a_laboratorys_spelling_has_its_factor(unit: str, expected: str, factor:
 
 
 def test_every_canonical_unit_is_its_own_si_unit() -> None:
-    assert all(si_factor(unit, unit) == 1.0 for unit in SPELLINGS)
+    assert all(si_factor(unit, unit) == 1.0 for unit in EXAMPLES)
 
 
-def test_every_known_spelling_is_reached_through_normalisation() -> None:
-    assert all(normalised(spelling) == spelling for spellings in SPELLINGS.values() for spelling in spellings)
+def test_every_unit_that_a_message_offers_is_accepted() -> None:
+    assert all(si_factor(unit, expected) > 0 for expected, units in EXAMPLES.items() for unit in units)
 
 
 def test_an_unknown_unit_is_refused_with_what_would_do() -> None:
-    with pytest.raises(InputError, match=r"unit 'furlong' is unknown; write one of m, cm, mm"):
-        si_factor("furlong", "m")
+    with pytest.raises(InputError, match=r"unit 'mmm' is unknown; write one of m, cm, mm"):
+        si_factor("mmm", "m")
+
+
+def test_torque_and_stiffness_differ_by_the_angle() -> None:
+    with pytest.raises(InputError, match=r"unit 'Nm' measures \[N\*m\], expected one of N\*m/rad"):
+        si_factor("Nm", "N*m/rad")
+
+
+@pytest.mark.parametrize("unit", ["Mm", "MN"])
+def test_a_misspelling_that_reads_as_a_million_units_is_refused(unit: str) -> None:
+    with pytest.raises(InputError, match=r"is 1e\+06 ., which nobody means"):
+        si_factor(unit, unit[-1])
+
+
+@pytest.mark.parametrize("unit", ["9**9**9**9", "[1]*999", "(m)", "m;n", "m**2", "1e3*m", "m" * 5000, "m*" * 5000])
+def test_text_of_a_file_is_never_evaluated(unit: str) -> None:
+    with pytest.raises(InputError, match="is unknown"):
+        si_factor(unit, "m")
+
+
+@given(st.text(max_size=20))
+@settings(max_examples=300, deadline=None)
+def test_any_text_is_a_factor_or_a_sentence(text: str) -> None:
+    try:
+        assert 0 < si_factor(text, "N*m") < math.inf
+    except InputError as error:
+        assert str(error).isprintable()
 
 
 def test_an_empty_unit_is_refused() -> None:

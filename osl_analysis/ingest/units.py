@@ -1,51 +1,125 @@
-"""Units as laboratories spell them, and their factors to the canonical SI unit."""
+"""Units as laboratories spell them, and their factors to the canonical SI unit; pint knows the units themselves.
 
-import math
+Unit texts come from untrusted files: only names joined by `*` and `/` reach pint, whose parser would otherwise
+evaluate `9**9**9**9` for ever. The registry is built at import, so that jobs forked from a process with this module
+share it.
+"""
+
+import re
+from functools import cache
+
+import pint
 
 from osl_analysis.errors import InputError
 
-DEGREE = math.pi / 180
+REGISTRY: pint.UnitRegistry[float] = pint.UnitRegistry(cache_folder=None)
 
-SPELLINGS: dict[str, dict[str, float]] = {
-    "1": {"1": 1.0, "%": 0.01},
-    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "rad": {"rad": 1.0, "mrad": 1e-3, "deg": DEGREE, "°": DEGREE, "mdeg": 1e-3 * DEGREE},
-    "rad/s": {"rad/s": 1.0, "deg/s": DEGREE, "°/s": DEGREE, "rpm": math.pi / 30},
-    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
-    "A": {"A": 1.0, "mA": 1e-3},
-    "V": {"V": 1.0, "Volt": 1.0, "Volts": 1.0, "mV": 1e-3, "uV": 1e-6},
-    "N": {"N": 1.0, "nt": 1.0, "kN": 1e3, "mN": 1e-3},
-    "N*m": {"N*m": 1.0, "Nm": 1.0, "N*cm": 1e-2, "Ncm": 1e-2, "N*mm": 1e-3, "Nmm": 1e-3, "ntmm": 1e-3, "mNm": 1e-3},
-    "N*m/rad": {"N*m/rad": 1.0, "Nm/rad": 1.0, "N*m/deg": 1 / DEGREE, "Nm/deg": 1 / DEGREE},
-    "N*m*s/rad": {"N*m*s/rad": 1.0, "Nms/rad": 1.0, "N*m*s/deg": 1 / DEGREE, "Nms/deg": 1 / DEGREE},
-    "N*m/kg": {"N*m/kg": 1.0, "Nm/kg": 1.0, "N*mm/kg": 1e-3, "Nmm/kg": 1e-3},
+# what a message offers, by canonical unit
+EXAMPLES: dict[str, tuple[str, ...]] = {
+    "1": ("1", "%"),
+    "s": ("s", "ms", "us", "ns"),
+    "rad": ("rad", "mrad", "deg", "°", "rev"),
+    "rad/s": ("rad/s", "deg/s", "rpm"),
+    "m": ("m", "cm", "mm", "um"),
+    "A": ("A", "mA"),
+    "V": ("V", "mV", "uV"),
+    "N": ("N", "kN", "mN", "lbf"),
+    "N*m": ("N*m", "Nm", "N*cm", "N*mm", "Nmm", "mNm", "lbf*in"),
+    "N*m/rad": ("N*m/rad", "Nm/rad", "N*m/deg"),
+    "N*m*s/rad": ("N*m*s/rad", "Nms/rad", "N*m*s/deg"),
+    "N*m/kg": ("N*m/kg", "Nm/kg", "N*mm/kg"),
 }
+
+# what pint calls otherwise, or takes for another unit: `Nm` for a textile count, `nt` for a nanotonne
+ALIASES = {
+    "Nm": "N*m",
+    "Nmm": "N*mm",
+    "Ncm": "N*cm",
+    "mNm": "mN*m",
+    "kNm": "kN*m",
+    "Nms": "N*m*s",
+    "Nmms": "N*mm*s",
+    "nt": "N",
+    "ntm": "N*m",
+    "ntmm": "N*mm",
+    "Volts": "V",
+    "°": "deg",
+    "rev": "revolution",
+    "%": "percent",
+    "1": "dimensionless",
+}
+# names whose case says nothing, as no prefix could be meant
+WORDS = frozenset(
+    "volt volts degree degrees deg radian radians rad newton newtons meter meters metre metres millimeter millimeters "
+    "millimetre millimetres amp amps ampere amperes second seconds revolution revolutions rpm".split()
+)
+NAMES = re.compile(r"[^\W\d_]\w{0,30}|°|%|1")
+SMALLEST, LARGEST = 1e-9, 1e5  # factor of ns, and more than that of N*m/mdeg: beyond lie misspellings (`Mm`, `MN`)
 
 
 def si_factor(unit: str, expected: str) -> float:
-    """Factor from `unit` to the SI unit `expected`, a key of `SPELLINGS`.
+    """Factor from `unit` to the SI unit `expected`, a key of `EXAMPLES`.
 
-    A middle dot, a full stop or a blank counts as the multiplication sign, both micro signs as `u`.
+    A middle dot, a full stop or a blank counts as the multiplication sign, both micro signs as `u`. An angle is a
+    dimension: N*m/rad is no N*m.
 
     Raises
     ------
     InputError
-        The unit is empty, unknown or of another dimension; the message lists what would do.
+        The unit is empty, unknown, of another dimension or of an absurd size; the message lists what would do.
     """
+    advice = ", ".join(EXAMPLES[expected])
     spelling = normalised(unit)
-    accepted = SPELLINGS[expected]
-    if spelling in accepted:
-        return accepted[spelling]
-    for dimension, spellings in SPELLINGS.items():
-        if spelling in spellings:
-            raise InputError(f"unit '{unit}' measures [{dimension}], expected one of {', '.join(accepted)}")
-    problem = f"unit '{unit}' is unknown" if spelling else "the unit is empty"
-    raise InputError(f"{problem}; write one of {', '.join(accepted)}")
+    if not spelling:
+        raise InputError(f"the unit is empty; write one of {advice}")
+    found = base_units(spelling)
+    if found is None:
+        raise InputError(f"unit {shown(unit)} is unknown; write one of {advice}")
+    factor, base = found
+    if base != dimension(expected):
+        raise InputError(f"unit {shown(unit)} measures [{canonical_name(base)}], expected one of {advice}")
+    if not SMALLEST <= factor <= LARGEST:
+        raise InputError(f"unit {shown(unit)} is {factor:g} {expected}, which nobody means; write one of {advice}")
+    return factor
 
 
 def normalised(unit: str) -> str:
     """One spelling for the signs that writers vary: `N·mm`, `N.mm` and `N mm` are `N*mm`."""
-    text = unit.strip()
-    for sign in ("·", "⋅", ".", " "):
+    text = "*".join(unit.strip().strip(".").split())
+    for sign in ("·", "⋅", "∙", "."):
         text = text.replace(sign, "*")
-    return text.replace("µ", "u").replace("μ", "u")
+    return text.replace("µ", "u").replace("μ", "u").replace("º", "°")
+
+
+@cache
+def base_units(spelling: str) -> tuple[float, str] | None:
+    """Factor to, and the product of, base units; None for what is no unit."""
+    parts = re.split(r"([*/])", spelling)
+    if len(parts) > 15 or not all(NAMES.fullmatch(name) for name in parts[::2]):
+        return None
+    tidy = [ALIASES.get(name, name.lower() if name.lower() in WORDS else name) for name in parts]
+    grouped = [f"({name})" if len(name) > 1 and "*" in name else name for name in tidy]
+    try:
+        one = REGISTRY.Quantity(1.0, REGISTRY.parse_units("".join(grouped))).to_base_units()
+    except (pint.PintError, ValueError, AssertionError, TypeError):
+        return None
+    return float(one.magnitude), str(one.units)
+
+
+@cache
+def dimension(canonical: str) -> str:
+    """The base units of a canonical unit."""
+    found = base_units(canonical)
+    assert found is not None  # the canonical units are ours
+    return found[1]
+
+
+def canonical_name(base: str) -> str:
+    """The canonical unit of the same dimension, or else the base units."""
+    names = [canonical for canonical in EXAMPLES if dimension(canonical) == base]
+    return names[0] if names else base.replace(" ", "")
+
+
+def shown(unit: str) -> str:
+    """A unit in quotes, no longer than a line can hold."""
+    return f"'{unit[:40]}...'" if len(unit) > 40 else f"'{unit}'"

@@ -1,4 +1,4 @@
-"""C3D files byte by byte, independent of every reader: Intel, floats or integers, with any parameters."""
+"""C3D files byte by byte, independent of every reader: Intel, DEC or MIPS, floats or integers, any parameters."""
 
 import struct
 from pathlib import Path
@@ -43,13 +43,20 @@ def write_c3d(
     data_start = 2 + len(section) // 512
     known["POINT__DATA_START"] = np.array([data_start])
     section = parameter_section({**known, **parameters}, processor)
-    scale = 0.1 if integers else -0.1
-    counts = (points.shape[1], analogs.shape[1] * ratio, 1, min(len(points), 65535), 0)
-    header = struct.pack("<BB5Hf2Hf", 2, 0x50, *counts, scale, data_start, ratio, rate)
+    scale = np.array([0.1 if integers else -0.1])
+    counts = np.array([points.shape[1], analogs.shape[1] * ratio, 1, min(len(points), 65535), 0])
+    header = b"".join(
+        [
+            bytes([2, 0x50]),
+            integers_of(counts, processor),
+            reals_of(scale, processor),
+            integers_of(np.array([data_start, ratio]), processor),
+            reals_of(np.array([rate]), processor),
+        ]
+    )
     frames = np.hstack([points.reshape(len(points), -1), analogs.reshape(len(points), -1)])
-    kind = "<i2" if integers else "<f4"
-    data = (frames.astype(np.int64) % 65536).astype("<u2") if integers else frames.astype(kind)
-    content = header.ljust(512, b"\0") + section + data.tobytes()
+    data = integers_of(frames, processor) if integers else reals_of(frames, processor)
+    content = header.ljust(512, b"\0") + section + data
     path.write_bytes(content.ljust(-(-len(content) // 512) * 512, b"\0"))
     return path
 
@@ -57,25 +64,39 @@ def write_c3d(
 def parameter_section(parameters: dict[str, object], processor: int) -> bytes:
     """Groups first, then their parameters, padded to blocks of 512 bytes."""
     groups = list(dict.fromkeys(name.split("__")[0] for name in parameters))
-    records = [record(-number, group, b"\0") for number, group in enumerate(groups, start=1)]
+    records = [record(-number, group, b"\0", processor) for number, group in enumerate(groups, start=1)]
     for name, value in parameters.items():
         group, own = name.split("__")
-        records.append(record(groups.index(group) + 1, own, content(value) + b"\0"))
+        records.append(record(groups.index(group) + 1, own, content(value, processor) + b"\0", processor))
     body = b"".join(records) + b"\0\0"
     blocks = -(-(len(body) + 4) // 512)
     return (bytes([1, 0x50, blocks, processor]) + body).ljust(blocks * 512, b"\0")
 
 
-def record(group: int, name: str, rest: bytes) -> bytes:
-    return struct.pack("bb", len(name), group) + name.encode() + struct.pack("<h", 2 + len(rest)) + rest
+def integers_of(values: np.ndarray, processor: int) -> bytes:
+    """16-bit integers, signed or not, as the processor stores them."""
+    return (np.asarray(values).astype(np.int64) % 65536).astype(">u2" if processor == 86 else "<u2").tobytes()
 
 
-def content(value: object) -> bytes:
+def reals_of(values: np.ndarray, processor: int) -> bytes:
+    """32-bit reals as the processor stores them; DEC's have the halves swapped and an exponent larger by two."""
+    if processor != 85:
+        return np.asarray(values).astype(">f4" if processor == 86 else "<f4").tobytes()
+    return np.asarray(values * 4.0).astype("<f4").view("<u2").reshape(-1, 2)[:, ::-1].tobytes()
+
+
+def record(group: int, name: str, rest: bytes, processor: int) -> bytes:
+    step = integers_of(np.array([2 + len(rest)]), processor)
+    return struct.pack("bb", len(name), group) + name.encode() + step + rest
+
+
+def content(value: object, processor: int) -> bytes:
     if isinstance(value, list):
         length = max([len(text) for text in value], default=1) or 1
         joined = b"".join(text.encode("latin-1").ljust(length) for text in value)
         return struct.pack("bBBB", -1, 2, length, len(value)) + joined
     array = np.asarray(value)
-    kind, size = ("<i2", 2) if array.dtype.kind == "i" else ("<f4", 4)
-    stored = (array % 65536).astype("<u2") if kind == "<i2" else array.astype(kind)
-    return struct.pack("bB", size, array.ndim) + bytes(array.shape) + stored.ravel(order="F").tobytes()
+    whole = array.dtype.kind == "i"
+    flat = array.ravel(order="F")
+    stored = integers_of(flat, processor) if whole else reals_of(flat.astype(float), processor)
+    return struct.pack("bB", 2 if whole else 4, array.ndim) + bytes(array.shape) + stored

@@ -8,9 +8,9 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.columns import AXES, marker_columns, plate_columns, unit_of
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, printable
 from osl_analysis.ingest.c3d_file import C3DRecording, read_c3d
-from osl_analysis.ingest.c3d_plates import channel_numbers, plates_of
+from osl_analysis.ingest.c3d_plates import baseline_frames, channel_numbers, plates_of
 from osl_analysis.ingest.recording import Recording, check_finite, listing
 from osl_analysis.ingest.source_file import C3dSource
 from osl_analysis.ingest.units import si_factor
@@ -47,6 +47,8 @@ def read_capture(path: Path, source: C3dSource) -> Recording:
         "frame_rate_hz": header.rate,
         "samples_per_frame": header.samples_per_frame,
         "first_frame": header.first_frame,
+        "axes": source.axes,
+        "plate_zero_frames": baseline_frames(recording, source) if geometry else None,
         "plates": geometry,
         "body_mass_kg": next(iter(header.numbers("PROCESSING:BODYMASS").tolist()), None),
     }
@@ -54,7 +56,9 @@ def read_capture(path: Path, source: C3dSource) -> Recording:
     for column, values in fast.items():
         check_finite(f"{path}: {column}", values, time)
     columns = {**plate_origins, **analog_origins, **marker_origins, **output_origins}
-    return Recording(interleaved(time, fast, {**markers, **outputs}, ratio), columns, facts, warnings(recording))
+    return Recording(
+        interleaved(time, fast, {**markers, **outputs}, ratio), columns, facts, warnings(recording, source)
+    )
 
 
 def interleaved(time: Array, fast: Columns, slow: Columns, ratio: int) -> pl.DataFrame:
@@ -73,9 +77,10 @@ def read_markers(recording: C3DRecording, source: C3dSource) -> tuple[Columns, O
         unit = source.point_unit or recording.point_unit()
         factor = si_factor(unit, "m")
         place = place_of(label, recording.point_labels, "marker")
-        for axis, column in enumerate(marker_columns(label)):
-            columns[column] = recording.points[:, place, axis] * factor
-            where = {"label": label, "component": AXES[axis]}
+        place_in_laboratory = recording.points[:, place] @ source.rotation.T * factor
+        for axis, column in enumerate(marker_columns(printable(label))):
+            columns[column] = place_in_laboratory[:, axis]
+            where = {"label": label, "component": source.axes[axis]}
             origins[column] = {**where, "unit": unit, "factor": factor, "si_unit": unit_of(column)}
     return columns, origins
 
@@ -143,13 +148,14 @@ def place_of(label: str, labels: list[str], what: str) -> int:
     return labels.index(label)
 
 
-def warnings(recording: C3DRecording) -> list[str]:
+def warnings(recording: C3DRecording, source: C3dSource) -> list[str]:
     """What a reader of the trial should know about the recording."""
-    rate = recording.header.numbers("ANALOG:RATE")
-    actual = recording.header.rate * recording.header.samples_per_frame
-    if recording.header.channels and rate.size and abs(rate[0] - actual) > 1e-3 * actual:
-        return [
-            f"{recording.path.name}: ANALOG:RATE is {rate[0]} Hz, the frames hold samples at {actual} Hz; "
-            "the latter is used"
-        ]
-    return []
+    found, name, header = [], printable(recording.path.name), recording.header
+    rate = header.numbers("ANALOG:RATE")
+    actual = header.rate * header.samples_per_frame
+    if header.channels and rate.size and abs(rate[0] - actual) > 1e-3 * actual:
+        found.append(f"{name}: ANALOG:RATE is {rate[0]} Hz, the frames hold samples at {actual} Hz; the latter is used")
+    upward = "".join(header.texts("POINT:Y_SCREEN")[:1]).upper()
+    if source.axes == ("x", "y", "z") and upward not in ("", "+Z", "-Z", "Z"):
+        found.append(f"{name}: its vertical axis seems to be {printable(upward)}; state `axes` in the source file")
+    return found

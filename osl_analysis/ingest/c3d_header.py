@@ -1,8 +1,4 @@
-"""The header and the parameters of a C3D file, read before any decoder sees it.
-
-Decoders trust these bytes: one returns fewer frames for a truncated file without a word, another crashes on a
-damaged parameter section. Some damage passes all the same, so the decoder runs isolated (`isolation.py`).
-"""
+"""The header and the parameters of a C3D file, checked against each other and the file's size before data are read."""
 
 import math
 import struct
@@ -19,8 +15,8 @@ BLOCK = 512
 KEY = 0x50
 MOST_FRAMES = 0xFFFF
 PROCESSORS = {84: "Intel", 85: "DEC", 86: "MIPS"}
-READ = ("Intel", "DEC")
-KINDS = {-1: "S1", 1: "u1", 2: "<i2", 4: "<f4"}  # type of a parameter: text, byte, integer, real
+ENDIAN = {"Intel": "<", "DEC": "<", "MIPS": ">"}
+SIZES = (-1, 1, 2, 4)  # type of a parameter: text, byte, integer, real
 CONTINUATIONS = ("", *map(str, range(2, 10)))  # a parameter holds 255 values; the next ones follow in NAME2, ...
 
 Parameters = dict[str, "Array | list[str]"]
@@ -31,9 +27,10 @@ class C3DHeader:
     """What the file declares: counts and places, and the parameters by `GROUP:NAME`.
 
     Arrays are float64 with the file's dimensions, first index fastest in the file (Fortran order); text is a
-    list of stripped strings. `integers` says that samples are stored as 16-bit integers.
+    list of stripped strings. `scale` is the positions' where samples are stored as 16-bit `integers`.
     """
 
+    processor: str
     points: int
     first_frame: int
     frames: int
@@ -41,8 +38,16 @@ class C3DHeader:
     samples_per_frame: int
     channels: int
     data_start: int
-    integers: bool
+    scale: float
     parameters: Parameters
+
+    @property
+    def integers(self) -> bool:
+        return self.scale > 0
+
+    @property
+    def frame_bytes(self) -> int:
+        return (2 if self.integers else 4) * (4 * self.points + self.channels * self.samples_per_frame)
 
     def table(self, name: str) -> Array:
         """A numeric parameter in its own dimensions; empty where the file has none."""
@@ -59,39 +64,41 @@ class C3DHeader:
         return [text for value in values if isinstance(value, list) for text in value]
 
 
-def read_header(path: Path) -> C3DHeader:
-    """Header and parameters, checked against each other and against the size of the file.
+def parse_file(path: Path, data: bytes) -> C3DHeader:
+    """Header and parameters of a file's content.
 
     Raises
     ------
     InputError
-        No C3D file, a processor type that is not read, damaged parameters, or fewer frames than declared.
+        No C3D file, a processor type that is not known, damaged parameters, counts that contradict each other, or
+        fewer frames than declared.
     """
-    data = path.read_bytes()
     if len(data) < 2 * BLOCK or data[1] != KEY:
         raise InputError(
             f"{path}: not a C3D file (it begins with {data[:4]!r}); check the path and the source's format"
         )
-    processor = PROCESSORS.get((data[(data[0] - 1) * BLOCK :][:4] or b"?")[-1], "of an unknown type")
-    if processor not in READ:
+    start = (data[0] - 1) * BLOCK
+    processor = PROCESSORS.get(data[start + 3]) if 0 < start < len(data) - 3 else None
+    if processor is None:
         raise InputError(
-            f"{path}: written for a processor {processor}; only {' and '.join(READ)} are read: save it as Intel "
-            "in the laboratory's software, or in Mokka"
+            f"{path}: written for a processor of an unknown type; {', '.join(ENDIAN)} are read: export the trial again"
         )
     try:
-        header = parse_header(data, processor == "DEC")
+        header = parse_header(data, start, processor)
+        check_counts(header)
     except (struct.error, ValueError, IndexError) as error:
         raise InputError(f"{path}: damaged C3D file: {error}; export the trial again") from error
     check_size(path, header, len(data))
     return header
 
 
-def parse_header(data: bytes, dec: bool) -> C3DHeader:
-    """Header block and parameter section, of an Intel or a DEC file."""
-    words = np.frombuffer(data[:24], "<u2").astype(int)
-    scale, rate = (float(reals(data[begin : begin + 4], dec)[0]) for begin in (12, 20))
+def parse_header(data: bytes, start: int, processor: str) -> C3DHeader:
+    """Header block and parameter section; the latter's rate, scale and long frame counts hold where it has them."""
+    words = np.frombuffer(data[:24], f"{ENDIAN[processor]}u2").astype(int)
+    scale, rate = (float(reals(data[begin : begin + 4], processor)[0]) for begin in (12, 20))
     samples_per_frame = max(int(words[9]), 1)
     header = C3DHeader(
+        processor=processor,
         points=int(words[1]),
         first_frame=int(words[3]),
         frames=int(words[4] - words[3] + 1),
@@ -99,17 +106,39 @@ def parse_header(data: bytes, dec: bool) -> C3DHeader:
         samples_per_frame=samples_per_frame,
         channels=int(words[2]) // samples_per_frame,
         data_start=(int(words[8]) - 1) * BLOCK,
-        integers=scale > 0,
-        parameters=parse_parameters(data, (data[0] - 1) * BLOCK + 4, dec),
+        scale=scale,
+        parameters=parse_parameters(data, start + 4, processor),
     )
     stated = header.numbers("POINT:RATE")
-    return replace(header, rate=float(stated[0])) if stated.size and stated[0] > 0 else header
+    rated = replace(header, rate=float(stated[0])) if stated.size and stated[0] > 0 else header
+    return replace(rated, frames=long_frames(rated) or rated.frames) if words[4] == MOST_FRAMES else rated
+
+
+def long_frames(header: C3DHeader) -> int:
+    """The count of frames where the header's 16 bits cannot hold it; 0 where no parameter says.
+
+    Vicon and Qualisys write the first and last frame as two 16-bit words, low word first, others POINT:LONG_FRAMES.
+    """
+    first, last = (header.numbers(f"TRIAL:ACTUAL_{end}_FIELD") % 65536 for end in ("START", "END"))
+    if first.size == last.size == 2:
+        return int((last - first) @ [1, 65536]) + 1
+    stated = header.numbers("POINT:LONG_FRAMES")
+    return int(stated[0]) if stated.size and np.isfinite(stated[0]) else 0
+
+
+def check_counts(header: C3DHeader) -> None:
+    """Refuse a header whose counts the parameters contradict: every frame would be read from a wrong place."""
+    for group, count in (("POINT", header.points), ("ANALOG", header.channels)):
+        used = header.numbers(f"{group}:USED")
+        if used.size and used[0] % 65536 != count:
+            raise InputError(f"the header counts {count}, {group}:USED {used[0]:g}")
+    if header.scale == 0 or not math.isfinite(header.scale):
+        raise InputError(f"the scale of the points is {header.scale}")
 
 
 def check_size(path: Path, header: C3DHeader, size: int) -> None:
     """Refuse what holds no frames, or more or fewer than it declares."""
-    width = 2 if header.integers else 4
-    frame = width * (4 * header.points + header.channels * header.samples_per_frame)
+    frame = header.frame_bytes
     if header.frames < 1 or frame == 0 or not 0 < header.rate < math.inf:
         raise InputError(
             f"{path}: declares {header.frames} frames of {frame} bytes at {header.rate} Hz: nothing to read"
@@ -125,7 +154,7 @@ def check_size(path: Path, header: C3DHeader, size: int) -> None:
         )
 
 
-def parse_parameters(data: bytes, position: int, dec: bool) -> Parameters:
+def parse_parameters(data: bytes, position: int, processor: str) -> Parameters:
     """The parameter section from its first record on; groups may follow their parameters."""
     groups: dict[int, str] = {}
     found: list[tuple[int, str, Array | list[str]]] = []
@@ -133,11 +162,11 @@ def parse_parameters(data: bytes, position: int, dec: bool) -> Parameters:
         length, group = struct.unpack_from("bb", data, position)
         end = position + 2 + abs(length)
         name = data[position + 2 : end].decode("latin-1").strip().upper()
-        (step,) = struct.unpack_from("<h", data, end)
+        (step,) = struct.unpack_from(f"{ENDIAN[processor]}h", data, end)
         if group < 0:
             groups[-group] = name
         else:
-            found.append((group, name, parameter_value(data, end + 2, dec, name)))
+            found.append((group, name, parameter_value(data, end + 2, processor, name)))
         if step < 0:
             raise InputError(f"the parameter section is damaged after {name!r}")
         if step == 0:
@@ -146,10 +175,10 @@ def parse_parameters(data: bytes, position: int, dec: bool) -> Parameters:
     return {f"{groups.get(group, group)}:{name}": value for group, name, value in found}
 
 
-def parameter_value(data: bytes, position: int, dec: bool, name: str) -> Array | list[str]:
+def parameter_value(data: bytes, position: int, processor: str, name: str) -> Array | list[str]:
     """One parameter from its type byte on."""
     kind, dimensions = struct.unpack_from("bB", data, position)
-    if kind not in KINDS or dimensions > 7:
+    if kind not in SIZES or dimensions > 7:
         raise InputError(f"the parameter '{name}' has type {kind} and {dimensions} dimensions: the section is damaged")
     shape = tuple(data[position + 2 : position + 2 + dimensions])
     begin = position + 2 + dimensions
@@ -158,7 +187,8 @@ def parameter_value(data: bytes, position: int, dec: bool, name: str) -> Array |
         raise InputError(f"the parameter '{name}' reaches beyond the end of the file")
     if kind == -1:
         return text_values(content, shape[0] if shape else 1)
-    values = reals(content, dec) if kind == 4 else np.frombuffer(content, KINDS[kind])
+    whole = "u1" if kind == 1 else f"{ENDIAN[processor]}i2"
+    values = reals(content, processor) if kind == 4 else np.frombuffer(content, whole)
     return values.astype(np.float64).reshape(shape, order="F")
 
 
@@ -175,9 +205,10 @@ def decode(text: bytes) -> str:
         return text.decode("latin-1")
 
 
-def reals(content: bytes, dec: bool) -> NDArray[np.float32]:
+def reals(content: bytes, processor: str) -> NDArray[np.float32]:
     """32-bit reals; DEC stores the halves swapped and an exponent that is two larger."""
-    if not dec:
-        return np.frombuffer(content, "<f4")
+    if processor != "DEC":
+        return np.frombuffer(content, f"{ENDIAN[processor]}f4").astype(np.float32)
     halves = np.frombuffer(content, "<u2").reshape(-1, 2)[:, ::-1]
-    return np.ascontiguousarray(halves).view("<f4")[:, 0] * np.float32(0.25)
+    with np.errstate(invalid="ignore"):
+        return np.ascontiguousarray(halves).view("<f4")[:, 0] * np.float32(0.25)

@@ -1,7 +1,7 @@
 """The force plates that a C3D file declares, with their channels in SI units.
 
-FORCE_PLATFORM:ZERO, the frames of a baseline to subtract, is not applied: the reference values are reproduced
-without it, the frames named are often loaded or absent (0), and an offset is for the analysis to remove.
+FORCE_PLATFORM:ZERO, the frames of a baseline to subtract, is applied where the source file asks for it only: most
+files name their first ten frames whether the plates were empty or not.
 """
 
 import numpy as np
@@ -51,7 +51,7 @@ def plate_of(recording: C3DRecording, source: C3dSource, number: int) -> ForcePl
     return ForcePlate(
         number,
         kind,
-        parameter(recording, "CORNERS", number, (3, 4)).T * metre,
+        parameter(recording, "CORNERS", number, (3, 4)).T * metre @ source.rotation.T,
         parameter(recording, "ORIGIN", number, (3,)) * metre,
         calibration(recording, source, number) if kind == 4 else None,
     )
@@ -84,12 +84,39 @@ def plate_channels(recording: C3DRecording, source: C3dSource, plate: ForcePlate
     """The plate's samples (samples, channels) in SI units; of type 4 as they are, for its calibration."""
     numbers = channel_numbers(recording, plate)
     values = recording.analogs[:, numbers]
+    unloaded = baseline(values, recording, source)
+    if plate.type == 1:
+        unloaded[3:5] = 0.0  # an unloaded plate has no centre of pressure
+    values = values - unloaded
     if plate.type == 4:
         return values
     units = [
         factor(recording, source, n, quantity) for n, quantity in zip(numbers, QUANTITIES[plate.type], strict=True)
     ]
     return np.asarray(values * np.array(units))
+
+
+def baseline(values: Array, recording: C3DRecording, source: C3dSource) -> Array:
+    """Mean of the channels (samples, channels) over the frames of the baseline, (channels,); zero where there is none."""
+    frames = baseline_frames(recording, source)
+    if frames is None:
+        return np.zeros(values.shape[1])
+    ratio = recording.header.samples_per_frame
+    return np.asarray(values[(frames[0] - 1) * ratio : frames[1] * ratio].mean(axis=0))
+
+
+def baseline_frames(recording: C3DRecording, source: C3dSource) -> tuple[int, int] | None:
+    """First and last frame, counted from 1, over which the plates are taken for unloaded."""
+    if source.plate_zero == "none":
+        return None
+    given = recording.header.numbers("FORCE_PLATFORM:ZERO") if source.plate_zero == "file" else source.plate_zero
+    first, last = (int(given[0]), int(given[1])) if len(given) >= 2 else (0, 0)
+    if not 1 <= first <= last <= recording.header.frames:
+        raise InputError(
+            f"the baseline of the plates is frames {first} to {last} of {recording.header.frames}; state two frames "
+            "with nobody on the plates as `plate_zero`, or none"
+        )
+    return first, last
 
 
 def factor(recording: C3DRecording, source: C3dSource, channel: int, quantity: str) -> float:

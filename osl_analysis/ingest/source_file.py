@@ -3,13 +3,16 @@
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import ConfigDict, Field, field_validator, model_validator
+import numpy as np
+from pydantic import ConfigDict, Field, PositiveInt, field_validator, model_validator
 
-from osl_analysis.columns import COLUMNS, unit_of
+from osl_analysis.columns import AXES, COLUMNS, unit_of
 from osl_analysis.ingest.units import si_factor
+from osl_analysis.trial import Array
 from osl_analysis.validation import Settings, read_yaml
 
 Sign = Literal[1, -1]
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
 class LogChannel(Settings):
@@ -107,7 +110,9 @@ class C3dSource(Settings):
     """A motion capture recording in C3D.
 
     `markers`: all (every labelled point that is no model output), none or a list of labels; `plates`: all, none
-    or a list counted from 1. `point_unit` and `plate_units` override what the file says.
+    or a list counted from 1. `point_unit` and `plate_units` override what the file says. `axes` names the file's axes
+    that point forward, to the left and up: `[z, x, y]` or `[x, -z, y]` where y is up. `plate_zero` is the baseline to
+    subtract from the plates' channels: none, file (the frames of FORCE_PLATFORM:ZERO) or two frames, counted from 1.
     """
 
     format: Literal["c3d"]
@@ -119,6 +124,22 @@ class C3dSource(Settings):
     point_unit: str | None = None
     plate_units: PlateUnits | None = None
     shared: SharedAngle | None = None
+    plate_zero: Literal["none", "file"] | tuple[PositiveInt, PositiveInt] = "none"
+    axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
+
+    @property
+    def rotation(self) -> Array:
+        """From the file's axes to ours, (3, 3): our coordinates are `rotation @ (x, y, z)`."""
+        return np.array(
+            [[(-1.0 if name[0] == "-" else 1.0) * (name[-1] == axis) for axis in AXES] for name in self.axes]
+        )
+
+    @field_validator("axes")
+    @classmethod
+    def _right_handed(cls, axes: tuple[Axis, Axis, Axis]) -> tuple[Axis, Axis, Axis]:
+        if round(float(np.linalg.det(cls.model_construct(axes=axes).rotation))) != 1:
+            raise ValueError("forward, left and up must be three different axes of a right-handed laboratory")
+        return axes
 
     @field_validator("markers", "plates", mode="before")
     @classmethod

@@ -50,8 +50,35 @@ ALIASES = {
 }
 # names whose case says nothing, as no prefix could be meant
 WORDS = frozenset(
-    "volt volts degree degrees deg radian radians rad newton newtons meter meters metre metres millimeter millimeters "
-    "millimetre millimetres amp amps ampere amperes second seconds revolution revolutions rpm".split()
+    [
+        "volt",
+        "volts",
+        "degree",
+        "degrees",
+        "deg",
+        "radian",
+        "radians",
+        "rad",
+        "newton",
+        "newtons",
+        "meter",
+        "meters",
+        "metre",
+        "metres",
+        "millimeter",
+        "millimeters",
+        "millimetre",
+        "millimetres",
+        "amp",
+        "amps",
+        "ampere",
+        "amperes",
+        "second",
+        "seconds",
+        "revolution",
+        "revolutions",
+        "rpm",
+    ]
 )
 NAMES = re.compile(r"[^\W\d_]\w{0,30}|°|%|1")
 SMALLEST, LARGEST = 1e-9, 1e5  # factor of ns, and more than that of N*m/mdeg: beyond lie misspellings (`Mm`, `MN`)

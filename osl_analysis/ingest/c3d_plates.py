@@ -97,7 +97,7 @@ def plate_channels(recording: C3DRecording, source: C3dSource, plate: ForcePlate
 
 
 def baseline(values: Array, recording: C3DRecording, source: C3dSource) -> Array:
-    """Mean of the channels (samples, channels) over the frames of the baseline, (channels,); zero where there is none."""
+    """Mean of the channels (samples, channels) over the baseline's frames, (channels,); zero where there is none."""
     frames = baseline_frames(recording, source)
     if frames is None:
         return np.zeros(values.shape[1])

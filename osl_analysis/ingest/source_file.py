@@ -3,16 +3,12 @@
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 from pydantic import ConfigDict, Field, PositiveInt, field_validator, model_validator
 
-from osl_analysis.columns import AXES, COLUMNS, unit_of
+from osl_analysis.ingest.csv_source import CsvSource, NexusSource
+from osl_analysis.ingest.source_fields import Laboratory, ModelOutput, Sign, all_none_or_list, check_column
 from osl_analysis.ingest.units import si_factor
-from osl_analysis.trial import Array
 from osl_analysis.validation import Settings, read_yaml
-
-Sign = Literal[1, -1]
-Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
 class LogChannel(Settings):
@@ -62,27 +58,6 @@ class McapSource(Settings):
         return self
 
 
-class AnalogChannel(Settings):
-    """One analog channel, by its label; without `unit` the file's ANALOG:UNITS holds."""
-
-    channel: str
-    unit: str | None = None
-    sign: Sign = 1
-
-
-class ModelOutput(Settings):
-    """One component of a model output that the laboratory's software stored as a point.
-
-    The unit is what the software computes, not what the file says: Plug-in Gait moments are N*mm/kg whatever
-    the file's units.
-    """
-
-    label: str
-    component: Literal["x", "y", "z"]
-    unit: str
-    sign: Sign = 1
-
-
 class PlateUnits(Settings):
     """Units of the plates' force and moment channels where the file's ANALOG:UNITS are absent or wrong."""
 
@@ -96,59 +71,36 @@ class PlateUnits(Settings):
         return self
 
 
-class SharedAngle(Settings):
-    """What aligns a log's clock where the edges of a sync channel cannot.
+class AnalogChannel(Settings):
+    """One analog channel, by its label; without `unit` the file's ANALOG:UNITS holds."""
 
-    A column of the log is, up to scale, sign and offset, the angle at the second of three markers.
-    """
-
-    column: str
-    markers: tuple[str, str, str]
+    channel: str
+    unit: str | None = None
+    sign: Sign = 1
 
 
-class C3dSource(Settings):
+class C3dSource(Laboratory):
     """A motion capture recording in C3D.
 
     `markers`: all (every labelled point that is no model output), none or a list of labels; `plates`: all, none
-    or a list counted from 1. `point_unit` and `plate_units` override what the file says. `axes` names the file's axes
-    that point forward, to the left and up: `[z, x, y]` or `[x, -z, y]` where y is up. `plate_zero` is the baseline to
-    subtract from the plates' channels: none, file (the frames of FORCE_PLATFORM:ZERO) or two frames, counted from 1.
+    or a list counted from 1. `point_unit` and `plate_units` override what the file says.
+    `plate_zero` is the baseline to subtract from the plates' channels: none, file (the frames of FORCE_PLATFORM:ZERO)
+    or two frames, counted from 1.
     """
 
     format: Literal["c3d"]
     description: str = ""
-    markers: Literal["all"] | tuple[str, ...] = "all"
     plates: Literal["all"] | tuple[int, ...] = "all"
     analogs: dict[str, AnalogChannel] = Field(default={})
     outputs: dict[str, ModelOutput] = Field(default={})
     point_unit: str | None = None
     plate_units: PlateUnits | None = None
-    shared: SharedAngle | None = None
     plate_zero: Literal["none", "file"] | tuple[PositiveInt, PositiveInt] = "none"
-    axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
 
-    @property
-    def rotation(self) -> Array:
-        """From the file's axes to ours, (3, 3): our coordinates are `rotation @ (x, y, z)`."""
-        return np.array(
-            [[(-1.0 if name[0] == "-" else 1.0) * (name[-1] == axis) for axis in AXES] for name in self.axes]
-        )
-
-    @field_validator("axes")
+    @field_validator("plates", mode="before")
     @classmethod
-    def _right_handed(cls, axes: tuple[Axis, Axis, Axis]) -> tuple[Axis, Axis, Axis]:
-        if round(float(np.linalg.det(cls.model_construct(axes=axes).rotation))) != 1:
-            raise ValueError("forward, left and up must be three different axes of a right-handed laboratory")
-        return axes
-
-    @field_validator("markers", "plates", mode="before")
-    @classmethod
-    def _choice(cls, value: Any) -> Any:
-        if value == "none":
-            return ()
-        if value == "all" or isinstance(value, list | tuple):
-            return value
-        raise ValueError("write all, none or a list")
+    def _plate_choice(cls, value: Any) -> Any:
+        return all_none_or_list(value)
 
     @model_validator(mode="after")
     def _canonical(self) -> "C3dSource":
@@ -161,31 +113,24 @@ class C3dSource(Settings):
         return self
 
 
+Source = McapSource | C3dSource | CsvSource | NexusSource
+MODELS: dict[str, type[McapSource] | type[C3dSource] | type[CsvSource] | type[NexusSource]] = {
+    "mcap": McapSource,
+    "c3d": C3dSource,
+    "csv": CsvSource,
+    "nexus_csv": NexusSource,
+}
+
+
 class AnySource(Settings):
     """Of a source file, the field that says which kind it is."""
 
     model_config = ConfigDict(extra="ignore")
 
-    format: Literal["mcap", "c3d"]
+    format: Literal["mcap", "c3d", "csv", "nexus_csv"]
 
 
-def check_column(column: str, unit: str | None) -> None:
-    """Refuse a column that is not in the nomenclature, or a unit that cannot become the column's."""
-    try:
-        canonical = unit_of(column)
-    except KeyError:
-        names = [name for name in COLUMNS if name != "time"]
-        raise ValueError(f"'{column}' is no canonical column; the columns are {', '.join(names)}") from None
-    if column == "time":
-        raise ValueError("time is no channel; say where it comes from under `time`")
-    if unit is not None:
-        try:
-            si_factor(unit, canonical)
-        except ValueError as error:
-            raise ValueError(f"{column}: {error}") from None
-
-
-def read_source(path: Path) -> McapSource | C3dSource:
+def read_source(path: Path) -> Source:
     """A source file, checked: columns are canonical, every unit converts to its column's.
 
     Raises
@@ -193,5 +138,4 @@ def read_source(path: Path) -> McapSource | C3dSource:
     InputError
         The file is missing, or a field is unknown, absent or of a wrong value.
     """
-    models: dict[str, type[McapSource] | type[C3dSource]] = {"mcap": McapSource, "c3d": C3dSource}
-    return read_yaml(path, models[read_yaml(path, AnySource).format])
+    return read_yaml(path, MODELS[read_yaml(path, AnySource).format])

@@ -49,36 +49,8 @@ ALIASES = {
     "1": "dimensionless",
 }
 # names whose case says nothing, as no prefix could be meant
-WORDS = frozenset(
-    [
-        "volt",
-        "volts",
-        "degree",
-        "degrees",
-        "deg",
-        "radian",
-        "radians",
-        "rad",
-        "newton",
-        "newtons",
-        "meter",
-        "meters",
-        "metre",
-        "metres",
-        "millimeter",
-        "millimeters",
-        "millimetre",
-        "millimetres",
-        "amp",
-        "amps",
-        "ampere",
-        "amperes",
-        "second",
-        "seconds",
-        "revolution",
-        "revolutions",
-        "rpm",
-    ]
+WORDS = re.compile(
+    r"(milli)?met(er|re)s?|volts?|deg(ree)?s?|rad(ian)?s?|newtons?|amp(ere)?s?|seconds?|revolutions?|rpm", re.IGNORECASE
 )
 NAMES = re.compile(r"[^\W\d_]\w{0,30}|°|%|1")
 SMALLEST, LARGEST = 1e-9, 1e5  # factor of ns, and more than that of N*m/mdeg: beyond lie misspellings (`Mm`, `MN`)
@@ -124,7 +96,7 @@ def base_units(spelling: str) -> tuple[float, str] | None:
     parts = re.split(r"([*/])", spelling)
     if len(parts) > 15 or not all(NAMES.fullmatch(name) for name in parts[::2]):
         return None
-    tidy = [ALIASES.get(name, name.lower() if name.lower() in WORDS else name) for name in parts]
+    tidy = [ALIASES.get(name, name.lower() if WORDS.fullmatch(name) else name) for name in parts]
     grouped = [f"({name})" if len(name) > 1 and "*" in name else name for name in tidy]
     try:
         one = REGISTRY.Quantity(1.0, REGISTRY.parse_units("".join(grouped))).to_base_units()

@@ -1,0 +1,120 @@
+"""A log in CSV to canonical columns, by a source file."""
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from osl_analysis.columns import unit_of
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.csv_source import CsvChannel, CsvSource
+from osl_analysis.ingest.csv_table import CsvTable, read_table
+from osl_analysis.ingest.csv_text import UnreadableCellError, numbers
+from osl_analysis.ingest.recording import Recording
+from osl_analysis.ingest.units import si_factor
+from osl_analysis.trial import Array, check_time
+
+COMMENTS = 100  # lines of a file's own header that the provenance keeps
+
+
+def read_csv_log(path: Path, source: CsvSource) -> Recording:
+    """The columns that the source file maps, in SI units; time [s] counts from the first row.
+
+    A cell that holds one of the words for a failed reading is NaN, and counted in the facts and warnings.
+
+    Raises
+    ------
+    InputError
+        No such column, a cell that is no number, too many missing, an unknown unit, or time that does not strictly
+        increase.
+    """
+    table = read_table(path, source)
+    time, start = time_of(table, source)
+    columns, origins, missing = [pl.Series("time", time)], {}, {}
+    for column, channel in source.channels.items():
+        place = table.column(channel.column)
+        unit = channel.unit if channel.unit is not None else table.units[place]
+        factor = factor_of(table, channel, unit, column)
+        raw, absent = column_of(table, place, source)
+        missing[column] = missing_in(table, place, absent, source)
+        columns.append(pl.Series(column, channel.sign * channel.scale * factor * (raw + channel.offset)))
+        origins[column] = {**channel.model_dump(), "unit": unit, "factor": factor, "si_unit": unit_of(column)}
+    facts = {
+        "time": {**source.time.model_dump(exclude_none=True), "start": start},
+        "rates_hz": {path.name: float(1 / np.median(np.diff(time))) if time.size > 1 else None},
+        "missing": missing,
+        "comments": table.comments[:COMMENTS],
+    }
+    return Recording(pl.DataFrame(columns), origins, facts, warnings(table, source, missing))
+
+
+def time_of(table: CsvTable, source: CsvSource) -> tuple[Array, float]:
+    """Time [s] of every row from the first on, and what the first row's clock said."""
+    if source.time.rate is not None:
+        return np.arange(len(table.rows)) / source.time.rate, 0.0
+    place = table.column(str(source.time.column))
+    unit = source.time.unit if source.time.unit is not None else table.units[place]
+    try:
+        factor = si_factor(unit, "s")
+    except InputError as error:
+        raise InputError(f"{table.path}: column '{source.time.column}': {error}, under `time`") from error
+    raw, absent = column_of(table, place, source)
+    if absent.any():
+        line = table.rows[int(np.argmax(absent))][0]
+        raise InputError(f"{table.path}: line {line}: no time in column '{source.time.column}'; remove the line")
+    time = (raw - raw[0]) * factor
+    check_time(f"{table.path}, column '{source.time.column}'", time)
+    return time, float(raw[0])
+
+
+def factor_of(table: CsvTable, channel: CsvChannel, unit: str, column: str) -> float:
+    """Factor of a column to its SI unit."""
+    try:
+        return si_factor(unit, unit_of(column))
+    except InputError as error:
+        raise InputError(
+            f"{table.path}: column '{channel.column}': {error}, as `unit` of {column} in the source file"
+        ) from error
+
+
+def column_of(table: CsvTable, place: int, source: CsvSource) -> tuple[Array, NDArray[np.bool_]]:
+    """One column's numbers (rows,), NaN where missing, and where that is so.
+
+    Raises
+    ------
+    InputError
+        A cell is no number.
+    """
+    cells = table.cells(place)
+    try:
+        values, absent = numbers(cells, source.missing, source.decimal)
+    except UnreadableCellError as error:
+        text = str(cells[error.place])
+        raise InputError(
+            f"{table.path}: line {table.rows[error.place][0]}, column '{table.names[place]}': '{text[:40]}' is no "
+            f"number; add the word to `missing`, or state `decimal`, `header` or `units_row`"
+        ) from error
+    return values, absent
+
+
+def missing_in(table: CsvTable, place: int, absent: NDArray[np.bool_], source: CsvSource) -> int:
+    """How many cells of a column are missing; refused where they are too many."""
+    count = int(absent.sum())
+    if count > source.most_missing * absent.size:
+        raise InputError(
+            f"{table.path}: column '{table.names[place]}' is missing in {count} of {absent.size} rows, first in line "
+            f"{table.rows[int(np.argmax(absent))][0]}; more than the {source.most_missing:.1%} of `most_missing`"
+        )
+    return count
+
+
+def warnings(table: CsvTable, source: CsvSource, missing: dict[str, int]) -> list[str]:
+    """What was repaired or missing, and where the file's unit is another than the source file's."""
+    name, found = table.path.name, list(table.notes)
+    found += [f"{name}: {column} is missing in {n} of {len(table.rows)} rows" for column, n in missing.items() if n]
+    for column, channel in source.channels.items():
+        theirs = table.units[table.column(channel.column)]
+        if channel.unit and theirs and theirs != channel.unit:
+            found.append(f"{name}: {column} is read in {channel.unit}; the file says {theirs}")
+    return found

@@ -1,0 +1,112 @@
+"""Text files to rows of cells, and cells to numbers; what a writer's locale and habits change is settled here."""
+
+import csv
+import re
+from collections.abc import Collection, Sequence
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError
+from osl_analysis.trial import Array
+
+DELIMITERS = {"tab": "\t", "space": " "}
+SNIFFED = 50  # lines that decide upon the delimiter
+UNIT = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))", re.DOTALL)
+
+Lines = list[tuple[int, str]]  # number in the file, counted from 1, and text
+Rows = list[tuple[int, list[str]]]
+
+
+def read_lines(path: Path) -> Lines:
+    """The lines of a file in UTF-8, UTF-16 with its mark, or else Windows' western code page.
+
+    Raises
+    ------
+    InputError
+        The file holds zero bytes and so is no text.
+    """
+    data = path.read_bytes()
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        text = data.decode("utf-16", errors="replace")
+    else:
+        try:
+            text = data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = data.decode("cp1252", errors="replace")
+    if "\0" in text:
+        raise InputError(f"{path}: not a text file; check the path and the source's format")
+    return list(enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1))
+
+
+def delimiter_of(lines: Lines, given: str) -> str:
+    """The delimiter that the source file names, or the first of tab, `;`, `|` and `,` that every line has.
+
+    A comma stands last: it may be the decimal sign between the others.
+    """
+    if given != "auto":
+        return DELIMITERS.get(given, given)
+    sample = [text for _, text in lines if text.strip()][:SNIFFED]
+    everywhere = [sign for sign in "\t;|" if sample and all(sign in text for text in sample)]
+    return everywhere[0] if everywhere else ","
+
+
+def split(path: Path, lines: Lines, delimiter: str) -> Rows:
+    """Cells of every line, stripped; blank lines are left out.
+
+    Raises
+    ------
+    InputError
+        A quote is not closed on its line, or a cell is longer than any number or name.
+    """
+    reader = csv.reader((text for _, text in lines), delimiter=delimiter, skipinitialspace=True)
+    rows: Rows = []
+    try:
+        for count, cells in enumerate(reader, start=1):
+            if reader.line_num != count:
+                raise InputError(f"{path}: line {lines[count - 1][0]}: a quote is not closed; remove it")
+            rows.append((lines[count - 1][0], [cell.strip() for cell in cells]))
+    except csv.Error as error:
+        raise InputError(f"{path}: line {lines[reader.line_num - 1][0]}: {error}; repair it") from error
+    return [(line, cells) for line, cells in rows if any(cells)]
+
+
+def name_and_unit(title: str) -> tuple[str, str]:
+    """`torque [Nm]` or `torque (Nm)` as name and unit; the unit is empty where the title has none."""
+    match = UNIT.fullmatch(title)
+    return (match[1], match[2] or match[3] or "") if match else (title, "")
+
+
+def numbers(cells: Sequence[str | None], missing: Collection[str], decimal: str) -> tuple[Array, NDArray[np.bool_]]:
+    """Values (n,), NaN where a cell is one of the words in `missing` or None, and where that is so.
+
+    Raises
+    ------
+    UnreadableCellError
+        A cell is neither; or it is infinite.
+    """
+    text = pl.Series(cells, dtype=pl.String)
+    absent = (text.is_null() | text.is_in(list(missing))).to_numpy()
+    plain = text.str.replace(",", ".", literal=True) if decimal == "," else text
+    values = plain.cast(pl.Float64, strict=False).to_numpy().copy()
+    values[absent] = np.nan
+    for place in np.flatnonzero(~np.isfinite(values) & ~absent):
+        values[place] = number(str(plain[int(place)]), int(place))
+    return values, absent
+
+
+def number(text: str, place: int) -> float:
+    """One cell that the fast path left, such as `+1.5`."""
+    if re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?", text, re.ASCII) and np.isfinite(float(text)):
+        return float(text)
+    raise UnreadableCellError(place)
+
+
+class UnreadableCellError(Exception):
+    """A cell, by its place in the column, that is no number."""
+
+    def __init__(self, place: int) -> None:
+        super().__init__(place)
+        self.place = place

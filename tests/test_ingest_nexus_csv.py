@@ -1,0 +1,180 @@
+"""Nexus CSV exports: sections in any order and dress are one recording, and what does not fit is refused by line."""
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from c3d_builder import REAL_DATA
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from osl_analysis.commands.ingest import ingest_trial
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.nexus_capture import read_nexus
+from osl_analysis.ingest.source_file import NexusSource, read_source
+from osl_analysis.trial_file import read_trial
+
+SOURCES = Path(__file__).parents[1] / "config" / "sources"
+SAMPLES = sorted((REAL_DATA / "nexus_csv").glob("*.csv"))
+DEVICES = """Devices
+200
+,,AMTI #1 - Force,,,AMTI #1 - Moment,,,AMTI #1 - CoP,,,Sync - Voltage
+Frame,Sub Frame,Fx,Fy,Fz,Mx,My,Mz,Cx,Cy,Cz,1
+,,N,N,N,N.mm,N.mm,N.mm,mm,mm,mm,V
+5,0,1,2,-700,1000,2000,3000,0,0,0,0.5
+5,1,1,2,-701,1000,2000,3000,0,0,0,0.6
+6,0,1,2,-702,1000,2000,3000,0,0,0,0.7
+6,1,1,2,-703,1000,2000,3000,0,0,0,0.8
+"""
+TRAJECTORIES = """Trajectories
+100
+,,Anna:TOE,,,Anna:HEEL,,,*12,,
+Frame,Sub Frame,X,Y,Z,X,Y,Z,X,Y,Z
+,,mm,mm,mm,mm,mm,mm,mm,mm,mm
+5,0,1,2,3,,,,7,8,9
+6,0,10,20,30,40,50,60,7,8,9
+"""
+MODEL = """Model Outputs
+100
+,,Anna:LAnkleMoment,,
+Frame,Sub Frame,X,Y,Z
+,,N.mm,N.mm,N.mm
+5,0,1500,0,0
+6,0,1600,0,0
+"""
+CORNERS = [[500, 600, 0], [0, 600, 0], [0, 0, 0], [500, 0, 0]]
+
+
+def source(**fields: object) -> NexusSource:
+    usual = {
+        "format": "nexus_csv",
+        "analogs": {"sync": {"device": "Sync - Voltage", "component": "1"}},
+        "outputs": {"reference_ankle_moment_left": {"label": "LAnkleMoment", "component": "x", "unit": "N*mm/kg"}},
+        "plates": {1: {"device": "AMTI #1", "corners": CORNERS, "sign": -1}},
+    }
+    return NexusSource.model_validate({**usual, **fields})
+
+
+def read(tmp_path: Path, text: str, **fields: object) -> pl.DataFrame:
+    path = tmp_path / "trial.csv"
+    path.write_text(text)
+    return read_nexus(path, source(**fields)).samples
+
+
+def padded(text: str) -> str:
+    return "".join(line + "," * (20 - line.count(",")) + "\n" for line in text.splitlines())
+
+
+@pytest.mark.parametrize(
+    ("text", "fields"),
+    [
+        ("\n".join([DEVICES, TRAJECTORIES, MODEL]), {}),
+        ("\n".join([MODEL, TRAJECTORIES, DEVICES]), {}),
+        (padded("\n".join([TRAJECTORIES, DEVICES, MODEL])), {}),
+        ("\n".join([DEVICES, TRAJECTORIES, MODEL]).replace(",", "\t"), {}),
+        ("\n".join([DEVICES, TRAJECTORIES, MODEL]).replace(",", ";").replace("0.", "0,"), {"decimal": ","}),
+        ("\n".join([DEVICES, TRAJECTORIES, MODEL]).replace("\n", "\r\n"), {}),
+        (DEVICES + TRAJECTORIES + MODEL, {}),
+    ],
+    ids=["plain", "turned round", "padded", "tabs", "semicolons", "crlf", "no blank lines"],
+)
+def test_one_export_in_any_dress_is_one_recording(tmp_path: Path, text: str, fields: dict[str, object]) -> None:
+    samples = read(tmp_path, text, **fields)
+    np.testing.assert_allclose(samples["time"], [0, 0.005, 0.01, 0.015], rtol=1e-12)
+    np.testing.assert_allclose(samples["sync"], [0.5, 0.6, 0.7, 0.8])
+    np.testing.assert_allclose(samples["plate1_force_z"], [700, 701, 702, 703])
+    assert samples["marker_TOE_z"].to_list() == [0.003, None, 0.03, None]
+    assert samples["marker_HEEL_x"].is_nan().to_list() == [True, None, False, None]
+    assert samples["reference_ankle_moment_left"].to_list() == [1.5, None, 1.6, None]
+    assert not [column for column in samples.columns if "12" in column]
+
+
+def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path: Path) -> None:
+    """A force F at p turns with (p - c) x F about c: here p is the laboratory's origin."""
+    plate = {"device": "AMTI #1", "corners": CORNERS, "sign": -1, "moment_about": [0, 0, 0]}
+    at_origin = read(tmp_path, DEVICES.replace("1000,2000,3000", "0,0,0"), plates={1: plate}, outputs={})
+    force = at_origin.select(pl.col("^plate1_force_.$")).to_numpy()
+    expected = np.cross(np.array([0, 0, 0]) - np.array([0.25, 0.3, 0]), force)
+    np.testing.assert_allclose(at_origin.select(pl.col("^plate1_moment_.$")).to_numpy(), expected, rtol=1e-12)
+
+
+def test_a_laboratory_with_y_up_is_turned(tmp_path: Path) -> None:
+    samples = read(tmp_path, TRAJECTORIES, axes=["z", "x", "y"], analogs={}, outputs={}, plates={})
+    assert samples.select(pl.col("^marker_TOE_.$")).row(0) == pytest.approx((0.003, 0.001, 0.002))
+
+
+@pytest.mark.parametrize(
+    ("text", "fields", "problem"),
+    [
+        ("a,b\n1,2\n", {}, "no section of a Nexus export"),
+        (DEVICES + TRAJECTORIES, {}, "no section Model Outputs; the file has Devices, Trajectories"),
+        (DEVICES + DEVICES + TRAJECTORIES + MODEL, {}, "line 10: section Devices stands twice"),
+        (DEVICES.replace("200", "fast") + TRAJECTORIES + MODEL, {}, "line 2: 'fast' is no rate"),
+        (DEVICES.replace("5,1,", "5,2,") + TRAJECTORIES + MODEL, {}, "frame 5, sub frame 2 does not follow"),
+        (DEVICES + TRAJECTORIES.replace("\n6,", "\n7,") + MODEL, {}, "line 16: frame 7, sub frame 0 does not follow"),
+        (DEVICES + TRAJECTORIES.replace("\n6,0", "\n,0") + MODEL, {}, "does not follow the line before"),
+        (DEVICES.replace("200", "210") + TRAJECTORIES + MODEL, {}, "its sections differ in first frame"),
+        (DEVICES.replace("5,", "4,") + TRAJECTORIES + MODEL, {}, "does not follow the line before"),
+        (DEVICES.replace("0.6", "") + TRAJECTORIES + MODEL, {}, "sync: nan in sample 2 of 4"),
+        (DEVICES.replace("0.6", "?") + TRAJECTORIES + MODEL, {}, "line 7, Sync - Voltage 1: '?' is no number"),
+        (DEVICES + TRAJECTORIES.replace("HEEL", "TOE") + MODEL, {}, "'Anna:TOE' x stands 2 times"),
+        (DEVICES + TRAJECTORIES.replace("Anna:HEEL", "Ben:TOE") + MODEL, {}, "marker 'TOE' is there twice"),
+        (DEVICES + TRAJECTORIES + MODEL, {"markers": ["KNEE"]}, "'KNEE' x is not there under Trajectories"),
+        (DEVICES + TRAJECTORIES.replace("mm", "parsnip") + MODEL, {}, "unit 'parsnip' is unknown"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_is_refused_with_the_reason(
+    tmp_path: Path, text: str, fields: dict[str, object], problem: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, text, **fields)
+    assert problem in str(caught.value)
+    assert str(caught.value).startswith(str(tmp_path / "trial.csv"))
+
+
+@pytest.mark.parametrize("path", SAMPLES, ids=lambda path: path.stem)
+def test_real_exports_are_read_as_they_are_written(path: Path) -> None:
+    shipped = read_source(SOURCES / "nexus_csv.yaml")
+    assert isinstance(shipped, NexusSource)
+    samples = read_nexus(path, shipped).samples
+    np.testing.assert_allclose(samples["marker_HV_x"], [0.209331, 0.209475])
+    assert samples["marker_CL_E_z"].to_list() == pytest.approx([0.496721, 0.496729])
+
+
+def test_a_csv_log_and_a_nexus_export_become_one_trial(tmp_path: Path) -> None:
+    edges = np.cumsum([0, *np.random.default_rng(3).uniform(0.2, 0.9, 25)])
+    frames = int((edges[-1] + 1) * 200)
+    level = (np.searchsorted(edges, np.arange(frames * 2) / 400 - 0.5) % 2) * 5.0
+    devices = [f"{i // 2 + 1},{i % 2},{value}" for i, value in enumerate(level)]
+    toes = [f"{i + 1},0,{i},2,3" for i in range(frames)]
+    (tmp_path / "vicon.csv").write_text(
+        "Devices\n400\n,,Sync - Voltage\nFrame,Sub Frame,1\n,,V\n" + "\n".join(devices)
+        + "\n\nTrajectories\n200\n,,TOE,,\nFrame,Sub Frame,X,Y,Z\n,,mm,mm,mm\n" + "\n".join(toes) + "\n"
+    )  # fmt: skip
+    time = np.arange(int((edges[-1] + 1) * 500)) / 500
+    log = [f"{100 + t:.4f},{t:.4f},{int(np.searchsorted(edges, t - 0.5) % 2)}" for t in time]
+    (tmp_path / "leg.csv").write_text("time,joint,sync\n" + "\n".join(log) + "\n")
+    (tmp_path / "leg.yaml").write_text(
+        "{format: csv, clock: sync, time: {column: time, unit: s}, channels: {theta: {column: joint, unit: rad},"
+        " sync: {column: sync, unit: V}}}"
+    )
+    (tmp_path / "vicon.yaml").write_text(
+        "{format: nexus_csv, analogs: {sync: {device: Sync - Voltage, component: '1'}}}"
+    )
+    row = {"trial": "a", "log": "leg.csv", "log_source": "leg", "mocap": "vicon.csv", "mocap_source": "vicon"}
+    ingest_trial(row, tmp_path, tmp_path, tmp_path / "a.parquet")
+    trial = read_trial(tmp_path / "a.parquet")
+    aligned, theta = trial.signals("theta")
+    np.testing.assert_allclose(aligned, theta, atol=3e-3)  # half a sample of either recorder
+
+
+@given(st.integers(0, 600), st.text(alphabet="0123456789,;.-\nFraméX\"'*: ", max_size=4), st.integers(0, 3))
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_damaged_export_is_samples_or_a_sentence(tmp_path: Path, place: int, text: str, cut: int) -> None:
+    whole = DEVICES + TRAJECTORIES + MODEL
+    try:
+        message = str(read(tmp_path, whole[:place] + text + whole[place + cut :]).shape)
+    except InputError as error:
+        message = str(error)
+    assert message.isprintable()

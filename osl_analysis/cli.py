@@ -94,10 +94,10 @@ def simulate(folder: Path, settings: Path, trial: str | None) -> None:
 @main.command(
     epilog="Example: osl-analysis ingest --log dyno.mcap --log-source dynamometer --output results/trials/dyno.parquet"
 )
-@click.option("--log", type=FILE, help="MCAP log of the dynamometer or the leg.")
+@click.option("--log", type=FILE, help="Log of the dynamometer or the leg (MCAP or CSV).")
 @click.option("--log-source", help="Name of the file in the sources folder that describes the log.")
-@click.option("--mocap", type=FILE, help="C3D file of the motion-capture system.")
-@click.option("--mocap-source", help="Name of the file in the sources folder that describes the C3D file.")
+@click.option("--mocap", type=FILE, help="File of the motion-capture system (C3D, or a CSV export of Nexus).")
+@click.option("--mocap-source", help="Name of the file in the sources folder that describes it.")
 @click.option(
     "--sources",
     type=FILE,
@@ -132,6 +132,27 @@ def ingest(
     }
     ingest_trial(row=row, raw_folder=Path(), sources_folder=sources, output=output)
     click.echo(f"wrote {output}")
+
+
+@main.command(epilog="Example: osl-analysis inspect unknown.mcap --draft config/sources/mine.yaml")
+@click.argument("file", type=FILE)
+@click.option("--draft", "draft_path", type=FILE, help="Write the draft of a source file here instead of printing it.")
+def inspect(file: Path, draft_path: Path | None) -> None:
+    """List what an MCAP, C3D or CSV file holds, with rates [Hz], units, gaps and damage, and draft a source file."""
+    from osl_analysis.atomic import atomic_path
+    from osl_analysis.commands import inspect as command
+
+    overview = command.inspect_file(file)
+    click.echo(command.overview_text(overview))
+    text = command.draft(overview, file.name)
+    if draft_path is None:
+        click.echo(f"\nA source file to start from:\n\n{text}")
+    elif draft_path.exists():
+        raise click.UsageError(f"{draft_path} exists; name a new file")
+    else:
+        with atomic_path(draft_path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+        click.echo(f"wrote {draft_path}")
 
 
 @main.command(epilog="Example: osl-analysis fit results/trials/belt_01.parquet --model belt --plot belt.png")

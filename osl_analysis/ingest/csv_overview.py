@@ -1,0 +1,111 @@
+"""What a CSV file holds: a logger's or a bench's table, or the sections of a Nexus export."""
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.csv_source import NexusSource
+from osl_analysis.ingest.csv_table import is_number, trimmed
+from osl_analysis.ingest.csv_text import Rows, delimiter_of, name_and_unit, read_lines, split
+from osl_analysis.ingest.nexus_csv import Section, read_sections
+from osl_analysis.ingest.overview import Channel, Overview, gaps_of, rate_of
+from osl_analysis.trial import Array
+
+COMMENT = "#"
+CLOCKS = ("time", "t", "timestamp", "state_time", "elapsed", "clock")  # how loggers call their time
+NAMES = {"\t": "tab", " ": "space"}
+MOST_WORDS = 5
+
+
+def inspect_csv(path: Path) -> Overview:
+    """Columns with units, rate, gaps and cells that are no numbers; of a Nexus export, its sections' columns.
+
+    Raises
+    ------
+    InputError
+        The file is no text, or holds no rows.
+    """
+    lines = read_lines(path)
+    if any(
+        text.casefold().replace('"', "")[1:].startswith("rame") and "sub frame" in text.casefold() for _, text in lines
+    ):
+        return inspect_nexus(path)
+    comments = [text for _, text in lines if text.lstrip().startswith(COMMENT)]
+    content = [(line, text) for line, text in lines if not text.lstrip().startswith(COMMENT)]
+    delimiter = delimiter_of(content, "auto")
+    rows = split(path, content, delimiter)
+    if not rows:
+        raise InputError(f"{path}: holds no rows")
+    headed = not all(is_number(cell.replace(",", ".")) for cell in rows[0][1] if cell)
+    first = trimmed(rows[0][1], 0)
+    names = first if headed else [str(place + 1) for place in range(len(first))]
+    body = [(line, trimmed(cells, len(names))) for line, cells in (rows[1:] if headed else rows)]
+    facts = {"rows": str(len(body)), "delimiter": repr(delimiter), "header": "yes" if headed else "none"}
+    facts |= {f"comment {i + 1}": text.strip() for i, text in enumerate(comments[:20])}
+    settings: dict[str, object] = {"clock": "master", "delimiter": NAMES.get(delimiter, delimiter)}
+    settings |= {} if headed else {"header": "none"}
+    clock, unit = name_and_unit(clock_of(names) or "NAME_OF_TIME")
+    settings["time"] = {"column": clock, "unit": unit or "UNKNOWN"}
+    return Overview("csv", facts, list(columns(names, body)), list(odd_rows(body, len(names))), settings)
+
+
+def clock_of(names: list[str]) -> str | None:
+    """The column that is called like a clock."""
+    return next((name for name in names if name_and_unit(name)[0].strip().casefold() in CLOCKS), None)
+
+
+def columns(names: list[str], rows: Rows) -> Iterator[Channel]:
+    """Every column with its range, and what in it is no number."""
+    for place, title in enumerate(names):
+        name, unit = name_and_unit(title)
+        cells = pl.Series([cells[place] if place < len(cells) else "" for _, cells in rows], dtype=pl.String)
+        values = cells.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
+        words = Counter(cells.filter(values.is_null()).to_list()).most_common(MOST_WORDS)
+        known = values.drop_nulls().to_numpy()
+        note = f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
+        if title == clock_of(names):
+            rate = rate_of(known)
+            note = f"a clock, {rate:g} per unit" if rate else "a clock that stands still"
+            note += f", {gaps_of(known)}" if gaps_of(known) else ""
+        note += "".join(f", {count} x '{word}'" for word, count in words)
+        yield Channel("column", {"column": name}, unit, int(known.size), None, note)
+
+
+def odd_rows(rows: Rows, width: int) -> Iterator[str]:
+    """Rows that do not fit the header, by their length."""
+    for length, count in Counter(len(cells) for _, cells in rows).items():
+        if length != width:
+            first = next(line for line, cells in rows if len(cells) == length)
+            yield f"{count} rows have {length} cells under {width} names, the first in line {first}"
+
+
+def inspect_nexus(path: Path) -> Overview:
+    """The sections of a Nexus export."""
+    sections = read_sections(path, NexusSource(format="nexus_csv"))
+    facts, remarks = {}, []
+    for title, section in sections.items():
+        facts[title] = f"{len(section.rows)} rows at {section.rate:g} Hz"
+        try:
+            section.counts()
+        except InputError as error:
+            remarks.append(f"{title}: {error}")
+    channels = [channel for section in sections.values() for channel in outputs(section)]
+    return Overview("nexus_csv", facts, channels, remarks)
+
+
+def outputs(section: Section) -> Iterator[Channel]:
+    """A section's columns: one per trajectory, and per component of anything else."""
+    kinds = {"Trajectories": "marker", "Model Outputs": "model output"}
+    kind = kinds.get(section.title, "device")
+    for place, (name, component) in enumerate(zip(section.names, section.components, strict=True)):
+        if not name or (kind == "marker" and component.casefold() != "x"):
+            continue
+        address = {"label": name} if kind == "marker" else {"device": name, "component": component}
+        values: Array = section.values(place)
+        missing = float(np.isnan(values).mean())
+        note = f"missing in {missing:.1%} of the rows" if missing else ""
+        yield Channel(kind, address, section.units[place], int((~np.isnan(values)).sum()), section.rate, note)

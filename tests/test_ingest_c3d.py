@@ -186,6 +186,36 @@ def test_counts_that_contradict_the_header_are_refused(tmp_path: Path, name: str
     assert f"{name.replace('__', ':')} 9" in refused(path)
 
 
+@pytest.mark.parametrize(
+    ("place", "value", "problem"),
+    [
+        (16, b"\0\0", "the data begin at byte -512, within the header"),
+        (12, b"\0\0\0\0", "the scale of the points is 0"),
+        (12, b"\0\0\xc0\x7f", "the scale of the points is nan"),
+        (8, b"\0\0", "declares 0 frames"),
+        (0, b"\0", "processor of an unknown type"),
+        (0, b"\xff", "processor of an unknown type"),
+    ],
+)
+def test_an_absurd_header_is_refused(tmp_path: Path, place: int, value: bytes, problem: str) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs())
+    content = bytearray(path.read_bytes())
+    content[place : place + len(value)] = value
+    path.write_bytes(content)
+    assert problem in refused(path)
+
+
+def test_a_plate_sample_that_is_no_number_is_refused_by_channel(tmp_path: Path) -> None:
+    path = plate_file(tmp_path, ANALOG__SCALE=np.array([1, 1, np.nan, 1, 1, 1.0]))
+    assert "plate 1: nan in sample 1 of analog channel 3" in refused(path)
+
+
+@pytest.mark.parametrize("count", [-1, 500, np.nan])
+def test_an_absurd_number_of_plates_is_refused(tmp_path: Path, count: float) -> None:
+    path = plate_file(tmp_path, FORCE_PLATFORM__USED=np.array([count], float))
+    assert f"FORCE_PLATFORM:USED is {count:g}" in refused(path)
+
+
 def test_without_an_analog_block_there_are_markers_and_no_analogs(tmp_path: Path) -> None:
     recording = read_c3d(write_c3d(tmp_path / "a.c3d", points()))
     assert (recording.points.shape, recording.analogs.shape) == ((6, 3, 3), (6, 0))

@@ -9,7 +9,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest.clock import ClockFit, Edges, find_edges, fit_clock
 from osl_analysis.ingest.correlation import Course, correlate_clocks
 from osl_analysis.ingest.recording import Recording
-from osl_analysis.ingest.source_file import SharedAngle
+from osl_analysis.ingest.source_fields import SharedAngle
 from osl_analysis.trial import Array
 
 

@@ -13,7 +13,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest.alignment import aligned
 from osl_analysis.ingest.clock import ClockFit
 from osl_analysis.ingest.recording import Recording
-from osl_analysis.ingest.source_file import SharedAngle
+from osl_analysis.ingest.source_fields import SharedAngle
 from osl_analysis.trial import Trial
 
 NANOSECOND = 1e-9

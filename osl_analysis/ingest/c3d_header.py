@@ -134,6 +134,8 @@ def check_counts(header: C3DHeader) -> None:
             raise InputError(f"the header counts {count}, {group}:USED {used[0]:g}")
     if header.scale == 0 or not math.isfinite(header.scale):
         raise InputError(f"the scale of the points is {header.scale}")
+    if header.data_start < BLOCK:
+        raise InputError(f"the data begin at byte {header.data_start}, within the header")
 
 
 def check_size(path: Path, header: C3DHeader, size: int) -> None:
@@ -189,7 +191,8 @@ def parameter_value(data: bytes, position: int, processor: str, name: str) -> Ar
         return text_values(content, shape[0] if shape else 1)
     whole = "u1" if kind == 1 else f"{ENDIAN[processor]}i2"
     values = reals(content, processor) if kind == 4 else np.frombuffer(content, whole)
-    return values.astype(np.float64).reshape(shape, order="F")
+    with np.errstate(invalid="ignore"):  # a damaged real may be no number
+        return values.astype(np.float64).reshape(shape, order="F")
 
 
 def text_values(content: bytes, length: int) -> list[str]:

@@ -51,8 +51,8 @@ def analogs(recording: C3DRecording) -> Iterator[Channel]:
     rate = header.rate * header.samples_per_frame
     for place, label in enumerate(recording.analog_labels):
         values = recording.analogs[:, place]
-        note = f"from {values.min():.6g} to {values.max():.6g}"
-        note = note if np.ptp(values) else f"always {values[0]:.6g}"
+        low, high = values.min(), values.max()
+        note = f"from {low:.6g} to {high:.6g}" if low != high else f"always {low:.6g}"
         yield Channel("analog", {"channel": label}, recording.analog_unit(place), values.size, rate, note)
 
 

@@ -15,10 +15,14 @@ from osl_analysis.trial import Array
 
 QUANTITIES = {1: ("N",) * 3 + ("m",) * 2 + ("N*m",), 2: ("N",) * 3 + ("N*m",) * 3, 3: ("N",) * 8}
 
+MOST_PLATES = 99
+
 
 def plate_count(recording: C3DRecording) -> int:
     """How many plates the file says are in use."""
     used = recording.header.numbers("FORCE_PLATFORM:USED")
+    if used.size and not 0 <= used[0] <= MOST_PLATES:
+        raise InputError(f"{recording.path}: FORCE_PLATFORM:USED is {used[0]:g}; correct it, or write plates: none")
     return int(used[0]) if used.size else 0
 
 
@@ -84,6 +88,12 @@ def plate_channels(recording: C3DRecording, source: C3dSource, plate: ForcePlate
     """The plate's samples (samples, channels) in SI units; of type 4 as they are, for its calibration."""
     numbers = channel_numbers(recording, plate)
     values = recording.analogs[:, numbers]
+    if not np.isfinite(values).all():
+        row, column = np.argwhere(~np.isfinite(values))[0]
+        raise InputError(
+            f"plate {plate.number}: {values[row, column]} in sample {row + 1} of analog channel {numbers[column] + 1}; "
+            "export the trial again"
+        )
     unloaded = baseline(values, recording, source)
     if plate.type == 1:
         unloaded[3:5] = 0.0  # an unloaded plate has no centre of pressure
@@ -110,7 +120,7 @@ def baseline_frames(recording: C3DRecording, source: C3dSource) -> tuple[int, in
     if source.plate_zero == "none":
         return None
     given = recording.header.numbers("FORCE_PLATFORM:ZERO") if source.plate_zero == "file" else source.plate_zero
-    first, last = (int(given[0]), int(given[1])) if len(given) >= 2 else (0, 0)
+    first, last = (int(given[0]), int(given[1])) if len(given) >= 2 and np.isfinite(given[:2]).all() else (0, 0)
     if not 1 <= first <= last <= recording.header.frames:
         raise InputError(
             f"the baseline of the plates is frames {first} to {last} of {recording.header.frames}; state two frames "
@@ -140,6 +150,8 @@ def parameter(recording: C3DRecording, name: str, number: int, shape: tuple[int,
     fits = whole.ndim == len(shape) + 1 and all(
         want in (0, size) for want, size in zip(shape, whole.shape, strict=False)
     )
+    if not np.isfinite(table).all():
+        raise InputError(f"plate {number}: FORCE_PLATFORM:{name} holds a value that is not finite; correct it")
     if not fits or whole.shape[-1] < number:
         raise InputError(f"plate {number}: FORCE_PLATFORM:{name} has dimensions {table.shape}; correct or remove it")
     return np.asarray(whole[..., number - 1])

@@ -139,6 +139,7 @@ def test_the_source_files_unit_wins_over_the_files_and_says_so(tmp_path: Path) -
         (b"\x89MCAP0\r\n\0\0\0", {}, "not a text file"),
         (LOG, {"time": {"column": "t"}}, "column 't': the unit is empty; write one of s, ms"),
         (LOG, {"channels": {"theta": {"column": "angle"}}}, "column 'angle': the unit is empty; write one of rad"),
+        ("t,angle,load\n1,2\n", {"ragged": "skip", "most_missing": 1.0}, "none of its rows fits the header's 3 names"),
         (LOG, {"header": "comment"}, "no line begins with '#'"),
         (LOG.replace("angle", "an\x1b[2Jgle"), {}, r"the file has t, an\x1b[2Jgle, load"),
     ],

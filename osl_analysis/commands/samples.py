@@ -9,7 +9,9 @@ import numpy as np
 from osl_analysis.atomic import atomic_path
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.c3d_capture import read_capture
+from osl_analysis.ingest.csv_source import NexusSource
 from osl_analysis.ingest.mcap_log import read_log
+from osl_analysis.ingest.nexus_capture import read_nexus
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source_file import C3dSource, LogChannel, McapSource, TimeSource
 from osl_analysis.quality.names import CHECKS
@@ -69,7 +71,11 @@ def read_c3d_sample(path: Path, rules: QualityRules) -> Iterator[tuple[str, str]
 
 def capture_text(path: Path, rules: QualityRules, source: C3dSource) -> tuple[str, str]:
     """What a capture holds, and which checks it does not pass."""
-    recording = read_capture(path, source)
+    return recording_text(read_capture(path, source), rules)
+
+
+def recording_text(recording: Recording, rules: QualityRules) -> tuple[str, str]:
+    """What a recording of motion capture holds, and which checks it does not pass."""
     columns, facts = recording.samples.columns, recording.facts
     markers = [c for c in columns if c.startswith("marker_") and c.endswith("_x")]
     frames, rate = recording.samples.select(markers[:1] or "time").drop_nulls().height, facts["frame_rate_hz"]
@@ -151,8 +157,11 @@ def listed(path: Path, source: McapSource, marker: str) -> tuple[list[str], str]
 
 
 def read_csv_sample(path: Path, rules: QualityRules) -> Iterator[tuple[str, str]]:
-    """A CSV file has no units of its own."""
-    yield CSV, ""
+    """All trajectories of a Nexus export; any other CSV file has no units of its own."""
+    try:
+        yield recording_text(read_nexus(path, NexusSource(format="nexus_csv")), rules)
+    except InputError as error:
+        yield (CSV if "no section of a Nexus export" in str(error) else f"refused: {error}"), ""
 
 
 READERS = {".c3d": read_c3d_sample, ".mcap": read_mcap_sample, ".csv": read_csv_sample}

@@ -92,6 +92,10 @@ def read_table(path: Path, source: CsvSource) -> CsvTable:
         raise InputError(f"{path}: no rows of data; record it again or exclude the trial in the sheet")
     rows = [(line, trimmed(cells, len(names))) for line, cells in rows]
     rows, shapes, notes = fitted(path, rows, len(names), source)
+    if not rows:
+        raise InputError(
+            f"{path}: none of its rows fits the header's {len(names)} names; state `delimiter` or `header`"
+        )
     return CsvTable(path, names, units, rows, shapes, [text for _, text in comments], notes)
 
 

@@ -49,6 +49,7 @@ include: "rules/walking.smk"
 include: "rules/gait.smk"
 include: "rules/tables.smk"
 include: "rules/figures.smk"
+include: "rules/validation.smk"
 
 
 rule:

@@ -15,8 +15,18 @@ from osl_analysis.walking.settings import GaitAnalysis, WalkingAnalysis
 Positive = Annotated[float, Field(gt=0)]
 
 
+class Doubt(Settings):
+    """A fit is marked doubtful in tables where a column passes its limit: `above` (in size) or `below`."""
+
+    above: dict[str, float]
+    below: dict[str, float]
+
+
 class DynamometerAnalysis(Settings):
-    """Filter (cut-off [Hz], order) and stepped-sine protocol (amplitudes [deg], frequencies [Hz], cycles)."""
+    """Filter (cut-off [Hz], order) and stepped-sine protocol (amplitudes [deg], frequencies [Hz], cycles).
+
+    `doubtful` names columns of the impedance table with their limits.
+    """
 
     cutoff_hz: Positive
     order: Annotated[int, Field(ge=1, le=10)]
@@ -24,6 +34,7 @@ class DynamometerAnalysis(Settings):
     frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
     cycles: Annotated[int, Field(ge=1)]
     settle_cycles: Annotated[int, Field(ge=0)]
+    doubtful: Doubt = Doubt(above={}, below={})
 
     @property
     def amplitudes(self) -> tuple[float, ...]:
@@ -83,6 +94,27 @@ class FigureChoices(Settings):
     midstance_stiffness: Positive | None
 
 
+class ValidationStudy(Settings):
+    """The Monte Carlo study of the estimators: what is simulated how often, and how it is divided into jobs.
+
+    `trials` dynamometer trials per experiment and `campaigns` of walking with `crossings` perturbed and as many
+    unperturbed crossings each, in jobs of `batch` of either. Trials have their own short protocol: `amplitudes_deg`,
+    `cycles` at each of the protocol's frequencies.
+    """
+
+    simulation: Path
+    seed: Annotated[int, Field(ge=0)]
+    trials: Annotated[int, Field(ge=2)]
+    campaigns: Annotated[int, Field(ge=0)]
+    crossings: Annotated[int, Field(ge=3)]
+    batch: Annotated[int, Field(ge=1)]
+    amplitudes_deg: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    cycles: Annotated[int, Field(ge=1)]
+    K_d: Positive
+    B_d: Annotated[float, Field(ge=0)]
+    I: Annotated[float, Field(ge=0)]
+
+
 class Config(Settings):
     """One campaign. Paths are relative to the folder in which the pipeline runs; see `config/config.yaml`."""
 
@@ -102,6 +134,7 @@ class Config(Settings):
     gait: GaitAnalysis
     quality: QualityRules
     figures: FigureChoices
+    validation: ValidationStudy
 
 
 def read_section(path: Path, section: str, model: type[Model]) -> Model:

@@ -11,10 +11,9 @@ from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
 STUDENT = "95 % of the mean (Student)"
-STANDARD_ERROR = "95 % of the fit (1.96 standard errors)"
+FIT = "95 % of the fit (its noise; not what the model lacks)"
 BOOTSTRAP = "95 % of the ensemble (bootstrap of perturbed and unperturbed crossings)"
 RANGE = "lowest to highest"
-NORMAL_95 = 1.96
 EXAMPLE_K_D, EXAMPLE_B_D = 300.0, 5.0
 """The impedance of Fig. 4 [N*m/rad, N*m*s/rad], whose estimates are headline numbers."""
 PER_PERTURBATION = "mean of perturbations"
@@ -27,7 +26,7 @@ TABLES = {
     "transmission_summary": ("quantity", "n", "mean", "low", "high"),
     "transmission": ("amplitude_deg", "VAF"),
     "actuator_summary": ("quantity", "n", "mean", "low", "high"),
-    "impedance": ("controller", "K_d", "B_d", "amplitude_deg", "K", "K_se", "B", "B_se", "VAF"),
+    "impedance": ("controller", "K_d", "B_d", "amplitude_deg", "K", "K_low", "K_high", "B", "B_low", "B_high", "VAF"),
     "walking_summary": ("quantity", "n", "mean", "low", "high"),
     "walking": ("VAF",),
 }
@@ -178,9 +177,9 @@ def example_headlines(controller: str, trials: pl.DataFrame) -> list[Headline]:
     for symbol, word, unit in (("K", "Stiffness", "N*m/rad"), ("B", "Damping", "N*m*s/rad")):
         meaning = f"{symbol} for K_d = {EXAMPLE_K_D:g}, B_d = {EXAMPLE_B_D:g}, {controller}"
         label = Label(f"{symbol}_example_{controller}", unit, None, f"{controller.capitalize()}Example{word}", meaning)
-        if len(rows) == 1 and rows[f"{symbol}_se"].is_finite().all():
-            value, half = rows[symbol][0], NORMAL_95 * rows[f"{symbol}_se"][0]
-            found.append(headline(label, value, value - half, value + half, STANDARD_ERROR, 1))
+        if len(rows) == 1:
+            value, low, high = rows.select(symbol, f"{symbol}_low", f"{symbol}_high").row(0)
+            found.append(headline(label, value, low, high, FIT, 1))
         else:
             found += over_fits(label, rows[symbol], np.mean)
     return found

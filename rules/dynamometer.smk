@@ -65,6 +65,7 @@ rule fit_impedance_trial:
     output:
         fit=RESULTS / "fits/impedance/{trial}.csv",
         phasors=RESULTS / "fits/phasors/{trial}.csv",
+        estimators=RESULTS / "fits/estimators/{trial}.csv",
     log:
         RESULTS / "logs/impedance/{trial}.log",
     params:
@@ -82,6 +83,7 @@ rule fit_impedance_trial:
             weight=gain_weight(params),
             output=Path(output.fit),
             phasors=Path(output.phasors),
+            estimators=Path(output.estimators),
             **params.row,
         )
 

@@ -8,6 +8,7 @@ FILLED_BY = {  # table: the trials whose fits are its rows
     "impedance": CAMPAIGN.trials("impedance"),
     "phasors": CAMPAIGN.trials("impedance"),
     "model_comparison": comparisons(),
+    "estimators": CAMPAIGN.trials("impedance"),
     "walking": CAMPAIGN.crossings(perturbed=True),
     "ankle_moment": CAMPAIGN.trials("gait"),
     "quality": CAMPAIGN.trials(),

@@ -60,11 +60,15 @@ def impedance():
                     rows.append({
                         "trial": f"impedance_K{K_d:.0f}_B{B_d:.1f}_{controller}", "controller": controller, "K_d": K_d,
                         "B_d": B_d, "amplitude_deg": amplitude, "K": K_d * share(K_d) * rng.normal(1, 0.01),
-                        "K_se": 0.5, "B": B_d * share(K_d) ** 2 + 0.4, "B_se": 0.05,
+                        "B": B_d * share(K_d) ** 2 + 0.4,
                         "VAF": 100 - 10 ** rng.normal(-0.3 if controller == "compensated" else 0.5, 0.3),
                         "K_predicted": K_d * share(K_d), "B_predicted": B_d + 0.3,
                     })  # fmt: skip
-    return pl.DataFrame(rows, infer_schema_length=None)
+    table = pl.DataFrame(rows, infer_schema_length=None)
+    bounds = {
+        f"{s}_{end}": pl.col(s) + half for s, h in (("K", 0.98), ("B", 0.1)) for end, half in (("low", -h), ("high", h))
+    }
+    return table.with_columns(**bounds)
 
 
 def response_table():
@@ -187,10 +191,10 @@ def test_fig5_draws_every_trial_at_its_desired_value_beside_the_identity(panel, 
     assert identity.get_xy1() == (0, 0)
 
 
-def test_fig5_intervals_reach_196_standard_errors_to_either_side_and_are_drawn():
+def test_fig5_intervals_are_those_of_the_table_and_are_drawn():
     table = fig5.points(impedance())
-    np.testing.assert_allclose(table["K_high"] - table["K"], 1.96 * 0.5)
-    np.testing.assert_allclose(table["B"] - table["B_low"], 1.96 * 0.05)
+    np.testing.assert_allclose(table["K_high"] - table["K"], 0.98)
+    np.testing.assert_allclose(table["B"] - table["B_low"], 0.1)
     drawn = [s for c in fig5.draw(table).axes[0].collections for s in c.get_segments()]
     np.testing.assert_array_equal(sorted(s[0][1] for s in drawn), sorted(table["K_low"]))
     np.testing.assert_array_equal(sorted(s[1][1] for s in drawn), sorted(table["K_high"]))
@@ -200,6 +204,17 @@ def test_fig5_takes_only_the_fits_over_all_amplitudes_and_says_when_there_is_non
     assert len(fig5.points(impedance())) == 32
     with pytest.raises(InputError, match="no fit over all amplitudes"):
         fig5.points(impedance().filter(pl.col("amplitude_deg").is_not_null()))
+
+
+def test_fig5_puts_a_dot_into_what_is_doubtful_and_says_so_only_then():
+    def dots(table):
+        axes = fig5.draw(fig5.points(table)).axes
+        return [len(line.get_xdata()) for ax in axes for line in ax.lines if line.get_label() == "Doubtful fit"]
+
+    reason = pl.when((pl.col("K_d") == 100) & (pl.col("B_d") == 0)).then(pl.lit("VAF 80 is below 90"))
+    assert dots(impedance().with_columns(doubtful=reason)) == [2, 2]
+    assert dots(impedance().with_columns(doubtful=pl.lit(""))) == []
+    assert dots(impedance()) == []
 
 
 def test_fig5_without_a_prediction_draws_none():
@@ -460,7 +475,7 @@ def test_plotted_numbers_are_written_from_the_result_tables(tmp_path):
 
 
 def test_a_result_table_without_a_column_is_refused_by_file_and_column(tmp_path):
-    write_table(impedance().drop("K_se"), tmp_path / "impedance.csv")
-    with pytest.raises(InputError, match=r"impedance\.csv: no column 'K_se'"):
+    write_table(impedance().drop("K_low"), tmp_path / "impedance.csv")
+    with pytest.raises(InputError, match=r"impedance\.csv: no column 'K_low'"):
         plotted_numbers_fig5(tmp_path / "impedance.csv", tmp_path / "fig5.csv")
     assert not (tmp_path / "fig5.csv").exists()

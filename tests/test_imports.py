@@ -33,9 +33,14 @@ def test_a_station_imports_only_what_lies_before_it(folder):
     assert {(m, s) for m, s in stations(folder) if s not in MAY_IMPORT[folder]} == set()
 
 
-def test_only_the_simulate_command_knows_the_simulator():
+def test_only_the_simulate_command_and_the_validation_study_know_the_simulator():
     users = {m for m, s in stations(".") if s == "simulator" and not m.startswith("simulator/")}
-    assert users == {"commands/simulate.py"}
+    assert users == {"commands/simulate.py", *(f"commands/validation{part}.py" for part in ("", "_bench", "_walking"))}
+
+
+def test_nothing_imports_the_validation_study():
+    names = {n for path in PACKAGE.rglob("*.py") for n in imported_names(path) if "commands.validation" in n}
+    assert {n for n in names if "validation_" not in n} == set()
 
 
 def test_commands_are_called_by_the_command_line_alone():

@@ -24,14 +24,14 @@ def summary_rows(**means):
 
 def impedance():
     """Compensated K off by +1 % and -3 %, B by 0.5 and 0.1; VAF of single amplitudes 90, 98, 99."""
-    columns = ("controller", "K_d", "B_d", "amplitude_deg", "K", "K_se", "B", "B_se", "VAF")
+    columns = ("controller", "K_d", "B_d", "amplitude_deg", "K", "K_low", "K_high", "B", "B_low", "B_high", "VAF")
     rows = [
-        ("compensated", 300.0, 5.0, 2.0, 1.0, 9.0, 1.0, 9.0, 90.0),
-        ("compensated", 300.0, 5.0, 4.0, 1.0, 9.0, 1.0, 9.0, 98.0),
-        ("compensated", 300.0, 5.0, 6.0, 1.0, 9.0, 1.0, 9.0, 99.0),
-        ("compensated", 300.0, 5.0, None, 303.0, 2.0, 5.5, 0.1, 10.0),
-        ("compensated", 100.0, 0.0, None, 97.0, 2.0, 0.1, 0.1, 10.0),
-        ("uncompensated", 300.0, 5.0, None, 210.0, 2.0, 3.6, 0.1, 10.0),
+        ("compensated", 300.0, 5.0, 2.0, 1.0, 0.0, 2.0, 1.0, 0.0, 2.0, 90.0),
+        ("compensated", 300.0, 5.0, 4.0, 1.0, 0.0, 2.0, 1.0, 0.0, 2.0, 98.0),
+        ("compensated", 300.0, 5.0, 6.0, 1.0, 0.0, 2.0, 1.0, 0.0, 2.0, 99.0),
+        ("compensated", 300.0, 5.0, None, 303.0, 299.0, 307.5, 5.5, 5.4, 5.7, 10.0),
+        ("compensated", 100.0, 0.0, None, 97.0, 95.0, 99.0, 0.1, 0.0, 0.2, 10.0),
+        ("uncompensated", 300.0, 5.0, None, 210.0, 208.0, 212.0, 3.6, 3.5, 3.7, 10.0),
     ]
     return pl.DataFrame(rows, schema=columns, orient="row")
 
@@ -91,7 +91,7 @@ def test_errors_of_stiffness_and_damping_are_over_trials_each_fitted_to_all_ampl
 
 def test_the_example_of_fig4_has_the_interval_of_its_fit():
     K = by_name(all_tables())["K_example_compensated"]
-    assert (K.value, K.low, K.high) == (303.0, 303.0 - 1.96 * 2, 303.0 + 1.96 * 2)
+    assert (K.value, K.low, K.high) == (303.0, 299.0, 307.5)
     assert by_name(all_tables())["B_example_uncompensated"].value == 3.6
 
 

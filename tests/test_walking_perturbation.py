@@ -10,7 +10,7 @@ from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing, Quality
-from osl_analysis.walking.ensemble import bootstrap, ensemble_response
+from osl_analysis.walking.ensemble import bootstrap, ensemble_response, variance_of_normal_gait
 from osl_analysis.walking.events import Stance
 from osl_analysis.walking.perturbation import (
     PHASES,
@@ -222,6 +222,14 @@ def test_the_bootstrap_spreads_as_the_ensemble_does_when_everything_is_drawn_aga
         replace(r, torques=np.tile(r.torque, (6, 1)), thetas=np.tile(r.motion.theta, (6, 1))) for r in responses
     ]
     assert np.std(bootstrap(only_perturbed, 400).K) < np.std(drawn.K)
+
+
+def test_the_jackknife_finds_the_variance_that_drawing_the_unperturbed_crossings_anew_gives() -> None:
+    """The bootstrap of the unperturbed crossings alone, of equal responses: the ensemble is then their mean."""
+    responses = [replace(r, thetas=several(1, 2.0)[0].thetas) for r in several(1, 2.0)] * 2
+    spread = np.var(bootstrap(responses, 2000).K)
+    u = len(responses[0].thetas)
+    assert variance_of_normal_gait(responses)["K"] == pytest.approx(spread * u / (u - 1), rel=0.25)
 
 
 def test_the_bootstrap_repeats_itself() -> None:

@@ -94,11 +94,17 @@ def test_every_figure_table_and_headline_number_is_there(workspace):
     assert figures == {f"{name}.{suffix}" for name in names for suffix in ("csv", "pdf", "svg", "png")}
     assert {"K_s", "B_j", "k_tau_n_m", "walking_K"} <= set(json.loads((results / "summary.json").read_text()))
     assert "\\newcommand" in (results / "numbers.tex").read_text()
-    assert len(pl.read_csv(results / "tables/impedance.csv")) == 4 * 3
     assert len(pl.read_csv(results / "tables/walking_crossings.csv")) == 8
     assert {"walking_excluded.csv", "hinge.csv", "plate.csv"} <= {path.name for path in (results / "tables").iterdir()}
     compared = pl.read_csv(results / "tables/model_comparison.csv")
     assert dict(compared.group_by("experiment").len().iter_rows()) == {"belt": 8, "transmission": 4, "impedance": 16}
+    impedance = pl.read_csv(results / "tables/impedance.csv")
+    assert len(impedance) == 4 * 3
+    assert {"K_low", "K_high", "cov_K_B", "interval_method", "lag_s", "VAF_held_out", "doubtful"} <= {
+        *impedance.columns
+    }
+    estimators = pl.read_csv(results / "tables/estimators.csv")
+    assert estimators.filter(pl.col("trial") == TRIAL)["K"].to_list() == pytest.approx([300] * 5, rel=0.03)
 
 
 def truth(workspace, trial):
@@ -251,5 +257,5 @@ def test_a_broken_log_fails_alone_and_an_excluded_trial_is_left_out_by_name(tmp_
 def test_fingerprint_follows_imports_downwards_only():
     fit = {path.name for path in sources("osl_analysis.commands.transmission")}
     assert {"transmission.py", "regression.py", "signals.py"} <= fit
-    assert not {"belt.py", "c3d_file.py", "drivetrain_kernel.py"} & fit
+    assert not {"belt.py", "c3d_file.py", "drivetrain_kernel.py", "impedance.py", "estimators.py"} & fit
     assert code("commands.transmission") != code("commands.belt")

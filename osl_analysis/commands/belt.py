@@ -61,7 +61,7 @@ def belt_table(record: BeltTrial) -> pl.DataFrame:
     return pl.DataFrame([{"trial": record.name, **belt_row(record.fit, record.rate_hz)}])
 
 
-def belt_row(fit: BeltFit, rate: float) -> dict[str, float]:
+def belt_row(fit: BeltFit, rate: float) -> dict[str, float | str]:
     """Loading slope, unloading slope, loop area [J], quadratic belt."""
     return {
         **estimates_row(fit.loading, "K_s", "offset"),

@@ -7,6 +7,7 @@ import polars as pl
 
 from osl_analysis.commands.actuator import actuator_table, read_actuator_trial
 from osl_analysis.commands.belt import belt_table, read_belt_trial
+from osl_analysis.commands.diagnosis import trial_phasors
 from osl_analysis.commands.impedance import impedance_table
 from osl_analysis.commands.stepped_sine import SteppedSineTrial, read_stepped_sine
 from osl_analysis.commands.transmission import transmission_table
@@ -45,7 +46,8 @@ def fit_one(model: str, trial: Path, parameters: Path, settings: DynamometerAnal
     stepped = read_stepped_sine(trial, settings)
     if model == "transmission":
         return FittedTrial(transmission_table(stepped), transmission_series(stepped))
-    return FittedTrial(impedance_table(stepped), impedance_series(stepped))
+    table = impedance_table(stepped, trial_phasors(stepped), settings)
+    return FittedTrial(table, impedance_series(stepped))
 
 
 def fit_one_actuator(trial: Path, settings: ActuatorAnalysis) -> FittedTrial:
@@ -82,6 +84,8 @@ def estimates_text(estimates: pl.DataFrame) -> str:
         quality = f"VAF {row['VAF']:.2f} %, R2 {row['R2']:.5f}, condition {row['condition_number']:.1f}"
         lines.append(f"{row['trial']}, {which}: {quality}")
         for name in (n for n in UNITS if f"{n}_se" in row):
-            half = 1.96 * row[f"{name}_se"]
+            half = row[f"{name}_high"] - row[name]
             lines.append(f"  {name:<7}{row[name]:>12.5g} ± {half:<10.2g} {UNITS[name]}")
-    return "\n".join([*lines, "± is the half-width of the 95 % interval (1.96 standard errors, correlated residuals)"])
+        if row.get("doubtful"):
+            lines.append(f"  doubtful: {row['doubtful']}")
+    return "\n".join([*lines, "± is the half-width of the 95 % interval, from the spread of cycles or, with few, HAC"])

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import polars as pl
 
-from osl_analysis.errors import InputError
 from osl_analysis.fits.repeats import over_repeats
 from osl_analysis.table_file import read_table, write_table
 
@@ -22,8 +21,9 @@ def summary_table(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFram
 
 
 def one_summary(values: pl.Series) -> dict[str, float | None]:
-    """n, mean, sd, se, low, high of one column; what a single trial cannot give is null."""
-    try:
-        return dict(asdict(over_repeats(values.to_numpy())))
-    except InputError:
-        return {"n": len(values), "mean": float(values[0]), "sd": None, "se": None, "low": None, "high": None}
+    """n, mean, sd, se, low, high of one column; what one trial, or none, cannot give is null."""
+    found = values.cast(pl.Float64).drop_nulls().drop_nans()
+    if len(found) >= 2:
+        return dict(asdict(over_repeats(found.to_numpy())))
+    mean = float(found[0]) if len(found) else None
+    return {"n": len(found), "mean": mean, "sd": None, "se": None, "low": None, "high": None}

@@ -8,15 +8,20 @@ import numpy as np
 
 from osl_analysis.config import DynamometerAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.fits.protocol import Block, SteppedSine, find_blocks
+from osl_analysis.fits.protocol import Block, Segment, SteppedSine, cycles_of, find_blocks, rows_of, settled
+from osl_analysis.fits.score_covariance import Cycles
 from osl_analysis.signals import LowPass, Motion, filtered_motion, sampling_rate
-from osl_analysis.trial import Array
+from osl_analysis.trial import Array, Trial
 from osl_analysis.trial_file import read_trial
 
 
 @dataclass(frozen=True)
 class SteppedSineTrial:
-    """Raw angle [rad] and torque [N*m], the same filtered with derivatives, and the blocks of the protocol."""
+    """Raw angle [rad] and torque [N*m], the same filtered with derivatives, and the blocks of the protocol.
+
+    `command` [rad] is None where no log has it. Fits use the settled cycles of the blocks alone: the first
+    `settle_cycles` at each frequency still carry the one before, into the last the filter smears the next.
+    """
 
     name: str
     time: Array
@@ -26,13 +31,23 @@ class SteppedSineTrial:
     motion: Motion
     filtered_torque: Array
     blocks: tuple[Block, ...]
+    command: Array | None
+    settle_cycles: int
 
     def parts(self) -> Iterator[tuple[float | None, Motion, Array]]:
-        """Amplitude [deg], motion and torque of each block, then of all blocks together (amplitude None)."""
-        for block in self.blocks:
-            yield float(np.rad2deg(block.amplitude)), self.motion[block.rows], self.filtered_torque[block.rows]
-        rows = np.concatenate([np.r_[block.rows] for block in self.blocks])
-        yield None, self.motion[rows], self.filtered_torque[rows]
+        """Amplitude [deg], motion and torque of each block's settled cycles, then of all blocks (amplitude None)."""
+        for amplitude in (*(float(np.rad2deg(block.amplitude)) for block in self.blocks), None):
+            rows = rows_of(self.segments(amplitude))
+            yield amplitude, self.motion[rows], self.filtered_torque[rows]
+
+    def segments(self, amplitude: float | None) -> tuple[Segment, ...]:
+        """The settled segments of one amplitude [deg], or of all (None), whose rows `parts` yields."""
+        chosen = [b for b in self.blocks if amplitude is None or np.isclose(np.rad2deg(b.amplitude), amplitude)]
+        return settled(chosen, self.settle_cycles)
+
+    def cycles(self, amplitude: float | None) -> Cycles | None:
+        """The cycles among these rows; None where there are too few to tell their spread."""
+        return cycles_of(self.segments(amplitude))
 
 
 def read_stepped_sine(trial: Path, settings: DynamometerAnalysis) -> SteppedSineTrial:
@@ -51,4 +66,16 @@ def read_stepped_sine(trial: Path, settings: DynamometerAnalysis) -> SteppedSine
         blocks = find_blocks(time, theta, protocol)
     except InputError as error:
         raise InputError(f"trial {record.name}: {error}") from error
-    return SteppedSineTrial(record.name, time, sampling_rate(time), theta, torque, motion, filtered, blocks)
+    rate = sampling_rate(time)
+    command = commanded(record, len(time))
+    return SteppedSineTrial(
+        record.name, time, rate, theta, torque, motion, filtered, blocks, command, settings.settle_cycles
+    )
+
+
+def commanded(record: Trial, samples: int) -> Array | None:
+    """The commanded angle [rad], where a log has it at the same stamps as angle and torque."""
+    if "theta_command" not in record.samples.columns:
+        return None
+    _, _, _, command = record.signals("theta", "torque", "theta_command")
+    return command if len(command) == samples else None

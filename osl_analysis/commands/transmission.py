@@ -7,7 +7,7 @@ import polars as pl
 from osl_analysis.commands.repeats import summary_table
 from osl_analysis.commands.stepped_sine import SteppedSineTrial, read_stepped_sine
 from osl_analysis.config import DynamometerAnalysis
-from osl_analysis.fits.rows import diagnostics_row, estimates_row
+from osl_analysis.fits.rows import covariance_row, diagnostics_row, estimates_row
 from osl_analysis.fits.transmission import fit_transmission, fit_transmission_with_coulomb
 from osl_analysis.table_file import read_table, write_table
 
@@ -21,8 +21,11 @@ def transmission_table(record: SteppedSineTrial) -> pl.DataFrame:
     """Eq. 4 fitted to each amplitude [deg] and to all of them (amplitude null), without and with Coulomb friction."""
     rows = []
     for amplitude, motion, torque in record.parts():
-        fit, other = fit_transmission(motion, torque), fit_transmission_with_coulomb(motion, torque)
+        cycles = record.cycles(amplitude)
+        fit = fit_transmission(motion, torque, cycles)
+        other = fit_transmission_with_coulomb(motion, torque, cycles=cycles)
         estimates = {**estimates_row(fit, "B_j", "J_j", "offset"), **diagnostics_row(fit, record.rate_hz)}
+        estimates |= covariance_row(fit, "B_j", "J_j")
         coulomb = {**estimates_row(other, "T_C"), "B_j_coulomb": other["B_j"], "VAF_coulomb": other.vaf}
         rows.append({"trial": record.name, "amplitude_deg": amplitude, **estimates, **coulomb})
     return pl.DataFrame(rows, schema_overrides={"amplitude_deg": pl.Float64})

@@ -5,17 +5,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures.style import BLACK, LOOKS, NORMAL_95, SINGLE_COLUMN, panels, paper_style
+from osl_analysis.figures.style import BLACK, LOOKS, SINGLE_COLUMN, panels, paper_style
 
-IMPEDANCE = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "K", "K_se", "B", "B_se")
+IMPEDANCE = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "K", "K_low", "K_high", "B", "B_low", "B_high")
 """Columns that `points` needs of the impedance table; it takes `K_predicted` and `B_predicted` where they are."""
 COLUMNS = (
     "trial", "controller", "K_d", "B_d", "K", "K_low", "K_high", "B", "B_low", "B_high", "K_predicted", "B_predicted",
+    "doubtful",
 )  # fmt: skip
 
 
 def points(impedance: pl.DataFrame) -> pl.DataFrame:
-    """One row per trial: its fit over all amplitudes, with 95 % intervals (estimate +- 1.96 standard errors).
+    """One row per trial: its fit over all amplitudes, with 95 % intervals, and why it is doubtful where it is.
 
     Raises
     ------
@@ -30,11 +31,8 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
         )
     for column in {"K_predicted", "B_predicted"}.difference(table.columns):
         table = table.with_columns(pl.lit(None, pl.Float64).alias(column))
-    for symbol in ("K", "B"):
-        half = NORMAL_95 * pl.col(f"{symbol}_se")
-        table = table.with_columns(
-            (pl.col(symbol) - half).alias(f"{symbol}_low"), (pl.col(symbol) + half).alias(f"{symbol}_high")
-        )
+    if "doubtful" not in table.columns:
+        table = table.with_columns(doubtful=pl.lit(None, pl.String))
     return table.select(COLUMNS)
 
 
@@ -43,7 +41,8 @@ def draw(table: pl.DataFrame) -> Figure:
     """(a) stiffness, (b) damping: a marker per trial with its 95 % interval, the identity dashed.
 
     Markers are open, so that trials with equal results show. Where linear theory predicts the result of the
-    trial's gains, a dash of the same colour marks the prediction.
+    trial's gains, a dash of the same colour marks the prediction. A dot in the marker: the
+    fit is doubtful, and the table says why.
     """
     figure, (stiffness, damping) = panels(SINGLE_COLUMN, 2.3, columns=2)
     draw_panel(stiffness, table, "K")
@@ -74,6 +73,9 @@ def draw_panel(ax: Axes, table: pl.DataFrame, symbol: str) -> None:
             markersize=look.size,
             label=look.label,
         )
+    doubtful = table.filter(pl.col("doubtful").fill_null("") != "")
+    if len(doubtful):
+        ax.plot(doubtful[desired], doubtful[symbol], ".", color=BLACK, markersize=2.2, label="Doubtful fit")
     ax.axline((0, 0), slope=1, color=BLACK, linestyle=(0, (4, 2)), linewidth=0.7, label="Desired")
     if table[f"{symbol}_predicted"].count():
         ax.plot([], [], "_", color=BLACK, markersize=8, mew=0.6, label="Linear model")

@@ -1,11 +1,14 @@
 """Finding the stepped-sine protocol in the recorded motion: nothing relies on when the recorder was started."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 
 from osl_analysis.errors import InputError
+from osl_analysis.fits.score_covariance import FEWEST_CYCLES, Cycles
 from osl_analysis.signals import sampling_rate
 from osl_analysis.trial import Array
 
@@ -29,12 +32,13 @@ class SteppedSine:
 
 @dataclass(frozen=True)
 class Segment:
-    """Rows [start, stop) of one frequency [Hz] at one commanded amplitude [rad]."""
+    """Rows [start, stop) of the `cycles` cycles of one frequency [Hz] at one commanded amplitude [rad]."""
 
     amplitude: float
     frequency_hz: float
     start: int
     stop: int
+    cycles: int
 
     @property
     def rows(self) -> slice:
@@ -117,5 +121,51 @@ def split(start: int, amplitude: float, protocol: SteppedSine, rate: float) -> t
     ends = np.cumsum([0.0, *(protocol.cycles / f for f in protocol.frequencies_hz)]) * rate
     rows = start + np.rint(ends).astype(int)
     return tuple(
-        Segment(amplitude, f, int(a), int(b)) for f, a, b in zip(protocol.frequencies_hz, rows, rows[1:], strict=False)
+        Segment(amplitude, f, int(a), int(b), protocol.cycles)
+        for f, a, b in zip(protocol.frequencies_hz, rows, rows[1:], strict=False)
     )
+
+
+def settled(blocks: Sequence[Block], settle_cycles: int) -> tuple[Segment, ...]:
+    """All segments without what is not periodic: `settle_cycles` at their start, and the last cycle.
+
+    Into the last cycle the zero-phase filter smears the next frequency's beginning. One cycle at least is kept.
+    """
+    return tuple(
+        trimmed(segment, min(settle_cycles, segment.cycles - 1), 1) for block in blocks for segment in block.segments
+    )
+
+
+def trimmed(segment: Segment, before: int, after: int) -> Segment:
+    """The segment without its first `before` and, where it has more than one left, its last `after` cycles."""
+    after = min(after, segment.cycles - before - 1)
+    edges = cycle_edges(segment)
+    stop = int(edges[segment.cycles - after])
+    return replace(segment, start=int(edges[before]), stop=stop, cycles=segment.cycles - before - after)
+
+
+def cycle_edges(segment: Segment) -> Array:
+    """Rows at which the cycles begin, and the end of the last: (cycles + 1,)."""
+    return np.asarray(np.rint(np.linspace(segment.start, segment.stop, segment.cycles + 1)))
+
+
+def rows_of(segments: Sequence[Segment]) -> NDArray[np.intp]:
+    """Rows of the segments, one after the other."""
+    return np.concatenate([np.r_[segment.rows] for segment in segments])
+
+
+def cycles_of(segments: Sequence[Segment], every: int = 1, skip: int = 0) -> Cycles | None:
+    """The cycles in the rows of the segments, one after the other; None with fewer than five in a segment.
+
+    Of each segment every `every`-th row counts, and of those not the first `skip`: for signals that were thinned out
+    and then lost a filter's start.
+    """
+    if min(segment.cycles for segment in segments) < FEWEST_CYCLES:
+        return None
+    first, offset = [], 0
+    for segment in segments:
+        edges = np.ceil((cycle_edges(segment) - segment.start) / every) - skip
+        first.append(offset + np.maximum(edges[:-1], 0))
+        offset += int(edges[-1])
+    stratum = np.repeat(np.arange(len(segments)), [segment.cycles for segment in segments])
+    return Cycles(np.concatenate(first).astype(np.intp), stratum)

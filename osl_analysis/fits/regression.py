@@ -4,8 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.fits.score_covariance import Cycles, between_cycles, correlation_samples, moving_sums
 from osl_analysis.trial import Array
 
 CONDITION_LIMIT = 1e3
@@ -18,7 +20,8 @@ class LinearFit:
 
     `vaf` is 100 (1 - var(residual)/var(y)) percent, blind to an offset; `r_squared` is about zero and is not.
     `condition_number` is that of the columns scaled to unit length, `correlation_samples` the number of samples
-    over which residuals were allowed to be correlated.
+    over which residuals were allowed to be correlated. `interval_method` says where the covariance is from (`HAC`, or
+    the spread between `cycles`), `degrees_of_freedom` (p,) how much each variance is worth in Student's quantile.
     """
 
     names: tuple[str, ...]
@@ -29,6 +32,9 @@ class LinearFit:
     condition_number: float
     correlation_samples: int
     samples: int
+    interval_method: str
+    degrees_of_freedom: Array
+    residual: Array
 
     def __getitem__(self, name: str) -> float:
         return float(self.estimates[self.names.index(name)])
@@ -38,12 +44,30 @@ class LinearFit:
         index = self.names.index(name)
         return float(np.sqrt(self.covariance[index, index]))
 
+    def cov(self, first: str, second: str) -> float:
+        """Covariance of two estimates, in the product of their units."""
+        return float(self.covariance[self.names.index(first), self.names.index(second)])
 
-def linear_fit(y: Array, columns: Mapping[str, Array], condition_limit: float = CONDITION_LIMIT) -> LinearFit:
+    def interval(self, name: str) -> tuple[float, float]:
+        """Bounds of the 95 % interval of one estimate, in its unit (Student's quantile)."""
+        half = float(stdtrit(self.degrees_of_freedom[self.names.index(name)], 0.975)) * self.se(name)
+        return self[name] - half, self[name] + half
+
+
+def linear_fit(
+    y: Array,
+    columns: Mapping[str, Array],
+    condition_limit: float = CONDITION_LIMIT,
+    cycles: Cycles | None = None,
+    instruments: Mapping[str, Array] | None = None,
+    lags: int | None = None,
+) -> LinearFit:
     """Least squares of y (n,) on named columns (n,) each, with standard errors for correlated residuals.
 
-    Consecutive samples of a filtered signal are not independent, so the covariance is Newey and West's
-    (Econometrica 55, 1987) with the bandwidth of Andrews (Econometrica 59, 1991).
+    Consecutive samples of a filtered signal are not independent. Where the experiment repeats `cycles`, the covariance
+    is that of resampling them; without, it is Newey and West's (Econometrica 55, 1987) over `lags` samples, by default
+    the bandwidth of Andrews (Econometrica 59, 1991). With `instruments`, as many as columns, the columns are replaced
+    by their projection on these (two-stage least squares): noise in a column that no instrument shares does no harm.
 
     Raises
     ------
@@ -53,7 +77,8 @@ def linear_fit(y: Array, columns: Mapping[str, Array], condition_limit: float = 
         The scaled condition number exceeds `condition_limit`; the message names the two columns to blame.
     """
     names = tuple(columns)
-    X = checked_columns(y, columns)
+    measured = checked_columns(y, columns)
+    X = measured if instruments is None else projected(measured, checked_columns(y, instruments))
     scale = np.linalg.norm(X, axis=0)
     if not (scale > 0).all():
         raise IdentifiabilityError(
@@ -64,14 +89,21 @@ def linear_fit(y: Array, columns: Mapping[str, Array], condition_limit: float = 
     if condition > condition_limit:
         refuse(names, Vt[-1], condition)
     estimates = (Vt.T @ ((U.T @ y) / singular)) / scale
-    residual = y - X @ estimates
-    lags = correlation_samples(residual)
+    residual = y - measured @ estimates
     inverse = (Vt.T / singular**2) @ Vt / np.outer(scale, scale)
-    covariance = inverse @ score_covariance(X * residual[:, None], lags) @ inverse * len(y) / (len(y) - len(names))
+    window = lags or correlation_samples(residual)
+    scores = (X * residual[:, None]) @ inverse
+    method = "HAC" if cycles is None else "cycles"
+    covariance, freedom = moving_sums(scores, window) if cycles is None else between_cycles(scores, cycles)
     r_squared = 1 - float(residual @ residual) / max(float(y @ y), np.finfo(float).tiny)
-    return LinearFit(
-        names, estimates, covariance, variance_accounted_for(y, residual), r_squared, condition, lags, len(y)
-    )
+    vaf = variance_accounted_for(y, residual)
+    return LinearFit(names, estimates, covariance, vaf, r_squared, condition, window, len(y), method, freedom, residual)
+
+
+def projected(X: Array, Z: Array) -> Array:
+    """Columns X (n, p) as far as the instruments Z (n, q) explain them."""
+    Q, _ = np.linalg.qr(Z / np.linalg.norm(Z, axis=0))
+    return np.asarray(Q @ (Q.T @ X))
 
 
 def checked_columns(y: Array, columns: Mapping[str, Array]) -> Array:
@@ -100,25 +132,3 @@ def variance_accounted_for(y: Array, residual: Array) -> float:
     """VAF = 100 (1 - var(residual)/var(y)) [percent]; NaN for a constant y."""
     variance = float(np.var(y))
     return 100 * (1 - float(np.var(residual)) / variance) if variance > 0 else float("nan")
-
-
-def correlation_samples(residual: Array) -> int:
-    """Andrews' plug-in bandwidth for the Bartlett kernel from an AR(1) fit, at most an eighth of the samples."""
-    n = len(residual)
-    power = float(residual[:-1] @ residual[:-1])
-    rho = float(residual[1:] @ residual[:-1]) / power if power > 0 else 0.0
-    rho = min(max(rho, 0.0), 0.9999)
-    alpha = 4 * rho**2 / (1 - rho**2) ** 2
-    return int(np.clip(np.ceil(1.1447 * (alpha * n) ** (1 / 3)), 1, max(n // 8, 1)))
-
-
-def score_covariance(scores: Array, window: int) -> Array:
-    """Long-run covariance (p, p) of the scores (n, p), summed over samples, Bartlett weights up to `window` - 1 lags.
-
-    The sum over all lags weighted 1 - lag/window equals the sum of squares of moving sums over `window`
-    samples, zero beyond the ends, divided by `window`: positive semi-definite by construction.
-    """
-    padded = np.vstack([np.zeros((window, scores.shape[1])), scores, np.zeros((window - 1, scores.shape[1]))])
-    cumulative = np.cumsum(padded, axis=0)
-    moving_sums = cumulative[window:] - cumulative[:-window]
-    return np.asarray(moving_sums.T @ moving_sums / window)

@@ -11,7 +11,7 @@ from osl_analysis.errors import InputError
 
 @dataclass(frozen=True)
 class Repeats:
-    """Mean over n trials, standard deviation between them, standard error of the mean, 95 % interval (Student)."""
+    """Mean over n trials, standard deviation between them, standard error and 95 % interval of the mean (Student)."""
 
     n: int
     mean: float
@@ -21,8 +21,11 @@ class Repeats:
     high: float
 
 
-def over_repeats(values: ArrayLike) -> Repeats:
+def over_repeats(values: ArrayLike, common_variance: float = 0.0, common_count: int = 2) -> Repeats:
     """Summary of one estimate per trial, shape (n,), any unit.
+
+    An error that all trials have in common does not show in their scatter: `common_variance` is its variance, found
+    from `common_count` repetitions. Degrees of freedom then after Welch and Satterthwaite.
 
     Raises
     ------
@@ -33,6 +36,9 @@ def over_repeats(values: ArrayLike) -> Repeats:
     if len(values) < 2:
         raise InputError(f"{len(values)} trial cannot give a scatter; repeat the experiment at least twice")
     mean, sd = float(np.mean(values)), float(np.std(values, ddof=1))
-    se = sd / float(np.sqrt(len(values)))
-    half = float(stdtrit(len(values) - 1, 0.975)) * se
+    own, freedom = sd**2 / len(values), len(values) - 1.0
+    se = float(np.sqrt(own + common_variance))
+    if common_variance > 0:
+        freedom = se**4 / (own**2 / freedom + common_variance**2 / (common_count - 1))
+    half = float(stdtrit(freedom, 0.975)) * se
     return Repeats(len(values), mean, sd, se, mean - half, mean + half)

@@ -7,6 +7,7 @@ import numpy as np
 
 from osl_analysis.errors import InputError
 from osl_analysis.fits.regression import linear_fit
+from osl_analysis.fits.score_covariance import FEWEST_CYCLES, Cycles
 from osl_analysis.trial import Array
 
 HARMONICS = 5
@@ -17,13 +18,15 @@ HARMONICS = 5
 class Phasor:
     """Complex amplitude P of signal = Re(P exp(j w t)) + ..., the covariance of (Re P, Im P), and the distortion.
 
-    `distortion` is the root sum of squares of harmonics 2 to 5 over the fundamental.
+    `distortion` is the root sum of squares of harmonics 2 to 5 over the fundamental, whose amplitudes are `amplitudes`
+    (5,), the fundamental's first.
     """
 
     value: complex
     covariance: Array
     distortion: float
     vaf: float
+    amplitudes: Array
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,8 @@ def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, settle_cycles:
         raise InputError(
             f"a step of {step * 1e3:.2f} ms is too long for harmonic {HARMONICS} of {frequency_hz:g} Hz; sample faster"
         )
-    fit = linear_fit(signal, harmonic_columns(time, frequency_hz))
+    cycles = whole_cycles(len(time), len(time) * step * frequency_hz)
+    fit = linear_fit(signal, harmonic_columns(time, frequency_hz), cycles=cycles)
     cosines, sines = fit.estimates[1::2], fit.estimates[2::2]
     amplitudes = np.hypot(cosines, sines)
     to_phasor = np.diag([1.0, -1.0])
@@ -85,7 +89,17 @@ def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, settle_cycles:
         to_phasor @ fit.covariance[1:3, 1:3] @ to_phasor,
         float(np.linalg.norm(amplitudes[1:]) / amplitudes[0]),
         fit.vaf,
+        amplitudes,
     )
+
+
+def whole_cycles(samples: int, cycles: float) -> Cycles | None:
+    """Samples of one sine cut into cycles; None with fewer than five."""
+    count = round(cycles)
+    if count < FEWEST_CYCLES:
+        return None
+    first = np.rint(np.arange(count) * samples / cycles).astype(np.intp)
+    return Cycles(first, np.zeros(count, dtype=np.intp))
 
 
 def harmonic_columns(time: Array, frequency_hz: float) -> dict[str, Array]:

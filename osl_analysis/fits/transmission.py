@@ -3,11 +3,12 @@
 import numpy as np
 
 from osl_analysis.fits.regression import LinearFit, linear_fit
+from osl_analysis.fits.score_covariance import Cycles
 from osl_analysis.signals import Motion
 from osl_analysis.trial import Array
 
 
-def fit_transmission(motion: Motion, torque: Array) -> LinearFit:
+def fit_transmission(motion: Motion, torque: Array, cycles: Cycles | None = None) -> LinearFit:
     """Fit `B_j` [N*m*s/rad], `J_j` [kg*m^2] and `offset` [N*m] to a motion and resisting torque of shape (n,).
 
     Raises
@@ -16,10 +17,12 @@ def fit_transmission(motion: Motion, torque: Array) -> LinearFit:
         As `linear_fit`.
     """
     columns = {"B_j": motion.omega, "J_j": motion.alpha, "offset": np.ones_like(motion.omega)}
-    return linear_fit(torque, columns)
+    return linear_fit(torque, columns, cycles=cycles)
 
 
-def fit_transmission_with_coulomb(motion: Motion, torque: Array, width: float = 0.05) -> LinearFit:
+def fit_transmission_with_coulomb(
+    motion: Motion, torque: Array, width: float = 0.05, cycles: Cycles | None = None
+) -> LinearFit:
     """The same with Coulomb friction `T_C` [N*m] times tanh(omega/width), width in rad/s, for comparison."""
     columns = {
         "B_j": motion.omega,
@@ -27,4 +30,4 @@ def fit_transmission_with_coulomb(motion: Motion, torque: Array, width: float = 
         "T_C": np.tanh(motion.omega / width),
         "offset": np.ones_like(motion.omega),
     }
-    return linear_fit(torque, columns)
+    return linear_fit(torque, columns, cycles=cycles)

@@ -89,6 +89,25 @@ def bootstrap(responses: Sequence[Response], samples: int) -> Bootstrap:
     )
 
 
+def variance_of_normal_gait(responses: Sequence[Response]) -> dict[str, float]:
+    """Variance that the choice of unperturbed crossings gives to the mean of K, B and I over the perturbations.
+
+    Jackknife: each unperturbed crossing is left out in turn, of all responses at once, which have its chance error in
+    common. Units as in `ImpedanceFit`, squared.
+    """
+    check_alike(responses)
+    rows, n = responses[0].window, len(responses[0].thetas)
+    left_out = []
+    for j in range(n):
+        fits = []
+        for r in responses:
+            theta, torque = ((curves.sum(axis=0) - curves[j]) / (n - 1) for curves in (r.thetas, r.torques))
+            fits.append(fit_without_offset(differentiate(r.time, theta)[rows], torque[rows]))
+        left_out.append([np.mean([getattr(f, name) for f in fits]) for name in "KBI"])
+    variance = (n - 1) * np.var(left_out, axis=0)
+    return dict(zip("KBI", variance.tolist(), strict=True))
+
+
 def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Array:
     """Weights (samples, n) with which n items enter a mean when n are drawn with replacement."""
     return random.multinomial(n, np.full(n, 1 / n), size=samples) / n

@@ -1,0 +1,177 @@
+"""The bench of the validation study: a true motion and response that every trial repeats, and noisy sensors."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from osl_analysis.config import DynamometerAnalysis, ValidationStudy
+from osl_analysis.fits.belt import fit_belt_stiffness
+from osl_analysis.fits.estimators import DEFAULT, ESTIMATORS, Covariance, Record
+from osl_analysis.fits.impedance import impedance_torque
+from osl_analysis.fits.protocol import SteppedSine, cycles_of, find_blocks, rows_of, settled
+from osl_analysis.fits.regression import LinearFit
+from osl_analysis.fits.transmission import fit_transmission
+from osl_analysis.model.prediction import predicted_impedance
+from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.signals import LowPass, Motion, filtered_motion
+from osl_analysis.simulator.draws import stream
+from osl_analysis.simulator.dynamometer import (
+    Response,
+    drivetrain_effects,
+    moved,
+    selected_gains,
+    sensed,
+    simulate_belt,
+    simulate_impedance,
+    simulate_transmission,
+)
+from osl_analysis.simulator.joint_motion import JointMotion, stepped_sine, there_and_back
+from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.trial import Array
+
+SENSORS = (
+    "load_cell_noise", "load_cell_offset", "load_cell_drift", "load_cell_quantisation", "joint_encoder",
+    "current_noise", "current_quantisation",
+)  # fmt: skip
+COVARIANCES = {
+    "cycles": Covariance(),
+    "HAC": Covariance(cycles=False),
+    "HAC, 1 s": Covariance(cycles=False, lags=1000),
+}
+QUANTITIES = ("K", "B", "I")
+Fitter = Callable[["Bench", Record, LowPass], Iterator[tuple[str, str, LinearFit]]]
+
+
+@dataclass(frozen=True)
+class Bench:
+    """One experiment: the true motion and response, which every trial repeats, and the sensors that read them.
+
+    `fit` yields estimator, kind of interval and fit of a record; `exact` the parameters that made the torque, where
+    it is exactly of the fitted form; `theory` what linear theory predicts, `names` what is estimated.
+    """
+
+    command: Array
+    motion: JointMotion
+    response: Response
+    settings: SimulationSettings
+    protocol: SteppedSine | None
+    settle_cycles: int
+    names: tuple[str, ...]
+    fit: Fitter
+    exact: dict[str, float]
+    theory: dict[str, float]
+
+    def record(self, trial: str, ideal: bool = False) -> Record:
+        """What the sensors make of one trial, the encoder's zero being anywhere between two of its steps."""
+        settings = self.settings
+        if ideal:
+            settings = settings.model_copy(update={"effects": settings.effects.without(*SENSORS)})
+        zero = settings.effects.joint_encoder.value * stream(settings.seed, trial, "encoder_zero").random()
+        motion = replace(self.motion, theta=self.motion.theta + zero)
+        log, _ = sensed(trial, self.command, motion, self.response, settings)
+        time = log.time - log.time[0]
+        blocks = find_blocks(time, log.joint_angle, self.protocol) if self.protocol else ()
+        segments = settled(blocks, self.settle_cycles) if blocks else ()
+        rate = settings.dynamometer.rate_hz
+        return Record(time, log.joint_angle, log.commanded_angle, -log.load_cell_torque, rate, segments)
+
+
+def impedance_fits(bench: Bench, record: Record, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
+    """Every estimator with the spread of cycles, the default one with HAC too."""
+    for name, estimator in ESTIMATORS.items():
+        for method, covariance in COVARIANCES.items():
+            if method == "cycles" or name == DEFAULT:
+                yield name, method, estimator(record, low_pass, covariance)
+
+
+def transmission_fits(bench: Bench, record: Record, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
+    """B_j and J_j."""
+    motion, torque = filtered_motion(record.time, record.theta, record.torque, low_pass)
+    rows = rows_of(record.segments)
+    yield DEFAULT, "cycles", fit_transmission(motion[rows], torque[rows], cycles_of(record.segments))
+
+
+def belt_fits(bench: Bench, record: Record, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
+    """Loading slope; nothing repeats within a trial."""
+    theta, torque = (low_pass(signal, record.rate_hz) for signal in (record.theta, record.torque))
+    yield DEFAULT, "HAC", fit_belt_stiffness(theta, torque).loading
+
+
+Builder = Callable[[ValidationStudy, SimulationSettings, DrivetrainParameters, DynamometerAnalysis], Bench]
+
+
+def sine_bench(study: ValidationStudy, settings: SimulationSettings, analysis: DynamometerAnalysis) -> Bench:
+    """The study's stepped sine, and as yet nothing that answers it."""
+    short = {
+        "cycles": study.cycles,
+        "amplitudes_deg": study.amplitudes_deg,
+        "frequencies_hz": analysis.frequencies_hz,
+    }
+    settings = settings.model_copy(update={"protocol": settings.protocol.model_copy(update=short)})
+    command, motion = moved(stepped_sine(settings.protocol, settings.dynamometer.rate_hz), settings)
+    protocol = SteppedSine(tuple(np.deg2rad(study.amplitudes_deg)), analysis.frequencies_hz, study.cycles)
+    still = np.zeros_like(motion.theta)
+    nothing = Response(still, still, still)
+    return Bench(
+        command, motion, nothing, settings, protocol, analysis.settle_cycles, QUANTITIES, impedance_fits, {}, {}
+    )
+
+
+def second_order(
+    study: ValidationStudy, settings: SimulationSettings, p: DrivetrainParameters, analysis: DynamometerAnalysis
+) -> Bench:
+    """A joint that is exactly Eq. 15."""
+    bench = sine_bench(study, settings, analysis)
+    motion = Motion(bench.motion.theta, bench.motion.omega, bench.motion.alpha)
+    torque = impedance_torque(study.K_d, study.B_d, study.I, motion)
+    exact = {"K": study.K_d, "B": study.B_d, "I": study.I}
+    return replace(bench, response=replace(bench.response, torque=torque), exact=exact, theory=exact)
+
+
+def drivetrain(
+    study: ValidationStudy, settings: SimulationSettings, p: DrivetrainParameters, analysis: DynamometerAnalysis
+) -> Bench:
+    """The compensated joint with everything that the settings switch on."""
+    bench = sine_bench(study, settings, analysis)
+    gains = selected_gains({"controller": "compensated", "K_d": study.K_d, "B_d": study.B_d}, p)
+    effects, rate = drivetrain_effects(bench.settings), settings.dynamometer.rate_hz
+    response = simulate_impedance(rate, bench.motion, gains, effects, p)
+    theory = dict(zip(QUANTITIES, predicted_impedance(gains, p, analysis.frequencies_hz), strict=True))
+    return replace(bench, response=response, theory=theory)
+
+
+def linear_drivetrain(
+    study: ValidationStudy, settings: SimulationSettings, p: DrivetrainParameters, analysis: DynamometerAnalysis
+) -> Bench:
+    """The same without friction and hysteresis."""
+    effects = settings.effects.without("friction", "belt_hysteresis")
+    return drivetrain(study, settings.model_copy(update={"effects": effects}), p, analysis)
+
+
+def transmission(
+    study: ValidationStudy, settings: SimulationSettings, p: DrivetrainParameters, analysis: DynamometerAnalysis
+) -> Bench:
+    """The joint with the motor detached."""
+    bench = sine_bench(study, settings, analysis)
+    exact = {"B_j": p.B_j, "J_j": p.J_j}
+    response = simulate_transmission(bench.motion, p)
+    return replace(bench, response=response, names=tuple(exact), fit=transmission_fits, exact=exact, theory=exact)
+
+
+def belt(
+    study: ValidationStudy, settings: SimulationSettings, p: DrivetrainParameters, analysis: DynamometerAnalysis
+) -> Bench:
+    """The locked actuator's belt, with its hysteresis."""
+    command, motion = moved(there_and_back(settings.belt, settings.dynamometer.rate_hz), settings)
+    response = simulate_belt(motion, drivetrain_effects(settings), p)
+    return Bench(command, motion, response, settings, None, 0, ("K_s",), belt_fits, {}, {"K_s": p.K_s})
+
+
+EXPERIMENTS: dict[str, Builder] = {
+    "second order": second_order,
+    "linear drivetrain": linear_drivetrain,
+    "drivetrain": drivetrain,
+    "transmission": transmission,
+    "belt": belt,
+}

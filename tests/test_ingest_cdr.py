@@ -14,10 +14,11 @@ from mcap_builder import HEADER, stamped, write_log
 from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.cdr import layout_of, leaf_at, read_leaves
+from osl_analysis.ingest.cdr import layout_of
 from osl_analysis.ingest.mcap_records import read_mcap
 from osl_analysis.ingest.ros2_schema import parse_schema
-from osl_analysis.ingest.topic import decode_topic
+from osl_analysis.ingest.shapes import leaf_at
+from osl_analysis.ingest.topic import decode_topics
 
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
 REAL_LOGS = ["rerun_rosbag2_all_sensor_msgs_ros2_cdr.mcap", "rosbag2_cdr_test_0.mcap", "pj_test_empty_channel.mcap"]
@@ -103,7 +104,7 @@ def assert_equal_to_reference(path: Path) -> int:
         paths = sorted({name for _, values in messages for name in values})
         if not paths:
             continue
-        decoded = decode_topic(read_mcap(path, [topic]), topic, paths)
+        decoded = decode_topics(read_mcap(path), {topic: paths})[topic]
         assert decoded.log_time.tolist() == [log_time for log_time, _ in messages]
         for name in paths:
             for row, (_, values) in enumerate(messages):
@@ -135,9 +136,8 @@ def test_big_endian_messages_are_read() -> None:
     definitions = parse_schema("lab_msgs/msg/S", "uint8 a\nfloat64 b\nint16 c\nfloat32[] d")
     payload = b"\x00\x00\x00\x00" + struct.pack(">B7xdh2xIf", 7, -2.5, -300, 1, 0.75)
     layout = layout_of(definitions, "lab_msgs/S", payload)
-    leaves = {name: leaf_at(layout, name) for name in ("a", "b", "c", "d[0]")}
-    values = read_leaves(np.frombuffer(payload, np.uint8)[None], leaves)
-    assert [values[name][0] for name in leaves] == [7, -2.5, -300, 0.75]
+    leaves = [leaf_at(layout, name) for name in ("a", "b", "c", "d[0]")]
+    assert [leaf.read(np.frombuffer(payload, np.uint8)[None])[0] for leaf in leaves] == [7, -2.5, -300, 0.75]
 
 
 def test_a_joint_is_found_by_name_though_the_order_of_joints_changes(tmp_path: Path) -> None:
@@ -146,7 +146,7 @@ def test_a_joint_is_found_by_name_though_the_order_of_joints_changes(tmp_path: P
     log = [stamped(i, name=order, position=[10.0 + i, 20.0 + i]) for i, order in enumerate(orders)]
     path = write_log(tmp_path / "log.mcap", log, schema, "sensor_msgs/msg/JointState")
     field = "position[name=toe]"
-    decoded = decode_topic(read_mcap(path, ["/lab"]), "/lab", [field])
+    decoded = decode_topics(read_mcap(path), {"/lab": [field]})["/lab"]
     assert decoded.present[field].tolist() == [True, True, True, True, False]
     assert decoded.values[field][:4].tolist() == [20.0, 11.0, 22.0, 23.0]
 
@@ -154,13 +154,13 @@ def test_a_joint_is_found_by_name_though_the_order_of_joints_changes(tmp_path: P
 def test_an_array_is_refused_where_a_number_is_asked_for(tmp_path: Path) -> None:
     path = write_log(tmp_path / "log.mcap", [(0, {"series": [1.0, 2.0]})], "float64[] series", "lab_msgs/msg/S")
     with pytest.raises(InputError, match=r"field 'series' is an array of 2; name one element, like 'series\[0\]'"):
-        decode_topic(read_mcap(path, ["/lab"]), "/lab", ["series"])
+        decode_topics(read_mcap(path), {"/lab": ["series"]})
 
 
 def test_a_missing_field_is_refused_with_the_fields_there_are(tmp_path: Path) -> None:
     path = write_log(tmp_path / "log.mcap", [(0, {"a": 1.0, "b": [1.0, 2.0]})], "float64 a\nfloat64[] b", "l/msg/S")
     with pytest.raises(InputError, match=r"topic '/lab' has no field 'c'; it has a, b\[0..1\]"):
-        decode_topic(read_mcap(path, ["/lab"]), "/lab", ["a", "c"])
+        decode_topics(read_mcap(path), {"/lab": ["a", "c"]})
 
 
 def test_a_message_shorter_than_its_schema_is_refused() -> None:

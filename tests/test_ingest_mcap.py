@@ -137,15 +137,18 @@ def test_no_single_flipped_bit_changes_what_is_read_unnoticed(tmp_path: Path) ->
     path = write_log(tmp_path / "log.mcap", samples(), chunk_size=800)
     intact, content = read_log(path, source()).samples, path.read_bytes()
     random = np.random.default_rng(0)
+    lossy = source().model_copy(update={"largest_loss": 0.9})
     noticed = 0
     for _ in range(400):
         damaged = bytearray(content)
         damaged[random.integers(len(content))] ^= 1 << random.integers(8)
         path.write_bytes(damaged)
-        try:
-            assert read_log(path, source()).samples.equals(intact)
-        except InputError:
-            noticed += 1
+        recording = read_log(path, lossy)
+        same = recording.samples.equals(intact)
+        assert same or not recording.facts["damage"]["complete"]
+        stamps = (recording.samples["time"] * 1000).round().cast(int) + recording.facts["time"]["start_ns"] // 10**6
+        assert set(stamps) <= set(range(START // 10**6, START // 10**6 + 50))
+        noticed += not same
     assert noticed > 100
 
 
@@ -166,7 +169,7 @@ def test_a_changed_value_in_a_chunk_fails_its_checksum(tmp_path: Path) -> None:
     angle = np.float32(13).tobytes()
     assert content.count(angle) == 1
     path.write_bytes(content.replace(angle, np.float32(14).tobytes()))
-    assert "the checksum of the chunk" in refused(path, source())
+    assert "does not match its checksum" in refused(path, source())
 
 
 def test_a_changed_value_outside_of_chunks_fails_the_data_checksum(tmp_path: Path) -> None:
@@ -176,14 +179,6 @@ def test_a_changed_value_outside_of_chunks_fails_the_data_checksum(tmp_path: Pat
     assert "the checksum of the data section does not match" in refused(path, source())
 
 
-@pytest.mark.parametrize("kept", [0.4, 0.9, 0.999])
-def test_a_file_cut_short_is_refused(tmp_path: Path, kept: float) -> None:
-    path = write_log(tmp_path / "log.mcap", samples(2000))
-    content = path.read_bytes()
-    path.write_bytes(content[: int(kept * len(content))])
-    assert "damaged or incomplete MCAP" in refused(path, source())
-
-
 def test_a_log_whose_recorder_was_killed_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     with path.open("wb") as file:
@@ -191,7 +186,9 @@ def test_a_log_whose_recorder_was_killed_is_refused(tmp_path: Path) -> None:
         writer.start(profile="ros2")
         number = writer.register_schema(SAMPLE_NAME, "ros2msg", SAMPLE.encode())
         writer.register_channel("/lab", "cdr", number)
-    assert "no footer: the recorder did not finish" in refused(path, source())
+    message = refused(path, source())
+    assert "no topic '/lab'; the file has none" in message
+    assert "no footer: the recorder did not finish" in message
 
 
 @pytest.mark.parametrize(
@@ -206,8 +203,9 @@ def test_a_log_whose_recorder_was_killed_is_refused(tmp_path: Path) -> None:
 )
 def test_messages_that_no_checksum_covers_are_reported(tmp_path: Path, options: dict[str, Any], covered: bool) -> None:
     recording = read_log(write_log(tmp_path / "log.mcap", samples(), **options), source())
-    report = "log.mcap: no checksum covers 50 of 50 messages; damage cannot be excluded"
+    report = "log.mcap: not verifiable: no checksum covers 50 of 50 messages"
     assert recording.warnings == ([] if covered else [report])
+    assert recording.facts["damage"]["crc"] == ("checked" if covered else "absent")
 
 
 def test_an_unknown_compression_is_refused(tmp_path: Path) -> None:
@@ -236,7 +234,7 @@ def test_a_topic_without_messages_is_refused(tmp_path: Path) -> None:
 
 def test_a_log_without_header_stamps_is_refused_when_they_are_asked_for(tmp_path: Path) -> None:
     path = write_log(tmp_path / "log.mcap", [(0, {"angle": 1.0})], "float64 angle", "lab_msgs/msg/Bare")
-    assert "has no field 'header.stamp.sec'; it has angle" in refused(path, source())
+    assert "topic '/lab' has no field 'header.stamp' with seconds and nanoseconds" in refused(path, source())
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
@@ -247,27 +245,12 @@ def test_a_value_that_is_not_finite_is_refused_by_channel_and_message(tmp_path: 
     assert f"topic /lab, field angle: {value} in sample 18 of 50, at 0.017 s" in message
 
 
-@pytest.mark.parametrize("shift", [-MILLISECOND, -5 * MILLISECOND])
-def test_time_that_does_not_increase_is_refused(tmp_path: Path, shift: int) -> None:
-    log = samples()
-    log[17] = (log[17][0], stamped(START + 17 * MILLISECOND + shift, angle=0.0)[1])
-    assert "topic /lab: time goes from 0.016000 s" in refused(write_log(tmp_path / "log.mcap", log), source())
-
-
-@pytest.mark.parametrize(
-    ("name", "topic", "encoding"),
-    [
-        ("rerun_json_and_protobuf.mcap", "mouse", r"json \(jsonschema\)"),
-        ("rerun_json_and_protobuf.mcap", "pose", r"protobuf \(protobuf\)"),
-        ("pj_test_unsupported_encoding.mcap", "/proto/data", r"protobuf \(proto\)"),
-    ],
-)
-def test_another_encoding_is_refused_by_its_name(name: str, topic: str, encoding: str) -> None:
-    path = REAL_DATA / "mcap" / name
+def test_another_encoding_is_refused_by_its_name() -> None:
+    path = REAL_DATA / "mcap" / "pj_test_unsupported_encoding.mcap"
     if not path.exists():
         pytest.skip("real data are not here")
-    with pytest.raises(InputError, match=f"topic '{topic}' is encoded as {encoding}"):
-        read_log(path, source(theta={"topic": topic, "field": "x", "unit": "rad"}))
+    with pytest.raises(InputError, match=r"topic '/proto/data' is encoded as protobuf \(proto\)"):
+        read_log(path, source(theta={"topic": "/proto/data", "field": "x", "unit": "rad"}))
 
 
 def test_a_bad_schema_hurts_its_own_topic_only() -> None:

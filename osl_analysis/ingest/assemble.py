@@ -17,6 +17,7 @@ from osl_analysis.ingest.source_fields import SharedAngle
 from osl_analysis.trial import Trial
 
 NANOSECOND = 1e-9
+SHARED_FACTS = ("plates", "damage")  # which stand in the provenance under a key of their own
 
 
 def assemble(
@@ -58,7 +59,8 @@ def provenance_of(recordings: Mapping[str, Recording], files: Mapping[str, Mappi
         "columns": {name: {"file": role, **origin} for role, one in in_order for name, origin in one.columns.items()},
         "plates": [plate for _, one in in_order for plate in one.facts.get("plates", [])],
         "warnings": [warning for _, one in in_order for warning in one.warnings],
-        **{role: {key: fact for key, fact in one.facts.items() if key != "plates"} for role, one in in_order},
+        **{key: fact for _, one in in_order for key, fact in one.facts.items() if key == "damage"},
+        **{role: {key: fact for key, fact in one.facts.items() if key not in SHARED_FACTS} for role, one in in_order},
     }
 
 

@@ -1,52 +1,31 @@
-"""ROS 2 messages in CDR to columns: one message is walked, all of the same shape are read at once by numpy.
+"""ROS 2 messages in CDR: the walk through one message that finds where its numbers stand.
 
-A message's *shape* is its length together with the lengths of the strings and sequences in it (the guards):
-messages that share these share every field's offset.
+Its guards are the lengths of the strings and sequences in it.
 """
 
-import re
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from mcap.records import Schema
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.ros2_schema import PRIMITIVES, Definitions, MessageField
-
-Bytes = NDArray[np.uint8]
-Indices = NDArray[np.int64]
+from osl_analysis.ingest.ordinary import Numbers
+from osl_analysis.ingest.ros2_schema import PRIMITIVES, Definitions, MessageField, parse_schema, short_name
+from osl_analysis.ingest.shapes import ByShape, Leaf, Shape, Template, field_names, template_of
 
 HEADER = 4  # encapsulation header; alignment counts from the byte after it
-INDEXED = re.compile(r"(?P<array>.+)\[(?P<index>\d+)\]")
-NAMED = re.compile(r"(?P<parent>.*\.)?(?P<array>\w+)\[(?P<names>\w+)=(?P<name>[^\]]+)\]")
-
-
-@dataclass(frozen=True)
-class Leaf:
-    """Where a number, or an array of `count` numbers, stands in a message; `dtype` carries the byte order."""
-
-    offset: int
-    dtype: str
-    count: int | None = None
+MOST_VISITS = 1_000_000
 
 
 @dataclass
-class Layout:
-    """The walk through one message: position and byte order, and what was found so far.
+class Layout(Shape):
+    """The walk through one message; `order` is its byte order, `visits` how many messages within it were entered."""
 
-    `texts` are the extents of the strings in arrays of strings, `guards` the offsets of the bytes that another
-    message must share to be read by this layout.
-    """
-
-    payload: bytes
-    definitions: Definitions
-    order: str
-    position: int = HEADER
-    leaves: dict[str, Leaf] = field(default_factory=dict)
-    texts: dict[str, range] = field(default_factory=dict)
-    guards: list[int] = field(default_factory=lambda: [0, 1])
+    definitions: Definitions = field(default_factory=dict)
+    order: str = "<"
+    visits: int = 0
 
     def align(self, size: int) -> None:
         self.position += (HEADER - self.position) % size
@@ -66,6 +45,9 @@ class Layout:
         """Walk the fields of the message type `name`; IDL gives a message without fields one byte."""
         fields = self.definitions[name]
         self.position += not fields
+        self.visits += 1
+        if self.visits > MOST_VISITS:  # arrays of messages without a byte could go on for ever
+            raise misfit(self.payload)
         for item in fields:
             path = f"{prefix}{item.name}"
             if item.type == "string":
@@ -120,7 +102,8 @@ def layout_of(definitions: Definitions, name: str, payload: bytes) -> Layout:
     """
     if len(payload) < HEADER or payload[0] != 0 or payload[1] > 1:
         raise InputError(f"encapsulation {payload[:HEADER].hex()} is not plain CDR; record with the default encoding")
-    layout = Layout(payload, definitions, "<" if payload[1] else ">")
+    order = "<" if payload[1] else ">"
+    layout = Layout(payload, position=HEADER, guards=[0, 1], definitions=definitions, order=order)
     layout.message(name, "")
     if layout.position > len(payload):
         raise misfit(payload)
@@ -131,64 +114,32 @@ def misfit(payload: bytes) -> InputError:
     return InputError(f"a message of {len(payload)} bytes is too short for its schema; the schema is not its own")
 
 
-def leaf_at(layout: Layout, path: str) -> Leaf | None:
-    """The single number at `path`; None where this message's arrays do not reach so far, or lack the field.
-
-    An element is chosen by its index, `position[0]`, or by the name that stands at the same index of a sibling
-    array, `position[name=ankle]`; the names then join the layout's guards.
+def reader(schema: Schema, paths: Sequence[str]) -> ByShape:
+    """What reads the fields at `paths` of messages of a schema in ros2msg.
 
     Raises
     ------
     InputError
-        The path names a whole array.
+        The schema cannot be read.
     """
-    path = index_of_name(layout, path)
-    direct = layout.leaves.get(path)
-    if direct is not None and direct.count is not None:
-        raise InputError(f"field '{path}' is an array of {direct.count}; name one element, like '{path}[0]'")
-    match = INDEXED.fullmatch(path)
-    array = layout.leaves.get(match["array"]) if match else None
-    if not match or array is None or array.count is None or int(match["index"]) >= array.count:
-        return direct
-    return Leaf(array.offset + int(match["index"]) * np.dtype(array.dtype).itemsize, array.dtype)
+    name, definitions = message_type(schema)
+
+    def learn(payload: bytes) -> Template:
+        return template_of(layout_of(definitions, name, payload), paths)
+
+    def alone(payload: bytes) -> Numbers:
+        row = np.frombuffer(payload, np.uint8)[None]
+        return {path: values[0] for path, values in learn(payload).read(row).items()}
+
+    return ByShape(learn, alone)
 
 
-def index_of_name(layout: Layout, path: str) -> str:
-    """The path with `[names=name]` replaced by the index of that name; guards the names up to and with it."""
-    match = NAMED.fullmatch(path)
-    if not match:
-        return path
-    parent = match["parent"] or ""
-    names = f"{parent}{match['names']}["
-    for text, extent in layout.texts.items():
-        if text.startswith(names):
-            layout.guards += extent
-            if layout.payload[extent.start : extent.stop].rstrip(b"\0") == match["name"].encode():
-                return f"{parent}{match['array']}[{text.removeprefix(names)}"
-    return path
+def fields(schema: Schema, payload: bytes) -> list[str]:
+    """The fields of one message, for messages to the user."""
+    name, definitions = message_type(schema)
+    return field_names(layout_of(definitions, name, payload))
 
 
-def read_leaves(rows: Bytes, leaves: dict[str, Leaf]) -> dict[str, NDArray[Any]]:
-    """The leaves' values in messages of one shape, `rows` of shape (messages, length)."""
-    record = np.dtype(
-        {
-            "names": list(leaves),
-            "formats": [leaf.dtype.replace("?", "u1") for leaf in leaves.values()],
-            "offsets": [leaf.offset for leaf in leaves.values()],
-            "itemsize": rows.shape[1],
-        }
-    )
-    table = np.ascontiguousarray(rows).view(record)[:, 0]
-    return {
-        path: (table[path] != 0) if "?" in leaf.dtype else table[path].astype(table.dtype[path].newbyteorder("="))
-        for path, leaf in leaves.items()
-    }
-
-
-def field_names(layout: Layout) -> list[str]:
-    """Every path that holds a number, arrays as `name[0..n-1]`, for messages to the user."""
-    return [
-        path if leaf.count is None else f"{path}[0..{leaf.count - 1}]"
-        for path, leaf in layout.leaves.items()
-        if leaf.count != 0
-    ]
+def message_type(schema: Schema) -> tuple[str, Definitions]:
+    """Name and definitions of a schema's message."""
+    return short_name(schema.name), parse_schema(schema.name, schema.data.decode(errors="replace"))

@@ -1,6 +1,7 @@
 """A log in MCAP to canonical columns, by a source file."""
 
 from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,60 +10,102 @@ import polars as pl
 
 from osl_analysis.columns import unit_of
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.cdr import Indices
 from osl_analysis.ingest.mcap_records import McapFile, read_mcap
+from osl_analysis.ingest.ordinary import Indices
 from osl_analysis.ingest.recording import Recording, check_finite
 from osl_analysis.ingest.source_file import LogChannel, McapSource
-from osl_analysis.ingest.topic import Decoded, decode_topic
+from osl_analysis.ingest.stamps import SECOND, Ordering, in_order, stamp_fields, stamps_of
+from osl_analysis.ingest.topic import Decoded, decode_topics
 from osl_analysis.ingest.units import si_factor
-from osl_analysis.trial import check_time
-
-SECOND = 1_000_000_000
 
 
 def read_log(path: Path, source: McapSource) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first stamp.
 
+    Topics that are sampled at other times than each other keep their own rows, null in the columns of the others:
+    nothing is interpolated or held. What the file has lost is in the facts under `damage` (`damage.py`).
+
     Raises
     ------
     InputError
-        No such topic or field, an encoding or schema that cannot be read, no messages, a value that is not
-        finite, or time that does not strictly increase.
+        No such topic or field, an encoding or schema that cannot be read, no messages, more lost than
+        `source.largest_loss`, a value that is not finite, or stamps that are missing, contradict each other or
+        go back (`stamps.py`).
     """
     by_topic: dict[str, dict[str, LogChannel]] = defaultdict(dict)
     for column, channel in source.channels.items():
         by_topic[channel.topic][column] = channel
-    file = read_mcap(path, by_topic)
+    file = read_mcap(path)
     try:
-        tables = {topic: read_topic(file, topic, channels, source) for topic, channels in by_topic.items()}
+        decoded = decode(file, by_topic, source)
+        tables = {topic: read_topic(topic, by_topic[topic], one, source) for topic, one in decoded.items()}
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    joined, *others = tables.values()
-    for table in others:
-        joined = joined.join(table, on="stamp", how="full", coalesce=True).sort("stamp")
+    joined = joined_on_stamp([table for table, _ in tables.values()])
     start = int(joined["stamp"][0])
     time = ((joined["stamp"] - start) / SECOND).alias("time")
     facts = {
         "time": {"source": source.time.source if source.time.source == "log" else source.time.field, "start_ns": start},
-        "rates_hz": {topic: rate(table["stamp"].to_numpy()) for topic, table in tables.items()},
+        "rates_hz": {topic: rate(table["stamp"].to_numpy()) for topic, (table, _) in tables.items()},
+        "decoding": {topic: one.how for topic, one in decoded.items()},
+        "stamps": {topic: order.report() for topic, (_, order) in tables.items()},
+        "damage": file.damage.report(),
     }
     columns = {column: origin(column, channel) for column, channel in source.channels.items()}
-    return Recording(joined.select(time, pl.exclude("stamp")), columns, facts, warnings(path, file))
+    says = [text for topic, (_, order) in tables.items() for text in order.says(topic)]
+    remarks = [*file.damage.all_remarks(), *says]
+    samples = joined.select(time, pl.exclude("stamp"))
+    return Recording(samples, columns, facts, [f"{path.name}: {remark}" for remark in remarks])
 
 
-def read_topic(file: McapFile, topic: str, channels: dict[str, LogChannel], source: McapSource) -> pl.DataFrame:
-    """Stamps [ns] and columns of one topic."""
-    stamp_fields = [f"{source.time.field}.{part}" for part in ("sec", "nanosec")]
-    wanted = [channel.field for channel in channels.values()]
+def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
+    """Tables of different rates in one: a row per stamp of any of them."""
+    joined, *others = tables
+    for table in others:
+        if joined["stamp"].equals(table["stamp"]):
+            joined = joined.hstack(table.drop("stamp"))
+        else:
+            joined = joined.join(table, on="stamp", how="full", coalesce=True).sort("stamp")
+    return joined
+
+
+def decode(file: McapFile, by_topic: dict[str, dict[str, LogChannel]], source: McapSource) -> dict[str, Decoded]:
+    """The fields of each topic, and those of its stamp; refused where too much of the file is lost."""
+    stamps = [name for pair in stamp_fields(source.time.field) for name in pair]
     from_header = source.time.source == "header"
-    decoded = decode_topic(file, topic, stamp_fields + wanted if from_header else wanted)
-    stamp = decoded.log_time
-    if from_header:
-        seconds, nanoseconds = (decoded.values[name].astype(np.int64) for name in stamp_fields)
-        stamp = seconds * SECOND + nanoseconds
-    check_time(f"topic {topic}", (stamp - stamp[0]) / SECOND)
+    wanted = {
+        topic: [*dict.fromkeys([*(stamps if from_header else []), *(one.field for one in channels.values())])]
+        for topic, channels in by_topic.items()
+    }
+    try:
+        decoded = decode_topics(file, wanted, optional=stamps)
+    except InputError as error:
+        check_loss(file, source)  # which is then the reason
+        if file.damage.remarks:
+            raise InputError(f"{error} ({'; '.join(file.damage.all_remarks())})") from error
+        raise
+    check_loss(file, source)
+    return decoded
+
+
+def check_loss(file: McapFile, source: McapSource) -> None:
+    """Refuse a file that has lost more than the source file allows."""
+    share = file.damage.share_lost()
+    if share > source.largest_loss:
+        raise InputError(
+            f"damaged or incomplete MCAP: {100 * share:.3g} % is lost, {100 * source.largest_loss:.3g} % may be "
+            f"(largest_loss in the source file): {'; '.join(file.damage.all_remarks())}; record again"
+        )
+
+
+def read_topic(
+    topic: str, channels: dict[str, LogChannel], decoded: Decoded, source: McapSource
+) -> tuple[pl.DataFrame, Ordering]:
+    """Stamps [ns] and columns of one topic in order of the stamps, and what it took to bring them there."""
+    from_header = source.time.source == "header"
+    stamp = stamps_of(topic, decoded, source.time.field) if from_header else decoded.log_time
     columns = [canonical(column, channel, decoded, stamp) for column, channel in channels.items()]
-    return pl.DataFrame([pl.Series("stamp", stamp), *columns])
+    return in_order(topic, pl.DataFrame([pl.Series("stamp", stamp), *columns]), source.largest_loss)
 
 
 def canonical(column: str, channel: LogChannel, decoded: Decoded, stamp: Indices) -> pl.Series:
@@ -84,10 +127,3 @@ def origin(column: str, channel: LogChannel) -> dict[str, Any]:
 def rate(stamp: Indices) -> float | None:
     """Median rate [Hz] of stamps [ns]; None for a single one."""
     return float(SECOND / np.median(np.diff(stamp))) if stamp.size > 1 else None
-
-
-def warnings(path: Path, file: McapFile) -> list[str]:
-    """What a reader of the trial should know about the log."""
-    if not file.unverified:
-        return []
-    return [f"{path.name}: no checksum covers {file.unverified} of {file.messages} messages; damage cannot be excluded"]

@@ -1,191 +1,151 @@
-"""MCAP files down to the bytes of their messages, per channel and per length, with every checksum checked.
+"""MCAP files down to where their messages stand, a chunk at a time: every intact chunk, whatever became of the rest."""
 
-The records are scanned from the front and the summary is never needed, so that a file without one takes the
-same path.
-"""
-
-import struct
-import zlib
-from collections import defaultdict
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
+import mmap
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
-import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, DataEnd, Schema, Statistics
-from mcap.stream_reader import get_chunk_data_stream
+from mcap.records import Channel, Schema
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.cdr import Bytes, Indices
-
-MAGIC = b"\x89MCAP0\r\n"
-RECORD = struct.Struct("<BQ")  # opcode, length of the content
-MESSAGE = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")])
-
-COMPRESSIONS = ("", "zstd", "lz4")  # the library passes chunks of any other compression on as they are
-
-Record = TypeVar("Record", Channel, Chunk, DataEnd, Schema, Statistics)
-
-
-@dataclass(frozen=True)
-class Batch:
-    """Messages of one channel and one length: log times [ns], shape (n,), and bytes, shape (n, length)."""
-
-    log_time: Indices
-    rows: Bytes
+from osl_analysis.ingest.damage import Damage
+from osl_analysis.ingest.mcap_chunk import Block, DamagedChunkError, block_of, read_chunk
+from osl_analysis.ingest.mcap_scan import Scan, Section, scan_file
+from osl_analysis.ingest.mcap_walk import MAGIC, Buffer, index_offsets
 
 
 @dataclass
 class McapFile:
-    """Channels and schemas of a file, and the messages of the topics that were asked for, by channel id.
+    """A file of which the top level was scanned.
 
-    `messages` counts those of all topics, `unverified` those that no checksum covers.
+    `channels` and `schemas` are those of the summary until the blocks are read, and `damage` is then complete.
     """
 
+    path: Path
+    data: Buffer
+    scan: Scan
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
-    batches: dict[int, list[Batch]] = field(default_factory=lambda: defaultdict(list))
-    messages: int = 0
-    unverified: int = 0
+    damage: Damage = field(default_factory=Damage)
+
+    def blocks(self) -> Iterator[Block]:
+        """The messages of every intact chunk, and those outside of chunks, in the order of the file; once."""
+        self.adopt(self.data, self.scan.in_summary, trusted=False)
+        begin_report(self.damage, self.scan)
+        for section in self.scan.sections:
+            block = self.block(section)
+            if block is None:
+                continue
+            yield self.declared(block)
+
+    def block(self, section: Section) -> Block | None:
+        """The messages of a section; None if they are lost."""
+        if "lost" in section.kind:
+            what = f"{section.end - section.start} bytes from byte {section.start} are no sound records"
+            self.lose(section, f"{what}: {'a damaged chunk' if 'chunk' in section.kind else 'of what is not known'}")
+            return None
+        whole = self.scan.data_crc == "right"
+        if section.walk is not None:
+            block, verified, indexed = block_of(self.data, section.walk), False, True
+        else:
+            try:
+                block, verified, indexed = read_chunk(self.data, section.start, section.end, section.indexes)
+            except DamagedChunkError as error:
+                self.lose(section, f"the chunk at byte {section.start} {error}")
+                return None
+        if not verified and self.untrusted():
+            text = f"the checksum of the data section does not match, and no other covers byte {section.start} on"
+            self.lose(section, text, block.starts.size)
+            return None
+        if not indexed:
+            self.damage.remark(f"the index of the chunk at byte {section.start} is wrong; the chunk was walked")
+        self.damage.chunks += section.kind == "chunk"
+        self.damage.messages += block.starts.size
+        self.damage.verified += block.starts.size if verified or whole else 0
+        self.adopt(block.buffer, block.others, trusted=verified or whole or self.scan.summary_damaged)
+        return block
+
+    def untrusted(self) -> bool:
+        """Whether there is damage of which nothing says where it is."""
+        return self.scan.data_crc == "wrong" and not any("lost" in section.kind for section in self.scan.sections)
+
+    def lose(self, section: Section, remark: str, messages: int | None = None) -> None:
+        lose(self.damage, self.data, section, remark, messages)
+
+    def declared(self, block: Block) -> Block:
+        """The block without messages of channels that are not declared: nothing says what they are."""
+        known = np.zeros(1 << 16, bool)
+        known[list(self.channels)] = True
+        known = known[block.channel]
+        if known.all():
+            return block
+        strangers = int((~known).sum())
+        number = block.channel[~known][0]
+        self.damage.misfits += strangers
+        self.damage.remark(f"{strangers} messages belong to channels that are not declared, such as {number}")
+        channel, log_time = block.channel[known], block.log_time[known]
+        starts, lengths = block.starts[known], block.lengths[known]
+        return replace(block, channel=channel, log_time=log_time, starts=starts, lengths=lengths)
+
+    def adopt(self, buffer: Buffer, records: list[tuple[int, int, int]], *, trusted: bool) -> None:
+        """Take in schemas and channels; the first that has a number keeps it, unless the new one can be trusted."""
+        for opcode, start, end in records:
+            stream = ReadDataStream(BytesIO(buffer[start:end]))
+            try:
+                if opcode == Opcode.SCHEMA:
+                    schema = Schema.read(stream)
+                    self.schemas[schema.id] = schema if trusted else self.schemas.get(schema.id, schema)
+                else:
+                    channel = Channel.read(stream)
+                    self.channels[channel.id] = channel if trusted else self.channels.get(channel.id, channel)
+            except Exception:  # whatever the library stumbles over in damaged bytes
+                self.damage.remark("a schema or a channel cannot be read")
 
 
-def read_mcap(path: Path, topics: Collection[str]) -> McapFile:
-    """Every message of the given topics.
+def begin_report(damage: Damage, scan: Scan) -> None:
+    """What the scan of the top level tells."""
+    damage.finished = scan.finished
+    damage.bytes = scan.data_end - len(MAGIC)
+    if scan.declared is not None:
+        damage.declared_messages, damage.declared_chunks = scan.declared
+    if scan.summary_damaged:
+        damage.remark("the summary is damaged")
+    if not scan.finished:
+        damage.remark("no footer: the recorder did not finish, or the end is lost; how much is not known")
+    if scan.data_crc == "wrong":
+        damage.remark("the checksum of the data section does not match")
+
+
+def lose(damage: Damage, data: Buffer, section: Section, remark: str, messages: int | None) -> None:
+    """Count a section as lost, with the messages that its index tells of."""
+    size = section.end - section.start
+    if messages is None and section.indexes:
+        messages = index_offsets(data, section.indexes).size
+    damage.lose(remark, size, 0 if section.harmless else messages, int("chunk" in section.kind))
+
+
+def read_mcap(path: Path) -> McapFile:
+    """Scan a file; its messages are read by `blocks`.
 
     Raises
     ------
     InputError
-        No MCAP file, an incomplete or damaged one, or one with an unknown compression.
+        The file is empty, or no MCAP file.
     """
-    data = path.read_bytes()
-    if data[:8] != MAGIC:
+    with path.open("rb") as file:
+        if path.stat().st_size == 0:
+            raise InputError(f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet")
+        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    opened = McapFile(path, data, Scan())
+    if data[:8] != MAGIC and (len(data) < 64 or data[-8:] != MAGIC):
         raise InputError(
             f"{path}: not an MCAP file (it begins with {data[:8]!r}); check the path and the source's format"
         )
-    file = McapFile()
-    try:
-        scan_file(data, file, topics)
-    except (ValueError, OverflowError, RuntimeError, struct.error, McapError, zstandard.ZstdError) as error:
-        raise InputError(
-            f"{path}: damaged or incomplete MCAP: {error}; record again, or try `mcap recover` and check what is left"
-        ) from error
-    return file
-
-
-def scan_file(data: bytes, file: McapFile, topics: Collection[str]) -> None:
-    """Fill `file` from the data section of the whole file's bytes, and check it against what follows it."""
-    finished = False
-    for opcode, start, end in records(data, add_records(data, len(MAGIC), file, topics)):
-        finished |= opcode == Opcode.FOOTER
-        if opcode == Opcode.DATA_END:
-            check_data(data, start, end, file)
-        elif opcode == Opcode.CHANNEL:  # a channel without messages stands in the summary only
-            channel = parsed(Channel, data, start, end)
-            file.channels.setdefault(channel.id, channel)
-        elif opcode == Opcode.STATISTICS:
-            declared = parsed(Statistics, data, start, end).message_count
-            if declared != file.messages:
-                raise InputError(f"it declares {declared} messages and holds {file.messages}")
-    if not finished:
-        raise InputError("the file has no footer: the recorder did not finish")
-
-
-def add_records(buffer: bytes, begin: int, file: McapFile, topics: Collection[str]) -> int:
-    """Add what the records of a buffer hold, chunks included; return the position at which the data end."""
-    starts, lengths, end = [], [], begin
-    for opcode, start, end in records(buffer, begin):
-        if opcode == Opcode.MESSAGE:
-            starts.append(start)
-            lengths.append(end - start)
-        elif opcode == Opcode.SCHEMA:
-            schema = parsed(Schema, buffer, start, end)
-            file.schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
-            channel = parsed(Channel, buffer, start, end)
-            file.channels[channel.id] = channel
-        elif opcode == Opcode.CHUNK:
-            add_chunk(parsed(Chunk, buffer, start, end), start, file, topics)
-        elif opcode == Opcode.DATA_END:
-            end = start - RECORD.size
-            break
-    if starts:
-        add_messages(buffer, np.array(starts), np.array(lengths), file, topics)
-    return end
-
-
-def add_chunk(chunk: Chunk, start: int, file: McapFile, topics: Collection[str]) -> None:
-    """Add what a chunk holds, decompressed and checked against its checksum (0 means that there is none)."""
-    if chunk.compression not in COMPRESSIONS:
-        raise InputError(f"the chunk at byte {start} is compressed with '{chunk.compression}'; zstd and lz4 are read")
-    stream, size = get_chunk_data_stream(chunk)
-    content = stream.read(size)
-    if size != chunk.uncompressed_size:
-        raise InputError(f"the chunk at byte {start} holds {size} of {chunk.uncompressed_size} bytes")
-    if chunk.uncompressed_crc and zlib.crc32(content) != chunk.uncompressed_crc:
-        raise InputError(f"the checksum of the chunk at byte {start} does not match")
-    unverified = file.unverified
-    add_records(content, 0, file, topics)
-    if chunk.uncompressed_crc:
-        file.unverified = unverified
-
-
-def check_data(data: bytes, start: int, end: int, file: McapFile) -> None:
-    """Check all data before the record that ends them against its checksum (0 means that there is none)."""
-    expected = parsed(DataEnd, data, start, end).data_section_crc
-    if expected:
-        if zlib.crc32(memoryview(data)[: start - RECORD.size]) != expected:
-            raise InputError("the checksum of the data section does not match")
-        file.unverified = 0
-
-
-def records(buffer: bytes, begin: int) -> Iterator[tuple[int, int, int]]:
-    """Opcode, start and end of the content of each record; the file's closing magic ends the walk."""
-    position, total = begin, len(buffer)
-    while position + RECORD.size <= total:
-        opcode, length = RECORD.unpack_from(buffer, position)
-        start = position + RECORD.size
-        position = start + length
-        if position > total:
-            raise InputError(f"the record at byte {start} is {length} bytes long, {total - start} are there")
-        yield opcode, start, position
-    if buffer[position:] not in (b"", MAGIC):
-        raise InputError(f"{total - position} bytes after the last record are no record")
-
-
-def parsed(kind: type[Record], buffer: bytes, start: int, end: int) -> Record:
-    """One record, by the mcap library."""
-    record: Record = kind.read(ReadDataStream(BytesIO(buffer[start:end])))
-    return record
-
-
-def add_messages(buffer: bytes, starts: Indices, lengths: Indices, file: McapFile, topics: Collection[str]) -> None:
-    """Sort the messages of one buffer by channel and length, and copy out those of the topics."""
-    if (lengths < MESSAGE.itemsize).any():
-        raise InputError("a message record is shorter than its own head")
-    file.messages += starts.size
-    file.unverified += starts.size
-    heads = gather(buffer, starts, MESSAGE.itemsize).view(MESSAGE)[:, 0]
-    for number in np.unique(heads["channel"]).tolist():
-        if number not in file.channels:
-            raise InputError(f"a message belongs to channel {number}, which is not declared")
-        if file.channels[number].topic not in topics:
-            continue
-        mine = heads["channel"] == number
-        for length in np.unique(lengths[mine]).tolist():
-            chosen = mine & (lengths == length)
-            rows = gather(buffer, starts[chosen] + MESSAGE.itemsize, length - MESSAGE.itemsize)
-            file.batches[number].append(Batch(heads["log_time"][chosen].astype(np.int64), rows))
-
-
-def gather(buffer: bytes, starts: Indices, length: int) -> Bytes:
-    """The `length` bytes from each start, shape (starts, length), through one overlapping view of the buffer."""
-    if length == 0:
-        return np.empty((starts.size, 0), np.uint8)
-    windows = np.ndarray((len(buffer) - length + 1,), f"V{length}", buffer, 0, (1,))
-    return windows[starts].view(np.uint8).reshape(starts.size, length)
+    if data[:8] != MAGIC:
+        opened.damage.remark("the magic at the beginning is damaged")
+    opened.scan = scan_file(data)
+    return opened

@@ -36,12 +36,14 @@ class McapSource(Settings):
     """A log in MCAP. `clock: sync` aligns its clock to motion capture by the edges of the column `sync`.
 
     `clock: shared` does so by the signal that motion capture's source file names under `shared`.
+    A log that has lost more than the share `largest_loss` is refused.
     """
 
     format: Literal["mcap"]
     description: str = ""
     clock: Literal["master", "sync", "shared"] = "master"
     time: TimeSource
+    largest_loss: float = Field(default=0.01, ge=0.0, le=1.0)
     channels: dict[str, LogChannel] = Field(min_length=1)
 
     @field_validator("channels")

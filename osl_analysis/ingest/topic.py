@@ -1,104 +1,192 @@
-"""Fields of one MCAP topic, decoded: whatever the lengths, shapes, channels and file order of its messages."""
+"""Fields of MCAP topics, decoded: whatever the encoding, shapes, channels and file order of their messages."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.cdr import Indices, field_names, layout_of, leaf_at, read_leaves
+from osl_analysis.ingest import cdr, json_messages
+from osl_analysis.ingest.json_messages import ByText
+from osl_analysis.ingest.mcap_chunk import Block
 from osl_analysis.ingest.mcap_records import McapFile
-from osl_analysis.ingest.ros2_schema import Definitions, parse_schema, short_name
+from osl_analysis.ingest.ordinary import Indices, Values
+from osl_analysis.ingest.recording import listing
+from osl_analysis.ingest.shapes import ByShape
+
+Reader = ByShape | ByText
 
 
 @dataclass(frozen=True)
 class Decoded:
     """Messages in order of log time [ns]: each field's values, in its own number type, and whether it was there.
 
-    Every array has shape (n,).
+    Every array has shape (n,). `how` says for the provenance what decoded the messages.
     """
 
     log_time: Indices
     values: dict[str, NDArray[Any]]
     present: dict[str, NDArray[np.bool_]]
+    how: list[dict[str, Any]] = field(default_factory=list)
 
 
-def decode_topic(file: McapFile, topic: str, paths: Sequence[str]) -> Decoded:
-    """The fields at `paths`, from all channels of a topic.
+@dataclass
+class ChannelReader:
+    """One channel's reader, and what it has read: (log time, place in the file, values) of messages of one shape.
 
-    Raises
-    ------
-    InputError
-        The topic or a field is not there, it has no messages, or they cannot be decoded.
+    `first` is its first message, to tell its fields from.
     """
-    numbers = [number for number, channel in file.channels.items() if channel.topic == topic]
-    if not numbers:
-        topics = sorted({channel.topic for channel in file.channels.values()})
-        raise InputError(f"no topic '{topic}'; the file has {', '.join(topics) or 'none'}")
-    numbers = [number for number in numbers if file.batches.get(number)]
-    if not numbers:
-        raise InputError(f"topic '{topic}' has no messages; check that its sensor was running")
-    decoded = merged([part for number in numbers for part in decode_channel(file, number, paths)], paths)
-    for path in paths:
-        if not decoded.present[path].any():
-            fields = ", ".join(fields_of(file, numbers[0]))
-            raise InputError(f"topic '{topic}' has no field '{path}'; it has {fields}")
-    return decoded
+
+    channel: Channel
+    schema: Schema | None
+    reader: Reader
+    parts: list[tuple[Indices, Indices, Values]] = field(default_factory=list)
+    first: bytes = b""
+    messages: int = 0
+
+    def add(self, block: Block, chosen: Indices, before: int) -> None:
+        """Read the chosen messages of a block that begins after `before` messages of the file."""
+        starts, lengths = block.starts[chosen], block.lengths[chosen]
+        if not self.messages:
+            self.first = block.buffer[int(starts[0]) : int(starts[0] + lengths[0])]
+        self.messages += chosen.size
+        log_time = block.log_time[chosen]
+        for rows, values in self.reader.read(block.buffer, starts, lengths):
+            self.parts.append((log_time[rows], before + chosen[rows], values))
+
+    def how(self) -> dict[str, Any]:
+        """What decoded its messages, for the provenance."""
+        return {
+            "channel": self.channel.id,
+            "encoding": self.channel.message_encoding,
+            "messages": self.messages,
+            "one_by_one": self.reader.read_alone,
+            "misfits": self.reader.misfits,
+        }
 
 
-def decode_channel(file: McapFile, number: int, paths: Sequence[str]) -> Iterator[Decoded]:
-    """The fields at `paths`, once per shape of message."""
-    name, definitions = message_type(file, number)
-    for batch in file.batches[number]:
-        log_time, rows = batch.log_time, batch.rows
-        while log_time.size:
-            layout = layout_of(definitions, name, rows[0].tobytes())
-            leaves = {path: leaf for path in paths if (leaf := leaf_at(layout, path))}
-            same = (rows[:, layout.guards] == rows[0, layout.guards]).all(axis=1)
-            yield of_one_shape(log_time[same], read_leaves(rows[same], leaves), paths)
-            log_time, rows = log_time[~same], rows[~same]
+def decode_topics(
+    file: McapFile, wanted: Mapping[str, Sequence[str]], optional: Collection[str] = ()
+) -> dict[str, Decoded]:
+    """The fields that are wanted of each topic, from all its channels; the file is gone through once.
 
-
-def of_one_shape(log_time: Indices, found: dict[str, NDArray[Any]], paths: Sequence[str]) -> Decoded:
-    """Values of messages of one shape; a field that the shape lacks is absent in all of them."""
-    absent = np.zeros(log_time.size, bool)  # joins with any number type without changing it
-    values = {path: found.get(path, absent) for path in paths}
-    return Decoded(log_time, values, {path: np.full(log_time.size, path in found) for path in paths})
-
-
-def message_type(file: McapFile, number: int) -> tuple[str, Definitions]:
-    """Name and definitions of a channel's messages.
+    Any of the `optional` fields may be absent from all messages.
 
     Raises
     ------
     InputError
-        The messages are not ROS 2 CDR, or the schema cannot be read.
+        A topic or a field is not there, a topic has no messages, or none of them can be decoded.
+    """
+    readers: dict[int, ChannelReader] = {}
+    before = 0
+    for block in file.blocks():
+        for number in np.flatnonzero(np.bincount(block.channel)).tolist():
+            topic = file.channels[number].topic
+            if topic in wanted:
+                if number not in readers:
+                    readers[number] = reader_of(file, number, wanted[topic])
+                readers[number].add(block, np.flatnonzero(block.channel == number), before)
+        before += block.starts.size
+    by_topic: dict[str, list[ChannelReader]] = defaultdict(list)
+    for reader in readers.values():
+        by_topic[reader.channel.topic].append(reader)
+        note_misfits(file, reader)
+    found = {topic: decoded(file, topic, by_topic[topic], paths) for topic, paths in wanted.items()}
+    for topic, one in found.items():
+        for path in wanted[topic]:
+            if path not in optional and not one.present[path].any():
+                names = listing(fields_of(by_topic[topic][0]))
+                raise InputError(f"topic '{topic}' has no field '{path}'; it has {names}")
+    return found
+
+
+def note_misfits(file: McapFile, reader: ChannelReader) -> None:
+    """Messages that do not fit their schema are lost."""
+    if reader.reader.misfits:
+        file.damage.misfits += reader.reader.misfits
+        file.damage.remark(
+            f"{reader.reader.misfits} of {reader.messages} messages of topic '{reader.channel.topic}' are left out: "
+            f"{reader.reader.misfit}"
+        )
+
+
+def decoded(file: McapFile, topic: str, readers: Sequence[ChannelReader], paths: Sequence[str]) -> Decoded:
+    """What the readers of a topic's channels have read, as one."""
+    if topic not in {channel.topic for channel in file.channels.values()}:
+        topics = sorted({channel.topic for channel in file.channels.values()})
+        raise InputError(f"no topic '{topic}'; the file has {listing(topics)}")
+    if not readers:
+        raise InputError(f"topic '{topic}' has no messages; check that its sensor was running")
+    parts = [part for reader in readers for part in reader.parts]
+    if not parts:
+        raise InputError(f"topic '{topic}': {readers[0].reader.misfit}")
+    log_time = np.concatenate([log_time for log_time, _, _ in parts])
+    place = np.concatenate([place for _, place, _ in parts])
+    is_sorted = (np.diff(log_time) >= 0).all() and (np.diff(place) > 0).all()
+    order = None if is_sorted else np.lexsort((place, log_time))
+    values, present = {}, {}
+    for path in paths:
+        values[path], present[path] = column(parts, path, order)
+    return Decoded(
+        log_time if order is None else log_time[order], values, present, [reader.how() for reader in readers]
+    )
+
+
+def column(
+    parts: Sequence[tuple[Indices, Indices, Values]], path: str, order: Indices | None
+) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """One field of all messages, and whether it was there."""
+    sizes = [times.size for times, _, _ in parts]
+    there = np.repeat([path in values for _, _, values in parts], sizes)
+    if not there.any():
+        return np.zeros(there.size, bool), there
+    # False joins with any number type without changing it
+    pieces = [values.get(path, np.zeros(size, bool)) for (_, _, values), size in zip(parts, sizes, strict=True)]
+    joined = np.concatenate(pieces)
+    return (joined, there) if order is None else (joined[order], there[order])
+
+
+def fields_of(one: ChannelReader) -> list[str]:
+    """The fields of a channel's first message; none if it cannot be read."""
+    try:
+        if one.channel.message_encoding == "json" or one.schema is None:
+            return json_messages.fields(one.first)
+        if one.channel.message_encoding == "cdr":
+            return cdr.fields(one.schema, one.first)
+        from osl_analysis.ingest import protobuf
+
+        return protobuf.fields(one.schema, one.first)
+    except (ValueError, RecursionError):
+        return []
+
+
+def reader_of(file: McapFile, number: int, paths: Sequence[str]) -> ChannelReader:
+    """What reads the messages of a channel.
+
+    Raises
+    ------
+    InputError
+        The encoding is not one that is read, or the schema cannot be read.
     """
     channel = file.channels[number]
     schema = file.schemas.get(channel.schema_id)
-    encoding = schema.encoding if schema else "no schema"
-    if schema is None or channel.message_encoding != "cdr" or encoding != "ros2msg":
-        raise InputError(
-            f"topic '{channel.topic}' is encoded as {channel.message_encoding} ({encoding}); "
-            "only ROS 2 messages, cdr (ros2msg), are read: convert the log"
-        )
-    return short_name(schema.name), parse_schema(schema.name, schema.data.decode(errors="replace"))
+    kind = (channel.message_encoding, schema.encoding if schema else "no schema")
+    try:
+        if kind == ("cdr", "ros2msg") and schema:
+            return ChannelReader(channel, schema, cdr.reader(schema, paths))
+        if kind == ("protobuf", "protobuf") and schema:
+            from osl_analysis.ingest import protobuf  # costs time to import, and few logs need it
 
-
-def fields_of(file: McapFile, number: int) -> list[str]:
-    """The fields of a channel's first message."""
-    name, definitions = message_type(file, number)
-    return field_names(layout_of(definitions, name, file.batches[number][0].rows[0].tobytes()))
-
-
-def merged(parts: Sequence[Decoded], paths: Sequence[str]) -> Decoded:
-    """All parts in order of log time; messages of equal log time stay in file order."""
-    log_time = np.concatenate([part.log_time for part in parts])
-    order = np.argsort(log_time, kind="stable")
-    return Decoded(
-        log_time[order],
-        {path: np.concatenate([part.values[path] for part in parts])[order] for path in paths},
-        {path: np.concatenate([part.present[path] for part in parts])[order] for path in paths},
+            return ChannelReader(channel, schema, protobuf.reader(schema, paths))
+    except InputError as error:
+        raise InputError(f"topic '{channel.topic}': {error}") from error
+    if channel.message_encoding == "json":
+        return ChannelReader(channel, schema, ByText(paths))
+    raise InputError(
+        f"topic '{channel.topic}' is encoded as {kind[0]} ({kind[1]}); read are cdr (ros2msg), protobuf (protobuf) "
+        "and json: convert the log"
     )

@@ -1,0 +1,206 @@
+"""How many times faster logs in MCAP are read than by the `mcap` packages, and how near to the limit.
+
+Run from the repository: `python benchmarks/mcap_reading.py [seconds]`. One run writes a synthetic trial of 140 s (or as
+many as are asked for) at 1 kHz in three topics, once in each encoding, to a temporary folder; reads it with
+`read_log` and with the packages' own readers, to the same columns; and prints the times' ratios. The limit is what no
+reader can be faster than that checks what it reads: decompress every chunk, take its CRC, copy its bytes twice.
+"""
+
+import json
+import math
+import struct
+import sys
+import tempfile
+import time
+import zlib
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zstandard
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message_factory import GetMessageClass
+from mcap.decoder import DecoderFactory
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mcap_protobuf.decoder import DecoderFactory as ProtobufDecoderFactory
+from mcap_ros2.decoder import DecoderFactory as Ros2DecoderFactory
+
+from osl_analysis.ingest.mcap_log import read_log
+from osl_analysis.ingest.source_file import McapSource
+
+RATE = 1000
+START = 1_700_000_000 * 10**9
+FIELDS = ("position", "velocity", "effort", "current")
+COLUMNS = {"/leg": ("theta", "theta_m"), "/motor": ("current", "theta_command"), "/cell": ("torque", "K_1")}
+ROS2 = """\
+std_msgs/Header header
+float64 position
+float64 velocity
+float64 effort
+float32 current
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+"""
+
+Row = tuple[int, int, float, float, float, float]
+
+
+def rows(seconds: int) -> Iterator[Row]:
+    """Stamp and values, quantised as a sensor's are."""
+    for i in range(seconds * RATE):
+        stamp = START + i * 10**9 // RATE + (i * 7919) % 50_000
+        wave = [round(math.sin(i * w), 5) for w in (0.003, 0.011, 0.017, 0.029)]
+        yield (*divmod(stamp, 10**9), *wave)
+
+
+def cdr(row: Row) -> bytes:
+    sec, nanosec, *values = row
+    return struct.pack("<4siII4sdddf", b"\0\1\0\0", sec, nanosec, 4, b"leg\0", *values)
+
+
+def as_json(row: Row) -> bytes:
+    stamp = {"sec": row[0], "nanosec": row[1]}
+    fields = dict(zip(FIELDS, row[2:], strict=True))
+    return json.dumps({"header": {"stamp": stamp, "frame_id": "leg"}, **fields}).encode()
+
+
+def descriptors() -> FileDescriptorSet:
+    """`lab.Sample`, with the header that the ROS 2 message has."""
+    kinds = FieldDescriptorProto
+    file = FileDescriptorProto(name="lab.proto", package="lab", syntax="proto3")
+    messages: dict[str, list[tuple[str, int, str]]] = {
+        "Time": [("sec", kinds.TYPE_INT32, ""), ("nanosec", kinds.TYPE_UINT32, "")],
+        "Header": [("stamp", kinds.TYPE_MESSAGE, ".lab.Time"), ("frame_id", kinds.TYPE_STRING, "")],
+        "Sample": [
+            ("header", kinds.TYPE_MESSAGE, ".lab.Header"),
+            *((name, kinds.TYPE_DOUBLE, "") for name in FIELDS[:3]),
+            (FIELDS[3], kinds.TYPE_FLOAT, ""),
+        ],
+    }
+    for name, fields in messages.items():
+        message = file.message_type.add(name=name)
+        for number, (field, kind, type_name) in enumerate(fields, 1):
+            message.field.add(name=field, number=number, type=kind, type_name=type_name or None, label=1)
+    return FileDescriptorSet(file=[file])
+
+
+def protobuf() -> Callable[[Row], bytes]:
+    pool = DescriptorPool()
+    pool.Add(descriptors().file[0])
+    sample = GetMessageClass(pool.FindMessageTypeByName("lab.Sample"))
+
+    def encode(row: Row) -> bytes:
+        message = sample(**dict(zip(FIELDS, row[2:], strict=True)))
+        message.header.frame_id = "leg"
+        message.header.stamp.sec, message.header.stamp.nanosec = row[:2]
+        return message.SerializeToString()
+
+    return encode
+
+
+def write(path: Path, encoding: str, schema: tuple[str, str, bytes], encode: Callable[[Row], bytes], n: int) -> None:
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        number = writer.register_schema(*schema)
+        channels = [writer.register_channel(topic, encoding, number) for topic in COLUMNS]
+        for i, row in enumerate(rows(n)):
+            stamp = row[0] * 10**9 + row[1]
+            for k, channel in enumerate(channels):
+                own: Row = (*row[:2], *row[2 + k :], *row[2 : 2 + k])  # topics do not hold the same numbers
+                writer.add_message(channel, stamp + 150_000, encode(own), stamp, i)
+        writer.finish()
+
+
+def source() -> McapSource:
+    channels = {
+        column: {"topic": topic, "field": field, "unit": UNITS[column]}
+        for topic, columns in COLUMNS.items()
+        for column, field in zip(columns, FIELDS, strict=False)
+    }
+    return McapSource.model_validate({"format": "mcap", "time": {"source": "header"}, "channels": channels})
+
+
+UNITS = {"theta": "rad", "theta_m": "rad", "current": "A", "theta_command": "rad", "torque": "N*m", "K_1": "N*m/rad"}
+
+
+class JsonDecoderFactory(DecoderFactory):
+    """JSON as the `mcap` documentation decodes it."""
+
+    def decoder_for(self, message_encoding: str, schema: Any) -> Any:
+        return json.loads
+
+
+def by_mcap(path: Path, factory: DecoderFactory) -> dict[str, np.ndarray[Any, Any]]:
+    """The same columns, through `mcap` and its decoders."""
+    columns: dict[str, list[tuple[float, ...]]] = defaultdict(list)
+    with path.open("rb") as file:
+        for _, channel, _, message in make_reader(file, decoder_factories=[factory]).iter_decoded_messages():
+            if isinstance(message, dict):
+                stamp = message["header"]["stamp"]
+                value = (stamp["sec"], stamp["nanosec"], message[FIELDS[0]], message[FIELDS[1]])
+            else:
+                stamp = message.header.stamp
+                value = (stamp.sec, stamp.nanosec, message.position, message.velocity)
+            columns[channel.topic].append(value)
+    return {topic: np.array(values) for topic, values in columns.items()}
+
+
+def limit(path: Path) -> None:
+    """Decompress, check, copy, copy."""
+    data, position = path.read_bytes(), 8
+    while position + 9 < len(data):
+        opcode, length = struct.unpack_from("<BQ", data, position)
+        if opcode == Opcode.CHUNK:
+            size, crc = struct.unpack_from("<QI", data, position + 9 + 16)
+            body = data[position + 9 + 16 + 12 + 4 + len("zstd") + 8 : position + 9 + length]
+            content = zstandard.ZstdDecompressor().decompress(body, size)
+            if zlib.crc32(content) != crc:
+                raise ValueError("the benchmark's own file is damaged")
+            bytearray(bytearray(content))
+        position += 9 + length
+
+
+def seconds_of(run: Callable[[], Any], repeats: int) -> float:
+    walls = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        run()
+        walls.append(time.perf_counter() - start)
+    return min(walls)
+
+
+def main() -> None:
+    duration = int(sys.argv[1]) if len(sys.argv) > 1 else 140
+    encodings = {
+        "cdr": (("lab_msgs/msg/Sample", "ros2msg", ROS2.encode()), cdr, Ros2DecoderFactory()),
+        "protobuf": (
+            ("lab.Sample", "protobuf", descriptors().SerializeToString()),
+            protobuf(),
+            ProtobufDecoderFactory(),
+        ),
+        "json": (("Sample", "jsonschema", b"{}"), as_json, JsonDecoderFactory()),
+    }
+    print(f"{duration} s at {RATE} Hz in {len(COLUMNS)} topics, {3 * duration * RATE} messages")
+    with tempfile.TemporaryDirectory() as folder:
+        for encoding, (schema, encode, factory) in encodings.items():
+            path = Path(folder) / f"{encoding}.mcap"
+            write(path, encoding, schema, encode, duration)
+            ours = seconds_of(lambda path=path: read_log(path, source()), 5)
+            theirs = seconds_of(lambda path=path, factory=factory: by_mcap(path, factory), 1)
+            floor = seconds_of(lambda path=path: limit(path), 5)
+            print(
+                f"{encoding:9} {ours:.3f} s, the mcap packages {theirs:.2f} s: {theirs / ours:.0f} x as fast; "
+                f"{ours / floor:.2f} x the limit of {floor:.3f} s"
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,266 @@
+"""Damaged logs: every intact chunk is recovered, what is lost is said, and nothing that is read is wrong."""
+
+import struct
+import tempfile
+import tracemalloc
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+import zstandard
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.opcode import Opcode
+from mcap.writer import CompressionType
+from mcap_builder import stamped, write_log
+
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.mcap_chunk import LARGEST_CHUNK
+from osl_analysis.ingest.mcap_log import read_log
+from osl_analysis.ingest.mcap_walk import CHUNK_HEAD, MAGIC, RECORD
+from osl_analysis.ingest.source_file import McapSource
+
+MESSAGES = 60
+MILLISECOND = 1_000_000
+
+
+def source(largest_loss: float = 1.0) -> McapSource:
+    channels = {"theta": {"topic": "/lab", "field": "angle", "unit": "rad"}}
+    content = {"format": "mcap", "time": {"source": "header"}, "channels": channels, "largest_loss": largest_loss}
+    return McapSource.model_validate(content)
+
+
+def written(folder: Path, **options: Any) -> bytes:
+    """A log of 60 messages, ten or so in a chunk; theta is 1 + the number of milliseconds since the first stamp."""
+    log = [stamped(i * MILLISECOND, angle=1.0 + i, torque=0.0, sync=False) for i in range(MESSAGES)]
+    return write_log(folder / "log.mcap", log, **{"chunk_size": 800, **options}).read_bytes()
+
+
+def top_level(content: bytes) -> list[tuple[int, int, int]]:
+    """Opcode, start and end of each whole record, headers included."""
+    position, found = 8, []
+    while position + 9 <= len(content) - 8:
+        opcode, length = RECORD.unpack_from(content, position)
+        found.append((opcode, position, position + 9 + length))
+        position += 9 + length
+    return found
+
+
+def chunks(content: bytes) -> list[tuple[int, int]]:
+    return [(start, end) for opcode, start, end in top_level(content) if opcode == Opcode.CHUNK]
+
+
+def read(folder: Path, content: bytes, largest_loss: float = 1.0) -> tuple[pl.DataFrame, dict[str, Any]]:
+    """Samples and damage report; whatever was read must be what was written."""
+    path = folder / "damaged.mcap"
+    path.write_bytes(content)
+    recording = read_log(path, source(largest_loss))
+    milliseconds = np.rint(recording.samples["time"].to_numpy() * 1000) + recording.facts["time"]["start_ns"] / 1e6
+    np.testing.assert_array_equal(recording.samples["theta"], 1 + milliseconds)
+    return recording.samples, recording.facts["damage"]
+
+
+def without_end(content: bytes) -> bytes:
+    """As a recorder that was killed leaves it."""
+    (end,) = [start for opcode, start, _ in top_level(content) if opcode == Opcode.DATA_END]
+    return content[:end]
+
+
+def test_an_intact_file_is_complete_and_checked(tmp_path: Path) -> None:
+    assert read(tmp_path, written(tmp_path), 0.0)[1] == {
+        "complete": True,
+        "crc": "checked",
+        "chunks_lost": 0,
+        "messages_lost": 0,
+        "share_lost": 0.0,
+        "remarks": [],
+    }
+
+
+def test_a_file_without_footer_is_read_and_said_to_be_incomplete(tmp_path: Path) -> None:
+    samples, damage = read(tmp_path, without_end(written(tmp_path)), 0.0)
+    assert len(samples) == MESSAGES
+    assert not damage["complete"]
+    assert damage["messages_lost"] == 0
+    assert "no footer" in damage["remarks"][0]
+
+
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.NONE, CompressionType.LZ4])
+def test_wherever_a_file_is_cut_every_whole_chunk_is_recovered(tmp_path: Path, compression: CompressionType) -> None:
+    content = written(tmp_path, compression=compression)
+    ends = [end for _, end in chunks(content)]
+    counts = np.cumsum([0, *messages_in_chunks(content)])
+    for cut in range(ends[0], len(content), 37):
+        samples, damage = read(tmp_path, content[:cut])
+        assert len(samples) == counts[sum(end <= cut for end in ends)]
+        assert not damage["complete"]
+
+
+def messages_in_chunks(content: bytes) -> list[int]:
+    """From the message index records that follow each chunk."""
+    counts: list[int] = []
+    for opcode, start, end in top_level(content):
+        if opcode == Opcode.CHUNK:
+            counts.append(0)
+        elif opcode == Opcode.MESSAGE_INDEX:
+            counts[-1] += (end - start - 15) // 16
+    return counts
+
+
+@pytest.mark.parametrize("length", [2**64 - 1, 2**40, 0, 60])
+@pytest.mark.parametrize("with_summary", [True, False])
+def test_a_chunk_with_an_absurd_length_costs_itself_alone(tmp_path: Path, length: int, with_summary: bool) -> None:
+    content = written(tmp_path) if with_summary else without_end(written(tmp_path))
+    start = chunks(content)[2][0]
+    lost = messages_in_chunks(content)[2]
+    damaged = content[: start + 1] + struct.pack("<Q", length) + content[start + 9 :]
+    samples, damage = read(tmp_path, damaged)
+    assert len(samples) == MESSAGES - lost
+    assert (damage["chunks_lost"], damage["messages_lost"]) == (1, lost)
+    assert damage["share_lost"] == pytest.approx(lost / MESSAGES)
+
+
+def test_the_last_chunk_of_a_killed_recorder_is_lost_alone(tmp_path: Path) -> None:
+    content = written(tmp_path)
+    start, end = chunks(content)[-1]
+    damaged = content[: start + 1] + struct.pack("<Q", 2**64 - 1) + content[start + 9 : end - 20]
+    samples, damage = read(tmp_path, damaged)
+    assert len(samples) == sum(messages_in_chunks(content)[:-1])
+    assert (damage["complete"], damage["chunks_lost"], damage["messages_lost"]) == (False, 1, None)
+    assert 0 < damage["share_lost"] < 1
+
+
+def test_messages_of_an_uncompressed_chunk_that_is_damaged_do_not_count(tmp_path: Path) -> None:
+    content = written(tmp_path, compression=CompressionType.NONE)
+    start = chunks(content)[0][0]
+    damaged = content[: start + 1] + struct.pack("<Q", 2**64 - 1) + content[start + 9 :]
+    assert len(read(tmp_path, damaged)[0]) == MESSAGES - messages_in_chunks(content)[0]
+
+
+def test_a_chunk_that_fails_its_checksum_is_left_out_and_counted(tmp_path: Path) -> None:
+    content = bytearray(written(tmp_path, compression=CompressionType.NONE))
+    start, end = chunks(content)[1]
+    content[(start + end) // 2] ^= 0x10
+    samples, damage = read(tmp_path, bytes(content))
+    lost = messages_in_chunks(bytes(content))[1]
+    assert len(samples) == MESSAGES - lost
+    assert (damage["crc"], damage["chunks_lost"], damage["messages_lost"]) == ("checked", 1, lost)
+    assert "does not match its checksum" in damage["remarks"][0]
+
+
+def test_more_lost_than_the_source_file_allows_is_refused_by_name(tmp_path: Path) -> None:
+    content = bytearray(written(tmp_path))
+    content[chunks(bytes(content))[1][1] - 5] ^= 0xFF
+    with pytest.raises(InputError, match=r"damaged.mcap: damaged or incomplete MCAP: 20 % is lost, 1 % may be"):
+        read(tmp_path, bytes(content), 0.01)
+
+
+@pytest.mark.parametrize("wrong", [b"\0" * 8, b"\xff" * 8, b"\x01" + b"\0" * 7])
+def test_a_wrong_message_index_changes_nothing_and_is_remarked(tmp_path: Path, wrong: bytes) -> None:
+    content = written(tmp_path)
+    index = next(start for opcode, start, _ in top_level(content) if opcode == Opcode.MESSAGE_INDEX)
+    entry = index + 9 + 6 + 16 + 8  # the second message's offset
+    samples, damage = read(tmp_path, content[:entry] + wrong + content[entry + 8 :], 0.0)
+    assert len(samples) == MESSAGES
+    assert damage["complete"]
+    assert "the index of the chunk" in damage["remarks"][0]
+
+
+def test_an_index_made_to_look_like_a_message_is_none(tmp_path: Path) -> None:
+    content = bytearray(written(tmp_path))
+    for opcode, start, _ in top_level(bytes(content)):
+        if opcode == Opcode.MESSAGE_INDEX:
+            content[start] = Opcode.MESSAGE
+    assert len(read(tmp_path, bytes(content), 0.0)[0]) == MESSAGES
+
+
+def chunk_of(body: bytes, size: int, name: bytes = b"zstd") -> bytes:
+    """A chunk record without checksum that declares `size` bytes."""
+    content = CHUNK_HEAD.pack(0, 0, size, 0, len(name)) + name + struct.pack("<Q", len(body)) + body
+    return RECORD.pack(Opcode.CHUNK, len(content)) + content
+
+
+@pytest.mark.parametrize("size", [2**63, LARGEST_CHUNK + 1, 5000])
+@pytest.mark.parametrize("declared_inside", [True, False])
+def test_a_decompression_bomb_is_a_lost_chunk(tmp_path: Path, size: int, declared_inside: bool) -> None:
+    packer = zstandard.ZstdCompressor(write_content_size=declared_inside)
+    bomb = chunk_of(packer.compress(bytes(64 << 20)), size)
+    content = written(tmp_path)
+    start = chunks(content)[1][0]
+    tracemalloc.start()
+    samples, damage = read(tmp_path, content[:start] + bomb + content[start:])
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(samples) == MESSAGES
+    assert damage["chunks_lost"] == 1
+    assert peak < 8 << 20
+
+
+def test_a_chunk_of_unknown_compression_is_lost_and_named(tmp_path: Path) -> None:
+    content = written(tmp_path)
+    start = chunks(content)[1][0]
+    samples, damage = read(tmp_path, content[:start] + chunk_of(b"abc", 9, b"xyz\n") + content[start:])
+    assert len(samples) == MESSAGES
+    assert any(r"is compressed with 'xyz\n'; zstd and lz4 are read" in remark for remark in damage["remarks"])
+
+
+def test_without_any_checksum_the_report_says_not_verifiable(tmp_path: Path) -> None:
+    _, damage = read(tmp_path, written(tmp_path, enable_crcs=False), 0.0)
+    assert (damage["complete"], damage["crc"]) == (True, "absent")
+    assert damage["remarks"] == ["not verifiable: no checksum covers 60 of 60 messages"]
+
+
+def test_messages_that_do_not_fit_their_schema_are_lost(tmp_path: Path) -> None:
+    log = [stamped(i * MILLISECOND, angle=1.0 + i, torque=0.0, sync=False) for i in range(MESSAGES)]
+    content = write_log(tmp_path / "log.mcap", log, enable_crcs=False, compression=CompressionType.NONE).read_bytes()
+    frame_id = content.index(b"\x04\0\0\0lab\0", content.index(b"\x04\0\0\0lab\0") + 1)
+    samples, damage = read(tmp_path, content[:frame_id] + b"\xff\xff" + content[frame_id + 2 :])
+    assert len(samples) == MESSAGES - 1
+    assert (damage["complete"], damage["messages_lost"]) == (False, 1)
+    assert "1 of 60 messages of topic '/lab' are left out: a message of" in damage["remarks"][0]
+
+
+@pytest.mark.parametrize("content", [b"", bytes(300), MAGIC, MAGIC * 2, MAGIC + b"\xff" * 99])
+def test_what_holds_no_log_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
+    with pytest.raises(InputError, match=r"^[^\n]+damaged.mcap: [^\n]+$"):
+        read(tmp_path, content)
+
+
+damages = st.lists(
+    st.one_of(
+        st.tuples(st.just("flip"), st.floats(0, 1), st.integers(1, 255)),
+        st.tuples(st.just("cut"), st.floats(0, 1), st.integers(1, 300)),
+        st.tuples(st.just("insert"), st.floats(0, 1), st.binary(min_size=1, max_size=30)),
+        st.tuples(st.just("truncate"), st.floats(0, 1), st.none()),
+        st.tuples(st.just("lengthen"), st.floats(0, 1), st.sampled_from([0, 2**31, 2**63, 2**64 - 1])),
+    ),
+    min_size=1,
+    max_size=6,
+)
+
+
+def damaged_by(content: bytes, kind: str, place: float, what: Any) -> bytes:
+    at = int(place * len(content))
+    if kind == "flip" and at < len(content):
+        return content[:at] + bytes([content[at] ^ what]) + content[at + 1 :]
+    if kind == "cut":
+        return content[:at] + content[at + what :]
+    if kind == "insert":
+        return content[:at] + what + content[at:]
+    if kind == "lengthen":
+        return content[:at] + struct.pack("<Q", what) + content[at + 8 :]
+    return content[:at]
+
+
+@settings(max_examples=150, deadline=2000)
+@given(damages, st.sampled_from([CompressionType.ZSTD, CompressionType.NONE, CompressionType.LZ4]))
+def test_no_damage_crashes_the_reader_or_changes_a_value(damage: list[Any], compression: CompressionType) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        content = written(Path(folder), compression=compression)
+        for one in damage:
+            content = damaged_by(content, *one)
+        with suppress(InputError):
+            read(Path(folder), content)

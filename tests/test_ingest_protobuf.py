@@ -1,0 +1,206 @@
+"""Protobuf: templates read what google.protobuf reads, to the last bit, and what is not written is null, not zero."""
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message import Message
+from google.protobuf.message_factory import GetMessageClass
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.writer import CompressionType, Writer
+
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.mcap_log import read_log
+from osl_analysis.ingest.mcap_records import read_mcap
+from osl_analysis.ingest.source_file import McapSource
+from osl_analysis.ingest.topic import decode_topics
+
+REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
+MILLISECOND = 1_000_000
+
+SCALARS = {
+    "double": st.floats(allow_nan=False), "float": st.floats(width=32, allow_nan=False),
+    "int32": st.integers(-(2**31), 2**31 - 1), "int64": st.integers(-(2**63), 2**63 - 1),
+    "uint32": st.integers(0, 2**32 - 1), "uint64": st.integers(0, 2**64 - 1),
+    "sint32": st.integers(-(2**31), 2**31 - 1), "sint64": st.integers(-(2**63), 2**63 - 1),
+    "fixed32": st.integers(0, 2**32 - 1), "fixed64": st.integers(0, 2**64 - 1),
+    "sfixed32": st.integers(-(2**31), 2**31 - 1), "sfixed64": st.integers(-(2**63), 2**63 - 1), "bool": st.booleans(),
+}  # fmt: skip
+
+
+def descriptors() -> FileDescriptorSet:
+    """`lab.Sample`: each scalar alone, optional, packed and unpacked, messages, names, a oneof, a map."""
+    file = FileDescriptorProto(name="lab.proto", package="lab", syntax="proto3")
+    stamp, sample, entry = (file.message_type.add(name=name) for name in ("Stamp", "Sample", "Note"))
+    kind = FieldDescriptorProto
+
+    def add(message: Any, name: str, of: int, **options: Any) -> Any:
+        return message.field.add(name=name, number=len(message.field) + 1, type=of, **{"label": 1, **options})
+
+    add(stamp, "seconds", kind.TYPE_INT64)
+    add(stamp, "nanos", kind.TYPE_INT32)
+    add(entry, "text", kind.TYPE_STRING)
+    add(sample, "stamp", kind.TYPE_MESSAGE, type_name=".lab.Stamp")
+    add(sample, "name", kind.TYPE_STRING, label=3)
+    add(sample, "note", kind.TYPE_MESSAGE, type_name=".lab.Note", label=3)
+    add(sample, "history", kind.TYPE_MESSAGE, type_name=".lab.Stamp", label=3)
+    add(sample, "choice_a", kind.TYPE_DOUBLE, oneof_index=0)
+    add(sample, "choice_b", kind.TYPE_MESSAGE, type_name=".lab.Stamp", oneof_index=0)
+    sample.oneof_decl.add(name="choice")
+    for scalar in SCALARS:
+        of = getattr(kind, f"TYPE_{scalar.upper()}")
+        add(sample, f"one_{scalar}", of)
+        add(sample, f"packed_{scalar}", of, label=3)
+        add(sample, f"loose_{scalar}", of, label=3).options.packed = False
+        add(sample, f"maybe_{scalar}", of, proto3_optional=True, oneof_index=len(sample.oneof_decl))
+        sample.oneof_decl.add(name=f"_maybe_{scalar}")
+    return FileDescriptorSet(file=[file])
+
+
+def sample_class() -> Any:
+    pool = DescriptorPool()
+    pool.Add(descriptors().file[0])
+    return GetMessageClass(pool.FindMessageTypeByName("lab.Sample"))
+
+
+Sample = sample_class()
+stamps = st.fixed_dictionaries({}, optional={"seconds": st.integers(0, 2**40), "nanos": st.integers(0, 10**9)})
+samples = st.fixed_dictionaries(
+    {},
+    optional={
+        "stamp": stamps,
+        "name": st.lists(st.text("abé", max_size=3), max_size=3),
+        "note": st.lists(st.fixed_dictionaries({"text": st.text("ab", max_size=2)}), max_size=2),
+        "history": st.lists(stamps, max_size=3),
+        "choice_a": st.floats(allow_nan=False),
+        **{f"one_{scalar}": values for scalar, values in SCALARS.items()},
+        **{f"maybe_{scalar}": values for scalar, values in SCALARS.items()},
+        **{f"packed_{scalar}": st.lists(values, max_size=3) for scalar, values in SCALARS.items()},
+        **{f"loose_{scalar}": st.lists(values, max_size=3) for scalar, values in SCALARS.items()},
+    },
+)
+
+
+def numbers(message: Message, prefix: str = "") -> dict[str, float]:
+    """Every number of a decoded message, by path; a field that tells whether it is there counts only if it is."""
+    found: dict[str, float] = {}
+    for item in message.DESCRIPTOR.fields:
+        path, value = prefix + item.name, getattr(message, item.name)
+        if item.is_repeated:
+            for i, one in enumerate(value):
+                found |= numbers(one, f"{path}[{i}].") if item.message_type else {f"{path}[{i}]": one}
+        elif not item.has_presence or message.HasField(item.name):
+            found |= numbers(value, f"{path}.") if item.message_type else {path: value}
+    return {path: value for path, value in found.items() if isinstance(value, int | float)}
+
+
+def write(path: Path, payloads: list[bytes], **options: Any) -> Path:
+    with path.open("wb") as file:
+        writer = Writer(file, **options)
+        writer.start()
+        schema = writer.register_schema("lab.Sample", "protobuf", descriptors().SerializeToString())
+        channel = writer.register_channel("/lab", "protobuf", schema)
+        for i, payload in enumerate(payloads):
+            writer.add_message(channel, i * MILLISECOND, payload, i * MILLISECOND, i)
+        writer.finish()
+    return path
+
+
+def assert_equal_to_google(path: Path, topic: str, messages: list[Message]) -> int:
+    expected = [numbers(message) for message in messages]
+    paths = sorted({name for values in expected for name in values})
+    found = decode_topics(read_mcap(path), {topic: paths})[topic]
+    for name in paths:
+        assert found.present[name].tolist() == [name in values for values in expected]
+        for row, values in enumerate(expected):
+            if name in values:
+                np.testing.assert_array_equal(found.values[name][row], values[name], err_msg=name)
+    return sum(len(values) for values in expected)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(samples, min_size=1, max_size=8))
+def test_messages_of_any_shape_equal_googles_decoder(contents: list[dict[str, Any]]) -> None:
+    messages = [Sample(**content) for content in contents]
+    with tempfile.TemporaryDirectory() as folder:
+        path = write(Path(folder) / "log.mcap", [message.SerializeToString() for message in messages])
+        assert assert_equal_to_google(path, "/lab", messages) >= len(SCALARS) * len(messages)
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.lists(samples, min_size=2, max_size=3))
+def test_what_templates_do_not_hold_equals_googles_decoder_too(contents: list[dict[str, Any]]) -> None:
+    joined = b"".join(Sample(**content).SerializeToString() for content in contents)  # protobuf merges them
+    with tempfile.TemporaryDirectory() as folder:
+        path = write(Path(folder) / "log.mcap", [joined])
+        assert_equal_to_google(path, "/lab", [Sample.FromString(joined)])
+
+
+def test_a_real_protobuf_log_equals_googles_decoder() -> None:
+    from mcap.reader import make_reader
+    from mcap_protobuf.decoder import DecoderFactory
+
+    path = REAL_DATA / "mcap" / "rerun_json_and_protobuf.mcap"
+    if not path.exists():
+        pytest.skip("real data are not here")
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        messages = [decoded for *_, decoded in reader.iter_decoded_messages(topics=["pose"])]
+    assert assert_equal_to_google(path, "pose", messages) == 9
+
+
+def source(**channels: str) -> McapSource:
+    full = {column: {"topic": "/lab", "field": field, "unit": "rad"} for column, field in channels.items()}
+    content = {"format": "mcap", "time": {"source": "header", "field": "stamp"}, "channels": full}
+    return McapSource.model_validate(content)
+
+
+def stamped(i: int, **fields: Any) -> bytes:
+    return bytes(Sample(stamp={"seconds": 1_700_000_000, "nanos": i * 300 * MILLISECOND}, **fields).SerializeToString())
+
+
+def test_a_field_that_is_optional_is_null_where_absent_and_one_that_is_not_is_zero(tmp_path: Path) -> None:
+    payloads = [stamped(0, maybe_double=0.0), stamped(1), stamped(2, maybe_double=2.0, one_double=5.0)]
+    path = write(tmp_path / "log.mcap", payloads)
+    read = read_log(path, source(theta="maybe_double", theta_m="one_double")).samples
+    assert read["theta"].to_list() == [0.0, None, 2.0]
+    assert read["theta_m"].to_list() == [0.0, 0.0, 5.0]
+    np.testing.assert_allclose(read["time"], [0.0, 0.3, 0.6], rtol=1e-15)
+
+
+def test_an_element_is_chosen_by_name_though_the_order_changes(tmp_path: Path) -> None:
+    payloads = [
+        stamped(0, name=["hip", "toe"], packed_double=[1.0, 2.0]),
+        stamped(1, name=["toe", "hip"], packed_double=[3.0, 4.0]),
+    ]
+    path = write(tmp_path / "log.mcap", payloads)
+    assert read_log(path, source(theta="packed_double[name=toe]")).samples["theta"].to_list() == [2.0, 3.0]
+
+
+def test_messages_of_one_shape_are_read_by_one_template_and_the_rest_is_noted(tmp_path: Path) -> None:
+    regular = [stamped(1 + i % 2, one_double=1.0 + i, one_int32=300 + i) for i in range(40)]
+    payloads = [*regular, regular[0] + regular[1], b"\x0b\x0c" + regular[2]]
+    path = write(tmp_path / "log.mcap", payloads)
+    decoded = decode_topics(read_mcap(path), {"/lab": ["one_double", "choice_a"]}, optional=["choice_a"])["/lab"]
+    assert decoded.values["one_double"].tolist() == [*np.arange(1.0, 41.0), 2.0, 3.0]
+    assert decoded.how[0]["one_by_one"] == 1  # the group; a message merged of two still has a shape
+    twice = write(tmp_path / "twice.mcap", [Sample(choice_b={"nanos": 1}).SerializeToString() + b"\x29" + bytes(8)])
+    decoded = decode_topics(read_mcap(twice), {"/lab": ["choice_a", "choice_b.nanos"]}, ["choice_b.nanos"])["/lab"]
+    assert decoded.present["choice_a"].tolist() == [True]
+    assert decoded.present["choice_b.nanos"].tolist() == [False]
+
+
+def test_a_message_that_google_refuses_is_left_out_and_reported(tmp_path: Path) -> None:
+    payloads = [stamped(i, one_double=1.0) for i in range(3)]
+    payloads[1] = payloads[1][:-3]
+    path = write(tmp_path / "log.mcap", payloads, compression=CompressionType.NONE)
+    recording = read_log(path, source(theta="one_double").model_copy(update={"largest_loss": 0.5}))
+    assert len(recording.samples) == 2
+    assert recording.facts["damage"]["messages_lost"] == 1
+    with pytest.raises(InputError, match="1 of 3 messages of topic '/lab' are left out: a message of"):
+        read_log(path, source(theta="one_double"))

@@ -91,7 +91,7 @@ def test_a_message_without_stamp_is_refused_not_put_at_zero(tmp_path: Path) -> N
     bare = ("lab_msgs/msg/Bare", "float32 angle\nfloat64 torque")
     log = messages(list(range(5)))
     topics = {"/lab": (SAMPLE_NAME, SAMPLE, log), "/lab#2": (*bare, [(9, {"angle": 1.0, "torque": 0.0})])}
-    with pytest.raises(InputError, match="1 of 6 messages have no 'header.stamp'; write source: log"):
+    with pytest.raises(InputError, match=r"1 of 6 messages have no 'header.stamp'; write source: log"):
         read_log(write_topics(tmp_path / "log.mcap", topics), source())
 
 

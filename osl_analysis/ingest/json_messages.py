@@ -5,9 +5,10 @@ found anew; messages that have no common types are read one by one.
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cache
 from io import BytesIO
 from mmap import mmap
 from typing import Any
@@ -31,10 +32,15 @@ class NoTypesError(ValueError):
 
 @dataclass
 class ByText:
-    """Reads JSON messages; `types` are those of the wanted fields that were seen so far."""
+    """Reads JSON messages; `types` are those of the wanted fields that were seen so far, `kinds` each field's own.
+
+    The fields of `either` say the same in different ways: once one was seen, the others are not looked for.
+    """
 
     paths: Sequence[str]
+    either: Collection[str] = ()
     types: Types = field(default_factory=dict)
+    kinds: dict[str, Any] = field(default_factory=dict)
     read_alone: int = 0
     misfits: int = 0
     misfit: str = ""
@@ -50,32 +56,49 @@ class ByText:
 
     def at_once(self, texts: Sequence[bytes]) -> dict[str, pl.Series]:
         """The wanted fields that there are, null where a message lacks one."""
-        steps = {path: steps_of(path) for path in self.paths}
-        joined = in_lines(texts)
         json.loads(texts[0], object_pairs_hook=unrepeated)
-        columns = self.of_known_types(texts, joined, steps)
-        if columns is None:
-            inferred = pl.read_ndjson(BytesIO(joined), infer_schema_length=None)
-            self.types = wanted_types(inferred.schema, list(steps.values()))
-            frame = inferred.select(pl.col(name).cast(kind) for name, kind in self.types.items())
-            if inferred.height != len(texts):
-                raise NoTypesError("a message is empty")
-            columns = fields_in(frame, self.types, steps)
-        return columns
+        frame = self.of_known_types(texts)
+        return self.of_new_types(texts) if frame is None else self.fields_in(frame)
 
-    def of_known_types(
-        self, texts: Sequence[bytes], joined: bytes, steps: Mapping[str, list[Step]]
-    ) -> dict[str, pl.Series] | None:
-        """The same, in the types that are known; None if they are not enough, or do not hold any more."""
-        unknown = {last_name(at) for at in steps.values() if not resolves(self.types, at)}
-        if not self.types or any(name in joined for name in unknown):
+    def of_new_types(self, texts: Sequence[bytes]) -> dict[str, pl.Series]:
+        """The fields, in the types that these messages have in common, which become the known ones."""
+        inferred = pl.read_ndjson(BytesIO(in_lines(texts)), infer_schema_length=None)
+        if inferred.height != len(texts):
+            raise NoTypesError("a message is empty")
+        steps = {path: steps_of(path) for path in self.paths}
+        self.types = wanted_types(inferred.schema, list(steps.values()))
+        kinds = {path: kind_at(self.types, at) for path, at in steps.items()}
+        self.kinds = {path: kind for path, kind in kinds.items() if kind in NUMBERS}
+        return self.fields_in(inferred.select(pl.col(name).cast(kind) for name, kind in self.types.items()))
+
+    def of_known_types(self, texts: Sequence[bytes]) -> pl.DataFrame | None:
+        """The messages in the types that are known; None if they are not enough, or do not hold any more."""
+        if not self.types or self.may_know_more(texts):
             return None
+        has_arrays = any("[" in path for path in self.paths)
         with suppress(*ERRORS):
-            has_arrays = any(isinstance(step, int) for at in steps.values() for step in at)
-            frame = strictly(joined, self.types) if has_arrays else as_floats(texts, self.types)
-            if frame.height == len(texts):
-                return whole_numbers(fields_in(frame, self.types, steps), self.types, steps)
+            frame = strictly(texts, self.types) if has_arrays else as_floats(texts, self.types)
+            if frame.height == len(texts) and (has_arrays or self.is_exact(frame)):
+                return frame
         return None
+
+    def may_know_more(self, texts: Sequence[bytes]) -> bool:
+        """Whether the messages name a field that was not seen so far."""
+        unseen = set(self.paths) - set(self.kinds)
+        if not unseen.issuperset(self.either):
+            unseen.difference_update(self.either)
+        names = {last_name(steps_of(path)) for path in unseen}
+        joined = b"".join(texts) if names else b""
+        return any(name in joined for name in names)
+
+    def is_exact(self, frame: pl.DataFrame) -> bool:
+        """Whether no integer that was read as float64 may have been rounded."""
+        whole = [column for path, column in self.fields_in(frame).items() if self.kinds[path] == pl.Int64]
+        return not any((np.abs(column.drop_nulls().to_numpy()) >= EXACT).any() for column in whole)
+
+    def fields_in(self, frame: pl.DataFrame) -> dict[str, pl.Series]:
+        """The fields that are known."""
+        return {path: field_in(frame, steps_of(path)) for path in self.kinds}
 
     def one_by_one(self, texts: Sequence[bytes]) -> Iterator[tuple[Indices, Values]]:
         which, found = [], []
@@ -90,9 +113,9 @@ class ByText:
         yield from batches(which, found)
 
 
-def strictly(joined: bytes, types: Types) -> pl.DataFrame:
-    """The fields of messages, one a line; a value of another type is an error."""
-    return pl.read_ndjson(BytesIO(joined), schema=types)
+def strictly(texts: Sequence[bytes], types: Types) -> pl.DataFrame:
+    """The fields of messages; a value of another type is an error."""
+    return pl.read_ndjson(BytesIO(in_lines(texts)), schema=types)
 
 
 def as_floats(texts: Sequence[bytes], types: Types) -> pl.DataFrame:
@@ -113,26 +136,12 @@ def floats(types: Types) -> Types:
     }
 
 
-def whole_numbers(
-    columns: Mapping[str, pl.Series], types: Types, steps: Mapping[str, list[Step]]
-) -> dict[str, pl.Series] | None:
-    """Integers that were read as float64 as such again; None if one may have been rounded."""
-    found = dict(columns)
-    for path, column in columns.items():
-        if column.dtype == pl.Float64 and kind_at(types, steps[path]) == pl.Int64:
-            numbers = column.drop_nulls().to_numpy()
-            if (np.abs(numbers) >= EXACT).any():
-                return None
-            if (numbers == np.rint(numbers)).all():
-                found[path] = column.cast(pl.Int64)
-    return found
-
-
-def fields_in(frame: pl.DataFrame, types: Types, steps: Mapping[str, list[Step]]) -> dict[str, pl.Series]:
-    """The fields to which the steps lead."""
-    found = {path: at for path, at in steps.items() if resolves(types, at)}
-    fields = frame.select(expression(at).alias(path) for path, at in found.items())
-    return {path: fields[path] for path in found}
+def field_in(frame: pl.DataFrame, steps: Sequence[Step]) -> pl.Series:
+    """The field to which the steps lead."""
+    field = frame[str(steps[0])]
+    for step in steps[1:]:
+        field = field.struct.unnest()[step] if isinstance(step, str) else field.list.get(step, null_on_oob=True)
+    return field
 
 
 def numbers_of(text: bytes, paths: Sequence[str]) -> Numbers:
@@ -161,12 +170,13 @@ def alike(columns: Mapping[str, pl.Series], count: int) -> Iterator[tuple[Indice
         yield rows, {path: columns[path].gather(rows).to_numpy() for path in paths}
 
 
-def steps_of(path: str) -> list[Step]:
+@cache
+def steps_of(path: str) -> tuple[Step, ...]:
     """Names and indices on the way to a field."""
     parts = [part for part in PART.finditer(path) if part[0] != "."]
     if any(part["names"] for part in parts):
         raise NoTypesError("an element chosen by name has to be looked for in each message")
-    return [part["name"] if part["name"] is not None else int(part["index"]) for part in parts]
+    return tuple(part["name"] if part["name"] is not None else int(part["index"]) for part in parts)
 
 
 def last_name(steps: Sequence[Step]) -> bytes:
@@ -200,16 +210,11 @@ def wanted_type(kind: pl.DataType, steps: Sequence[Sequence[Step]]) -> pl.DataTy
     if isinstance(kind, pl.List):
         inner = wanted_type(kind.inner, [at[1:] for at in steps if at and isinstance(at[0], int)])  # type: ignore[arg-type]
         return pl.List(inner) if inner is not None else None
-    if [] not in [list(at) for at in steps] or kind == pl.Null:
+    if all(steps) or kind == pl.Null:
         return None
     if kind not in NUMBERS:
         raise NoTypesError(f"{kind} is no number, or not in every message")
     return kind
-
-
-def resolves(types: Mapping[str, pl.DataType], steps: Sequence[Step]) -> bool:
-    """Whether the steps lead to a number of the types."""
-    return kind_at(types, steps) in NUMBERS
 
 
 def kind_at(types: Mapping[str, pl.DataType], steps: Sequence[Step]) -> Any:
@@ -223,14 +228,6 @@ def kind_at(types: Mapping[str, pl.DataType], steps: Sequence[Step]) -> Any:
         else:
             return None
     return kind
-
-
-def expression(steps: Sequence[Step]) -> pl.Expr:
-    """The field that the steps lead to."""
-    at = pl.col(str(steps[0]))
-    for step in steps[1:]:
-        at = at.struct.field(step) if isinstance(step, str) else at.list.get(step, null_on_oob=True)
-    return at
 
 
 def fields(text: bytes) -> list[str]:

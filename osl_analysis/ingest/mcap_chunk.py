@@ -47,7 +47,7 @@ class Block:
 
 def block_of(buffer: Buffer, walk: Walk) -> Block:
     """The messages at which a walk came past."""
-    heads = message_heads(buffer, walk.messages)
+    heads = message_heads(buffer, walk.messages) if walk.heads is None else walk.heads
     lengths = heads["length"].astype(np.int64) - (MESSAGE.itemsize - 9)
     channel, log_time = heads["channel"].astype(np.uint16), heads["log_time"].astype(np.int64)
     return Block(buffer, channel, log_time, walk.messages + MESSAGE.itemsize, lengths, walk.others)

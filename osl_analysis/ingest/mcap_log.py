@@ -78,7 +78,7 @@ def decode(file: McapFile, by_topic: dict[str, dict[str, LogChannel]], source: M
         for topic, channels in by_topic.items()
     }
     try:
-        decoded = decode_topics(file, wanted, optional=stamps)
+        decoded = decode_topics(file, wanted, either=stamps)
     except InputError as error:
         check_loss(file, source)  # which is then the reason
         if file.damage.remarks:

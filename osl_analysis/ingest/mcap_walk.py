@@ -32,11 +32,15 @@ Buffer = bytes | mmap
 
 @dataclass
 class Walk:
-    """Starts of message records in a buffer, (opcode, start, end) of the content of others, and the walk's end."""
+    """Starts of message records in a buffer, (opcode, start, end) of the content of others, and the walk's end.
+
+    `heads` are those of the messages, where the walk has looked at them all at once.
+    """
 
     messages: Indices
     others: list[tuple[int, int, int]] = field(default_factory=list)
     end: int = 0
+    heads: NDArray[Any] | None = None
 
 
 def walk_records(buffer: Buffer, begin: int, end: int, most: int) -> Walk:
@@ -82,7 +86,7 @@ def walk_by_index(buffer: Buffer, offsets: Indices) -> Walk | None:
         if between.end != taken[i] or between.messages.size:
             return None
         others += between.others
-    return Walk(starts, others, size)
+    return Walk(starts, others, size, heads)
 
 
 def message_heads(buffer: Buffer, starts: Indices) -> NDArray[Any]:

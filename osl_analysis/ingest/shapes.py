@@ -221,11 +221,12 @@ class ByShape:
         templates = self.templates[rows.shape[1]]
         for template in templates:
             same = template.fits(rows)
-            if same.any():
-                yield mine[same], template.read(rows if same.all() else rows[same])
-                mine, rows = mine[~same], rows[~same]
-            if not mine.size:
+            if same.all():
+                yield mine, template.read(rows)
                 return
+            if same.any():
+                yield mine[same], template.read(rows[same])
+                mine, rows = mine[~same], rows[~same]
         which: list[int] = []
         alone: list[Numbers] = []
         while mine.size:

@@ -55,8 +55,10 @@ class ChannelReader:
             self.first = block.buffer[int(starts[0]) : int(starts[0] + lengths[0])]
         self.messages += chosen.size
         log_time = block.log_time[chosen]
+        place = before + chosen
         for rows, values in self.reader.read(block.buffer, starts, lengths):
-            self.parts.append((log_time[rows], before + chosen[rows], values))
+            is_all = rows.size == chosen.size
+            self.parts.append((log_time, place, values) if is_all else (log_time[rows], place[rows], values))
 
     def how(self) -> dict[str, Any]:
         """What decoded its messages, for the provenance."""
@@ -70,11 +72,14 @@ class ChannelReader:
 
 
 def decode_topics(
-    file: McapFile, wanted: Mapping[str, Sequence[str]], optional: Collection[str] = ()
+    file: McapFile,
+    wanted: Mapping[str, Sequence[str]],
+    optional: Collection[str] = (),
+    either: Collection[str] = (),
 ) -> dict[str, Decoded]:
     """The fields that are wanted of each topic, from all its channels; the file is gone through once.
 
-    Any of the `optional` fields may be absent from all messages.
+    Any of the `optional` fields may be absent, and so may those of `either`, which say the same in different ways.
 
     Raises
     ------
@@ -88,7 +93,7 @@ def decode_topics(
             topic = file.channels[number].topic
             if topic in wanted:
                 if number not in readers:
-                    readers[number] = reader_of(file, number, wanted[topic])
+                    readers[number] = reader_of(file, number, wanted[topic], either)
                 readers[number].add(block, np.flatnonzero(block.channel == number), before)
         before += block.starts.size
     by_topic: dict[str, list[ChannelReader]] = defaultdict(list)
@@ -98,7 +103,7 @@ def decode_topics(
     found = {topic: decoded(file, topic, by_topic[topic], paths) for topic, paths in wanted.items()}
     for topic, one in found.items():
         for path in wanted[topic]:
-            if path not in optional and not one.present[path].any():
+            if path not in {*optional, *either} and not one.present[path].any():
                 names = listing(fields_of(by_topic[topic][0]))
                 raise InputError(f"topic '{topic}' has no field '{path}'; it has {names}")
     return found
@@ -141,9 +146,10 @@ def column(
 ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     """One field of all messages, and whether it was there."""
     sizes = [times.size for times, _, _ in parts]
-    there = np.repeat([path in values for _, _, values in parts], sizes)
-    if not there.any():
-        return np.zeros(there.size, bool), there
+    has = [path in values for _, _, values in parts]
+    if not any(has):
+        return np.zeros(sum(sizes), bool), np.zeros(sum(sizes), bool)
+    there = np.ones(sum(sizes), bool) if all(has) else np.repeat(has, sizes)
     # False joins with any number type without changing it
     pieces = [values.get(path, np.zeros(size, bool)) for (_, _, values), size in zip(parts, sizes, strict=True)]
     joined = np.concatenate(pieces)
@@ -164,7 +170,7 @@ def fields_of(one: ChannelReader) -> list[str]:
         return []
 
 
-def reader_of(file: McapFile, number: int, paths: Sequence[str]) -> ChannelReader:
+def reader_of(file: McapFile, number: int, paths: Sequence[str], either: Collection[str]) -> ChannelReader:
     """What reads the messages of a channel.
 
     Raises
@@ -185,7 +191,7 @@ def reader_of(file: McapFile, number: int, paths: Sequence[str]) -> ChannelReade
     except InputError as error:
         raise InputError(f"topic '{channel.topic}': {error}") from error
     if channel.message_encoding == "json":
-        return ChannelReader(channel, schema, ByText(paths))
+        return ChannelReader(channel, schema, ByText(paths, either))
     raise InputError(
         f"topic '{channel.topic}' is encoded as {kind[0]} ({kind[1]}); read are cdr (ros2msg), protobuf (protobuf) "
         "and json: convert the log"

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.ingest.ordinary import PART, Indices, Numbers, Values, batches, numbers_at
+from osl_analysis.ingest.ordinary import PART, Numbers, Values, batches, numbers_at
+from osl_analysis.ingest.rows import Indices
 
 ERRORS = (pl.exceptions.PolarsError, pl.exceptions.PanicException, RecursionError, ValueError)
 EXACT = 2.0**53  # below it every integer is a float64

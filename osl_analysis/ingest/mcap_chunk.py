@@ -20,7 +20,7 @@ from osl_analysis.ingest.mcap_walk import (
     walk_by_index,
     walk_records,
 )
-from osl_analysis.ingest.ordinary import Indices
+from osl_analysis.ingest.rows import Indices
 
 LARGEST_CHUNK = 256 << 20
 """Bytes that a compressed chunk may declare; recorders write 1 to 8 MB, what declares more is damaged or a bomb."""

@@ -11,8 +11,8 @@ import polars as pl
 from osl_analysis.columns import unit_of
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.mcap_records import McapFile, read_mcap
-from osl_analysis.ingest.ordinary import Indices
 from osl_analysis.ingest.recording import Recording, check_finite
+from osl_analysis.ingest.rows import Indices
 from osl_analysis.ingest.source_file import LogChannel, McapSource
 from osl_analysis.ingest.stamps import SECOND, Ordering, in_order, stamp_fields, stamps_of
 from osl_analysis.ingest.topic import Decoded, decode_topics
@@ -105,7 +105,8 @@ def read_topic(
     from_header = source.time.source == "header"
     stamp = stamps_of(topic, decoded, source.time.field) if from_header else decoded.log_time
     columns = [canonical(column, channel, decoded, stamp) for column, channel in channels.items()]
-    return in_order(topic, pl.DataFrame([pl.Series("stamp", stamp), *columns]), source.largest_loss)
+    table = pl.DataFrame([pl.Series("stamp", stamp), *columns])
+    return in_order(topic, table, len(decoded.how), source.largest_loss)
 
 
 def canonical(column: str, channel: LogChannel, decoded: Decoded, stamp: Indices) -> pl.Series:

@@ -11,8 +11,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from osl_analysis.ingest.ordinary import Indices
-from osl_analysis.ingest.shapes import gather
+from osl_analysis.ingest.rows import Indices, gather
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")  # opcode, length of the content

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Indices = NDArray[np.int64]
+from osl_analysis.ingest.rows import Indices
+
 Numbers = dict[str, Any]
 Values = dict[str, NDArray[Any]]
 

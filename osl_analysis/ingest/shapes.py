@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.ordinary import Indices, Numbers, Values, batches
-
-Bytes = NDArray[np.uint8]
+from osl_analysis.ingest.ordinary import Numbers, Values, batches
+from osl_analysis.ingest.rows import Bytes, Indices, column, distinct, gather
 
 INDEXED = re.compile(r"(?P<array>.+)\[(?P<index>\d+)\]")
 NAMED = re.compile(r"(?P<parent>.*\.)?(?P<array>\w+)\[(?P<names>\w+)=(?P<name>[^\]]+)\]")
@@ -130,11 +129,6 @@ def guarding_words(mask: Bytes, payload: Bytes) -> Iterator[tuple[int, np.dtype[
         guarded = guarded[guarded >= word.stop]
 
 
-def column(rows: Bytes, offset: int, kind: np.dtype[Any]) -> NDArray[Any]:
-    """What stands at `offset` in each of the messages, a view."""
-    return np.ndarray((len(rows),), kind, rows, offset, (rows.shape[1],)) if len(rows) else np.empty(0, kind)
-
-
 def leaf_at(shape: Shape, path: str) -> AnyLeaf | None:
     """The single number at `path`; None where this message's arrays do not reach so far, or lack the field.
 
@@ -179,21 +173,6 @@ def field_names(shape: Shape) -> list[str]:
         for path, leaf in shape.leaves.items()
         if leaf.count != 0
     ]
-
-
-def gather(buffer: bytes | mmap, starts: Indices, length: int) -> Bytes:
-    """The `length` bytes from each start, shape (starts, length), through one overlapping view of the buffer."""
-    if length == 0 or starts.size == 0:
-        return np.empty((starts.size, length), np.uint8)
-    windows = np.ndarray((len(buffer) - length + 1,), f"V{length}", buffer, 0, (1,))
-    return windows[starts].view(np.uint8).reshape(starts.size, length)
-
-
-def distinct(values: NDArray[Any]) -> list[int]:
-    """The different ones of whole numbers, most often a single one."""
-    if values.size and (values == values[0]).all():
-        return [int(values[0])]
-    return [int(value) for value in np.unique(values)]
 
 
 @dataclass

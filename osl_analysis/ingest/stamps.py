@@ -3,7 +3,8 @@
 The rule: messages are brought into the order of their stamps, those of equal stamp in the order in which they were
 logged. A stamp may come late by up to `LATEST`; beyond that the clock was set back, which cannot be mended. Messages
 of equal stamp are one sample: what one lacks the other may have, and where they contradict each other the first
-holds. Contradicted messages count as lost, and more than the allowed share is refused. All of it is reported.
+holds. Contradicted messages count as lost, and more than the allowed share is refused, as are more repeated ones
+within one channel: stamps that stand still are none. All of it is reported.
 """
 
 from dataclasses import asdict, dataclass
@@ -13,7 +14,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.ordinary import Indices
+from osl_analysis.ingest.rows import Indices
 from osl_analysis.ingest.topic import Decoded
 
 SECOND = 1_000_000_000
@@ -84,13 +85,14 @@ def integers(topic: str, path: str, values: np.ndarray[Any, Any], most: int) -> 
     return values.astype(np.int64)
 
 
-def in_order(topic: str, table: pl.DataFrame, largest_loss: float) -> tuple[pl.DataFrame, Ordering]:
+def in_order(topic: str, table: pl.DataFrame, channels: int, largest_loss: float) -> tuple[pl.DataFrame, Ordering]:
     """The topic's rows, in the order in which they were logged, by strictly increasing `stamp` [ns].
 
     Raises
     ------
     InputError
-        A stamp goes back beyond `LATEST`, or more of the messages contradict others than the share allowed.
+        A stamp goes back beyond `LATEST`, or more of the messages contradict others, or repeat the stamp of
+        their own channel, than the share allowed.
     """
     stamp = table["stamp"].to_numpy()
     behind = np.maximum.accumulate(stamp) - stamp
@@ -103,8 +105,14 @@ def in_order(topic: str, table: pl.DataFrame, largest_loss: float) -> tuple[pl.D
     if (np.diff(stamp) > 0).all():
         return table, Ordering(0, 0, 0)
     once = table.group_by("stamp", maintain_order=True).agg(pl.all().drop_nulls().first()).sort("stamp")
-    contradicted = contradictions(table, once)
-    if contradicted > largest_loss * stamp.size:
+    contradicted, most = contradictions(table, once), largest_loss * stamp.size
+    standing = int(np.maximum(np.unique(stamp, return_counts=True)[1] - channels, 0).sum())
+    if standing > most:
+        raise InputError(
+            f"topic {topic}: {standing} of {stamp.size} messages have the stamp of an earlier one; stamps must be "
+            "their own: check the recorder's clock, or write source: log in the source file"
+        )
+    if contradicted > most:
         raise InputError(
             f"topic {topic}: {contradicted} of {stamp.size} messages have the stamp of an earlier one and other "
             "values; stamps must be their own: check the recorder's clock or the time source in the source file"

@@ -14,8 +14,8 @@ from osl_analysis.ingest import cdr, json_messages
 from osl_analysis.ingest.json_messages import ByText
 from osl_analysis.ingest.mcap_chunk import Block
 from osl_analysis.ingest.mcap_records import McapFile
-from osl_analysis.ingest.ordinary import Indices, Values
-from osl_analysis.ingest.recording import listing
+from osl_analysis.ingest.ordinary import Values
+from osl_analysis.ingest.rows import Indices
 from osl_analysis.ingest.shapes import ByShape
 
 Reader = ByShape | ByText
@@ -104,7 +104,7 @@ def decode_topics(
     for topic, one in found.items():
         for path in wanted[topic]:
             if path not in {*optional, *either} and not one.present[path].any():
-                names = listing(fields_of(by_topic[topic][0]))
+                names = ", ".join(fields_of(by_topic[topic][0])) or "none"
                 raise InputError(f"topic '{topic}' has no field '{path}'; it has {names}")
     return found
 
@@ -123,7 +123,7 @@ def decoded(file: McapFile, topic: str, readers: Sequence[ChannelReader], paths:
     """What the readers of a topic's channels have read, as one."""
     if topic not in {channel.topic for channel in file.channels.values()}:
         topics = sorted({channel.topic for channel in file.channels.values()})
-        raise InputError(f"no topic '{topic}'; the file has {listing(topics)}")
+        raise InputError(f"no topic '{topic}'; the file has {', '.join(topics) or 'none'}")
     if not readers:
         raise InputError(f"topic '{topic}' has no messages; check that its sensor was running")
     parts = [part for reader in readers for part in reader.parts]

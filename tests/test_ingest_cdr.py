@@ -17,7 +17,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest.cdr import layout_of
 from osl_analysis.ingest.mcap_records import read_mcap
 from osl_analysis.ingest.ros2_schema import parse_schema
-from osl_analysis.ingest.shapes import leaf_at
+from osl_analysis.ingest.shapes import Shape, leaf_at, template_of
 from osl_analysis.ingest.topic import decode_topics
 
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
@@ -188,3 +188,23 @@ def test_a_line_that_is_no_field_is_refused() -> None:
 def test_a_wide_string_is_refused_by_name() -> None:
     with pytest.raises(InputError, match="field 'w' is a wstring"):
         layout_of(parse_schema("l/S", "wstring w"), "l/S", b"\0\1\0\0\0\0\0\0")
+
+
+def test_messages_of_equal_log_time_stay_in_the_order_of_the_file_whatever_their_shapes(tmp_path: Path) -> None:
+    log = [(i // 5, {"series": [float(i)] * (1 + i % 3)}) for i in range(20)]
+    path = write_log(tmp_path / "log.mcap", log, "float64[] series", "lab_msgs/msg/S")
+    decoded = decode_topics(read_mcap(path), {"/lab": ["series[0]"]})["/lab"]
+    assert decoded.values["series[0]"].tolist() == list(range(20))
+
+
+@given(st.binary(min_size=1, max_size=40), st.data())
+def test_every_guarded_bit_of_a_message_is_compared(payload: bytes, data: st.DataObject) -> None:
+    guards = data.draw(st.lists(st.integers(0, len(payload) - 1), unique=True))
+    continued = data.draw(st.lists(st.integers(0, len(payload) - 1), unique=True))
+    template = template_of(Shape(payload, guards=guards, continued=continued), [])
+    for i in range(len(payload)):
+        for bit in (0x01, 0x80):
+            other = np.frombuffer(payload, np.uint8).copy()
+            other[i] ^= bit
+            guarded = i in guards or (bit == 0x80 and i in continued)
+            assert template.fits(other[None]).tolist() == [not guarded]

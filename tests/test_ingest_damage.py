@@ -20,7 +20,7 @@ from mcap_builder import stamped, write_log
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.mcap_chunk import LARGEST_CHUNK
 from osl_analysis.ingest.mcap_log import read_log
-from osl_analysis.ingest.mcap_walk import CHUNK_HEAD, MAGIC, RECORD
+from osl_analysis.ingest.mcap_walk import CHUNK_HEAD, MAGIC, MESSAGE_HEAD, RECORD, walk_by_index
 from osl_analysis.ingest.source_file import McapSource
 
 MESSAGES = 60
@@ -167,6 +167,24 @@ def test_a_wrong_message_index_changes_nothing_and_is_remarked(tmp_path: Path, w
     assert len(samples) == MESSAGES
     assert damage["complete"]
     assert "the index of the chunk" in damage["remarks"][0]
+
+
+def record(opcode: int, content: bytes) -> bytes:
+    return RECORD.pack(opcode, len(content)) + content
+
+
+def test_an_index_that_does_not_tile_its_chunk_is_not_used() -> None:
+    inner = record(Opcode.MESSAGE, bytes(MESSAGE_HEAD))
+    outer = record(Opcode.MESSAGE, bytes(MESSAGE_HEAD) + inner)
+    schema = record(Opcode.SCHEMA, b"\1" * 40)
+    buffer = schema + outer + inner
+    at = np.cumsum([0, len(schema), len(outer)])
+    walk = walk_by_index(buffer, at[[2, 1]])
+    assert walk is not None
+    assert walk.messages.tolist() == [at[1], at[2]]
+    within = at[1] + 9 + MESSAGE_HEAD
+    for wrong in ([at[1], within, at[2]], [*at], [at[1]], [at[1], at[1], at[2]], [at[1], at[2] + 1], [within, at[2]]):
+        assert walk_by_index(buffer, np.array(wrong)) is None
 
 
 def test_an_index_made_to_look_like_a_message_is_none(tmp_path: Path) -> None:

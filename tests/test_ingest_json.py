@@ -93,6 +93,12 @@ def test_a_number_with_a_fraction_after_whole_ones_is_not_cut(tmp_path: Path) ->
     assert read(path, "a").values["a"].tolist() == [1.0] * 30 + [2.5]
 
 
+def test_an_integer_beyond_a_floats_reach_is_exact_in_every_chunk(tmp_path: Path) -> None:
+    texts = [json.dumps({"a": 2**53 + 1 + 2 * i if i > 20 else i}) for i in range(60)]
+    decoded = read(write(tmp_path / "log.mcap", texts, chunk_size=400), "a")
+    assert decoded.values["a"].tolist() == [json.loads(text)["a"] for text in texts]
+
+
 def test_a_field_written_twice_is_read_as_python_reads_it(tmp_path: Path) -> None:
     decoded = read(write(tmp_path / "log.mcap", ['{"a": 1, "a": 2}', '{"a": 3, "a": 4}']), "a")
     assert decoded.values["a"].tolist() == [2, 4]

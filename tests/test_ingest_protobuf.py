@@ -204,3 +204,11 @@ def test_a_message_that_google_refuses_is_left_out_and_reported(tmp_path: Path) 
     assert recording.facts["damage"]["messages_lost"] == 1
     with pytest.raises(InputError, match="1 of 3 messages of topic '/lab' are left out: a message of"):
         read_log(path, source(theta="one_double"))
+
+
+def test_varints_that_end_elsewhere_are_of_another_shape_though_all_lengths_agree(tmp_path: Path) -> None:
+    payloads = [stamped(1 + i, packed_int32=numbers) for i, numbers in enumerate([[1, 300], [300, 1], [2, 500]])]
+    path = write(tmp_path / "log.mcap", payloads)
+    found = decode_topics(read_mcap(path), {"/lab": ["packed_int32[0]", "packed_int32[1]"]})["/lab"]
+    assert found.values["packed_int32[0]"].tolist() == [1, 300, 2]
+    assert found.values["packed_int32[1]"].tolist() == [300, 1, 500]

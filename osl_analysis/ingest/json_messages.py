@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
-from osl_analysis.ingest.ordinary import PART, Numbers, Values, batches, numbers_at
+from osl_analysis.ingest.ordinary import PART, Numbers, Values, batches, number_paths, numbers_at
 from osl_analysis.ingest.rows import Indices
 
 ERRORS = (pl.exceptions.PolarsError, pl.exceptions.PanicException, RecursionError, ValueError)
@@ -51,7 +52,9 @@ class ByText:
         stops = (starts + lengths).tolist()
         texts = [buffer[start:stop] for start, stop in zip(starts.tolist(), stops, strict=True)]
         try:
-            yield from alike(self.at_once(texts), len(texts))
+            columns = self.at_once(texts)
+            for rows, values in alike(columns, len(texts)):
+                yield rows, {path: self.in_kind(path, numbers) for path, numbers in values.items()}
         except ERRORS:
             yield from self.one_by_one(texts)
 
@@ -96,6 +99,13 @@ class ByText:
         """Whether no integer that was read as float64 may have been rounded."""
         whole = [column for path, column in self.fields_in(frame).items() if self.kinds[path] == pl.Int64]
         return not any((np.abs(column.drop_nulls().to_numpy()) >= EXACT).any() for column in whole)
+
+    def in_kind(self, path: str, numbers: NDArray[Any]) -> NDArray[Any]:
+        """Integers that were read as float64 as such again; joined with others they would be rounded."""
+        if self.kinds[path] != pl.Int64 or numbers.dtype == np.int64:
+            return numbers
+        whole = numbers.astype(np.int64)
+        return whole if (whole == numbers).all() else numbers
 
     def fields_in(self, frame: pl.DataFrame) -> dict[str, pl.Series]:
         """The fields that are known."""
@@ -234,15 +244,3 @@ def kind_at(types: Mapping[str, pl.DataType], steps: Sequence[Step]) -> Any:
 def fields(text: bytes) -> list[str]:
     """Every path of a message that holds a number, for messages to the user."""
     return list(number_paths(json.loads(text), ""))
-
-
-def number_paths(value: Any, path: str) -> Iterator[str]:
-    """Paths of the numbers in a decoded message."""
-    if isinstance(value, dict):
-        for name, one in value.items():
-            yield from number_paths(one, f"{path}.{name}" if path else name)
-    elif isinstance(value, list):
-        for i, one in enumerate(value):
-            yield from number_paths(one, f"{path}[{i}]")
-    elif isinstance(value, int | float):
-        yield path

@@ -225,6 +225,22 @@ def test_a_chunk_of_unknown_compression_is_lost_and_named(tmp_path: Path) -> Non
     assert any(r"is compressed with 'xyz\n'; zstd and lz4 are read" in remark for remark in damage["remarks"])
 
 
+def test_a_stray_end_of_the_data_does_not_hide_the_chunks_after_it(tmp_path: Path) -> None:
+    content = written(tmp_path)
+    start = chunks(content)[1][0]
+    samples, damage = read(tmp_path, content[:start] + record(Opcode.DATA_END, bytes(4)) + content[start:])
+    assert len(samples) == MESSAGES
+    assert not damage["complete"]
+
+
+def test_a_schema_from_a_damaged_summary_reads_nothing(tmp_path: Path) -> None:
+    content = written(tmp_path)
+    first, rest = content[: chunks(content)[0][1] - 3], content[chunks(content)[0][1] :]
+    damaged = first + b"abc" + rest.replace(b"float32 angle\nfloat64 torque", b"float32 wrong\nfloat32  angle")
+    with pytest.raises(InputError, match="messages belong to channels that are not declared"):
+        read(tmp_path, damaged)
+
+
 def test_without_any_checksum_the_report_says_not_verifiable(tmp_path: Path) -> None:
     _, damage = read(tmp_path, written(tmp_path, enable_crcs=False), 0.0)
     assert (damage["complete"], damage["crc"]) == (True, "absent")

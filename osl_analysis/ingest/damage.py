@@ -10,13 +10,15 @@ MOST_REMARKS = 20
 class Damage:
     """The tally of one file.
 
-    `finished`: the recorder closed the file. `declared_messages` and `declared_chunks` are what the summary says
-    of the whole file, None without a summary that can be trusted. `verified` of the messages read are covered by
-    a checksum that was right, `misfits` of them do not fit their own schema. `uncounted`: something was lost of
-    which the file does not say how many messages it held.
+    `finished`: the recorder closed the file. `gaps`: some of it cannot be read, of the summary too.
+    `declared_messages` and `declared_chunks` are what the summary says of the whole file, None without a summary
+    that can be trusted. `verified` of the messages read are covered by a checksum that was right, `misfits` of them
+    do not fit their own schema. `uncounted`: something was lost of which the file does not say how many messages it
+    held.
     """
 
     finished: bool = False
+    gaps: bool = False
     declared_messages: int | None = None
     declared_chunks: int | None = None
     messages: int = 0
@@ -72,13 +74,13 @@ class Damage:
     def report(self) -> dict[str, Any]:
         """The provenance's `damage`.
 
-        `complete`: the recorder finished the file and nothing of it is lost; `crc`: "checked", "absent" (what was
+        `complete`: the recorder finished the file and all of it can be read; `crc`: "checked", "absent" (what was
         read is not verifiable) or "mixed"; `chunks_lost`; `messages_lost`, null if the file does not tell;
         `share_lost` of the messages, of the bytes if their number is not known; `remarks`, a sentence each.
         """
         lost, share = self.messages_lost(), self.share_lost()
         return {
-            "complete": self.finished and lost == 0 and self.all_chunks_lost() == 0,
+            "complete": self.finished and not self.gaps and lost == 0 and self.all_chunks_lost() == 0,
             "crc": self.crc(),
             "chunks_lost": self.all_chunks_lost(),
             "messages_lost": lost,

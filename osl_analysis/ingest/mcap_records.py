@@ -34,7 +34,8 @@ class McapFile:
 
     def blocks(self) -> Iterator[Block]:
         """The messages of every intact chunk, and those outside of chunks, in the order of the file; once."""
-        self.adopt(self.data, self.scan.in_summary, trusted=False)
+        if self.scan.finished and not self.scan.summary_damaged:  # a wrong schema would be wrong values
+            self.adopt(self.data, self.scan.in_summary, trusted=False)
         begin_report(self.damage, self.scan)
         for section in self.scan.sections:
             block = self.block(section)
@@ -109,6 +110,7 @@ class McapFile:
 def begin_report(damage: Damage, scan: Scan) -> None:
     """What the scan of the top level tells."""
     damage.finished = scan.finished
+    damage.gaps = scan.summary_damaged or any("lost" in section.kind for section in scan.sections)
     damage.bytes = scan.data_end - len(MAGIC)
     if scan.declared is not None:
         damage.declared_messages, damage.declared_chunks = scan.declared

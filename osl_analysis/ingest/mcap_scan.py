@@ -109,7 +109,9 @@ def loose(found: Scan, position: int, walk: Walk) -> None:
 
 def take(found: Scan, data: Buffer, opcode: int, start: int, end: int) -> None:
     """Take in one sound record."""
-    if opcode == Opcode.CHUNK and not found.data_end:
+    if opcode == Opcode.CHUNK:
+        if found.data_end:  # there is no chunk after the data's end: it was none
+            found.data_end, found.data_crc, found.summary_damaged = 0, None, True
         found.chunked = True
         found.sections.append(Section("chunk", start, end))
     elif opcode == Opcode.MESSAGE_INDEX and not found.data_end:

@@ -20,7 +20,7 @@ from osl_analysis.errors import OslAnalysisError
 
 PACKAGE = Path(__file__).parent
 PRELOADED = [
-    "__main__",
+    "snakemake.cli",  # what a job's __main__, the snakemake script, imports before the job begins
     "osl_analysis.commands.belt",
     "osl_analysis.commands.impedance",
     "osl_analysis.commands.ingest",

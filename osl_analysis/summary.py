@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import polars as pl
@@ -12,14 +12,12 @@ from osl_analysis.trial import Array
 
 STUDENT = "95 % of the mean (Student)"
 FIT = "95 % of the fit (its noise; not what the model lacks)"
-BOOTSTRAP = "95 % of the ensemble (bootstrap of perturbed and unperturbed crossings)"
+SHARED_MEAN = "95 % of the mean (Student, with the share of the unperturbed mean)"
 RANGE = "lowest to highest"
 EXAMPLE_K_D, EXAMPLE_B_D = 300.0, 5.0
 """The impedance of Fig. 4 [N*m/rad, N*m*s/rad], whose estimates are headline numbers."""
 PER_PERTURBATION = "mean of perturbations"
 """Estimator of the walking summary that is the headline, where the table has a column `estimator`."""
-ENSEMBLE = "ensemble"
-"""Estimator of the walking summary whose interval knows that all perturbations share one mean unperturbed gait."""
 
 TABLES = {
     "belt_summary": ("quantity", "n", "mean", "low", "high"),
@@ -101,7 +99,7 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame]) -> list[Headline]:
         for controller in ("compensated", "uncompensated"):
             found += impedance_headlines(controller, tables["impedance"])
     if "walking_summary" in tables:
-        found += walking_means(tables["walking_summary"])
+        found += means(tables["walking_summary"], WALKING, SHARED_MEAN)
     if "walking" in tables:
         found += over_fits(WALKING_VAF, tables["walking"]["VAF"], np.mean)
     return found
@@ -112,8 +110,8 @@ def over_all_amplitudes(table: pl.DataFrame) -> pl.DataFrame:
     return table.filter(pl.col("amplitude_deg").is_null())
 
 
-def means(table: pl.DataFrame, labels: Mapping[str, Label]) -> list[Headline]:
-    """Means over repeats with their Student intervals, of the labelled quantities that a summary table lists."""
+def means(table: pl.DataFrame, labels: Mapping[str, Label], interval: str = STUDENT) -> list[Headline]:
+    """Means over repeats with their intervals, of the labelled quantities that a summary table lists."""
     if "estimator" in table.columns:
         table = table.filter(pl.col("estimator") == PER_PERTURBATION)
     rows = {row["quantity"]: row for row in table.iter_rows(named=True)}
@@ -126,28 +124,8 @@ def means(table: pl.DataFrame, labels: Mapping[str, Label]) -> list[Headline]:
             raise InputError(
                 f"summary table: the mean of '{quantity}' is {mean}; look for a fit without a result in its trials"
             )
-        found.append(headline(label, mean, low, high, STUDENT, int(n)))
+        found.append(headline(label, mean, low, high, interval, int(n)))
     return found
-
-
-def walking_means(table: pl.DataFrame) -> list[Headline]:
-    """Means over perturbations, with the ensemble's bootstrap interval laid about them where the table has it.
-
-    Student's interval of the mean would be too narrow: the mean unperturbed crossing is subtracted from every
-    perturbation, so that its chance error moves them all alike and does not show in their scatter.
-    """
-    found = means(table, WALKING)
-    if "estimator" not in table.columns:
-        return found
-    rows = table.filter(pl.col("estimator") == ENSEMBLE).iter_rows(named=True)
-    ensemble = {WALKING[row["quantity"]].name: row for row in rows if row["quantity"] in WALKING}
-    return [about_the_mean(h, ensemble[h.name]) if h.name in ensemble else h for h in found]
-
-
-def about_the_mean(found: Headline, ensemble: Mapping[str, float]) -> Headline:
-    """The headline with the ensemble's interval, moved by what the two estimates differ."""
-    moved = found.value - ensemble["mean"]
-    return replace(found, low=ensemble["low"] + moved, high=ensemble["high"] + moved, interval=BOOTSTRAP)
 
 
 def impedance_headlines(controller: str, impedance: pl.DataFrame) -> list[Headline]:

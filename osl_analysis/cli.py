@@ -116,6 +116,7 @@ def ingest(
 ) -> None:
     """Convert the raw logs of one trial into one canonical Parquet file, with provenance inside."""
     from osl_analysis.commands.ingest import ingest_trial
+    from osl_analysis.trial_file import read_trial
 
     for path, source, option in ((log, log_source, "--log"), (mocap, mocap_source, "--mocap")):
         if (path is None) != (source is None):
@@ -131,6 +132,8 @@ def ingest(
         "mocap_source": mocap_source,
     }
     ingest_trial(row=row, raw_folder=Path(), sources_folder=sources, output=output)
+    for warning in read_trial(output).provenance.get("warnings", []):
+        click.echo(f"warning: {warning}", err=True)
     click.echo(f"wrote {output}")
 
 

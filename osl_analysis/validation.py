@@ -66,7 +66,8 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
     if first["type"] == "missing":
         return f"field '{place}' is missing; add it{more}"
     reason = first["msg"].removeprefix("Value error, ")
-    return f"{place}: {first['input']!r} is not allowed: {reason}{more}"
+    nested = isinstance(first["input"], dict | list)
+    return f"{place}: {reason}{more}" if nested else f"{place}: {first['input']!r} is not allowed: {reason}{more}"
 
 
 def known_fields(model: type[BaseModel], path: tuple[int | str, ...]) -> str:

@@ -64,6 +64,15 @@ def test_fit_of_the_belt_finds_the_truth_beside_the_log(folder):
     assert json.loads(result.stdout)[0]["K_s"] == pytest.approx(truth["parameters"]["K_s"], rel=0.003)
 
 
+def test_ingest_says_that_a_log_has_lost_its_end(folder, tmp_path):
+    log, output = tmp_path / "cut.mcap", tmp_path / "cut.parquet"
+    log.write_bytes((folder / f"dynamometer/{TRIAL}.mcap").read_bytes()[:-20])
+    result = call("ingest", "--log", log, "--log-source", "dynamometer", "--output", output)
+    assert result.exit_code == 0
+    assert re.search(r"^warning: .*cut\.mcap: no footer", result.stderr)
+    assert output.exists()
+
+
 def test_gains_prints_the_paper_s_example_with_its_proof():
     result = call("gains", "--stiffness", 300, "--damping", 5)
     assert "K_1 = 25.0867 N·m/rad" in result.stdout

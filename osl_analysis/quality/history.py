@@ -1,5 +1,7 @@
 """What ingest had to say about a trial: its clocks, and the damage of its log."""
 
+from typing import Any
+
 from osl_analysis.quality.finding import Finding, not_applicable
 from osl_analysis.trial import Trial
 
@@ -17,7 +19,7 @@ def check_clock(trial: Trial) -> Finding:
 
 def check_damage(trial: Trial) -> Finding:
     """Share of the log [%] that was lost to damage."""
-    damage = trial.provenance.get("damage") or trial.provenance.get("log", {}).get("damage")
+    damage = damage_report(trial)
     if not damage:
         return not_applicable("no damage report")
     said = [f"{damage[key]} {key.replace('_', ' ')}" for key in ("chunks_lost", "messages_lost") if damage.get(key)]
@@ -26,3 +28,19 @@ def check_damage(trial: Trial) -> Finding:
     remarks = damage.get("remarks") or []
     said += [remarks] if isinstance(remarks, str) else [str(remark) for remark in remarks]
     return Finding(100 * float(damage.get("share_lost") or 0.0), "; ".join(said))
+
+
+def check_unfinished(trial: Trial) -> Finding:
+    """Logs without their end: what a crash or a cut took with it does not show in the share that was lost."""
+    damage = damage_report(trial)
+    if not damage:
+        return not_applicable("no damage report")
+    complete = damage.get("complete", True)
+    return Finding(
+        0.0 if complete else 1.0, "" if complete else "no end: see whether the trial lasts as long as it should"
+    )
+
+
+def damage_report(trial: Trial) -> dict[str, Any]:
+    """What ingest says of the damage to the log; empty where it says nothing."""
+    return dict(trial.provenance.get("damage") or trial.provenance.get("log", {}).get("damage") or {})

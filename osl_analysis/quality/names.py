@@ -25,5 +25,6 @@ CHECKS: dict[str, Check] = {
     "marker_gap": Check("s", "above", "longest time that a marker was hidden between two sightings"),
     "clock_residual": Check("s", "above", "RMS residual of the fit of the log's clock to motion capture's"),
     "damage": Check("%", "above", "share of the log that could not be recovered"),
+    "unfinished": Check("logs", "above", "logs whose end is lost, so that nobody can say how much is missing"),
     "protocol": Check("segments", "above", "commanded pairs of amplitude and frequency that the joint did not follow"),
 }

@@ -37,6 +37,7 @@ class QualityRules(Settings):
     marker_gap: Rule
     clock_residual: Rule
     damage: Rule
+    unfinished: Rule
     protocol: Rule
 
     @model_validator(mode="after")

@@ -32,6 +32,7 @@ def examine(trial: Trial, experiment: str, commanded: Commanded) -> dict[str, Fi
         "marker_gap": channels.check_marker_gap(samples),
         "clock_residual": history.check_clock(trial),
         "damage": history.check_damage(trial),
+        "unfinished": history.check_unfinished(trial),
         "protocol": check_protocol(*channels.signal(samples, "theta"), commanded)
         if stepped
         else not_applicable("no stepped sine"),

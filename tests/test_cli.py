@@ -69,7 +69,7 @@ def test_ingest_says_that_a_log_has_lost_its_end(folder, tmp_path):
     log.write_bytes((folder / f"dynamometer/{TRIAL}.mcap").read_bytes()[:-20])
     result = call("ingest", "--log", log, "--log-source", "dynamometer", "--output", output)
     assert result.exit_code == 0
-    assert re.search(r"^warning: .*cut\.mcap: no footer", result.stderr)
+    assert re.search(r"(?m)^warning: .*cut\.mcap: no footer", result.stderr)
     assert output.exists()
 
 

@@ -26,6 +26,8 @@ configfile: "config/config.yaml"
 try:
     CONFIG = campaign_config(config, " overridden by ".join(os.path.relpath(f) for f in reversed(workflow.configfiles)))
     CAMPAIGN = open_campaign(CONFIG, planned_sheet(CONFIG.simulation, CONFIG.sheet) if CONFIG.simulation else None)
+    CAMPAIGN.check_figures()
+    CAMPAIGN.check_walking()
     SIMULATION_FILES = settings_files(CONFIG.simulation) if CONFIG.simulation else []
 except OslAnalysisError as error:
     raise WorkflowError(str(error)) from None
@@ -70,8 +72,9 @@ rule:
 
 onsuccess:
     print(jobs.time_table())
-    print(exclusion_report(checked(CAMPAIGN.trials())))
+    print(exclusion_report(checked(CAMPAIGN.trials()), CAMPAIGN.excluded))
 
 
 onerror:
-    print(exclusion_report(checked(CAMPAIGN.trials())))
+    print(jobs.failure_report())
+    print(exclusion_report(checked(CAMPAIGN.trials()), CAMPAIGN.excluded))

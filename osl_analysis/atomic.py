@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from osl_analysis.errors import InputError
+
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
@@ -13,7 +15,12 @@ def atomic_path(path: Path) -> Iterator[Path]:
     Parent folders are created. When the block raises, what it wrote is deleted and an older `path` stays as it
     was. The block must have closed the file when it ends.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; name a file")
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
         yield temporary

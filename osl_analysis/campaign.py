@@ -17,10 +17,11 @@ RECORDING_COLUMNS = ("trial", "experiment", "log", "log_source", "mocap", "mocap
 
 @dataclass(frozen=True)
 class Campaign:
-    """The configuration's trials; `sheet` is indexed by trial and leaves out the excluded ones."""
+    """The configuration's trials; `sheet` is indexed by trial and leaves out the excluded ones, `excluded` has why."""
 
     config: Config
     sheet: pd.DataFrame
+    excluded: Mapping[str, str]
 
     def trials(self, *experiments: str) -> list[str]:
         """Names of the trials of these experiments, or of all, in the order of the sheet."""
@@ -65,6 +66,36 @@ class Campaign:
             )
         return str(found[0])
 
+    def check_figures(self) -> None:
+        """Refuse choices for Figs. 4 and 7 that no trial can serve."""
+        series, response = self.config.figures.time_series, self.config.figures.frequency_response
+        if self.trials("impedance") and series is not None:
+            self.impedance_trial(series.controller, series.K_d, series.B_d)
+        pairs = self.sheet.loc[self.trials("impedance"), ["K_d", "B_d"]].itertuples(index=False, name=None)
+        if self.trials("impedance") and response is not None and (response.K_d, response.B_d) not in set(pairs):
+            raise InputError(
+                f"{self.config.sheet}: no trial with K_d = {response.K_d:g}, B_d = {response.B_d:g} for Fig. 7; choose "
+                "another pair, or null, for figures.frequency_response in the configuration"
+            )
+
+    def check_walking(self) -> None:
+        """Refuse walking trials without what their analysis needs."""
+        if not self.trials("walking"):
+            return
+        fewest = self.config.walking.fewest_unperturbed
+        needs = {
+            "trial of experiment 'static'": (len(self.trials("static")), 1),
+            "trial of experiment 'plate' (the platform moved, nobody on it)": (len(self.trials("plate")), 1),
+            "unperturbed crossings": (len(self.crossings(perturbed=False)), fewest),
+            "perturbed crossings": (len(self.crossings(perturbed=True)), 2),
+        }
+        for what, (found, least) in needs.items():
+            if found < least:
+                raise InputError(
+                    f"{self.config.sheet}: {found} {what}, walking needs {least} or more; add them, or exclude the "
+                    "walking trials"
+                )
+
     def recording(self, trial: str) -> Mapping[str, Any]:
         """The part of a trial's row that ingest needs: a change of the others does not ask for it again."""
         row = self.row(trial)
@@ -97,4 +128,4 @@ def open_campaign(config: Config, planned: pd.DataFrame | None) -> Campaign:
     used = sheet[sheet["exclude"].isna()]
     if used.empty:
         raise InputError(f"{config.sheet}: every trial is excluded; clear `exclude` of those to analyse")
-    return Campaign(config, used)
+    return Campaign(config, used, {str(trial): str(why) for trial, why in sheet["exclude"].dropna().items()})

@@ -1,6 +1,7 @@
 """The command line `osl-analysis`: one trial, or one pair of gains, at a time; `snakemake` runs whole campaigns."""
 
 import json
+import math
 import sys
 import warnings
 from pathlib import Path
@@ -9,6 +10,8 @@ from typing import Any
 import click
 
 from osl_analysis.errors import OslAnalysisError
+
+MOST_NUMBERS = 300
 
 
 class NumberList(click.ParamType[list[float]]):
@@ -24,9 +27,15 @@ class NumberList(click.ParamType[list[float]]):
             self.fail(f"'{text}' is neither a number nor a list like 100,200 or 100:400:50", param, ctx)
         if ":" not in text:
             return numbers
-        if len(numbers) != 3 or not numbers[2] > 0:
-            self.fail(f"'{text}' is no range; write first:last:step with a step above 0", param, ctx)
+        if (
+            len(numbers) != 3
+            or not all(map(math.isfinite, numbers))
+            or not (numbers[2] > 0 and numbers[1] >= numbers[0])
+        ):
+            self.fail(f"'{text}' is no range; write first:last:step, upwards, with a step above 0", param, ctx)
         first, last, step = numbers
+        if (last - first) / step > MOST_NUMBERS:
+            self.fail(f"'{text}' is more than {MOST_NUMBERS} numbers; take a longer step", param, ctx)
         return [first + step * k for k in range(int((last - first) / step + 1e-9) + 1)]
 
 

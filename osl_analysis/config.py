@@ -1,10 +1,10 @@
 """The configuration of a campaign: choices with their units, validated when they are read."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from osl_analysis.errors import InputError
 from osl_analysis.model.admittance_error import Weight
@@ -35,6 +35,12 @@ class DynamometerAnalysis(Settings):
     cycles: Annotated[int, Field(ge=1)]
     settle_cycles: Annotated[int, Field(ge=0)]
     doubtful: Doubt = Doubt(above={}, below={})
+
+    @model_validator(mode="after")
+    def _something_settles(self) -> Self:
+        if self.settle_cycles >= self.cycles:
+            raise ValueError(f"settle_cycles = {self.settle_cycles} leaves none of {self.cycles} cycles; settle fewer")
+        return self
 
     @property
     def amplitudes(self) -> tuple[float, ...]:

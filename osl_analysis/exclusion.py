@@ -1,7 +1,7 @@
 """Trials that quality control excludes: left out of what is computed over trials, by name and never silently."""
 
 import csv
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from osl_analysis.errors import InputError
@@ -37,11 +37,12 @@ def kept(files: Iterable[str | Path], quality: Iterable[str | Path]) -> list[Pat
     return left
 
 
-def exclusion_report(quality: Iterable[Path]) -> str:
+def exclusion_report(quality: Iterable[Path], by_sheet: Mapping[str, str]) -> str:
     """What a user must know at the end of a run, even of one that failed: who was left out, and why; empty if nobody.
 
     Trials whose table was not written are passed over.
     """
     reasons = excluded(path for path in quality if path.is_file())
     lines = [f"left out of tables and figures by quality control: {trial} ({why})" for trial, why in reasons.items()]
-    return "\n".join([*lines, f"to change that: {REMEDY}"] if lines else [])
+    stated = [f"left out by the sample sheet: {trial} ({why})" for trial, why in by_sheet.items()]
+    return "\n".join([*stated, *lines, *([f"to change that: {REMEDY}"] if lines else [])])

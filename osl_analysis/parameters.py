@@ -40,6 +40,11 @@ class DrivetrainParameters:
     K_s2: float = 0.0
 
     def __post_init__(self) -> None:
+        if self.f_G >= self.k_tau * self.n_m:
+            raise InputError(
+                f"parameter f_G = {self.f_G} N*m/A is not below k_tau n_m = {self.k_tau * self.n_m:g}: friction would "
+                "eat every torque; correct the parameter file"
+            )
         for name, unit in UNITS.items():
             value = getattr(self, name)
             if not (value > 0 or (value == 0 and name not in MUST_BE_POSITIVE)):
@@ -59,7 +64,7 @@ class Quantity(Settings):
     def _ratio(cls, value: object) -> object:
         try:
             return float(Fraction(value)) if isinstance(value, str) else value
-        except (ValueError, ZeroDivisionError) as error:
+        except (ValueError, ZeroDivisionError, OverflowError) as error:
             raise ValueError("write a number or a ratio such as 83/18") from error
 
 

@@ -1,5 +1,6 @@
 """The sample sheet `trials.csv` of a campaign: one row per trial, validated when it is read."""
 
+import math
 import re
 from pathlib import Path
 
@@ -74,8 +75,8 @@ def validate_sheet(text: pd.DataFrame, path: Path) -> pd.DataFrame:
 
 def problem_in(row: dict[str, str]) -> str:
     """What is wrong with one row of a sheet, with the remedy; empty if nothing is."""
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", row["trial"]):
-        return f"trial '{row['trial']}' must be letters, digits, '_', '.' and '-' only: it becomes a file name"
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}", row["trial"]):
+        return f"trial '{row['trial']}' must be up to 100 letters, digits, '_', '.' and '-': it becomes a file name"
     if row["experiment"] not in EXPERIMENTS:
         return f"experiment '{row['experiment']}' is none of {', '.join(EXPERIMENTS)}"
     if row["controller"] and row["controller"] not in CONTROLLERS:
@@ -83,6 +84,8 @@ def problem_in(row: dict[str, str]) -> str:
     for column in ("K_d", "B_d"):
         if row[column] and not is_number(row[column]):
             return f"{column} '{row[column]}' is not a number; give it in SI units, without the unit"
+    if (row["K_d"] and not float(row["K_d"]) > 0) or (row["B_d"] and not float(row["B_d"]) >= 0):
+        return f"K_d = {row['K_d']}, B_d = {row['B_d']} is no impedance that a joint can render; K_d > 0 and B_d >= 0"
     if row["perturbed"].lower() not in ("", "true", "false"):
         return f"perturbed '{row['perturbed']}' must be true or false"
     unknown = [name for name in row["accept"].split() if name not in CHECKS]
@@ -107,4 +110,4 @@ def problem_with_needs(row: dict[str, str]) -> str:
 
 def is_number(text: str) -> bool:
     """Whether the text is a finite decimal number."""
-    return bool(re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", text))
+    return bool(re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", text)) and math.isfinite(float(text))

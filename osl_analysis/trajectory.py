@@ -44,7 +44,11 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
         raise InputError(
             f"{path}: no such impedance trajectory; correct its path in the configuration or the walking settings"
         )
-    rows = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip() and line[0] != "#"]
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not UTF-8 text ({error.reason}); save it as CSV in UTF-8") from error
+    rows = [line for line in text.splitlines() if line.strip() and line[0] != "#"]
     names = [name.strip() for name in rows[0].split(",")] if rows else []
     absent = [name for name in REQUIRED if name not in names]
     if absent or len(rows) < 3:

@@ -40,6 +40,7 @@ DONE = "done"
 
 seconds_spent: dict[str, float] = defaultdict(float)
 jobs_done: dict[str, int] = defaultdict(int)
+failures: list[str] = []
 
 
 class JobError(OslAnalysisError):
@@ -67,7 +68,8 @@ def run_job(log: str, command: str, **arguments: Any) -> None:
     jobs_done[name] += 1
     outcome = path.read_text().strip()
     if outcome != DONE:
-        raise JobError(outcome.splitlines()[-1] if outcome else f"{command}: its process died ({process.exitcode})")
+        failures.append(outcome.splitlines()[-1] if outcome else f"{command}: its process died ({process.exitcode})")
+        raise JobError(failures[-1])
 
 
 @cache
@@ -90,6 +92,20 @@ def _call(log: Path, command: str, arguments: dict[str, Any]) -> None:
     except Exception as error:
         trace = traceback.format_exc()
         log.write_text(f"{trace}\nunexpected {type(error).__name__}: {error} (the traceback is in {log})\n")
+
+
+def failure_report() -> str:
+    """Why jobs failed, a line each, and what that means for the rest; empty if none did."""
+    if not failures:
+        return ""
+    return "\n".join(
+        [
+            "what failed:",
+            *dict.fromkeys(failures),
+            "tables and figures that need these were not renewed; mend the input, or give a reason under `exclude` in "
+            "the sample sheet, and run again",
+        ]
+    )
 
 
 def time_table() -> str:

@@ -43,5 +43,12 @@ rule excluded_trials:
         RESULTS / "logs/tables/excluded.log",
     params:
         code=jobs.code("commands.quality"),
+        by_sheet=dict(CAMPAIGN.excluded),
     run:
-        jobs.run_job(log[0], "quality.list_excluded", quality=Path(input.quality), output=Path(output[0]))
+        jobs.run_job(
+            log[0],
+            "quality.list_excluded",
+            quality=Path(input.quality),
+            by_sheet=params.by_sheet,
+            output=Path(output[0]),
+        )

@@ -64,6 +64,16 @@ def test_fit_of_the_belt_finds_the_truth_beside_the_log(folder):
     assert json.loads(result.stdout)[0]["K_s"] == pytest.approx(truth["parameters"]["K_s"], rel=0.003)
 
 
+def test_the_simulator_never_writes_over_recordings(tmp_path):
+    (tmp_path / "dynamometer").mkdir()
+    log = tmp_path / "dynamometer/belt_01.mcap"
+    log.write_bytes(b"a laboratory's own")
+    result = call("simulate", "--settings", "tests/tiny_simulation.yaml", "--trial", "belt_01", tmp_path)
+    assert result.exit_code == 1
+    assert "the simulator did not make it" in result.stderr
+    assert log.read_bytes() == b"a laboratory's own"
+
+
 def test_ingest_says_that_a_log_has_lost_its_end(folder, tmp_path):
     log, output = tmp_path / "cut.mcap", tmp_path / "cut.parquet"
     log.write_bytes((folder / f"dynamometer/{TRIAL}.mcap").read_bytes()[:-20])
@@ -130,6 +140,9 @@ def test_a_mistake_is_one_line_with_exit_code_1(arguments, message):
         ("gains",),
         ("gains", "--stiffness", "stiff", "--damping", 5),
         ("gains", "--stiffness", "1:5", "--damping", 5),
+        ("gains", "--stiffness", "400:100:50", "--damping", 5),
+        ("gains", "--stiffness", "nan:400:50", "--damping", 5),
+        ("gains", "--stiffness", "1:600:0.0001", "--damping", 5),
         ("ingest", "--output", "x.parquet"),
         ("ingest", "--log", "x.mcap", "--output", "x.parquet"),
     ],

@@ -43,23 +43,23 @@ def test_an_excluded_trial_is_left_out_and_an_accepted_one_is_not(checked: list[
 def test_who_was_left_out_is_listed_and_told_with_value_threshold_and_remedy(checked: list[Path]) -> None:
     folder = checked[0].parent
     gather(checked, folder / "quality.csv")
-    list_excluded(folder / "quality.csv", folder / "excluded.csv")
+    list_excluded(folder / "quality.csv", {"b_2": "stumbled"}, folder / "excluded.csv")
     verdicts = read_table(folder / "quality.csv").filter(pl.col("verdict") != "pass")
     assert verdicts.select("trial", "verdict").rows() == [("plate_1", "flag"), ("plate_2", "exclude")]
     listed = read_table(folder / "excluded.csv")
-    assert listed.select("trial", "check").rows() == [("plate_2", "unzeroed_plate")]
+    assert listed.select("trial", "check").rows() == [("plate_2", "unzeroed_plate"), ("b_2", "sample sheet")]
     assert listed["value"][0] == pytest.approx(80, abs=0.5)
-    told = exclusion_report([*checked, folder / "missing.csv"])
-    assert told.count("left out") == 1
+    told = exclusion_report([*checked, folder / "missing.csv"], {"b_2": "stumbled"})
+    assert "left out by the sample sheet: b_2 (stumbled)" in told
     assert "plate_2 (unzeroed_plate 80.0" in told or "plate_2 (unzeroed_plate 79.9" in told
     assert "threshold 20" in told
     assert "`accept`" in told
 
 
 def test_without_exclusions_nothing_is_told_and_the_list_is_empty(checked: list[Path]) -> None:
-    assert exclusion_report(checked[:1]) == ""
+    assert exclusion_report(checked[:1], {}) == ""
     gather(checked[:1], checked[0].parent / "quality.csv")
-    list_excluded(checked[0].parent / "quality.csv", checked[0].parent / "excluded.csv")
+    list_excluded(checked[0].parent / "quality.csv", {}, checked[0].parent / "excluded.csv")
     assert read_table(checked[0].parent / "excluded.csv").is_empty()
 
 

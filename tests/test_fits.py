@@ -12,6 +12,7 @@ from osl_analysis.fits.belt import fit_belt_stiffness
 from osl_analysis.fits.impedance import fit_impedance, impedance_torque
 from osl_analysis.fits.protocol import SteppedSine, find_blocks, unit_block
 from osl_analysis.fits.repeats import over_repeats
+from osl_analysis.fits.sign import check_sign
 from osl_analysis.fits.sinusoid import fit_sinusoid, mean_response, response
 from osl_analysis.fits.transmission import fit_transmission, fit_transmission_with_coulomb
 from osl_analysis.signals import LowPass, differentiate, filtered_motion
@@ -190,3 +191,9 @@ def test_repeats_give_students_interval():
     assert (summary.mean, summary.high - summary.mean) == pytest.approx((7 / 3, half))
     with pytest.raises(InputError, match="repeat the experiment"):
         over_repeats([1.0])
+
+
+def test_a_torque_of_the_wrong_sign_is_refused_and_one_of_the_right_sign_is_not():
+    check_sign("belt_1", "K_s", 685.6)
+    with pytest.raises(InputError, match=r"trial belt_1: K_s = -685\.6 is negative.*`sign`"):
+        check_sign("belt_1", "K_s", -685.6)

@@ -105,8 +105,17 @@ def test_a_drafted_c3d_source_is_complete(tmp_path: Path) -> None:
     source = read_source(tmp_path / "a.yaml")
     assert source.format == "c3d"
     assert source.plates == ()
-    assert source.markers[0] == "TOE"
-    assert source.markers[1].startswith('a\x1b[2J": {x\n# y')
+    assert source.markers == "all"
+    (tmp_path / "some.yaml").write_text(
+        (tmp_path / "a.yaml")
+        .read_text()
+        .replace("# or some: markers", "")
+        .replace("markers: all", "", 1)
+        .replace("\n: [", "\nmarkers: [")
+    )
+    some = read_source(tmp_path / "some.yaml")
+    assert some.markers[0] == "TOE"
+    assert some.markers[1].startswith('a\x1b[2J": {x\n# y')
 
 
 @pytest.mark.parametrize("kind", ["mcap", "c3d", "csv", "nexus"])

@@ -55,6 +55,8 @@ def test_the_later_publication_has_a_quadratic_belt():
         ({"n_T": {"value": "83/0"}}, "ratio such as 83/18"),
         ({"k_tau": {"value": float("nan")}}, "k_tau"),
         ({"mass": {"value": 1.0}}, "unknown parameter mass"),
+        ({"K_s": {"value": "1e400"}}, "ratio such as 83/18|K_s"),
+        ({"f_G": {"value": 2}}, "f_G = 2.0 N\\*m/A is not below k_tau n_m"),
     ],
 )
 def test_a_wrong_quantity_is_named_with_its_file(tmp_path, changes, message):

@@ -189,6 +189,21 @@ def test_a_changed_filter_reruns_the_fits_of_the_bench_only(workspace):
     assert not {"ingest", "analyse_crossing"} & set(planned)
 
 
+@pytest.mark.parametrize(
+    ("experiment", "message"),
+    [("static", "0 trial of experiment 'static'"), ("plate", "0 trial of experiment 'plate'")],
+)
+def test_walking_without_what_it_needs_is_one_line_before_any_job(workspace, tmp_path, experiment, message):
+    sheet = pl.read_csv(workspace.folder / "raw_data/small/trials.csv", infer_schema=False)
+    sheet.filter(pl.col("experiment") != experiment).write_csv(tmp_path / "trials.csv")
+    workspace.configure({"simulation": None, "sheet": str(tmp_path / "trials.csv")})
+    result = workspace.run("-n")
+    workspace.configure({})
+    assert result.returncode != 0
+    assert f"{message}" in result.stdout + result.stderr
+    assert "Traceback" not in result.stdout + result.stderr
+
+
 def test_a_misspelt_field_is_one_line_that_names_it(workspace):
     workspace.configure({"dynamometer": PROTOCOL | {"cut_off": 20}})
     result = workspace.run("-n")
@@ -240,6 +255,8 @@ def test_a_broken_log_fails_alone_and_an_excluded_trial_is_left_out_by_name(tmp_
     said = result.stdout + result.stderr
     assert result.returncode != 0
     assert re.search(r"error: .*belt_01\.mcap: no such file", said)
+    assert re.search(r"what failed:\nerror: ", said)
+    assert "were not renewed" in said
     assert re.search(rf"error: .*{TRIAL}\.mcap: ", said)
     assert not (folder / "results/trials/belt_01.parquet").exists()
     assert not list((folder / "results").rglob(".*"))

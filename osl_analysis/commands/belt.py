@@ -12,6 +12,7 @@ from osl_analysis.config import DynamometerAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.fits.belt import BeltFit, fit_belt_stiffness
 from osl_analysis.fits.rows import diagnostics_row, estimates_row
+from osl_analysis.fits.sign import check_sign
 from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass, sampling_rate
@@ -38,6 +39,7 @@ class BeltTrial:
 def fit_trial(trial: Path, parameters: Path, settings: DynamometerAnalysis, output: Path, curve: Path) -> None:
     """Fit one belt trial: one row of estimates to `output`, the torque-deflection curve to `curve`."""
     record = read_belt_trial(trial, parameters, settings)
+    check_sign(record.name, "K_s", record.fit.K_s)
     write_table(belt_table(record), output)
     step = max(round(record.rate_hz / CURVE_STEP_HZ), 1)
     write_table(curve_table(record.name, record.theta_s[::step], record.torque[::step]), curve)

@@ -38,7 +38,7 @@ def trial_phasors(record: SteppedSineTrial) -> list[SegmentPhasors]:
                 fit_sinusoid(time, signal[segment.rows], f, record.settle_cycles)
                 for signal in (record.theta, record.torque)
             )
-            found.append(SegmentPhasors(float(np.rad2deg(block.amplitude)), f, theta, torque))
+            found.append(SegmentPhasors(block.amplitude_deg, f, theta, torque))
     return found
 
 

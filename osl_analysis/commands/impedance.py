@@ -12,6 +12,7 @@ from osl_analysis.fits.diagnostics import doubts
 from osl_analysis.fits.estimators import ESTIMATORS, Covariance, Record
 from osl_analysis.fits.impedance import fit_impedance
 from osl_analysis.fits.rows import covariance_row, diagnostics_row, estimates_row
+from osl_analysis.fits.sign import check_sign
 from osl_analysis.fits.sinusoid import Phasor, response
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import select_gains
@@ -45,6 +46,7 @@ def fit_trial(
     )
     found = trial_phasors(record)
     table = impedance_table(record, found, settings, joint_admittance(gains.K_1, gains.B_1, p, p.J_j))
+    check_sign(record.name, "K", table["K"][-1])
     write_table(table.with_columns(**literals(condition), **literals(prediction)), output)
     write_table(phasor_table(record.name, found).with_columns(**literals(condition)), phasors)
     write_table(estimator_table(record, settings).with_columns(**literals(condition)), estimators)

@@ -91,7 +91,7 @@ def channel_line(number: int, channel: Channel) -> str:
 def capture_lines(overview: Overview) -> list[str]:
     """Markers and plates as they are; analogs and outputs as comments, for the user to name."""
     labels = [quoted(c.address["label"]) for c in overview.channels if c.kind == "marker"]
-    lines = [f"markers: [{', '.join(dict.fromkeys(labels))}]"]
+    lines = ["markers: all", f"# or some: markers: [{', '.join(dict.fromkeys(labels))}]"]
     if overview.format == "c3d":
         lines.append("plates: all" if any(c.kind == "plate" for c in overview.channels) else "plates: none")
     for key, kinds in (("analogs", ("analog", "device")), ("outputs", ("model output",))):

@@ -6,12 +6,21 @@ from pathlib import Path
 
 import polars as pl
 
+from osl_analysis.errors import InputError
 from osl_analysis.fits.repeats import over_repeats
 from osl_analysis.table_file import read_table, write_table
 
 
 def gather(rows: Sequence[Path], output: Path) -> None:
-    """One table from the tables of single trials, in the order given."""
+    """One table from the tables of single trials, in the order given.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    if not rows:
+        raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")
     write_table(pl.concat([read_table(path) for path in rows], how="diagonal_relaxed"), output)
 
 

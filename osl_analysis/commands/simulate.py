@@ -16,7 +16,24 @@ from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.validation import read_yaml
 
+TRUTH = "truth"
 BENCH_EXPERIMENTS = ("belt", "transmission", "impedance")
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse to simulate into a folder of recordings: what the simulator makes has a folder `truth` beside it.
+
+    Raises
+    ------
+    InputError
+        The folder holds a sheet or logs, and no `truth`.
+    """
+    held = [p for p in folder.rglob("*") if p.suffix.lower() in (".mcap", ".c3d") or p.name == "trials.csv"]
+    if held and not (folder / TRUTH).is_dir():
+        raise InputError(
+            f"{held[0]}: the simulator did not make it (there is no folder '{TRUTH}' in {folder}); for real recordings "
+            "write `simulation: null` in the configuration, for a simulation choose an empty folder"
+        )
 
 
 def planned_sheet(settings_path: Path, sheet: Path) -> pd.DataFrame | None:
@@ -28,8 +45,9 @@ def planned_sheet(settings_path: Path, sheet: Path) -> pd.DataFrame | None:
     Raises
     ------
     InputError
-        The settings are not valid.
+        The settings are not valid, or the sheet's folder holds recordings that the simulator did not make.
     """
+    check_folder(sheet.parent)
     settings = read_yaml(settings_path, SimulationSettings)
     if sheet.is_file() and sheet.stat().st_mtime >= settings_path.stat().st_mtime:
         return None
@@ -38,7 +56,9 @@ def planned_sheet(settings_path: Path, sheet: Path) -> pd.DataFrame | None:
 
 def write_sheet(settings_path: Path, sheet: Path) -> None:
     """Write the plan of a simulated campaign as its sample sheet."""
+    check_folder(sheet.parent)
     plan = plan_trials(read_yaml(settings_path, SimulationSettings))
+    (sheet.parent / TRUTH).mkdir(parents=True, exist_ok=True)
     with atomic_path(sheet) as path:
         plan.to_csv(path, index=False)
 
@@ -66,6 +86,7 @@ def simulate_trial(settings_path: Path, campaign_folder: Path, trial: str) -> No
     InputError
         The settings are not valid, or plan no such trial.
     """
+    check_folder(campaign_folder)
     settings = read_yaml(settings_path, SimulationSettings)
     p = read_parameters(settings.parameters)
     record_trial(planned_row(settings, settings_path, trial), settings, p, campaign_folder)

@@ -36,7 +36,7 @@ class SteppedSineTrial:
 
     def parts(self) -> Iterator[tuple[float | None, Motion, Array]]:
         """Amplitude [deg], motion and torque of each block's settled cycles, then of all blocks (amplitude None)."""
-        for amplitude in (*(float(np.rad2deg(block.amplitude)) for block in self.blocks), None):
+        for amplitude in (*(block.amplitude_deg for block in self.blocks), None):
             rows = rows_of(self.segments(amplitude))
             yield amplitude, self.motion[rows], self.filtered_torque[rows]
 

@@ -8,13 +8,16 @@ from osl_analysis.commands.repeats import summary_table
 from osl_analysis.commands.stepped_sine import SteppedSineTrial, read_stepped_sine
 from osl_analysis.config import DynamometerAnalysis
 from osl_analysis.fits.rows import covariance_row, diagnostics_row, estimates_row
+from osl_analysis.fits.sign import check_sign
 from osl_analysis.fits.transmission import fit_transmission, fit_transmission_with_coulomb
 from osl_analysis.table_file import read_table, write_table
 
 
 def fit_trial(trial: Path, settings: DynamometerAnalysis, output: Path) -> None:
     """Fit one trial: a row per amplitude and one over all amplitudes (amplitude empty)."""
-    write_table(transmission_table(read_stepped_sine(trial, settings)), output)
+    table = transmission_table(read_stepped_sine(trial, settings))
+    check_sign(table["trial"][0], "B_j", table["B_j"][-1])
+    write_table(table, output)
 
 
 def transmission_table(record: SteppedSineTrial) -> pl.DataFrame:

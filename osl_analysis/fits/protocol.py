@@ -53,6 +53,11 @@ class Block:
     segments: tuple[Segment, ...]
 
     @property
+    def amplitude_deg(self) -> float:
+        """The amplitude [deg] as it labels tables: 6 and not 6.000000000000001."""
+        return round(float(np.rad2deg(self.amplitude)), 9)
+
+    @property
     def rows(self) -> slice:
         return slice(self.segments[0].start, self.segments[-1].stop)
 

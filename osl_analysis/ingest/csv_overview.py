@@ -48,6 +48,8 @@ def inspect_csv(path: Path) -> Overview:
     facts |= {f"comment {i + 1}": text.strip() for i, text in enumerate(comments[:20])}
     settings: dict[str, object] = {"clock": "master", "delimiter": NAMES.get(delimiter, delimiter)}
     settings |= {} if headed else {"header": "none"}
+    decimal_comma = delimiter != "," and any("," in cell for _, cells in body[:5] for cell in cells)
+    settings |= {"decimal": ","} if decimal_comma else {}
     clock, unit = name_and_unit(clock_of(names) or "NAME_OF_TIME")
     settings["time"] = {"column": clock, "unit": unit or "UNKNOWN"}
     return Overview("csv", facts, list(columns(names, body)), list(odd_rows(body, len(names))), settings)

@@ -4,6 +4,7 @@ import itertools
 
 import pandas as pd
 
+from osl_analysis.errors import InputError
 from osl_analysis.sheet import COLUMNS
 from osl_analysis.simulator.draws import stream
 from osl_analysis.simulator.settings import SimulationSettings
@@ -17,6 +18,13 @@ def plan_trials(settings: SimulationSettings) -> pd.DataFrame:
     A crossing's perturbation depends on the seed and its own name, not on how many crossings there are.
     """
     rows = [*bench_rows(settings), *laboratory_rows(settings)]
+    names = [str(row["trial"]) for row in rows]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice:
+        raise InputError(
+            f"the plan has two trials '{twice}': K_d and B_d of experiments are too close for names of their own; "
+            "leave one out"
+        )
     return pd.DataFrame(rows, columns=list(COLUMNS)).astype(COLUMNS)
 
 

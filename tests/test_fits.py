@@ -110,6 +110,12 @@ def test_belt_refuses_a_joint_that_hardly_moved_and_a_record_that_ends_loaded():
         fit_belt_stiffness(theta_s[:2000], torque[:2000])
 
 
+def test_belt_refuses_a_motion_that_goes_there_and_back_more_than_once():
+    once, torque = belt_cycle()
+    with pytest.raises(InputError, match="no single loading"):
+        fit_belt_stiffness(np.concatenate([0.9 * once, once]), np.concatenate([torque, torque]))
+
+
 def stepped_record(start=3.0, rests=(1.0, 1.0, 2.0), unit=1.0):
     pieces = [np.zeros(round(start * RATE))]
     for amplitude, rest in zip(PROTOCOL.amplitudes, rests, strict=True):

@@ -10,6 +10,8 @@ from osl_analysis.trial import Array
 
 ONSET_FRACTION = 0.05
 """Loading begins where the deflection first passes this fraction of its peak: below it the belt's hysteresis turns."""
+LARGEST_FALL = 0.2
+"""Share of the peak by which the deflection may fall back while loading."""
 SMALLEST_DEFLECTION = np.deg2rad(0.5)
 
 
@@ -63,7 +65,19 @@ def loaded_rows(deflection: Array) -> tuple[int, int, int]:
     release = len(loaded) - int(np.argmax(loaded[::-1]))
     if release - peak < 10 or release == len(loaded):
         raise InputError("the record ends while the belt is still loaded; record the way back too")
+    check_one_loading(deflection[onset : peak + 1])
     return onset, peak, release
+
+
+def check_one_loading(deflection: Array) -> None:
+    """Refuse a belt that gives way on its way to the peak: another protocol than one turn there and back."""
+    way = deflection * np.sign(deflection[-1])
+    fall = float(np.max(np.maximum.accumulate(way) - way))
+    if fall > LARGEST_FALL * abs(float(way[-1])):
+        raise InputError(
+            f"the belt falls back by {np.rad2deg(fall):.2f} deg before its peak of {np.rad2deg(abs(way[-1])):.2f} deg: "
+            "this is no single loading; check that the trial is of experiment 'belt'"
+        )
 
 
 def slope(theta_s: Array, torque: Array) -> LinearFit:

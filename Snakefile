@@ -33,7 +33,6 @@ except OslAnalysisError as error:
     raise WorkflowError(str(error)) from None
 
 RESULTS = CONFIG.results
-TRIALS = CAMPAIGN.sheet
 
 
 wildcard_constraints:

@@ -30,7 +30,7 @@ def rows_of(table: str) -> list[Path]:
 
 def verdicts_on(table: str) -> list[Path]:
     """What quality control says of a table's trials; its own table leaves none of them out."""
-    return [] if table == "quality" else checked(name for name in FILLED_BY[table] if name in TRIALS.index)
+    return [] if table == "quality" else checked(name for name in FILLED_BY[table] if name in CAMPAIGN.sheet.index)
 
 
 def result_tables() -> list[Path]:

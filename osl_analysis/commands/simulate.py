@@ -128,45 +128,41 @@ def record_trial(
 def record_bench_trial(
     row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, campaign_folder: Path
 ) -> None:
-    """A dynamometer trial: the truth first, so that a log never stands without it."""
+    """A trial of the dynamometer."""
     from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
-    from osl_analysis.simulator.mcap_recorder import write_mcap
-    from osl_analysis.simulator.truth_recorder import write_truth
 
     log, truth = simulate_dynamometer_trial(row, settings, p)
-    write_truth(campaign_folder, row["trial"], truth)
-    columns = asdict(log)
-    write_mcap(
-        campaign_folder / row["log"],
-        messages.DYNAMOMETER_TOPIC,
-        messages.DYNAMOMETER_SCHEMA,
-        messages.DYNAMOMETER_SAMPLE,
-        messages.DYNAMOMETER_FRAME,
-        columns.pop("time"),
-        columns,
-    )
+    message = (messages.DYNAMOMETER_SCHEMA, messages.DYNAMOMETER_SAMPLE, messages.DYNAMOMETER_FRAME)
+    record_log(row, campaign_folder, asdict(log), truth, messages.DYNAMOMETER_TOPIC, *message)
 
 
 def record_actuator_trial(
     row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, campaign_folder: Path
 ) -> None:
-    """A trial of the actuator's own bench: the truth first, as for the dynamometer."""
+    """A trial of the actuator's own bench."""
     from osl_analysis.simulator.actuator_bench import simulate_actuator_trial
+
+    log, truth = simulate_actuator_trial(row["trial"], settings, p)
+    message = (messages.ACTUATOR_SCHEMA, messages.ACTUATOR_SAMPLE, messages.ACTUATOR_FRAME)
+    record_log(row, campaign_folder, asdict(log), truth, messages.ACTUATOR_TOPIC, *message)
+
+
+def record_log(
+    row: Mapping[str, Any],
+    campaign_folder: Path,
+    columns: dict[str, Any],
+    truth: Mapping[str, Any],
+    topic: str,
+    schema: str,
+    sample: str,
+    frame: str,
+) -> None:
+    """A bench's log and its truth: the truth first, so that a log never stands without it."""
     from osl_analysis.simulator.mcap_recorder import write_mcap
     from osl_analysis.simulator.truth_recorder import write_truth
 
-    log, truth = simulate_actuator_trial(row["trial"], settings, p)
     write_truth(campaign_folder, row["trial"], truth)
-    columns = asdict(log)
-    write_mcap(
-        campaign_folder / row["log"],
-        messages.ACTUATOR_TOPIC,
-        messages.ACTUATOR_SCHEMA,
-        messages.ACTUATOR_SAMPLE,
-        messages.ACTUATOR_FRAME,
-        columns.pop("time"),
-        columns,
-    )
+    write_mcap(campaign_folder / row["log"], topic, schema, sample, frame, columns.pop("time"), columns)
 
 
 def record_laboratory_trial(

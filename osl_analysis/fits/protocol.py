@@ -24,11 +24,6 @@ class SteppedSine:
     frequencies_hz: tuple[float, ...]
     cycles: int
 
-    @property
-    def block_duration(self) -> float:
-        """Duration [s] of the block of one amplitude."""
-        return sum(self.cycles / f for f in self.frequencies_hz)
-
 
 @dataclass(frozen=True)
 class Segment:

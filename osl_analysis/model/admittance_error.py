@@ -33,8 +33,8 @@ class Weight:
         The order is not a whole number from 1 to 10, or the cut-off is not positive and finite.
     """
 
-    cutoff_hz: float = 1.0
-    order: int = 3
+    cutoff_hz: float
+    order: int
 
     def __post_init__(self) -> None:
         if self.order not in range(1, HIGHEST_ORDER + 1):

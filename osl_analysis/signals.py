@@ -41,6 +41,10 @@ class LowPass:
         sections = butter(self.order, self.cutoff_hz, fs=rate_hz, output="sos")
         return np.asarray(sosfiltfilt(sections, signal, axis=0, padlen=edge))
 
+    def independent_samples(self, rate_hz: float) -> int:
+        """Half a period of the cut-off in samples: white noise through the filter is nearly white so far apart."""
+        return max(round(rate_hz / (2 * self.cutoff_hz)), 1)
+
 
 @dataclass(frozen=True)
 class Motion:

@@ -41,7 +41,8 @@ def fit_actuator(
             f"the actuator is faster than {slowest:g} rad/s in {np.count_nonzero(moving)} of {len(torque)} samples; "
             "drive it faster or longer, or check the unit of theta_m in the source file"
         )
-    return linear_fit(torque[moving], {name: column[moving] for name, column in columns.items()})
+    fitted = {name: column[moving] for name, column in columns.items()}
+    return linear_fit(torque[moving], fitted, every=low_pass.independent_samples(rate_hz))
 
 
 def actuator_columns(

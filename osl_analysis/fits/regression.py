@@ -20,8 +20,9 @@ class LinearFit:
 
     `vaf` is 100 (1 - var(residual)/var(y)) percent, blind to an offset; `r_squared` is about zero and is not.
     `condition_number` is that of the columns scaled to unit length, `correlation_samples` the number of samples
-    over which residuals were allowed to be correlated. `interval_method` says where the covariance is from (`HAC`, or
-    the spread between `cycles`), `degrees_of_freedom` (p,) how much each variance is worth in Student's quantile.
+    over which residuals were allowed to be correlated. `interval_method` says where the covariance is from (`HAC`,
+    the spread between `cycles`, or `noise` and `drift` of `slow_fit`), `degrees_of_freedom` (p,) how much each variance
+    is worth in Student's quantile.
     """
 
     names: tuple[str, ...]
@@ -61,12 +62,14 @@ def linear_fit(
     cycles: Cycles | None = None,
     instruments: Mapping[str, Array] | None = None,
     lags: int | None = None,
+    every: int = 1,
 ) -> LinearFit:
     """Least squares of y (n,) on named columns (n,) each, with standard errors for correlated residuals.
 
     Consecutive samples of a filtered signal are not independent. Where the experiment repeats `cycles`, the covariance
     is that of resampling them; without, it is Newey and West's (Econometrica 55, 1987) over `lags` samples, by default
-    the bandwidth of Andrews (Econometrica 59, 1991). With `instruments`, as many as columns, the columns are replaced
+    the bandwidth of Andrews (Econometrica 59, 1991), from each `every`-th sample: so far apart the filter leaves noise
+    independent (`LowPass.independent_samples`). With `instruments`, as many as columns, the columns are replaced
     by their projection on these (two-stage least squares): noise in a column that no instrument shares does no harm.
 
     Raises
@@ -91,7 +94,7 @@ def linear_fit(
     estimates = (Vt.T @ ((U.T @ y) / singular)) / scale
     residual = y - measured @ estimates
     inverse = (Vt.T / singular**2) @ Vt / np.outer(scale, scale)
-    window = lags or correlation_samples(residual)
+    window = lags or correlation_samples(residual, every)
     scores = (X * residual[:, None]) @ inverse
     method = "HAC" if cycles is None else "cycles"
     covariance, freedom = moving_sums(scores, window) if cycles is None else between_cycles(scores, cycles)

@@ -12,6 +12,8 @@ Covariance = tuple[Array, Array]
 
 FEWEST_CYCLES = 5
 """Repetitions at each frequency from which their spread is worth an interval."""
+FILTER_SPAN = 8
+"""Half periods of the filter's cut-off in the shortest window: a Bartlett window of as many loses 1 % of the noise."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +28,14 @@ class Cycles:
     stratum: NDArray[np.intp]
 
 
-def correlation_samples(residual: Array) -> int:
-    """Andrews' plug-in bandwidth for the Bartlett kernel from an AR(1) fit, at most an eighth of the samples."""
+def correlation_samples(residual: Array, every: int = 1) -> int:
+    """Andrews' plug-in bandwidth for the Bartlett kernel from an AR(1) fit, at most an eighth of the samples.
+
+    Sample by sample, noise behind a low-pass is no AR(1): taken for one, its 30 ms become 2.5 s. So the AR(1) is
+    fitted to each `every`-th sample, half a period of the cut-off apart, where such noise is nearly white.
+    """
+    if every > 1:
+        return min(every * max(correlation_samples(residual[::every]), FILTER_SPAN), max(len(residual) // 8, 1))
     n = len(residual)
     power = float(residual[:-1] @ residual[:-1])
     rho = float(residual[1:] @ residual[:-1]) / power if power > 0 else 0.0

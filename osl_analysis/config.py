@@ -25,6 +25,8 @@ class Doubt(Settings):
 class DynamometerAnalysis(Settings):
     """Filter (cut-off [Hz], order) and stepped-sine protocol (amplitudes [deg], frequencies [Hz], cycles).
 
+    `load_cell_drift` is a standard deviation [N*m/min], 0 for none: a belt trial cannot tell it from stiffness, so its
+    interval has to be told of it.
     `doubtful` names columns of the impedance table with their limits.
     """
 
@@ -34,6 +36,7 @@ class DynamometerAnalysis(Settings):
     frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
     cycles: Annotated[int, Field(ge=1)]
     settle_cycles: Annotated[int, Field(ge=0)]
+    load_cell_drift: Annotated[float, Field(ge=0)] = 0.0
     doubtful: Doubt = Doubt(above={}, below={})
 
     @model_validator(mode="after")

@@ -51,6 +51,23 @@ def test_fit_prints_the_impedance_and_draws_it(folder, tmp_path):
     assert (tmp_path / "fit.png").stat().st_size > 10_000
 
 
+def test_the_interval_of_a_belt_counts_the_drift_that_the_configuration_names(folder, tmp_path):
+    """Twice the drift, twice its share; 50 N*m/min, so that the noise of two trials cannot pass for it."""
+    config, widths = yaml.safe_load((folder / "config.yaml").read_text()), []
+    for drift in (0.0, 50.0, 100.0):
+        config["dynamometer"]["load_cell_drift"] = drift
+        (tmp_path / "config.yaml").write_text(yaml.safe_dump(config))
+        said = call(
+            "fit", folder / "belt_01.parquet", "--model", "belt", "--config", tmp_path / "config.yaml", "--json"
+        )
+        (row,) = json.loads(said.stdout)
+        widths.append(row["K_s_se"])
+        assert row["interval_method"] == ("noise + drift" if drift else "noise")
+    shares = [np.sqrt(width**2 - widths[0] ** 2) for width in widths[1:]]
+    # slope of time on deflection: (1/pi^2)/(1/8) of duration over amplitude for a whole raised cosine of 1 s and 5 deg
+    assert shares == pytest.approx([drift / 60 * 8 / np.pi**2 / np.deg2rad(5) for drift in (50, 100)], rel=0.06)
+
+
 def test_fit_as_json_holds_numbers_near_linear_theory(folder):
     result = call("fit", folder / f"{TRIAL}.parquet", "--config", folder / "config.yaml", "--json")
     whole = next(row for row in json.loads(result.stdout) if row["amplitude_deg"] is None)

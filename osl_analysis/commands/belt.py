@@ -53,7 +53,9 @@ def read_belt_trial(trial: Path, parameters: Path, settings: DynamometerAnalysis
     try:
         rate = sampling_rate(time)
         theta_s, torque = low_pass(belt_deflection(theta, theta_m, p), rate), low_pass(torque, rate)
-        return BeltTrial(record.name, time, rate, theta_s, torque, fit_belt_stiffness(theta_s, torque))
+        every, drift = low_pass.independent_samples(rate), settings.load_cell_drift / 60 / rate
+        fit = fit_belt_stiffness(theta_s, torque, every, drift)
+        return BeltTrial(record.name, time, rate, theta_s, torque, fit)
     except InputError as error:
         raise InputError(f"trial {record.name}: {error}") from error
 

@@ -88,4 +88,6 @@ def estimates_text(estimates: pl.DataFrame) -> str:
             lines.append(f"  {name:<7}{row[name]:>12.5g} ± {half:<10.2g} {UNITS[name]}")
         if row.get("doubtful"):
             lines.append(f"  doubtful: {row['doubtful']}")
-    return "\n".join([*lines, "± is the half-width of the 95 % interval, from the spread of cycles or, with few, HAC"])
+    return "\n".join(
+        [*lines, "± is the half-width of the 95 % interval, from the spread of cycles or the noise (interval_method)"]
+    )

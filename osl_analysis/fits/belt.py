@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from osl_analysis.errors import InputError
-from osl_analysis.fits.regression import LinearFit, linear_fit
+from osl_analysis.fits.regression import LinearFit
+from osl_analysis.fits.slow_fit import slow_fit
 from osl_analysis.trial import Array
 
 ONSET_FRACTION = 0.05
@@ -29,8 +30,12 @@ class BeltFit:
     hysteresis_area: float
 
 
-def fit_belt_stiffness(theta_s: Array, torque: Array) -> BeltFit:
+def fit_belt_stiffness(theta_s: Array, torque: Array, every: int = 1, drift: float = 0.0) -> BeltFit:
     """Fit one load-unload cycle: belt deflection theta_s [rad] and resisting torque [N*m], shape (n,).
+
+    For the intervals: noise is independent `every` so many samples (`LowPass.independent_samples`), and the load cell
+    drifts by a standard deviation of `drift` [N*m per sample]. A straight line through a ramp takes a drift for
+    stiffness.
 
     Raises
     ------
@@ -39,9 +44,10 @@ def fit_belt_stiffness(theta_s: Array, torque: Array) -> BeltFit:
     """
     deflection = theta_s - theta_s[0]
     onset, peak, release = loaded_rows(deflection)
-    loading = slope(theta_s[onset : peak + 1], torque[onset : peak + 1])
-    unloading = slope(theta_s[peak:release], torque[peak:release])
-    quadratic = curvature(deflection[onset : peak + 1], torque[onset : peak + 1])
+    there, back = slice(onset, peak + 1), slice(peak, release)
+    loading = slope(deflection[there], torque[there], every, drift)
+    unloading = slope(deflection[back], torque[back], every, drift)
+    quadratic = curvature(deflection[there], torque[there], every, drift)
     area = float(np.trapezoid(torque, theta_s))
     return BeltFit(loading["K_s"], loading, unloading, quadratic, area)
 
@@ -80,11 +86,13 @@ def check_one_loading(deflection: Array) -> None:
         )
 
 
-def slope(theta_s: Array, torque: Array) -> LinearFit:
-    """Straight line with intercept: `K_s` [N*m/rad], `offset` [N*m]."""
-    return linear_fit(torque, {"K_s": theta_s, "offset": np.ones_like(theta_s)})
+def slope(theta_s: Array, torque: Array, every: int, drift: float) -> LinearFit:
+    """Straight line with intercept: `K_s` [N*m/rad], `offset` [N*m]. Curvature and damping are no noise about it."""
+    richer = {"K_s2": theta_s * np.abs(theta_s), "B_j": np.gradient(theta_s)}
+    return slow_fit(torque, {"K_s": theta_s, "offset": np.ones_like(theta_s)}, richer, every, drift)
 
 
-def curvature(theta_s: Array, torque: Array) -> LinearFit:
+def curvature(theta_s: Array, torque: Array, every: int, drift: float) -> LinearFit:
     """Quadratic belt with intercept, odd in the deflection: `K_s`, `K_s2` [N*m/rad^2], `offset` [N*m]."""
-    return linear_fit(torque, {"K_s": theta_s, "K_s2": theta_s * np.abs(theta_s), "offset": np.ones_like(theta_s)})
+    columns = {"K_s": theta_s, "K_s2": theta_s * np.abs(theta_s), "offset": np.ones_like(theta_s)}
+    return slow_fit(torque, columns, {"B_j": np.gradient(theta_s)}, every, drift)

@@ -1,7 +1,17 @@
 """`snakemake validate`: are the estimators unbiased, efficient, and their intervals honest?"""
 
 STUDY = CONFIG.validation
-STUDIED = ("second order", "linear drivetrain", "drivetrain", "transmission", "belt", "walking")
+STUDIED = (
+    "second order",
+    "linear drivetrain",
+    "drivetrain",
+    "transmission",
+    "repeated transmission",
+    "belt",
+    "repeated belt",
+    "actuator",
+    "walking",
+)
 
 
 def batches() -> list[Path]:
@@ -31,6 +41,7 @@ rule validation_batch:
         code=jobs.code("commands.validation"),
         study=STUDY.model_dump(mode="json", exclude={"trials", "campaigns"}),
         settings=DYNAMOMETER,
+        actuator=CONFIG.actuator.model_dump(mode="json"),
         walking=WALKING,
     run:
         jobs.run_job(
@@ -41,6 +52,7 @@ rule validation_batch:
             count=int(wildcards.number),
             study=STUDY,
             dynamometer=dynamometer_settings(params),
+            actuator_analysis=ActuatorAnalysis.model_validate(params.actuator),
             walking=WalkingAnalysis.model_validate(params.walking),
             output=Path(output[0]),
         )

@@ -117,6 +117,25 @@ def test_bound_of_a_sinusoid_is_the_published_one():
     assert bound["offset"] == pytest.approx(noise / np.sqrt(N))
 
 
+@pytest.mark.parametrize("drift", [2e-4, 0.3])
+def test_bound_with_a_drift_is_that_of_the_dense_inverse(drift):
+    noise, n = 0.3, 120
+    columns = {"ramp": np.linspace(0, 2, n) ** 1.5, "wave": np.sin(np.arange(n) / 9), "offset": np.ones(n)}
+    X, moved = np.column_stack(list(columns.values())), drift * np.arange(n)
+    dense = np.linalg.inv(X.T @ np.linalg.inv(noise**2 * np.eye(n) + np.outer(moved, moved)) @ X)
+    bound = regression_bound(columns, noise, moved)
+    assert [bound[name] for name in columns] == pytest.approx(np.sqrt(np.diag(dense)), rel=1e-8)
+    assert regression_bound(columns, noise, 0 * moved) == pytest.approx(regression_bound(columns, noise))
+
+
+def test_a_drift_that_has_a_column_of_its_own_costs_the_other_columns_nothing():
+    time = np.arange(120.0)
+    columns = {"wave": np.sin(time / 9), "offset": np.ones(120), "drift": time}
+    alone, with_drift = regression_bound(columns, 0.3), regression_bound(columns, 0.3, 0.01 * time)
+    assert (with_drift["wave"], with_drift["offset"]) == pytest.approx((alone["wave"], alone["offset"]))
+    assert with_drift["drift"] == pytest.approx(np.hypot(alone["drift"], 0.01))
+
+
 def test_least_squares_reaches_the_bound_in_white_noise_and_the_study_says_so():
     rng, noise, n = np.random.default_rng(10), 0.5, 1500
     columns = {"a": np.sin(np.arange(200) / 7), "offset": np.ones(200)}

@@ -7,9 +7,10 @@ import yaml
 from conftest import ROOT
 
 from osl_analysis.commands.figure import draw_figure
-from osl_analysis.commands.validation import bench_rows, run_batch, summarise
-from osl_analysis.commands.validation_bench import EXPERIMENTS
-from osl_analysis.config import DynamometerAnalysis, ValidationStudy
+from osl_analysis.commands.validation import EXPERIMENTS, bench_rows, run_batch, summarise
+from osl_analysis.commands.validation_actuator import actuator
+from osl_analysis.config import ActuatorAnalysis, DynamometerAnalysis, ValidationStudy
+from osl_analysis.errors import InputError
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.settings import SimulationSettings
@@ -18,6 +19,7 @@ from osl_analysis.validation import read_yaml
 from osl_analysis.walking.settings import WalkingAnalysis
 
 CONFIG = yaml.safe_load((ROOT / "config/config.yaml").read_text())
+ACTUATOR = ActuatorAnalysis.model_validate(CONFIG["actuator"])
 SMALL = {"cycles": 8, "crossings": 3, "trials": 8, "campaigns": 1}
 
 
@@ -44,6 +46,10 @@ def rows(experiment, trials):
         infer_schema_length=None,
     )
     return table.with_columns(error=pl.col("value") - pl.col("truth"))
+
+
+def covered(table):
+    return float(((table["low"] <= table["truth"]) & (table["truth"] <= table["high"])).mean())
 
 
 def test_every_trial_has_noise_of_its_own_and_the_same_noise_again():
@@ -77,14 +83,63 @@ def test_the_other_bench_experiments_are_near_their_truth_too(experiment, names)
     assert (table["error"].abs() / table["bound"]).max() < 5
 
 
+def test_a_single_belt_says_how_far_noise_and_drift_carry_it():
+    """300 seeded trials within three Monte Carlo errors: 4.1 % of a ratio, 1.3 % of a coverage."""
+    table = rows("belt", 300)
+    assert set(table["interval_method"]) == {"noise + drift"}
+    rms = float(np.sqrt((table["error"] ** 2).mean()))
+    assert rms / table["bound"][0] == pytest.approx(1, abs=0.123)
+    assert table["se"].mean() / rms == pytest.approx(1, abs=0.123)
+    assert covered(table) == pytest.approx(0.95, abs=0.038)
+
+
+def test_the_mean_of_repeated_belts_scatters_as_belts_do():
+    """100 seeded campaigns of ten belts of 1 %: three Monte Carlo errors are 21 % of a ratio, 6.5 % of a coverage."""
+    table = rows("repeated belt", 100)
+    assert table["bound"][0] == pytest.approx(0.01 * 685.6 / np.sqrt(10), rel=1e-3)
+    assert float(np.sqrt((table["error"] ** 2).mean())) / table["bound"][0] == pytest.approx(1, abs=0.21)
+    assert covered(table) == pytest.approx(0.95, abs=0.065)
+    assert set(table["truth"]) == set(rows("belt", 1)["truth"])
+
+
+def test_the_bound_of_repeats_is_that_of_one_trial_over_the_root_of_their_number():
+    single, mean = bench("transmission").bounds(), bench("repeated transmission").bounds()
+    assert mean == pytest.approx({name: single[name] / np.sqrt(5) for name in ("B_j", "J_j")})
+    table = rows("repeated transmission", 2)
+    assert (table["error"].abs() / table["bound"]).max() < 5
+    assert set(table["interval_method"]) == {"Student"}
+
+
+def test_the_actuator_is_near_what_made_its_torque_and_says_how_near():
+    """40 seeded trials of five nearly independent estimates: a ratio of 1 +- 3/sqrt(400)."""
+    settings = read_yaml(choices()[0].simulation, SimulationSettings)
+    p = read_parameters(settings.parameters)
+    experiment = actuator(settings, p, ACTUATOR)
+    assert experiment.exact["k_tau_n_m"] == p.k_tau * p.n_m
+    table = pl.DataFrame(bench_rows(experiment, [f"a_{i}" for i in range(40)], LowPass(15)))
+    table = table.with_columns(error=pl.col("value") - pl.col("truth"))
+    for size in ("bound", "se"):
+        ratio = float(np.sqrt(((table["error"] / table[size]) ** 2).mean()))
+        assert ratio == pytest.approx(1, abs=0.15), size
+    assert covered(table) == pytest.approx(0.95, abs=0.05)
+    assert len(table["value"].unique()) == 200
+
+
+def test_an_actuator_without_a_schedule_is_refused():
+    settings = read_yaml(choices()[0].simulation, SimulationSettings).model_copy(update={"actuator": None})
+    with pytest.raises(InputError, match="no 'actuator' schedule"):
+        actuator(settings, read_parameters(settings.parameters), ACTUATOR)
+
+
 def test_batches_become_a_table_and_a_figure(tmp_path):
     study, dynamometer, walking = choices()
-    files = [tmp_path / f"{name}.csv" for name in ("belt", "belt_more", "walking")]
-    run_batch("belt", 0, 2, study, dynamometer, walking, files[0])
-    run_batch("belt", 2, 2, study, dynamometer, walking, files[1])
-    run_batch("walking", 0, 1, study, dynamometer, walking, files[2])
+    files = [tmp_path / f"{name}.csv" for name in ("belt", "belt_more", "walking", "actuator")]
+    run_batch("belt", 0, 2, study, dynamometer, ACTUATOR, walking, files[0])
+    run_batch("belt", 2, 2, study, dynamometer, ACTUATOR, walking, files[1])
+    run_batch("walking", 0, 1, study, dynamometer, ACTUATOR, walking, files[2])
+    run_batch("actuator", 0, 2, study, dynamometer, ACTUATOR, walking, files[3])
     assert len(read_table(files[1])["value"].unique()) == 2
-    run_batch("walking", 1, 1, study, dynamometer, walking, tmp_path / "walking_more.csv")
+    run_batch("walking", 1, 1, study, dynamometer, ACTUATOR, walking, tmp_path / "walking_more.csv")
     summarise([*files, tmp_path / "walking_more.csv"], tmp_path / "validation.csv")
     table = read_table(tmp_path / "validation.csv")
     assert table.filter(pl.col("experiment") == "belt")["n"].to_list() == [4]
@@ -95,7 +150,7 @@ def test_batches_become_a_table_and_a_figure(tmp_path):
 
 def test_walking_is_measured_against_what_the_leg_rendered(tmp_path):
     study, dynamometer, walking = choices(crossings=4)
-    run_batch("walking", 7, 1, study, dynamometer, walking, tmp_path / "walking.csv")
+    run_batch("walking", 7, 1, study, dynamometer, ACTUATOR, walking, tmp_path / "walking.csv")
     K = read_table(tmp_path / "walking.csv").filter(pl.col("quantity") == "K")
     assert K["truth"].to_list() == pytest.approx([340, 340], rel=0.05)
     assert (K["value"] - K["truth"]).abs().max() < 5 * K["se"].max()

@@ -3,7 +3,7 @@
 Nothing is written but tables: the simulator hands its logs over in memory.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,15 +11,14 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.commands.validation_bench import EXPERIMENTS, Bench
+from osl_analysis.commands.validation_actuator import actuator
+from osl_analysis.commands.validation_bench import BENCHES, Experiment
+from osl_analysis.commands.validation_repeats import repeated_belt, repeated_transmission
 from osl_analysis.commands.validation_walking import walking_rows
-from osl_analysis.config import DynamometerAnalysis, ValidationStudy
-from osl_analysis.fits.estimators import Record
-from osl_analysis.fits.impedance import impedance_columns
-from osl_analysis.fits.protocol import rows_of
-from osl_analysis.fits.study import performance, regression_bound
-from osl_analysis.parameters import read_parameters
-from osl_analysis.signals import LowPass, Motion
+from osl_analysis.config import ActuatorAnalysis, DynamometerAnalysis, ValidationStudy
+from osl_analysis.fits.study import performance
+from osl_analysis.parameters import DrivetrainParameters, read_parameters
+from osl_analysis.signals import LowPass
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.table_file import read_table, write_table
 from osl_analysis.validation import read_yaml
@@ -27,6 +26,12 @@ from osl_analysis.walking.settings import WalkingAnalysis
 
 KEYS = ("experiment", "estimator", "interval_method", "quantity")
 Row = dict[str, Any]
+Builder = Callable[[ValidationStudy, SimulationSettings, DrivetrainParameters, DynamometerAnalysis], Experiment]
+EXPERIMENTS: dict[str, Builder] = {
+    **BENCHES,
+    "repeated transmission": repeated_transmission,
+    "repeated belt": repeated_belt,
+}
 
 
 def run_batch(
@@ -35,6 +40,7 @@ def run_batch(
     count: int,
     study: ValidationStudy,
     dynamometer: DynamometerAnalysis,
+    actuator_analysis: ActuatorAnalysis,
     walking: WalkingAnalysis,
     output: Path,
 ) -> None:
@@ -45,46 +51,33 @@ def run_batch(
     if experiment == "walking":
         rows = [row for number in numbers for row in walking_rows(number, study, settings, p, walking)]
     else:
-        bench = EXPERIMENTS[experiment](study, settings, p, dynamometer)
         names = [f"{experiment}_{number:05d}" for number in numbers]
-        rows = bench_rows(bench, names, LowPass(dynamometer.cutoff_hz, dynamometer.order))
+        if experiment == "actuator":
+            low_pass = LowPass(actuator_analysis.cutoff_hz, actuator_analysis.order)
+            rows = bench_rows(actuator(settings, p, actuator_analysis), names, low_pass)
+        else:
+            bench = EXPERIMENTS[experiment](study, settings, p, dynamometer)
+            rows = bench_rows(bench, names, LowPass(dynamometer.cutoff_hz, dynamometer.order))
     write_table(pl.DataFrame([{"experiment": experiment, **row} for row in rows], infer_schema_length=None), output)
 
 
-def bench_rows(bench: Bench, trials: Sequence[str], low_pass: LowPass) -> list[Row]:
+def bench_rows(bench: Experiment, trials: Sequence[str], low_pass: LowPass) -> list[Row]:
     """Per trial, estimator and quantity: value, truth, interval, bound. A trial's name decides its noise.
 
     The truth is what the same estimator finds in the same trial through ideal sensors, or where there is one the
     parameter that made the torque: the study is of noise. `model_error` is what the truth differs from linear theory.
     """
-    ideal = bench.record("ideal", ideal=True)
-    truths = {(name, method): fit for name, method, fit in bench.fit(bench, ideal, low_pass)}
-    bounds, rows = noise_bound(bench, ideal), []
+    truths = {name: found for name, _, found in bench.estimates("ideal", low_pass, ideal=True)}
+    bounds, rows = bench.bounds(), []
     for trial in trials:
-        record = bench.record(trial)
-        for name, method, fit in bench.fit(bench, record, low_pass):
+        for name, method, found in bench.estimates(trial, low_pass):
             for quantity in bench.names:
-                truth = bench.exact.get(quantity, truths[name, method][quantity])
-                row: Row = {"trial": trial, "estimator": name, "interval_method": method}
-                row |= {"quantity": quantity, "value": fit[quantity], "se": fit.se(quantity), "truth": truth}
-                low, high = fit.interval(quantity)
+                truth = bench.exact.get(quantity, truths[name][quantity].value)
+                row: Row = {"trial": trial, "estimator": name, "interval_method": method, "quantity": quantity}
                 error = truth - bench.theory[quantity] if quantity in bench.theory else None
-                rows.append(row | {"low": low, "high": high, "bound": bounds[quantity], "model_error": error})
+                row |= {**asdict(found[quantity]), "truth": truth}
+                rows.append(row | {"bound": bounds[quantity], "model_error": error})
     return rows
-
-
-def noise_bound(bench: Bench, ideal: Record) -> dict[str, float]:
-    """Cramer-Rao bound of the load cell's noise, rounding counted as noise, for the true motion where it is fitted."""
-    effects, motion = bench.settings.effects, bench.motion
-    noise = float(np.hypot(effects.load_cell_noise.value, effects.load_cell_quantisation.value / np.sqrt(12)))
-    if not bench.protocol:
-        rows = np.arange(int(np.argmax(motion.theta > 0.05 * motion.theta.max())), int(np.argmax(motion.theta)) + 1)
-        return regression_bound({"K_s": motion.theta[rows], "offset": np.ones(len(rows))}, noise)
-    rows = rows_of(ideal.segments)
-    columns = impedance_columns(Motion(motion.theta[rows], motion.omega[rows], motion.alpha[rows]))
-    if "B_j" in bench.names:
-        columns = {"B_j": columns["B"], "J_j": columns["I"], "offset": columns["offset"]}
-    return regression_bound(columns, noise)
 
 
 def summarise(batches: Sequence[Path], output: Path) -> None:

@@ -1,16 +1,18 @@
 """The bench of the validation study: a true motion and response that every trial repeats, and noisy sensors."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from osl_analysis.config import DynamometerAnalysis, ValidationStudy
 from osl_analysis.fits.belt import fit_belt_stiffness
 from osl_analysis.fits.estimators import DEFAULT, ESTIMATORS, Covariance, Record
-from osl_analysis.fits.impedance import impedance_torque
+from osl_analysis.fits.impedance import impedance_columns, impedance_torque
 from osl_analysis.fits.protocol import SteppedSine, cycles_of, find_blocks, rows_of, settled
 from osl_analysis.fits.regression import LinearFit
+from osl_analysis.fits.study import regression_bound
 from osl_analysis.fits.transmission import fit_transmission
 from osl_analysis.model.prediction import predicted_impedance
 from osl_analysis.parameters import DrivetrainParameters
@@ -44,11 +46,59 @@ Fitter = Callable[["Bench", Record, LowPass], Iterator[tuple[str, str, LinearFit
 
 
 @dataclass(frozen=True)
+class Estimate:
+    """A value, its standard error, and its 95 % interval from `low` to `high`, in the unit of the quantity."""
+
+    value: float
+    se: float
+    low: float
+    high: float
+
+
+Estimates = Iterator[tuple[str, str, Mapping[str, Estimate]]]
+"""Of one trial: estimator, kind of interval, and its estimates by quantity."""
+
+
+class Experiment(Protocol):
+    """What the study repeats: estimates of a trial, whose name decides its noise, and what they are held against.
+
+    `exact` are the parameters that made the trial, where the model is exact, `theory` what linear theory predicts,
+    `bounds` no unbiased estimate's standard deviation can be below.
+    """
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+
+    @property
+    def exact(self) -> Mapping[str, float]: ...
+
+    @property
+    def theory(self) -> Mapping[str, float]: ...
+
+    def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates: ...
+
+    def bounds(self) -> Mapping[str, float]: ...
+
+
+def estimates_of(fit: LinearFit, names: tuple[str, ...]) -> dict[str, Estimate]:
+    """The named estimates of a fit."""
+    return {name: Estimate(fit[name], fit.se(name), *fit.interval(name)) for name in names}
+
+
+def torque_noise(settings: SimulationSettings, time: Array) -> tuple[float, Array]:
+    """Standard deviation [N*m] of the load cell's white noise, rounding counted in, and of its drift at `time` [s]."""
+    effects = settings.effects
+    white = float(np.hypot(effects.load_cell_noise.value, effects.load_cell_quantisation.value / np.sqrt(12)))
+    return white, effects.load_cell_drift.value / 60 * time
+
+
+@dataclass(frozen=True)
 class Bench:
     """One experiment: the true motion and response, which every trial repeats, and the sensors that read them.
 
     `fit` yields estimator, kind of interval and fit of a record; `exact` the parameters that made the torque, where
     it is exactly of the fitted form; `theory` what linear theory predicts, `names` what is estimated.
+    `load_cell_drift` [N*m/min] is what the analysis takes it for.
     """
 
     command: Array
@@ -57,6 +107,7 @@ class Bench:
     settings: SimulationSettings
     protocol: SteppedSine | None
     settle_cycles: int
+    load_cell_drift: float
     names: tuple[str, ...]
     fit: Fitter
     exact: dict[str, float]
@@ -75,6 +126,24 @@ class Bench:
         segments = settled(blocks, self.settle_cycles) if blocks else ()
         rate = settings.dynamometer.rate_hz
         return Record(time, log.joint_angle, log.commanded_angle, -log.load_cell_torque, rate, segments)
+
+    def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
+        """Every estimator's, from noisy or ideal sensors."""
+        for name, method, fit in self.fit(self, self.record(trial, ideal), low_pass):
+            yield name, method, estimates_of(fit, self.names)
+
+    def bounds(self) -> dict[str, float]:
+        """Cramer-Rao bound of the load cell's noise and drift, for the true motion in the rows that are fitted."""
+        record, motion = self.record("ideal", ideal=True), self.motion
+        if self.protocol:
+            rows = rows_of(record.segments)
+            columns = impedance_columns(Motion(motion.theta[rows], motion.omega[rows], motion.alpha[rows]))
+        else:
+            rows = np.arange(int(np.argmax(motion.theta > 0.05 * motion.theta.max())), int(np.argmax(motion.theta)) + 1)
+            columns = {"K_s": motion.theta[rows], "offset": np.ones(len(rows))}
+        if "B_j" in self.names:
+            columns = {"B_j": columns["B"], "J_j": columns["I"], "offset": columns["offset"]}
+        return regression_bound(columns, *torque_noise(self.settings, record.time[rows]))
 
 
 def impedance_fits(bench: Bench, record: Record, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
@@ -95,10 +164,9 @@ def transmission_fits(bench: Bench, record: Record, low_pass: LowPass) -> Iterat
 def belt_fits(bench: Bench, record: Record, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
     """Loading slope; nothing repeats within a trial."""
     theta, torque = (low_pass(signal, record.rate_hz) for signal in (record.theta, record.torque))
-    yield DEFAULT, "HAC", fit_belt_stiffness(theta, torque).loading
-
-
-Builder = Callable[[ValidationStudy, SimulationSettings, DrivetrainParameters, DynamometerAnalysis], Bench]
+    every, drift = low_pass.independent_samples(record.rate_hz), bench.load_cell_drift / 60 / record.rate_hz
+    fit = fit_belt_stiffness(theta, torque, every, drift).loading
+    yield DEFAULT, fit.interval_method, fit
 
 
 def sine_bench(study: ValidationStudy, settings: SimulationSettings, analysis: DynamometerAnalysis) -> Bench:
@@ -113,9 +181,8 @@ def sine_bench(study: ValidationStudy, settings: SimulationSettings, analysis: D
     protocol = SteppedSine(tuple(np.deg2rad(study.amplitudes_deg)), analysis.frequencies_hz, study.cycles)
     still = np.zeros_like(motion.theta)
     nothing = Response(still, still, still)
-    return Bench(
-        command, motion, nothing, settings, protocol, analysis.settle_cycles, QUANTITIES, impedance_fits, {}, {}
-    )
+    settle, drift = analysis.settle_cycles, analysis.load_cell_drift
+    return Bench(command, motion, nothing, settings, protocol, settle, drift, QUANTITIES, impedance_fits, {}, {})
 
 
 def second_order(
@@ -165,10 +232,12 @@ def belt(
     """The locked actuator's belt, with its hysteresis."""
     command, motion = moved(there_and_back(settings.belt, settings.dynamometer.rate_hz), settings)
     response = simulate_belt(motion, drivetrain_effects(settings), p)
-    return Bench(command, motion, response, settings, None, 0, ("K_s",), belt_fits, {}, {"K_s": p.K_s})
+    drift = analysis.load_cell_drift
+    return Bench(command, motion, response, settings, None, 0, drift, ("K_s",), belt_fits, {}, {"K_s": p.K_s})
 
 
-EXPERIMENTS: dict[str, Builder] = {
+Builder = Callable[[ValidationStudy, SimulationSettings, DrivetrainParameters, DynamometerAnalysis], Bench]
+BENCHES: dict[str, Builder] = {
     "second order": second_order,
     "linear drivetrain": linear_drivetrain,
     "drivetrain": drivetrain,

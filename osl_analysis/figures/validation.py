@@ -12,8 +12,10 @@ COLUMNS = (
     "experiment", "estimator", "interval_method", "quantity", "bias", "bias_mc", "rmse_over_bound",
     "rmse_over_bound_mc", "coverage", "coverage_mc",
 )  # fmt: skip
-LOOKS = {"K": (ORANGE, "o"), "B": (PURPLE, "D"), "I": (BLACK, "s")}
-SAME_AS = {"K_s": "K", "B_j": "B", "J_j": "I"}
+LOOKS = {"K": (ORANGE, "o"), "B": (PURPLE, "D"), "I": (BLACK, "s"), "f_C": (GREY, "^"), "f_G": (GREY, "v")}
+SAME_AS = {"K_s": "K", "B_j": "B", "J_j": "I", "k_tau_n_m": "K", "B_m": "B", "J_m": "I"}
+PLACES = {"K": -0.22, "B": 0.0, "I": 0.22, "f_C": -0.11, "f_G": 0.11}
+"""How far below its row's line each marker stands."""
 LIMITS = {"bias": (-1.2, 1.2), "rmse_over_bound": (0.8, 1.6), "coverage": (80.0, 101.0)}
 AIMS = {"bias": (-0.2, 0.2), "rmse_over_bound": (0.0, 1.15), "coverage": (93.0, 97.0)}
 LABELS = {
@@ -26,6 +28,8 @@ LABELS = {
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
     """A row per experiment, estimator and interval, a marker per quantity with two Monte Carlo errors either way.
+
+    Stiffnesses look alike, dampings and inertias too; the torque constant looks like a stiffness.
 
     The aim is shaded; what lies outside a panel stands open at its edge.
     """
@@ -40,7 +44,7 @@ def draw(table: pl.DataFrame) -> Figure:
         ax.set_yticks(range(len(rows)), [])
     name_experiments(axes[0], rows["experiment"].to_list())
     handles = [Line2D([], [], color=c, marker=m, linestyle="", label=f"${q}$") for q, (c, m) in LOOKS.items()]
-    figure.legend(handles=handles, loc="outside upper center", ncols=3)
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(LOOKS))
     return figure
 
 
@@ -52,7 +56,7 @@ def draw_panel(ax: Axes, table: pl.DataFrame, rows: pl.DataFrame, column: str) -
     for row in table.drop_nulls(column).iter_rows(named=True):
         quantity = SAME_AS.get(row["quantity"], row["quantity"])
         colour, marker = LOOKS[quantity]
-        place = keys[row["experiment"], row["estimator"], row["interval_method"]] + 0.22 * ("KBI".index(quantity) - 1)
+        place = keys[row["experiment"], row["estimator"], row["interval_method"]] + PLACES[quantity]
         value, half = float(np.clip(row[column], low, high)), 2 * row[f"{column}_mc"]
         inside = value == row[column]
         if inside:

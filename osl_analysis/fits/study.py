@@ -44,12 +44,17 @@ def performance(error: Array, se: Array, covered: NDArray[np.bool_], bound: Arra
     )
 
 
-def regression_bound(columns: Mapping[str, Array], noise: float) -> dict[str, float]:
-    """Smallest standard error of any unbiased estimate of y = X b + white noise of standard deviation `noise`.
+def regression_bound(columns: Mapping[str, Array], noise: float, drift: Array | None = None) -> dict[str, float]:
+    """Smallest standard error of any unbiased estimate of y = X b + e, for exactly known columns (n,) each.
 
-    Cramer and Rao: cov(b) >= noise^2 (X'X)^-1 for exactly known columns (n,) each. A filter that passes the columns
-    leaves it as it is: per frequency the information is |H X|^2/(|H|^2 noise^2), and H cancels.
+    e is Gaussian: white of standard deviation `noise`, plus a chance multiple of the standard deviation `drift` (n,),
+    as a drift in time is. Cramer and Rao: cov(b) >= (X' V^-1 X)^-1 with V = noise^2 I + drift drift', whose inverse is
+    Sherman and Morrison's. A filter that passes the columns leaves it as it is: per frequency the information is
+    |H X|^2/(|H|^2 noise^2), and H cancels.
     """
     X = np.column_stack(list(columns.values()))
-    covariance = noise**2 * np.linalg.inv(X.T @ X)
+    drift = np.zeros(len(X)) if drift is None else drift
+    seen = X.T @ drift
+    information = (X.T @ X - np.outer(seen, seen) / (noise**2 + drift @ drift)) / noise**2
+    covariance = np.linalg.inv(information)
     return dict(zip(columns, np.sqrt(np.diag(covariance)).tolist(), strict=True))

@@ -104,6 +104,7 @@ def test_a_simulated_bench_gives_them_back_within_their_errors():
     fits = [fitted(simulate_actuator_trial(f"actuator_{i}", settings(), P)[0]) for i in range(12)]
     z = np.array([[(fit[name] - TRUE[name]) / fit.se(name) for name in PARAMETERS] for fit in fits])
     assert np.abs(z).max() < 5
+    assert all(fit.correlation_samples < 0.5 * RATE for fit in fits), "of noise behind a 15 Hz filter, not of seconds"
     assert np.mean(np.abs(z) < 1.96) > 0.8
     means = np.mean([[fit[name] / TRUE[name] for name in PARAMETERS] for fit in fits], axis=0)
     assert means == pytest.approx(np.ones(5), abs=0.02)

@@ -119,6 +119,19 @@ def test_filtered_noise_is_not_given_a_memory_of_seconds_and_what_lasts_longer_i
     assert correlation_samples(noise[:800], EVERY) == 100
 
 
+def test_what_a_fit_of_slow_columns_takes_from_the_sums_of_its_scores_is_given_back():
+    """Seven tones below 1.5 Hz behind 15 Hz: their variance in 300 seeded records, which counting samples misses."""
+    rng, time, variances = np.random.default_rng(20), np.arange(6000) / RATE, []
+    columns = {f"{f}": np.sin(2 * np.pi * f / 6 * time) for f in range(1, 8)}
+    for _ in range(300):
+        fits = [linear_fit(filtered_noise(rng, n=6000), columns, every=EVERY)]
+        fits += [linear_fit(fits[0].residual, columns, lags=FILTER_SPAN * EVERY)]
+        variances.append([fit.covariance[3, 3] for fit in fits])
+    slow, fast = np.mean(variances, axis=0) / (0.05**2 * 2 / 6000)
+    assert slow == pytest.approx(1, abs=0.1)
+    assert fast < 0.8
+
+
 def test_belt_intervals_hold_what_noise_and_drift_make_of_the_slope_and_not_damping_or_curvature():
     rest, way = np.zeros(1500), 0.0873 * (1 - np.cos(np.linspace(0, np.pi, 3500))) / 2
     theta_s = np.concatenate([rest, way, way[::-1], rest])

@@ -97,7 +97,9 @@ def linear_fit(
     window = lags or correlation_samples(residual, every)
     scores = (X * residual[:, None]) @ inverse
     method = "HAC" if cycles is None else "cycles"
-    covariance, freedom = moving_sums(scores, window) if cycles is None else between_cycles(scores, cycles)
+    covariance, freedom = (
+        moving_sums(scores, window, slow=every > 1) if cycles is None else between_cycles(scores, cycles)
+    )
     r_squared = 1 - float(residual @ residual) / max(float(y @ y), np.finfo(float).tiny)
     vaf = variance_accounted_for(y, residual)
     return LinearFit(names, estimates, covariance, vaf, r_squared, condition, window, len(y), method, freedom, residual)

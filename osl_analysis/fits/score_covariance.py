@@ -44,18 +44,21 @@ def correlation_samples(residual: Array, every: int = 1) -> int:
     return int(np.clip(np.ceil(1.1447 * (alpha * n) ** (1 / 3)), 1, max(n // 8, 1)))
 
 
-def moving_sums(scores: Array, window: int) -> Covariance:
+def moving_sums(scores: Array, window: int, slow: bool = False) -> Covariance:
     """Newey and West's: the long-run covariance of the scores (n, p), Bartlett weights up to `window` - 1 lags.
 
     The sum over all lags weighted 1 - lag/window equals the sum of squares of moving sums over `window`
     samples, zero beyond the ends, divided by `window`: positive semi-definite by construction. It is worth 1.5
     n/window degrees of freedom (Priestley, Spectral Analysis and Time Series, 1981, table 6.2, at frequency zero).
+    The fit has taken p of the n samples, or of the n/window sums where its columns are `slow` beside the window (Kiefer
+    and Vogelsang, Econometric Theory 21, 2005, to first order in window/n).
     """
     n, p = scores.shape
+    left = max(n - p * window, window) if slow else n - p
     padded = np.vstack([np.zeros((window, p)), scores, np.zeros((window - 1, p))])
     cumulative = np.cumsum(padded, axis=0)
     sums = cumulative[window:] - cumulative[:-window]
-    return sums.T @ sums / window * n / (n - p), np.full(p, max(1.5 * n / window - p, 1.0))
+    return sums.T @ sums / window * n / left, np.full(p, max(1.5 * n / window - p, 1.0))
 
 
 def between_cycles(scores: Array, cycles: Cycles) -> Covariance:

@@ -16,6 +16,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.commands.ingest import ingest_trial
+from osl_analysis.commands.validation_laboratory import weighed_foot
 from osl_analysis.config import read_section
 from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator.settings import SimulationSettings
@@ -157,16 +158,6 @@ def with_remedies(settings: WalkingAnalysis, remedies: Iterable[str], foot: Foot
     )
 
 
-def foot_of(walking: WalkingSettings) -> FootSettings:
-    """The simulated foot, as a laboratory would weigh it."""
-    mass = walking.effects.foot_inertia.size
-    return FootSettings(
-        mass_kg=mass,
-        centre_of_mass_m=walking.foot.centre_of_mass_m,
-        inertia_kg_m2=mass * walking.foot.gyration_m[1] ** 2,
-    )
-
-
 def alone(shipped: Laboratory, settings: WalkingAnalysis, folder: Path) -> Iterable[tuple[str, Array]]:
     """Errors (campaigns, 4) of nothing, and of each imperfection alone, under the analysis as configured."""
     session = record(shipped.only(), FIRST_SEED, FEW, folder / "none")
@@ -196,7 +187,7 @@ def effect_label(effect: str, walking: WalkingSettings) -> str:
 
 def together(shipped: Laboratory, settings: WalkingAnalysis, folder: Path) -> Iterable[tuple[str, Array]]:
     """Errors (campaigns, 4) with every imperfection, under all remedies, none, each alone, and all but each."""
-    foot = foot_of(shipped.walking)
+    foot = weighed_foot(shipped.walking)
     sessions = [record(shipped, FIRST_SEED + k, CROSSINGS, folder / f"all {k}") for k in range(CAMPAIGNS)]
     chosen = {"no remedy": (), "all remedies": tuple(REMEDIES)}
     chosen |= {f"only {text}": (name,) for name, text in REMEDIES.items()}

@@ -107,14 +107,15 @@ class ValidationStudy(Settings):
     """The Monte Carlo study of the estimators: what is simulated how often, and how it is divided into jobs.
 
     `trials` dynamometer trials per experiment and `campaigns` of walking with `crossings` perturbed and as many
-    unperturbed crossings each, in jobs of `batch` of either. Trials have their own short protocol: `amplitudes_deg`,
-    `cycles` at each of the protocol's frequencies.
+    unperturbed crossings each, in jobs of `batch` of either; `recorded` campaigns go through recorded files. Trials
+    have their own short protocol: `amplitudes_deg`, `cycles` at each of the protocol's frequencies.
     """
 
     simulation: Path
     seed: Annotated[int, Field(ge=0)]
     trials: Annotated[int, Field(ge=2)]
     campaigns: Annotated[int, Field(ge=0)]
+    recorded: Annotated[int, Field(ge=0)]
     crossings: Annotated[int, Field(ge=3)]
     batch: Annotated[int, Field(ge=1)]
     amplitudes_deg: Annotated[tuple[Positive, ...], Field(min_length=1)]

@@ -58,6 +58,17 @@ class Motion:
         return Motion(self.theta[rows], self.omega[rows], self.alpha[rows])
 
 
+def runs(true: NDArray[np.bool_]) -> list[slice]:
+    """Stretches of consecutive true samples, shape (n,), in their order."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(np.int8), [0]])))
+    return [slice(int(first), int(stop)) for first, stop in edges.reshape(-1, 2)]
+
+
+def longest_run(true: NDArray[np.bool_]) -> slice:
+    """The longest stretch of consecutive true samples, the first of them; empty where none is true."""
+    return max(runs(true), key=lambda run: run.stop - run.start, default=slice(0, 0))
+
+
 def sampling_rate(time: Array) -> float:
     """Rate [Hz] of uniform stamps [s].
 

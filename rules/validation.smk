@@ -11,14 +11,17 @@ STUDIED = (
     "repeated belt",
     "actuator",
     "walking",
+    "walking recorded",
 )
+COUNTS = {"walking": (STUDY.campaigns, 10), "walking recorded": (STUDY.recorded, 5)}
+"""Campaigns of walking, and how many of them a job takes."""
 
 
 def batches() -> list[Path]:
     """The estimates of every job of the study."""
     files = []
     for experiment in STUDIED:
-        total, size = (STUDY.campaigns, 5) if experiment == "walking" else (STUDY.trials, STUDY.batch)
+        total, size = COUNTS.get(experiment, (STUDY.trials, STUDY.batch))
         files += [
             RESULTS / f"validation/batches/{experiment.replace(' ', '_')}_{first}_{min(size, total - first)}.csv"
             for first in range(0, total, size)
@@ -39,7 +42,7 @@ rule validation_batch:
         number="[0-9]+",
     params:
         code=jobs.code("commands.validation"),
-        study=STUDY.model_dump(mode="json", exclude={"trials", "campaigns"}),
+        study=STUDY.model_dump(mode="json", exclude={"trials", "campaigns", "recorded"}),
         settings=DYNAMOMETER,
         actuator=CONFIG.actuator.model_dump(mode="json"),
         walking=WALKING,
@@ -54,6 +57,7 @@ rule validation_batch:
             dynamometer=dynamometer_settings(params),
             actuator_analysis=ActuatorAnalysis.model_validate(params.actuator),
             walking=WalkingAnalysis.model_validate(params.walking),
+            sources=CONFIG.sources,
             output=Path(output[0]),
         )
 

@@ -5,7 +5,7 @@ import pytest
 from conftest import multisine
 
 from osl_analysis.errors import InputError
-from osl_analysis.signals import LowPass, differentiate, sampling_rate
+from osl_analysis.signals import LowPass, differentiate, longest_run, runs, sampling_rate
 
 
 @pytest.mark.parametrize("f", [2.0, 15.0, 25.0])
@@ -24,6 +24,13 @@ def test_derivatives_at_the_marker_rate_keep_a_20_hz_motion():
     inner = slice(20, -20)
     assert found.omega[inner] == pytest.approx(exact.omega[inner], abs=1e-3 * np.max(exact.omega))
     assert found.alpha[inner] == pytest.approx(exact.alpha[inner], abs=5e-3 * np.max(np.abs(exact.alpha)))
+
+
+def test_runs_are_the_stretches_of_true_samples():
+    mask = np.array([1, 1, 0, 1, 0, 0, 1, 1, 1], dtype=bool)
+    assert runs(mask) == [slice(0, 2), slice(3, 4), slice(6, 9)]
+    assert longest_run(mask) == slice(6, 9)
+    assert (runs(~mask[:1]), longest_run(np.zeros(3, dtype=bool))) == ([], slice(0, 0))
 
 
 def test_refuses_irregular_stamps_by_time():

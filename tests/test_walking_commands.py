@@ -430,6 +430,21 @@ def test_a_cluster_hidden_for_long_in_stance_is_refused_and_for_short_is_bridged
         analyse(path, ideal.calibration, ideal.plate, False, settings(), output)
 
 
+def test_a_cluster_hidden_while_the_perturbation_is_fitted_is_refused(ideal: Session, tmp_path: Path) -> None:
+    """30 ms that would be bridged elsewhere in stance; 7 ms are bridged even here."""
+    name, path, output = ideal.perturbed[0], tmp_path / "hidden.parquet", tmp_path / "crossing.parquet"
+    onset = read_crossing(ideal.crossing(name)).onset
+    assert onset is not None
+    source = read_trial(ideal.trial(name))
+    write_trial(hide(source, ("FOOT1", "FOOT2"), onset + 0.03, onset + 0.06), path)
+    with refused(output, rf"trial {name}: the foot markers are hidden for \d+ ms from 1\.\d+ s, while the pert"):
+        analyse(path, ideal.calibration, ideal.plate, True, settings(), output)
+    for start, duration in ((0.03, 0.007), (-0.15, 0.03)):
+        write_trial(hide(source, ("FOOT1", "FOOT2"), onset + start, onset + start + duration), path)
+        analyse(path, ideal.calibration, ideal.plate, True, settings(), output)
+        assert read_crossing(output).bridged > 0
+
+
 def test_a_missing_marker_is_named(ideal: Session, tmp_path: Path) -> None:
     name = ideal.calm[0]
     source = read_trial(ideal.trial(name))

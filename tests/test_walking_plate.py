@@ -1,6 +1,7 @@
 """The moving force plate: its axes, its own mass, and its lateness."""
 
 import numpy as np
+import polars as pl
 import pytest
 from walking_synthetic import (
     PLATE_RATE,
@@ -219,6 +220,37 @@ def test_a_hidden_platform_is_refused_by_name() -> None:
     blind = Trial("plate_1", trial.samples.with_columns(trial.samples["marker_PLAT1_x", "marker_PLAT2_x"] * np.nan))
     with pytest.raises(InputError, match="PLAT1"):
         identify_plate_model([Trial("plate_1", blind.samples, trial.provenance)], CALIBRATION, settings())
+
+
+def hidden_for(trial: Trial, start: float, duration: float) -> Trial:
+    """The trial with two of the platform's four markers hidden."""
+    gone = pl.col("time").is_between(start, start + duration)
+    columns = [f"marker_PLAT{k}_{axis}" for k in (1, 2) for axis in "xyz"]
+    return Trial(
+        trial.name,
+        trial.samples.with_columns(
+            pl.when(gone & pl.col(c).is_not_null()).then(float("nan")).otherwise(pl.col(c)).alias(c) for c in columns
+        ),
+        trial.provenance,
+    )
+
+
+def test_an_unloaded_trial_whose_turn_was_hidden_is_left_out_by_name() -> None:
+    """40 ms about the middle of the ramp, which a bridge would make the lag of."""
+    blind = hidden_for(unloaded("plate_2", lag=0.0015), 0.99, 0.04)
+    with pytest.warns(UserWarning, match=r"trial plate_2: left out: its platform turned by 3\.\d deg behind hidden"):
+        model = identify_plate_model([unloaded("plate_1", lag=0.0015), blind], CALIBRATION, settings())
+    assert len(model.lags) == 1
+    bridged = identify_plate_model([blind], CALIBRATION, settings(longest_fitted_gap_s=0.1))
+    assert abs(bridged.lag - 0.0015) > 3e-4
+    with pytest.raises(InputError, match=r"hidden while it turned, in every unloaded trial \(plate_2"):
+        identify_plate_model([blind], CALIBRATION, settings())
+
+
+def test_a_platform_hidden_at_rest_or_for_two_frames_does_no_harm() -> None:
+    for start, duration in ((1.5, 0.045), (1.0, 0.005)):
+        model = identify_plate_model([hidden_for(unloaded("p", 0.0015), start, duration)], CALIBRATION, settings())
+        assert model.lag == pytest.approx(0.0015, abs=3e-4)
 
 
 def test_an_unknown_plate_is_named() -> None:

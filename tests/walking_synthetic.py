@@ -27,7 +27,8 @@ SETTINGS: dict[str, Any] = {
     "window_s": 0.1, "baseline_s": 0.06, "guard_s": 0.04, "load_on_n": 40, "load_off_n": 20,
     "unloaded_s": 0.2, "largest_zero_n": 100, "hinge": "anatomical",
     "outliers": {"limit": 5, "stance_s": 0.01, "placement_m": 0.005, "angle_deg": 0.5},
-    "shortest_stance_s": 0.3, "perturbation_deg": 1, "longest_gap_s": 0.05, "largest_residual_mm": 5,
+    "shortest_stance_s": 0.3, "perturbation_deg": 1, "longest_gap_s": 0.05, "longest_fitted_gap_s": 0.01,
+    "largest_residual_mm": 5,
     "fewest_unperturbed": 3, "perturbed_stance": "own", "correct_plate_lag": True, "bootstrap_samples": 200,
 }  # fmt: skip
 

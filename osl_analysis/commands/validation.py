@@ -25,6 +25,8 @@ from osl_analysis.validation import read_yaml
 from osl_analysis.walking.settings import WalkingAnalysis
 
 KEYS = ("experiment", "estimator", "interval_method", "quantity")
+WALKING = ("walking", RECORDED := "walking recorded")
+"""The studies of walking: from angle and torque on, and through markers, plate, C3D files and ingest."""
 Row = dict[str, Any]
 Builder = Callable[[ValidationStudy, SimulationSettings, DrivetrainParameters, DynamometerAnalysis], Experiment]
 EXPERIMENTS: dict[str, Builder] = {
@@ -42,14 +44,15 @@ def run_batch(
     dynamometer: DynamometerAnalysis,
     actuator_analysis: ActuatorAnalysis,
     walking: WalkingAnalysis,
+    sources: Path,
     output: Path,
 ) -> None:
     """Estimates of trials (or campaigns of walking) number `first` to `first + count - 1` of one experiment."""
     settings = read_yaml(study.simulation, SimulationSettings).model_copy(update={"seed": study.seed})
     numbers = range(first, first + count)
     p = read_parameters(settings.parameters)
-    if experiment == "walking":
-        rows = [row for number in numbers for row in walking_rows(number, study, settings, p, walking)]
+    if experiment in WALKING:
+        rows = list(walking_rows(numbers, study, settings, p, walking, sources if experiment == RECORDED else None))
     else:
         names = [f"{experiment}_{number:05d}" for number in numbers]
         if experiment == "actuator":

@@ -1,87 +1,46 @@
-"""The validation study of walking: whole campaigns of crossings, from angle and torque on."""
+"""The validation study of walking: whole campaigns of crossings, their estimates, intervals and truth."""
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, TypeVar
 
 import numpy as np
 
+from osl_analysis.commands.validation_laboratory import Laboratory, calibrated
 from osl_analysis.config import ValidationStudy
-from osl_analysis.errors import InputError
-from osl_analysis.fits.repeats import over_repeats
+from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.fits.impedance import ImpedanceFit
+from osl_analysis.fits.regression import LinearFit
+from osl_analysis.fits.repeats import Repeats, over_repeats
 from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.simulator.crossing import draw_step, simulate_crossing
-from osl_analysis.simulator.draws import stream
-from osl_analysis.simulator.dynamometer import drivetrain_effects
 from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.simulator.walking import motion_grid
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.simulator.walking_truth import rendered_impedance
 from osl_analysis.trial import Array
 from osl_analysis.validation import read_yaml
-from osl_analysis.walking.crossing import Crossing, Quality
-from osl_analysis.walking.ensemble import bootstrap, ensemble_response, variance_of_normal_gait
-from osl_analysis.walking.events import Stance
-from osl_analysis.walking.perturbation import Timing, fit_response, isolate, normal_gait
+from osl_analysis.walking.ensemble import Bootstrap, bootstrap, ensemble_response, variance_of_normal_gait
+from osl_analysis.walking.perturbation import (
+    fit_response,
+    normal_gait,
+)
 from osl_analysis.walking.settings import WalkingAnalysis
 
-LEVER_M = 0.1
-"""Between the middle of a cluster and its markers, and from the plate to the ankle: turns noise into angle, moment."""
 RESAMPLES = 300
-UNCHECKED = Quality(residuals={}, zero=None, placement=(0.0, 0.0), encoder=None)
-"""Of a crossing that no markers and no plate recorded."""
 QUANTITIES = ("K", "B", "I")
 Row = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Laboratory:
-    """What makes a crossing, and how it is analysed."""
-
-    settings: SimulationSettings
-    gait: WalkingSettings
-    p: DrivetrainParameters
-    analysis: WalkingAnalysis
-
-    def crossing(self, name: str, perturbed: bool) -> tuple[Crossing, dict[str, float]]:
-        """Filtered angle and torque of one crossing, and the impedance that the leg rendered in it."""
-        time = motion_grid(self.gait)
-        step = draw_step(name, self.settings.seed, time, self.gait)
-        effects = drivetrain_effects(self.settings)
-        calm = simulate_crossing(time, step, False, True, self.gait, effects, self.p)
-        walked = simulate_crossing(time, step, True, True, self.gait, effects, self.p) if perturbed else calm
-        stance = Stance(step.heel_strike, step.toe_off)
-        every = self.gait.rates.motion_hz // self.gait.rates.points_hz
-        theta, torque = self.measured(name, walked.motion.theta[::every], walked.torque[::every])
-        platform = walked.motion.platform
-        seen = Crossing(
-            name, time[::every], theta, torque, platform.angle[::every], stance, platform.onset, 0.0, UNCHECKED
-        )
-        return seen, rendered_impedance(walked, calm)
-
-    def measured(self, name: str, theta: Array, torque: Array) -> tuple[Array, Array]:
-        """Angle [rad] and torque [N*m] with the noise of markers and plate, through the analysis' filter."""
-        effects, seed = self.gait.effects, self.settings.seed
-        angle_noise = 1e-3 * effects.marker_noise.value / LEVER_M
-        torque_noise = float(np.hypot(effects.moment_noise.value, LEVER_M * effects.force_noise.value))
-        noisy = (
-            signal + size * stream(seed, name, effect).standard_normal(len(signal))
-            for signal, size, effect in ((theta, angle_noise, "angle_noise"), (torque, torque_noise, "torque_noise"))
-        )
-        first, second = (self.analysis.low_pass(signal, float(self.gait.rates.points_hz)) for signal in noisy)
-        return first, second
+Made = TypeVar("Made")
 
 
 def walking_rows(
-    number: int,
+    numbers: Iterable[int],
     study: ValidationStudy,
     settings: SimulationSettings,
     p: DrivetrainParameters,
     analysis: WalkingAnalysis,
-) -> list[Row]:
-    """Estimates of one campaign: mean of its perturbations with Student's interval, and ensemble with bootstrap.
-
-    The truth is the mean impedance that the leg rendered in the campaign's own perturbations, which the simulator
-    knows from the same crossings without them.
+    sources: Path | None = None,
+) -> Iterator[Row]:
+    """Estimates of campaigns by their numbers; through recorded files where there are `sources` to read them by.
 
     Raises
     ------
@@ -90,23 +49,75 @@ def walking_rows(
     """
     if settings.walking is None:
         raise InputError(f"{study.simulation}: names no 'walking' file, which the study of walking needs; add it")
-    laboratory = Laboratory(settings, read_yaml(settings.walking, WalkingSettings), p, analysis)
+    gait = read_yaml(settings.walking, WalkingSettings)
+    for number in numbers:
+        if sources is None:
+            yield from campaign_rows(number, study, Laboratory(settings, gait, p, analysis))
+            continue
+        with TemporaryDirectory() as name:
+            own = settings.model_copy(update={"seed": settings.seed + 1 + number})
+            laboratory = calibrated(Laboratory(own, gait, p, analysis), Path(name), sources)
+            yield from campaign_rows(number, study, laboratory)
+
+
+def campaign_rows(number: int, study: ValidationStudy, laboratory: Laboratory) -> list[Row]:
+    """Estimates of one campaign: of its first perturbation, the mean of all, and the ensemble, each with its interval.
+
+    The truth is the same estimator's answer to the same perturbations alone, through ideal sensors: the study is of
+    gait and noise. `model_error` is what that differs from the impedance that the leg rendered.
+    """
     names = [f"study_{number:05d}_{i}" for i in range(2 * study.crossings)]
-    normal = normal_gait([laboratory.crossing(name, False)[0] for name in names[::2]], analysis.fewest_unperturbed)
-    perturbed = [laboratory.crossing(name, True) for name in names[1::2]]
-    timing = Timing(analysis.window_s, analysis.baseline_s, analysis.guard_s)
-    responses = [isolate(crossing, normal, timing, crossing.stance.duration) for crossing, _ in perturbed]
+    fewest = laboratory.analysis.fewest_unperturbed
+    normal = normal_gait(usable(laboratory.unperturbed, names[::2]), fewest)
+    perturbed = usable(laboratory.perturbed, names[1::2])
+    responses = [laboratory.respond(one.crossing, normal) for one in perturbed]
     fits = [fit_response(response) for response in responses]
-    ensemble, resampled = ensemble_response(responses).fit, bootstrap(responses, RESAMPLES)
-    rows, common = [], variance_of_normal_gait(responses)
+    resampled, ensemble = bootstrap(responses, RESAMPLES), ensemble_response(responses).fit
+    common, rows = variance_of_normal_gait(responses), []
     for quantity in QUANTITIES:
-        truth = float(np.mean([rendered[f"{quantity}_rendered"] for _, rendered in perturbed]))
-        row = {"trial": f"study_{number:05d}", "quantity": quantity, "truth": truth, "bound": None, "model_error": None}
-        mean = over_repeats([getattr(fit, quantity) for fit in fits], common[quantity], study.crossings)
-        drawn = getattr(resampled, quantity)
-        low, high = np.percentile(drawn, [2.5, 97.5])
-        student = {"estimator": "mean of perturbations", "interval_method": "Student", "value": mean.mean}
-        rows.append(row | student | {"se": mean.se, "low": mean.low, "high": mean.high})
-        together = {"estimator": "ensemble", "interval_method": "bootstrap", "value": getattr(ensemble, quantity)}
-        rows.append(row | together | {"se": float(np.std(drawn, ddof=1)), "low": float(low), "high": float(high)})
+        truths = np.array([getattr(one.exact, quantity) for one in perturbed])
+        rendered = np.array([one.rendered[f"{quantity}_rendered"] for one in perturbed])
+        estimates = [getattr(fit, quantity) for fit in fits]
+        alone = truth_of(truths[:1], rendered[:1]) | fitted("single perturbation", fits[0].fit, quantity)
+        mean = over_repeats(estimates, common[quantity], len(normal.names))
+        every = truth_of(truths, rendered)
+        rows += [
+            {"trial": f"study_{number:05d}", "quantity": quantity, "bound": None, **row}
+            for row in (alone, every | averaged(mean), every | resampled_row(ensemble, resampled, quantity))
+        ]
     return rows
+
+
+def truth_of(truths: Array, rendered: Array) -> Row:
+    """Mean truth of perturbations (n,), and how far it lies from what the leg rendered."""
+    return {"truth": float(np.mean(truths)), "model_error": float(np.mean(truths - rendered))}
+
+
+def fitted(estimator: str, fit: LinearFit, quantity: str) -> Row:
+    """Estimate and interval of one fit."""
+    low, high = fit.interval(quantity)
+    row = {"estimator": estimator, "interval_method": fit.interval_method, "value": fit[quantity]}
+    return row | {"se": fit.se(quantity), "low": low, "high": high}
+
+
+def averaged(mean: Repeats) -> Row:
+    """The mean over perturbations, with Student's interval."""
+    row = {"estimator": "mean of perturbations", "interval_method": "Student"}
+    return row | {"value": mean.mean, "se": mean.se, "low": mean.low, "high": mean.high}
+
+
+def resampled_row(ensemble: ImpedanceFit, resampled: Bootstrap, quantity: str) -> Row:
+    """The fit to the mean response, with the bootstrap's interval."""
+    low, high = resampled.interval(quantity)
+    se = float(np.std(getattr(resampled, quantity), ddof=1))
+    row = {"estimator": "ensemble", "interval_method": "bootstrap", "value": getattr(ensemble, quantity)}
+    return row | {"se": se, "low": low, "high": high}
+
+
+def usable(make: Callable[[str], Made], names: Iterable[str]) -> list[Made]:
+    """What is made by name; crossings that the analysis refuses are left out, as they are of a recorded campaign."""
+    made = []
+    for name in names:
+        with suppress(OslAnalysisError):
+            made.append(make(name))
+    return made

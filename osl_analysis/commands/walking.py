@@ -156,16 +156,15 @@ def mean_rows(table: pl.DataFrame, common: Mapping[str, float], unperturbed: int
 
 
 def ensemble_rows(ensemble: EnsembleResponse, resampled: Bootstrap) -> list[dict[str, object]]:
-    """Estimates from the mean response; `se` and the 95 % interval (percentiles) from the bootstrap, no `sd`."""
+    """Estimates from the mean response; `se` and the 95 % interval from the bootstrap, no `sd`."""
     fit = ensemble.fit
     values = {"K": fit.K, "B": fit.B, "I": fit.I, "VAF": fit.fit.vaf}
     rows: list[dict[str, object]] = []
     for quantity, value in values.items():
-        drawn = getattr(resampled, quantity)
-        low, high = np.percentile(drawn, [2.5, 97.5])
+        low, high = resampled.interval(quantity)
         rows.append(
             {"quantity": quantity, "estimator": ENSEMBLE, "n": ensemble.n, "mean": value, "sd": None}
-            | {"se": float(np.std(drawn, ddof=1)), "low": float(low), "high": float(high)}
+            | {"se": float(np.std(getattr(resampled, quantity), ddof=1)), "low": low, "high": high}
         )
     return rows
 

@@ -95,9 +95,14 @@ def record_crossing(row: Mapping[str, object], laboratory: Laboratory, p: Drivet
     write_curves(laboratory.folder, trial, crossing_curves(walked, calm, walking), analog_stride(walking))
     clock = write_leg_log(laboratory.folder / "leg" / f"{trial}.mcap", trial, walked, settings, walking)
     write_facts(trial, laboratory, crossing_facts(walked, calm, clock))
+    record_scene(trial, laboratory, scene_of(walked, walking))
+
+
+def scene_of(walked: Crossing, walking: WalkingSettings) -> Scene:
+    """What there is to record of a crossing."""
     motion = walked.motion
     markers = leg_markers(motion.foot, motion.shank) | platform_markers(motion.platform.pose, walking)
-    record_scene(trial, laboratory, Scene(markers, motion.platform.pose, walked.reaction, motion.platform.command))
+    return Scene(markers, motion.platform.pose, walked.reaction, motion.platform.command)
 
 
 def record_unloaded(trial: str, laboratory: Laboratory) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from osl_analysis.errors import InputError
-from osl_analysis.signals import sampling_rate
+from osl_analysis.signals import longest_run, sampling_rate
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import (
     FootInertia,
@@ -27,6 +27,8 @@ from osl_analysis.walking.segments import plate_centre, plate_corners, plate_wre
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
 
 SEGMENTS = ("foot", "shank", "platform")
+MOVED = ("foot", "platform")
+"""What a perturbation moves; the shank, which carries the body, goes on as in any stance."""
 EDGE_S = 0.1
 """What the low-pass needs [s] of the record before and after a stance, where there is that much."""
 FOOT_FLAT = (0.15, 0.35)
@@ -100,6 +102,9 @@ def crossing_of(
     onset = find_onset(time, rotation, float(np.deg2rad(settings.perturbation_deg)))
     lead = settings.guard_s + settings.baseline_s
     onset = checked_onset(onset, stance, perturbed, lead, settings.window_s)
+    if onset is not None:
+        moved = {name: raw[name] for name in MOVED}
+        check_followed(time, moved, (onset, onset + settings.window_s), settings.longest_fitted_gap_s)
     rows = rows_of_stance(time, raw, stance)
     rate = sampling_rate(time)
     poses = {
@@ -187,6 +192,22 @@ def rows_of_stance(time: Array, poses: dict[str, Poses], stance: Stance) -> slic
     while last < len(time) - 1 and seen[last + 1] and time[last + 1] <= stance.toe_off + EDGE_S:
         last += 1
     return slice(first, last + 1)
+
+
+def check_followed(time: Array, poses: dict[str, Poses], span: tuple[float, float], longest: float) -> None:
+    """Refuse a perturbation in whose `span` [s] one of the clusters is bridged for more than `longest` [s].
+
+    Stance is slow enough for bridges, a perturbation is not: what is fitted would be the bridge.
+    """
+    inside, step = (time >= span[0]) & (time <= span[1]), time[1] - time[0]
+    for name, pose in poses.items():
+        gap = longest_run(pose.bridged & inside)
+        if (gap.stop - gap.start - 0.5) * step > longest:
+            raise InputError(
+                f"the {name} markers are hidden for {1e3 * (gap.stop - gap.start) * step:.0f} ms from "
+                f"{time[gap.start]:.3f} s, while the perturbation is fitted; fill the gap in Nexus, raise "
+                "longest_fitted_gap_s, or exclude the trial"
+            )
 
 
 def torque_of(

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr, stdtrit
 
 from osl_analysis.errors import InputError
 from osl_analysis.fits.impedance import ImpedanceFit
 from osl_analysis.signals import Motion, differentiate
 from osl_analysis.trial import Array
-from osl_analysis.walking.perturbation import Response, fit_without_offset, window_rows
+from osl_analysis.walking.perturbation import Response, fit_response, fit_without_offset, gait_errors, window_rows
 
 SEED = 20
 """Seed of the bootstrap: the same data give the same interval."""
@@ -28,12 +29,22 @@ class EnsembleResponse:
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """Estimates of resampled ensembles, one entry per resample: K, B, I, VAF (units as in `ImpedanceFit`)."""
+    """Estimates of resampled ensembles, one entry per resample: K, B, I, VAF (units as in `ImpedanceFit`).
+
+    `degrees_of_freedom`: perturbations or unperturbed crossings, whichever are fewer, but one.
+    """
 
     K: Array
     B: Array
     I: Array
     VAF: Array
+    degrees_of_freedom: int
+
+    def interval(self, name: str) -> tuple[float, float]:
+        """Bounds of the 95 % interval of a quantity: percentiles as far out as Student's (Hesterberg, 2015)."""
+        tail = float(ndtr(stdtrit(self.degrees_of_freedom, 0.025)))
+        low, high = np.quantile(getattr(self, name), [tail, 1 - tail])
+        return float(low), float(high)
 
 
 def ensemble_response(responses: Sequence[Response]) -> EnsembleResponse:
@@ -86,28 +97,25 @@ def bootstrap(responses: Sequence[Response], samples: int) -> Bootstrap:
         B=np.array([f.B for f in fits]),
         I=np.array([f.I for f in fits]),
         VAF=np.array([f.fit.vaf for f in fits]),
+        degrees_of_freedom=min(theta.shape[:2]) - 1,
     )
 
 
 def variance_of_normal_gait(responses: Sequence[Response]) -> dict[str, float]:
     """Variance that the choice of unperturbed crossings gives to the mean of K, B and I over the perturbations.
 
-    Jackknife: each unperturbed crossing is left out in turn, of all responses at once, which have its chance error in
-    common. Units as in `ImpedanceFit`, squared.
+    Their mean is subtracted from all responses at once, which have its chance error in common: that of a mean of n
+    crossings, of which `gait_errors` says what each contributes. Units as in `ImpedanceFit`, squared.
     """
     check_alike(responses)
-    rows, n = responses[0].window, len(responses[0].thetas)
-    left_out = []
-    for j in range(n):
-        fits = []
-        for r in responses:
-            theta, torque = ((curves.sum(axis=0) - curves[j]) / (n - 1) for curves in (r.thetas, r.torques))
-            fits.append(fit_without_offset(differentiate(r.time, theta)[rows], torque[rows]))
-        left_out.append([np.mean([getattr(f, name) for f in fits]) for name in "KBI"])
-    variance = (n - 1) * np.var(left_out, axis=0)
-    return dict(zip("KBI", variance.tolist(), strict=True))
+    common = np.mean([gait_errors(r, fit_response(r)) for r in responses], axis=0)
+    return dict(zip("KBI", (np.var(common, axis=0, ddof=1) / len(common)).tolist(), strict=True))
 
 
 def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Array:
-    """Weights (samples, n) with which n items enter a mean when n are drawn with replacement."""
-    return random.multinomial(n, np.full(n, 1 / n), size=samples) / n
+    """Weights (samples, n) with which n items enter a mean when n - 1 are drawn with replacement.
+
+    The mean of n draws would have the variance (n - 1)/n of what it should be, that of n - 1 draws is right
+    (Hesterberg, The American Statistician 69, 2015).
+    """
+    return random.multinomial(n - 1, np.full(n, 1 / n), size=samples) / (n - 1)

@@ -1,13 +1,13 @@
 """What a perturbation adds to a crossing: the crossing minus the mean unperturbed one at the same phase of stance."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from osl_analysis.errors import InputError, OslAnalysisError
-from osl_analysis.fits.impedance import ImpedanceFit
+from osl_analysis.fits.impedance import ImpedanceFit, impedance_torque
 from osl_analysis.fits.regression import linear_fit
 from osl_analysis.signals import Motion, differentiate, sampling_rate
 from osl_analysis.trial import Array
@@ -17,6 +17,8 @@ PHASES = np.linspace(0.0, 1.0, 401)
 """Phases of stance at which unperturbed crossings are kept: finer than the markers' frames."""
 MARGIN = 8
 """Samples on either side of what is used, for the derivatives' spline."""
+GAIT = "unperturbed crossings"
+"""Where the interval of a single perturbation is from."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +149,8 @@ def fit_response(response: Response) -> ImpedanceFit:
     """Eq. 15 in the window after the onset, without an offset: the baseline before the onset is the zero.
 
     An offset would be fitted to whatever of the response is not of second order: it reads K 321 for 334 on the exact
-    response of the simulated drivetrain, and 308 if the onset is found 20 ms late.
+    response of the simulated drivetrain, and 308 if the onset is found 20 ms late. The covariance is what ordinary gait
+    makes of an estimate (`gait_errors`): the residual of the fit, a few correlated samples, knows nothing of it.
 
     Raises
     ------
@@ -156,9 +159,33 @@ def fit_response(response: Response) -> ImpedanceFit:
     """
     rows = response.window
     try:
-        return fit_without_offset(response.motion[rows], response.torque[rows])
+        found = fit_without_offset(response.motion[rows], response.torque[rows])
     except OslAnalysisError as error:
         raise type(error)(f"trial {response.name}: {error}") from error
+    errors = gait_errors(response, found)
+    n = len(errors)
+    return replace(
+        found,
+        fit=replace(
+            found.fit,
+            covariance=(1 + 1 / n) * np.cov(errors, rowvar=False),
+            degrees_of_freedom=np.full(errors.shape[1], n - 1.0),
+            interval_method=GAIT,
+        ),
+    )
+
+
+def gait_errors(response: Response, found: ImpedanceFit) -> Array:
+    """Errors (crossings, 3) of K, B, I if what each unperturbed crossing differs from their mean were in the response.
+
+    A perturbed crossing differs as they do, and their mean from the true one by 1/n of the variance. To first order
+    an estimate's error is the regression of d_torque - K d_theta - B d_omega - I d_alpha on the response's motion.
+    """
+    rows, motion = response.window, response.motion
+    own = differentiate(response.time, (response.motion.theta - response.thetas).T)
+    unexplained = (response.torque - response.torques).T - impedance_torque(found.K, found.B, found.I, own)
+    columns = np.column_stack([motion.theta, motion.omega, motion.alpha])
+    return np.asarray(np.linalg.lstsq(columns[rows], unexplained[rows])[0].T)
 
 
 def fit_without_offset(motion: Motion, torque: Array) -> ImpedanceFit:

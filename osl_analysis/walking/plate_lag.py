@@ -21,11 +21,12 @@ LIGHT = 0.1
 """RMS [N*m] of an unloaded wrench, forces with their lever, below which a plate is too light to tell a lag by."""
 
 
-def find_plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Wrench]) -> float:
+def find_plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Wrench], smooth: Callable[[Array], Array]) -> float:
     """Lag [s] of the plate behind the markers in one unloaded recording, positive if the plate is late.
 
-    `wrench_at` gives the wrench as read a lag [s] later, with the low-pass that the motion passed too. The lag is the
-    minimum of the misfit of `identify_plate_inertia`; NaN where the plate is so light that nothing shows in the wrench.
+    `wrench_at` gives the wrench as read a lag [s] later, with the low-pass `smooth` that the motion did not pass. The
+    lag is the minimum of the misfit of `identify_plate_inertia`; NaN where the plate is so light that nothing shows in
+    the wrench.
 
     Raises
     ------
@@ -33,7 +34,7 @@ def find_plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Wrench]) -> 
         No lag in the range that is tried explains the wrench: the clocks are not synchronised.
     """
     lags = np.arange(-LARGEST_S, LARGEST_S + STEP_S / 2, STEP_S)
-    misfit = np.array([unexplained(motion, wrench_at(float(lag))) for lag in lags])
+    misfit = np.array([unexplained(motion, wrench_at(float(lag)), smooth) for lag in lags])
     best = int(np.argmin(misfit))
     read = wrench_at(float(lags[best]))
     size = weighted(rms(centred(np.hstack([read.force, read.moment]))))
@@ -48,9 +49,9 @@ def find_plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Wrench]) -> 
     return float(lags[best] + 0.5 * STEP_S * (before - after) / (before - 2 * least + after))
 
 
-def unexplained(motion: BodyMotion, wrench: Wrench) -> float:
+def unexplained(motion: BodyMotion, wrench: Wrench, smooth: Callable[[Array], Array]) -> float:
     """Mean square [N^2*m^2] of the unloaded wrench that the plate's own inertia does not explain."""
-    return weighted(identify_plate_inertia([(motion, wrench)]).rms_after)
+    return weighted(identify_plate_inertia([(motion, wrench)], smooth).rms_after)
 
 
 def weighted(size: Array) -> float:

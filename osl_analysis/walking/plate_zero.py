@@ -3,7 +3,7 @@
 import numpy as np
 
 from osl_analysis.errors import InputError
-from osl_analysis.signals import sampling_rate
+from osl_analysis.signals import longest_run, sampling_rate
 from osl_analysis.trial import Array
 from osl_analysis.walking.moving_plate import Wrench
 
@@ -60,23 +60,14 @@ def check_range(time: Array, force: Array, axes: Array, load: float) -> None:
     held = max(round(HELD_S * sampling_rate(time)), 3)
     for name, channel in zip("xyz", (force @ axes).T, strict=True):
         for extreme in (float(channel.max()), float(channel.min())):
-            run, end = longest_run(np.abs(channel - extreme) <= 1e-6 * abs(extreme))
-            if abs(extreme) > load and run >= held:
-                duration = 1e3 * run / sampling_rate(time)
+            run = longest_run(np.abs(channel - extreme) <= 1e-6 * abs(extreme))
+            if abs(extreme) > load and run.stop - run.start >= held:
+                duration = 1e3 * (run.stop - run.start) / sampling_rate(time)
                 raise InputError(
-                    f"the plate's F{name} stays at {abs(extreme):.0f} N for {duration:.0f} ms until {time[end]:.3f} s: "
+                    f"the plate's F{name} stays at {abs(extreme):.0f} N for {duration:.0f} ms until "
+                    f"{time[run.stop - 1]:.3f} s: "
                     "it has reached its limit; choose a larger range, or exclude the trial"
                 )
-
-
-def longest_run(true: np.ndarray) -> tuple[int, int]:
-    """Length of the longest run of true samples, and the sample that ends it; (0, 0) without one."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(int), [0]])))
-    starts, ends = edges[::2], edges[1::2]
-    if not len(starts):
-        return 0, 0
-    best = int(np.argmax(ends - starts))
-    return int(ends[best] - starts[best]), int(ends[best]) - 1
 
 
 def plate_axes(corners: Array) -> Array:

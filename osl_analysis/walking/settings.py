@@ -48,14 +48,15 @@ class WalkingAnalysis(Settings):
     """How angle and torque of a crossing come about, and which stretch of them is fitted.
 
     `cutoff_hz`, `order`: the one zero-phase low-pass of markers and wrench. `plate_cutoff_hz`: the one with which the
-    unloaded plate is identified. Its parameters do not depend on it, but the noise of markers in an acceleration
-    does, and biases them: 12 kg read 10.8 kg at 20 Hz and 12.0 kg at 8 Hz. `window_s` after the onset is fitted; the
-    response is zero on the mean of the `baseline_s` that end `guard_s` before the onset, so that what the zero-phase
-    filter smears ahead of the onset stays out. `load_on_n`, `load_off_n`: hysteresis [N] of the vertical force that
-    makes a stance of at least `shortest_stance_s`. The plate's zero is its mean over `unloaded_s` before the foot
-    comes (null: taken as recorded); a plate that reads more than `largest_zero_n` then is refused.
-    `perturbation_deg`: rotation above which the platform has moved. `longest_gap_s`: hidden markers are bridged up to
-    here; `largest_residual_mm`: beyond, a cluster is not rigid. `perturbed_stance`: the duration that turns a
+    unloaded plate is identified. Its parameters do not depend on it, but the noise of markers in an acceleration does,
+    and biases them: 12 kg read 10.8 kg at 20 Hz and 12.0 kg at 8 Hz. `window_s` after the onset is fitted; the response
+    is zero on the mean of the `baseline_s` that end `guard_s` before the onset, so that what the zero-phase filter
+    smears ahead of the onset stays out. `load_on_n`, `load_off_n`: hysteresis [N] of the vertical force that makes a
+    stance of at least `shortest_stance_s`. The plate's zero is its mean over `unloaded_s` before the foot comes (null:
+    taken as recorded); a plate that reads more than `largest_zero_n` then is refused. `perturbation_deg`: rotation
+    above which the platform has moved. `longest_gap_s`: hidden markers are bridged up to here, and up to
+    `longest_fitted_gap_s` where the motion itself is fitted: around a perturbation, and while the unloaded platform
+    turns. `largest_residual_mm`: beyond, a cluster is not rigid. `perturbed_stance`: the duration that turns a
     perturbed crossing's time into phase, its `own`, or the `normal` one (mean of the unperturbed) for perturbations
     that change how long stance lasts. `hinge`: the ankle's axis from the malleoli in the static trial, or functional,
     from how foot and shank turn against each other. `outliers`: null leaves no crossing out. `foot`: null leaves the
@@ -78,6 +79,7 @@ class WalkingAnalysis(Settings):
     shortest_stance_s: Positive
     perturbation_deg: Positive
     longest_gap_s: Annotated[float, Field(ge=0)]
+    longest_fitted_gap_s: Annotated[float, Field(ge=0)]
     largest_residual_mm: Positive
     fewest_unperturbed: Annotated[int, Field(ge=3)]
     hinge: Literal["anatomical", "functional"]

@@ -186,5 +186,7 @@ def test_walking_without_gait_scatter_and_noise_has_no_error(monkeypatch, tmp_pa
 
     monkeypatch.setattr(validation_walking, "read_yaml", ideal)
     for experiment, close in zip(WALKING, (1e-4, 3e-3), strict=True):
-        table = campaign(experiment, tmp_path).filter(pl.col("quantity") != "I")
-        np.testing.assert_allclose(table["value"], table["truth"], rtol=close)
+        table = campaign(experiment, tmp_path)
+        inertia = pl.col("quantity") == "I"
+        np.testing.assert_allclose(*table.filter(~inertia).select("value", "truth"), rtol=close)
+        np.testing.assert_allclose(*table.filter(inertia).select("value", "truth"), atol=1e-3)

@@ -11,7 +11,7 @@ from statsmodels.sandbox.regression.gmm import IV2SLS
 from osl_analysis.commands.repeats import summary_table
 from osl_analysis.fits.protocol import Block, Segment, SteppedSine, cycles_of, rows_of, settled, split
 from osl_analysis.fits.regression import linear_fit
-from osl_analysis.fits.repeats import over_repeats
+from osl_analysis.fits.repeats import CommonError, over_repeats
 from osl_analysis.fits.score_covariance import Cycles, between_cycles, moving_sums
 from osl_analysis.fits.study import performance, regression_bound
 
@@ -185,7 +185,7 @@ def test_cycles_tile_the_rows_of_the_segments_also_when_they_are_thinned_out():
 def test_what_repeats_have_in_common_widens_the_interval_of_their_mean():
     values = [1.0, 2.0, 4.0, 3.0]
     own = np.var(values, ddof=1) / 4
-    summary = over_repeats(values, common_variance=own, common_count=4)
+    summary = over_repeats(values, [CommonError(own, 3)])
     assert summary.se == pytest.approx(np.sqrt(2 * own))
     assert summary.high - summary.mean == pytest.approx(stdtrit(6, 0.975) * np.sqrt(2 * own))
     assert over_repeats(values).high - 2.5 == pytest.approx(stdtrit(3, 0.975) * np.sqrt(own))

@@ -16,7 +16,7 @@ from walking_setup import Setup, load_setup
 from walking_synthetic import settings
 
 from osl_analysis.commands.calibration import calibrate, identify_plate
-from osl_analysis.commands.calibration_file import read_calibration, read_plate
+from osl_analysis.commands.calibration_file import read_calibration, read_plate, write_plate
 from osl_analysis.commands.crossing import analyse
 from osl_analysis.commands.crossing_file import Refusal, read_crossing, read_outcome, write_crossing
 from osl_analysis.commands.ingest import ingest_trial
@@ -428,6 +428,19 @@ def test_a_cluster_hidden_for_long_in_stance_is_refused_and_for_short_is_bridged
     write_trial(hide(source, ("SHANK1", "SHANK4"), 1.2, 1.4), path)
     with refused(output, rf"trial {name}: the shank markers cannot be followed at 1\.2\d+ s"):
         analyse(path, ideal.calibration, ideal.plate, False, settings(), output)
+
+
+def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(real: Session, tmp_path: Path) -> None:
+    name, plate = real.perturbed[0], read_plate(real.plate)
+    crossing = read_crossing(real.crossing(name))
+    assert len(crossing.plate_errors) == len(plate.left_out) > 1
+    write_plate(plate.left_out[1], tmp_path / "plate.json")
+    chosen = settings(foot=FOOT)
+    analyse(real.trial(name), real.calibration, tmp_path / "plate.json", True, chosen, tmp_path / "c.parquet")
+    without = read_crossing(tmp_path / "c.parquet")
+    np.testing.assert_allclose(crossing.plate_errors[1], without.torque - crossing.torque, atol=1e-9)
+    assert np.abs(crossing.plate_errors[1]).max() > 1e-3
+    assert without.plate_errors.shape == (0, len(without.time))
 
 
 def test_a_cluster_hidden_while_the_perturbation_is_fitted_is_refused(ideal: Session, tmp_path: Path) -> None:

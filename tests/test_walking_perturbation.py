@@ -14,9 +14,9 @@ from osl_analysis.walking.crossing import Crossing, Quality
 from osl_analysis.walking.ensemble import (
     Bootstrap,
     bootstrap,
+    common_errors,
     ensemble_response,
     resampling_weights,
-    variance_of_normal_gait,
 )
 from osl_analysis.walking.events import Stance
 from osl_analysis.walking.perturbation import (
@@ -28,7 +28,9 @@ from osl_analysis.walking.perturbation import (
     fit_without_offset,
     gait_errors,
     isolate,
+    jackknife_covariance,
     normal_gait,
+    plate_effects,
 )
 
 K, B, I = 340.0, 5.0, 0.03
@@ -63,7 +65,8 @@ def crossing(
     if onset is not None:
         d, v, a = (0.087 * part for part in bump(time, onset + LEAD, rise))
         theta, tau = theta + d, tau + impedance[0] * d + impedance[1] * v + impedance[2] * a
-    return Crossing(name, time, theta, tau, 0 * time, Stance(0.3, 0.3 + stance), onset, 0.0, QUALITY)
+    span, no_plate = Stance(0.3, 0.3 + stance), np.zeros((0, len(time)))
+    return Crossing(name, time, theta, tau, 0 * time, span, onset, 0.0, QUALITY, no_plate)
 
 
 def calm(n: int = 4) -> NormalGait:
@@ -237,7 +240,42 @@ def test_the_common_variance_is_what_drawing_the_unperturbed_crossings_anew_give
     """The bootstrap of the unperturbed crossings alone, of equal responses: the ensemble is then their mean. Six
     crossings leave a bootstrap of 2000 a Monte Carlo error of 3 %, and first order 10 % of what is not."""
     responses = several(1, 2.0) * 2
-    assert variance_of_normal_gait(responses)["K"] == pytest.approx(np.var(bootstrap(responses, 2000).K), rel=0.15)
+    gait, plate = common_errors(responses)["K"]
+    assert gait.variance == pytest.approx(np.var(bootstrap(responses, 2000).K), rel=0.15)
+    assert (gait.degrees_of_freedom, plate.variance) == (5, 0)
+
+
+def with_plate(response: Response, trials: int = 4) -> Response:
+    """The response with smooth errors [N*m] that leaving out each trial of the plate would make."""
+    random = np.random.default_rng(21)
+    pitch, phase = random.uniform(2, 8, (trials, 1)), random.uniform(0, 6, (trials, 1))
+    return replace(response, plate_errors=np.sin(2 * np.pi * pitch * response.time + phase))
+
+
+def test_what_the_plate_s_trials_do_is_linear_in_the_torque() -> None:
+    response = with_plate(several(1, 1.0)[0])
+    found, effects = fit_response(response), plate_effects(response)
+    for error, effect in zip(response.plate_errors, effects, strict=True):
+        again = fit_response(replace(response, torque=response.torque + error))
+        np.testing.assert_allclose([getattr(again, q) - getattr(found, q) for q in "KBI"], effect, rtol=1e-6)
+
+
+def test_the_jackknife_of_means_is_the_variance_of_a_mean() -> None:
+    values = np.random.default_rng(3).normal(size=(7, 2))
+    left_out = (values.sum(axis=0) - values) / 6
+    np.testing.assert_allclose(jackknife_covariance(left_out), np.cov(values, rowvar=False) / 7)
+    np.testing.assert_array_equal(jackknife_covariance(np.zeros((0, 3))), np.zeros((3, 3)))
+
+
+def test_the_plate_s_share_is_the_same_in_every_interval() -> None:
+    """One perturbation, one mean and the bootstrap's spread, of responses without any scatter of gait."""
+    still = with_plate(respond(crossing("p", 0.6), calm(6)))
+    single, _ = fit_response(still).fit, common_errors([still, still])["K"][0]
+    plate = common_errors([still, still])["K"][1]
+    assert plate.degrees_of_freedom == 3
+    assert single.se("K") == pytest.approx(np.sqrt(plate.variance), rel=0.01)
+    assert np.std(bootstrap([still, still], 3000).K) == pytest.approx(np.sqrt(plate.variance), rel=0.05)
+    assert single.degrees_of_freedom == pytest.approx(3, rel=0.05)
 
 
 def test_resampled_means_spread_as_means_do() -> None:

@@ -189,6 +189,17 @@ def test_recovers_lag_and_inertia_of_a_noisy_recorded_plate() -> None:
     assert model.inertia.rms_after[4] < 0.05 * model.inertia.rms_before[4]
 
 
+def test_the_models_without_a_trial_know_nothing_of_it() -> None:
+    trials = [unloaded(f"plate_{k}", lag=0.001 * (1 + k)) for k in range(3)]
+    model = identify_plate_model(trials, CALIBRATION, settings())
+    assert len(model.left_out) == 3
+    for k, other in enumerate(model.left_out):
+        alone = identify_plate_model([t for i, t in enumerate(trials) if i != k], CALIBRATION, settings())
+        assert other.lag == pytest.approx(np.delete(model.lags, k).mean())
+        np.testing.assert_array_equal(other.inertia.parameters, alone.inertia.parameters)
+    assert identify_plate_model(trials[:1], CALIBRATION, settings()).left_out == ()
+
+
 def test_a_plate_without_mass_has_no_lag_to_find() -> None:
     model = identify_plate_model([unloaded("plate_1", lag=0.002, mass=0.0)], CALIBRATION, settings())
     assert (model.lag, model.lag_se, len(model.lags)) == (0.0, None, 0)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +66,12 @@ def read_calibration(path: Path) -> StaticCalibration:
 
 
 def write_plate(plate: PlateModel, path: Path) -> None:
-    """Write the plate's inertial parameters [SI] with standard errors, lag [s], wrench before and after [N, N*m]."""
+    """Write the plate's model, and the models without each trial in turn under `left_out`."""
+    write_json({**plate_content(plate), "left_out": [plate_content(model) for model in plate.left_out]}, path)
+
+
+def plate_content(plate: PlateModel) -> dict[str, Any]:
+    """The plate's inertial parameters [SI] with standard errors, lag [s], wrench before and after [N, N*m]."""
     inertia = plate.inertia
     table = {
         name: {"value": float(value), "se": float(se)}
@@ -73,12 +79,18 @@ def write_plate(plate: PlateModel, path: Path) -> None:
     }
     before, after = (dict(zip(COMPONENTS, v.tolist(), strict=True)) for v in (inertia.rms_before, inertia.rms_after))
     lag = {"lag_s": plate.lag, "lag_se_s": plate.lag_se, "lags_s": plate.lags.tolist()}
-    write_json({"parameters": table, **lag, "rms_before": before, "rms_after": after}, path)
+    return {"parameters": table, **lag, "rms_before": before, "rms_after": after}
 
 
 def read_plate(path: Path) -> PlateModel:
     """Read what `write_plate` wrote."""
-    content = read_json(path, "identify-plate", "parameters", "lag_s", "lag_se_s", "lags_s", "rms_before", "rms_after")
+    fields = ("parameters", "lag_s", "lag_se_s", "lags_s", "rms_before", "rms_after", "left_out")
+    content = read_json(path, "identify-plate", *fields)
+    return replace(plate_of(content), left_out=tuple(plate_of(model) for model in content["left_out"]))
+
+
+def plate_of(content: Mapping[str, Any]) -> PlateModel:
+    """The model in what `plate_content` made."""
     values, errors = (np.array([content["parameters"][p][field] for p in PARAMETERS]) for field in ("value", "se"))
     before, after = (np.array([content[f][c] for c in COMPONENTS]) for f in ("rms_before", "rms_after"))
     inertia = PlateInertia(values, errors, before, after)

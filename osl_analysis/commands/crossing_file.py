@@ -17,6 +17,7 @@ from osl_analysis.walking.encoder import EncoderCheck
 from osl_analysis.walking.events import Stance
 
 SIGNALS = ("time", "phase", "theta", "torque", "platform")
+PLATE_ERROR = "plate_error_"
 REFUSED = "refused"
 
 
@@ -30,10 +31,11 @@ class Refusal:
 
 
 def write_crossing(crossing: Crossing, path: Path) -> None:
-    """Write a crossing as a trial: `theta`, `torque`, `platform`, `phase`, its events in the provenance."""
+    """Write a crossing as a trial: its signals and `plate_error_0`, ...; the events in the provenance."""
     phase = (crossing.time - crossing.stance.heel_strike) / crossing.stance.duration
     signals = (crossing.time, phase, crossing.theta, crossing.torque, crossing.platform)
-    samples = pl.DataFrame(dict(zip(SIGNALS, signals, strict=True)))
+    errors = {f"{PLATE_ERROR}{i}": error for i, error in enumerate(crossing.plate_errors)}
+    samples = pl.DataFrame(dict(zip(SIGNALS, signals, strict=True)) | errors)
     events = {
         "heel_strike_s": crossing.stance.heel_strike,
         "toe_off_s": crossing.stance.toe_off,
@@ -68,9 +70,11 @@ def read_outcome(path: Path) -> Crossing | Refusal:
     if "heel_strike_s" not in events:
         raise InputError(f"{path}: a trial without events; run the step 'analyse' and use its crossing")
     time, theta, torque, platform = trial.signals("theta", "torque", "platform")
+    errors = trial.samples.select(pl.col(f"^{PLATE_ERROR}.*$")).to_numpy().T.reshape(-1, len(time))
     stance = Stance(events["heel_strike_s"], events["toe_off_s"])
     quality = quality_of(events["quality"])
-    return Crossing(trial.name, time, theta, torque, platform, stance, events["onset_s"], events["bridged"], quality)
+    onset, bridged = events["onset_s"], events["bridged"]
+    return Crossing(trial.name, time, theta, torque, platform, stance, onset, bridged, quality, errors)
 
 
 def refusal_in(path: Path) -> Refusal | None:

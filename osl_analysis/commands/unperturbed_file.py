@@ -6,6 +6,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.atomic import atomic_path
+from osl_analysis.commands.crossing_file import PLATE_ERROR
 from osl_analysis.errors import InputError
 from osl_analysis.walking.perturbation import PHASES, NormalGait
 
@@ -20,6 +21,7 @@ def write_normal_gait(normal: NormalGait, path: Path) -> None:
             "phase": np.tile(PHASES, len(normal.names)),
             "theta": normal.theta.ravel(),
             "torque": normal.torque.ravel(),
+            **{f"{PLATE_ERROR}{i}": error.ravel() for i, error in enumerate(normal.plate_errors)},
         }
     )
     with atomic_path(path) as temporary:
@@ -31,11 +33,10 @@ def read_normal_gait(path: Path) -> NormalGait:
     if not path.is_file():
         raise InputError(f"{path}: no such file; run the step 'average-unperturbed' first")
     try:
-        frame = pl.read_parquet(path, columns=["trial", "stance_s", "theta", "torque"])
+        frame = pl.read_parquet(path)
+        names = frame["trial"].unique(maintain_order=True).to_list()
+        theta, torque, stance = (frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s"))
     except (pl.exceptions.PolarsError, OSError) as error:
         raise InputError(f"{path}: not unperturbed gait ({str(error).splitlines()[0]}); write it again") from error
-    names = frame["trial"].unique(maintain_order=True).to_list()
-    theta, torque, stance = (
-        frame[column].to_numpy().reshape(len(names), -1) for column in ("theta", "torque", "stance_s")
-    )
-    return NormalGait(tuple(names), theta, torque, stance[:, 0])
+    errors = frame.select(pl.col(f"^{PLATE_ERROR}.*$")).to_numpy().T.reshape(-1, *theta.shape)
+    return NormalGait(tuple(names), theta, torque, stance[:, 0], errors)

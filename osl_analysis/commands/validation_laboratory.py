@@ -96,9 +96,8 @@ class Laboratory:
         )
         step, platform = walked.step, walked.motion.platform
         stance = Stance(step.heel_strike, step.toe_off)
-        return Crossing(
-            name, walked.time[::every], theta, torque, platform.angle[::every], stance, platform.onset, 0.0, UNCHECKED
-        )
+        seen = walked.time[::every], theta, torque, platform.angle[::every]
+        return Crossing(name, *seen, stance, platform.onset, 0.0, UNCHECKED, np.zeros((0, len(theta))))
 
     def noise(self, name: str, effect: str, samples: int) -> Array:
         """Noise of the angle [rad] from markers, or of the torque [N*m] from the plate, shape (samples,)."""

@@ -19,7 +19,7 @@ from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.trial import Array
 from osl_analysis.validation import read_yaml
-from osl_analysis.walking.ensemble import Bootstrap, bootstrap, ensemble_response, variance_of_normal_gait
+from osl_analysis.walking.ensemble import Bootstrap, bootstrap, common_errors, ensemble_response
 from osl_analysis.walking.perturbation import (
     fit_response,
     normal_gait,
@@ -73,13 +73,13 @@ def campaign_rows(number: int, study: ValidationStudy, laboratory: Laboratory) -
     responses = [laboratory.respond(one.crossing, normal) for one in perturbed]
     fits = [fit_response(response) for response in responses]
     resampled, ensemble = bootstrap(responses, RESAMPLES), ensemble_response(responses).fit
-    common, rows = variance_of_normal_gait(responses), []
+    common, rows = common_errors(responses), []
     for quantity in QUANTITIES:
         truths = np.array([getattr(one.exact, quantity) for one in perturbed])
         rendered = np.array([one.rendered[f"{quantity}_rendered"] for one in perturbed])
         estimates = [getattr(fit, quantity) for fit in fits]
         alone = truth_of(truths[:1], rendered[:1]) | fitted("single perturbation", fits[0].fit, quantity)
-        mean = over_repeats(estimates, common[quantity], len(normal.names))
+        mean = over_repeats(estimates, common[quantity])
         every = truth_of(truths, rendered)
         rows += [
             {"trial": f"study_{number:05d}", "quantity": quantity, "bound": None, **row}

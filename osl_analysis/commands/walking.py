@@ -12,7 +12,7 @@ from osl_analysis.commands.unperturbed_file import read_normal_gait, write_norma
 from osl_analysis.commands.walking_selection import left_out, used
 from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
 from osl_analysis.fits.impedance import fit_impedance
-from osl_analysis.fits.repeats import over_repeats
+from osl_analysis.fits.repeats import CommonError, over_repeats
 from osl_analysis.fits.rows import diagnostics_row, estimates_row
 from osl_analysis.table_file import read_table, write_table
 from osl_analysis.walking.crossing import Crossing
@@ -20,8 +20,8 @@ from osl_analysis.walking.ensemble import (
     Bootstrap,
     EnsembleResponse,
     bootstrap,
+    common_errors,
     ensemble_response,
-    variance_of_normal_gait,
 )
 from osl_analysis.walking.lag import response_lag
 from osl_analysis.walking.perturbation import NormalGait, Response, Timing, fit_response, isolate, normal_gait
@@ -128,7 +128,7 @@ def summarise(
     normal, kept = read_normal_gait(unperturbed), set(good["trial"])
     every = [isolated(read_crossing(path), normal, settings) for path in crossings if path.stem in kept]
     ensemble = ensemble_response(every)
-    rows = mean_rows(good, variance_of_normal_gait(every), len(every[0].thetas))
+    rows = mean_rows(good, common_errors(every))
     rows += ensemble_rows(ensemble, bootstrap(every, settings.bootstrap_samples))
     write_table(pl.DataFrame(rows), output)
     write_table(response_table(every, ensemble), responses)
@@ -142,16 +142,14 @@ def excluded_table(selection: pl.DataFrame, fits: pl.DataFrame) -> pl.DataFrame:
     return both.select("trial", "perturbed", reason).filter(pl.col("reason").is_not_null())
 
 
-def mean_rows(table: pl.DataFrame, common: Mapping[str, float], unperturbed: int) -> list[dict[str, object]]:
-    """Mean and scatter of the estimates per perturbation.
-
-    The mean of the `unperturbed` crossings is in all of them: `common` is the variance of K, B and I that it gives to
-    their means, which `se` and the interval count in.
+def mean_rows(table: pl.DataFrame, common: Mapping[str, Sequence[CommonError]]) -> list[dict[str, object]]:
+    """Mean and scatter of the estimates per perturbation; `se` and the interval count in the errors that are `common`
+    to all of them.
     """
     return [
-        {"quantity": quantity, "estimator": MEAN, **asdict(over_repeats(table[quantity].to_numpy(), *shared))}
+        {"quantity": quantity, "estimator": MEAN}
+        | asdict(over_repeats(table[quantity].to_numpy(), common.get(quantity, ())))
         for quantity in QUANTITIES
-        for shared in [(common.get(quantity, 0.0), unperturbed)]
     ]
 
 

@@ -1,5 +1,6 @@
 """Mean, scatter and interval over repeated trials."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,6 +8,7 @@ from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
 from osl_analysis.errors import InputError
+from osl_analysis.fits.freedom import welch_satterthwaite
 
 
 @dataclass(frozen=True)
@@ -21,11 +23,16 @@ class Repeats:
     high: float
 
 
-def over_repeats(values: ArrayLike, common_variance: float = 0.0, common_count: int = 2) -> Repeats:
-    """Summary of one estimate per trial, shape (n,), any unit.
+@dataclass(frozen=True)
+class CommonError:
+    """An error that all trials share, and that their scatter does not show: its variance, and what that is worth."""
 
-    An error that all trials have in common does not show in their scatter: `common_variance` is its variance, found
-    from `common_count` repetitions. Degrees of freedom then after Welch and Satterthwaite.
+    variance: float
+    degrees_of_freedom: float
+
+
+def over_repeats(values: ArrayLike, common: Sequence[CommonError] = ()) -> Repeats:
+    """Summary of one estimate per trial, shape (n,), any unit; standard error and interval count in what is `common`.
 
     Raises
     ------
@@ -36,9 +43,8 @@ def over_repeats(values: ArrayLike, common_variance: float = 0.0, common_count: 
     if len(values) < 2:
         raise InputError(f"{len(values)} trial cannot give a scatter; repeat the experiment at least twice")
     mean, sd = float(np.mean(values)), float(np.std(values, ddof=1))
-    own, freedom = sd**2 / len(values), len(values) - 1.0
-    se = float(np.sqrt(own + common_variance))
-    if common_variance > 0:
-        freedom = se**4 / (own**2 / freedom + common_variance**2 / (common_count - 1))
+    variances = [sd**2 / len(values), *(error.variance for error in common)]
+    freedom = welch_satterthwaite(variances, [len(values) - 1, *(error.degrees_of_freedom for error in common)])
+    se = float(np.sqrt(sum(variances)))
     half = float(stdtrit(freedom, 0.975)) * se
     return Repeats(len(values), mean, sd, se, mean - half, mean + half)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_analysis.fits.freedom import welch_satterthwaite
 from osl_analysis.trial import Array
 
 Covariance = tuple[Array, Array]
@@ -65,13 +66,11 @@ def between_cycles(scores: Array, cycles: Cycles) -> Covariance:
     """The spread of the cycles' sums of scores (n, p) about the mean of their stratum.
 
     It is what a bootstrap that draws cycles anew within each stratum converges to, times m/(m - 1) for the stratum's
-    mean that was estimated. Degrees of freedom after Welch and Satterthwaite (Biometrics Bulletin 2, 1946).
+    mean that was estimated.
     """
     sums = np.add.reduceat(scores, cycles.first, axis=0)
     members = np.bincount(cycles.stratum).astype(float)
     mean = np.stack([np.bincount(cycles.stratum, column) for column in sums.T], axis=1) / members[:, None]
     spread = (sums - mean[cycles.stratum]) * np.sqrt(members / (members - 1))[cycles.stratum, None]
     shares = np.stack([np.bincount(cycles.stratum, column**2) for column in spread.T], axis=1)
-    worth = np.sum(shares**2 / (members - 1)[:, None], axis=0)
-    freedom = np.sum(shares, axis=0) ** 2 / np.maximum(worth, np.finfo(float).tiny)
-    return spread.T @ spread, np.maximum(freedom, 1.0)
+    return spread.T @ spread, welch_satterthwaite(list(shares), members - 1)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from osl_analysis.fits.freedom import welch_satterthwaite
 from osl_analysis.fits.regression import LinearFit, linear_fit
 from osl_analysis.trial import Array
 
@@ -21,7 +22,7 @@ def slow_fit(
 
     A sensor's drift, linear in time with the standard deviation `drift` [unit of y per sample], passes for a slow
     column: no residual shows it. It is counted in as a component of type B (JCGM 100:2008, 4.3), its size taken as
-    known; degrees of freedom after Welch and Satterthwaite.
+    known.
 
     Raises
     ------
@@ -37,11 +38,11 @@ def slow_fit(
     solution = np.linalg.pinv(np.column_stack(list(columns.values())))
     by_noise, shift = float(noise @ noise) / freedom * solution @ solution.T, drift * solution @ samples
     covariance = by_noise + np.outer(shift, shift)
-    share = np.diag(by_noise) / np.maximum(np.diag(covariance), np.finfo(float).tiny)
+    variances = [np.diag(by_noise), shift**2]
     return replace(
         fit,
         covariance=covariance,
-        degrees_of_freedom=freedom / np.maximum(share, 1e-6) ** 2,
+        degrees_of_freedom=welch_satterthwaite(variances, [freedom, np.inf]),
         correlation_samples=int(np.ceil(memory)),
         interval_method="noise + drift" if drift else "noise",
     )

@@ -56,7 +56,8 @@ class Crossing:
     """Joint angle [rad] and internal plantarflexion moment [N*m] of one crossing, n samples at the marker rate.
 
     `platform` is the platform's rotation [rad], not filtered; `onset` [s] of the perturbation, None without one;
-    `bridged` the fraction of frames in stance in which a hidden cluster was interpolated.
+    `bridged` the fraction of frames in stance in which a hidden cluster was interpolated. `plate_errors` (m, n) [N*m]
+    is what leaving out each of the m trials of the unloaded plate does to the torque; m = 0 if there was one.
     """
 
     name: str
@@ -68,6 +69,7 @@ class Crossing:
     onset: float | None
     bridged: float
     quality: Quality
+    plate_errors: Array
 
 
 def analyse_crossing(
@@ -97,7 +99,8 @@ def crossing_of(
     raw = {}
     for name, (labels, positions) in clusters.items():
         time, raw[name] = segment_poses(trial, labels, positions, settings)
-    stance, wrench, zero = stance_and_wrench(trial, time, settings, plate.lag)
+    reading, zero = plate_reading(trial, settings)
+    stance = stance_of(time, reading.at(time, plate.lag), settings)
     rotation = rotation_from_rest(raw["platform"])
     onset = find_onset(time, rotation, float(np.deg2rad(settings.perturbation_deg)))
     lead = settings.guard_s + settings.baseline_s
@@ -111,22 +114,26 @@ def crossing_of(
         name: smoothed(raw[name][rows], reference_of(positions, labels, trial.name), settings.low_pass, rate)
         for name, (labels, positions) in clusters.items()
     }
-    filtered = Wrench(settings.low_pass(wrench.force, rate)[rows], settings.low_pass(wrench.moment, rate)[rows])
-    torque = torque_of(
-        time[rows], poses, filtered, plate_centre(trial, settings.plate), calibration, plate.inertia, settings.foot
-    )
+    centre = plate_centre(trial, settings.plate)
+
+    def torque_by(model: PlateModel) -> Array:
+        wrench = reading.at(time, model.lag)
+        filtered = Wrench(settings.low_pass(wrench.force, rate)[rows], settings.low_pass(wrench.moment, rate)[rows])
+        return torque_of(time[rows], poses, filtered, centre, calibration, model.inertia, settings.foot)
+
+    torque = torque_by(plate)
     theta = ankle_angle(poses["foot"], poses["shank"], calibration.ankle_axis)
     inside = (time[rows] >= stance.heel_strike) & (time[rows] <= stance.toe_off)
     bridged = np.any([pose.bridged for pose in poses.values()], axis=0)
     quality = Quality(
         {name: residual_of(pose[inside]) for name, pose in poses.items()},
         zero,
-        placement_of(time[rows], poses["foot"], calibration, plate_centre(trial, settings.plate), stance),
+        placement_of(time[rows], poses["foot"], calibration, centre, stance),
         encoder_check(trial, time[rows], theta, settings),
     )
-    return Crossing(
-        trial.name, time[rows], theta, torque, rotation[rows], stance, onset, float(np.mean(bridged[inside])), quality
-    )
+    errors = np.reshape([torque_by(model) - torque for model in plate.left_out], (-1, len(torque)))
+    share = float(np.mean(bridged[inside]))
+    return Crossing(trial.name, time[rows], theta, torque, rotation[rows], stance, onset, share, quality, errors)
 
 
 def residual_of(poses: Poses) -> float:
@@ -152,20 +159,33 @@ def encoder_check(trial: Trial, time: Array, theta: Array, settings: WalkingAnal
     return compare_encoder(time, theta, encoder_time, encoder, settings.low_pass)
 
 
-def stance_and_wrench(
-    trial: Trial, marker_time: Array, settings: WalkingAnalysis, lag: float
-) -> tuple[Stance, Wrench, float | None]:
-    """The stance, from the vertical force; the wrench at the marker frames (n,), in the plate's axes, without its zero,
-    and the vertical force [N] of that zero."""
+@dataclass(frozen=True)
+class PlateReading:
+    """Wrench in the plate's axes, without its zero, at the plate's own stamps `time` (k,) [s]."""
+
+    time: Array
+    wrench: Wrench
+
+    def at(self, marker_time: Array, lag: float) -> Wrench:
+        """The wrench at the marker frames (n,) [s] of a plate that is `lag` [s] late."""
+        return at_marker_times(self.time, self.wrench, marker_time, lag)
+
+
+def plate_reading(trial: Trial, settings: WalkingAnalysis) -> tuple[PlateReading, float | None]:
+    """What the plate read, and the vertical force [N] of its zero, None where none was looked for."""
     plate_time, measured = plate_wrench(trial, settings.plate)
     zero = None
     if settings.unloaded_s is not None:
         own = unloaded_zero(plate_time, measured, settings.unloaded_s, settings.largest_zero_n)
         measured, zero = measured - own, float(own.force[0, 2])
     check_range(plate_time, measured.force, plate_axes(plate_corners(trial, settings.plate)), settings.load_on_n)
-    wrench = at_marker_times(plate_time, measured, marker_time, lag)
+    return PlateReading(plate_time, measured), zero
+
+
+def stance_of(time: Array, wrench: Wrench, settings: WalkingAnalysis) -> Stance:
+    """The one stance that the vertical force at the frames `time` (n,) [s] shows."""
     limits = settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
-    return only_stance(find_stances(marker_time, wrench.force[:, 2], *limits)), wrench, zero
+    return only_stance(find_stances(time, wrench.force[:, 2], *limits))
 
 
 def rows_of_stance(time: Array, poses: dict[str, Poses], stance: Stance) -> slice:

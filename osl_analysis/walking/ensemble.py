@@ -8,9 +8,18 @@ from scipy.special import ndtr, stdtrit
 
 from osl_analysis.errors import InputError
 from osl_analysis.fits.impedance import ImpedanceFit
+from osl_analysis.fits.repeats import CommonError
 from osl_analysis.signals import Motion, differentiate
 from osl_analysis.trial import Array
-from osl_analysis.walking.perturbation import Response, fit_response, fit_without_offset, gait_errors, window_rows
+from osl_analysis.walking.perturbation import (
+    Response,
+    fit_response,
+    fit_without_offset,
+    gait_errors,
+    jackknife_covariance,
+    plate_effects,
+    window_rows,
+)
 
 SEED = 20
 """Seed of the bootstrap: the same data give the same interval."""
@@ -78,20 +87,26 @@ def check_alike(responses: Sequence[Response]) -> None:
 
 
 def bootstrap(responses: Sequence[Response], samples: int) -> Bootstrap:
-    """Refit the ensemble with perturbations and unperturbed crossings drawn anew, with replacement.
+    """Refit the ensemble with perturbations, unperturbed crossings and unloaded trials drawn anew, with replacement.
 
-    Both are drawn: the mean unperturbed crossing is subtracted from every response, so that its chance error is
-    common to all and would not show in the scatter between perturbations.
+    All are drawn: the mean unperturbed crossing is subtracted from every response and the plate's model stands in every
+    torque, so that their chance errors are common to all and would not show in the scatter between perturbations. A
+    model from other trials is taken to first order, by the influence of each.
     """
     check_alike(responses)
     random = np.random.default_rng(SEED)
-    theta, torque = (np.array([getattr(r, name) for r in responses]) for name in ("thetas", "torques"))
-    perturbed, normal = (resampling_weights(random, samples, n) for n in theta.shape[:2])
+    theta, torque, plate = (
+        np.array([getattr(r, name) for r in responses]) for name in ("thetas", "torques", "plate_errors")
+    )
+    trials = plate.shape[1]
+    perturbed, normal, unloaded = (resampling_weights(random, samples, n) for n in (*theta.shape[:2], trials))
     time, rows = responses[0].time, window_rows(responses[0].time, responses[0].timing)
+    influence = -(trials - 1) * (plate - plate.mean(axis=1, keepdims=True)) if trials > 1 else plate
     fits = []
-    for p, u in zip(perturbed, normal, strict=True):
+    for p, u, w in zip(perturbed, normal, unloaded, strict=True):
         motion = differentiate(time, u @ np.tensordot(p, theta, 1))
-        fits.append(fit_without_offset(motion[rows], (u @ np.tensordot(p, torque, 1))[rows]))
+        drawn = u @ np.tensordot(p, torque, 1) + w @ np.tensordot(p, influence, 1)
+        fits.append(fit_without_offset(motion[rows], drawn[rows]))
     return Bootstrap(
         K=np.array([f.K for f in fits]),
         B=np.array([f.B for f in fits]),
@@ -101,21 +116,29 @@ def bootstrap(responses: Sequence[Response], samples: int) -> Bootstrap:
     )
 
 
-def variance_of_normal_gait(responses: Sequence[Response]) -> dict[str, float]:
-    """Variance that the choice of unperturbed crossings gives to the mean of K, B and I over the perturbations.
+def common_errors(responses: Sequence[Response]) -> dict[str, list[CommonError]]:
+    """What the mean of K, B and I over the perturbations owes to the unperturbed crossings and to the plate's trials.
 
-    Their mean is subtracted from all responses at once, which have its chance error in common: that of a mean of n
-    crossings, of which `gait_errors` says what each contributes. Units as in `ImpedanceFit`, squared.
+    One mean of unperturbed crossings is subtracted from all responses, one model of the plate stands in all torques.
+    Their chance errors are that of a mean of n crossings, of which `gait_errors` says what each contributes, and the
+    jackknife's over the trials of the plate. Units as in `ImpedanceFit`, squared.
     """
     check_alike(responses)
-    common = np.mean([gait_errors(r, fit_response(r)) for r in responses], axis=0)
-    return dict(zip("KBI", (np.var(common, axis=0, ddof=1) / len(common)).tolist(), strict=True))
+    gait = np.mean([gait_errors(r, fit_response(r)) for r in responses], axis=0)
+    plate = np.mean([plate_effects(r) for r in responses], axis=0)
+    by_gait, by_plate = np.var(gait, axis=0, ddof=1) / len(gait), np.diag(jackknife_covariance(plate))
+    return {
+        name: [CommonError(float(g), len(gait) - 1), CommonError(float(p), max(len(plate) - 1, 1))]
+        for name, g, p in zip("KBI", by_gait, by_plate, strict=True)
+    }
 
 
 def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Array:
     """Weights (samples, n) with which n items enter a mean when n - 1 are drawn with replacement.
 
     The mean of n draws would have the variance (n - 1)/n of what it should be, that of n - 1 draws is right
-    (Hesterberg, The American Statistician 69, 2015).
+    (Hesterberg, The American Statistician 69, 2015). Of a single item it is the item.
     """
+    if n < 2:
+        return np.ones((samples, n))
     return random.multinomial(n - 1, np.full(n, 1 / n), size=samples) / (n - 1)

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.fits.freedom import welch_satterthwaite
 from osl_analysis.fits.impedance import ImpedanceFit, impedance_torque
 from osl_analysis.fits.regression import linear_fit
 from osl_analysis.signals import Motion, differentiate, sampling_rate
@@ -23,12 +24,16 @@ GAIT = "unperturbed crossings"
 
 @dataclass(frozen=True)
 class NormalGait:
-    """Unperturbed crossings at `PHASES`: theta [rad], torque [N*m], (crossings, phases); stance [s], (crossings,)."""
+    """Unperturbed crossings at `PHASES`: theta [rad], torque [N*m], (crossings, phases); stance [s], (crossings,).
+
+    `plate_errors` (m, crossings, phases) [N*m]: as those of a `Crossing`.
+    """
 
     names: tuple[str, ...]
     theta: Array
     torque: Array
     stance: Array
+    plate_errors: Array
 
 
 @dataclass(frozen=True)
@@ -45,7 +50,8 @@ class Response:
     """Isolated response to one perturbation, k samples at `time` [s] from the onset, zero on the baseline's mean.
 
     `motion` of the ankle's angle and `torque` [N*m]; `thetas` and `torques` (crossings, k) are angle and torque with
-    each unperturbed crossing subtracted instead of their mean, for the bootstrap.
+    each unperturbed crossing subtracted instead of their mean, for the bootstrap. `plate_errors` (m, k) [N*m]: what
+    leaving out each trial of the unloaded plate does to the torque.
     """
 
     name: str
@@ -54,6 +60,7 @@ class Response:
     torque: Array
     thetas: Array
     torques: Array
+    plate_errors: Array
     timing: Timing
 
     @property
@@ -81,19 +88,21 @@ def normal_gait(crossings: Sequence[Crossing], fewest: int) -> NormalGait:
             f"{len(crossings)} unperturbed crossings ({', '.join(c.name for c in crossings) or 'none'}), expected "
             f"{fewest} or more; record more, or exclude fewer in the sheet"
         )
-    theta, torque = (
-        np.array(
-            [at_times(c, getattr(c, signal), c.stance.heel_strike + PHASES * c.stance.duration) for c in crossings]
+    theta, torque, plate_errors = (
+        np.stack(
+            [at_times(c, getattr(c, signal), c.stance.heel_strike + PHASES * c.stance.duration) for c in crossings],
+            axis=-2,
         )
-        for signal in ("theta", "torque")
+        for signal in ("theta", "torque", "plate_errors")
     )
-    return NormalGait(tuple(c.name for c in crossings), theta, torque, np.array([c.stance.duration for c in crossings]))
+    stance = np.array([c.stance.duration for c in crossings])
+    return NormalGait(tuple(c.name for c in crossings), theta, torque, stance, plate_errors)
 
 
 def at_times(crossing: Crossing, signal: Array, time: Array) -> Array:
-    """A signal (n,) of a crossing at other times [s], by a cubic spline; at the record's ends it is held."""
+    """Signals (..., n) of a crossing at other times (k,) [s], by a cubic spline; at the record's ends they are held."""
     inside = np.clip(time, crossing.time[0], crossing.time[-1])
-    return np.asarray(make_interp_spline(crossing.time, signal, k=3)(inside))
+    return np.asarray(make_interp_spline(crossing.time, signal, k=3, axis=-1)(inside))
 
 
 def isolate(crossing: Crossing, normal: NormalGait, timing: Timing, stance: float) -> Response:
@@ -124,8 +133,10 @@ def isolate(crossing: Crossing, normal: NormalGait, timing: Timing, stance: floa
         without_baseline(at_times(crossing, own, crossing.onset + time) - at_phases(others, phase), rest)
         for own, others in ((crossing.theta, normal.theta), (crossing.torque, normal.torque))
     )
+    own_errors = at_times(crossing, crossing.plate_errors, crossing.onset + time)
+    plate_errors = without_baseline(own_errors - at_phases(normal.plate_errors.mean(axis=1), phase), rest)
     motion = differentiate(time, thetas.mean(axis=0))
-    return Response(crossing.name, time, motion, torques.mean(axis=0), thetas, torques, timing)
+    return Response(crossing.name, time, motion, torques.mean(axis=0), thetas, torques, plate_errors, timing)
 
 
 def response_grid(rate: float, timing: Timing) -> Array:
@@ -136,13 +147,13 @@ def response_grid(rate: float, timing: Timing) -> Array:
 
 
 def at_phases(curves: Array, phase: Array) -> Array:
-    """Curves (crossings, phases) at other phases (k,): (crossings, k)."""
-    return np.asarray(make_interp_spline(PHASES, curves, k=3, axis=1)(phase))
+    """Curves (..., phases) at other phases (k,): (..., k)."""
+    return np.asarray(make_interp_spline(PHASES, curves, k=3, axis=-1)(phase))
 
 
 def without_baseline(curves: Array, rest: slice) -> Array:
-    """Curves (crossings, k) without their means over the samples `rest` of the baseline."""
-    return np.asarray(curves - curves[:, rest].mean(axis=1, keepdims=True))
+    """Curves (..., k) without their means over the samples `rest` of the baseline."""
+    return np.asarray(curves - curves[..., rest].mean(axis=-1, keepdims=True))
 
 
 def fit_response(response: Response) -> ImpedanceFit:
@@ -150,7 +161,8 @@ def fit_response(response: Response) -> ImpedanceFit:
 
     An offset would be fitted to whatever of the response is not of second order: it reads K 321 for 334 on the exact
     response of the simulated drivetrain, and 308 if the onset is found 20 ms late. The covariance is what ordinary gait
-    makes of an estimate (`gait_errors`): the residual of the fit, a few correlated samples, knows nothing of it.
+    makes of an estimate (`gait_errors`) and what the trials of the unloaded plate do (`plate_effects`): the residual of
+    the fit, a few correlated samples, knows nothing of either.
 
     Raises
     ------
@@ -162,17 +174,12 @@ def fit_response(response: Response) -> ImpedanceFit:
         found = fit_without_offset(response.motion[rows], response.torque[rows])
     except OslAnalysisError as error:
         raise type(error)(f"trial {response.name}: {error}") from error
-    errors = gait_errors(response, found)
-    n = len(errors)
-    return replace(
-        found,
-        fit=replace(
-            found.fit,
-            covariance=(1 + 1 / n) * np.cov(errors, rowvar=False),
-            degrees_of_freedom=np.full(errors.shape[1], n - 1.0),
-            interval_method=GAIT,
-        ),
-    )
+    gait, plate = gait_errors(response, found), plate_effects(response)
+    n = len(gait)
+    by_gait, by_plate = (1 + 1 / n) * np.cov(gait, rowvar=False), jackknife_covariance(plate)
+    freedom = welch_satterthwaite([np.diag(by_gait), np.diag(by_plate)], [n - 1, max(len(plate) - 1, 1)])
+    known = replace(found.fit, covariance=by_gait + by_plate, degrees_of_freedom=freedom, interval_method=GAIT)
+    return replace(found, fit=known)
 
 
 def gait_errors(response: Response, found: ImpedanceFit) -> Array:
@@ -186,6 +193,22 @@ def gait_errors(response: Response, found: ImpedanceFit) -> Array:
     unexplained = (response.torque - response.torques).T - impedance_torque(found.K, found.B, found.I, own)
     columns = np.column_stack([motion.theta, motion.omega, motion.alpha])
     return np.asarray(np.linalg.lstsq(columns[rows], unexplained[rows])[0].T)
+
+
+def plate_effects(response: Response) -> Array:
+    """What leaving out each of m trials of the unloaded plate does to K, B and I: (m, 3), to first order."""
+    rows, motion = response.window, response.motion
+    columns = np.column_stack([motion.theta, motion.omega, motion.alpha])
+    return np.asarray(np.linalg.lstsq(columns[rows], response.plate_errors.T[rows])[0].T)
+
+
+def jackknife_covariance(left_out: Array) -> Array:
+    """Covariance (p, p) of estimates from what leaving out each of m trials does to them, (m, p); 0 with less than two.
+
+    Tukey's: (m - 1)/m times the sum of squares about the mean.
+    """
+    m, p = left_out.shape
+    return (m - 1) ** 2 / m * np.cov(left_out, rowvar=False) if m > 1 else np.zeros((p, p))
 
 
 def fit_without_offset(motion: Motion, torque: Array) -> ImpedanceFit:

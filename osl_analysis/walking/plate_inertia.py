@@ -51,12 +51,14 @@ class PlateModel:
     """The plate's inertia, and its lag [s] behind the markers: the mean of `lags`, with its standard error.
 
     `lags` holds one per trial that can tell; without any the lag counts as 0, and less than two give no standard error.
+    `left_out`: the model without each trial in turn, for what the choice of trials does to a torque (jackknife).
     """
 
     inertia: PlateInertia
     lag: float
     lag_se: float | None
     lags: Array
+    left_out: "tuple[PlateModel, ...]" = ()
 
 
 def cross_matrix(v: Array) -> Array:

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,13 +63,23 @@ def identify_plate_model(
     if not trials:
         raise InputError("no trials with nobody on the platform; add trials of experiment 'plate' to the sheet")
     recordings = followed([unloaded_recording(trial, calibration, settings) for trial in trials])
-    tell = recordings if settings.correct_plate_lag else []
-    lags = np.array([lag_of(r) for r in tell])
-    lags = lags[np.isfinite(lags)]
-    lag = float(np.mean(lags)) if len(lags) else 0.0
+    lags = [lag_of(r) if settings.correct_plate_lag else float("nan") for r in recordings]
+    model, every = plate_model(recordings, lags), range(len(recordings))
+    if len(recordings) == 1:
+        return model
+    others = [[i for i in every if i != one] for one in every]
+    return replace(
+        model, left_out=tuple(plate_model([recordings[i] for i in kept], [lags[i] for i in kept]) for kept in others)
+    )
+
+
+def plate_model(recordings: Sequence[UnloadedRecording], lags: Sequence[float]) -> PlateModel:
+    """The plate's lag from those of the recordings [s], NaN where one cannot tell, and one inertia from all at it."""
+    told = np.array([lag for lag in lags if np.isfinite(lag)])
+    lag = float(np.mean(told)) if len(told) else 0.0
     inertia = identify_plate_inertia([(r.motion, r.wrench_at(lag)) for r in recordings], recordings[0].smooth)
-    error = float(np.std(lags, ddof=1) / np.sqrt(len(lags))) if len(lags) > 1 else None
-    return PlateModel(inertia, lag, error, lags)
+    error = float(np.std(told, ddof=1) / np.sqrt(len(told))) if len(told) > 1 else None
+    return PlateModel(inertia, lag, error, told)
 
 
 def followed(recordings: Sequence[UnloadedRecording]) -> list[UnloadedRecording]:

@@ -13,7 +13,15 @@ from osl_analysis.fits.impedance import fit_impedance, impedance_torque
 from osl_analysis.fits.protocol import SteppedSine, find_blocks, unit_block
 from osl_analysis.fits.repeats import over_repeats
 from osl_analysis.fits.sign import check_sign
-from osl_analysis.fits.sinusoid import fit_sinusoid, mean_response, response
+from osl_analysis.fits.sinusoid import (
+    complex_row,
+    fit_sinusoid,
+    from_row,
+    mean_response,
+    polar_row,
+    pooled_freedom,
+    response,
+)
 from osl_analysis.fits.transmission import fit_transmission, fit_transmission_with_coulomb
 from osl_analysis.signals import LowPass, differentiate, filtered_motion
 
@@ -180,6 +188,41 @@ def test_response_is_the_complex_admittance_and_its_error_follows_the_noise():
     assert np.mean([r.magnitude_se for r in found]) == pytest.approx(scatter, rel=0.35)
     assert np.mean([r.phase_se for r in found]) == pytest.approx(np.std(np.angle(values), ddof=1), rel=0.35)
     assert mean_response(found).magnitude_se == pytest.approx(scatter / np.sqrt(60), rel=0.35)
+
+
+def test_intervals_of_a_response_and_of_its_mean_over_amplitudes_cover_with_few_cycles():
+    """95 % of 500 seeded records of six cycles, amplitudes of unequal noise; a normal quantile would reach 90 %."""
+    t, w, rng, true, covered = np.arange(0, 6, 1e-2), 2 * np.pi, np.random.default_rng(6), 1 / (200 + 40j), []
+    for _ in range(500):
+        pair = []
+        for noise in (0.5, 2.0):
+            theta = 0.05 * np.sin(w * t)
+            torque = 0.05 * np.abs(1 / true) * np.sin(w * t - np.angle(true)) + rng.normal(0, noise, len(t))
+            pair.append(response(fit_sinusoid(t, theta, 1.0), fit_sinusoid(t, torque, 1.0)))
+        rows = [polar_row(found) for found in (pair[1], mean_response(pair))]
+        covered.append([
+            (row["magnitude_low"] <= abs(true) <= row["magnitude_high"])
+            + 1j * (row["phase_low_deg"] <= np.rad2deg(np.angle(true)) <= row["phase_high_deg"])
+            for row in rows
+        ])  # fmt: skip
+    share = np.mean(covered, axis=0)
+    assert ((share.real > 0.925) & (share.real < 0.975)).all()
+    assert ((share.imag > 0.925) & (share.imag < 0.975)).all()
+
+
+def test_degrees_of_freedom_of_a_sum_are_those_of_welch_and_satterthwaite():
+    small, large = np.eye(2) * 1e-9, np.eye(2)
+    assert pooled_freedom([large, large], [5, 5]) == pytest.approx(10)
+    assert pooled_freedom([large, small], [5, 90]) == pytest.approx(5)
+    assert pooled_freedom([0 * large], [5]) == np.inf
+
+
+def test_a_phasor_survives_its_row_of_a_table():
+    t = np.arange(0, 8, 1e-2)
+    found = fit_sinusoid(t, np.sin(7 * t) + np.random.default_rng(7).normal(0, 0.1, len(t)), 1.0)
+    again = from_row("theta", complex_row("theta", found))
+    assert (again.value, again.freedom) == (found.value, found.freedom)
+    np.testing.assert_array_equal(again.covariance, found.covariance)
 
 
 def test_sinusoid_refuses_too_short_a_record_and_too_slow_a_sampling():

@@ -1,9 +1,10 @@
 """Sinusoid fits and the frequency response: phasors of angle and torque, their ratio, their mean (Fig. 7)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from osl_analysis.errors import InputError
 from osl_analysis.fits.regression import linear_fit
@@ -15,26 +16,12 @@ HARMONICS = 5
 
 
 @dataclass(frozen=True)
-class Phasor:
-    """Complex amplitude P of signal = Re(P exp(j w t)) + ..., the covariance of (Re P, Im P), and the distortion.
-
-    `distortion` is the root sum of squares of harmonics 2 to 5 over the fundamental, whose amplitudes are `amplitudes`
-    (5,), the fundamental's first.
-    """
+class Uncertain:
+    """A complex number, the covariance (2, 2) of (Re, Im), and the degrees of freedom that its variances are worth."""
 
     value: complex
     covariance: Array
-    distortion: float
-    vaf: float
-    amplitudes: Array
-
-
-@dataclass(frozen=True)
-class Response:
-    """Integral admittance Y = theta/torque [rad/(N*m)] at one frequency, with the covariance of (Re Y, Im Y)."""
-
-    value: complex
-    covariance: Array
+    freedom: float
 
     @property
     def magnitude(self) -> float:
@@ -55,9 +42,32 @@ class Response:
         """Standard error across the phasor as an angle [rad]."""
         return self._se_along(1j * self.value / abs(self.value)) / abs(self.value)
 
+    @property
+    def quantile(self) -> float:
+        """Student's quantile: half the width of a 95 % interval in standard errors."""
+        return float(stdtrit(self.freedom, 0.975))
+
     def _se_along(self, direction: complex) -> float:
         unit = np.array([direction.real, direction.imag])
         return float(np.sqrt(unit @ self.covariance @ unit))
+
+
+@dataclass(frozen=True)
+class Phasor(Uncertain):
+    """Complex amplitude P of signal = Re(P exp(j w t)) + ..., and the distortion.
+
+    `distortion` is the root sum of squares of harmonics 2 to 5 over the fundamental, whose amplitudes are `amplitudes`
+    (5,), the fundamental's first. `interval_method` says where the covariance is from.
+    """
+
+    distortion: float
+    vaf: float
+    amplitudes: Array
+    interval_method: str
+
+
+class Response(Uncertain):
+    """Integral admittance Y = theta/torque [rad/(N*m)] at one frequency."""
 
 
 def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, settle_cycles: int = 0) -> Phasor:
@@ -87,9 +97,11 @@ def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, settle_cycles:
     return Phasor(
         complex(cosines[0], -sines[0]),
         to_phasor @ fit.covariance[1:3, 1:3] @ to_phasor,
+        float(np.min(fit.degrees_of_freedom[1:3])),
         float(np.linalg.norm(amplitudes[1:]) / amplitudes[0]),
         fit.vaf,
         amplitudes,
+        fit.interval_method,
     )
 
 
@@ -117,9 +129,11 @@ def response(theta: Phasor, torque: Phasor) -> Response:
     The covariance is propagated to first order, the errors of angle and torque taken as independent.
     """
     Y = theta.value / torque.value
-    from_theta, from_torque = as_matrix(1 / torque.value), as_matrix(-Y / torque.value)
-    covariance = from_theta @ theta.covariance @ from_theta.T + from_torque @ torque.covariance @ from_torque.T
-    return Response(Y, covariance)
+    parts = [
+        factor @ phasor.covariance @ factor.T
+        for factor, phasor in ((as_matrix(1 / torque.value), theta), (as_matrix(-Y / torque.value), torque))
+    ]
+    return Response(Y, np.sum(parts, axis=0), pooled_freedom(parts, [theta.freedom, torque.freedom]))
 
 
 def as_matrix(z: complex) -> Array:
@@ -127,8 +141,50 @@ def as_matrix(z: complex) -> Array:
     return np.array([[z.real, -z.imag], [z.imag, z.real]])
 
 
-def mean_response(responses: Sequence[Response]) -> Response:
+def mean_response(responses: Sequence[Uncertain]) -> Response:
     """Complex mean over amplitudes at one frequency; covariance from the fits' own, taken as independent."""
-    n = len(responses)
-    covariance = np.sum([r.covariance for r in responses], axis=0) / n**2
-    return Response(complex(np.mean([r.value for r in responses])), covariance)
+    parts = [r.covariance / len(responses) ** 2 for r in responses]
+    freedom = pooled_freedom(parts, [r.freedom for r in responses])
+    return Response(complex(np.mean([r.value for r in responses])), np.sum(parts, axis=0), freedom)
+
+
+def pooled_freedom(covariances: Sequence[Array], freedom: Sequence[float]) -> float:
+    """Degrees of freedom of a sum of independent covariances, after Welch and Satterthwaite, on their traces.
+
+    Infinite where there is no variance at all.
+    """
+    traces = np.array([np.trace(covariance) for covariance in covariances])
+    worth = float(np.sum(traces**2 / np.array(freedom)))
+    return float(np.sum(traces)) ** 2 / worth if worth > 0 else float("inf")
+
+
+def complex_row(name: str, number: Uncertain) -> dict[str, float]:
+    """A complex number as columns of a table: `_re`, `_im`, their covariance, its degrees of freedom."""
+    C = number.covariance
+    values = (number.value.real, number.value.imag, C[0, 0], C[0, 1], C[1, 1], number.freedom)
+    ends = ("re", "im", "var_re", "cov", "var_im", "freedom")
+    return {f"{name}_{end}": float(value) for end, value in zip(ends, values, strict=True)}
+
+
+def from_row(name: str, row: Mapping[str, float]) -> Uncertain:
+    """The number that `complex_row` put into a row of a table."""
+    re, im, var_re, cov, var_im, freedom = (
+        row[f"{name}_{end}"] for end in ("re", "im", "var_re", "cov", "var_im", "freedom")
+    )
+    return Uncertain(complex(re, im), np.array([[var_re, cov], [cov, var_im]]), freedom)
+
+
+def polar_row(number: Uncertain) -> dict[str, float]:
+    """Magnitude and phase [deg] with standard errors and 95 % intervals (Student), to first order."""
+    magnitude, phase = number.magnitude, float(np.rad2deg(number.phase))
+    magnitude_se, phase_se = number.magnitude_se, float(np.rad2deg(number.phase_se))
+    return {
+        "magnitude": magnitude,
+        "magnitude_se": magnitude_se,
+        "magnitude_low": magnitude - number.quantile * magnitude_se,
+        "magnitude_high": magnitude + number.quantile * magnitude_se,
+        "phase_deg": phase,
+        "phase_se_deg": phase_se,
+        "phase_low_deg": phase - number.quantile * phase_se,
+        "phase_high_deg": phase + number.quantile * phase_se,
+    }

@@ -12,6 +12,7 @@ from osl_analysis import workflow as jobs
 from osl_analysis.campaign import open_campaign
 from osl_analysis.commands.simulate import planned_sheet, settings_files
 from osl_analysis.config import ActuatorAnalysis, DynamometerAnalysis, WeightSettings, campaign_config
+from osl_analysis.doubtful import Doubt, doubt_report
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.exclusion import exclusion_report, kept
 from osl_analysis.model.admittance_error import Weight
@@ -71,6 +72,7 @@ rule:
 
 onsuccess:
     print(jobs.time_table())
+    print(doubt_report(result_tables()))
     print(exclusion_report(checked(CAMPAIGN.trials()), CAMPAIGN.excluded))
 
 

@@ -184,12 +184,15 @@ def fit(trial: Path, model: str, parameters: Path, config_path: Path, as_json: b
     """Fit one ingested TRIAL (Parquet) and print the estimates in SI units with 95 % intervals."""
     from osl_analysis.commands.fit import estimates_text, fit_one, fit_one_actuator
     from osl_analysis.config import ActuatorAnalysis, DynamometerAnalysis, read_section
+    from osl_analysis.doubtful import DoubtfulFits
     from osl_analysis.table_file import finite_or_null
 
+    limits = read_section(config_path, "doubtful", DoubtfulFits)
     if model == "actuator":
-        fitted = fit_one_actuator(trial, read_section(config_path, "actuator", ActuatorAnalysis))
+        fitted = fit_one_actuator(trial, read_section(config_path, "actuator", ActuatorAnalysis), limits)
     else:
-        fitted = fit_one(model, trial, parameters, read_section(config_path, "dynamometer", DynamometerAnalysis))
+        bench = read_section(config_path, "dynamometer", DynamometerAnalysis)
+        fitted = fit_one(model, trial, parameters, bench, limits)
     if plot is not None:
         from osl_analysis.commands.figure import draw_table
 

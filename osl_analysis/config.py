@@ -6,38 +6,37 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from osl_analysis.doubtful import DoubtfulFits
 from osl_analysis.errors import InputError
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.quality.settings import QualityRules
+from osl_analysis.signals import LowPass
 from osl_analysis.validation import Model, Settings, read_mapping, validated
 from osl_analysis.walking.settings import GaitAnalysis, WalkingAnalysis
 
 Positive = Annotated[float, Field(gt=0)]
 
 
-class Doubt(Settings):
-    """A fit is marked doubtful in tables where a column passes its limit: `above` (in size) or `below`."""
-
-    above: dict[str, float]
-    below: dict[str, float]
-
-
-class DynamometerAnalysis(Settings):
-    """Filter (cut-off [Hz], order) and stepped-sine protocol (amplitudes [deg], frequencies [Hz], cycles).
-
-    `load_cell_drift` is a standard deviation [N*m/min], 0 for none: a belt trial cannot tell it from stiffness, so its
-    interval has to be told of it.
-    `doubtful` names columns of the impedance table with their limits.
-    """
+class Filtered(Settings):
+    """The one zero-phase filter (cut-off [Hz], order) of all signals of a trial."""
 
     cutoff_hz: Positive
     order: Annotated[int, Field(ge=1, le=10)]
+
+    @property
+    def low_pass(self) -> LowPass:
+        """The filter itself."""
+        return LowPass(self.cutoff_hz, self.order)
+
+
+class DynamometerAnalysis(Filtered):
+    """Filter and stepped-sine protocol (amplitudes [deg], frequencies [Hz], cycles)."""
+
     amplitudes_deg: Annotated[tuple[Positive, ...], Field(min_length=1)]
     frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
     cycles: Annotated[int, Field(ge=1)]
     settle_cycles: Annotated[int, Field(ge=0)]
     load_cell_drift: Annotated[float, Field(ge=0)] = 0.0
-    doubtful: Doubt = Doubt(above={}, below={})
 
     @model_validator(mode="after")
     def _something_settles(self) -> Self:
@@ -51,11 +50,9 @@ class DynamometerAnalysis(Settings):
         return tuple(float(a) for a in np.deg2rad(self.amplitudes_deg))
 
 
-class ActuatorAnalysis(Settings):
-    """Filter (cut-off [Hz], order), how the sign of the velocity is smoothed and which samples are too slow [rad/s]."""
+class ActuatorAnalysis(Filtered):
+    """Filter, how the sign of the velocity is smoothed and which samples are too slow [rad/s]."""
 
-    cutoff_hz: Positive
-    order: Annotated[int, Field(ge=1, le=10)]
     sign_width: Positive
     slowest: Annotated[float, Field(ge=0)]
 
@@ -137,6 +134,7 @@ class Config(Settings):
     sources: Path
     dynamometer: DynamometerAnalysis
     actuator: ActuatorAnalysis
+    doubtful: DoubtfulFits
     model_comparison: ModelComparison
     impedance_trajectory: Path | None
     gain_weight: WeightSettings

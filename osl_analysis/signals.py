@@ -21,6 +21,15 @@ class LowPass:
     cutoff_hz: float
     order: int = 4
 
+    @property
+    def noise_bandwidth_hz(self) -> float:
+        """Width [Hz] of the ideal low-pass through which as much white noise comes: 0.90 of the cut-off for order 4.
+
+        The integral of (1 + x^2m)^-2 over x = frequency/cut-off, both runs counted, m the order.
+        """
+        angle = np.pi / (2 * self.order)
+        return float(self.cutoff_hz * angle / np.sin(angle) * (1 - 1 / (2 * self.order)))
+
     def __call__(self, signal: Array, rate_hz: float) -> Array:
         """Filter samples along the first axis, shape (n, ...), taken at `rate_hz`.
 

@@ -43,6 +43,11 @@ def result_tables() -> list[Path]:
     return [RESULTS / f"tables/{table}.csv" for table in tables]
 
 
+def doubt_limits(params) -> Doubt | None:
+    """What makes a fit of the table doubtful, as the job's parameters carry it; None for a table that is not judged."""
+    return params.limits and Doubt.model_validate(params.limits)
+
+
 rule table:
     input:
         rows=lambda wildcards: fitted(wildcards.table),
@@ -55,8 +60,15 @@ rule table:
         table="|".join(FILLED_BY),
     params:
         code=jobs.code("commands.repeats"),
+        limits=lambda wildcards: CONFIG.doubtful.model_dump(mode="json").get(wildcards.table),
     run:
-        jobs.run_job(log[0], "repeats.gather", rows=kept(input.rows, input.quality), output=Path(output[0]))
+        jobs.run_job(
+            log[0],
+            "repeats.gather",
+            rows=kept(input.rows, input.quality),
+            output=Path(output[0]),
+            limits=doubt_limits(params),
+        )
 
 
 rule summary_table:

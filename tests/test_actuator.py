@@ -17,6 +17,7 @@ from osl_analysis.commands.fit import fit_one_actuator
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.config import ActuatorAnalysis, read_section
+from osl_analysis.doubtful import DoubtfulFits
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.fits.actuator import PARAMETERS, actuator_columns, correlation, fit_actuator
 from osl_analysis.parameters import read_parameters
@@ -230,7 +231,7 @@ def test_the_command_line_fits_a_trial_with_its_model(tmp_path, campaign):
     assert said.exit_code == 0, said.output
     assert re.search(r"k_tau_n_m +1\.0\d+ ± \S+ +N·m/A", said.output)
     analysis = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
-    series = fit_one_actuator(tmp_path / "a.parquet", analysis).series
+    series = fit_one_actuator(tmp_path / "a.parquet", analysis, DoubtfulFits()).series
     assert (series["torque"] - series["torque_model"]).std() < 0.05 * series["torque"].std()
 
 

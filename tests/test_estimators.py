@@ -8,11 +8,9 @@ from statsmodels.tsa.ar_model import AutoReg
 
 from osl_analysis.errors import InputError
 from osl_analysis.fits.diagnostics import (
-    doubts,
     held_out_vaf,
     largest_correlation,
     nonlinearity,
-    residual_autocorrelation,
     torque_lag,
 )
 from osl_analysis.fits.estimators import (
@@ -119,13 +117,6 @@ def test_harmonics_of_coulomb_friction_give_its_size_and_what_it_adds_to_the_dam
     assert found.even < 0.01
 
 
-def test_filtered_white_noise_is_white_at_twice_the_cutoff_and_a_slow_residual_is_not():
-    rng, t = np.random.default_rng(4), np.arange(0, 100, 2e-3)
-    white = LOW_PASS(rng.standard_normal(len(t)), RATE)
-    assert abs(residual_autocorrelation(white, RATE, 15)) < 0.15
-    assert residual_autocorrelation(white + np.sin(t), RATE, 15) > 0.7
-
-
 def test_estimates_that_lean_on_one_another_show_in_their_correlation():
     motion = multisine(2.0, 2.4)
     near = linear_fit(motion.theta + np.random.default_rng(5).standard_normal(5000), impedance_columns(motion))
@@ -141,10 +132,3 @@ def test_held_out_vaf_is_that_of_the_other_data():
     torque = impedance_torque(100, 2, 0.1, other)
     assert held_out_vaf(fit, impedance_columns(other), torque) == pytest.approx(100)
     assert held_out_vaf(fit, impedance_columns(other), 2 * torque) == pytest.approx(75)
-
-
-def test_a_fit_is_doubtful_for_every_limit_that_it_passes_and_says_which():
-    row = {"VAF": 80.0, "lag": -0.7, "condition": 5.0, "held_out": None, "name": "x"}
-    reasons = doubts(row, {"lag": 0.5, "condition": 10, "absent": 1}, {"VAF": 90, "held_out": 80})
-    assert reasons == "lag -0.7 is above 0.5; VAF 80 is below 90"
-    assert doubts(row, {"lag": 0.7}, {"VAF": 80}) == ""

@@ -27,6 +27,7 @@ class ActuatorTrial:
     torque: Array
     modelled: Array
     fit: LinearFit
+    low_pass: LowPass
 
 
 def fit_trial(trial: Path, settings: ActuatorAnalysis, output: Path) -> None:
@@ -38,20 +39,21 @@ def read_actuator_trial(trial: Path, settings: ActuatorAnalysis) -> ActuatorTria
     """Read, filter and fit one ingested trial; an error names the trial."""
     record = read_trial(trial)
     time, theta_m, current, torque_m = record.signals("theta_m", "current", "torque_m")
-    low_pass = LowPass(settings.cutoff_hz, settings.order)
+    low_pass = settings.low_pass
     try:
         columns, torque = actuator_columns(time, theta_m, current, torque_m, low_pass, settings.sign_width)
         fit = fit_actuator(columns, torque, sampling_rate(time), low_pass, settings.slowest)
     except (InputError, IdentifiabilityError) as error:
         raise type(error)(f"trial {record.name}: {error}") from error
     modelled = np.sum([fit[name] * column for name, column in columns.items()], axis=0)
-    return ActuatorTrial(record.name, time, torque, modelled, fit)
+    return ActuatorTrial(record.name, time, torque, modelled, fit, low_pass)
 
 
 def actuator_table(record: ActuatorTrial) -> pl.DataFrame:
     """One row of `actuator.csv`."""
     estimates = estimates_row(record.fit, *PARAMETERS, "offset", "drift")
-    row = {"trial": record.name, **estimates, **diagnostics_row(record.fit, sampling_rate(record.time))}
+    diagnostics = diagnostics_row(record.fit, sampling_rate(record.time), record.low_pass)
+    row = {"trial": record.name, **estimates, **diagnostics}
     return pl.DataFrame([{**row, "correlation_k_f_G": correlation(record.fit, "k_tau_n_m", "f_G")}])
 
 

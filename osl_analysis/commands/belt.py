@@ -11,7 +11,7 @@ from osl_analysis.commands.repeats import summary_table
 from osl_analysis.config import DynamometerAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.fits.belt import BeltFit, fit_belt_stiffness
-from osl_analysis.fits.rows import diagnostics_row, estimates_row
+from osl_analysis.fits.rows import Row, diagnostics_row, estimates_row
 from osl_analysis.fits.sign import check_sign
 from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.parameters import read_parameters
@@ -31,6 +31,7 @@ class BeltTrial:
     name: str
     time: Array
     rate_hz: float
+    low_pass: LowPass
     theta_s: Array
     torque: Array
     fit: BeltFit
@@ -49,27 +50,32 @@ def read_belt_trial(trial: Path, parameters: Path, settings: DynamometerAnalysis
     """Read, filter and fit one ingested trial; an error names the trial."""
     p, record = read_parameters(parameters), read_trial(trial)
     time, theta, theta_m, torque = record.signals("theta", "theta_m", "torque")
-    low_pass = LowPass(settings.cutoff_hz, settings.order)
+    low_pass = settings.low_pass
     try:
         rate = sampling_rate(time)
         theta_s, torque = low_pass(belt_deflection(theta, theta_m, p), rate), low_pass(torque, rate)
         every, drift = low_pass.independent_samples(rate), settings.load_cell_drift / 60 / rate
         fit = fit_belt_stiffness(theta_s, torque, every, drift)
-        return BeltTrial(record.name, time, rate, theta_s, torque, fit)
+        return BeltTrial(record.name, time, rate, low_pass, theta_s, torque, fit)
     except InputError as error:
         raise InputError(f"trial {record.name}: {error}") from error
 
 
 def belt_table(record: BeltTrial) -> pl.DataFrame:
     """One row of `belt.csv`."""
-    return pl.DataFrame([{"trial": record.name, **belt_row(record.fit, record.rate_hz)}])
+    return pl.DataFrame([{"trial": record.name, **belt_row(record)}])
 
 
-def belt_row(fit: BeltFit, rate: float) -> dict[str, float | str]:
-    """Loading slope, unloading slope, loop area [J], quadratic belt."""
+def belt_row(record: BeltTrial) -> Row:
+    """Loading slope, unloading slope, loop area [J], quadratic belt; then what a straight line leaves out.
+
+    `energy_lost` is the loop's area over the energy K_s theta_s^2/2 at the peak, `stiffening` the share by which the
+    quadratic belt's slope grows from rest to the peak.
+    """
+    fit, peak = record.fit, float(np.max(np.abs(record.theta_s - record.theta_s[0])))
     return {
         **estimates_row(fit.loading, "K_s", "offset"),
-        **diagnostics_row(fit.loading, rate),
+        **diagnostics_row(fit.loading, record.rate_hz, record.low_pass),
         "unloading": fit.unloading["K_s"],
         "unloading_se": fit.unloading.se("K_s"),
         "hysteresis_area": fit.hysteresis_area,
@@ -77,6 +83,8 @@ def belt_row(fit: BeltFit, rate: float) -> dict[str, float | str]:
         "quadratic_K_s2": fit.quadratic["K_s2"],
         "quadratic_K_s2_se": fit.quadratic.se("K_s2"),
         "quadratic_VAF": fit.quadratic.vaf,
+        "energy_lost": fit.hysteresis_area / (fit.K_s * peak**2 / 2),
+        "stiffening": 2 * fit.quadratic["K_s2"] * peak / fit.quadratic["K_s"],
     }
 
 
@@ -93,9 +101,10 @@ def summarise(table: Path, output: Path) -> None:
     write_table(summary_table(read_table(table), ("K_s", "unloading", "hysteresis_area", "quadratic_K_s2")), output)
 
 
-def plot_numbers(curves: Sequence[Path], summary: Path, output: Path) -> None:
-    """The numbers of Fig. 3: every trial's curve, and the mean slope as two points with its interval."""
-    data = pl.concat([read_table(path) for path in curves])
+def plot_numbers(curves: Sequence[Path], table: Path, summary: Path, output: Path) -> None:
+    """The numbers of Fig. 3: every trial's curve and why its fit is doubtful, the mean slope as two points."""
+    reasons = read_table(table, ["trial", "doubtful"]).select("trial", "doubtful")
+    data = pl.concat([read_table(path) for path in curves]).join(reasons, on="trial", how="left", maintain_order="left")
     K_s, low, high = read_table(summary).filter(pl.col("quantity") == "K_s").select("mean", "low", "high").row(0)
     peak = float(np.abs(data["theta_s_deg"].to_numpy()).max())
     line = pl.DataFrame(

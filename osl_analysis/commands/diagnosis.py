@@ -1,20 +1,20 @@
 """Diagnostics of a stepped-sine fit that need more than the fit: phasors, and the amplitudes it did not see."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.commands.stepped_sine import SteppedSineTrial
-from osl_analysis.config import DynamometerAnalysis
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.fits.diagnostics import held_out_vaf, nonlinearity, residual_autocorrelation, torque_lag
-from osl_analysis.fits.impedance import impedance_columns
+from osl_analysis.fits.diagnostics import held_out_vaf, nonlinearity, torque_lag
 from osl_analysis.fits.regression import LinearFit
+from osl_analysis.fits.rows import Row, delay_row
 from osl_analysis.fits.sinusoid import Phasor, fit_sinusoid
+from osl_analysis.signals import Motion
+from osl_analysis.trial import Array
 
-Row = dict[str, float | None]
 Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
 
 
@@ -42,44 +42,26 @@ def trial_phasors(record: SteppedSineTrial) -> list[SegmentPhasors]:
     return found
 
 
-def diagnosis_row(
-    record: SteppedSineTrial,
-    amplitude: float | None,
-    fit: LinearFit,
-    phasors: Sequence[SegmentPhasors],
-    settings: DynamometerAnalysis,
-    expected: Admittance | None,
-) -> Row:
-    """Diagnostics of the fit to one amplitude [deg], or to all (None).
-
-    `expected` is the linear model's admittance theta/torque for s [rad/s], None where the gains are not known.
-    """
-    chosen = [s for s in phasors if amplitude is None or np.isclose(s.amplitude_deg, amplitude)]
-    return {
-        "residual_autocorrelation": residual_autocorrelation(fit.residual, record.rate_hz, settings.cutoff_hz),
-        **lag_row(chosen, fit["K"], expected),
-        **nonlinear_row(chosen),
-        "VAF_held_out": lowest_held_out(record, amplitude, fit),
-    }
+def of_amplitude(phasors: Sequence[SegmentPhasors], amplitude: float | None) -> list[SegmentPhasors]:
+    """The segments of one amplitude [deg], or all (None)."""
+    return [s for s in phasors if amplitude is None or np.isclose(s.amplitude_deg, amplitude)]
 
 
 def lag_row(phasors: Sequence[SegmentPhasors], K: float, expected: Admittance | None) -> Row:
-    """Lag [s] of the torque, its error, and its share in B, -K lag [N*m*s/rad]; null where no model tells.
+    """`delay_row` of the torque's lag beyond the linear model's; null where no model tells.
 
-    `certain_lag_damping` is that share where the lag is over two standard errors, and 0 where it is not.
+    `expected` is the model's admittance theta/torque for s [rad/s], None where the gains are not known.
     """
-    nothing: Row = dict.fromkeys(("lag_s", "lag_se_s", "lag_damping", "certain_lag_damping"))
     if expected is None:
-        return nothing
+        return delay_row(None, None, K)
     frequency = np.array([s.frequency_hz for s in phasors])
     measured = np.array([s.torque.value / s.theta.value for s in phasors])
     try:
         amplitude = np.array([abs(s.theta.value) for s in phasors])
         lag = torque_lag(frequency, amplitude, measured, 1 / expected(2j * np.pi * frequency))
     except OslAnalysisError:
-        return nothing
-    certain = -K * lag.lag if abs(lag.lag) > 2 * lag.se else 0.0
-    return {"lag_s": lag.lag, "lag_se_s": lag.se, "lag_damping": -K * lag.lag, "certain_lag_damping": certain}
+        return delay_row(None, None, K)
+    return delay_row(lag.lag, lag.se, K)
 
 
 def nonlinear_row(phasors: Sequence[SegmentPhasors]) -> Row:
@@ -97,9 +79,11 @@ def nonlinear_row(phasors: Sequence[SegmentPhasors]) -> Row:
     }
 
 
-def lowest_held_out(record: SteppedSineTrial, amplitude: float | None, fit: LinearFit) -> float | None:
+def lowest_held_out(
+    record: SteppedSineTrial, amplitude: float | None, fit: LinearFit, columns: Callable[[Motion], Mapping[str, Array]]
+) -> float | None:
     """Lowest VAF [percent] of the fit at the amplitudes that it did not see; null for a fit to all, or to the only."""
     others = [part for part in record.parts() if part[0] is not None and part[0] != amplitude]
     if amplitude is None or not others:
         return None
-    return min(held_out_vaf(fit, impedance_columns(motion), torque) for _, motion, torque in others)
+    return min(held_out_vaf(fit, columns(motion), torque) for _, motion, torque in others)

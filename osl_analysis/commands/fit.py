@@ -1,7 +1,9 @@
 """One trial fitted for the command line: the estimates, and the torque beside the fitted model's."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 
@@ -12,6 +14,7 @@ from osl_analysis.commands.impedance import impedance_table
 from osl_analysis.commands.stepped_sine import SteppedSineTrial, read_stepped_sine
 from osl_analysis.commands.transmission import transmission_table
 from osl_analysis.config import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.fits.impedance import fit_impedance
 from osl_analysis.fits.transmission import fit_transmission
 from osl_analysis.trial import Array
@@ -31,7 +34,9 @@ class FittedTrial:
     series: pl.DataFrame
 
 
-def fit_one(model: str, trial: Path, parameters: Path, settings: DynamometerAnalysis) -> FittedTrial:
+def fit_one(
+    model: str, trial: Path, parameters: Path, settings: DynamometerAnalysis, limits: DoubtfulFits
+) -> FittedTrial:
     """Fit an ingested trial with model `belt`, `transmission` or `impedance`.
 
     Raises
@@ -42,18 +47,20 @@ def fit_one(model: str, trial: Path, parameters: Path, settings: DynamometerAnal
     if model == "belt":
         record = read_belt_trial(trial, parameters, settings)
         modelled = record.fit.loading["K_s"] * record.theta_s + record.fit.loading["offset"]
-        return FittedTrial(belt_table(record), series(record.time, record.torque, modelled))
+        return FittedTrial(marked(belt_table(record), limits.belt, model), series(record.time, record.torque, modelled))
     stepped = read_stepped_sine(trial, settings)
     if model == "transmission":
-        return FittedTrial(transmission_table(stepped), transmission_series(stepped))
-    table = impedance_table(stepped, trial_phasors(stepped), settings)
-    return FittedTrial(table, impedance_series(stepped))
+        table = marked(transmission_table(stepped), limits.transmission, model)
+        return FittedTrial(table, transmission_series(stepped))
+    table = impedance_table(stepped, trial_phasors(stepped))
+    return FittedTrial(marked(table, limits.impedance, model), impedance_series(stepped))
 
 
-def fit_one_actuator(trial: Path, settings: ActuatorAnalysis) -> FittedTrial:
+def fit_one_actuator(trial: Path, settings: ActuatorAnalysis, limits: DoubtfulFits) -> FittedTrial:
     """Fit an ingested trial of the actuator's bench; raises as `fit_one`."""
     record = read_actuator_trial(trial, settings)
-    return FittedTrial(actuator_table(record), series(record.time, record.torque, record.modelled))
+    table = marked(actuator_table(record), limits.actuator, "actuator")
+    return FittedTrial(table, series(record.time, record.torque, record.modelled))
 
 
 def transmission_series(record: SteppedSineTrial) -> pl.DataFrame:
@@ -85,9 +92,15 @@ def estimates_text(estimates: pl.DataFrame) -> str:
         lines.append(f"{row['trial']}, {which}: {quality}")
         for name in (n for n in UNITS if f"{n}_se" in row):
             half = row[f"{name}_high"] - row[name]
-            lines.append(f"  {name:<7}{row[name]:>12.5g} ± {half:<10.2g} {UNITS[name]}")
+            lines.append(f"  {name:<7}{row[name]:>12.5g} ± {half:<10.2g} {UNITS[name]}{amplitudes_text(row, name)}")
         if row.get("doubtful"):
             lines.append(f"  doubtful: {row['doubtful']}")
     return "\n".join(
-        [*lines, "± is the half-width of the 95 % interval, from the spread of cycles or the noise (interval_method)"]
+        [*lines, "± is the half-width of the 95 % interval of noise, by the method that interval_method names"]
     )
+
+
+def amplitudes_text(row: Mapping[str, Any], name: str) -> str:
+    """From where to where the single amplitudes read an estimate, where a row has that."""
+    low, high = row.get(f"{name}_amplitudes_low"), row.get(f"{name}_amplitudes_high")
+    return "" if low is None or high is None else f", single amplitudes {low:.5g} to {high:.5g}"

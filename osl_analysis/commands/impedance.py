@@ -5,21 +5,28 @@ from pathlib import Path
 
 import polars as pl
 
-from osl_analysis.commands.diagnosis import Admittance, SegmentPhasors, diagnosis_row, trial_phasors
+from osl_analysis.commands.diagnosis import (
+    Admittance,
+    SegmentPhasors,
+    lag_row,
+    lowest_held_out,
+    nonlinear_row,
+    of_amplitude,
+    trial_phasors,
+)
 from osl_analysis.commands.stepped_sine import SteppedSineTrial, read_stepped_sine
 from osl_analysis.config import DynamometerAnalysis
-from osl_analysis.fits.diagnostics import doubts
 from osl_analysis.fits.estimators import ESTIMATORS, Covariance, Record
-from osl_analysis.fits.impedance import fit_impedance
-from osl_analysis.fits.rows import covariance_row, diagnostics_row, estimates_row
+from osl_analysis.fits.impedance import fit_impedance, impedance_columns
+from osl_analysis.fits.protocol import rows_of
+from osl_analysis.fits.rows import Row, covariance_row, diagnostics_row, estimates_row
 from osl_analysis.fits.sign import check_sign
-from osl_analysis.fits.sinusoid import Phasor, response
+from osl_analysis.fits.sinusoid import Phasor, complex_row, polar_row, response
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.prediction import predicted_impedance
 from osl_analysis.parameters import read_parameters
-from osl_analysis.signals import LowPass
 from osl_analysis.table_file import write_table
 
 
@@ -45,11 +52,11 @@ def fit_trial(
         zip(("K_predicted", "B_predicted", "I_predicted"), predicted, strict=True)
     )
     found = trial_phasors(record)
-    table = impedance_table(record, found, settings, joint_admittance(gains.K_1, gains.B_1, p, p.J_j))
+    table = impedance_table(record, found, joint_admittance(gains.K_1, gains.B_1, p, p.J_j))
     check_sign(record.name, "K", table["K"][-1])
     write_table(table.with_columns(**literals(condition), **literals(prediction)), output)
     write_table(phasor_table(record.name, found).with_columns(**literals(condition)), phasors)
-    write_table(estimator_table(record, settings).with_columns(**literals(condition)), estimators)
+    write_table(estimator_table(record).with_columns(**literals(condition)), estimators)
 
 
 def literals(values: Mapping[str, float | str]) -> dict[str, pl.Expr]:
@@ -60,10 +67,12 @@ def literals(values: Mapping[str, float | str]) -> dict[str, pl.Expr]:
 def impedance_table(
     record: SteppedSineTrial,
     phasors: Sequence[SegmentPhasors],
-    settings: DynamometerAnalysis,
     expected: Admittance | None = None,
 ) -> pl.DataFrame:
     """Eq. 15 fitted to each amplitude [deg] and to all of them (amplitude null), with what makes a fit doubtful.
+
+    The row over all amplitudes has the range of the single amplitudes' estimates beside its interval, which is of
+    noise: what friction makes of amplitude is in the range.
 
     `expected` is the linear model's admittance, where the gains are known: it tells a lag of the torque.
     """
@@ -73,24 +82,43 @@ def impedance_table(
         estimates = {
             **estimates_row(fit, "K", "B", "I", "offset"),
             **covariance_row(fit, "K", "B", "I"),
-            **diagnostics_row(fit, record.rate_hz),
+            **diagnostics_row(fit, record.rate_hz, record.low_pass),
         }
-        diagnosis = diagnosis_row(record, amplitude, fit, phasors, settings, expected)
-        doubtful = doubts({**estimates, **diagnosis}, settings.doubtful.above, settings.doubtful.below)
-        rows.append({"trial": record.name, "amplitude_deg": amplitude, **estimates, **diagnosis, "doubtful": doubtful})
-    return pl.DataFrame(rows, schema_overrides={"amplitude_deg": pl.Float64}, infer_schema_length=None)
+        chosen = of_amplitude(phasors, amplitude)
+        diagnosis = {
+            **lag_row(chosen, fit["K"], expected),
+            **nonlinear_row(chosen),
+            "VAF_held_out": lowest_held_out(record, amplitude, fit, impedance_columns),
+        }
+        rows.append({"trial": record.name, "amplitude_deg": amplitude, **estimates, **diagnosis})
+    table = pl.DataFrame(rows, schema_overrides={"amplitude_deg": pl.Float64}, infer_schema_length=None)
+    return table.with_columns(*(bound for name in ("K", "B", "I") for bound in amplitude_range(name)))
 
 
-def estimator_table(record: SteppedSineTrial, settings: DynamometerAnalysis) -> pl.DataFrame:
+def amplitude_range(name: str) -> list[pl.Expr]:
+    """`<name>_amplitudes_low` and `_high`: from where to where the fits to single amplitudes read an estimate.
+
+    In the row over all amplitudes (amplitude null), where there are two or more of them; null in all other rows.
+    """
+    amplitude = pl.col("amplitude_deg")
+    single = pl.col(name).filter(amplitude.is_not_null())
+    spread = amplitude.is_null() & (amplitude.count() > 1)
+    bounds = {"low": single.min(), "high": single.max()}
+    return [pl.when(spread).then(value).alias(f"{name}_amplitudes_{end}") for end, value in bounds.items()]
+
+
+def estimator_table(record: SteppedSineTrial) -> pl.DataFrame:
     """Eq. 15 over all amplitudes by every estimator that the trial's signals allow."""
-    low_pass, rows = LowPass(settings.cutoff_hz, settings.order), []
-    raw = Record(record.time, record.theta, record.command, record.torque, record.rate_hz, record.segments(None))
+    segments, rows = record.segments(None), []
+    raw = Record(record.time, record.theta, record.command, record.torque, record.rate_hz, segments)
     for name, estimator in ESTIMATORS.items():
         if name == "instrumental" and record.command is None:
             continue
-        fit = estimator(raw, low_pass, Covariance())
+        fit = estimator(raw, record.low_pass, Covariance())
         estimates = {**estimates_row(fit, "K", "B", "I"), **covariance_row(fit, "K", "B", "I")}
-        rows.append({"trial": record.name, "estimator": name, **estimates, **diagnostics_row(fit, record.rate_hz)})
+        rate = record.rate_hz * fit.samples / len(rows_of(segments))  # an estimator may have thinned them
+        diagnostics = diagnostics_row(fit, rate, record.low_pass)
+        rows.append({"trial": record.name, "estimator": name, **estimates, **diagnostics})
     return pl.DataFrame(rows)
 
 
@@ -100,19 +128,15 @@ def phasor_table(trial: str, phasors: Sequence[SegmentPhasors]) -> pl.DataFrame:
     return pl.DataFrame([{**place, **phasor_row(s.theta, s.torque)} for place, s in zip(where, phasors, strict=True)])
 
 
-def phasor_row(theta: Phasor, torque: Phasor) -> dict[str, float]:
-    """Phasors and their ratio, with the covariance of the ratio."""
+def phasor_row(theta: Phasor, torque: Phasor) -> Row:
+    """Phasors and their ratio with covariances and degrees of freedom, the distortions, Y's magnitude and phase."""
     Y = response(theta, torque)
     return {
-        "theta_re": theta.value.real,
-        "theta_im": theta.value.imag,
-        "torque_re": torque.value.real,
-        "torque_im": torque.value.imag,
+        **complex_row("theta", theta),
+        **complex_row("torque", torque),
         "theta_distortion": theta.distortion,
         "torque_distortion": torque.distortion,
-        "Y_re": Y.value.real,
-        "Y_im": Y.value.imag,
-        "Y_var_re": float(Y.covariance[0, 0]),
-        "Y_cov": float(Y.covariance[0, 1]),
-        "Y_var_im": float(Y.covariance[1, 1]),
+        **complex_row("Y", Y),
+        **{f"Y_{name}": value for name, value in polar_row(Y).items()},
+        "interval_method": torque.interval_method,
     }

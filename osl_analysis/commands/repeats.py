@@ -6,27 +6,33 @@ from pathlib import Path
 
 import polars as pl
 
+from osl_analysis.doubtful import Doubt, doubtful_row, marked
 from osl_analysis.errors import InputError
 from osl_analysis.fits.repeats import over_repeats
 from osl_analysis.table_file import read_table, write_table
 
 
-def gather(rows: Sequence[Path], output: Path) -> None:
-    """One table from the tables of single trials, in the order given.
+def gather(rows: Sequence[Path], output: Path, limits: Doubt | None = None) -> None:
+    """One table from the tables of single trials, in the order given, with what is doubtful where there are `limits`.
 
     Raises
     ------
     InputError
-        There is none.
+        There is none, or a limit stands on a column that the table does not have.
     """
     if not rows:
         raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")
-    write_table(pl.concat([read_table(path) for path in rows], how="diagonal_relaxed"), output)
+    table = pl.concat([read_table(path) for path in rows], how="diagonal_relaxed")
+    write_table(table if limits is None else marked(table, limits, output.stem), output)
 
 
 def summary_table(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFrame:
-    """Per quantity (a column): n, mean, sd, se, and the 95 % interval of the mean; one trial has only a mean."""
-    return pl.DataFrame([{"quantity": name, **one_summary(table[name])} for name in quantities])
+    """Per quantity (a column): n, mean, sd, se, and the 95 % interval of the mean; one trial has only a mean.
+
+    `n_doubtful` of the trials are doubtful, and in the mean all the same.
+    """
+    doubtful = doubtful_row(table)
+    return pl.DataFrame([{"quantity": name, **one_summary(table[name]), **doubtful} for name in quantities])
 
 
 def one_summary(values: pl.Series) -> dict[str, float | None]:

@@ -8,7 +8,8 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.figures.fig7 import LINEAR_MODEL, RESPONSE, points, response_curve
-from osl_analysis.fits.sinusoid import Response, mean_response
+from osl_analysis.fits.rows import Row
+from osl_analysis.fits.sinusoid import complex_row, from_row, mean_response, polar_row
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
@@ -17,30 +18,33 @@ from osl_analysis.table_file import read_table, write_table
 
 
 def frequency_response(phasors: Path, output: Path) -> None:
-    """Complex mean of Y over the amplitudes, per trial and frequency, with standard errors and their scatter."""
+    """Complex mean of Y over the amplitudes, per trial and frequency, with 95 % intervals and the amplitudes' range."""
     keys = ["trial", "controller", "K_d", "B_d", "frequency_hz"]
-    table = read_table(phasors)
+    table = read_table(phasors, ["amplitude_deg", "doubtful"])
     groups = table.group_by(keys, maintain_order=True)
     write_table(pl.DataFrame([{**dict(zip(keys, k, strict=True)), **response_row(g)} for k, g in groups]), output)
 
 
-def response_row(group: pl.DataFrame) -> dict[str, float]:
-    """Mean response of the amplitudes in a group: magnitude [rad/(N*m)] and phase [deg]."""
-    responses = [
-        Response(complex(re, im), np.array([[var_re, cov], [cov, var_im]]))
-        for re, im, var_re, cov, var_im in group.select("Y_re", "Y_im", "Y_var_re", "Y_cov", "Y_var_im").rows()
-    ]
+def response_row(group: pl.DataFrame) -> Row:
+    """Mean response of the amplitudes in a group: magnitude [rad/(N*m)] and phase [deg].
+
+    The intervals are of the phasors' noise; `_min` and `_max` are the lowest and highest amplitude's. Phases are taken
+    from the mean's, so that they do not jump at 180 degrees. `doubtful` are the phasors' reasons, by amplitude.
+    """
+    responses = [from_row("Y", row) for row in group.iter_rows(named=True)]
     mean = mean_response(responses)
+    phases = [np.rad2deg(mean.phase + np.angle(r.value / mean.value)) for r in responses]
+    reasons = group.select("amplitude_deg", "doubtful").drop_nulls().filter(pl.col("doubtful") != "").rows()
     return {
-        "magnitude": mean.magnitude,
-        "magnitude_se": mean.magnitude_se,
-        "phase_deg": float(np.rad2deg(mean.phase)),
-        "phase_se_deg": float(np.rad2deg(mean.phase_se)),
-        "Y_re": mean.value.real,
-        "Y_im": mean.value.imag,
+        **polar_row(mean),
+        **complex_row("Y", mean),
+        "interval_method": " and ".join(group["interval_method"].unique().sort()),
         "magnitude_min": min(r.magnitude for r in responses),
         "magnitude_max": max(r.magnitude for r in responses),
+        "phase_min_deg": float(min(phases)),
+        "phase_max_deg": float(max(phases)),
         "n_amplitudes": len(responses),
+        "doubtful": "; ".join(f"at {amplitude:g} deg: {reason}" for amplitude, reason in reasons),
     }
 
 

@@ -33,6 +33,7 @@ class SteppedSineTrial:
     blocks: tuple[Block, ...]
     command: Array | None
     settle_cycles: int
+    low_pass: LowPass
 
     def parts(self) -> Iterator[tuple[float | None, Motion, Array]]:
         """Amplitude [deg], motion and torque of each block's settled cycles, then of all blocks (amplitude None)."""
@@ -62,14 +63,24 @@ def read_stepped_sine(trial: Path, settings: DynamometerAnalysis) -> SteppedSine
     time, theta, torque = record.signals("theta", "torque")
     protocol = SteppedSine(settings.amplitudes, settings.frequencies_hz, settings.cycles)
     try:
-        motion, filtered = filtered_motion(time, theta, torque, LowPass(settings.cutoff_hz, settings.order))
+        motion, filtered = filtered_motion(time, theta, torque, settings.low_pass)
         blocks = find_blocks(time, theta, protocol)
     except InputError as error:
         raise InputError(f"trial {record.name}: {error}") from error
     rate = sampling_rate(time)
     command = commanded(record, len(time))
     return SteppedSineTrial(
-        record.name, time, rate, theta, torque, motion, filtered, blocks, command, settings.settle_cycles
+        record.name,
+        time,
+        rate,
+        theta,
+        torque,
+        motion,
+        filtered,
+        blocks,
+        command,
+        settings.settle_cycles,
+        settings.low_pass,
     )
 
 

@@ -4,12 +4,13 @@ from pathlib import Path
 
 import polars as pl
 
+from osl_analysis.commands.diagnosis import lowest_held_out, nonlinear_row, of_amplitude, trial_phasors
 from osl_analysis.commands.repeats import summary_table
 from osl_analysis.commands.stepped_sine import SteppedSineTrial, read_stepped_sine
 from osl_analysis.config import DynamometerAnalysis
-from osl_analysis.fits.rows import covariance_row, diagnostics_row, estimates_row
+from osl_analysis.fits.rows import Row, covariance_row, diagnostics_row, estimates_row
 from osl_analysis.fits.sign import check_sign
-from osl_analysis.fits.transmission import fit_transmission, fit_transmission_with_coulomb
+from osl_analysis.fits.transmission import fit_transmission, fit_transmission_with_coulomb, transmission_columns
 from osl_analysis.table_file import read_table, write_table
 
 
@@ -21,17 +22,27 @@ def fit_trial(trial: Path, settings: DynamometerAnalysis, output: Path) -> None:
 
 
 def transmission_table(record: SteppedSineTrial) -> pl.DataFrame:
-    """Eq. 4 fitted to each amplitude [deg] and to all of them (amplitude null), without and with Coulomb friction."""
+    """Eq. 4 fitted to each amplitude [deg] and to all of them (amplitude null), without and with Coulomb friction.
+
+    `coulomb_share` is the part of B_j that friction of constant size takes over when it may. A lag of the torque is not
+    among the diagnostics: it would read as an inertia of -B_j times the lag, and nothing tells the two apart.
+    """
     rows = []
+    phasors = trial_phasors(record)
     for amplitude, motion, torque in record.parts():
         cycles = record.cycles(amplitude)
         fit = fit_transmission(motion, torque, cycles)
         other = fit_transmission_with_coulomb(motion, torque, cycles=cycles)
-        estimates = {**estimates_row(fit, "B_j", "J_j", "offset"), **diagnostics_row(fit, record.rate_hz)}
-        estimates |= covariance_row(fit, "B_j", "J_j")
+        estimates: Row = {**estimates_row(fit, "B_j", "J_j", "offset"), **covariance_row(fit, "B_j", "J_j")}
+        estimates |= diagnostics_row(fit, record.rate_hz, record.low_pass)
         coulomb = {**estimates_row(other, "T_C"), "B_j_coulomb": other["B_j"], "VAF_coulomb": other.vaf}
-        rows.append({"trial": record.name, "amplitude_deg": amplitude, **estimates, **coulomb})
-    return pl.DataFrame(rows, schema_overrides={"amplitude_deg": pl.Float64})
+        diagnosis = {
+            **nonlinear_row(of_amplitude(phasors, amplitude)),
+            "VAF_held_out": lowest_held_out(record, amplitude, fit, transmission_columns),
+            "coulomb_share": 1 - other["B_j"] / fit["B_j"],
+        }
+        rows.append({"trial": record.name, "amplitude_deg": amplitude, **estimates, **coulomb, **diagnosis})
+    return pl.DataFrame(rows, schema_overrides={"amplitude_deg": pl.Float64}, infer_schema_length=None)
 
 
 def summarise(table: Path, output: Path) -> None:

@@ -10,10 +10,11 @@ import polars as pl
 from osl_analysis.commands.crossing_file import read_crossing
 from osl_analysis.commands.unperturbed_file import read_normal_gait, write_normal_gait
 from osl_analysis.commands.walking_selection import left_out, used
+from osl_analysis.doubtful import EXCLUDED, doubtful_row
 from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
 from osl_analysis.fits.impedance import fit_impedance
 from osl_analysis.fits.repeats import CommonError, over_repeats
-from osl_analysis.fits.rows import diagnostics_row, estimates_row
+from osl_analysis.fits.rows import Row, delay_row, diagnostics_row, estimates_row
 from osl_analysis.table_file import read_table, write_table
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import (
@@ -28,8 +29,6 @@ from osl_analysis.walking.perturbation import NormalGait, Response, Timing, fit_
 from osl_analysis.walking.settings import WalkingAnalysis
 
 QUANTITIES = ("K", "B", "I", "VAF")
-EXCLUDED = "excluded"
-"""Column of `walking.csv` that says why a crossing has no numbers."""
 MEAN, ENSEMBLE = "mean of perturbations", "ensemble"
 
 
@@ -72,26 +71,33 @@ def fitted_row(walked: Crossing, normal: NormalGait, settings: WalkingAnalysis) 
         "stance_s": walked.stance.duration,
         "bridged": walked.bridged,
         **estimates_row(fit, "K", "B", "I"),
-        **offset_row(response),
-        **lag_row(response),
-        **diagnostics_row(fit, 1 / (response.time[1] - response.time[0])),
+        **offset_row(response, fit["K"]),
+        **lag_row(response, fit["K"]),
+        **diagnostics_row(fit, 1 / (response.time[1] - response.time[0]), settings.low_pass),
         EXCLUDED: None,
     }
 
 
-def lag_row(response: Response) -> dict[str, float | None]:
-    """By how much the torque lags the angle [s], with its standard error, as far as the response itself can tell."""
+def lag_row(response: Response, K: float) -> Row:
+    """By how much the torque lags the angle and what it costs B, as far as the response itself can tell.
+
+    `lag_out_of_reach` is 1 where no lag within reach fits best, which a torque two frames late does, else 0.
+    """
     found = response_lag(response)
-    return {"lag_s": None, "lag_se_s": None} if found is None else {"lag_s": found.lag, "lag_se_s": found.se}
+    lag = delay_row(None, None, K) if found is None else delay_row(found.lag, found.se, K)
+    return {**lag, "lag_out_of_reach": float(found is None)}
 
 
-def offset_row(response: Response) -> dict[str, float | None]:
-    """What a fit with offset [N*m] reads beside the fit without: far apart, the response is not of second order."""
+def offset_row(response: Response, K: float) -> Row:
+    """What a fit with offset [N*m] reads beside the fit without: far apart, the response is not of second order.
+
+    `offset_share` is what K [N*m/rad] loses to the offset, as a share.
+    """
     try:
         free = fit_impedance(response.motion[response.window], response.torque[response.window])
     except IdentifiabilityError:
-        return {"offset": None, "K_with_offset": None}
-    return {"offset": free.offset, "K_with_offset": free.K}
+        return {"offset": None, "K_with_offset": None, "offset_share": None}
+    return {"offset": free.offset, "K_with_offset": free.K, "offset_share": 1 - free.K / K}
 
 
 def isolated(crossing: Crossing, normal: NormalGait, settings: WalkingAnalysis) -> Response:
@@ -144,11 +150,12 @@ def excluded_table(selection: pl.DataFrame, fits: pl.DataFrame) -> pl.DataFrame:
 
 def mean_rows(table: pl.DataFrame, common: Mapping[str, Sequence[CommonError]]) -> list[dict[str, object]]:
     """Mean and scatter of the estimates per perturbation; `se` and the interval count in the errors that are `common`
-    to all of them.
+    to all of them. `n_doubtful` of the fits are doubtful, and in the mean all the same.
     """
     return [
         {"quantity": quantity, "estimator": MEAN}
         | asdict(over_repeats(table[quantity].to_numpy(), common.get(quantity, ())))
+        | doubtful_row(table)
         for quantity in QUANTITIES
     ]
 

@@ -5,11 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc
 
 from osl_analysis.fits.regression import LinearFit, linear_fit, variance_accounted_for
+from osl_analysis.signals import LowPass
 from osl_analysis.trial import Array
 
 Phasors = NDArray[np.complex128]
+
+FEWEST_FOR_WHITENESS = 20
+WHITENESS_LAGS = 10
 
 
 def largest_correlation(fit: LinearFit) -> float:
@@ -18,14 +23,36 @@ def largest_correlation(fit: LinearFit) -> float:
     return float(np.max(np.abs(np.triu(fit.covariance / np.outer(scale, scale), 1))))
 
 
-def residual_autocorrelation(residual: Array, rate_hz: float, cutoff_hz: float) -> float:
-    """Autocorrelation of a residual (n,) after one sample of a series at twice the filter's cut-off.
+@dataclass(frozen=True)
+class Whiteness:
+    """What structure a residual has: autocorrelation after one sample, Ljung and Box's statistic per lag, its p-value.
 
-    White noise through the filter is nearly white at that rate, whatever the log's own: what remains is structure.
+    The statistic is 1 per lag for white noise, whatever its length, and grows with the length for anything else.
     """
-    thinned = residual[:: max(round(rate_hz / (2 * cutoff_hz)), 1)]
-    power = float(thinned @ thinned)
-    return float(thinned[1:] @ thinned[:-1]) / power if power > 0 else 0.0
+
+    autocorrelation: float
+    per_lag: float
+    p: float
+
+
+def whiteness(residual: Array, rate_hz: float, low_pass: LowPass) -> Whiteness | None:
+    """Whiteness of a residual (n,), thinned to twice the noise bandwidth of the filter that its signals passed.
+
+    At that rate, 1.8 times the cut-off, white noise comes out of the filter white, whatever the log's own rate: a test
+    at twice the cut-off would find the filter (0.1 of autocorrelation, certain with a thousand samples). Ljung and Box
+    (Biometrika 65, 1978): Q = n (n + 2) sum_k r_k^2 / (n - k) over `WHITENESS_LAGS` lags, or a fifth of the samples if
+    these are fewer; chi-squared with as many degrees of freedom. None with fewer than `FEWEST_FOR_WHITENESS` samples,
+    whose autocorrelations are uncertain by 0.2 and more, and for a residual of zeros.
+    """
+    step = max(rate_hz / (2 * low_pass.noise_bandwidth_hz), 1.0)  # samples, no whole number: the rate is to be exact
+    thinned = residual[np.rint(np.arange(0, len(residual) - 0.5, step)).astype(np.intp)]
+    n, power = len(thinned), float(thinned @ thinned)
+    if n < FEWEST_FOR_WHITENESS or power == 0:
+        return None
+    lag = np.arange(1, min(WHITENESS_LAGS, n // 5) + 1)
+    r = np.array([float(thinned[k:] @ thinned[:-k]) for k in lag]) / power
+    Q = n * (n + 2) * float(np.sum(r**2 / (n - lag)))
+    return Whiteness(float(r[0]), Q / len(lag), float(chdtrc(len(lag), Q)))
 
 
 @dataclass(frozen=True)
@@ -83,14 +110,3 @@ def held_out_vaf(fit: LinearFit, columns: Mapping[str, Array], torque: Array) ->
     """VAF [percent] of a fit for a torque (n,) that it did not see, with its columns (n,) there."""
     modelled = np.sum([fit[name] * column for name, column in columns.items()], axis=0)
     return variance_accounted_for(torque, torque - modelled)
-
-
-def doubts(row: Mapping[str, object], largest: Mapping[str, float], smallest: Mapping[str, float]) -> str:
-    """Why a row of a table is doubtful: each column that passes its limit, with its value; empty where none does."""
-    reasons = []
-    for limits, sign, word in ((largest, 1.0, "above"), (smallest, -1.0, "below")):
-        for name, limit in limits.items():
-            value = row.get(name)
-            if isinstance(value, float) and sign * (abs(value) if sign > 0 else value) > sign * limit:
-                reasons.append(f"{name} {value:.3g} is {word} {limit:g}")
-    return "; ".join(reasons)

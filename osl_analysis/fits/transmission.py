@@ -16,18 +16,17 @@ def fit_transmission(motion: Motion, torque: Array, cycles: Cycles | None = None
     InputError, IdentifiabilityError
         As `linear_fit`.
     """
-    columns = {"B_j": motion.omega, "J_j": motion.alpha, "offset": np.ones_like(motion.omega)}
-    return linear_fit(torque, columns, cycles=cycles)
+    return linear_fit(torque, transmission_columns(motion), cycles=cycles)
+
+
+def transmission_columns(motion: Motion) -> dict[str, Array]:
+    """Columns of Eq. 4 with offset, of a motion (n,)."""
+    return {"B_j": motion.omega, "J_j": motion.alpha, "offset": np.ones_like(motion.omega)}
 
 
 def fit_transmission_with_coulomb(
     motion: Motion, torque: Array, width: float = 0.05, cycles: Cycles | None = None
 ) -> LinearFit:
     """The same with Coulomb friction `T_C` [N*m] times tanh(omega/width), width in rad/s, for comparison."""
-    columns = {
-        "B_j": motion.omega,
-        "J_j": motion.alpha,
-        "T_C": np.tanh(motion.omega / width),
-        "offset": np.ones_like(motion.omega),
-    }
+    columns = transmission_columns(motion) | {"T_C": np.tanh(motion.omega / width)}
     return linear_fit(torque, columns, cycles=cycles)

@@ -1,0 +1,102 @@
+"""Which fits of a table are doubtful, by the limits of the configuration, and how many."""
+
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import polars as pl
+from pydantic import Field
+
+from osl_analysis.errors import InputError
+from osl_analysis.table_file import read_table
+from osl_analysis.validation import Settings
+
+DOUBTFUL = "doubtful"
+"""Column with the reasons: empty text where there is none, null in a row without a fit."""
+IS_DOUBTFUL = pl.col(DOUBTFUL).fill_null("") != ""
+EXCLUDED = "excluded"
+"""Column that says, in tables that have it, why a row has no fit."""
+
+
+class Doubt(Settings):
+    """Limits of one table by column: a fit is doubtful `above` one in size, or `below` one. Null: no limit."""
+
+    above: dict[str, float | None] = Field(default_factory=dict)
+    below: dict[str, float | None] = Field(default_factory=dict)
+
+
+class DoubtfulFits(Settings):
+    """Limits per table, any numeric column of which can have one."""
+
+    belt: Doubt = Doubt()
+    transmission: Doubt = Doubt()
+    actuator: Doubt = Doubt()
+    impedance: Doubt = Doubt()
+    estimators: Doubt = Doubt()
+    phasors: Doubt = Doubt()
+    walking: Doubt = Doubt()
+
+
+def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
+    """The table `name` with the column `DOUBTFUL`: each limit that a fit passes, with its value.
+
+    Raises
+    ------
+    InputError
+        A limit stands on a column that the table does not have, or that holds words; names it and its place.
+    """
+    fitted = pl.col(EXCLUDED).is_null() if EXCLUDED in table.columns else pl.lit(True)
+    fits = table.filter(fitted)
+    above, below = (
+        {column: limit for column, limit in side.items() if limit is not None} for side in (limits.above, limits.below)
+    )
+    for column in [*above, *below] * (len(fits) > 0):
+        check_limited(table, column, f"doubtful.{name}")
+    reasons = pl.Series([doubts(row, above, below) for row in table.iter_rows(named=True)], dtype=pl.String)
+    return table.with_columns(reasons.alias(DOUBTFUL)).with_columns(pl.when(fitted).then(DOUBTFUL).alias(DOUBTFUL))
+
+
+def check_limited(table: pl.DataFrame, column: str, place: str) -> None:
+    """Refuse a limit on what is no column of numbers; `place` in the configuration is for the message."""
+    if column not in table.columns or not (table[column].dtype.is_numeric() or table[column].dtype == pl.Null):
+        known = ", ".join(name for name in table.columns if table[name].dtype.is_numeric())
+        raise InputError(
+            f"configuration, {place}: the table has no column '{column}' of numbers; put the limit on one of {known}, "
+            "or null to take it out"
+        )
+
+
+def doubts(row: Mapping[str, object], largest: Mapping[str, float], smallest: Mapping[str, float]) -> str:
+    """Why a row of a table is doubtful: each number that passes its limit, or is none (NaN); empty where none does.
+
+    `largest` limits numbers in size, `smallest` from below. What a row has no number for (null) is not judged.
+    """
+    reasons = []
+    for limits, word in ((largest, "above"), (smallest, "below")):
+        for name, limit in limits.items():
+            value = row.get(name)
+            if not isinstance(value, int | float):
+                continue
+            if math.isnan(value):
+                reasons.append(f"{name} is not a number")
+            elif abs(value) > limit if word == "above" else value < limit:
+                reasons.append(f"{name} {value:.3g} is {word} {limit:g}")
+    return "; ".join(reasons)
+
+
+def doubtful_row(table: pl.DataFrame) -> dict[str, int]:
+    """`n_doubtful` for a row that summarises a table; nothing for one that is not judged."""
+    return {"n_doubtful": doubtful_count(table)[0]} if DOUBTFUL in table.columns else {}
+
+
+def doubtful_count(table: pl.DataFrame) -> tuple[int, int]:
+    """How many fits of a table that is judged are doubtful, and how many there are."""
+    return len(table.filter(IS_DOUBTFUL)), table[DOUBTFUL].count()
+
+
+def doubt_report(tables: Iterable[Path]) -> str:
+    """What a user must know at the end of a run: how many fits of each table are doubtful; empty if none is."""
+    found = {path.stem: read_table(path) for path in tables if path.is_file()}
+    counts = {name: doubtful_count(table) for name, table in found.items() if DOUBTFUL in table.columns}
+    said = [f"{name} {doubtful} of {fits}" for name, (doubtful, fits) in counts.items() if doubtful]
+    return f"doubtful fits (the column `{DOUBTFUL}` of each table says why): {', '.join(said)}" if said else ""

@@ -34,6 +34,7 @@ rule plot_numbers_fig3:
     input:
         curves=fitted("belt_curves"),
         quality=verdicts_on("belt_curves"),
+        table=RESULTS / "tables/belt.csv",
         summary=RESULTS / "tables/belt_summary.csv",
     output:
         RESULTS / "figures/fig3.csv",
@@ -46,6 +47,7 @@ rule plot_numbers_fig3:
             log[0],
             "belt.plot_numbers",
             curves=kept(input.curves, input.quality),
+            table=Path(input.table),
             summary=Path(input.summary),
             output=Path(output[0]),
         )
@@ -55,6 +57,7 @@ rule plot_numbers_fig4:
     input:
         trial=lambda wildcards: RESULTS / f"trials/{time_series_trial()}.parquet",
         quality=lambda wildcards: checked([time_series_trial()]),
+        fit=lambda wildcards: RESULTS / f"fits/impedance/{time_series_trial()}.csv",
     output:
         RESULTS / "figures/fig4.csv",
     log:
@@ -63,13 +66,16 @@ rule plot_numbers_fig4:
         code=jobs.code("commands.time_series"),
         settings=DYNAMOMETER,
         choice=TIME_SERIES and TIME_SERIES.model_dump(mode="json"),
+        limits=CONFIG.doubtful.impedance.model_dump(mode="json"),
     run:
         jobs.run_job(
             log[0],
             "time_series.plot_numbers",
             trial=kept([input.trial], input.quality)[0],
+            fit=Path(input.fit),
             settings=dynamometer_settings(params),
             choice=TIME_SERIES,
+            limits=doubt_limits(params),
             output=Path(output[0]),
         )
 
@@ -163,6 +169,7 @@ rule plot_numbers_walking_page:
         selection=RESULTS / "tables/walking_crossings.csv",
         unperturbed=RESULTS / "fits/unperturbed.parquet",
         responses=RESULTS / "tables/walking_responses.csv",
+        table=RESULTS / "tables/walking.csv",
     output:
         RESULTS / "figures/walking_page.csv",
     log:
@@ -178,6 +185,7 @@ rule plot_numbers_walking_page:
             selection=Path(input.selection),
             unperturbed=Path(input.unperturbed),
             responses=Path(input.responses),
+            table=Path(input.table),
             settings=walking_settings(params),
             output=Path(output[0]),
         )

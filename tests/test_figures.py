@@ -40,14 +40,21 @@ def belt_table():
     ]
     mean = {"trial": fig3.MEAN_SLOPE, "branch": "loading", "theta_s_deg": [0.0, 5.0], "torque": [0.0, 59.8]}
     interval = {"K_s": [K_S] * 2, "K_s_low": [682.9] * 2, "K_s_high": [688.3] * 2}
-    return pl.concat([*trials, pl.DataFrame(mean | interval)], how="diagonal")
+    table = pl.concat([*trials, pl.DataFrame(mean | interval)], how="diagonal")
+    return table.with_columns(doubtful=pl.lit(""))
 
 
 def time_series():
     time = np.arange(0, 10, 0.01)
     torque = 30 * np.sin(8 * time)
     return pl.DataFrame(
-        {"time": time, "theta_deg": 6 * np.sin(8 * time), "torque": torque, "torque_model": 0.99 * torque}
+        {
+            "time": time,
+            "theta_deg": 6 * np.sin(8 * time),
+            "torque": torque,
+            "torque_model": 0.99 * torque,
+            "doubtful": "",
+        }
     )
 
 
@@ -76,10 +83,16 @@ def response_table():
     response = pl.concat(
         pl.DataFrame({
             "controller": controller, "K_d": 200.0, "B_d": 7.5, "frequency_hz": frequency,
-            "magnitude": [5e-3, 4.8e-3, 4.4e-3, 4.0e-3, 3.5e-3], "magnitude_se": 1e-4,
-            "phase_deg": [-13.0, -25.0, -35.0, -43.0, -50.0], "phase_se_deg": 0.5,
+            "magnitude": [5e-3, 4.8e-3, 4.4e-3, 4.0e-3, 3.5e-3],
+            "phase_deg": [-13.0, -25.0, -35.0, -43.0, -50.0], "doubtful": "",
         })
         for controller in ("compensated", "uncompensated")
+    )  # fmt: skip
+    magnitude, phase = pl.col("magnitude"), pl.col("phase_deg")
+    response = response.with_columns(
+        magnitude_low=magnitude - 2e-4, magnitude_high=magnitude + 2e-4, magnitude_min=magnitude - 4e-4,
+        magnitude_max=magnitude + 3e-4, phase_low_deg=phase - 1, phase_high_deg=phase + 1, phase_min_deg=phase - 3,
+        phase_max_deg=phase + 2,
     )  # fmt: skip
     curves = pl.concat(
         pl.DataFrame({"condition": name, "frequency_hz": frequency, "magnitude": 4e-3, "phase_deg": -30.0})
@@ -119,7 +132,7 @@ def walking_page_table():
             frames.append(rows)
     fit = pl.DataFrame({"x": after[10:], "mean": np.clip(after[10:], 0, 60) - 1})
     frames.append(fit.with_columns(panel=pl.lit("response torque"), curve=pl.lit("fit"), trial=pl.lit("ensemble")))
-    return pl.concat(frames, how="diagonal")
+    return pl.concat(frames, how="diagonal").with_columns(doubtful=pl.lit(None, pl.String))
 
 
 def plotted(name):
@@ -180,12 +193,17 @@ def test_fig4_draws_angle_torque_and_the_dashed_fit():
 @pytest.mark.parametrize(("panel", "symbol"), [(0, "K"), (1, "B")])
 def test_fig5_draws_every_trial_at_its_desired_value_beside_the_identity(panel, symbol):
     table = fig5.points(impedance())
-    ax = fig5.draw(table).axes[panel]
+    figure = fig5.draw(table)
+    ax = figure.axes[panel]
     for controller, look in LOOKS.items():
         if controller != "desired":
             rows = table.filter(pl.col("controller") == controller)
             assert len(rows) == 16
-            np.testing.assert_array_equal(line(ax, look.label), [rows[f"{symbol}_d"], rows[symbol]])
+            x, y = line(ax, look.label)
+            np.testing.assert_array_equal(y, rows[symbol])
+            marker = look.size / 72 / ax.get_position().width / figure.get_figwidth() * np.ptp(ax.get_xlim())
+            assert np.abs(x - rows[f"{symbol}_d"].to_numpy()).max() < marker
+            assert len(set(x)) == 16
     (identity,) = [a for a in ax.lines if a.get_label() == "Desired"]
     assert identity.get_slope() == 1
     assert identity.get_xy1() == (0, 0)
@@ -198,6 +216,27 @@ def test_fig5_intervals_are_those_of_the_table_and_are_drawn():
     drawn = [s for c in fig5.draw(table).axes[0].collections for s in c.get_segments()]
     np.testing.assert_array_equal(sorted(s[0][1] for s in drawn), sorted(table["K_low"]))
     np.testing.assert_array_equal(sorted(s[1][1] for s in drawn), sorted(table["K_high"]))
+
+
+def test_fig5_draws_the_range_over_amplitudes_and_says_which_bar_is_what():
+    ends = {f"{q}_amplitudes_{end}": pl.col(q) + step for q in "KB" for end, step in (("low", -7.0), ("high", 5.0))}
+    table = fig5.points(impedance().with_columns(**ends))
+    figure = fig5.draw(table)
+    drawn = {(s[0][1], s[1][1]) for c in figure.axes[1].collections for s in c.get_segments()}
+    assert set(table.select("B_amplitudes_low", "B_amplitudes_high").rows()) < drawn
+    assert set(table.select("B_low", "B_high").rows()) < drawn
+    assert "Range over amplitudes" in texts(figure)
+    assert "Range over amplitudes" not in texts(fig5.draw(fig5.points(impedance())))
+
+
+def test_fig5_says_that_intervals_cannot_be_seen_only_where_that_is_so():
+    remark, entry = "shorter than the markers", "95 % interval of noise"
+    small = texts(fig5.draw(fig5.points(impedance())))
+    wide = texts(fig5.draw(fig5.points(impedance().with_columns(B_high=pl.col("B") + 2))))
+    assert remark in small
+    assert f"{entry} " not in f"{small} ".replace(f"{entry}s", "")
+    assert remark not in wide
+    assert entry in wide
 
 
 def test_fig5_takes_only_the_fits_over_all_amplitudes_and_says_when_there_is_none():
@@ -233,6 +272,47 @@ def test_fig6_has_a_point_for_each_of_16_trials_and_3_amplitudes_per_controller_
     medians = sorted(c.get_segments()[0][0][1] for c in ax.collections)
     expected = sorted(float(np.median(g["VAF"])) for g in table.partition_by("controller"))
     np.testing.assert_allclose(medians, expected)
+
+
+@pytest.mark.parametrize(("module", "table"), [(fig6, lambda t: fig6.points(t)), (fig7, None)])
+def test_figs6_and_7_put_a_light_dot_into_what_is_doubtful_and_say_so_only_then(module, table):
+    good = response_table() if table is None else table(impedance())
+    reason = pl.when(pl.int_range(pl.len()) < 3).then(pl.lit("VAF 80 is below 90"))
+    figure = module.draw(good.with_columns(doubtful=reason))
+    for ax in figure.axes:
+        dots = [a for a in ax.lines if a.get_marker() == "." and len(a.get_xdata())]
+        assert sum(len(a.get_xdata()) for a in dots) == 3
+        markers = {point for a in ax.lines if a.get_marker() in ("o", "D") for point in zip(*a.get_data(), strict=True)}
+        assert {point for a in dots for point in zip(*a.get_data(), strict=True)} < markers
+        assert {to_rgb(a.get_color()) for a in dots} == {(1, 1, 1)}
+    assert "Doubtful fit" in texts(figure)
+    assert "Doubtful fit" not in texts(module.draw(good))
+
+
+def test_fig6_takes_the_doubts_of_the_fits_that_it_draws():
+    reason = pl.when((pl.col("amplitude_deg") == 2) | pl.col("amplitude_deg").is_null()).then(pl.lit("x"))
+    table = fig6.points(impedance().with_columns(doubtful=reason))
+    assert set(table.filter(pl.col("doubtful") == "x")["amplitude_deg"]) == {2.0}
+    assert len(table.filter(pl.col("doubtful") == "x")) == 32
+
+
+def test_figs3_4_9_and_the_walking_page_say_which_fits_are_doubtful_and_how_many_only_where_some_are():
+    of = {"belt_02", "belt_07", "w2"}
+    reason = pl.when(pl.col("trial").is_in(list(of))).then(pl.lit("VAF 80 is below 90"))
+    belts = fig3.draw(belt_table().with_columns(doubtful=reason))
+    dotted = [a for a in belts.axes[0].lines if a.is_dashed() and a.get_color() != MAGENTA]
+    assert [a.get_ydata()[0] for a in dotted] == [2, 7]
+    assert "Doubtful fit ($n$ = 2)" in texts(belts)
+    page = walking_page.draw(walking_page_table().with_columns(doubtful=reason))
+    (dotted,) = [a for a in page.axes[2].lines if a.is_dashed()]
+    assert dotted.get_ydata().max() == pytest.approx(1.1 * 60)
+    assert "Doubtful fit ($n$ = 1)" in texts(page)
+    assert "system (doubtful)" in texts(fig4.draw(time_series().with_columns(doubtful=pl.lit("x"))))
+    walked = walking_summary().with_columns(n_doubtful=pl.lit(4))
+    assert "31 perturbations (4 doubtful)" in texts(fig9.draw(fig9.points(walked, None)))
+    good = [belt_table, walking_page_table, time_series, lambda: fig9.points(walked.with_columns(n_doubtful=0), None)]
+    for module, table in zip((fig3, walking_page, fig4, fig9), good, strict=True):
+        assert "oubtful" not in texts(module.draw(table()))
 
 
 def test_fig6_markers_do_not_overlap_on_the_page_nor_leave_it():
@@ -287,8 +367,9 @@ def test_fig7_draws_observed_points_with_intervals_and_the_curves():
             np.testing.assert_array_equal(line(ax, look.label), [rows["frequency_hz"], rows[column]])
         assert len(ax.lines) == 5
     assert magnitude.get_yscale() == "log"
-    bars = phase.collections[0].get_segments()
-    np.testing.assert_allclose([bars[0][0][1], bars[0][1][1]], [-13 - 1.96 * 0.5, -13 + 1.96 * 0.5])
+    for ax, amplitudes, interval in ((phase, [-16, -11], [-14, -12]), (magnitude, [4.6e-3, 5.3e-3], [4.8e-3, 5.2e-3])):
+        for bars, expected in zip(ax.collections, (amplitudes, interval), strict=False):
+            np.testing.assert_allclose(bars.get_segments()[0][:, 1], expected)
 
 
 def test_fig7_refuses_a_mixture_of_desired_impedances():

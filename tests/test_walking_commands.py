@@ -24,6 +24,7 @@ from osl_analysis.commands.repeats import gather
 from osl_analysis.commands.walking import average_unperturbed, fit_perturbation, summarise
 from osl_analysis.commands.walking_page import plot_numbers
 from osl_analysis.commands.walking_selection import select
+from osl_analysis.doubtful import Doubt
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.table_file import read_table
@@ -357,7 +358,7 @@ def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Sess
     rows = [tmp_path / f"{n}.csv" for n in real.perturbed]
     for name, row in zip(real.perturbed, rows, strict=True):
         fit_perturbation(crossings[name], selection, normal, chosen, row)
-    gather(rows, tmp_path / "walking.csv")
+    gather(rows, tmp_path / "walking.csv", Doubt(above={"offset_share": 0.06}))
     outputs = [tmp_path / f"{n}.csv" for n in ("summary", "responses", "excluded")]
     perturbed = [crossings[n] for n in real.perturbed]
     summarise(tmp_path / "walking.csv", perturbed, selection, normal, chosen, *outputs)
@@ -370,10 +371,21 @@ def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Sess
     assert set(read_table(outputs[0])["n"]) == {9}
     assert read_table(outputs[0])["mean"][0] == pytest.approx(real.rendered("K"), rel=0.05)
     page = tmp_path / "page.csv"
-    plot_numbers(perturbed, selection, normal, outputs[1], chosen, page)
+    plot_numbers(perturbed, selection, normal, outputs[1], tmp_path / "walking.csv", chosen, page)
     counts = read_table(page).filter(pl.col("panel") == "angle").group_by("curve").agg(pl.col("n").first())
     assert dict(counts.drop_nulls().iter_rows()) == {"perturbed": 9, "unperturbed": 11}
-    assert read_table(page).filter(pl.col("curve") == "each")["trial"].n_unique() == 9
+    each = read_table(page).filter(pl.col("curve") == "each")
+    assert each["trial"].n_unique() == 9
+    fits = read_table(tmp_path / "walking.csv")
+    doubtful = set(fits.filter(pl.col("offset_share").abs() > 0.06)["trial"])
+    assert 0 < len(doubtful) < 9
+    fitted = fits.filter(pl.col("K").is_not_null())
+    assert fitted["lag_out_of_reach"].to_list() == fitted["lag_s"].is_null().cast(pl.Float64).to_list()
+    assert set(each.filter(pl.col("doubtful") != "")["trial"]) == doubtful
+    assert read_table(outputs[0])["n_doubtful"].drop_nulls().unique().to_list() == [len(doubtful)]
+    np.testing.assert_allclose(
+        fits["offset_share"].drop_nulls(), (1 - fits["K_with_offset"] / fits["K"]).drop_nulls(), rtol=1e-9
+    )
 
 
 def test_a_perturbation_that_cannot_be_fitted_is_listed_too(ideal: Session, tmp_path: Path) -> None:

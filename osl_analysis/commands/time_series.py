@@ -7,13 +7,19 @@ import polars as pl
 
 from osl_analysis.commands.stepped_sine import read_stepped_sine
 from osl_analysis.config import DynamometerAnalysis, TimeSeriesFigure
+from osl_analysis.doubtful import Doubt, marked
 from osl_analysis.errors import InputError
 from osl_analysis.fits.impedance import fit_impedance
-from osl_analysis.table_file import write_table
+from osl_analysis.table_file import read_table, write_table
 
 
-def plot_numbers(trial: Path, settings: DynamometerAnalysis, choice: TimeSeriesFigure, output: Path) -> None:
-    """The numbers of Fig. 4: the last seconds of one amplitude, measured and by the best second-order fit."""
+def plot_numbers(
+    trial: Path, fit: Path, settings: DynamometerAnalysis, choice: TimeSeriesFigure, limits: Doubt, output: Path
+) -> None:
+    """The numbers of Fig. 4: the last seconds of one amplitude, measured and by the best second-order fit.
+
+    `fit` is the trial's own table of fits, which by `limits` says whether that of the amplitude is doubtful.
+    """
     record = read_stepped_sine(trial, settings)
     chosen = [b for b in record.blocks if np.isclose(np.rad2deg(b.amplitude), choice.amplitude_deg)]
     if not chosen:
@@ -23,7 +29,9 @@ def plot_numbers(trial: Path, settings: DynamometerAnalysis, choice: TimeSeriesF
         )
     block = chosen[0].rows
     motion, torque = record.motion[block], record.filtered_torque[block]
-    fit = fit_impedance(motion, torque)
+    modelled = fit_impedance(motion, torque).torque(motion)
+    fits = marked(read_table(fit), limits, "impedance").drop_nulls("amplitude_deg")
+    (doubtful,) = fits.filter((pl.col("amplitude_deg") - choice.amplitude_deg).abs() < 1e-6)["doubtful"]
     shown = slice(-min(round(choice.duration_s * record.rate_hz), len(torque)), None)
     time = record.time[block][shown]
     write_table(
@@ -32,7 +40,8 @@ def plot_numbers(trial: Path, settings: DynamometerAnalysis, choice: TimeSeriesF
                 "time": time - time[0],
                 "theta_deg": np.rad2deg(motion.theta[shown]),
                 "torque": torque[shown],
-                "torque_model": fit.torque(motion)[shown],
+                "torque_model": modelled[shown],
+                "doubtful": [doubtful] * len(time),
             }
         ),
         output,

@@ -24,14 +24,18 @@ def plot_numbers(
     selection: Path,
     unperturbed: Path,
     responses: Path,
+    table: Path,
     settings: WalkingAnalysis,
     output: Path,
 ) -> None:
     """Write what the walking page plots: angle [deg] and torque [N*m] over stance [%], responses over time [ms].
 
-    `crossings` are the perturbed ones, `selection` is `walking_crossings.csv`, `responses` `walking_responses.csv`.
+    `crossings` are the perturbed ones, `selection` is `walking_crossings.csv`, `responses` `walking_responses.csv`,
+    `table` `walking.csv`.
     """
     isolated = read_table(responses, ["trial", "time", "theta_deg", "torque", "torque_model"])
+    reasons = read_table(table, ["trial", "doubtful"]).select("trial", "doubtful")
+    isolated = isolated.join(reasons, on="trial", how="left", maintain_order="left")
     kept = set(isolated["trial"])
     walked = [c for c in used(crossings, selection) if c.name in kept]
     calm, moved = read_normal_gait(unperturbed), normal_gait(walked, 2)
@@ -66,10 +70,10 @@ def response_rows(isolated: pl.DataFrame) -> pl.DataFrame:
     each = pl.when(pl.col("trial") == ENSEMBLE).then(pl.lit("mean")).otherwise(pl.lit("each")).alias("curve")
     x = (1e3 * pl.col("time")).alias("x")
     parts = [
-        isolated.select("trial", x, each, pl.col(column).alias("mean"), pl.lit(panel).alias("panel"))
+        isolated.select("trial", "doubtful", x, each, pl.col(column).alias("mean"), pl.lit(panel).alias("panel"))
         for panel, column in (("response angle", "theta_deg"), ("response torque", "torque"))
     ]
     fit = isolated.filter((pl.col("trial") == ENSEMBLE) & pl.col("torque_model").is_not_null())
     labels = pl.lit("fit").alias("curve"), pl.lit("response torque").alias("panel")
     parts.append(fit.select("trial", x, labels[0], pl.col("torque_model").alias("mean"), labels[1]))
-    return pl.concat(parts)
+    return pl.concat(parts, how="diagonal")

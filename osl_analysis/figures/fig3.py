@@ -3,20 +3,20 @@
 import polars as pl
 from matplotlib.figure import Figure
 
-from osl_analysis.figures.style import GREY, MAGENTA, SINGLE_COLUMN, panels, paper_style
+from osl_analysis.figures.style import BLACK, DOTTED, GREY, IS_DOUBTFUL, MAGENTA, SINGLE_COLUMN, panels, paper_style
 
-COLUMNS = ("trial", "branch", "theta_s_deg", "torque", "K_s", "K_s_low", "K_s_high")
+COLUMNS = ("trial", "branch", "theta_s_deg", "torque", "K_s", "K_s_low", "K_s_high", "doubtful")
 MEAN_SLOPE = "mean slope"
 """Name that takes the place of the trial in the two rows that carry the mean slope."""
 
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """Trials as transparent grey loops, the mean slope dashed magenta.
+    """Trials as transparent grey loops, those with a doubtful fit dotted black, the mean slope dashed magenta.
 
-    Rows per trial in order of time: `branch` (loading or unloading), `theta_s_deg` [deg], `torque` [N*m]. The
-    two rows of trial `MEAN_SLOPE` are its ends and carry the stiffness `K_s` [N*m/rad] with the bounds of its
-    95 % interval, `K_s_low` and `K_s_high`.
+    Rows per trial in order of time: `branch` (loading or unloading), `theta_s_deg` [deg], `torque` [N*m], and why the
+    trial's fit is `doubtful`. The two rows of trial `MEAN_SLOPE` are its ends and carry the stiffness `K_s` [N*m/rad]
+    with the bounds of its 95 % interval, `K_s_low` and `K_s_high`.
     """
     figure, (ax,) = panels(SINGLE_COLUMN, 2.4)
     mean = table.filter(pl.col("trial") == MEAN_SLOPE)
@@ -24,6 +24,10 @@ def draw(table: pl.DataFrame) -> Figure:
     for number, trial in enumerate(trials):
         name = f"Trials ($n$ = {len(trials)})" if number == 0 else None
         ax.plot(trial["theta_s_deg"], trial["torque"], color=GREY, alpha=0.35, linewidth=0.9, label=name)
+    doubtful = [trial for trial in trials if len(trial.filter(IS_DOUBTFUL))]
+    for number, trial in enumerate(doubtful):
+        name = f"Doubtful fit ($n$ = {len(doubtful)})" if number == 0 else None
+        ax.plot(trial["theta_s_deg"], trial["torque"], color=BLACK, linestyle=DOTTED, linewidth=0.9, label=name)
     ax.plot(
         mean["theta_s_deg"],
         mean["torque"],

@@ -3,9 +3,9 @@
 import polars as pl
 from matplotlib.figure import Figure
 
-from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, MAGENTA, panels, paper_style
+from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, IS_DOUBTFUL, MAGENTA, panels, paper_style
 
-COLUMNS = ("time", "theta_deg", "torque", "torque_model")
+COLUMNS = ("time", "theta_deg", "torque", "torque_model", "doubtful")
 
 
 @paper_style()
@@ -13,7 +13,8 @@ def draw(table: pl.DataFrame) -> Figure:
     """Angle above, torque below with the fit dashed magenta, as fits are in Fig. 3.
 
     The draft calls this line blue in its caption and magenta in its text. Rows in order of time: `time` [s] from
-    0, `theta_deg` [deg], `torque` and `torque_model` [N*m].
+    0, `theta_deg` [deg], `torque` and `torque_model` [N*m], and why the fit is `doubtful`, which the
+    legend then says.
     """
     figure, (angle, torque) = panels(DOUBLE_COLUMN, 2.8, rows=2)
     angle.plot(table["time"], table["theta_deg"], color=BLACK, linewidth=0.9)
@@ -24,7 +25,7 @@ def draw(table: pl.DataFrame) -> Figure:
         color=MAGENTA,
         linestyle=(0, (2.5, 1.5)),
         linewidth=1.0,
-        label="Best-fit second-order system",
+        label="Best-fit second-order system" + " (doubtful)" * (len(table.filter(IS_DOUBTFUL)) > 0),
     )
     angle.set_ylabel("Angle (deg)")
     torque.set_ylabel("Torque (N·m)")

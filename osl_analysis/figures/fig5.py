@@ -1,22 +1,40 @@
 """Fig. 5: observed stiffness and damping against what was asked for."""
 
+import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures.style import BLACK, LOOKS, SINGLE_COLUMN, panels, paper_style
+from osl_analysis.figures.style import (
+    BLACK,
+    IS_DOUBTFUL,
+    LOOKS,
+    SINGLE_COLUMN,
+    draw_spread,
+    panels,
+    paper_style,
+    spread_entries,
+)
 
 IMPEDANCE = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "K", "K_low", "K_high", "B", "B_low", "B_high")
-"""Columns that `points` needs of the impedance table; it takes `K_predicted` and `B_predicted` where they are."""
-COLUMNS = (
-    "trial", "controller", "K_d", "B_d", "K", "K_low", "K_high", "B", "B_low", "B_high", "K_predicted", "B_predicted",
-    "doubtful",
+"""Columns that `points` needs of the impedance table."""
+WHERE_THEY_ARE = (
+    "K_amplitudes_low", "K_amplitudes_high", "B_amplitudes_low", "B_amplitudes_high", "K_predicted", "B_predicted",
 )  # fmt: skip
+"""Columns that it takes where the table has them, and where not are null."""
+COLUMNS = (
+    "trial", "controller", "K_d", "B_d", "K", "K_low", "K_high", "B", "B_low", "B_high", *WHERE_THEY_ARE, "doubtful",
+)  # fmt: skip
+
+BESIDE = 0.022
+"""Distance between trials that were asked for the same, as a part of the axis: their bars do not run together."""
 
 
 def points(impedance: pl.DataFrame) -> pl.DataFrame:
-    """One row per trial: its fit over all amplitudes, with 95 % intervals, and why it is doubtful where it is.
+    """One row per trial: its fit over all amplitudes, with 95 % intervals and the range over single amplitudes.
+
+    `doubtful` says why a fit is, where it is.
 
     Raises
     ------
@@ -29,8 +47,8 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
             "the impedance table has no fit over all amplitudes (a row with empty amplitude_deg), "
             "which Fig. 5 draws; fit the trials again"
         )
-    for column in {"K_predicted", "B_predicted"}.difference(table.columns):
-        table = table.with_columns(pl.lit(None, pl.Float64).alias(column))
+    absent = [pl.lit(None, pl.Float64).alias(column) for column in WHERE_THEY_ARE if column not in table.columns]
+    table = table.with_columns(absent)
     if "doubtful" not in table.columns:
         table = table.with_columns(doubtful=pl.lit(None, pl.String))
     return table.select(COLUMNS)
@@ -38,33 +56,39 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """(a) stiffness, (b) damping: a marker per trial with its 95 % interval, the identity dashed.
+    """(a) stiffness, (b) damping: a marker per trial's fit to all amplitudes, the identity dashed.
 
-    Markers are open, so that trials with equal results show. Where linear theory predicts the result of the
-    trial's gains, a dash of the same colour marks the prediction. A dot in the marker: the
-    fit is doubtful, and the table says why.
+    A thin bar spans the fits to single amplitudes, a thick one the 95 % interval of noise; the legend says so, or that
+    the markers hide them. Markers are open and trials that were asked for the same stand side by side, less than a
+    marker apart, so that trials with equal results show. Where linear theory predicts the
+    result of the trial's gains, a dash of the same colour marks the prediction. A dot in the marker: the fit is
+    doubtful, and the table says why.
     """
-    figure, (stiffness, damping) = panels(SINGLE_COLUMN, 2.3, columns=2)
+    figure, (stiffness, damping) = panels(SINGLE_COLUMN, 2.5, columns=2)
     draw_panel(stiffness, table, "K")
     draw_panel(damping, table, "B")
     stiffness.set_xlabel("Desired $K_d$ (N·m/rad)")
     stiffness.set_ylabel(r"Stiffness $\hat{K}$ (N·m/rad)")
     damping.set_xlabel("Desired $B_d$ (N·m·s/rad)")
     damping.set_ylabel(r"Damping $\hat{B}$ (N·m·s/rad)")
-    figure.legend(*damping.get_legend_handles_labels(), loc="outside upper center", ncols=2, columnspacing=1.5)
+    bars, remark = spread_entries({stiffness: "K", damping: "B"}, table)
+    handles = [*damping.get_legend_handles_labels()[0], *bars]
+    figure.legend(handles=handles, loc="outside upper center", ncols=2, columnspacing=1.5)
+    figure.supxlabel(remark, fontsize=8)
     return figure
 
 
 def draw_panel(ax: Axes, table: pl.DataFrame, symbol: str) -> None:
     """One quantity, `K` or `B`, against its desired value."""
     desired = f"{symbol}_d"
+    table = table.with_columns(x=side_by_side(table, desired, "B_d" if symbol == "K" else "K_d"))
     for controller in ("compensated", "uncompensated"):
         look = LOOKS[controller]
         rows = table.filter(pl.col("controller") == controller)
-        ax.vlines(rows[desired], rows[f"{symbol}_low"], rows[f"{symbol}_high"], color=look.colour, linewidth=0.7)
-        ax.plot(rows[desired], rows[f"{symbol}_predicted"], "_", color=look.colour, markersize=8, mew=0.6)
+        draw_spread(ax, rows, "x", symbol, look.colour)
+        ax.plot(rows["x"], rows[f"{symbol}_predicted"], "_", color=look.colour, markersize=8, mew=0.6)
         ax.plot(
-            rows[desired],
+            rows["x"],
             rows[symbol],
             look.marker,
             color=look.colour,
@@ -73,11 +97,19 @@ def draw_panel(ax: Axes, table: pl.DataFrame, symbol: str) -> None:
             markersize=look.size,
             label=look.label,
         )
-    doubtful = table.filter(pl.col("doubtful").fill_null("") != "")
+    doubtful = table.filter(IS_DOUBTFUL)
     if len(doubtful):
-        ax.plot(doubtful[desired], doubtful[symbol], ".", color=BLACK, markersize=2.2, label="Doubtful fit")
+        ax.plot(doubtful["x"], doubtful[symbol], ".", color=BLACK, markersize=3.4, mew=0, label="Doubtful fit")
     ax.axline((0, 0), slope=1, color=BLACK, linestyle=(0, (4, 2)), linewidth=0.7, label="Desired")
     if table[f"{symbol}_predicted"].count():
         ax.plot([], [], "_", color=BLACK, markersize=8, mew=0.6, label="Linear model")
     ax.margins(x=0.1)
     ax.set_xticks(table[desired].unique().sort().to_list())
+
+
+def side_by_side(table: pl.DataFrame, desired: str, other: str) -> pl.Series:
+    """Where trials stand that were asked for the same in one respect: in the order of the other, close about it."""
+    levels = table[other].unique().sort().to_list()
+    place = np.array([levels.index(value) for value in table[other]]) - (len(levels) - 1) / 2
+    values = table[desired].to_numpy()
+    return pl.Series(values + BESIDE * np.ptp(values) * place)

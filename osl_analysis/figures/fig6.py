@@ -5,11 +5,19 @@ import polars as pl
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures.style import BLACK, LOOKS, SINGLE_COLUMN, paper_style
+from osl_analysis.figures.style import (
+    BLACK,
+    IS_DOUBTFUL,
+    LIGHT_DOT,
+    LOOKS,
+    SINGLE_COLUMN,
+    light_dots,
+    paper_style,
+)
 from osl_analysis.trial import Array
 
 IMPEDANCE = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "VAF")
-COLUMNS = (*IMPEDANCE, "x", "x_centre", "median_VAF")
+COLUMNS = (*IMPEDANCE, "x", "x_centre", "median_VAF", "doubtful")
 
 HEIGHT = 2.4
 PANEL = (0.52, 0.26, 2.92, 2.08)
@@ -69,7 +77,9 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
     InputError
         No fit of a single amplitude has a VAF.
     """
-    table = impedance.select(IMPEDANCE).filter(pl.col("amplitude_deg").is_not_null() & pl.col("VAF").is_finite())
+    single = impedance.filter(pl.col("amplitude_deg").is_not_null() & pl.col("VAF").is_finite())
+    reasons = pl.col("doubtful") if "doubtful" in impedance.columns else pl.lit(None, pl.String).alias("doubtful")
+    table = single.select(*IMPEDANCE, reasons)
     if table.is_empty():
         raise InputError(
             "the impedance table has no VAF of a single amplitude, which Fig. 6 draws; fit the trials again"
@@ -89,7 +99,10 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """A swarm per controller with its median as a black bar; the axis is logarithmic in the variance left over."""
+    """A swarm per controller with its median as a black bar; the axis is logarithmic in the variance left over.
+
+    A light dot in the marker: the fit is doubtful, and the table says why.
+    """
     figure = Figure(figsize=(SINGLE_COLUMN, HEIGHT))
     left, bottom, width, height = PANEL
     ax = figure.add_axes((left / SINGLE_COLUMN, bottom / HEIGHT, width / SINGLE_COLUMN, height / HEIGHT))
@@ -103,6 +116,10 @@ def draw(table: pl.DataFrame) -> Figure:
         centre, median = rows["x_centre"][0], rows["median_VAF"][0]
         ax.hlines(median, centre - 0.15, centre + 0.15, color=BLACK, linewidth=1.2)
         ax.annotate(f"median\n{median:.2f} %", (centre + 0.16, median), va="center")
+    doubtful = table.filter(IS_DOUBTFUL)
+    light_dots(ax, doubtful["x"], doubtful["VAF"])
+    if len(doubtful):
+        ax.legend(handles=[LIGHT_DOT], loc="lower left")
     low, high = axis_limits(table["VAF"].to_numpy())
     ax.set_ylim(float(vaf_from_scale(np.array(low))), float(vaf_from_scale(np.array(high))))
     ax.set_yticks([t for t in TICKS if low <= vaf_scale(np.array(t)) <= high], minor=False)

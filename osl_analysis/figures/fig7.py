@@ -8,14 +8,28 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures.style import GREY, LOOKS, NORMAL_95, SINGLE_COLUMN, panels, paper_style
+from osl_analysis.figures.style import (
+    GREY,
+    IS_DOUBTFUL,
+    LIGHT_DOT,
+    LOOKS,
+    SINGLE_COLUMN,
+    draw_spread,
+    light_dots,
+    panels,
+    paper_style,
+    spread_entries,
+)
 
 RESPONSE = (
-    "controller", "K_d", "B_d", "frequency_hz", "magnitude", "magnitude_se", "phase_deg", "phase_se_deg",
+    "controller", "K_d", "B_d", "frequency_hz", "magnitude", "magnitude_low", "magnitude_high", "magnitude_min",
+    "magnitude_max", "phase_deg", "phase_low_deg", "phase_high_deg", "phase_min_deg", "phase_max_deg", "doubtful",
 )  # fmt: skip
 CURVES = ("condition", "frequency_hz", "magnitude", "phase_deg")
 COLUMNS = (
-    "condition", "frequency_hz", "magnitude", "magnitude_low", "magnitude_high", "phase_deg", "phase_low", "phase_high",
+    "condition", "frequency_hz", "magnitude", "magnitude_low", "magnitude_high", "magnitude_amplitudes_low",
+    "magnitude_amplitudes_high", "phase_deg", "phase_low", "phase_high", "phase_amplitudes_low",
+    "phase_amplitudes_high", "doubtful",
 )  # fmt: skip
 LINEAR_MODEL = ", linear model"
 """What follows the controller's name in the condition of a predicted curve."""
@@ -23,7 +37,7 @@ NICE = (1, 1.5, 2, 3, 4, 5, 6, 8)
 
 
 def points(response: pl.DataFrame, curves: pl.DataFrame) -> pl.DataFrame:
-    """Observed points of one desired impedance with 95 % intervals, then the curves.
+    """Observed points of one desired impedance with 95 % intervals and the amplitudes' range, then the curves.
 
     `response` has the columns `RESPONSE`; `curves` has `CURVES`, its conditions being `desired` and, where there
     is a prediction, the controller's name + `LINEAR_MODEL`. Magnitudes in rad/(N*m), phases in degrees.
@@ -38,13 +52,14 @@ def points(response: pl.DataFrame, curves: pl.DataFrame) -> pl.DataFrame:
         raise InputError(
             f"frequency responses of {impedances} desired impedances; Fig. 7 draws one: select K_d and B_d"
         )
-    magnitude, phase = NORMAL_95 * pl.col("magnitude_se"), NORMAL_95 * pl.col("phase_se_deg")
     observed = response.with_columns(
         condition=pl.col("controller"),
-        magnitude_low=pl.col("magnitude") - magnitude,
-        magnitude_high=pl.col("magnitude") + magnitude,
-        phase_low=pl.col("phase_deg") - phase,
-        phase_high=pl.col("phase_deg") + phase,
+        magnitude_amplitudes_low=pl.col("magnitude_min"),
+        magnitude_amplitudes_high=pl.col("magnitude_max"),
+        phase_low=pl.col("phase_low_deg"),
+        phase_high=pl.col("phase_high_deg"),
+        phase_amplitudes_low=pl.col("phase_min_deg"),
+        phase_amplitudes_high=pl.col("phase_max_deg"),
     ).select(COLUMNS)
     return pl.concat([observed, curves.select(CURVES)], how="diagonal_relaxed")
 
@@ -57,8 +72,12 @@ def response_curve(condition: str, frequency_hz: np.ndarray, Y: np.ndarray) -> p
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """(a) magnitude, (b) phase: markers with 95 % intervals observed, black line desired, thin lines predicted."""
-    figure, (magnitude, phase) = panels(SINGLE_COLUMN, 3.3, rows=2)
+    """(a) magnitude, (b) phase: markers observed, black line desired, thin lines predicted.
+
+    A thin bar spans the amplitudes of which a marker is the mean, a thick one the 95 % interval of noise; a light dot
+    in the marker says that the fit at one amplitude or more is doubtful.
+    """
+    figure, (magnitude, phase) = panels(SINGLE_COLUMN, 3.4, rows=2)
     for ax, column, bounds in ((magnitude, "magnitude", "magnitude"), (phase, "phase_deg", "phase")):
         for (condition,), rows in table.partition_by("condition", as_dict=True, maintain_order=True).items():
             draw_condition(ax, rows, str(condition), column, bounds)
@@ -72,7 +91,11 @@ def draw(table: pl.DataFrame) -> Figure:
     if table["condition"].str.ends_with(LINEAR_MODEL).any():
         handles.append(Line2D([], [], color=GREY, linewidth=0.7, linestyle=(0, (4, 1.5))))
         labels.append("Linear model")
+    bars, remark = spread_entries({magnitude: "magnitude", phase: "phase"}, table)
+    handles += bars + [LIGHT_DOT] * len(table.filter(IS_DOUBTFUL).head(1))
+    labels += [str(handle.get_label()) for handle in handles[len(labels) :]]
     figure.legend(handles, labels, loc="outside upper center", ncols=2, columnspacing=1.5)
+    figure.supxlabel(remark, fontsize=8)
     figure.align_ylabels()
     return figure
 
@@ -85,8 +108,7 @@ def draw_condition(ax: Axes, rows: pl.DataFrame, condition: str, column: str, bo
     elif not look.marker:
         ax.plot(rows["frequency_hz"], rows[column], color=look.colour, label=look.label)
     else:
-        low, high = rows[f"{bounds}_low"], rows[f"{bounds}_high"]
-        ax.vlines(rows["frequency_hz"], low, high, color=look.colour, linewidth=0.8)
+        draw_spread(ax, rows, "frequency_hz", bounds, look.colour)
         ax.plot(
             rows["frequency_hz"],
             rows[column],
@@ -96,6 +118,8 @@ def draw_condition(ax: Axes, rows: pl.DataFrame, condition: str, column: str, bo
             mew=0,
             label=look.label,
         )
+        doubtful = rows.filter(IS_DOUBTFUL)
+        light_dots(ax, doubtful["frequency_hz"], doubtful[column])
 
 
 def label_magnitudes(ax: Axes) -> None:

@@ -8,7 +8,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.figures.style import BLACK, PALE_ORANGE, SINGLE_COLUMN, panels, paper_style
 
 SUMMARY = ("quantity", "n", "mean", "sd")
-COLUMNS = (*SUMMARY, "commanded")
+COLUMNS = (*SUMMARY, "n_doubtful", "commanded")
 QUANTITIES = ("K", "B", "I")
 LABELS = {
     "K": r"Stiffness $\hat{K}$ (N·m/rad)",
@@ -21,6 +21,8 @@ PER_PERTURBATION = "mean of perturbations"
 
 def points(walking_summary: pl.DataFrame, commanded_K: float | None) -> pl.DataFrame:
     """Mean and SD over the perturbations of K, B and I, with the commanded stiffness [N*m/rad] if it is known.
+
+    `n_doubtful` is taken where the table has it: in how many of the perturbations the fit is doubtful.
 
     Raises
     ------
@@ -37,18 +39,24 @@ def points(walking_summary: pl.DataFrame, commanded_K: float | None) -> pl.DataF
         )
     commanded = pl.when(pl.col("quantity") == "K").then(pl.lit(commanded_K, pl.Float64)).alias("commanded")
     rows = pl.concat([table.filter(pl.col("quantity") == q) for q in QUANTITIES])
+    if "n_doubtful" not in rows.columns:
+        rows = rows.with_columns(n_doubtful=pl.lit(None, pl.Int64))
     return rows.with_columns(commanded).select(COLUMNS)
 
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """(a) K, (b) B, (c) I: bars with one SD on either side of the mean, the commanded stiffness dashed."""
+    """(a) K, (b) B, (c) I: bars with one SD on either side of the mean, the commanded stiffness dashed.
+
+    Below stands how many perturbations there are, and how many of the fits are doubtful, if any.
+    """
     figure, axes = panels(SINGLE_COLUMN, 2.0, columns=3)
     for ax, row in zip(axes, table.iter_rows(named=True), strict=True):
         draw_bar(ax, row["mean"], row["sd"], row["commanded"])
         ax.set_ylabel(LABELS[row["quantity"]])
     commanded = "; dashed: commanded" if table["commanded"].count() else ""
-    figure.supxlabel(f"Mean ± 1 SD over {table['n'][0]} perturbations{commanded}", fontsize=8)
+    doubtful = f" ({table['n_doubtful'][0]:g} doubtful)" if table["n_doubtful"][0] else ""
+    figure.supxlabel(f"Mean ± 1 SD over {table['n'][0]} perturbations{doubtful}{commanded}", fontsize=8)
     return figure
 
 

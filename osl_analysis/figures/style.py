@@ -1,23 +1,33 @@
 """What all figures share: page, lettering, colours and markers, and panels ready to draw in."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
+import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.16
 """Widths [in] of one column and of the text block of an IEEE two-column page."""
 
-BLACK, GREY, MAGENTA = "#000000", "#6E6E6E", "#C2127F"
+BLACK, WHITE, GREY, MAGENTA = "#000000", "#FFFFFF", "#6E6E6E", "#C2127F"
 ORANGE, PALE_ORANGE, PURPLE = "#E66100", "#F5C09A", "#5D3A9B"
 """Told apart by every common kind of colour vision, and in greyscale by lightness (58 against 32 of 100)."""
 
-NORMAL_95 = 1.96
-"""Half width of a 95 % interval in standard errors, for estimates from thousands of samples."""
+LIGHT_DOT = Line2D([], [], linestyle="", marker="o", color=GREY, mfc=WHITE, markersize=3, mew=1.2, label="Doubtful fit")
+"""For the legend of filled markers with a light dot."""
+THIN, THICK = 0.7, 1.8
+"""Widths [pt] of bars over amplitudes, and of intervals."""
+DOTTED = (0, (1, 1.5))
+"""Lines of what is doubtful."""
+
+IS_DOUBTFUL = pl.col("doubtful").fill_null("") != ""
+"""Rows whose fit passes a limit of the configuration."""
 
 PAPER: dict[Any, Any] = {
     "font.family": "STIXGeneral",  # Times-like, and shipped with matplotlib: the same on every machine
@@ -93,3 +103,51 @@ def panels(width: float, height: float, rows: int = 1, columns: int = 1) -> tupl
         for ax, letter in zip(axes, "abcdefgh", strict=False):
             ax.set_title(f"({letter})", loc="left")
     return figure, axes
+
+
+def light_dots(ax: Axes, x: pl.Series, y: pl.Series) -> None:
+    """A light dot in each filled marker whose fit is doubtful."""
+    if len(x):
+        ax.plot(x, y, ".", color=WHITE, markersize=2.2, mew=0)
+
+
+def draw_spread(ax: Axes, rows: pl.DataFrame, x: str, quantity: str, colour: str) -> None:
+    """Thin bars over single amplitudes, thick ones for the interval of noise, where the table has their ends.
+
+    Columns `<quantity>_amplitudes_low` and `_high`, `<quantity>_low` and `_high`.
+    """
+    for low, high, width in (
+        (f"{quantity}_amplitudes_low", f"{quantity}_amplitudes_high", THIN),
+        (f"{quantity}_low", f"{quantity}_high", THICK),
+    ):
+        found = rows.drop_nulls([low, high])
+        ax.vlines(found[x], found[low], found[high], color=colour, linewidth=width)
+
+
+def spread_entries(panels: Mapping[Axes, str], table: pl.DataFrame) -> tuple[list[Line2D], str]:
+    """What the bars of `draw_spread` are: handles for the legend, and a remark where a kind of bar cannot be seen.
+
+    `panels` are the axes with the quantity that each shows.
+    """
+
+    def bar(width: float, label: str) -> Line2D:
+        return Line2D([], [], color=BLACK, marker="|", markersize=8, mew=width, linestyle="", label=label)
+
+    handles = []
+    if any(table[f"{quantity}_amplitudes_low"].count() for quantity in panels.values()):
+        handles.append(bar(THIN, "Range over amplitudes"))
+    longest = max(longest_bar(ax, table[f"{q}_low"], table[f"{q}_high"]) for ax, q in panels.items())
+    if longest <= min(look.size for look in LOOKS.values() if look.marker):
+        return handles, "95 % intervals of noise are shorter than the markers"
+    return [*handles, bar(THICK, "95 % interval of noise")], ""
+
+
+def longest_bar(ax: Axes, low: pl.Series, high: pl.Series) -> float:
+    """Length [pt] on paper of the longest vertical bar between bounds (n,) in the axis' unit; 0 without any."""
+    figure = ax.figure.figure
+    figure.draw_without_rendering()
+    ends = [
+        ax.transData.transform(np.column_stack([np.zeros(len(y)), y]))[:, 1]
+        for y in (low.drop_nulls(), high.drop_nulls())
+    ]
+    return float(np.max(np.abs(ends[1] - ends[0]), initial=0)) * 72 / figure.dpi

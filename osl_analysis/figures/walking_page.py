@@ -4,9 +4,19 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, GREY, ORANGE, PALE_ORANGE, PURPLE, paper_style
+from osl_analysis.figures.style import (
+    BLACK,
+    DOTTED,
+    DOUBLE_COLUMN,
+    GREY,
+    IS_DOUBTFUL,
+    ORANGE,
+    PALE_ORANGE,
+    PURPLE,
+    paper_style,
+)
 
-COLUMNS = ("panel", "curve", "trial", "x", "mean", "sd")
+COLUMNS = ("panel", "curve", "trial", "x", "mean", "sd", "doubtful")
 GAIT = {"unperturbed": (PURPLE, "Unperturbed"), "perturbed": (ORANGE, "Perturbed")}
 STANCE = "Stance (%)"
 AFTER_ONSET = "Time from the platform’s onset (ms)"
@@ -15,7 +25,9 @@ AFTER_ONSET = "Time from the platform’s onset (ms)"
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
     """(a) angle and (b) torque over stance, mean and SD of both kinds of crossings, the fitted window shaded;
-    (c) isolated angle and (d) torque of every perturbation, their mean, and the fit of Eq. 15 to the mean."""
+    (c) isolated angle and (d) torque of every perturbation, their mean, and the fit of Eq. 15 to the mean.
+
+    Perturbations whose own fit is doubtful are dotted."""
     figure = Figure(figsize=(DOUBLE_COLUMN, 4.4), layout="constrained")
     axes = figure.subplots(2, 2)
     for ax, letter in zip(axes.ravel(), "abcd", strict=True):
@@ -56,10 +68,15 @@ def draw_response(ax: Axes, table: pl.DataFrame, panel: str) -> None:
     every = curve(table, panel, "each")
     fitted = curve(table, "response torque", "fit")["x"]
     ax.axvspan(float(fitted[0]), float(fitted[-1]), color=PALE_ORANGE, alpha=0.5, linewidth=0)
-    for number, one in enumerate(every.partition_by("trial", maintain_order=True)):
+    trials = every.partition_by("trial", maintain_order=True)
+    for number, one in enumerate(trials):
         ax.plot(
             one["x"], one["mean"], color=GREY, alpha=0.45, linewidth=0.5, label=None if number else "Each perturbation"
         )
+    doubtful = [one for one in trials if len(one.filter(IS_DOUBTFUL))]
+    for number, one in enumerate(doubtful):
+        label = None if number else f"Doubtful fit ($n$ = {len(doubtful)})"
+        ax.plot(one["x"], one["mean"], color=BLACK, linewidth=0.7, linestyle=DOTTED, label=label)
     mean, fit = curve(table, panel, "mean"), curve(table, panel, "fit")
     ax.plot(mean["x"], mean["mean"], color=BLACK, linewidth=1.4, label="Mean")
     if not fit.is_empty():

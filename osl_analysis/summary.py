@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import polars as pl
 
+from osl_analysis.doubtful import doubtful_count
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
@@ -14,6 +15,7 @@ STUDENT = "95 % of the mean (Student)"
 FIT = "95 % of the fit (its noise; not what the model lacks)"
 BOOTSTRAP = "95 % (bootstrap over perturbed and unperturbed crossings)"
 RANGE = "lowest to highest"
+COUNT = "count"
 EXAMPLE_K_D, EXAMPLE_B_D = 300.0, 5.0
 """The impedance of Fig. 4 [N*m/rad, N*m*s/rad], whose estimates are headline numbers."""
 ENSEMBLE = "ensemble"
@@ -21,14 +23,20 @@ ENSEMBLE = "ensemble"
 mean over perturbations does not (docs/validation.md)."""
 
 TABLES = {
+    "belt": ("doubtful",),
     "belt_summary": ("quantity", "n", "mean", "low", "high"),
     "transmission_summary": ("quantity", "n", "mean", "low", "high"),
-    "transmission": ("amplitude_deg", "VAF"),
+    "transmission": ("amplitude_deg", "VAF", "doubtful"),
+    "actuator": ("doubtful",),
     "actuator_summary": ("quantity", "n", "mean", "low", "high"),
-    "impedance": ("controller", "K_d", "B_d", "amplitude_deg", "K", "K_low", "K_high", "B", "B_low", "B_high", "VAF"),
+    "impedance": (
+        "controller", "K_d", "B_d", "amplitude_deg", "K", "K_low", "K_high", "K_amplitudes_low", "K_amplitudes_high",
+        "B", "B_low", "B_high", "B_amplitudes_low", "B_amplitudes_high", "VAF", "doubtful",
+    ),
+    "phasors": ("doubtful",),
     "walking_summary": ("quantity", "estimator", "n", "mean", "low", "high"),
-    "walking": ("VAF",),
-}
+    "walking": ("VAF", "doubtful"),
+}  # fmt: skip
 """The tables that hold headline numbers, and the columns that are read."""
 
 
@@ -45,13 +53,18 @@ class Label:
 
 @dataclass(frozen=True)
 class Headline(Label):
-    """A number with the bounds of its interval; `interval` says of what kind, `n` from how many trials or fits."""
+    """A number with the bounds of its interval; `interval` says of what kind, `n` from how many trials or fits.
+
+    `amplitudes_low` and `amplitudes_high`: from where to where the fits to single amplitudes read it.
+    """
 
     value: float
     low: float | None
     high: float | None
     interval: str | None
     n: int
+    amplitudes_low: float | None = None
+    amplitudes_high: float | None = None
 
 
 BELT = {"K_s": Label("K_s", "N*m/rad", 685.6, "BeltStiffness", "belt stiffness while loading, mean of trials")}
@@ -106,7 +119,15 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame]) -> list[Headline]:
         found += means(walked, WALKING, BOOTSTRAP)
     if "walking" in tables:
         found += over_fits(WALKING_VAF, tables["walking"]["VAF"], np.mean)
-    return found
+    return found + [doubtful_fits(name, table) for name, table in tables.items() if "doubtful" in TABLES[name]]
+
+
+def doubtful_fits(name: str, table: pl.DataFrame) -> Headline:
+    """How many fits of a table are doubtful; `n` how many there are."""
+    doubtful, n = doubtful_count(table)
+    meaning = f"doubtful fits in {name}.csv, whose column says why"
+    label = Label(f"doubtful_{name}", "fits", None, f"Doubtful{name.capitalize()}", meaning)
+    return Headline(**asdict(label), value=doubtful, low=None, high=None, interval=COUNT, n=n)
 
 
 def over_all_amplitudes(table: pl.DataFrame) -> pl.DataFrame:
@@ -159,7 +180,9 @@ def example_headlines(controller: str, trials: pl.DataFrame) -> list[Headline]:
         label = Label(f"{symbol}_example_{controller}", unit, None, f"{controller.capitalize()}Example{word}", meaning)
         if len(rows) == 1:
             value, low, high = rows.select(symbol, f"{symbol}_low", f"{symbol}_high").row(0)
-            found.append(headline(label, value, low, high, FIT, 1))
+            lowest, highest = rows.select(f"{symbol}_amplitudes_low", f"{symbol}_amplitudes_high").row(0)
+            number = headline(label, value, low, high, FIT, 1)
+            found.append(replace(number, amplitudes_low=lowest, amplitudes_high=highest))
         else:
             found += over_fits(label, rows[symbol], np.mean)
     return found

@@ -3,10 +3,12 @@
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
-from osl_analysis.summary import RANGE, Headline
+from osl_analysis.summary import COUNT, RANGE, Headline
 
+AMPLITUDES = ("amplitudes_low", "amplitudes_high")
 KEPT = ("value", "unit", "low", "high", "interval", "n", "draft", "meaning")
 MACRO_PREFIX = "osl"
 ROUNDING = 1e-9
@@ -16,8 +18,14 @@ SMALLEST_PLAIN = 1e-4
 
 
 def to_json(headlines: Sequence[Headline]) -> str:
-    """One object by name, in full precision; null where there is no interval or the draft has no value."""
-    content = {h.name: {key: getattr(h, key) for key in KEPT} for h in headlines}
+    """One object by name, in full precision; null where there is no interval or the draft has no value.
+
+    The range over single amplitudes stands only with numbers that have one.
+    """
+    content = {
+        h.name: {key: getattr(h, key) for key in (*KEPT, *(AMPLITUDES if h.amplitudes_low is not None else ()))}
+        for h in headlines
+    }
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -28,10 +36,16 @@ def to_tex(headlines: Sequence[Headline]) -> str:
     """
     lines = ["% Headline numbers, written by osl-analysis; \\input this file and use the macros."]
     for h in headlines:
-        digits = decimals(h.value, h.low, h.high, h.interval)
-        for suffix, number in (("", h.value), ("Low", h.low), ("High", h.high)):
+        digits = decimals(h.value, *rounded_by(asdict(h)))
+        ends = {
+            "": (h.value, f"{h.unit}, {h.meaning}"),
+            "Low": (h.low, f"low end: {h.interval}"),
+            "High": (h.high, f"high end: {h.interval}"),
+            "AmplitudesLow": (h.amplitudes_low, "lowest of the fits to single amplitudes"),
+            "AmplitudesHigh": (h.amplitudes_high, "highest of the fits to single amplitudes"),
+        }
+        for suffix, (number, comment) in ends.items():
             if number is not None:
-                comment = f"{h.unit}, {h.meaning}" if not suffix else f"{suffix.lower()} end: {h.interval}"
                 lines.append(
                     f"\\newcommand{{\\{MACRO_PREFIX}{h.macro}{suffix}}}{{{tex_number(number, digits)}}}% {comment}"
                 )
@@ -42,21 +56,36 @@ def to_markdown(summary: Mapping[str, Mapping[str, Any]]) -> str:
     """Table of a summary in the form that `to_json` writes."""
     lines = ["| quantity | value | interval | n | draft |", "| --- | --- | --- | --- | --- |"]
     for number in summary.values():
-        digits = decimals(*(number[key] for key in ("value", "low", "high", "interval")))
+        digits = decimals(number["value"], *rounded_by(number))
         value = f"{plain(number['value'], digits)} {number['unit']}"
         interval, draft = "", "" if number["draft"] is None else f"{number['draft']:g}"
         if number["low"] is not None:
             interval = f"{plain(number['low'], digits)} to {plain(number['high'], digits)}, {number['interval']}"
+        if number.get("amplitudes_low") is not None:
+            lowest, highest = (plain(number[key], digits) for key in AMPLITUDES)
+            interval += f"; single amplitudes {lowest} to {highest}"
         cells = (number["meaning"], value, interval, str(number["n"]), draft)
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
 
 
+def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, str | None]:
+    """Bounds that say how many digits of a number mean something, and their kind: the amplitudes', where it has some.
+
+    Noise may leave a number five digits of which amplitudes share three.
+    """
+    low, high = (number.get(key) for key in AMPLITUDES)
+    return (number["low"], number["high"], number["interval"]) if low is None else (low, high, None)
+
+
 def decimals(value: float, low: float | None, high: float | None, interval: str | None) -> int:
     """Decimal places that leave two digits of the interval's half width.
 
-    Three digits of the number itself where there is no interval, or a range, which says nothing of its precision.
+    Three digits of the number itself where there is no interval, or a range, which says nothing of its precision; none
+    of a count.
     """
+    if interval == COUNT:
+        return 0
     half = 0.0 if low is None or high is None or interval == RANGE else abs(high - low) / 2
     if half > ROUNDING * abs(value):
         return max(1 - exponent_of(half), 0)

@@ -10,7 +10,7 @@ from osl_analysis.commands import walking
 from osl_analysis.commands.summarise import format_results_table, read_summary, write_summary
 from osl_analysis.errors import InputError
 from osl_analysis.figures import fig9
-from osl_analysis.summary import BOOTSTRAP, ENSEMBLE, RANGE, STUDENT, Headline, headline_numbers
+from osl_analysis.summary import BOOTSTRAP, ENSEMBLE, FIT, RANGE, STUDENT, Headline, headline_numbers
 from osl_analysis.summary_text import decimals, to_json, to_tex
 from osl_analysis.table_file import write_table
 
@@ -37,7 +37,11 @@ def impedance():
         ("compensated", 100.0, 0.0, None, 97.0, 95.0, 99.0, 0.1, 0.0, 0.2, 10.0),
         ("uncompensated", 300.0, 5.0, None, 210.0, 208.0, 212.0, 3.6, 3.5, 3.7, 10.0),
     ]
-    return pl.DataFrame(rows, schema=columns, orient="row")
+    table = pl.DataFrame(rows, schema=columns, orient="row")
+    whole = pl.col("amplitude_deg").is_null()
+    ends = {f"{q}_amplitudes_{end}": pl.when(whole).then(pl.col(q) + step) for q in "KB"
+            for end, step in (("low", -2.04), ("high", 1.06))}  # fmt: skip
+    return table.with_columns(**ends, doubtful=pl.Series(["", "VAF 90 is below 95", "", "", "", "x"]))
 
 
 def all_tables():
@@ -45,10 +49,10 @@ def all_tables():
     return {
         "belt_summary": summary_rows(K_s=686.2, unloading=640.0),
         "transmission_summary": summary_rows(B_j=0.45, J_j=0.0051, VAF=99.2),
-        "transmission": pl.DataFrame({"amplitude_deg": [None, None, None, 2.0], "VAF": vaf}),
+        "transmission": pl.DataFrame({"amplitude_deg": [None, None, None, 2.0], "VAF": vaf, "doubtful": [""] * 4}),
         "impedance": impedance(),
         "walking_summary": walked(K=338.0, B=4.3, I=-0.012),
-        "walking": pl.DataFrame({"VAF": [96.0, 98.0, float("nan")]}),
+        "walking": pl.DataFrame({"VAF": [96.0, 98.0, float("nan")], "doubtful": ["", "", None]}),
     }
 
 
@@ -99,6 +103,30 @@ def test_the_example_of_fig4_has_the_interval_of_its_fit():
     assert by_name(all_tables())["B_example_uncompensated"].value == 3.6
 
 
+def test_the_example_says_how_far_the_single_amplitudes_spread_and_is_rounded_to_that():
+    headlines = headline_numbers(all_tables())
+    K = json.loads(to_json(headlines))["K_example_compensated"]
+    assert (K["amplitudes_low"], K["amplitudes_high"]) == pytest.approx((300.96, 304.06))
+    assert "amplitudes_low" not in json.loads(to_json(headlines))["K_s"]
+    tex = to_tex(headlines)
+    assert r"\oslCompensatedExampleStiffness}{303.0}" in tex
+    assert r"\oslCompensatedExampleStiffnessAmplitudesLow}{301.0}" in tex
+    assert r"\oslCompensatedExampleStiffnessAmplitudesHigh}{304.1}" in tex
+    said = format_results_table(json.loads(to_json(headlines)))
+    assert f"299.0 to 307.5, {FIT}; single amplitudes 301.0 to 304.1" in said
+
+
+def test_doubtful_fits_are_counted_by_table_and_rows_without_a_fit_are_none():
+    found = by_name(all_tables())
+    assert (found["doubtful_impedance"].value, found["doubtful_impedance"].n) == (2, 6)
+    assert (found["doubtful_walking"].value, found["doubtful_walking"].n) == (0, 2)
+    assert "doubtful_belt" not in found
+    assert "| doubtful fits in impedance.csv, whose column says why | 2 fits |  | 6 |  |" in format_results_table(
+        json.loads(to_json(list(found.values())))
+    )
+    assert r"\newcommand{\oslDoubtfulImpedance}{2}%" in to_tex(list(found.values()))
+
+
 def test_a_repeated_example_becomes_the_mean_with_its_range():
     again = impedance().filter(pl.col("K") == 303.0).with_columns(K=pl.lit(297.0))
     K = by_name({"impedance": pl.concat([impedance(), again])})["K_example_compensated"]
@@ -109,7 +137,7 @@ def test_a_campaign_without_walking_has_fewer_headlines_and_one_without_tables_n
     tables = all_tables()
     del tables["walking"], tables["walking_summary"]
     found = by_name(tables)
-    assert not any(name.startswith("walking") for name in found)
+    assert not any("walking" in name for name in found)
     assert "K_s" in found
     assert headline_numbers({}) == []
 

@@ -100,9 +100,11 @@ def test_every_figure_table_and_headline_number_is_there(workspace):
     assert dict(compared.group_by("experiment").len().iter_rows()) == {"belt": 8, "transmission": 4, "impedance": 16}
     impedance = pl.read_csv(results / "tables/impedance.csv")
     assert len(impedance) == 4 * 3
-    assert {"K_low", "K_high", "cov_K_B", "interval_method", "lag_s", "VAF_held_out", "doubtful"} <= {
+    assert {"K_low", "K_high", "K_amplitudes_low", "cov_K_B", "interval_method", "lag_s", "VAF_held_out"} <= {
         *impedance.columns
     }
+    for name in ("belt", "transmission", "actuator", "impedance", "estimators", "phasors", "walking"):
+        assert "doubtful" in pl.read_csv(results / f"tables/{name}.csv").columns
     estimators = pl.read_csv(results / "tables/estimators.csv")
     assert estimators.filter(pl.col("trial") == TRIAL)["K"].to_list() == pytest.approx([300] * 5, rel=0.03)
 
@@ -179,6 +181,25 @@ def test_a_changed_estimator_reruns_its_fits_and_not_ingest(workspace, tmp_path)
     assert planned["fit_impedance_trial"] == 4
     assert planned["fit_perturbation"] >= 2
     assert not {"ingest", "fit_belt_trial", "fit_transmission_trial", "simulate_crossing"} & set(planned)
+
+
+def test_a_changed_limit_marks_the_table_and_what_shows_it_anew_and_fits_nothing(workspace):
+    workspace.configure({"doubtful": {"belt": {"above": {"samples": 10}, "below": {"VAF": None}}}})
+    result = workspace.run("reproduce-all")
+    assert result.returncode == 0, result.stderr
+    said = result.stdout + result.stderr
+    assert "doubtful fits (the column `doubtful` of each table says why): belt 2 of 2" in said
+    assert "Rule: fit_" not in said
+    reasons = pl.read_csv(workspace.folder / "results/tables/belt.csv")["doubtful"]
+    assert reasons.str.contains("^samples .* is above 10$").all()
+    summary = json.loads((workspace.folder / "results/summary.json").read_text())
+    assert (summary["doubtful_belt"]["value"], summary["doubtful_belt"]["n"]) == (2, 2)
+    workspace.configure({"doubtful": {"belt": {"above": {"sample": 10}}}})
+    result = workspace.run("reproduce-all")
+    assert result.returncode != 0
+    assert "configuration, doubtful.belt: the table has no column 'sample' of numbers" in result.stdout + result.stderr
+    workspace.configure({})
+    assert workspace.run("reproduce-all").returncode == 0
 
 
 def test_a_changed_filter_reruns_the_fits_of_the_bench_only(workspace):

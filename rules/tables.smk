@@ -13,7 +13,7 @@ FILLED_BY = {  # table: the trials whose fits are its rows
     "ankle_moment": CAMPAIGN.trials("gait"),
     "quality": CAMPAIGN.trials(),
 }
-SUMMARISED = ("belt", "transmission", "actuator")
+SUMMARISED = ("belt", "transmission", "actuator", "model_comparison")
 
 
 def fitted(*tables: str) -> list[Path]:

@@ -54,7 +54,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Score:
-    """A model's VAF [percent] on data held out, its BIC (lower is better), and its ranks by both, from 1 on."""
+    """A model's VAF [percent], also on data held out, its BIC (lower is better), and its rank by that, from 1 on."""
 
     model: str
     terms: str
@@ -63,7 +63,6 @@ class Score:
     vaf_held_out: float
     bic: float
     effective_samples: float
-    rank_held_out: int | None
     rank: int
 
 
@@ -113,7 +112,7 @@ def impedance_fold(motion: Motion, torque: Array) -> Fold:
 def held_out_repeats(folds: Sequence[Fold], models: Terms, k: int) -> list[Score]:
     """Each model on fold k: fitted to it for the BIC, and to all the others for the VAF on data held out.
 
-    A fold that is alone has no such VAF: it is NaN, and its rank None.
+    A fold that is alone has no such VAF: it is NaN.
 
     Raises
     ------
@@ -169,20 +168,18 @@ def compare(torque: Array, candidates: Sequence[Candidate]) -> list[Score]:
     power = [float(np.mean(c.residual**2)) for c in candidates]
     m = effective_samples(candidates[int(np.argmin(power))].residual)
     bic = [m * np.log(s) + c.parameters * np.log(m) for s, c in zip(power, candidates, strict=True)]
-    held_out = [variance_accounted_for(torque, c.held_out_residual) for c in candidates]
     return [
         Score(
             c.model,
             c.terms,
             c.parameters,
             variance_accounted_for(torque, c.residual),
-            vaf,
+            variance_accounted_for(torque, c.held_out_residual),
             float(b),
             m,
-            None if np.isnan(vaf) else 1 + sum(bool(other > vaf) for other in held_out),
             1 + sum(bool(other < b) for other in bic),
         )
-        for c, vaf, b in zip(candidates, held_out, bic, strict=True)
+        for c, b in zip(candidates, bic, strict=True)
     ]
 
 

@@ -38,7 +38,7 @@ RESULTS = CONFIG.results
 
 wildcard_constraints:
     trial="[A-Za-z0-9][A-Za-z0-9_.-]*",
-    figure="fig[3-9]|walking_page",
+    figure="fig[3-9]|walking_page|model_comparison",
 
 
 include: "rules/simulate.smk"

@@ -14,6 +14,7 @@ from osl_analysis.trial import Array
 STUDENT = "95 % of the mean (Student)"
 FIT = "95 % of the fit (its noise; not what the model lacks)"
 BOOTSTRAP = "95 % (bootstrap over perturbed and unperturbed crossings)"
+PAIRED = "95 % of the mean difference of the same trials (Student)"
 RANGE = "lowest to highest"
 COUNT = "count"
 EXAMPLE_K_D, EXAMPLE_B_D = 300.0, 5.0
@@ -34,6 +35,9 @@ TABLES = {
         "B", "B_low", "B_high", "B_amplitudes_low", "B_amplitudes_high", "VAF", "doubtful",
     ),
     "phasors": ("doubtful",),
+    "model_comparison_summary": (
+        "experiment", "controller", "model", "trials", "VAF_gain", "VAF_gain_low", "VAF_gain_high",
+    ),
     "walking_summary": ("quantity", "estimator", "n", "mean", "low", "high"),
     "walking": ("VAF", "doubtful"),
 }  # fmt: skip
@@ -91,6 +95,24 @@ WALKING = {
     ),
     "I": Label("walking_I", "kg*m^2", None, "WalkingInertia", "ankle inertia while walking, fit to the mean response"),
 }
+BELT_GAIN = "held-out VAF of the quadratic belt with hysteresis less the linear belt's, mean of trials"
+COULOMB_GAIN = "held-out VAF of the transmission with Coulomb friction less that without, mean of trials"
+DRIVETRAIN_GAIN = "held-out VAF of Eq. 9 with friction less Eq. 15's, mean of trials"
+MODEL_GAINS: dict[tuple[str, str | None, str], Label] = {
+    ("belt", None, "M4"): Label("belt_VAF_gain", "%", None, "BeltVAFGain", BELT_GAIN),
+    ("transmission", None, "M2"): Label("coulomb_VAF_gain", "%", None, "CoulombVAFGain", COULOMB_GAIN),
+    **{
+        ("impedance", controller, "M3"): Label(
+            f"drivetrain_VAF_gain_{controller}",
+            "%",
+            None,
+            f"{controller.capitalize()}DrivetrainVAFGain",
+            f"{DRIVETRAIN_GAIN}, {controller}",
+        )
+        for controller in ("compensated", "uncompensated")
+    },
+}
+"""By experiment, controller and model of the comparison's summary."""
 WALKING_VAF = Label("walking_VAF", "%", None, "WalkingVAF", "VAF of the walking fits, mean of perturbations")
 
 
@@ -114,6 +136,8 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame]) -> list[Headline]:
     if "impedance" in tables:
         for controller in ("compensated", "uncompensated"):
             found += impedance_headlines(controller, tables["impedance"])
+    if "model_comparison_summary" in tables:
+        found += model_gains(tables["model_comparison_summary"])
     if "walking_summary" in tables:
         walked = tables["walking_summary"].filter(pl.col("estimator") == ENSEMBLE)
         found += means(walked, WALKING, BOOTSTRAP)
@@ -185,6 +209,17 @@ def example_headlines(controller: str, trials: pl.DataFrame) -> list[Headline]:
             found.append(replace(number, amplitudes_low=lowest, amplitudes_high=highest))
         else:
             found += over_fits(label, rows[symbol], np.mean)
+    return found
+
+
+def model_gains(table: pl.DataFrame) -> list[Headline]:
+    """What the draft's models lose in VAF on data held out, of the comparisons that have a mean."""
+    found = []
+    for row in table.drop_nulls("VAF_gain").iter_rows(named=True):
+        label = MODEL_GAINS.get((row["experiment"], row["controller"], row["model"]))
+        if label is not None:
+            bounds = row["VAF_gain_low"], row["VAF_gain_high"]
+            found.append(headline(label, row["VAF_gain"], *bounds, PAIRED, int(row["trials"])))
     return found
 
 

@@ -12,6 +12,7 @@ FIGURES = {  # what the campaign must have for each
     "fig8": CONFIG.impedance_trajectory,
     "fig9": CAMPAIGN.trials("walking"),
     "walking_page": CAMPAIGN.trials("walking"),
+    "model_comparison": held_out(),
 }
 
 
@@ -188,6 +189,25 @@ rule plot_numbers_walking_page:
             table=Path(input.table),
             settings=walking_settings(params),
             output=Path(output[0]),
+        )
+
+
+rule plot_numbers_model_comparison:
+    input:
+        table=RESULTS / "tables/model_comparison.csv",
+    output:
+        RESULTS / "figures/model_comparison.csv",
+    log:
+        RESULTS / "logs/figures/model_comparison_numbers.log",
+    params:
+        code=jobs.code("commands.figure"),
+        figure=jobs.code("figures.model_comparison"),
+    run:
+        jobs.run_job(
+            log[0],
+            "figure.plotted_numbers_model_comparison",
+            scores_csv=Path(input.table),
+            figure_csv=Path(output[0]),
         )
 
 

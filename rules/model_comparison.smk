@@ -5,8 +5,17 @@ REPEATED = ("belt", "transmission")
 
 def comparisons() -> list[str]:
     """What is compared: all trials of an experiment together, and each impedance trial that has amplitudes to hold out."""
-    repeated = [f"{experiment}_trials" for experiment in REPEATED if CAMPAIGN.trials(experiment)]
-    return repeated + CAMPAIGN.trials("impedance") * (len(CONFIG.dynamometer.amplitudes_deg) > 1)
+    return [f"{experiment}_trials" for experiment in REPEATED if CAMPAIGN.trials(experiment)] + amplitudes_held_out()
+
+
+def amplitudes_held_out() -> list[str]:
+    """The impedance trials, where they have amplitudes to hold out."""
+    return CAMPAIGN.trials("impedance") if len(CONFIG.dynamometer.amplitudes_deg) > 1 else []
+
+
+def held_out() -> bool:
+    """Whether anything at all is predicted from other data."""
+    return bool(amplitudes_held_out()) or any(len(CAMPAIGN.trials(experiment)) > 1 for experiment in REPEATED)
 
 
 rule compare_over_repeats:

@@ -21,9 +21,10 @@ from osl_analysis.commands.figure import (
     plotted_numbers_fig6,
     plotted_numbers_fig8,
     plotted_numbers_fig9,
+    plotted_numbers_model_comparison,
 )
 from osl_analysis.errors import InputError
-from osl_analysis.figures import fig3, fig4, fig5, fig6, fig7, fig8, fig9, walking_page
+from osl_analysis.figures import fig3, fig4, fig5, fig6, fig7, fig8, fig9, model_comparison, walking_page
 from osl_analysis.figures.style import LOOKS, MAGENTA, ORANGE, PURPLE, SINGLE_COLUMN
 from osl_analysis.table_file import read_table, write_table
 
@@ -135,6 +136,21 @@ def walking_page_table():
     return pl.concat(frames, how="diagonal").with_columns(doubtful=pl.lit(None, pl.String))
 
 
+def model_scores():
+    """Held-out VAF of two belts, a transmission without, and two controllers: 99 % and what further models leave."""
+    left = {"belt": (1, 1, 0.01, 0.01), "impedance": (1, 2, 0.1, 0.05), "transmission": (0.1, 0.1)}
+    trials = [("belt", None, "belt_1"), ("belt", None, "belt_2"), ("transmission", None, "transmission_1")]
+    trials += [("impedance", c, f"{c}_{k}") for c in ("compensated", "uncompensated") for k in (1, 2)]
+    return pl.DataFrame([
+        {
+            "experiment": experiment, "controller": controller, "trial": trial, "model": f"M{i + 1}", "terms": "",
+            "VAF_held_out": 100 - share * (10 if trial.endswith("2") else 1),
+        }
+        for experiment, controller, trial in trials
+        for i, share in enumerate(left[experiment])
+    ], infer_schema_length=None)  # fmt: skip
+
+
 def plotted(name):
     tables = {
         "fig3": belt_table,
@@ -145,6 +161,7 @@ def plotted(name):
         "fig8": lambda: fig8.points(gains()),
         "fig9": lambda: fig9.points(walking_summary(), 340.0),
         "walking_page": walking_page_table,
+        "model_comparison": lambda: model_comparison.points(model_scores()),
     }
     return tables[name]()
 
@@ -432,6 +449,35 @@ def test_the_walking_page_shows_both_gaits_every_response_their_mean_and_its_fit
     np.testing.assert_allclose(dashed[0].get_ydata(), np.clip(dashed[0].get_xdata(), 0, 60) - 1)
 
 
+def test_rival_models_are_drawn_by_trial_on_one_logarithmic_axis_with_their_geometric_mean():
+    axes = model_comparison.draw(plotted("model_comparison")).axes
+    assert [ax.get_title() for ax in axes] == ["Belt", "Transmission", "Rendered impedance"]
+    assert {ax.get_yscale() for ax in axes} == {"log"}
+    assert len({ax.get_ylim() for ax in axes}) == 1, "panels are to be compared"
+    np.testing.assert_allclose(line(axes[0], "Repeat"), [[0, 1, 2, 3], [1, 1, 0.01, 0.01]])
+    (bars,) = axes[0].collections
+    heights = [segment[0][1] for segment in bars.get_segments()]
+    np.testing.assert_allclose(heights, np.sqrt(10) * np.array([1, 1, 0.01, 0.01]))
+    for label, side in (("Compensated", -1), ("Uncompensated", 1)):
+        x, left = line(axes[2], label)
+        np.testing.assert_allclose(left, [1, 2, 0.1, 0.05])
+        assert (np.sign(x - np.arange(4)) == side).all()
+
+
+def test_models_that_were_not_held_against_other_data_are_not_drawn():
+    alone = model_scores().with_columns(
+        VAF_held_out=pl.when(pl.col("experiment") == "transmission")
+        .then(float("nan"))
+        .otherwise(pl.col("VAF_held_out"))
+    )
+    assert [ax.get_title() for ax in model_comparison.draw(model_comparison.points(alone)).axes] == [
+        "Belt",
+        "Rendered impedance",
+    ]
+    with pytest.raises(InputError, match="no model was held against data that it was not fitted to"):
+        model_comparison.points(alone.filter(pl.col("experiment") == "transmission"))
+
+
 @pytest.mark.parametrize("name", FIGURES)
 def test_every_figure_fits_the_page_reads_at_8_points_and_comes_out_the_same_twice(name, tmp_path):
     write_table(plotted(name), tmp_path / "t.csv")
@@ -544,13 +590,15 @@ def test_unknown_figures_formats_and_empty_tables_are_refused(tmp_path):
 
 def test_plotted_numbers_are_written_from_the_result_tables(tmp_path):
     tables = {"impedance": impedance(), "gains": gains(), "walking_summary": walking_summary()}
+    tables["scores"] = model_scores()
     for name, table in tables.items():
         write_table(table, tmp_path / f"{name}.csv")
     plotted_numbers_fig5(tmp_path / "impedance.csv", tmp_path / "fig5.csv")
     plotted_numbers_fig6(tmp_path / "impedance.csv", tmp_path / "fig6.csv")
     plotted_numbers_fig8(tmp_path / "gains.csv", tmp_path / "fig8.csv")
     plotted_numbers_fig9(tmp_path / "walking_summary.csv", 340.0, tmp_path / "fig9.csv")
-    for name in ("fig5", "fig6", "fig8", "fig9"):
+    plotted_numbers_model_comparison(tmp_path / "scores.csv", tmp_path / "model_comparison.csv")
+    for name in ("fig5", "fig6", "fig8", "fig9", "model_comparison"):
         written = read_table(tmp_path / f"{name}.csv", required=import_module(f"osl_analysis.figures.{name}").COLUMNS)
         assert written.equals(plotted(name).cast(dict(written.schema)))
 

@@ -10,7 +10,7 @@ from osl_analysis.commands import walking
 from osl_analysis.commands.summarise import format_results_table, read_summary, write_summary
 from osl_analysis.errors import InputError
 from osl_analysis.figures import fig9
-from osl_analysis.summary import BOOTSTRAP, ENSEMBLE, FIT, RANGE, STUDENT, Headline, headline_numbers
+from osl_analysis.summary import BOOTSTRAP, ENSEMBLE, FIT, PAIRED, RANGE, STUDENT, Headline, headline_numbers
 from osl_analysis.summary_text import decimals, to_json, to_tex
 from osl_analysis.table_file import write_table
 
@@ -152,6 +152,22 @@ def test_walking_takes_the_ensemble_not_the_mean_of_perturbations():
 def test_the_walking_command_figure_9_and_the_summary_mean_the_same_estimators():
     assert walking.MEAN == fig9.PER_PERTURBATION
     assert walking.ENSEMBLE == ENSEMBLE
+
+
+def test_gains_of_rival_models_have_the_interval_of_their_paired_difference():
+    columns = ("experiment", "controller", "model", "trials", "VAF_gain", "VAF_gain_low", "VAF_gain_high")
+    rows = [
+        ("belt", None, "M3", 10, 0.02, 0.01, 0.03),
+        ("belt", None, "M4", 10, 0.03, 0.02, 0.04),
+        ("transmission", None, "M2", 1, None, None, None),
+        ("impedance", "uncompensated", "M3", 16, 3.7, 1.5, 5.9),
+    ]
+    table = pl.DataFrame(rows, schema=columns, orient="row", infer_schema_length=None)
+    found = by_name({"model_comparison_summary": table})
+    assert set(found) == {"belt_VAF_gain", "drivetrain_VAF_gain_uncompensated"}
+    belt = found["belt_VAF_gain"]
+    assert (belt.value, belt.low, belt.high, belt.n, belt.interval) == (0.03, 0.02, 0.04, 10, PAIRED)
+    assert found["drivetrain_VAF_gain_uncompensated"].value == 3.7
 
 
 def test_a_single_trial_has_a_value_and_no_interval():

@@ -90,7 +90,7 @@ def workspace(tmp_path_factory):
 def test_every_figure_table_and_headline_number_is_there(workspace):
     results = workspace.folder / "results"
     figures = {path.name for path in (results / "figures").iterdir()}
-    names = [*(f"fig{n}" for n in range(3, 10)), "walking_page"]
+    names = [*(f"fig{n}" for n in range(3, 10)), "walking_page", "model_comparison"]
     assert figures == {f"{name}.{suffix}" for name in names for suffix in ("csv", "pdf", "svg", "png")}
     assert {"K_s", "B_j", "k_tau_n_m", "walking_K"} <= set(json.loads((results / "summary.json").read_text()))
     assert "\\newcommand" in (results / "numbers.tex").read_text()
@@ -98,6 +98,8 @@ def test_every_figure_table_and_headline_number_is_there(workspace):
     assert {"walking_excluded.csv", "hinge.csv", "plate.csv"} <= {path.name for path in (results / "tables").iterdir()}
     compared = pl.read_csv(results / "tables/model_comparison.csv")
     assert dict(compared.group_by("experiment").len().iter_rows()) == {"belt": 8, "transmission": 4, "impedance": 16}
+    standing = pl.read_csv(results / "tables/model_comparison_summary.csv")
+    assert dict(standing.group_by("experiment").len().iter_rows()) == {"belt": 4, "transmission": 2, "impedance": 8}
     impedance = pl.read_csv(results / "tables/impedance.csv")
     assert len(impedance) == 4 * 3
     assert {"K_low", "K_high", "K_amplitudes_low", "cov_K_B", "interval_method", "lag_s", "VAF_held_out"} <= {

@@ -11,7 +11,7 @@ from osl_analysis.atomic import atomic_path
 from osl_analysis.errors import InputError
 from osl_analysis.table_file import read_table, write_table
 
-FIGURES = ("fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9", "walking_page")
+FIGURES = ("fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9", "walking_page", "model_comparison")
 DRAWINGS = (*FIGURES, "torque", "gain_grid", "gain_map", "validation")
 METADATA: dict[str, dict[str, Any]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}, ".png": {}}
 """Formats that can be written, and what keeps the hour out of them: the same numbers give the same bytes."""
@@ -66,6 +66,12 @@ def plotted_numbers_fig8(gains_csv: Path, figure_csv: Path) -> None:
     """Write what Fig. 8 plots, from the table of gains."""
     fig8 = figure_module("fig8")
     write_table(fig8.points(read_table(gains_csv, required=fig8.COLUMNS)), figure_csv)
+
+
+def plotted_numbers_model_comparison(scores_csv: Path, figure_csv: Path) -> None:
+    """Write what the figure of the model comparison plots, from the scores of every trial."""
+    figure = figure_module("model_comparison")
+    write_table(figure.points(read_table(scores_csv, required=figure.COLUMNS)), figure_csv)
 
 
 def plotted_numbers_fig9(walking_summary_csv: Path, commanded_K: float | None, figure_csv: Path) -> None:

@@ -1,6 +1,6 @@
 """What all figures share: page, lettering, colours and markers, and panels ready to draw in."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -94,10 +94,15 @@ def paper_style() -> Iterator[None]:
         yield
 
 
-def panels(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
-    """A figure of the given size [in] and its panels, row by row, lettered (a), (b) ... if there are several."""
+def panels(
+    width: float, height: float, rows: int = 1, columns: int = 1, shares: Sequence[float] | None = None
+) -> tuple[Figure, list[Axes]]:
+    """A figure of the given size [in] and its panels, row by row, lettered (a), (b) ... if there are several.
+
+    With `shares` of the width, one per column, the panels of a row have one vertical axis.
+    """
     figure = Figure(figsize=(width, height), layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False, sharex=rows > 1)
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=rows > 1, sharey=bool(shares), width_ratios=shares)
     axes = [ax for row in grid for ax in row]
     if len(axes) > 1:
         for ax, letter in zip(axes, "abcdefgh", strict=False):

@@ -20,6 +20,9 @@ COLUMNS: dict[str, Column] = {
     "time": Column("t", "s", "experiment time, strictly increasing"),
     "theta": Column("θ_j", "rad", "joint angle from the bench's or the leg's joint encoder, dorsiflexion positive"),
     "theta_m": Column("θ_m", "rad", "actuator output angle, after the gear and before the belt"),
+    "omega_m": Column(
+        "dθ_m/dt", "rad/s", "actuator output velocity, for the actuator's own bench where that logs no theta_m"
+    ),
     "theta_command": Column("θ_j*", "rad", "joint angle that the dynamometer was told to follow"),
     "current": Column("I_q", "A", "q-axis motor current"),
     "torque": Column("τ", "N*m", "resisting joint torque, minus the τ_j of Eq. 4; internal plantarflexion moment"),

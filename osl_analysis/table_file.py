@@ -12,7 +12,7 @@ from osl_analysis.errors import InputError
 TEXT_COLUMNS = (
     "trial", "controller", "condition", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
     "reason", "excluded", "panel", "curve",
-    "interval_method", "doubtful", "experiment", "model", "terms", "by_VAF", "by_BIC",
+    "interval_method", "doubtful", "experiment", "model", "terms", "by_VAF", "by_BIC", "motion",
 )  # fmt: skip
 """Columns that are text even where every entry looks like a number (a trial named `01`)."""
 

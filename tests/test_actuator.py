@@ -1,6 +1,7 @@
 """The actuator's own bench: what is simulated obeys Eqs. 1-2, and the five parameters come back from its log."""
 
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,8 @@ from osl_analysis.simulator.actuator_bench import commanded_current, simulate_ac
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.summary import ACTUATOR, headline_numbers
 from osl_analysis.table_file import read_table
-from osl_analysis.trial_file import read_trial
+from osl_analysis.trial import Trial
+from osl_analysis.trial_file import read_trial, write_trial
 from osl_analysis.validation import read_yaml
 
 DEFAULT = ROOT / "config/simulation/default.yaml"
@@ -233,6 +235,76 @@ def test_the_command_line_fits_a_trial_with_its_model(tmp_path, campaign):
     analysis = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
     series = fit_one_actuator(tmp_path / "a.parquet", analysis, DoubtfulFits()).series
     assert (series["torque"] - series["torque_model"]).std() < 0.05 * series["torque"].std()
+
+
+DOC = (ROOT / "docs/actuator_bench.md").read_text()
+VELOCITY_LINE = "  omega_m:"
+ANGLE_LINE = "  # theta_m:"
+
+
+def bench_csv(path, log, motion):
+    """The log as a bench of its own writes it, under the names of the documentation, before the 9:1 gear."""
+    header = re.search(r"```csv\n(.*)\n```", DOC)[1]
+    moved = np.rad2deg(log.actuator_angle) * 9
+    if motion == "theta_m":
+        header = header.replace("motor velocity [rpm]", "motor angle [deg]")
+    else:
+        moved = np.gradient(moved, log.time) / 6
+    columns = np.column_stack([log.time, moved, log.motor_current, log.output_torque])
+    np.savetxt(path, columns, fmt="%.9g", delimiter=",", header=header, comments="")
+
+
+@pytest.mark.parametrize("motion", ["omega_m", "theta_m"])
+def test_a_bench_of_ones_own_gives_the_parameters_of_the_mcap_log_by_the_documented_commands(
+    tmp_path, campaign, monkeypatch, motion
+):
+    """Velocity in rpm or angle in deg, as text: 0.1 % of the five, which is a tenth of their standard errors."""
+    simulate_trial(campaign, tmp_path, "actuator_1")
+    row = {"trial": "a", "experiment": "actuator", "log": "actuator/actuator_1.mcap", "log_source": "actuator"}
+    ingest_trial(row, tmp_path, ROOT / "config/sources", tmp_path / "a.parquet")
+    analysis = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
+    expected = fit_one_actuator(tmp_path / "a.parquet", analysis).estimates
+    log, _ = simulate_actuator_trial("actuator_1", read_yaml(campaign, SimulationSettings), P)
+
+    shutil.copytree(ROOT / "config", tmp_path / "laboratory/config")
+    monkeypatch.chdir(tmp_path / "laboratory")
+    source = Path("config/sources/actuator_bench_csv.yaml")
+    if motion == "theta_m":
+        lines = [line for line in source.read_text().splitlines() if not line.startswith(VELOCITY_LINE)]
+        source.write_text("\n".join(lines).replace(ANGLE_LINE, "  theta_m:"))
+    bench_csv(Path("bench.csv"), log, motion)
+    for command in re.findall(r"^osl-analysis (.*)$", DOC, re.MULTILINE):
+        said = CliRunner().invoke(main, command.split())
+        assert said.exit_code == 0, said.output
+    assert re.search(r"J_m +0\.009\d+ ± \S+ +kg·m²", said.output)
+    found = fit_one_actuator(Path("bench.parquet"), analysis).estimates
+    assert (found["motion"][0], expected["motion"][0]) == (motion, "theta_m")
+    assert found.select(PARAMETERS).row(0) == pytest.approx(expected.select(PARAMETERS).row(0), rel=1e-3)
+    assert found["J_m_se"][0] == pytest.approx(expected["J_m_se"][0], rel=0.02)
+
+
+def test_velocity_is_differentiated_once_and_gives_what_the_angle_gives():
+    """Sines by hand, with a constant velocity that no integral could tell from a drift of the angle."""
+    t, theta, omega, alpha, current = schedule(velocity_offset=2.0)
+    torque = by_hand(theta, omega, alpha, current)
+    columns, _ = actuator_columns(t, omega, current, torque, LOW_PASS, WIDTH, is_velocity=True)
+    inside = slice(500, -500)
+    assert columns["B_m"][inside] == pytest.approx(-omega[inside], abs=1e-3)
+    assert columns["J_m"][inside] == pytest.approx(-alpha[inside], abs=2e-2)
+    fit = fit_actuator(columns, LOW_PASS(torque, RATE), RATE, LOW_PASS, SLOWEST)
+    assert [fit[name] for name in PARAMETERS] == pytest.approx([TRUE[name] for name in PARAMETERS], rel=0.02)
+
+
+def test_of_angle_and_velocity_the_angle_is_used_and_a_bench_without_either_is_refused(tmp_path):
+    analysis = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
+    t, theta, omega, alpha, current = schedule()
+    samples = {"time": t, "current": current, "torque_m": by_hand(theta, omega, alpha, current)}
+    write_trial(Trial("a", pl.DataFrame({**samples, "theta_m": theta, "omega_m": 7 * omega})), tmp_path / "a.parquet")
+    both = fit_one_actuator(tmp_path / "a.parquet", analysis).estimates
+    assert (both["motion"][0], both["J_m"][0]) == ("theta_m", pytest.approx(TRUE["J_m"], rel=0.02))
+    write_trial(Trial("b", pl.DataFrame(samples)), tmp_path / "b.parquet")
+    with pytest.raises(InputError, match="trial b: no column 'theta_m'"):
+        fit_one_actuator(tmp_path / "b.parquet", analysis)
 
 
 def test_an_error_names_the_trial(tmp_path, campaign):

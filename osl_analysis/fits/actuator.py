@@ -39,19 +39,26 @@ def fit_actuator(
     if np.count_nonzero(moving) < FEWEST_MOVING_S * rate_hz:
         raise InputError(
             f"the actuator is faster than {slowest:g} rad/s in {np.count_nonzero(moving)} of {len(torque)} samples; "
-            "drive it faster or longer, or check the unit of theta_m in the source file"
+            "drive it faster or longer, or check the unit of theta_m or omega_m in the source file"
         )
     fitted = {name: column[moving] for name, column in columns.items()}
     return linear_fit(torque[moving], fitted, every=low_pass.independent_samples(rate_hz))
 
 
 def actuator_columns(
-    time: Array, theta_m: Array, current: Array, torque_m: Array, low_pass: LowPass, sign_width: float
+    time: Array,
+    motion: Array,
+    current: Array,
+    torque_m: Array,
+    low_pass: LowPass,
+    sign_width: float,
+    is_velocity: bool = False,
 ) -> tuple[Mapping[str, Array], Array]:
-    """Columns with their signs in Eqs. 1-2, and the torque [N*m], from angle [rad], I_q [A], torque; shape (n,) each.
+    """Columns with their signs in Eqs. 1-2, and the torque [N*m], from motion, I_q [A], torque; shape (n,) each.
 
-    All pass the same filter, the friction's after its sign, tanh(omega_m/sign_width), is taken: a jump that is smeared
-    on both sides biases nothing.
+    `motion` is the angle [rad], or the velocity [rad/s], which then is differentiated once instead of twice. All pass
+    the same filter, the friction's after its sign, tanh(omega_m/sign_width), is taken: a jump that is smeared on both
+    sides biases nothing.
 
     Raises
     ------
@@ -59,14 +66,15 @@ def actuator_columns(
         As `LowPass`, or the stamps are not uniform.
     """
     rate = sampling_rate(time)
-    motion = differentiate(time, low_pass(theta_m, rate))
-    direction = np.tanh(motion.omega / sign_width)
+    smooth = differentiate(time, low_pass(motion, rate))
+    omega, alpha = (smooth.theta, smooth.omega) if is_velocity else (smooth.omega, smooth.alpha)
+    direction = np.tanh(omega / sign_width)
     columns = {
         "k_tau_n_m": low_pass(current, rate),
         "f_C": -low_pass(direction, rate),
         "f_G": -low_pass(direction * np.abs(current), rate),
-        "B_m": -motion.omega,
-        "J_m": -motion.alpha,
+        "B_m": -omega,
+        "J_m": -alpha,
         "offset": np.ones_like(time),
         "drift": time - np.mean(time),
     }

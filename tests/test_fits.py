@@ -1,5 +1,8 @@
 """Every fit recovers what made its data; the traps of the design page are shown to be traps."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import multisine
@@ -124,10 +127,10 @@ def test_belt_refuses_a_motion_that_goes_there_and_back_more_than_once():
         fit_belt_stiffness(np.concatenate([0.9 * once, once]), np.concatenate([torque, torque]))
 
 
-def stepped_record(start=3.0, rests=(1.0, 1.0, 2.0), unit=1.0):
+def stepped_record(start=3.0, rests=(1.0, 1.0, 2.0), unit=1.0, protocol=PROTOCOL):
     pieces = [np.zeros(round(start * RATE))]
-    for amplitude, rest in zip(PROTOCOL.amplitudes, rests, strict=True):
-        pieces += [amplitude * unit * unit_block(PROTOCOL, RATE), np.zeros(round(rest * RATE))]
+    for amplitude, rest in zip(protocol.amplitudes, rests, strict=True):
+        pieces += [amplitude * unit * unit_block(protocol, RATE), np.zeros(round(rest * RATE))]
     theta = np.concatenate(pieces)
     return np.arange(len(theta)) / RATE, theta
 
@@ -144,8 +147,25 @@ def test_a_protocol_that_is_not_in_the_record_is_refused():
     with pytest.raises(InputError, match=r"amplitude of 98\.\d+ deg, the protocol says 1\.7"):
         find_blocks(*stepped_record(unit=57.3), PROTOCOL)
     time, theta = stepped_record()
+    with pytest.raises(InputError, match=r"amplitude of 0\.00 deg"):
+        find_blocks(time, 0 * theta, PROTOCOL)
     with pytest.raises(InputError, match="the record lasts"):
         find_blocks(time[:3000], theta[:3000], PROTOCOL)
+
+
+@pytest.mark.parametrize("frequencies_hz", [(2.0, 4.0), (1.0, 2.0, 3.0, 4.0, 5.0), (3.0,), (4.0, 4.4, 5.0)])
+@pytest.mark.parametrize("really", [6, 7, 9, 12])
+def test_a_configuration_with_fewer_cycles_than_were_recorded_is_refused_with_both_counts(frequencies_hz, really):
+    """At rest, at another frequency (a tenth higher at least) and at another amplitude a sine does not go on."""
+    configured = replace(PROTOCOL, frequencies_hz=frequencies_hz, cycles=6)
+    time, theta = stepped_record(rests=(1.0, 0.0, 0.0), protocol=replace(configured, cycles=really))
+    theta += 1e-4 * np.random.default_rng(1).standard_normal(len(theta)) + 0.02
+    if really == 6:
+        assert len(find_blocks(time, theta, configured)) == len(configured.amplitudes)
+    else:
+        with pytest.raises(InputError, match="the protocol says 6; correct `cycles`") as caught:
+            find_blocks(time, theta, configured)
+        assert int(re.search(r"about (\d+) cycles", str(caught.value))[1]) in (really - 1, really, really + 1)
 
 
 def test_phasor_agrees_with_a_nonlinear_least_squares_fit():

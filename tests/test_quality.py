@@ -236,6 +236,7 @@ def test_what_the_joint_really_did_is_found_without_the_configuration() -> None:
         (Commanded((2.0, 4.0), (2.0,), 6), 2, "missing 2 deg at 5 Hz; missing 4 deg at 5 Hz"),
         (Commanded((2.0, 6.0), (2.0, 5.0), 6), 2, "besides 6 deg at 2 Hz"),
         (Commanded((2.0, 4.0), (2.0, 5.0), 3), 4, "missing 2 deg at 2 Hz"),
+        (Commanded((2.0, 4.0), (2.0, 5.0), 8), 4, "2 deg at 2 Hz (7 cycles), commanded are 6"),
     ],
 )
 def test_the_protocol_in_the_log_is_held_against_the_configured_one(

@@ -32,10 +32,10 @@ class Run:
     frequency_hz: float
     cycles: int
 
-    def is_at(self, amplitude_deg: float, frequency_hz: float) -> bool:
-        """Whether this is what was commanded."""
+    def is_at(self, amplitude_deg: float, frequency_hz: float, tolerance: float = FREQUENCY_TOLERANCE) -> bool:
+        """Whether this is what was commanded; `tolerance` of the frequency."""
         return (
-            abs(self.frequency_hz / frequency_hz - 1) < FREQUENCY_TOLERANCE
+            abs(self.frequency_hz / frequency_hz - 1) < tolerance
             and abs(self.amplitude_deg / amplitude_deg - 1) < AMPLITUDE_TOLERANCE
         )
 
@@ -44,16 +44,25 @@ class Run:
 
 
 def check_protocol(time: Array, theta: Array, commanded: Commanded) -> Finding:
-    """Number of commanded pairs that are not in the angle [rad] at times [s], (n,) each, for (nearly) all cycles."""
+    """Number of commanded pairs that are not in the angle [rad] at times [s], (n,) each, for as many cycles.
+
+    Cycles at the ends of a rest may be unseen; one more than was commanded is one that a fit would not know of.
+    """
     runs = sine_runs(time, theta)
     pairs = [(a, f) for a in commanded.amplitudes_deg for f in commanded.frequencies_hz]
     needed = max(commanded.cycles - AT_THE_ENDS, 1)
     missing = [(a, f) for a, f in pairs if not any(run.is_at(a, f) and run.cycles >= needed for run in runs)]
     besides = [run for run in runs if run.cycles >= FEWEST and not any(run.is_at(a, f) for a, f in pairs)]
+    longer = [
+        run
+        for run in runs
+        if run.cycles > commanded.cycles * sum(run.is_at(a, f, SAME_FREQUENCY) for a, f in pairs) > 0
+    ]
     said = [f"missing {a:g} deg at {f:g} Hz" for a, f in missing]
+    said += [f"{run}, commanded are {commanded.cycles}" for run in longer]
     said += [f"besides {run}" for run in besides]
     said = said or [f"{len(pairs)} commanded pairs of amplitude and frequency found"]
-    return Finding(float(len(missing)), "; ".join(said))
+    return Finding(float(len(missing) + len(longer)), "; ".join(said))
 
 
 def sine_runs(time: Array, theta: Array) -> list[Run]:

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from osl_analysis.doubtful import DoubtfulFits
 from osl_analysis.errors import InputError
-from osl_analysis.model.admittance_error import Weight
+from osl_analysis.model.admittance_error import FASTEST_HZ, HIGHEST_ORDER, SLOWEST_HZ, Weight
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.signals import LowPass
 from osl_analysis.validation import Model, Settings, read_mapping, validated
@@ -66,8 +66,8 @@ class ModelComparison(Settings):
 class WeightSettings(Settings):
     """W of Eq. 14, with which the laboratory selected its gains: Butterworth cut-off [Hz] and order."""
 
-    cutoff_hz: Positive
-    order: Annotated[int, Field(ge=1, le=10)]
+    cutoff_hz: Annotated[float, Field(ge=SLOWEST_HZ, le=FASTEST_HZ)]
+    order: Annotated[int, Field(ge=1, le=HIGHEST_ORDER)]
 
     @property
     def weight(self) -> Weight:

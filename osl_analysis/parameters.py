@@ -15,6 +15,8 @@ UNITS = {
     "n_T": "1", "K_s": "N*m/rad", "K_s2": "N*m/rad^2", "B_j": "N*m*s/rad", "J_j": "kg*m^2",
 }  # fmt: skip
 MUST_BE_POSITIVE = ("k_tau", "n_m", "J_m", "n_T", "K_s")
+SMALLEST, LARGEST = 1e-9, 1e9
+"""Of every parameter, in its unit, unless it is 0: beyond lies no drivetrain but a slip of an exponent."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,7 @@ class DrivetrainParameters:
     Raises
     ------
     InputError
-        A value that must be positive is not, or one that may be zero is negative.
+        A value that must be positive is not, one that may be zero is negative, or one is of an absurd size.
     """
 
     k_tau: float
@@ -47,9 +49,12 @@ class DrivetrainParameters:
             )
         for name, unit in UNITS.items():
             value = getattr(self, name)
-            if not (value > 0 or (value == 0 and name not in MUST_BE_POSITIVE)):
+            if not (SMALLEST <= value <= LARGEST or (value == 0 and name not in MUST_BE_POSITIVE)):
                 bound = "positive" if name in MUST_BE_POSITIVE else "zero or positive"
-                raise InputError(f"parameter {name} = {value} {unit} must be {bound}; correct the parameter file")
+                raise InputError(
+                    f"parameter {name} = {value} {unit} must be {bound}, {SMALLEST:g} to {LARGEST:g}; correct the "
+                    "parameter file"
+                )
 
 
 class Quantity(Settings):

@@ -12,6 +12,7 @@ from scipy.integrate import quad
 from scipy.linalg import solve_continuous_lyapunov
 from scipy.signal import butter, tf2ss
 
+from osl_analysis.commands.gains import gain_table
 from osl_analysis.errors import UnreachableImpedanceError
 from osl_analysis.model.admittance_error import Weight, admittance_error
 from osl_analysis.model.certificate import certify, interpolated, isolating_intervals, primitive, sturm_chain
@@ -163,7 +164,21 @@ def test_many_pairs_at_once_are_the_pairs_one_by_one(parameters):
     assert together.B_1 == pytest.approx(alone, rel=1e-10)
 
 
-@pytest.mark.parametrize(("cutoff", "order"), [(1, 0), (1, 2.5), (1, 11), (0, 3), (-1, 3), (np.inf, 3), (np.nan, 3)])
+@pytest.mark.parametrize("B_d", [0.0, 1e-9, 1e-3, 1e6])
+@pytest.mark.parametrize("K_d", [1e-9, 1.0, 685.6 * (1 - 1e-12)])
+def test_every_request_within_the_limits_has_an_answer(parameters, K_d, B_d):
+    """The ends of what is allowed, with W at the ends of its own: numbers, and no warning on the way."""
+    for weight in (PAPER_WEIGHT, Weight(1e-3, 1), Weight(1, 1), Weight(1e4, 3)):
+        row = gain_table([K_d], [B_d], parameters, weight, (1.0, 5.0)).to_dicts()[0]
+        assert np.isfinite(row["error"])
+        assert row["unbounded"] or np.isfinite([row["B_1"], row["K_predicted"]]).all()
+        certify(K_d, B_d, parameters, weight)
+
+
+@pytest.mark.parametrize(
+    ("cutoff", "order"),
+    [(1, 0), (1, 2.5), (1, 11), (0, 3), (-1, 3), (1e-300, 3), (1e300, 3), (np.inf, 3), (np.nan, 3)],
+)
 def test_a_weight_that_weighs_nothing_is_refused(cutoff, order):
     with pytest.raises(UnreachableImpedanceError, match="W "):
         Weight(cutoff, order)
@@ -197,7 +212,7 @@ def stiffness_at(f, gains, p, J_j=0.0):
 
 
 @settings(max_examples=30, deadline=None)
-@given(K_d=st.floats(5, 650), B_d=st.floats(0, 20))
+@given(K_d=st.floats(5, 650), B_d=st.just(0) | st.floats(1e-9, 20))
 def test_every_selected_impedance_is_passive(parameters, K_d, B_d):
     """Im Z >= w B_j at every frequency: the claim of `rendering`, by the admittance itself."""
     w = np.geomspace(1e-3, 1e5, 400)

@@ -52,6 +52,8 @@ def test_the_later_publication_has_a_quadratic_belt():
         ({"K_s": {"unit": "N*mm/rad"}}, "K_s has unit 'N\\*mm/rad', expected 'N\\*m/rad'"),
         ({"K_s": {"value": -3}}, "K_s = -3.* must be positive"),
         ({"B_j": {"value": -0.1}}, "B_j = -0.1 .* zero or positive"),
+        ({"J_m": {"value": 1e-300}}, r"J_m = 1e-300 kg\*m\^2 must be positive, 1e-09 to 1e\+09; correct"),
+        ({"B_j": {"value": 1e16}}, r"B_j = 1e\+16 .* zero or positive, 1e-09 to 1e\+09"),
         ({"n_T": {"value": "83/0"}}, "ratio such as 83/18"),
         ({"k_tau": {"value": float("nan")}}, "k_tau"),
         ({"mass": {"value": 1.0}}, "unknown parameter mass"),

@@ -254,8 +254,26 @@ def test_a_table_without_a_column_stops_the_summary_and_nothing_is_written(tmp_p
     assert [path.name for path in tmp_path.iterdir()] == ["belt.csv"]
 
 
+NUMBER = (
+    '{"K_s": {"value": 1.5, "unit": "", "low": null, "high": null, "interval": null, "n": 3, "draft": null, '
+    '"meaning": "x"}}'
+)
+
+
 @pytest.mark.parametrize(
-    ("content", "message"), [(None, "no such summary"), ("{", "not a summary"), ("3", "not a summary")]
+    ("content", "message"),
+    [
+        (None, "no such summary"),
+        ("{", "not a summary"),
+        ("3", "not a summary"),
+        ("[[1, 2]]", "not a summary"),
+        ('{"K_s": 3}', "'K_s': .*3 is not allowed"),
+        ('{"K_s": {"value": 3}}', "'K_s': field 'unit' is missing"),
+        (NUMBER.replace("1.5", '"much"'), "'K_s': value: 'much' is not allowed"),
+        (NUMBER.replace("1.5", "NaN"), "'K_s': value: nan is not allowed"),
+        (NUMBER.replace('"n": 3', '"n": null'), "'K_s': n: None is not allowed"),
+        ("[" * 100_000, "not a summary"),
+    ],
 )
 def test_a_missing_or_broken_summary_is_refused(tmp_path, content, message):
     if content is not None:

@@ -10,6 +10,9 @@ from osl_analysis.errors import InputError
 from osl_analysis.summary import TABLES, headline_numbers
 from osl_analysis.summary_text import to_json, to_markdown, to_tex
 from osl_analysis.table_file import read_table
+from osl_analysis.validation import Settings, validated
+
+REMEDY = "delete it and run `snakemake reproduce-all`"
 
 
 def write_summary(table_paths: Mapping[str, Path], summary_json: Path, numbers_tex: Path) -> None:
@@ -27,22 +30,41 @@ def write_summary(table_paths: Mapping[str, Path], summary_json: Path, numbers_t
         tex_path.write_text(to_tex(headlines), encoding="utf-8")
 
 
+class Number(Settings):
+    """One headline number as the summary has it."""
+
+    value: float
+    unit: str
+    low: float | None
+    high: float | None
+    interval: str | None
+    n: int
+    draft: float | None
+    meaning: str
+
+
 def read_summary(summary_json: Path) -> dict[str, dict[str, Any]]:
     """The summary that `write_summary` wrote.
 
     Raises
     ------
     InputError
-        The file is missing or is not a summary.
+        The file is missing or is not a summary; the message names the number and what is wrong with it.
     """
     if not summary_json.is_file():
         raise InputError(f"{summary_json}: no such summary; run `snakemake reproduce-all` first")
     try:
-        return dict(json.loads(summary_json.read_text(encoding="utf-8")))
-    except (json.JSONDecodeError, UnicodeDecodeError, TypeError, ValueError) as error:
-        raise InputError(
-            f"{summary_json}: not a summary ({error}); delete it and run `snakemake reproduce-all`"
-        ) from error
+        content = json.loads(summary_json.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{summary_json}: not a summary ({error}); {REMEDY}") from error
+    if not isinstance(content, dict):
+        raise InputError(f"{summary_json}: not a summary (it holds no names); {REMEDY}")
+    for name, number in content.items():
+        try:
+            validated(number, Number, Path(f"{summary_json}, '{name}'"))
+        except InputError as error:
+            raise InputError(f"{error}; {REMEDY}") from error
+    return content
 
 
 def format_results_table(summary: Mapping[str, Mapping[str, Any]]) -> str:

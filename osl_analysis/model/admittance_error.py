@@ -21,6 +21,8 @@ from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
 
 HIGHEST_ORDER = 10
+SLOWEST_HZ, FASTEST_HZ = 1e-3, 1e4
+"""Ends of the cut-off of W: what lies beyond weighs a joint that never moves, or nothing at all."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Weight:
     Raises
     ------
     UnreachableImpedanceError
-        The order is not a whole number from 1 to 10, or the cut-off is not positive and finite.
+        The order is not a whole number from 1 to 10, or the cut-off not from 0.001 to 10000 Hz.
     """
 
     cutoff_hz: float
@@ -41,8 +43,10 @@ class Weight:
             raise UnreachableImpedanceError(
                 f"W of order {self.order} cannot weigh the error of Eq. 14; use a whole number, 1 to {HIGHEST_ORDER}"
             )
-        if not 0 < self.cutoff_hz < np.inf:
-            raise UnreachableImpedanceError(f"W cannot have its cut-off at {self.cutoff_hz:g} Hz; give one above 0")
+        if not SLOWEST_HZ <= self.cutoff_hz <= FASTEST_HZ:
+            raise UnreachableImpedanceError(
+                f"W cannot have its cut-off at {self.cutoff_hz:g} Hz; give one from {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
+            )
 
     def polynomials(self) -> tuple[float, Array]:
         """Numerator, a constant, and denominator, highest power first, s in rad/s."""

@@ -12,6 +12,8 @@ from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
 
 PAPER_WEIGHT = Weight(cutoff_hz=1.0, order=3)
+SMALLEST, LARGEST = 1e-9, 1e6
+"""Of a desired stiffness [N*m/rad] and a damping [N*m*s/rad] that is not 0: no joint's is smaller or larger."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ def check_request(K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> No
     ------
     UnreachableImpedanceError
         A K_d is not between 0 and K_s (in series with the belt no positive K_1 renders it), or a B_d is negative
-        or not finite. The message names the nearest request that can be met.
+        or not finite, or one is of an absurd size. The message names the nearest request that can be met.
     """
     for value in np.ravel(np.asarray(K_d, dtype=float)):
         if not 0 < value < p.K_s:
@@ -60,6 +62,13 @@ def check_request(K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> No
             raise UnreachableImpedanceError(
                 f"B_d = {value:g} N*m*s/rad cannot be rendered: it feeds energy back into the leg; ask for 0 or more"
             )
+    for name, unit, values in (("K_d", "N*m/rad", K_d), ("B_d", "N*m*s/rad", B_d)):
+        for value in np.ravel(np.asarray(values, dtype=float)):
+            if not SMALLEST <= value <= LARGEST and value != 0:
+                raise UnreachableImpedanceError(
+                    f"{name} = {value:g} {unit} is of a size that no joint has; ask for {SMALLEST:g} to {LARGEST:g} "
+                    f"{unit}"
+                )
 
 
 def stiffness_gain(K_d: ArrayLike, p: DrivetrainParameters) -> Array:

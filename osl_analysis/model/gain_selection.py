@@ -79,7 +79,7 @@ def refined(error: AdmittanceError, low: Array, high: Array) -> Array:
         J = error.squared(x)
         below = J.slope < 0
         low, high = np.where(below, x, low), np.where(below, high, x)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             step = x * np.exp(-J.slope / (J.slope + x * J.curvature))
         inside = (step > low) & (step < high)
         following = np.where(inside, step, np.sqrt(low * high))

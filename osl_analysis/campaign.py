@@ -66,6 +66,19 @@ class Campaign:
             )
         return str(found[0])
 
+    def check_files(self) -> None:
+        """Refuse a configuration that names a file that is not there; the raw files are for ingest to miss."""
+        config = self.config
+        named = {
+            "parameters": config.parameters,
+            "impedance_trajectory": config.impedance_trajectory,
+            "validation.simulation": config.validation.simulation,
+        }
+        for field, path in named.items():
+            if path is not None and not path.is_file():
+                none = ", or write null for none" if field == "impedance_trajectory" else ""
+                raise InputError(f"{path}: no such file; correct {field} in the configuration{none}")
+
     def check_figures(self) -> None:
         """Refuse choices for Figs. 4 and 7 that no trial can serve."""
         series, response = self.config.figures.time_series, self.config.figures.frequency_response

@@ -11,6 +11,10 @@ from click.testing import CliRunner
 from conftest import ROOT
 
 from osl_analysis.cli import main
+from osl_analysis.commands.impedance import fit_trial
+from osl_analysis.config import DynamometerAnalysis, read_section
+from osl_analysis.errors import InputError
+from osl_analysis.model.compensator import PAPER_WEIGHT
 
 TRIAL = "impedance_K300_B5.0_compensated"
 
@@ -98,6 +102,21 @@ def test_ingest_says_that_a_log_has_lost_its_end(folder, tmp_path):
     assert result.exit_code == 0
     assert re.search(r"(?m)^warning: .*cut\.mcap: no footer", result.stderr)
     assert output.exists()
+
+
+@pytest.mark.parametrize("cutoff_hz", [260, 499.9])
+def test_a_filter_near_the_sampling_rate_is_refused_by_the_impedance_job_which_leaves_nothing(
+    folder, tmp_path, cutoff_hz
+):
+    settings = read_section(folder / "config.yaml", "dynamometer", DynamometerAnalysis)
+    wide = settings.model_copy(update={"cutoff_hz": cutoff_hz})
+    outputs = [tmp_path / name for name in ("fit.csv", "phasors.csv", "estimators.csv")]
+    device = ROOT / "config/parameters/default.yaml"
+    with pytest.raises(
+        InputError, match=rf"trial {TRIAL}, Savitzky-Golay: .* {cutoff_hz} Hz has .* lower .* to 250 Hz"
+    ):
+        fit_trial(folder / f"{TRIAL}.parquet", "compensated", 300.0, 5.0, device, wide, PAPER_WEIGHT, *outputs)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_gains_prints_the_paper_s_example_with_its_proof():

@@ -92,6 +92,14 @@ def test_another_seed_draws_other_perturbations():
         ("experiments.controllers", ["ideal"], "experiments.controllers.0: 'ideal'"),
         ("experiments.walking", 3, "'walking' names no settings file"),
         ("seed", "x", "seed: 'x'"),
+        ("dynamometer.rate_hz", 1, r"dynamometer\.rate_hz = 1 Hz takes 0\.2 samples of a cycle at 5 Hz; take 50 Hz"),
+        (
+            "effects.dynamometer_bandwidth.size",
+            600,
+            r"bandwidth of 600 Hz does not show .* less than 500 Hz, or enabled",
+        ),
+        ("effects.velocity_filter.size", 2500, r"velocity_filter of 2500 Hz does nothing .* less than 2500 Hz"),
+        ("effects.control_delay.size", 300, r"control_delay of 300 updates is 60 ms.* choose 150 updates \(30 ms\)"),
     ],
 )
 def test_a_wrong_setting_is_named_with_its_place(tmp_path, place, value, match):
@@ -100,6 +108,15 @@ def test_a_wrong_setting_is_named_with_its_place(tmp_path, place, value, match):
         read_yaml(path, SimulationSettings)
     assert str(refused.value).startswith(f"{path}: ")
     assert "\n" not in str(refused.value)
+
+
+def test_an_unstable_loop_is_refused_and_nothing_is_written(tmp_path, monkeypatch):
+    """20 ms of delay: an actuator that turned by 1e18 rad was logged."""
+    monkeypatch.chdir(ROOT)
+    path = settings_with(tmp_path, ("effects.control_delay.size", 100))
+    with pytest.raises(InputError, match=r"runs away, beyond 100 rad.* lower effects\.control_delay"):
+        simulate_trial(path, tmp_path / "raw", "impedance_K300_B5.0_compensated")
+    assert not (tmp_path / "raw").exists()
 
 
 def test_a_campaign_without_trials_is_refused(tmp_path):

@@ -237,6 +237,31 @@ def test_a_misspelt_field_is_one_line_that_names_it(workspace):
     assert "Traceback" not in said
 
 
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"impedance_trajectory": "config/nowhere.csv"},
+            r"config/nowhere\.csv: no such file; correct impedance_trajectory in the configuration, or write null",
+        ),
+        ({"parameters": "nowhere.yaml"}, r"nowhere\.yaml: no such file; correct parameters in the configuration$"),
+        (
+            {"validation": {"simulation": "nowhere.yaml"}},
+            r"nowhere\.yaml: no such file; correct validation\.simulation",
+        ),
+    ],
+)
+def test_a_file_that_the_configuration_names_and_is_not_there_is_one_line_with_its_field(workspace, changes, message):
+    workspace.configure(changes)
+    result = workspace.run("-n")
+    workspace.configure({})
+    assert result.returncode != 0
+    said = result.stdout + result.stderr
+    assert re.search(message, said, re.MULTILINE)
+    assert "MissingInput" not in said
+    assert "Traceback" not in said
+
+
 def load_cell_rests(workspace):
     """Torque [N*m] at rest of each transmission trial, as quality control measured it; the smallest first."""
     table = pl.read_csv(workspace.folder / "results/tables/quality.csv")

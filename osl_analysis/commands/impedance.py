@@ -16,6 +16,7 @@ from osl_analysis.commands.diagnosis import (
 )
 from osl_analysis.commands.stepped_sine import SteppedSineTrial, read_stepped_sine
 from osl_analysis.config import DynamometerAnalysis
+from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.fits.estimators import ESTIMATORS, Covariance, Record
 from osl_analysis.fits.impedance import fit_impedance, impedance_columns
 from osl_analysis.fits.protocol import rows_of
@@ -54,9 +55,10 @@ def fit_trial(
     found = trial_phasors(record)
     table = impedance_table(record, found, joint_admittance(gains.K_1, gains.B_1, p, p.J_j))
     check_sign(record.name, "K", table["K"][-1])
+    compared = estimator_table(record)
     write_table(table.with_columns(**literals(condition), **literals(prediction)), output)
     write_table(phasor_table(record.name, found).with_columns(**literals(condition)), phasors)
-    write_table(estimator_table(record).with_columns(**literals(condition)), estimators)
+    write_table(compared.with_columns(**literals(condition)), estimators)
 
 
 def literals(values: Mapping[str, float | str]) -> dict[str, pl.Expr]:
@@ -114,7 +116,10 @@ def estimator_table(record: SteppedSineTrial) -> pl.DataFrame:
     for name, estimator in ESTIMATORS.items():
         if name == "instrumental" and record.command is None:
             continue
-        fit = estimator(raw, record.low_pass, Covariance())
+        try:
+            fit = estimator(raw, record.low_pass, Covariance())
+        except (InputError, IdentifiabilityError) as error:
+            raise type(error)(f"trial {record.name}, {name}: {error}") from error
         estimates = {**estimates_row(fit, "K", "B", "I"), **covariance_row(fit, "K", "B", "I")}
         rate = record.rate_hz * fit.samples / len(rows_of(segments))  # an estimator may have thinned them
         diagnostics = diagnostics_row(fit, rate, record.low_pass)

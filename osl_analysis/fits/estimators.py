@@ -100,9 +100,21 @@ def modulating_function(half_width: float, rate_hz: float) -> tuple[Array, Array
 
 
 def savitzky_golay(record: Record, low_pass: LowPass, covariance: Covariance) -> LinearFit:
-    """A quartic through a moving window, its value and derivatives; the torque through the same window."""
+    """A quartic through a moving window, its value and derivatives; the torque through the same window.
+
+    Raises
+    ------
+    InputError
+        The window has fewer samples than a quartic has coefficients.
+    """
     window = 2 * int(SAVGOL_CYCLES * record.rate_hz / low_pass.cutoff_hz / 2) + 1
-    step = 1 / record.rate_hz
+    rate, least = record.rate_hz, SAVGOL_ORDER + 1
+    if window < least:
+        raise InputError(
+            f"a period of cutoff_hz = {low_pass.cutoff_hz:g} Hz has {window} samples at {rate:g} Hz, the window of a "
+            f"quartic needs {least}; lower dynamometer.cutoff_hz to {rate / SAVGOL_ORDER:g} Hz"
+        )
+    step = 1 / rate
     motion = Motion(*(savgol_filter(record.theta, window, SAVGOL_ORDER, deriv=d, delta=step) for d in range(3)))
     return regress(record, motion, savgol_filter(record.torque, window, SAVGOL_ORDER), covariance)
 

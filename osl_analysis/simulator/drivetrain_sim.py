@@ -15,6 +15,9 @@ from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.simulator.drivetrain_kernel import Controller, Plant, belt_path, integrate
 from osl_analysis.trial import Array
 
+LARGEST_ANGLE = 100.0
+"""[rad] of the actuator's output, 16 turns: one that turns by more has an unstable loop."""
+
 
 @dataclass(frozen=True)
 class ControlCommands:
@@ -106,12 +109,23 @@ def simulate_drivetrain(
 
     theta [rad] and omega [rad/s], shape (n,), are sampled at `rate_hz` [Hz] and must be a
     function and its true derivative: they are interpolated by cubic Hermite pieces in between.
+
+    Raises
+    ------
+    InputError
+        The loop is unstable: the actuator turns by more than `LARGEST_ANGLE`.
     """
     columns = np.empty((4, len(theta)))
     gains = np.vstack([commands.K_1, commands.B_1, commands.theta_eq]).astype(float)
     plant, controller = build_plant(rate_hz, effects, p), build_controller(rate_hz, commands, effects, p)
     theta, omega = np.ascontiguousarray(theta, dtype=float), np.ascontiguousarray(omega, dtype=float)
     integrate(theta, omega, gains, float(theta_m_start), plant, controller, columns)
+    if not np.abs(columns[0]).max(initial=0.0) <= LARGEST_ANGLE:  # NaN is none either
+        raise InputError(
+            f"the simulated actuator runs away, beyond {LARGEST_ANGLE:g} rad: its loop is unstable with K_1 up to "
+            f"{np.max(commands.K_1):.4g} N*m/rad, B_1 down to {np.min(commands.B_1):.4g} N*m*s/rad; lower "
+            "effects.control_delay, raise effects.velocity_filter or control_updates, or ask for more damping"
+        )
     return DrivetrainMotion(*columns)
 
 

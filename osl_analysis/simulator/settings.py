@@ -13,6 +13,10 @@ from osl_analysis.validation import Settings
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(ge=0)]
+SAMPLES_PER_CYCLE = 10
+"""Fewest samples of the bench's log in a cycle of the fastest sine that it is to follow."""
+LONGEST_DELAY_S = 0.03
+"""Of the control loop: with more, none of the study's impedances is stable (linear theory: 0.4 to 25 ms)."""
 
 
 class Effect(Settings):
@@ -206,6 +210,41 @@ class SimulationSettings(Settings):
     def _actuator_is_described(self) -> Self:
         if self.experiments.actuator and self.actuator is None:
             raise ValueError(f"{self.experiments.actuator} actuator trials are planned but 'actuator' has no schedule")
+        return self
+
+    @model_validator(mode="after")
+    def _is_sampled_fast_enough(self) -> Self:
+        rate, bandwidth = self.dynamometer.rate_hz, self.effects.dynamometer_bandwidth
+        tones = () if self.actuator is None else (*self.actuator.velocity, *self.actuator.current)
+        fastest = max((*self.protocol.frequencies_hz, *(tone.frequency_hz for tone in tones)))
+        if rate < SAMPLES_PER_CYCLE * fastest:
+            raise ValueError(
+                f"dynamometer.rate_hz = {rate:g} Hz takes {rate / fastest:g} samples of a cycle at {fastest:g} Hz; "
+                f"take {SAMPLES_PER_CYCLE * fastest:g} Hz or more"
+            )
+        if bandwidth.value >= rate / 2:
+            raise ValueError(
+                f"effects.dynamometer_bandwidth of {bandwidth.value:g} Hz does not show in a log of {rate:g} Hz; "
+                f"choose less than {rate / 2:g} Hz, or enabled: false for a bench that follows exactly"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _controller_is_fast_enough(self) -> Self:
+        velocity, delay = self.effects.velocity_filter, self.effects.control_delay
+        per_sample = self.drivetrain.control_updates if delay.enabled else self.drivetrain.substeps
+        updates = self.dynamometer.rate_hz * per_sample
+        if velocity.value >= updates / 2:
+            raise ValueError(
+                f"effects.velocity_filter of {velocity.value:g} Hz does nothing in a controller of {updates:g} "
+                f"updates/s; choose less than {updates / 2:g} Hz, or enabled: false for the true velocity"
+            )
+        longest = LONGEST_DELAY_S * updates
+        if delay.value > longest:
+            raise ValueError(
+                f"effects.control_delay of {delay.value:g} updates is {1e3 * delay.value / updates:g} ms, with which no "
+                f"impedance is stable; choose {longest:g} updates ({1e3 * LONGEST_DELAY_S:g} ms) or fewer"
+            )
         return self
 
     @model_validator(mode="after")

@@ -1,7 +1,8 @@
 """A trial: the canonical samples of one recording, checked once, at construction."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 
 Array = NDArray[np.float64]
+LISTED = 6
+"""Names that a message shows."""
 
 
 @dataclass(frozen=True)
@@ -60,10 +63,17 @@ class Trial:
         absent = [c for c in columns if c not in self.samples.columns]
         if absent:
             raise InputError(
-                f"trial {self.name}: no column '{absent[0]}'; it has {', '.join(self.samples.columns)}. "
-                "Map the channel in the source file"
+                f"trial {self.name}: no column '{absent[0]}'; map the channel in the source file "
+                f"({like(absent[0], self.samples.columns)})"
             )
         return self.samples.select("time", *columns).drop_nulls()
+
+
+def like(name: str, known: Sequence[str]) -> str:
+    """What a message says in place of a name that is not known: the nearest few, or else the first few."""
+    near = get_close_matches(name, known, n=LISTED)
+    more = ", ..." if len(known) > LISTED and not near else ""
+    return f"the nearest of {len(known)} are {', '.join(near)}" if near else f"it has {', '.join(known[:LISTED])}{more}"
 
 
 def check_time(name: str, time: Array) -> None:

@@ -335,3 +335,16 @@ def test_topics_on_two_rates_are_one_trial(tmp_path: Path) -> None:
     np.testing.assert_allclose(time, [0, 0.004, 0.008])
     np.testing.assert_array_equal(torque, [0, 1, 2])
     assert trial.signals("theta")[0].size == 10
+
+
+def test_a_column_that_is_not_there_is_answered_with_the_nearest_names_not_with_all():
+    markers = {f"marker_{label}_{axis}": [0.0] for label in ("FOOT1", "FOOT2", "SHANK1", "PLAT1") for axis in "xyz"}
+    trial = Trial("c", pl.DataFrame({"time": [0.0], **markers}))
+    with pytest.raises(InputError) as caught:
+        trial.signals("marker_FOOT3_x")
+    assert str(caught.value) == (
+        "trial c: no column 'marker_FOOT3_x'; map the channel in the source file (the nearest of 13 are marker_FOOT2_x, "
+        "marker_FOOT1_x, marker_FOOT2_z, marker_FOOT2_y, marker_FOOT1_z, marker_FOOT1_y)"
+    )
+    with pytest.raises(InputError, match=r"\(it has time, marker_FOOT1_x, .*marker_FOOT2_y, \.\.\.\)$"):
+        trial.signals("current")

@@ -242,8 +242,8 @@ class SimulationSettings(Settings):
         longest = LONGEST_DELAY_S * updates
         if delay.value > longest:
             raise ValueError(
-                f"effects.control_delay of {delay.value:g} updates is {1e3 * delay.value / updates:g} ms, with which no "
-                f"impedance is stable; choose {longest:g} updates ({1e3 * LONGEST_DELAY_S:g} ms) or fewer"
+                f"effects.control_delay of {delay.value:g} updates is {1e3 * delay.value / updates:g} ms, with which "
+                f"no impedance is stable; choose {longest:g} updates ({1e3 * LONGEST_DELAY_S:g} ms) or fewer"
             )
         return self
 

@@ -343,8 +343,8 @@ def test_a_column_that_is_not_there_is_answered_with_the_nearest_names_not_with_
     with pytest.raises(InputError) as caught:
         trial.signals("marker_FOOT3_x")
     assert str(caught.value) == (
-        "trial c: no column 'marker_FOOT3_x'; map the channel in the source file (the nearest of 13 are marker_FOOT2_x, "
-        "marker_FOOT1_x, marker_FOOT2_z, marker_FOOT2_y, marker_FOOT1_z, marker_FOOT1_y)"
+        "trial c: no column 'marker_FOOT3_x'; map the channel in the source file (the nearest of 13 are "
+        "marker_FOOT2_x, marker_FOOT1_x, marker_FOOT2_z, marker_FOOT2_y, marker_FOOT1_z, marker_FOOT1_y)"
     )
     with pytest.raises(InputError, match=r"\(it has time, marker_FOOT1_x, .*marker_FOOT2_y, \.\.\.\)$"):
         trial.signals("current")

@@ -13,8 +13,8 @@ from conftest import ROOT
 from osl_analysis.cli import main
 from osl_analysis.commands.impedance import fit_trial
 from osl_analysis.config import DynamometerAnalysis, read_section
-from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import PAPER_WEIGHT
+from osl_analysis.table_file import read_table
 
 TRIAL = "impedance_K300_B5.0_compensated"
 
@@ -105,18 +105,18 @@ def test_ingest_says_that_a_log_has_lost_its_end(folder, tmp_path):
 
 
 @pytest.mark.parametrize("cutoff_hz", [260, 499.9])
-def test_a_filter_near_the_sampling_rate_is_refused_by_the_impedance_job_which_leaves_nothing(
-    folder, tmp_path, cutoff_hz
-):
+def test_an_estimator_that_cannot_take_a_filter_near_the_sampling_rate_says_so_in_its_row(folder, tmp_path, cutoff_hz):
     settings = read_section(folder / "config.yaml", "dynamometer", DynamometerAnalysis)
     wide = settings.model_copy(update={"cutoff_hz": cutoff_hz})
     outputs = [tmp_path / name for name in ("fit.csv", "phasors.csv", "estimators.csv")]
     device = ROOT / "config/parameters/default.yaml"
-    with pytest.raises(
-        InputError, match=rf"trial {TRIAL}, Savitzky-Golay: .* {cutoff_hz} Hz has .* lower .* to 250 Hz"
-    ):
-        fit_trial(folder / f"{TRIAL}.parquet", "compensated", 300.0, 5.0, device, wide, PAPER_WEIGHT, *outputs)
-    assert list(tmp_path.iterdir()) == []
+    fit_trial(folder / f"{TRIAL}.parquet", "compensated", 300.0, 5.0, device, wide, PAPER_WEIGHT, *outputs)
+    rows = {row["estimator"]: row for row in read_table(outputs[2]).to_dicts()}
+    refused = rows.pop("Savitzky-Golay")
+    assert re.search(rf"{cutoff_hz} Hz has .* lower .* to 250 Hz", refused["excluded"])
+    assert refused["K"] is None
+    assert rows["filtered"]["K"] == pytest.approx(300, rel=0.1)
+    assert rows["filtered"]["excluded"] is None
 
 
 def test_gains_prints_the_paper_s_example_with_its_proof():

@@ -16,7 +16,8 @@ from osl_analysis.commands.diagnosis import (
 )
 from osl_analysis.commands.stepped_sine import SteppedSineTrial, read_stepped_sine
 from osl_analysis.config import DynamometerAnalysis
-from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.doubtful import EXCLUDED
+from osl_analysis.errors import OslAnalysisError
 from osl_analysis.fits.estimators import ESTIMATORS, Covariance, Record
 from osl_analysis.fits.impedance import fit_impedance, impedance_columns
 from osl_analysis.fits.protocol import rows_of
@@ -55,10 +56,9 @@ def fit_trial(
     found = trial_phasors(record)
     table = impedance_table(record, found, joint_admittance(gains.K_1, gains.B_1, p, p.J_j))
     check_sign(record.name, "K", table["K"][-1])
-    compared = estimator_table(record)
     write_table(table.with_columns(**literals(condition), **literals(prediction)), output)
     write_table(phasor_table(record.name, found).with_columns(**literals(condition)), phasors)
-    write_table(compared.with_columns(**literals(condition)), estimators)
+    write_table(estimator_table(record).with_columns(**literals(condition)), estimators)
 
 
 def literals(values: Mapping[str, float | str]) -> dict[str, pl.Expr]:
@@ -110,21 +110,27 @@ def amplitude_range(name: str) -> list[pl.Expr]:
 
 
 def estimator_table(record: SteppedSineTrial) -> pl.DataFrame:
-    """Eq. 15 over all amplitudes by every estimator that the trial's signals allow."""
-    segments, rows = record.segments(None), []
+    """Eq. 15 over all amplitudes by every estimator that the trial's signals allow.
+
+    One that refuses the trial, as a moving polynomial does where it has too few samples per period of the cut-off, has
+    a row without numbers that says why.
+    """
+    segments = record.segments(None)
+    rows: list[Row] = []
     raw = Record(record.time, record.theta, record.command, record.torque, record.rate_hz, segments)
     for name, estimator in ESTIMATORS.items():
         if name == "instrumental" and record.command is None:
             continue
         try:
             fit = estimator(raw, record.low_pass, Covariance())
-        except (InputError, IdentifiabilityError) as error:
-            raise type(error)(f"trial {record.name}, {name}: {error}") from error
+        except OslAnalysisError as error:
+            rows.append({"trial": record.name, "estimator": name, EXCLUDED: str(error)})
+            continue
         estimates = {**estimates_row(fit, "K", "B", "I"), **covariance_row(fit, "K", "B", "I")}
         rate = record.rate_hz * fit.samples / len(rows_of(segments))  # an estimator may have thinned them
         diagnostics = diagnostics_row(fit, rate, record.low_pass)
-        rows.append({"trial": record.name, "estimator": name, **estimates, **diagnostics})
-    return pl.DataFrame(rows)
+        rows.append({"trial": record.name, "estimator": name, **estimates, **diagnostics, EXCLUDED: None})
+    return pl.DataFrame(rows, schema_overrides={EXCLUDED: pl.String}, infer_schema_length=None)
 
 
 def phasor_table(trial: str, phasors: Sequence[SegmentPhasors]) -> pl.DataFrame:

@@ -41,6 +41,8 @@ class Number(Settings):
     n: int
     draft: float | None
     meaning: str
+    amplitudes_low: float | None = None
+    amplitudes_high: float | None = None
 
 
 def read_summary(summary_json: Path) -> dict[str, dict[str, Any]]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from osl_analysis.fits.repeats import Repeats, over_repeats
+from osl_analysis.fits.repeats import CommonError, Repeats, over_repeats
 from osl_analysis.trial import Array
 
 PREFERRED, TIED, WORSE = "preferred", "tied", "worse"
@@ -17,8 +17,8 @@ def over_trials(values: Array, shared: bool = False) -> Repeats:
     n = len(values)
     if n < 2:
         return Repeats(n, float(values[0]) if n else np.nan, *[np.nan] * 4)
-    in_common = float(np.var(values, ddof=1)) / (n - 1) if shared else 0.0
-    return over_repeats(values, in_common, n)
+    in_common = [CommonError(float(np.var(values, ddof=1)) / (n - 1), n - 1)] if shared else []
+    return over_repeats(values, in_common)
 
 
 def behind_best(loss: Array) -> Array:

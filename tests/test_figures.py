@@ -109,8 +109,12 @@ def gains():
 
 
 def walking_summary():
-    values = {"mean": [338.0, 4.3, 0.012, 97.0], "sd": [20.0, 0.7, 0.02, 1.0]}
-    return pl.DataFrame({"quantity": ["K", "B", "I", "VAF"], "n": 31, **values, "low": 0.0, "high": 1.0})
+    """The ensemble reads a tenth more than the mean, give or take a hundredth below and two above."""
+    mean, sd = np.array([338.0, 4.3, 0.012, 97.0]), [20.0, 0.7, 0.02, 1.0]
+    fits = {"estimator": fig9.PER_PERTURBATION, "mean": mean, "sd": sd, "low": 0.9 * mean, "high": 1.1 * mean}
+    ensemble = {"estimator": fig9.ENSEMBLE, "mean": 1.1 * mean, "sd": None, "low": 1.09 * mean, "high": 1.12 * mean}
+    shared = {"quantity": ["K", "B", "I", "VAF"], "n": 31, "n_doubtful": 0}
+    return pl.concat([pl.DataFrame(shared | rows) for rows in (fits, ensemble)], how="vertical_relaxed")
 
 
 def walking_page_table():
@@ -327,7 +331,7 @@ def test_figs3_4_9_and_the_walking_page_say_which_fits_are_doubtful_and_how_many
     assert "system (doubtful)" in texts(fig4.draw(time_series().with_columns(doubtful=pl.lit("x"))))
     walked = walking_summary().with_columns(n_doubtful=pl.lit(4))
     assert "31 perturbations (4 doubtful)" in texts(fig9.draw(fig9.points(walked, None)))
-    good = [belt_table, walking_page_table, time_series, lambda: fig9.points(walked.with_columns(n_doubtful=0), None)]
+    good = [belt_table, walking_page_table, time_series, lambda: fig9.points(walking_summary(), None)]
     for module, table in zip((fig3, walking_page, fig4, fig9), good, strict=True):
         assert "oubtful" not in texts(module.draw(table()))
 
@@ -404,12 +408,14 @@ def test_fig8_draws_desired_impedance_and_gains_at_the_joint_over_the_gait():
     assert panels[1].xaxis.get_major_formatter()(0.4) == "40"
 
 
-def test_fig9_bars_are_means_their_whiskers_one_sd_and_the_commanded_stiffness_stands_in_its_panel_only():
+def test_fig9_has_means_with_one_sd_the_ensemble_with_its_interval_and_the_commanded_stiffness_in_its_panel():
     figure = fig9.draw(fig9.points(walking_summary(), 340.0))
     for ax, mean, sd in zip(figure.axes, (338.0, 4.3, 0.012), (20.0, 0.7, 0.02), strict=True):
         assert ax.patches[0].get_height() == mean
-        (whisker,) = [s for c in ax.collections for s in c.get_segments()]
-        np.testing.assert_allclose(whisker[:, 1], [mean - sd, mean + sd])
+        scatter, interval = [s for c in ax.collections for s in c.get_segments()]
+        np.testing.assert_allclose(scatter[:, 1], [mean - sd, mean + sd])
+        np.testing.assert_allclose(interval[:, 1], [1.09 * mean, 1.12 * mean])
+        assert 1.1 * mean in [y for a in ax.lines for y in a.get_ydata()]
     commanded = [340.0 in [y for a in ax.lines for y in a.get_ydata()] for ax in figure.axes]
     assert commanded == [True, False, False]
 
@@ -417,16 +423,15 @@ def test_fig9_bars_are_means_their_whiskers_one_sd_and_the_commanded_stiffness_s
 def test_fig9_of_a_single_perturbation_has_no_whisker_and_no_command_unless_given():
     table = fig9.points(walking_summary().with_columns(sd=pl.lit(None, pl.Float64)), None)
     figure = fig9.draw(table)
-    assert not any(ax.collections for ax in figure.axes)
+    assert [len(ax.collections) for ax in figure.axes] == [1, 1, 1]
     assert "commanded" not in texts(figure)
 
 
-def test_fig9_takes_the_mean_of_perturbations_where_there_are_several_estimators():
-    other = walking_summary().with_columns(estimator=pl.lit("ensemble"), mean=pl.lit(1.0))
-    both = pl.concat([other, walking_summary().with_columns(estimator=pl.lit(fig9.PER_PERTURBATION))], how="diagonal")
-    assert fig9.points(both, None)["mean"].to_list() == [338.0, 4.3, 0.012]
-    with pytest.raises(InputError, match="no 'K' over perturbations"):
-        fig9.points(other, None)
+def test_fig9_needs_both_estimators():
+    for estimator in (fig9.PER_PERTURBATION, fig9.ENSEMBLE):
+        without = walking_summary().filter(pl.col("estimator") != estimator)
+        with pytest.raises(InputError, match=f"no 'K' by the estimator '{estimator}', which Fig. 9 draws"):
+            fig9.points(without, None)
 
 
 def test_the_walking_page_shows_both_gaits_every_response_their_mean_and_its_fit():

@@ -151,7 +151,7 @@ def test_walking_takes_the_ensemble_not_the_mean_of_perturbations():
 
 def test_the_walking_command_figure_9_and_the_summary_mean_the_same_estimators():
     assert walking.MEAN == fig9.PER_PERTURBATION
-    assert walking.ENSEMBLE == ENSEMBLE
+    assert walking.ENSEMBLE == fig9.ENSEMBLE == ENSEMBLE
 
 
 def test_gains_of_rival_models_have_the_interval_of_their_paired_difference():

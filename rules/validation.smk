@@ -5,6 +5,7 @@ STUDIED = (
     "second order",
     "linear drivetrain",
     "drivetrain",
+    "frequency response",
     "transmission",
     "repeated transmission",
     "belt",

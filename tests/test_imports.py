@@ -35,7 +35,7 @@ def test_a_station_imports_only_what_lies_before_it(folder):
 
 def test_only_the_simulate_command_and_the_validation_study_know_the_simulator():
     users = {m for m, s in stations(".") if s == "simulator" and not m.startswith("simulator/")}
-    parts = ("", "_actuator", "_bench", "_laboratory", "_repeats", "_walking")
+    parts = ("", "_actuator", "_bench", "_laboratory", "_phasors", "_repeats", "_walking")
     assert users == {"commands/simulate.py", *(f"commands/validation{part}.py" for part in parts)}
 
 

@@ -128,6 +128,18 @@ def test_the_actuator_is_near_what_made_its_torque_and_says_how_near():
     assert len(table["value"].unique()) == 200
 
 
+def test_magnitude_and_phase_of_a_response_are_as_precise_as_they_say_and_as_the_noise_allows():
+    """100 seeded trials of four quantities: a ratio of 1 +- 3/sqrt(200). The last cycle at a frequency, which holds the
+    beginning of what comes next, would make the phase's error at the last one ten times too large."""
+    table = rows("frequency response", 100)
+    assert set(table["quantity"]) == {f"{part}, {f} Hz" for part in ("magnitude", "phase") for f in (2, 4)}
+    for _, group in table.group_by("quantity"):
+        rms = float(np.sqrt((group["error"] ** 2).mean()))
+        assert rms / group["bound"][0] == pytest.approx(1, abs=0.22)
+        assert float(np.sqrt((group["se"] ** 2).mean())) / rms == pytest.approx(1, abs=0.22)
+    assert covered(table) == pytest.approx(0.95, abs=0.035)
+
+
 def test_an_actuator_without_a_schedule_is_refused():
     settings = read_yaml(choices()[0].simulation, SimulationSettings).model_copy(update={"actuator": None})
     with pytest.raises(InputError, match="no 'actuator' schedule"):

@@ -29,16 +29,18 @@ class SegmentPhasors:
 
 
 def trial_phasors(record: SteppedSineTrial) -> list[SegmentPhasors]:
-    """Phasors of every segment of a trial, after the cycles that are left to settle."""
+    """Phasors of the settled cycles of every segment of a trial.
+
+    The last cycle is not among them: where the angle lags the command by more at one frequency than at another, it
+    holds the beginning of what comes next.
+    """
     found = []
-    for block in record.blocks:
-        for segment in block.segments:
-            time, f = record.time[segment.rows], segment.frequency_hz
-            theta, torque = (
-                fit_sinusoid(time, signal[segment.rows], f, record.settle_cycles)
-                for signal in (record.theta, record.torque)
-            )
-            found.append(SegmentPhasors(block.amplitude_deg, f, theta, torque))
+    for segment in record.segments(None):
+        theta, torque = (
+            fit_sinusoid(record.time[segment.rows], signal[segment.rows], segment.frequency_hz)
+            for signal in (record.theta, record.torque)
+        )
+        found.append(SegmentPhasors(segment.amplitude_deg, segment.frequency_hz, theta, torque))
     return found
 
 

@@ -13,6 +13,7 @@ import polars as pl
 
 from osl_analysis.commands.validation_actuator import actuator
 from osl_analysis.commands.validation_bench import BENCHES, Experiment
+from osl_analysis.commands.validation_phasors import frequency_response
 from osl_analysis.commands.validation_repeats import repeated_belt, repeated_transmission
 from osl_analysis.commands.validation_walking import walking_rows
 from osl_analysis.config import ActuatorAnalysis, DynamometerAnalysis, ValidationStudy
@@ -33,6 +34,7 @@ EXPERIMENTS: dict[str, Builder] = {
     **BENCHES,
     "repeated transmission": repeated_transmission,
     "repeated belt": repeated_belt,
+    "frequency response": frequency_response,
 }
 
 
@@ -74,11 +76,11 @@ def bench_rows(bench: Experiment, trials: Sequence[str], low_pass: LowPass) -> l
     bounds, rows = bench.bounds(), []
     for trial in trials:
         for name, method, found in bench.estimates(trial, low_pass):
-            for quantity in bench.names:
+            for quantity, estimate in found.items():
                 truth = bench.exact.get(quantity, truths[name][quantity].value)
                 row: Row = {"trial": trial, "estimator": name, "interval_method": method, "quantity": quantity}
                 error = truth - bench.theory[quantity] if quantity in bench.theory else None
-                row |= {**asdict(found[quantity]), "truth": truth}
+                row |= {**asdict(estimate), "truth": truth}
                 rows.append(row | {"bound": bounds[quantity], "model_error": error})
     return rows
 

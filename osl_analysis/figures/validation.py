@@ -14,6 +14,7 @@ COLUMNS = (
 )  # fmt: skip
 LOOKS = {"K": (ORANGE, "o"), "B": (PURPLE, "D"), "I": (BLACK, "s"), "f_C": (GREY, "^"), "f_G": (GREY, "v")}
 SAME_AS = {"K_s": "K", "B_j": "B", "J_j": "I", "k_tau_n_m": "K", "B_m": "B", "J_m": "I"}
+SAME_AS |= {"magnitude": "K", "phase": "B"}
 PLACES = {"K": -0.22, "B": 0.0, "I": 0.22, "f_C": -0.11, "f_G": 0.11}
 """How far below its row's line each marker stands."""
 LIMITS = {"bias": (-1.2, 1.2), "rmse_over_bound": (0.8, 1.6), "coverage": (80.0, 101.0)}
@@ -29,9 +30,8 @@ LABELS = {
 def draw(table: pl.DataFrame) -> Figure:
     """A row per experiment, estimator and interval, a marker per quantity with two Monte Carlo errors either way.
 
-    Stiffnesses look alike, dampings and inertias too; the torque constant looks like a stiffness.
-
-    The aim is shaded; what lies outside a panel stands open at its edge.
+    Stiffnesses look alike, dampings and inertias too; the torque constant and the magnitude of a response look like a
+    stiffness, its phase like a damping. The aim is shaded; what lies outside a panel stands open at its edge.
     """
     rows = table.select("experiment", "estimator", "interval_method").unique(maintain_order=True)
     figure, axes = panels(DOUBLE_COLUMN, 0.9 + 0.155 * len(rows), columns=3)
@@ -54,7 +54,8 @@ def draw_panel(ax: Axes, table: pl.DataFrame, rows: pl.DataFrame, column: str) -
     ax.axvspan(max(AIMS[column][0], low), AIMS[column][1], color="#E8E8E8", linewidth=0)
     keys = {key: place for place, key in enumerate(rows.rows())}
     for row in table.drop_nulls(column).iter_rows(named=True):
-        quantity = SAME_AS.get(row["quantity"], row["quantity"])
+        quantity = row["quantity"].partition(",")[0]
+        quantity = SAME_AS.get(quantity, quantity)
         colour, marker = LOOKS[quantity]
         place = keys[row["experiment"], row["estimator"], row["interval_method"]] + PLACES[quantity]
         value, half = float(np.clip(row[column], low, high)), 2 * row[f"{column}_mc"]

@@ -38,6 +38,11 @@ class Segment:
     cycles: int
 
     @property
+    def amplitude_deg(self) -> float:
+        """The amplitude [deg] as it labels tables: 6 and not 6.000000000000001."""
+        return round(float(np.rad2deg(self.amplitude)), 9)
+
+    @property
     def rows(self) -> slice:
         return slice(self.start, self.stop)
 
@@ -51,8 +56,8 @@ class Block:
 
     @property
     def amplitude_deg(self) -> float:
-        """The amplitude [deg] as it labels tables: 6 and not 6.000000000000001."""
-        return round(float(np.rad2deg(self.amplitude)), 9)
+        """As of its segments."""
+        return self.segments[0].amplitude_deg
 
     @property
     def rows(self) -> slice:

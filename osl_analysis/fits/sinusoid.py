@@ -7,6 +7,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from osl_analysis.errors import InputError
+from osl_analysis.fits.freedom import welch_satterthwaite
 from osl_analysis.fits.regression import linear_fit
 from osl_analysis.fits.score_covariance import FEWEST_CYCLES, Cycles
 from osl_analysis.trial import Array
@@ -70,21 +71,19 @@ class Response(Uncertain):
     """Integral admittance Y = theta/torque [rad/(N*m)] at one frequency."""
 
 
-def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, settle_cycles: int = 0) -> Phasor:
-    """Phasor of a signal (n,) at a known frequency, with offset and harmonics 2 to 5, after `settle_cycles` cycles.
+def fit_sinusoid(time: Array, signal: Array, frequency_hz: float) -> Phasor:
+    """Phasor of a settled signal (n,) at a known frequency, with offset and harmonics 2 to 5.
 
     `time` [s] also sets the phase's zero: fit angle and torque with the same times.
 
     Raises
     ------
     InputError
-        Less than one whole cycle remains, or the sampling is too slow for the fifth harmonic.
+        It is less than one whole cycle, or the sampling is too slow for the fifth harmonic.
     """
-    kept = time - time[0] >= settle_cycles / frequency_hz
-    time, signal = time[kept], signal[kept]
     step = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
     if len(time) * step < 0.99 / frequency_hz:
-        raise InputError(f"less than one settled cycle at {frequency_hz:g} Hz; record more cycles or settle fewer")
+        raise InputError(f"less than one cycle at {frequency_hz:g} Hz; record more cycles or settle fewer")
     if 2 * HARMONICS * frequency_hz * step >= 1:
         raise InputError(
             f"a step of {step * 1e3:.2f} ms is too long for harmonic {HARMONICS} of {frequency_hz:g} Hz; sample faster"
@@ -133,7 +132,7 @@ def response(theta: Phasor, torque: Phasor) -> Response:
         factor @ phasor.covariance @ factor.T
         for factor, phasor in ((as_matrix(1 / torque.value), theta), (as_matrix(-Y / torque.value), torque))
     ]
-    return Response(Y, np.sum(parts, axis=0), pooled_freedom(parts, [theta.freedom, torque.freedom]))
+    return Response(Y, *summed(parts, [theta.freedom, torque.freedom]))
 
 
 def as_matrix(z: complex) -> Array:
@@ -144,18 +143,12 @@ def as_matrix(z: complex) -> Array:
 def mean_response(responses: Sequence[Uncertain]) -> Response:
     """Complex mean over amplitudes at one frequency; covariance from the fits' own, taken as independent."""
     parts = [r.covariance / len(responses) ** 2 for r in responses]
-    freedom = pooled_freedom(parts, [r.freedom for r in responses])
-    return Response(complex(np.mean([r.value for r in responses])), np.sum(parts, axis=0), freedom)
+    return Response(complex(np.mean([r.value for r in responses])), *summed(parts, [r.freedom for r in responses]))
 
 
-def pooled_freedom(covariances: Sequence[Array], freedom: Sequence[float]) -> float:
-    """Degrees of freedom of a sum of independent covariances, after Welch and Satterthwaite, on their traces.
-
-    Infinite where there is no variance at all.
-    """
-    traces = np.array([np.trace(covariance) for covariance in covariances])
-    worth = float(np.sum(traces**2 / np.array(freedom)))
-    return float(np.sum(traces)) ** 2 / worth if worth > 0 else float("inf")
+def summed(parts: Sequence[Array], freedoms: Sequence[float]) -> tuple[Array, float]:
+    """Sum of independent covariances (2, 2), and its degrees of freedom, by their traces."""
+    return np.sum(parts, axis=0), float(welch_satterthwaite([np.trace(part) for part in parts], freedoms))
 
 
 def complex_row(name: str, number: Uncertain) -> dict[str, float]:

@@ -4,11 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.signals import Motion
 
 ROOT = Path(__file__).parents[1]
+
+settings.register_profile("seeded", derandomize=True, database=None)  # other seeds: pytest --hypothesis-profile default
+settings.load_profile("seeded")
 
 
 @pytest.fixture(scope="session")

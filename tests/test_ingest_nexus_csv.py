@@ -169,6 +169,11 @@ def test_a_csv_log_and_a_nexus_export_become_one_trial(tmp_path: Path) -> None:
     np.testing.assert_allclose(aligned, theta, atol=3e-3)  # half a sample of either recorder
 
 
+def test_a_trajectory_of_a_subject_without_a_name_is_as_unlabelled_as_a_starred_one(tmp_path: Path) -> None:
+    samples = read(tmp_path, DEVICES + TRAJECTORIES.replace("Anna:HEEL", "Anna:") + MODEL)
+    assert {c for c in samples.columns if c.startswith("marker")} == {f"marker_TOE_{axis}" for axis in "xyz"}
+
+
 @given(st.integers(0, 600), st.text(alphabet="0123456789,;.-\nFraméX\"'*: ", max_size=4), st.integers(0, 3))
 @settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_damaged_export_is_samples_or_a_sentence(tmp_path: Path, place: int, text: str, cut: int) -> None:

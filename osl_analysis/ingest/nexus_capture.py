@@ -109,8 +109,8 @@ def read_markers(sections: Sections, source: NexusSource) -> tuple[Columns, Orig
 
 
 def wanted_markers(where: Section) -> tuple[str, ...]:
-    """Labels of all trajectories but those that Nexus did not label (`*1`)."""
-    names = dict.fromkeys(name for name in where.names if name and not short(name).startswith("*"))
+    """Labels of all trajectories but those that have none: `*1`, a subject alone (`Anna:`), nothing."""
+    names = dict.fromkeys(name for name in where.names if short(name) and not short(name).startswith("*"))
     return tuple(names)
 
 

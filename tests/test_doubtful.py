@@ -47,7 +47,7 @@ def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL):
     torque = torque_of(motion) + noise * np.random.default_rng(1).standard_normal(len(time))
     filtered = filtered_motion(time, theta, torque, LOW_PASS)
     blocks = find_blocks(time, theta, protocol)
-    return SteppedSineTrial("made", time, RATE, theta, torque, *filtered, blocks, None, 2, LOW_PASS)
+    return SteppedSineTrial("made", time, RATE, theta, torque, *filtered, blocks, None, 2, LOW_PASS, 0.0)
 
 
 def second_order(motion: Motion):

@@ -76,7 +76,8 @@ def impedance_table(
     The row over all amplitudes has the range of the single amplitudes' estimates beside its interval, which is of
     noise: what friction makes of amplitude is in the range.
 
-    `expected` is the linear model's admittance, where the gains are known: it tells a lag of the torque.
+    `load_cell_drift` [N*m/min] is what was taken from the torque. `expected` is the linear model's admittance, where
+    the gains are known: it tells a lag of the torque.
     """
     rows = []
     for amplitude, motion, torque in record.parts():
@@ -92,6 +93,7 @@ def impedance_table(
             **nonlinear_row(chosen),
             "VAF_held_out": lowest_held_out(record, amplitude, fit, impedance_columns),
         }
+        diagnosis |= {"load_cell_drift": 60 * record.drift}
         rows.append({"trial": record.name, "amplitude_deg": amplitude, **estimates, **diagnosis})
     table = pl.DataFrame(rows, schema_overrides={"amplitude_deg": pl.Float64}, infer_schema_length=None)
     return table.with_columns(*(bound for name in ("K", "B", "I") for bound in amplitude_range(name)))

@@ -8,6 +8,7 @@ import numpy as np
 
 from osl_analysis.config import DynamometerAnalysis
 from osl_analysis.errors import InputError
+from osl_analysis.fits.drift import drift_rate
 from osl_analysis.fits.protocol import Block, Segment, SteppedSine, cycles_of, find_blocks, rows_of, settled
 from osl_analysis.fits.score_covariance import Cycles
 from osl_analysis.signals import LowPass, Motion, filtered_motion, sampling_rate
@@ -20,7 +21,8 @@ class SteppedSineTrial:
     """Raw angle [rad] and torque [N*m], the same filtered with derivatives, and the blocks of the protocol.
 
     `command` [rad] is None where no log has it. Fits use the settled cycles of the blocks alone: the first
-    `settle_cycles` at each frequency still carry the one before, into the last the filter smears the next.
+    `settle_cycles` at each frequency still carry the one before, into the last the filter smears the next. `drift`
+    [N*m/s] of the load cell is already taken from the torque.
     """
 
     name: str
@@ -34,6 +36,7 @@ class SteppedSineTrial:
     command: Array | None
     settle_cycles: int
     low_pass: LowPass
+    drift: float
 
     def parts(self) -> Iterator[tuple[float | None, Motion, Array]]:
         """Amplitude [deg], motion and torque of each block's settled cycles, then of all blocks (amplitude None)."""
@@ -63,8 +66,10 @@ def read_stepped_sine(trial: Path, settings: DynamometerAnalysis) -> SteppedSine
     time, theta, torque = record.signals("theta", "torque")
     protocol = SteppedSine(settings.amplitudes, settings.frequencies_hz, settings.cycles)
     try:
-        motion, filtered = filtered_motion(time, theta, torque, settings.low_pass)
         blocks = find_blocks(time, theta, protocol)
+        drift = drift_rate(time, torque, settled(blocks, settings.settle_cycles))
+        torque = torque - drift * (time - time.mean())
+        motion, filtered = filtered_motion(time, theta, torque, settings.low_pass)
     except InputError as error:
         raise InputError(f"trial {record.name}: {error}") from error
     rate = sampling_rate(time)
@@ -81,6 +86,7 @@ def read_stepped_sine(trial: Path, settings: DynamometerAnalysis) -> SteppedSine
         command,
         settings.settle_cycles,
         settings.low_pass,
+        drift,
     )
 
 

@@ -26,6 +26,7 @@ def transmission_table(record: SteppedSineTrial) -> pl.DataFrame:
 
     `coulomb_share` is the part of B_j that friction of constant size takes over when it may. A lag of the torque is not
     among the diagnostics: it would read as an inertia of -B_j times the lag, and nothing tells the two apart.
+    `load_cell_drift` [N*m/min] is what was taken from the torque.
     """
     rows = []
     phasors = trial_phasors(record)
@@ -40,6 +41,7 @@ def transmission_table(record: SteppedSineTrial) -> pl.DataFrame:
             **nonlinear_row(of_amplitude(phasors, amplitude)),
             "VAF_held_out": lowest_held_out(record, amplitude, fit, transmission_columns),
             "coulomb_share": 1 - other["B_j"] / fit["B_j"],
+            "load_cell_drift": 60 * record.drift,
         }
         rows.append({"trial": record.name, "amplitude_deg": amplitude, **estimates, **coulomb, **diagnosis})
     return pl.DataFrame(rows, schema_overrides={"amplitude_deg": pl.Float64}, infer_schema_length=None)

@@ -37,17 +37,18 @@ def to_tex(headlines: Sequence[Headline]) -> str:
     lines = ["% Headline numbers, written by osl-analysis; \\input this file and use the macros."]
     for h in headlines:
         digits = decimals(h.value, *rounded_by(asdict(h)))
+        finer = told_apart(h.low, h.high, digits)
         ends = {
-            "": (h.value, f"{h.unit}, {h.meaning}"),
-            "Low": (h.low, f"low end: {h.interval}"),
-            "High": (h.high, f"high end: {h.interval}"),
-            "AmplitudesLow": (h.amplitudes_low, "lowest of the fits to single amplitudes"),
-            "AmplitudesHigh": (h.amplitudes_high, "highest of the fits to single amplitudes"),
+            "": (h.value, digits, f"{h.unit}, {h.meaning}"),
+            "Low": (h.low, finer, f"low end: {h.interval}"),
+            "High": (h.high, finer, f"high end: {h.interval}"),
+            "AmplitudesLow": (h.amplitudes_low, digits, "lowest of the fits to single amplitudes"),
+            "AmplitudesHigh": (h.amplitudes_high, digits, "highest of the fits to single amplitudes"),
         }
-        for suffix, (number, comment) in ends.items():
+        for suffix, (number, places, comment) in ends.items():
             if number is not None:
                 lines.append(
-                    f"\\newcommand{{\\{MACRO_PREFIX}{h.macro}{suffix}}}{{{tex_number(number, digits)}}}% {comment}"
+                    f"\\newcommand{{\\{MACRO_PREFIX}{h.macro}{suffix}}}{{{tex_number(number, places)}}}% {comment}"
                 )
     return "\n".join(lines) + "\n"
 
@@ -60,7 +61,8 @@ def to_markdown(summary: Mapping[str, Mapping[str, Any]]) -> str:
         value = f"{plain(number['value'], digits)} {number['unit']}"
         interval, draft = "", "" if number["draft"] is None else f"{number['draft']:g}"
         if number["low"] is not None:
-            interval = f"{plain(number['low'], digits)} to {plain(number['high'], digits)}, {number['interval']}"
+            finer = told_apart(number["low"], number["high"], digits)
+            interval = f"{plain(number['low'], finer)} to {plain(number['high'], finer)}, {number['interval']}"
         if number.get("amplitudes_low") is not None:
             lowest, highest = (plain(number[key], digits) for key in AMPLITUDES)
             interval += f"; single amplitudes {lowest} to {highest}"
@@ -81,15 +83,25 @@ def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, s
 def decimals(value: float, low: float | None, high: float | None, interval: str | None) -> int:
     """Decimal places that leave two digits of the interval's half width.
 
-    Three digits of the number itself where there is no interval, or a range, which says nothing of its precision; none
-    of a count.
+    Three digits of the number itself where there is no interval, or a range, which says nothing of its precision, or
+    more until the ends of the range differ; none of a count.
     """
     if interval == COUNT:
         return 0
     half = 0.0 if low is None or high is None or interval == RANGE else abs(high - low) / 2
     if half > ROUNDING * abs(value):
         return max(1 - exponent_of(half), 0)
-    return max(2 - exponent_of(value), 0) if value else 0
+    digits = max(2 - exponent_of(value), 0) if value else 0
+    return told_apart(low, high, digits) if interval == RANGE else digits
+
+
+def told_apart(low: float | None, high: float | None, digits: int) -> int:
+    """Decimal places, `digits` or more, with which two bounds read differently, if they are two."""
+    if low is None or high is None or abs(high - low) <= ROUNDING * max(abs(low), abs(high)):
+        return digits
+    while plain(low, digits) == plain(high, digits):
+        digits += 1
+    return digits
 
 
 def exponent_of(number: float) -> int:

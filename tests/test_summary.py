@@ -11,7 +11,7 @@ from osl_analysis.commands.summarise import format_results_table, read_summary, 
 from osl_analysis.errors import InputError
 from osl_analysis.figures import fig9
 from osl_analysis.summary import BOOTSTRAP, ENSEMBLE, FIT, PAIRED, RANGE, STUDENT, Headline, headline_numbers
-from osl_analysis.summary_text import decimals, to_json, to_tex
+from osl_analysis.summary_text import decimals, to_json, to_tex, told_apart
 from osl_analysis.table_file import write_table
 
 
@@ -234,6 +234,8 @@ def test_a_range_over_trials_does_not_blunt_the_mean():
 
 def test_rounding_errors_of_equal_values_do_not_count_as_an_interval():
     assert decimals(340.0, 340.0, 340.0 + 1e-13, STUDENT) == 0
+    assert decimals(99.96, 99.951, 99.968, RANGE) == 2
+    assert (told_apart(5.4579, 5.4606, 1), told_apart(5.0, 5.0, 1), told_apart(None, 5.0, 1)) == (3, 1, 1)
 
 
 def test_files_are_written_from_the_tables_that_exist_and_read_back(tmp_path):

@@ -1,5 +1,7 @@
 """Intervals that hold: the spread of cycles, instruments, bounds, and second opinions on each."""
 
+from itertools import pairwise
+
 import numpy as np
 import polars as pl
 import pytest
@@ -9,11 +11,13 @@ from scipy.stats import t as student
 from statsmodels.sandbox.regression.gmm import IV2SLS
 
 from osl_analysis.commands.repeats import summary_table
+from osl_analysis.fits.impedance import fit_impedance, impedance_torque
 from osl_analysis.fits.protocol import Block, Segment, SteppedSine, cycles_of, rows_of, settled, split
 from osl_analysis.fits.regression import linear_fit
 from osl_analysis.fits.repeats import CommonError, over_repeats
 from osl_analysis.fits.score_covariance import Cycles, between_cycles, moving_sums
 from osl_analysis.fits.study import performance, regression_bound
+from osl_analysis.signals import LowPass, differentiate
 
 CYCLE, COUNT = 50, 24
 
@@ -196,3 +200,25 @@ def test_a_summary_of_a_column_without_numbers_has_no_mean():
     rows = summary_table(table, ("a", "b", "c")).to_dicts()
     assert [(r["n"], r["mean"], r["sd"] is None) for r in rows] == [(0, None, True), (1, 2.0, True), (2, 2.0, False)]
     assert summary_table(table.clear(), ("a",))["mean"].to_list() == [None]
+
+
+def test_a_record_of_few_cycles_has_an_interval_that_holds_behind_the_filter():
+    """Four cycles, of which one is left at each frequency: 150 seeded records, 95 % +- 3 Monte Carlo errors of 1.8 %.
+
+    With Andrews' AR(1) fitted sample by sample, K, B and I were covered in 87 to 94 %.
+    """
+    rng, low_pass, rate, covered = np.random.default_rng(12), LowPass(15), 500.0, []
+    pieces = [np.sin(2 * np.pi * f * np.arange(round(4 / f * rate)) / rate) for f in (1, 2, 3, 4, 5)]
+    theta = low_pass(np.concatenate([np.zeros(250), 0.07 * np.concatenate(pieces), np.zeros(250)]), rate)
+    time = np.arange(len(theta)) / rate
+    motion = differentiate(time, theta)
+    ends = 250 + np.cumsum([0, *(len(piece) for piece in pieces)])
+    rows = np.concatenate([np.arange(a + (b - a) // 2, b - (b - a) // 4) for a, b in pairwise(ends)])
+    torque = impedance_torque(300, 5, 0.02, motion)
+    for _ in range(150):
+        noisy = torque + low_pass(rng.normal(0, 0.05, len(time)), rate)
+        fit = fit_impedance(motion[rows], noisy[rows], every=low_pass.independent_samples(rate)).fit
+        assert fit.interval_method == "HAC"
+        bounds = [fit.interval(name) for name in ("K", "B", "I")]
+        covered += [low <= truth <= high for (low, high), truth in zip(bounds, (300, 5, 0.02), strict=True)]
+    assert np.mean(covered) == pytest.approx(0.95, abs=0.045)

@@ -81,7 +81,7 @@ def impedance_table(
     """
     rows = []
     for amplitude, motion, torque in record.parts():
-        fit = fit_impedance(motion, torque, cycles=record.cycles(amplitude)).fit
+        fit = fit_impedance(motion, torque, record.cycles(amplitude), record.every).fit
         estimates = {
             **estimates_row(fit, "K", "B", "I", "offset"),
             **covariance_row(fit, "K", "B", "I"),

@@ -49,6 +49,11 @@ class SteppedSineTrial:
         chosen = [b for b in self.blocks if amplitude is None or np.isclose(np.rad2deg(b.amplitude), amplitude)]
         return settled(chosen, self.settle_cycles)
 
+    @property
+    def every(self) -> int:
+        """Samples after which the filter leaves noise independent."""
+        return self.low_pass.independent_samples(self.rate_hz)
+
     def cycles(self, amplitude: float | None) -> Cycles | None:
         """The cycles among these rows; None where there are too few to tell their spread."""
         return cycles_of(self.segments(amplitude))

@@ -32,8 +32,8 @@ def transmission_table(record: SteppedSineTrial) -> pl.DataFrame:
     phasors = trial_phasors(record)
     for amplitude, motion, torque in record.parts():
         cycles = record.cycles(amplitude)
-        fit = fit_transmission(motion, torque, cycles)
-        other = fit_transmission_with_coulomb(motion, torque, cycles=cycles)
+        fit = fit_transmission(motion, torque, cycles, record.every)
+        other = fit_transmission_with_coulomb(motion, torque, cycles=cycles, every=record.every)
         estimates: Row = {**estimates_row(fit, "B_j", "J_j", "offset"), **covariance_row(fit, "B_j", "J_j")}
         estimates |= diagnostics_row(fit, record.rate_hz, record.low_pass)
         coulomb = {**estimates_row(other, "T_C"), "B_j_coulomb": other["B_j"], "VAF_coulomb": other.vaf}

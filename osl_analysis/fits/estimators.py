@@ -53,12 +53,13 @@ Estimator = Callable[[Record, LowPass, Covariance], LinearFit]
 
 def regress(
     record: Record,
+    low_pass: LowPass,
     motion: Motion,
     torque: Array,
     covariance: Covariance,
     instruments: Motion | None = None,
 ) -> LinearFit:
-    """Eq. 15 over the rows of the segments."""
+    """Eq. 15 over the rows of the segments, of a motion and torque that passed the low-pass or its like."""
     rows = rows_of(record.segments)
     return linear_fit(
         torque[rows],
@@ -66,12 +67,13 @@ def regress(
         cycles=cycles_of(record.segments) if covariance.cycles else None,
         instruments=None if instruments is None else impedance_columns(instruments[rows]),
         lags=covariance.lags or None,
+        every=low_pass.independent_samples(record.rate_hz),
     )
 
 
 def filtered(record: Record, low_pass: LowPass, covariance: Covariance) -> LinearFit:
     """One zero-phase filter for all signals, then derivatives, then least squares."""
-    return regress(record, *filtered_motion(record.time, record.theta, record.torque, low_pass), covariance)
+    return regress(record, low_pass, *filtered_motion(record.time, record.theta, record.torque, low_pass), covariance)
 
 
 def weak_form(record: Record, low_pass: LowPass, covariance: Covariance) -> LinearFit:
@@ -81,7 +83,7 @@ def weak_form(record: Record, low_pass: LowPass, covariance: Covariance) -> Line
     """
     kernels = modulating_function(TEST_FUNCTION_CYCLES / low_pass.cutoff_hz, record.rate_hz)
     motion = Motion(*(fftconvolve(record.theta, kernel, mode="same") for kernel in kernels))
-    return regress(record, motion, fftconvolve(record.torque, kernels[0], mode="same"), covariance)
+    return regress(record, low_pass, motion, fftconvolve(record.torque, kernels[0], mode="same"), covariance)
 
 
 def modulating_function(half_width: float, rate_hz: float) -> tuple[Array, Array, Array]:
@@ -116,7 +118,7 @@ def savitzky_golay(record: Record, low_pass: LowPass, covariance: Covariance) ->
         )
     step = 1 / rate
     motion = Motion(*(savgol_filter(record.theta, window, SAVGOL_ORDER, deriv=d, delta=step) for d in range(3)))
-    return regress(record, motion, savgol_filter(record.torque, window, SAVGOL_ORDER), covariance)
+    return regress(record, low_pass, motion, savgol_filter(record.torque, window, SAVGOL_ORDER), covariance)
 
 
 def instrumental(record: Record, low_pass: LowPass, covariance: Covariance) -> LinearFit:
@@ -125,7 +127,7 @@ def instrumental(record: Record, low_pass: LowPass, covariance: Covariance) -> L
         raise InputError("no commanded angle to be the instrument; map 'theta_command' in the source file")
     motion, torque = filtered_motion(record.time, record.theta, record.torque, low_pass)
     command = differentiate(record.time, low_pass(record.command, record.rate_hz))
-    return regress(record, motion, torque, covariance, command)
+    return regress(record, low_pass, motion, torque, covariance, command)
 
 
 def whitened(record: Record, low_pass: LowPass, covariance: Covariance) -> LinearFit:
@@ -137,7 +139,7 @@ def whitened(record: Record, low_pass: LowPass, covariance: Covariance) -> Linea
     motion, torque = filtered_motion(record.time, record.theta, record.torque, low_pass)
     every = max(int(record.rate_hz / (AR_RATE * low_pass.cutoff_hz)), 1)
     pieces = [slice(segment.start, segment.stop, every) for segment in record.segments]
-    first = regress(record, motion, torque, covariance)
+    first = regress(record, low_pass, motion, torque, covariance)
     residual = torque - sum(first[name] * column for name, column in impedance_columns(motion).items())
     ar = autoregression([residual[rows] for rows in pieces], AR_ORDER)
     signals = {"torque": torque, **impedance_columns(motion)}

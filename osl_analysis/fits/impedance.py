@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from osl_analysis.fits.regression import CONDITION_LIMIT, LinearFit, linear_fit
+from osl_analysis.fits.regression import LinearFit, linear_fit
 from osl_analysis.fits.score_covariance import Cycles
 from osl_analysis.signals import Motion
 from osl_analysis.trial import Array
@@ -30,20 +30,18 @@ def impedance_torque(K: float, B: float, I: float, motion: Motion) -> Array:
     return K * motion.theta + B * motion.omega + I * motion.alpha
 
 
-def fit_impedance(
-    motion: Motion, torque: Array, condition_limit: float = CONDITION_LIMIT, cycles: Cycles | None = None
-) -> ImpedanceFit:
+def fit_impedance(motion: Motion, torque: Array, cycles: Cycles | None = None, every: int = 1) -> ImpedanceFit:
     """Fit Eq. 15 with an offset to a motion and resisting torque [N*m] of shape (n,).
 
     Angle and torque must have passed the same filter: filtering only the angle at 15 Hz reads B 3.43 for 3.
-    The covariance is as `linear_fit` takes it: between `cycles` where there are some.
+    The covariance is as `linear_fit` takes it: between `cycles` where there are some, else from each `every`-th sample.
 
     Raises
     ------
     InputError, IdentifiabilityError
         As `linear_fit`; one sine cannot tell K from I.
     """
-    fit = linear_fit(torque, impedance_columns(motion), condition_limit, cycles)
+    fit = linear_fit(torque, impedance_columns(motion), cycles=cycles, every=every)
     return ImpedanceFit(fit["K"], fit["B"], fit["I"], fit["offset"], fit)
 
 

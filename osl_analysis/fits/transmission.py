@@ -8,15 +8,17 @@ from osl_analysis.signals import Motion
 from osl_analysis.trial import Array
 
 
-def fit_transmission(motion: Motion, torque: Array, cycles: Cycles | None = None) -> LinearFit:
+def fit_transmission(motion: Motion, torque: Array, cycles: Cycles | None = None, every: int = 1) -> LinearFit:
     """Fit `B_j` [N*m*s/rad], `J_j` [kg*m^2] and `offset` [N*m] to a motion and resisting torque of shape (n,).
+
+    The covariance is as `linear_fit` takes it: between `cycles`, or from each `every`-th sample.
 
     Raises
     ------
     InputError, IdentifiabilityError
         As `linear_fit`.
     """
-    return linear_fit(torque, transmission_columns(motion), cycles=cycles)
+    return linear_fit(torque, transmission_columns(motion), cycles=cycles, every=every)
 
 
 def transmission_columns(motion: Motion) -> dict[str, Array]:
@@ -25,8 +27,8 @@ def transmission_columns(motion: Motion) -> dict[str, Array]:
 
 
 def fit_transmission_with_coulomb(
-    motion: Motion, torque: Array, width: float = 0.05, cycles: Cycles | None = None
+    motion: Motion, torque: Array, width: float = 0.05, cycles: Cycles | None = None, every: int = 1
 ) -> LinearFit:
     """The same with Coulomb friction `T_C` [N*m] times tanh(omega/width), width in rad/s, for comparison."""
     columns = transmission_columns(motion) | {"T_C": np.tanh(motion.omega / width)}
-    return linear_fit(torque, columns, cycles=cycles)
+    return linear_fit(torque, columns, cycles=cycles, every=every)

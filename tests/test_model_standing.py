@@ -33,11 +33,15 @@ def test_a_single_trial_tells_nothing_apart_and_has_no_interval():
 
 
 def test_intervals_are_students_and_wider_where_trials_share_their_fits():
-    """Own trials: s / sqrt(n), n - 1 degrees of freedom. Shared: s^2 (1/n + 1/(n - 1)) after Nadeau and Bengio."""
+    """Own trials: s / sqrt(n), n - 1 degrees of freedom. Shared: s^2 (1/n + 1/(n - 1)) after Nadeau and Bengio.
+
+    Both terms are of one scatter, which is worth n - 1 degrees of freedom and not the sum of two independent ones.
+    """
     values = np.array([1.0, 2.0, 4.0, 7.0])
     own, shared = over_trials(values), over_trials(values, shared=True)
     assert own.high - own.mean == pytest.approx(student.ppf(0.975, 3) * np.std(values, ddof=1) / 2)
     assert shared.se**2 == pytest.approx(np.var(values, ddof=1) * (1 / 4 + 1 / 3))
+    assert (shared.high - shared.mean) / shared.se == pytest.approx(student.ppf(0.975, 3))
     assert shared.mean == own.mean == 3.5
 
 
@@ -52,9 +56,9 @@ def gains_of_a_term(size, trials, rng):
 def test_the_interval_of_a_held_out_gain_covers_its_mean_better_than_plain_student(trials, plain):
     """Leave-one-out gains are no independent draws: E = a^2 - 1/(n - 1), and `plain` is what Student covers for a = 1.
 
-    2000 draws: a Monte Carlo error of 0.6 %. Over five trials 92 % remain, over ten 95 %.
+    2000 draws: a Monte Carlo error of 0.5 %. Over five trials 94 % remain, over ten 96 %.
     """
-    for size, least in ((0.0, 0.95), (1.0, plain + 0.02), (3.0, 0.95)):
+    for size, least in ((0.0, 0.95), (1.0, plain + 0.04), (3.0, 0.95)):
         rng, covered, better = np.random.default_rng(2), 0, 0
         for _ in range(2000):
             found = over_trials(gains_of_a_term(size, trials, rng), shared=True)
@@ -96,8 +100,7 @@ def test_the_summary_has_a_row_per_model_with_its_difference_to_the_drafts(tmp_p
         ("impedance", "uncompensated", "M2", 2),
     ]
     linear, hysteresis, *_ = rows
-    own, common = 1e-4 / 3, 1e-4 / 2
-    half = student.ppf(0.975, (own + common) ** 2 / ((own**2 + common**2) / 2)) * np.sqrt(own + common)
+    half = student.ppf(0.975, 2) * np.sqrt(1e-4 / 3 + 1e-4 / 2)
     assert hysteresis["VAF_gain"] == pytest.approx(0.04)
     assert hysteresis["VAF_gain_high"] - 0.04 == pytest.approx(half)
     left = [0.06 / 0.10, 0.05 / 0.08, 0.04 / 0.09]

@@ -1,8 +1,10 @@
 """Rival models over trials: mean scores with intervals, paired differences, and which models can be told apart."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from osl_analysis.fits.repeats import CommonError, Repeats, over_repeats
+from osl_analysis.fits.repeats import Repeats, over_repeats
 from osl_analysis.trial import Array
 
 PREFERRED, TIED, WORSE = "preferred", "tied", "worse"
@@ -12,13 +14,16 @@ def over_trials(values: Array, shared: bool = False) -> Repeats:
     """Mean of one value per trial, (n,), any unit, with Student's interval; of one trial, or none, only what there is.
 
     `shared`: each value was found with a fit to all the other trials. Such values depend on one another, with a
-    correlation of 1/n (Nadeau and Bengio, Mach. Learn. 52, 2003): their scatter alone would be too small an error.
+    correlation of 1/n: the variance of their mean is s^2 (1/n + 1/(n - 1)), with the n - 1 degrees of freedom of their
+    one scatter s (Nadeau and Bengio, Mach. Learn. 52, 2003).
     """
     n = len(values)
     if n < 2:
         return Repeats(n, float(values[0]) if n else np.nan, *[np.nan] * 4)
-    in_common = [CommonError(float(np.var(values, ddof=1)) / (n - 1), n - 1)] if shared else []
-    return over_repeats(values, in_common)
+    own = over_repeats(values)
+    wider = float(np.sqrt(1 + n / (n - 1))) if shared else 1.0
+    half = wider * (own.high - own.mean)
+    return replace(own, se=wider * own.se, low=own.mean - half, high=own.mean + half)
 
 
 def behind_best(loss: Array) -> Array:

@@ -420,6 +420,12 @@ def test_fig9_has_means_with_one_sd_the_ensemble_with_its_interval_and_the_comma
     assert commanded == [True, False, False]
 
 
+def test_fig9_draws_an_estimate_that_lies_outside_the_percentiles_of_its_bootstrap():
+    table = fig9.points(walking_summary(), None).with_columns(ensemble_low=1.01 * pl.col("ensemble"))
+    (interval,) = [s for c in fig9.draw(table).axes[0].collections[1:] for s in c.get_segments()]
+    np.testing.assert_allclose(interval[:, 1], [1.01 * 1.1 * 338, 1.12 * 338])
+
+
 def test_fig9_of_a_single_perturbation_has_no_whisker_and_no_command_unless_given():
     table = fig9.points(walking_summary().with_columns(sd=pl.lit(None, pl.Float64)), None)
     figure = fig9.draw(table)

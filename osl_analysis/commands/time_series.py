@@ -31,7 +31,7 @@ def plot_numbers(
     motion, torque = record.motion[block], record.filtered_torque[block]
     modelled = fit_impedance(motion, torque).torque(motion)
     fits = marked(read_table(fit), limits, "impedance").drop_nulls("amplitude_deg")
-    (doubtful,) = fits.filter((pl.col("amplitude_deg") - choice.amplitude_deg).abs() < 1e-6)["doubtful"]
+    doubtful = fits.filter((pl.col("amplitude_deg") - choice.amplitude_deg).abs() < 1e-6)["doubtful"][0]
     shown = slice(-min(round(choice.duration_s * record.rate_hz), len(torque)), None)
     time = record.time[block][shown]
     write_table(

@@ -76,11 +76,10 @@ def draw_bar(ax: Axes, mean: float, sd: float | None) -> None:
 
 
 def draw_ensemble(ax: Axes, value: float, low: float, high: float) -> None:
-    """The fit to the mean response, with its interval."""
-    ax.errorbar(
-        [BESIDE], [value], yerr=[[value - low], [high - value]], fmt="D", color=PURPLE, markersize=2.8, linewidth=0.8,
-        capsize=2, label="Fit of mean response, 95 %",
-    )  # fmt: skip
+    """The fit to the mean response, with its interval: of percentiles, which the estimate may lie outside of."""
+    label, middle = "Fit of mean response, 95 %", (low + high) / 2
+    ax.errorbar([BESIDE], [middle], yerr=[(high - low) / 2], fmt="none", color=PURPLE, linewidth=0.8, capsize=2)
+    ax.plot([BESIDE], [value], "D", color=PURPLE, markersize=2.8, label=label)
 
 
 def draw_lines(ax: Axes, commanded: float | None) -> None:

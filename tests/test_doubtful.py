@@ -216,6 +216,29 @@ def test_fig4_says_whether_the_fit_of_the_amplitude_that_it_shows_is_doubtful(tm
         assert set(read_table(tmp_path / "fig4.csv")["doubtful"]) == {reason}
 
 
+def test_fig4_shows_an_amplitude_that_the_protocol_has_twice(tmp_path):
+    protocol = SteppedSine((0.05, 0.05), PROTOCOL.frequencies_hz, 9)
+    record, degrees = stepped_sine(second_order, protocol=protocol), float(np.rad2deg(0.05))
+    samples = pl.DataFrame({"time": record.time, "theta": record.theta, "torque": record.torque})
+    write_trial(Trial("made", samples), tmp_path / "made.parquet")
+    write_table(impedance_table(record, trial_phasors(record)), tmp_path / "fit.csv")
+    settings = DynamometerAnalysis(
+        cutoff_hz=15, order=4, amplitudes_deg=(degrees, degrees), frequencies_hz=PROTOCOL.frequencies_hz, cycles=9,
+        settle_cycles=2,
+    )  # fmt: skip
+    choice = TimeSeriesFigure(K_d=1, B_d=1, controller="compensated", amplitude_deg=degrees, duration_s=1)
+    plot_numbers(tmp_path / "made.parquet", tmp_path / "fit.csv", settings, choice, Doubt(), tmp_path / "fig4.csv")
+    assert len(read_table(tmp_path / "fig4.csv")) == RATE
+
+
+@pytest.mark.parametrize("level", [0.0, 3.0])
+def test_a_torque_that_stays_where_it_is_is_refused_by_trial_signal_and_time(level):
+    record = stepped_sine(lambda motion: np.full_like(motion.theta, level))
+    message = f"trial made, torque from 4.0 s: there is no sine of 1 Hz in it, it stays at {level:g}; check its channel"
+    with pytest.raises(InputError, match=message):
+        trial_phasors(record)
+
+
 def test_one_amplitude_has_no_range():
     record = stepped_sine(second_order, protocol=SteppedSine((0.1,), PROTOCOL.frequencies_hz, 9))
     table = impedance_table(record, trial_phasors(record))

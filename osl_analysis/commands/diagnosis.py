@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.commands.stepped_sine import SteppedSineTrial
-from osl_analysis.errors import OslAnalysisError
+from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.fits.diagnostics import held_out_vaf, nonlinearity, torque_lag
+from osl_analysis.fits.protocol import Segment
 from osl_analysis.fits.regression import LinearFit
 from osl_analysis.fits.rows import Row, delay_row
 from osl_analysis.fits.sinusoid import Phasor, fit_sinusoid
@@ -33,15 +34,33 @@ def trial_phasors(record: SteppedSineTrial) -> list[SegmentPhasors]:
 
     The last cycle is not among them: where the angle lags the command by more at one frequency than at another, it
     holds the beginning of what comes next.
+
+    Raises
+    ------
+    InputError
+        As `segment_phasors`, naming the trial.
     """
-    found = []
-    for segment in record.segments(None):
-        theta, torque = (
-            fit_sinusoid(record.time[segment.rows], signal[segment.rows], segment.frequency_hz)
-            for signal in (record.theta, record.torque)
-        )
-        found.append(SegmentPhasors(segment.amplitude_deg, segment.frequency_hz, theta, torque))
-    return found
+    try:
+        return [segment_phasors(record.time, record.theta, record.torque, s) for s in record.segments(None)]
+    except InputError as error:
+        raise InputError(f"trial {record.name}, {error}") from error
+
+
+def segment_phasors(time: Array, theta: Array, torque: Array, segment: Segment) -> SegmentPhasors:
+    """Phasors of one segment of the raw signals (n,) [s, rad, N*m].
+
+    Raises
+    ------
+    InputError
+        As `fit_sinusoid`, naming the signal.
+    """
+    rows, phasors = segment.rows, []
+    for name, signal in (("theta", theta), ("torque", torque)):
+        try:
+            phasors.append(fit_sinusoid(time[rows], signal[rows], segment.frequency_hz))
+        except InputError as error:
+            raise InputError(f"{name} from {time[segment.start]:.1f} s: {error}") from error
+    return SegmentPhasors(segment.amplitude_deg, segment.frequency_hz, *phasors)
 
 
 def of_amplitude(phasors: Sequence[SegmentPhasors], amplitude: float | None) -> list[SegmentPhasors]:

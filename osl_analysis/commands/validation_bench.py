@@ -68,9 +68,6 @@ class Experiment(Protocol):
     """
 
     @property
-    def names(self) -> tuple[str, ...]: ...
-
-    @property
     def exact(self) -> Mapping[str, float]: ...
 
     @property

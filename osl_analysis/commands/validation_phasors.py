@@ -1,13 +1,14 @@
 """The frequency response in the validation study: magnitude and phase of Y at each frequency, by sinusoid fits."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from osl_analysis.commands.diagnosis import SegmentPhasors, segment_phasors
 from osl_analysis.commands.validation_bench import Bench, Estimate, Estimates, drivetrain, torque_noise
 from osl_analysis.config import DynamometerAnalysis, ValidationStudy
-from osl_analysis.fits.sinusoid import Phasor, fit_sinusoid, polar_row, response
+from osl_analysis.fits.sinusoid import polar_row, response
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.settings import SimulationSettings
@@ -23,11 +24,6 @@ class ResponseBench:
     bench: Bench
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Magnitude and phase at each frequency."""
-        return tuple(self.bounds())
-
-    @property
     def exact(self) -> Mapping[str, float]:
         """Nothing: what a drivetrain with friction answers is found through ideal sensors."""
         return {}
@@ -39,32 +35,28 @@ class ResponseBench:
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
         """Of raw signals; each frequency is a row of its own, as if it were an estimator."""
-        for f, theta, torque in self.phasors(trial, ideal):
-            row = polar_row(response(theta, torque))
+        for found in self.phasors(trial, ideal):
+            f, row = found.frequency_hz, polar_row(response(found.theta, found.torque))
             parts = {"magnitude": "", "phase": "_deg"}
-            yield f"sinusoid, {f:g} Hz", torque.interval_method, {
+            yield f"sinusoid, {f:g} Hz", found.torque.interval_method, {
                 f"{part}, {f:g} Hz": Estimate(*(row[f"{part}{end}{unit}"] for end in ("", "_se", "_low", "_high")))
                 for part, unit in parts.items()
             }  # fmt: skip
 
-    def phasors(self, trial: str, ideal: bool) -> Iterator[tuple[float, Phasor, Phasor]]:
-        """Frequency [Hz], phasors of angle [rad] and torque [N*m] of each settled segment."""
+    def phasors(self, trial: str, ideal: bool) -> list[SegmentPhasors]:
+        """Of each settled segment."""
         record = self.bench.record(trial, ideal)
-        for segment in record.segments:
-            theta, torque = (
-                fit_sinusoid(record.time[segment.rows], signal[segment.rows], segment.frequency_hz)
-                for signal in (record.theta, record.torque)
-            )
-            yield segment.frequency_hz, theta, torque
+        return [segment_phasors(record.time, record.theta, record.torque, segment) for segment in record.segments]
 
     def bounds(self) -> dict[str, float]:
         """From the bound of a phasor in white noise, 2 sigma^2/N per quadrature (Rife and Boorstyn, IEEE Trans. Inf.
         Theory 20, 1974): relative to the torque's amplitude that of the magnitude, and in radian that of the phase."""
         white, _ = torque_noise(self.bench.settings, np.zeros(1))
         segments, found = self.bench.record("ideal", ideal=True).segments, {}
-        for segment, (f, theta, torque) in zip(segments, self.phasors("ideal", ideal=True), strict=True):
-            relative = white * float(np.sqrt(2 / (segment.stop - segment.start))) / abs(torque.value)
-            found[f"magnitude, {f:g} Hz"] = abs(theta.value / torque.value) * relative
+        for segment, phasors in zip(segments, self.phasors("ideal", ideal=True), strict=True):
+            f, torque = segment.frequency_hz, abs(phasors.torque.value)
+            relative = white * float(np.sqrt(2 / (segment.stop - segment.start))) / torque
+            found[f"magnitude, {f:g} Hz"] = abs(phasors.theta.value) / torque * relative
             found[f"phase, {f:g} Hz"] = float(np.rad2deg(relative))
         return found
 

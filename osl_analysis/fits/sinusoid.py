@@ -14,6 +14,8 @@ from osl_analysis.trial import Array
 
 HARMONICS = 5
 """Highest harmonic in the distortion: friction's odd ones, 3 and 5, lie within."""
+NO_SINE = 1e-12
+"""Amplitude, as a part of the largest reading, that is no more than rounding."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ def fit_sinusoid(time: Array, signal: Array, frequency_hz: float) -> Phasor:
     Raises
     ------
     InputError
-        It is less than one whole cycle, or the sampling is too slow for the fifth harmonic.
+        It is less than one whole cycle, the sampling is too slow for the fifth harmonic, or the signal is constant.
     """
     step = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
     if len(time) * step < 0.99 / frequency_hz:
@@ -92,6 +94,11 @@ def fit_sinusoid(time: Array, signal: Array, frequency_hz: float) -> Phasor:
     fit = linear_fit(signal, harmonic_columns(time, frequency_hz), cycles=cycles)
     cosines, sines = fit.estimates[1::2], fit.estimates[2::2]
     amplitudes = np.hypot(cosines, sines)
+    if amplitudes[0] <= NO_SINE * np.abs(signal).max():
+        raise InputError(
+            f"there is no sine of {frequency_hz:g} Hz in it, it stays at {signal[0]:g}; check its channel in the "
+            "source file, or exclude the trial"
+        )
     to_phasor = np.diag([1.0, -1.0])
     return Phasor(
         complex(cosines[0], -sines[0]),

@@ -203,3 +203,14 @@ def test_walking_without_gait_scatter_and_noise_has_no_error(monkeypatch, tmp_pa
         inertia = pl.col("quantity") == "I"
         np.testing.assert_allclose(*table.filter(~inertia).select("value", "truth"), rtol=close)
         np.testing.assert_allclose(*table.filter(inertia).select("value", "truth"), atol=1e-3)
+
+
+def test_crossings_that_are_refused_are_left_out_and_all_of_them_is_an_error_that_says_why():
+    def odd(name):
+        if int(name) % 2 == 0:
+            raise InputError(f"crossing {name} is refused")
+        return name
+
+    assert validation_walking.usable(odd, "123") == ["1", "3"]
+    with pytest.raises(InputError, match="crossing 4 is refused"):
+        validation_walking.usable(odd, "24")

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis.commands.ingest import ingest_trial
+from osl_analysis.commands.walking import isolated
 from osl_analysis.fits.impedance import ImpedanceFit
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.simulator.c3d_recorder import write_c3d
@@ -24,14 +25,7 @@ from osl_analysis.trial_file import read_trial
 from osl_analysis.walking.ankle import StaticCalibration
 from osl_analysis.walking.crossing import Crossing, Quality, analyse_crossing
 from osl_analysis.walking.events import Stance
-from osl_analysis.walking.perturbation import (
-    NormalGait,
-    Response,
-    Timing,
-    fit_without_offset,
-    isolate,
-    normal_gait,
-)
+from osl_analysis.walking.perturbation import fit_without_offset, normal_gait
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.segments import static_calibration
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
@@ -63,11 +57,6 @@ class Laboratory:
     p: DrivetrainParameters
     analysis: WalkingAnalysis
 
-    @property
-    def timing(self) -> Timing:
-        """Window and baseline of the analysis."""
-        return Timing(self.analysis.window_s, self.analysis.baseline_s, self.analysis.guard_s)
-
     def unperturbed(self, name: str) -> Crossing:
         """An unperturbed crossing through the sensors."""
         return self.seen(name, self.walk(name, False), noisy=True)
@@ -76,7 +65,7 @@ class Laboratory:
         """A perturbed crossing through the sensors, and the truth: the simulator can walk it without perturbation."""
         calm, walked = self.walk(name, False), self.walk(name, True)
         alone = normal_gait([self.seen(name, calm, noisy=False)], 1)
-        ideal = self.respond(self.seen(name, walked, noisy=False), alone)
+        ideal = isolated(self.seen(name, walked, noisy=False), alone, self.analysis)
         exact = fit_without_offset(ideal.motion[ideal.window], ideal.torque[ideal.window])
         return Perturbed(self.seen(name, walked, noisy=True), exact, rendered_impedance(walked, calm))
 
@@ -107,10 +96,6 @@ class Laboratory:
             "torque_noise": float(np.hypot(effects.moment_noise.value, LEVER_M * effects.force_noise.value)),
         }
         return np.asarray(sizes[effect] * stream(self.settings.seed, name, effect).standard_normal(samples))
-
-    def respond(self, crossing: Crossing, normal: NormalGait) -> Response:
-        """The isolated response of a perturbed crossing."""
-        return isolate(crossing, normal, self.timing, crossing.stance.duration)
 
 
 @dataclass(frozen=True)

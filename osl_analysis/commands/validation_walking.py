@@ -1,7 +1,6 @@
 """The validation study of walking: whole campaigns of crossings, their estimates, intervals and truth."""
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
@@ -9,6 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from osl_analysis.commands.validation_laboratory import Laboratory, calibrated
+from osl_analysis.commands.walking import isolated
 from osl_analysis.config import ValidationStudy
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.fits.impedance import ImpedanceFit
@@ -20,10 +20,7 @@ from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.trial import Array
 from osl_analysis.validation import read_yaml
 from osl_analysis.walking.ensemble import Bootstrap, bootstrap, common_errors, ensemble_response
-from osl_analysis.walking.perturbation import (
-    fit_response,
-    normal_gait,
-)
+from osl_analysis.walking.perturbation import fit_response, normal_gait
 from osl_analysis.walking.settings import WalkingAnalysis
 
 RESAMPLES = 300
@@ -70,7 +67,7 @@ def campaign_rows(number: int, study: ValidationStudy, laboratory: Laboratory) -
     fewest = laboratory.analysis.fewest_unperturbed
     normal = normal_gait(usable(laboratory.unperturbed, names[::2]), fewest)
     perturbed = usable(laboratory.perturbed, names[1::2])
-    responses = [laboratory.respond(one.crossing, normal) for one in perturbed]
+    responses = [isolated(one.crossing, normal, laboratory.analysis) for one in perturbed]
     fits = [fit_response(response) for response in responses]
     resampled, ensemble = bootstrap(responses, RESAMPLES), ensemble_response(responses).fit
     common, rows = common_errors(responses), []
@@ -109,15 +106,24 @@ def averaged(mean: Repeats) -> Row:
 def resampled_row(ensemble: ImpedanceFit, resampled: Bootstrap, quantity: str) -> Row:
     """The fit to the mean response, with the bootstrap's interval."""
     low, high = resampled.interval(quantity)
-    se = float(np.std(getattr(resampled, quantity), ddof=1))
     row = {"estimator": "ensemble", "interval_method": "bootstrap", "value": getattr(ensemble, quantity)}
-    return row | {"se": se, "low": low, "high": high}
+    return row | {"se": resampled.se(quantity), "low": low, "high": high}
 
 
 def usable(make: Callable[[str], Made], names: Iterable[str]) -> list[Made]:
-    """What is made by name; crossings that the analysis refuses are left out, as they are of a recorded campaign."""
-    made = []
+    """What is made by name; crossings that the analysis refuses are left out, as they are of a recorded campaign.
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        All are refused: why the last one was.
+    """
+    made, refused = [], None
     for name in names:
-        with suppress(OslAnalysisError):
+        try:
             made.append(make(name))
+        except OslAnalysisError as error:
+            refused = error
+    if refused is not None and not made:
+        raise refused
     return made

@@ -169,7 +169,7 @@ def ensemble_rows(ensemble: EnsembleResponse, resampled: Bootstrap) -> list[dict
         low, high = resampled.interval(quantity)
         rows.append(
             {"quantity": quantity, "estimator": ENSEMBLE, "n": ensemble.n, "mean": value, "sd": None}
-            | {"se": float(np.std(getattr(resampled, quantity), ddof=1)), "low": low, "high": high}
+            | {"se": resampled.se(quantity), "low": low, "high": high}
         )
     return rows
 

@@ -49,6 +49,10 @@ class Bootstrap:
     VAF: Array
     degrees_of_freedom: int
 
+    def se(self, name: str) -> float:
+        """Standard error of a quantity, in its unit."""
+        return float(np.std(getattr(self, name), ddof=1))
+
     def interval(self, name: str) -> tuple[float, float]:
         """Bounds of the 95 % interval of a quantity: percentiles as far out as Student's (Hesterberg, 2015)."""
         tail = float(ndtr(stdtrit(self.degrees_of_freedom, 0.025)))

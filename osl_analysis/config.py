@@ -103,9 +103,9 @@ class FigureChoices(Settings):
 class ValidationStudy(Settings):
     """The Monte Carlo study of the estimators: what is simulated how often, and how it is divided into jobs.
 
-    `trials` dynamometer trials per experiment and `campaigns` of walking with `crossings` perturbed and as many
-    unperturbed crossings each, in jobs of `batch` of either; `recorded` campaigns go through recorded files. Trials
-    have their own short protocol: `amplitudes_deg`, `cycles` at each of the protocol's frequencies.
+    `trials` bench trials per experiment, in jobs of `batch`, and `campaigns` of walking with `crossings` perturbed and
+    as many unperturbed crossings each; `recorded` campaigns go through recorded files. Trials have their own short
+    protocol: `amplitudes_deg`, `cycles` at each of the protocol's frequencies.
     """
 
     simulation: Path

@@ -13,7 +13,7 @@ from osl_analysis.trial import Array
 
 STUDENT = "95 % of the mean (Student)"
 FIT = "95 % of the fit (its noise; not what the model lacks)"
-BOOTSTRAP = "95 % (bootstrap over perturbed and unperturbed crossings)"
+BOOTSTRAP = "95 % (bootstrap over crossings and trials of the unloaded plate)"
 PAIRED = "95 % of the mean difference of the same trials (Student)"
 RANGE = "lowest to highest"
 COUNT = "count"

@@ -1,6 +1,6 @@
-"""The validation study on the bench: many noisy trials, every estimator, and what their intervals are worth.
+"""The validation study: many noisy trials and campaigns of walking, and what the estimates' intervals are worth.
 
-Nothing is written but tables: the simulator hands its logs over in memory.
+Nothing is kept but tables. The simulator hands its logs over in memory, save where the study is of recorded files.
 """
 
 from collections.abc import Callable, Sequence

@@ -20,9 +20,9 @@ class LinearFit:
 
     `vaf` is 100 (1 - var(residual)/var(y)) percent, blind to an offset; `r_squared` is about zero and is not.
     `condition_number` is that of the columns scaled to unit length, `correlation_samples` the number of samples
-    over which residuals were allowed to be correlated. `interval_method` says where the covariance is from (`HAC`,
-    the spread between `cycles`, or `noise` and `drift` of `slow_fit`), `degrees_of_freedom` (p,) how much each variance
-    is worth in Student's quantile.
+    over which residuals were allowed to be correlated. `interval_method` says where the covariance is from: `HAC` or
+    the spread between `cycles`, else what took its place (`slow_fit`, `fit_response`); `degrees_of_freedom` (p,) how
+    much each variance is worth in Student's quantile.
     """
 
     names: tuple[str, ...]

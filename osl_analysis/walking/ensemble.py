@@ -13,7 +13,6 @@ from osl_analysis.signals import Motion, differentiate
 from osl_analysis.trial import Array
 from osl_analysis.walking.perturbation import (
     Response,
-    fit_response,
     fit_without_offset,
     gait_errors,
     jackknife_covariance,
@@ -128,7 +127,8 @@ def common_errors(responses: Sequence[Response]) -> dict[str, list[CommonError]]
     jackknife's over the trials of the plate. Units as in `ImpedanceFit`, squared.
     """
     check_alike(responses)
-    gait = np.mean([gait_errors(r, fit_response(r)) for r in responses], axis=0)
+    fits = [fit_without_offset(r.motion[r.window], r.torque[r.window]) for r in responses]
+    gait = np.mean([gait_errors(*each) for each in zip(responses, fits, strict=True)], axis=0)
     plate = np.mean([plate_effects(r) for r in responses], axis=0)
     by_gait, by_plate = np.var(gait, axis=0, ddof=1) / len(gait), np.diag(jackknife_covariance(plate))
     return {

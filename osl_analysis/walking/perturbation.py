@@ -19,7 +19,7 @@ PHASES = np.linspace(0.0, 1.0, 401)
 MARGIN = 8
 """Samples on either side of what is used, for the derivatives' spline."""
 GAIT = "unperturbed crossings"
-"""Where the interval of a single perturbation is from."""
+"""Where the interval of a single perturbation is from, the plate's trials aside."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,8 @@ class Response:
     """Isolated response to one perturbation, k samples at `time` [s] from the onset, zero on the baseline's mean.
 
     `motion` of the ankle's angle and `torque` [N*m]; `thetas` and `torques` (crossings, k) are angle and torque with
-    each unperturbed crossing subtracted instead of their mean, for the bootstrap. `plate_errors` (m, k) [N*m]: what
-    leaving out each trial of the unloaded plate does to the torque.
+    each unperturbed crossing subtracted instead of their mean, for what gait makes of an estimate. `plate_errors`
+    (m, k) [N*m]: what leaving out each trial of the unloaded plate does to the torque.
     """
 
     name: str
@@ -188,18 +188,21 @@ def gait_errors(response: Response, found: ImpedanceFit) -> Array:
     A perturbed crossing differs as they do, and their mean from the true one by 1/n of the variance. To first order
     an estimate's error is the regression of d_torque - K d_theta - B d_omega - I d_alpha on the response's motion.
     """
-    rows, motion = response.window, response.motion
     own = differentiate(response.time, (response.motion.theta - response.thetas).T)
     unexplained = (response.torque - response.torques).T - impedance_torque(found.K, found.B, found.I, own)
-    columns = np.column_stack([motion.theta, motion.omega, motion.alpha])
-    return np.asarray(np.linalg.lstsq(columns[rows], unexplained[rows])[0].T)
+    return effects_of(unexplained.T, response)
 
 
 def plate_effects(response: Response) -> Array:
     """What leaving out each of m trials of the unloaded plate does to K, B and I: (m, 3), to first order."""
+    return effects_of(response.plate_errors, response)
+
+
+def effects_of(torques: Array, response: Response) -> Array:
+    """What m torques (m, k) [N*m], each added to the response's own, do to K, B and I: (m, 3)."""
     rows, motion = response.window, response.motion
     columns = np.column_stack([motion.theta, motion.omega, motion.alpha])
-    return np.asarray(np.linalg.lstsq(columns[rows], response.plate_errors.T[rows])[0].T)
+    return np.asarray(np.linalg.lstsq(columns[rows], torques.T[rows])[0].T)
 
 
 def jackknife_covariance(left_out: Array) -> Array:

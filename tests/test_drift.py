@@ -41,3 +41,11 @@ def test_rests_and_transients_do_not_count():
 
 def test_two_cycles_tell_no_drift():
     assert drift_rate(TIME, 0.02 * TIME, [Segment(0.1, 2.0, 250, 750, 2)]) == 0.0
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.02])
+def test_a_mean_torque_that_grows_with_the_amplitude_is_no_drift(drift):
+    """As of an asymmetric joint, in a protocol whose amplitudes grow: 200 theta^2 read 0.56 N*m/min and K 12 SE off."""
+    larger = [Segment(0.2, 2.0, 2750, 4000, 5)]
+    torque = np.where(np.arange(len(TIME)) < 2750, 1.0, 4.0) + drift * TIME
+    assert drift_rate(TIME, torque, SEGMENTS[:1] + larger) == pytest.approx(drift, abs=1e-12)

@@ -274,6 +274,7 @@ def test_the_plate_s_share_is_the_same_in_every_interval() -> None:
     plate = common_errors([still, still])["K"][1]
     assert plate.degrees_of_freedom == 3
     assert single.se("K") == pytest.approx(np.sqrt(plate.variance), rel=0.01)
+    assert single.interval_method == "unperturbed crossings + plate trials"
     assert np.std(bootstrap([still, still], 3000).K) == pytest.approx(np.sqrt(plate.variance), rel=0.05)
     assert single.degrees_of_freedom == pytest.approx(3, rel=0.05)
 

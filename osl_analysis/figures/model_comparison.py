@@ -75,5 +75,5 @@ def draw_trials(ax: Axes, rows: pl.DataFrame, models: list[str], shift: float, l
     for i, trial in enumerate(left):
         label = look.label if i == 0 else None
         ax.plot(x, trial, look.marker, color=look.colour, markersize=look.size, mfc="none", mew=0.6, label=label)
-    mean = np.exp(np.log(left).mean(axis=0))
+    mean = np.exp(np.nanmean(np.log(left), axis=0))
     ax.hlines(mean, x - 0.11, x + 0.11, color=BLACK, linewidth=1.4, zorder=3, label="Geometric mean")

@@ -6,9 +6,8 @@ from itertools import pairwise
 import numpy as np
 
 from osl_analysis.fits.protocol import Segment, cycle_edges
+from osl_analysis.fits.score_covariance import FEWEST_CYCLES
 from osl_analysis.trial import Array
-
-FEWEST_CYCLES = 3
 
 
 def drift_rate(time: Array, torque: Array, segments: Sequence[Segment]) -> float:
@@ -17,7 +16,7 @@ def drift_rate(time: Array, torque: Array, segments: Sequence[Segment]) -> float
     A sine has no mean, so that a slope of its cycles' means is none of the joint's. Left in, a drift of 0.05 N*m/min is
     a tenth of the error of K at 1 Hz, and the same in every cycle: their spread, from which intervals come, misses it.
     Each amplitude has a level of its own: an asymmetric joint's mean torque grows with the amplitude, and amplitudes
-    with time. 0 where no amplitude has three cycles.
+    with time. 0 where no amplitude has the five cycles that an interval needs: transients would pass for drift.
     """
     along = across = 0.0
     for amplitude in dict.fromkeys(segment.amplitude for segment in segments):

@@ -82,10 +82,12 @@ def check_alike(responses: Sequence[Response]) -> None:
         raise InputError(f"{len(responses)} perturbation cannot give an ensemble; record at least two")
     first = responses[0]
     for r in responses[1:]:
-        if r.thetas.shape != first.thetas.shape or not np.allclose(r.time, first.time):
+        shapes = r.thetas.shape, r.plate_errors.shape
+        if shapes != (first.thetas.shape, first.plate_errors.shape) or not np.allclose(r.time, first.time):
             raise InputError(
                 f"trial {r.name}: its response is sampled otherwise than that of {first.name}, or was isolated from "
-                "other unperturbed crossings; record all crossings at one marker rate and rerun the analysis"
+                "other unperturbed crossings or with another model of the plate; record all crossings at one marker "
+                "rate and rerun the analysis"
             )
 
 

@@ -18,8 +18,8 @@ PHASES = np.linspace(0.0, 1.0, 401)
 """Phases of stance at which unperturbed crossings are kept: finer than the markers' frames."""
 MARGIN = 8
 """Samples on either side of what is used, for the derivatives' spline."""
-GAIT = "unperturbed crossings"
-"""Where the interval of a single perturbation is from, the plate's trials aside."""
+GAIT, GAIT_AND_PLATE = "unperturbed crossings", "unperturbed crossings + plate trials"
+"""Where the interval of a single perturbation is from; a single trial of the plate cannot tell the plate's share."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,8 @@ def fit_response(response: Response) -> ImpedanceFit:
     n = len(gait)
     by_gait, by_plate = (1 + 1 / n) * np.cov(gait, rowvar=False), jackknife_covariance(plate)
     freedom = welch_satterthwaite([np.diag(by_gait), np.diag(by_plate)], [n - 1, max(len(plate) - 1, 1)])
-    known = replace(found.fit, covariance=by_gait + by_plate, degrees_of_freedom=freedom, interval_method=GAIT)
+    method = GAIT_AND_PLATE if len(plate) > 1 else GAIT
+    known = replace(found.fit, covariance=by_gait + by_plate, degrees_of_freedom=freedom, interval_method=method)
     return replace(found, fit=known)
 
 

@@ -40,6 +40,11 @@ class PlateInertia:
     rms_before: Array
     rms_after: Array
 
+    @property
+    def identified(self) -> tuple[str, ...]:
+        """The parameters that the recordings showed."""
+        return tuple(name for name, se in zip(PARAMETERS, self.standard_errors, strict=True) if se > 0)
+
     def wrench(self, motion: BodyMotion) -> Wrench:
         """What the plate alone reads in n frames, in its own axes, about its centre, which is `motion`'s point."""
         own = regressors(motion) @ self.parameters
@@ -98,7 +103,9 @@ def unchanged(values: Array) -> Array:
 
 
 def identify_plate_inertia(
-    recordings: Sequence[tuple[BodyMotion, Wrench]], smooth: Callable[[Array], Array] = unchanged
+    recordings: Sequence[tuple[BodyMotion, Wrench]],
+    smooth: Callable[[Array], Array] = unchanged,
+    names: tuple[str, ...] | None = None,
 ) -> PlateInertia:
     """Parameters from unloaded recordings: motion of the plate with its centre as the point, wrench in its own axes.
 
@@ -106,7 +113,7 @@ def identify_plate_inertia(
     of motions. The low-pass of a product is not the product of low-passes: taken for it, at 8 Hz, the lag of the plate
     reads 0.05 ms too little. Means are taken away per recording, so that each may have its own zero.
     Moments of inertia about axes that the recordings do not excite are left out (0), and where what remains cannot be
-    told apart, only the planar four are identified.
+    told apart, only the planar four are identified; `names` are identified in their place where they are given.
 
     Raises
     ------
@@ -117,7 +124,7 @@ def identify_plate_inertia(
         raise InputError("no recordings of the unloaded plate; add trials of experiment 'plate' to the sheet")
     columns = np.concatenate([centred(smooth(regressors(motion))) for motion, _ in recordings])
     wrench = np.concatenate([centred(np.hstack([w.force, w.moment])) for _, w in recordings])
-    fit = fit_parameters(columns, wrench, excited_parameters([motion for motion, _ in recordings]))
+    fit = fit_parameters(columns, wrench, names or excited_parameters([motion for motion, _ in recordings]))
     parameters = np.array([fit[name] if name in fit.names else 0.0 for name in PARAMETERS])
     errors = np.array([fit.se(name) if name in fit.names else 0.0 for name in PARAMETERS])
     return PlateInertia(parameters, errors, rms(wrench), rms(wrench - columns @ parameters))

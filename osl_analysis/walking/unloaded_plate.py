@@ -26,7 +26,7 @@ UNSEEN = np.deg2rad(0.2)
 class UnloadedRecording:
     """An unloaded, moving plate: motion of its centre at the marker frames `time` (n,) [s], of which `rows` are used;
     wrench in its own axes at its own stamps `plate_time` (k,) [s]. Motion and wrench have passed the low-pass of the
-    crossings; `smooth` is the further one of the identification. `hidden`: what the platform turned unseen [rad].
+    crossings; `smooth` is the further one of the identification. `hidden`: it turned while its markers were not seen.
     """
 
     name: str
@@ -37,7 +37,7 @@ class UnloadedRecording:
     wrench: Wrench
     low_pass: LowPass
     plate_low_pass: LowPass
-    hidden: float
+    hidden: bool
 
     def smooth(self, values: Array) -> Array:
         """Values at the frames `rows`, shape (n, ...), through the low-pass of the identification."""
@@ -67,17 +67,21 @@ def identify_plate_model(
     model, every = plate_model(recordings, lags), range(len(recordings))
     if len(recordings) == 1:
         return model
-    others = [[i for i in every if i != one] for one in every]
-    return replace(
-        model, left_out=tuple(plate_model([recordings[i] for i in kept], [lags[i] for i in kept]) for kept in others)
-    )
+    others, names = [[i for i in every if i != one] for one in every], model.inertia.identified
+    left_out = [plate_model([recordings[i] for i in kept], [lags[i] for i in kept], names) for kept in others]
+    return replace(model, left_out=tuple(left_out))
 
 
-def plate_model(recordings: Sequence[UnloadedRecording], lags: Sequence[float]) -> PlateModel:
-    """The plate's lag from those of the recordings [s], NaN where one cannot tell, and one inertia from all at it."""
+def plate_model(
+    recordings: Sequence[UnloadedRecording], lags: Sequence[float], names: tuple[str, ...] | None = None
+) -> PlateModel:
+    """The plate's lag from those of the recordings [s], NaN where one cannot tell, and one inertia from all at it.
+
+    `names` of the inertial parameters, where it is known which the plate shows.
+    """
     told = np.array([lag for lag in lags if np.isfinite(lag)])
     lag = float(np.mean(told)) if len(told) else 0.0
-    inertia = identify_plate_inertia([(r.motion, r.wrench_at(lag)) for r in recordings], recordings[0].smooth)
+    inertia = identify_plate_inertia([(r.motion, r.wrench_at(lag)) for r in recordings], recordings[0].smooth, names)
     error = float(np.std(told, ddof=1) / np.sqrt(len(told))) if len(told) > 1 else None
     return PlateModel(inertia, lag, error, told)
 
@@ -90,7 +94,7 @@ def followed(recordings: Sequence[UnloadedRecording]) -> list[UnloadedRecording]
     InputError
         There is none.
     """
-    hidden = [r for r in recordings if r.hidden > UNSEEN]
+    hidden = [r for r in recordings if r.hidden]
     if len(hidden) == len(recordings):
         raise InputError(
             f"the platform's markers were hidden while it turned, in every unloaded trial ({hidden[0].name}, ...); "
@@ -98,11 +102,11 @@ def followed(recordings: Sequence[UnloadedRecording]) -> list[UnloadedRecording]
         )
     for r in hidden:
         warnings.warn(
-            f"trial {r.name}: left out: its platform turned by {np.rad2deg(r.hidden):.1f} deg behind hidden markers; "
-            "fill the gap in Nexus or record it again",
+            f"trial {r.name}: left out: its platform turned behind hidden markers; fill the gap in Nexus or record it "
+            "again",
             stacklevel=2,
         )
-    return [r for r in recordings if r.hidden <= UNSEEN]
+    return [r for r in recordings if not r.hidden]
 
 
 def lag_of(recording: UnloadedRecording) -> float:
@@ -137,12 +141,13 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: W
     )
     motion = body_motion(time[rows], seen, plate_centre(trial, settings.plate))
     turned = float(np.rad2deg(np.max(rotation_from_rest(poses[rows]))))
-    if turned < settings.perturbation_deg:
+    still = turned < settings.perturbation_deg
+    if still and poses.seen().all():
         raise InputError(
             f"trial {trial.name}: the platform turns by {turned:.2f} deg only, expected {settings.perturbation_deg:g} "
             "deg or more; record a perturbation with nobody on it"
         )
-    hidden = hidden_turn(time, poses, settings.longest_fitted_gap_s)
+    hidden = still or hidden_turn(time, poses, settings.longest_fitted_gap_s) > UNSEEN
     filters = settings.low_pass, settings.plate_low_pass
     return UnloadedRecording(trial.name, time, rows, motion, plate_time, wrench, *filters, hidden)
 

@@ -31,13 +31,15 @@ def behind_best(loss: Array) -> Array:
     return loss - loss[:, [int(np.argmin(loss.mean(axis=0)))]] if len(loss) else loss
 
 
-def verdicts(loss: Array, shared: bool = False) -> list[str]:
+def verdicts(loss: Array, shared: bool = False) -> list[str | None]:
     """A word per model on losses (trials, models), smaller is better, the simplest model first.
 
     A model is tied with the best where the interval of their paired difference holds zero; the first of those that are
-    tied is preferred: what is more complicated has to show that it is better.
+    tied is preferred: what is more complicated has to show that it is better. None without trials.
     """
+    if not len(loss):
+        return [None] * loss.shape[1]
     tied = [not over_trials(behind, shared).low > 0 for behind in behind_best(loss).T]
-    words = [TIED if as_good else WORSE for as_good in tied]
+    words: list[str | None] = [TIED if as_good else WORSE for as_good in tied]
     words[tied.index(True)] = PREFERRED
     return words

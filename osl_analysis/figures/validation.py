@@ -1,5 +1,7 @@
 """The validation study: bias, error over the Cramer-Rao bound, and coverage, per experiment and estimator."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
@@ -26,38 +28,58 @@ LABELS = {
 }
 
 
+SHORT = {"unperturbed crossings": "gait", "unperturbed crossings + plate trials": "gait + plate"}
+"""How a long kind of interval is called in the margin."""
+Key = tuple[str, ...]
+
+
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """A row per experiment, estimator and interval, a marker per quantity with two Monte Carlo errors either way.
+    """A row per experiment, estimator and interval under the experiment's name, a marker per quantity with two Monte
+    Carlo errors either way.
 
     Stiffnesses look alike, dampings and inertias too; the torque constant and the magnitude of a response look like a
     stiffness, its phase like a damping. The aim is shaded; what lies outside a panel stands open at its edge.
     """
-    rows = table.select("experiment", "estimator", "interval_method").unique(maintain_order=True)
-    figure, axes = panels(DOUBLE_COLUMN, 0.9 + 0.155 * len(rows), columns=3)
+    keys = headed(table.select("experiment", "estimator", "interval_method").unique(maintain_order=True))
+    figure, axes = panels(DOUBLE_COLUMN, 0.9 + 0.155 * len(keys), columns=3)
     table = table.with_columns(pl.col("coverage") * 100, pl.col("coverage_mc") * 100)
     for ax, column in zip(axes, LABELS, strict=True):
-        draw_panel(ax, table, rows, column)
-    labels = [f"{name}, {method}" for name, method in rows.select("estimator", "interval_method").rows()]
-    axes[0].set_yticks(range(len(rows)), labels)
-    for ax in axes[1:]:
-        ax.set_yticks(range(len(rows)), [])
-    name_experiments(axes[0], rows["experiment"].to_list())
+        draw_panel(ax, table, keys, column)
+        ax.set_yticks(range(len(keys)), [])
+    axes[0].set_yticklabels([label(key) for key in keys])
+    for text, key in zip(axes[0].get_yticklabels(), keys, strict=True):
+        text.set_fontweight("bold" if len(key) == 1 else "normal")
     handles = [Line2D([], [], color=c, marker=m, linestyle="", label=f"${q}$") for q, (c, m) in LOOKS.items()]
     figure.legend(handles=handles, loc="outside upper center", ncols=len(LOOKS))
     return figure
 
 
-def draw_panel(ax: Axes, table: pl.DataFrame, rows: pl.DataFrame, column: str) -> None:
+def headed(rows: pl.DataFrame) -> list[Key]:
+    """Experiment, estimator and interval of each row, ahead of each experiment's first row its name alone."""
+    keys: list[Key] = []
+    for key in rows.rows():
+        if not keys or keys[-1][0] != key[0]:
+            keys.append(key[:1])
+        keys.append(key)
+    return keys
+
+
+def label(key: Key) -> str:
+    """What stands beside a row."""
+    return key[0] if len(key) == 1 else f"{key[1]}, {SHORT.get(key[2], key[2])}"
+
+
+def draw_panel(ax: Axes, table: pl.DataFrame, keys: Sequence[Key], column: str) -> None:
     """One measure of all rows."""
     low, high = LIMITS[column]
     ax.axvspan(max(AIMS[column][0], low), AIMS[column][1], color="#E8E8E8", linewidth=0)
-    keys = {key: place for place, key in enumerate(rows.rows())}
+    places = {key: place for place, key in enumerate(keys)}
     for row in table.drop_nulls(column).iter_rows(named=True):
         quantity = row["quantity"].partition(",")[0]
         quantity = SAME_AS.get(quantity, quantity)
         colour, marker = LOOKS[quantity]
-        place = keys[row["experiment"], row["estimator"], row["interval_method"]] + PLACES[quantity]
+        place = places[row["experiment"], row["estimator"], row["interval_method"]] + PLACES[quantity]
         value, half = float(np.clip(row[column], low, high)), 2 * row[f"{column}_mc"]
         inside = value == row[column]
         if inside:
@@ -72,20 +94,9 @@ def draw_panel(ax: Axes, table: pl.DataFrame, rows: pl.DataFrame, column: str) -
             mew=0.6,
             clip_on=False,
         )
-    names = rows["experiment"].to_list()
-    for place in (i for i in range(1, len(names)) if names[i] != names[i - 1]):
+    for place in (place for place, key in enumerate(keys) if len(key) == 1 and place):
         ax.axhline(place - 0.5, color=GREY, linewidth=0.4)
     ax.set_xlim(low, high)
-    ax.set_ylim(len(rows) - 0.5, -0.5)
+    ax.set_ylim(len(keys) - 0.5, -0.5)
     ax.tick_params(axis="y", length=0)
     ax.set_xlabel(LABELS[column])
-
-
-def name_experiments(ax: Axes, names: list[str]) -> None:
-    """Each experiment's name beside its first row, left of the estimators."""
-    for place, name in enumerate(names):
-        if place == 0 or names[place - 1] != name:
-            ax.annotate(
-                name, (-1.18, place), xycoords=("axes fraction", "data"), va="center", ha="left",
-                fontweight="bold", annotation_clip=False,
-            )  # fmt: skip

@@ -195,6 +195,11 @@ def test_what_repeats_have_in_common_widens_the_interval_of_their_mean():
     assert over_repeats(values).high - 2.5 == pytest.approx(stdtrit(3, 0.975) * np.sqrt(own))
 
 
+def test_a_mean_over_trials_says_where_its_interval_is_from():
+    rows = summary_table(pl.DataFrame({"a": [1.0, 3.0], "b": [1.0, None]}), ("a", "b")).to_dicts()
+    assert [row["interval_method"] for row in rows] == ["Student", None]
+
+
 def test_a_summary_of_a_column_without_numbers_has_no_mean():
     table = pl.DataFrame({"a": [None, None], "b": [2.0, None], "c": [1.0, 3.0]}, schema_overrides={"a": pl.Float64})
     rows = summary_table(table, ("a", "b", "c")).to_dicts()

@@ -251,6 +251,18 @@ def fits_of(crossings: list[Crossing]) -> Array:
     return np.array([[f.K, f.B, f.I] for f in fits])
 
 
+def test_every_estimate_says_where_its_interval_is_from_and_keeps_its_covariances(real: Session) -> None:
+    for estimator, method in (("mean of perturbations", "Student + shared errors"), ("ensemble", "bootstrap")):
+        assert real.estimate("K", estimator)["interval_method"] == method
+    K, B = real.estimate("K", "ensemble"), real.estimate("B", "ensemble")
+    assert K["cov_K"] == pytest.approx(K["se"] ** 2)
+    assert K["cov_B"] == pytest.approx(B["cov_K"])
+    assert abs(K["cov_B"]) < K["se"] * B["se"]
+    single = read_table(real.folder / "walking.csv").row(0, named=True)
+    assert single["interval_method"] == "unperturbed crossings + plate trials"
+    assert abs(single["cov_K_B"]) < single["K_se"] * single["B_se"]
+
+
 def test_the_torque_is_true_to_two_newton_metres_in_the_window(real: Session) -> None:
     for name in real.perturbed:
         crossing = read_crossing(real.crossing(name))

@@ -11,7 +11,7 @@ from osl_analysis.config import ActuatorAnalysis
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.fits.actuator import PARAMETERS, actuator_columns, correlation, fit_actuator
 from osl_analysis.fits.regression import LinearFit
-from osl_analysis.fits.rows import diagnostics_row, estimates_row
+from osl_analysis.fits.rows import covariance_row, diagnostics_row, estimates_row
 from osl_analysis.signals import LowPass, sampling_rate
 from osl_analysis.table_file import read_table, write_table
 from osl_analysis.trial import Array
@@ -58,7 +58,7 @@ def read_actuator_trial(trial: Path, settings: ActuatorAnalysis) -> ActuatorTria
 
 def actuator_table(record: ActuatorTrial) -> pl.DataFrame:
     """One row of `actuator.csv`."""
-    estimates = estimates_row(record.fit, *PARAMETERS, "offset", "drift")
+    estimates = estimates_row(record.fit, *PARAMETERS, "offset", "drift") | covariance_row(record.fit, *PARAMETERS)
     diagnostics = diagnostics_row(record.fit, sampling_rate(record.time), record.low_pass)
     row = {"trial": record.name, "motion": record.motion, **estimates, **diagnostics}
     return pl.DataFrame([{**row, "correlation_k_f_G": correlation(record.fit, "k_tau_n_m", "f_G")}])

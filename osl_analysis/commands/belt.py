@@ -11,7 +11,7 @@ from osl_analysis.commands.repeats import summary_table
 from osl_analysis.config import DynamometerAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.fits.belt import BeltFit, fit_belt_stiffness
-from osl_analysis.fits.rows import Row, diagnostics_row, estimates_row
+from osl_analysis.fits.rows import Row, covariance_row, diagnostics_row, estimates_row
 from osl_analysis.fits.sign import check_sign
 from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.parameters import read_parameters
@@ -75,6 +75,7 @@ def belt_row(record: BeltTrial) -> Row:
     fit, peak = record.fit, float(np.max(np.abs(record.theta_s - record.theta_s[0])))
     return {
         **estimates_row(fit.loading, "K_s", "offset"),
+        **covariance_row(fit.loading, "K_s", "offset"),
         **diagnostics_row(fit.loading, record.rate_hz, record.low_pass),
         "unloading": fit.unloading["K_s"],
         "unloading_se": fit.unloading.se("K_s"),

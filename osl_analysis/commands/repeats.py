@@ -35,10 +35,10 @@ def summary_table(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFram
     return pl.DataFrame([{"quantity": name, **one_summary(table[name]), **doubtful} for name in quantities])
 
 
-def one_summary(values: pl.Series) -> dict[str, float | None]:
-    """n, mean, sd, se, low, high of one column; what one trial, or none, cannot give is null."""
+def one_summary(values: pl.Series) -> dict[str, float | str | None]:
+    """n, mean, sd, se, low, high of one column and what the interval is from; what one trial cannot give is null."""
     found = values.cast(pl.Float64).drop_nulls().drop_nans()
     if len(found) >= 2:
-        return dict(asdict(over_repeats(found.to_numpy())))
+        return asdict(over_repeats(found.to_numpy())) | {"interval_method": "Student"}
     mean = float(found[0]) if len(found) else None
-    return {"n": len(found), "mean": mean, "sd": None, "se": None, "low": None, "high": None}
+    return {"n": len(found), "mean": mean, **dict.fromkeys(("sd", "se", "low", "high", "interval_method"))}

@@ -14,7 +14,7 @@ from osl_analysis.doubtful import EXCLUDED, doubtful_row
 from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
 from osl_analysis.fits.impedance import fit_impedance
 from osl_analysis.fits.repeats import CommonError, over_repeats
-from osl_analysis.fits.rows import Row, delay_row, diagnostics_row, estimates_row
+from osl_analysis.fits.rows import Row, covariance_row, delay_row, diagnostics_row, estimates_row
 from osl_analysis.table_file import read_table, write_table
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import (
@@ -30,6 +30,8 @@ from osl_analysis.walking.settings import WalkingAnalysis
 
 QUANTITIES = ("K", "B", "I", "VAF")
 MEAN, ENSEMBLE = "mean of perturbations", "ensemble"
+SHARED = "Student + shared errors"
+"""Where the interval of a mean over perturbations is from: their scatter, and what they all share."""
 
 
 def average_unperturbed(crossings: Sequence[Path], selection: Path, settings: WalkingAnalysis, output: Path) -> None:
@@ -71,6 +73,7 @@ def fitted_row(walked: Crossing, normal: NormalGait, settings: WalkingAnalysis) 
         "stance_s": walked.stance.duration,
         "bridged": walked.bridged,
         **estimates_row(fit, "K", "B", "I"),
+        **covariance_row(fit, "K", "B", "I"),
         **offset_row(response, fit["K"]),
         **lag_row(response, fit["K"]),
         **diagnostics_row(fit, 1 / (response.time[1] - response.time[0]), settings.low_pass),
@@ -153,7 +156,7 @@ def mean_rows(table: pl.DataFrame, common: Mapping[str, Sequence[CommonError]]) 
     to all of them. `n_doubtful` of the fits are doubtful, and in the mean all the same.
     """
     return [
-        {"quantity": quantity, "estimator": MEAN}
+        {"quantity": quantity, "estimator": MEAN, "interval_method": SHARED if quantity in common else "Student"}
         | asdict(over_repeats(table[quantity].to_numpy(), common.get(quantity, ())))
         | doubtful_row(table)
         for quantity in QUANTITIES
@@ -161,7 +164,9 @@ def mean_rows(table: pl.DataFrame, common: Mapping[str, Sequence[CommonError]]) 
 
 
 def ensemble_rows(ensemble: EnsembleResponse, resampled: Bootstrap) -> list[dict[str, object]]:
-    """Estimates from the mean response; `se` and the 95 % interval from the bootstrap, no `sd`."""
+    """Estimates from the mean response; `se`, the 95 % interval and the covariances with K, B and I (`cov_K` ...) from
+    the bootstrap, no `sd`.
+    """
     fit = ensemble.fit
     values = {"K": fit.K, "B": fit.B, "I": fit.I, "VAF": fit.fit.vaf}
     rows: list[dict[str, object]] = []
@@ -169,7 +174,8 @@ def ensemble_rows(ensemble: EnsembleResponse, resampled: Bootstrap) -> list[dict
         low, high = resampled.interval(quantity)
         rows.append(
             {"quantity": quantity, "estimator": ENSEMBLE, "n": ensemble.n, "mean": value, "sd": None}
-            | {"se": resampled.se(quantity), "low": low, "high": high}
+            | {"se": resampled.se(quantity), "low": low, "high": high, "interval_method": "bootstrap"}
+            | {f"cov_{other}": resampled.cov(quantity, other) for other in "KBI"}
         )
     return rows
 

@@ -58,6 +58,10 @@ class Bootstrap:
         low, high = np.quantile(getattr(self, name), [tail, 1 - tail])
         return float(low), float(high)
 
+    def cov(self, first: str, second: str) -> float:
+        """Covariance of two quantities, in the product of their units."""
+        return float(np.cov(getattr(self, first), getattr(self, second))[0, 1])
+
 
 def ensemble_response(responses: Sequence[Response]) -> EnsembleResponse:
     """Mean response and its fit in the common window.

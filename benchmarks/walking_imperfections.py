@@ -147,7 +147,7 @@ def exact_crossings(session: Session, crossings: Iterable[Crossing], settings: W
     return found
 
 
-def with_remedies(settings: WalkingAnalysis, remedies: Iterable[str], foot: FootSettings) -> WalkingAnalysis:
+def with_remedies(settings: WalkingAnalysis, remedies: Iterable[str], foot: FootSettings | None) -> WalkingAnalysis:
     """The analysis with these remedies and no others; that of the plate's inertia is not a setting."""
     return settings.model_copy(
         update={

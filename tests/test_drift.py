@@ -1,10 +1,17 @@
 """The drift of a load cell is seen in the means of cycles, and nothing else is."""
 
 import numpy as np
+import polars as pl
 import pytest
 
+from osl_analysis.commands.diagnosis import trial_phasors
+from osl_analysis.commands.impedance import impedance_table
+from osl_analysis.commands.stepped_sine import read_stepped_sine
+from osl_analysis.config import DynamometerAnalysis
 from osl_analysis.fits.drift import drift_rate
 from osl_analysis.fits.protocol import Segment
+from osl_analysis.trial import Trial
+from osl_analysis.trial_file import write_trial
 
 RATE = 500.0
 SEGMENTS = [Segment(0.1, 2.0, 250, 2750, 10), Segment(0.1, 4.0, 2750, 4000, 10)]
@@ -22,7 +29,6 @@ def sines(amplitude=20.0):
 
 def test_a_sine_of_any_phase_has_no_drift_and_a_drift_is_found_under_it():
     assert drift_rate(TIME, sines() + 3.0, SEGMENTS) == pytest.approx(0, abs=1e-12)
-    # the sine sees its own phase against the ramp within each cycle alike: only the means tell
     assert drift_rate(TIME, sines() + 3.0 + 0.02 * TIME, SEGMENTS) == pytest.approx(0.02, rel=1e-9)
 
 
@@ -49,3 +55,23 @@ def test_a_mean_torque_that_grows_with_the_amplitude_is_no_drift(drift):
     larger = [Segment(0.2, 2.0, 2750, 4000, 5)]
     torque = np.where(np.arange(len(TIME)) < 2750, 1.0, 4.0) + drift * TIME
     assert drift_rate(TIME, torque, SEGMENTS[:1] + larger) == pytest.approx(drift, abs=1e-12)
+
+
+def test_a_trial_is_read_without_its_drift_which_the_table_gives_per_minute(tmp_path):
+    """A joint of 100 N*m/rad and 2 N*m*s/rad under a load cell that drifts by 0.6 N*m/min."""
+    settings = DynamometerAnalysis(
+        cutoff_hz=15, order=4, amplitudes_deg=[4], frequencies_hz=[2, 4], cycles=10, settle_cycles=2
+    )
+    theta = np.zeros_like(TIME)
+    for segment in SEGMENTS:
+        t = TIME[segment.rows] - TIME[segment.start]
+        theta[segment.rows] = np.sin(2 * np.pi * segment.frequency_hz * t)
+    theta *= np.deg2rad(4)
+    torque = 100 * theta + 2 * np.gradient(theta, TIME) + 3.0
+    samples = pl.DataFrame({"time": TIME, "theta": theta, "torque": torque + 0.01 * (TIME - TIME.mean())})
+    write_trial(Trial("a", samples), tmp_path / "a.parquet")
+    record = read_stepped_sine(tmp_path / "a.parquet", settings)
+    np.testing.assert_allclose(record.torque, torque, atol=2e-3)
+    whole = impedance_table(record, trial_phasors(record)).row(-1, named=True)
+    assert whole["load_cell_drift"] == pytest.approx(0.6, rel=0.02)
+    assert whole["K"] == pytest.approx(100, rel=0.01)

@@ -12,6 +12,7 @@ from osl_analysis.commands.validation import EXPERIMENTS, WALKING, bench_rows, r
 from osl_analysis.commands.validation_actuator import actuator
 from osl_analysis.config import ActuatorAnalysis, DynamometerAnalysis, ValidationStudy
 from osl_analysis.errors import InputError
+from osl_analysis.figures import validation
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.settings import SimulationSettings
@@ -165,6 +166,12 @@ def test_batches_become_a_table_and_a_figure(tmp_path):
     assert table.filter(pl.col("experiment") == "belt")["n"].to_list() == [4]
     assert table.filter(pl.col("experiment") == "walking")["n"].to_list() == [2] * 9
     draw_figure("validation", tmp_path / "validation.csv", [tmp_path / "validation.png"])
+    figure = validation.draw(table)
+    names = [text.get_text() for text in figure.axes[0].get_yticklabels()]
+    assert names[:2] == ["belt", "filtered, noise + drift"]
+    assert [name for name in names if name in set(table["experiment"])] == ["belt", "walking", "actuator"]
+    rules = [line.get_ydata()[0] for line in figure.axes[0].lines if set(line.get_xdata()) == {0, 1}]
+    assert rules == [names.index(name) - 0.5 for name in ("walking", "actuator")]
     assert (tmp_path / "validation.png").stat().st_size > 10_000
 
 

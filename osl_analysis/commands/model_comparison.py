@@ -28,7 +28,6 @@ from osl_analysis.fits.model_standing import behind_best, over_trials, verdicts
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.parameters import read_parameters
-from osl_analysis.signals import LowPass
 from osl_analysis.table_file import read_table, write_table
 from osl_analysis.trial import Array
 
@@ -61,8 +60,7 @@ def compare_repeats(
 
 def transmission_record(record: SteppedSineTrial, settings: DynamometerAnalysis, sign_width: float) -> Fold:
     """All amplitudes of a trial as one fold; the sign passes the filter of the torque."""
-    low_pass = LowPass(settings.cutoff_hz, settings.order)
-    direction = low_pass(np.tanh(record.motion.omega / sign_width), record.rate_hz)
+    direction = settings.low_pass(np.tanh(record.motion.omega / sign_width), record.rate_hz)
     rows = np.concatenate([np.r_[part] for part in thinned(record, settings)])
     return transmission_fold(record.motion[rows], direction[rows], record.filtered_torque[rows])
 
@@ -88,7 +86,7 @@ def compare_impedance(
         record.filtered_torque,
         parts,
         record.rate_hz,
-        LowPass(settings.cutoff_hz, settings.order),
+        settings.low_pass,
         select_gains(controller, K_d, B_d, p, weight),
         p,
         sign_width,

@@ -8,7 +8,7 @@ import numpy as np
 
 from osl_analysis.config import DynamometerAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.fits.drift import drift_rate
+from osl_analysis.fits.drift import drift_rate, without_drift
 from osl_analysis.fits.protocol import Block, Segment, SteppedSine, cycles_of, find_blocks, rows_of, settled
 from osl_analysis.fits.score_covariance import Cycles
 from osl_analysis.signals import LowPass, Motion, filtered_motion, sampling_rate
@@ -73,7 +73,7 @@ def read_stepped_sine(trial: Path, settings: DynamometerAnalysis) -> SteppedSine
     try:
         blocks = find_blocks(time, theta, protocol)
         drift = drift_rate(time, torque, settled(blocks, settings.settle_cycles))
-        torque = torque - drift * (time - time.mean())
+        torque = without_drift(time, torque, drift)
         motion, filtered = filtered_motion(time, theta, torque, settings.low_pass)
     except InputError as error:
         raise InputError(f"trial {record.name}: {error}") from error

@@ -58,11 +58,10 @@ def run_batch(
     else:
         names = [f"{experiment}_{number:05d}" for number in numbers]
         if experiment == "actuator":
-            low_pass = LowPass(actuator_analysis.cutoff_hz, actuator_analysis.order)
-            rows = bench_rows(actuator(settings, p, actuator_analysis), names, low_pass)
+            rows = bench_rows(actuator(settings, p, actuator_analysis), names, actuator_analysis.low_pass)
         else:
             bench = EXPERIMENTS[experiment](study, settings, p, dynamometer)
-            rows = bench_rows(bench, names, LowPass(dynamometer.cutoff_hz, dynamometer.order))
+            rows = bench_rows(bench, names, dynamometer.low_pass)
     write_table(pl.DataFrame([{"experiment": experiment, **row} for row in rows], infer_schema_length=None), output)
 
 

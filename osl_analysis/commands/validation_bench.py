@@ -8,7 +8,7 @@ import numpy as np
 
 from osl_analysis.config import DynamometerAnalysis, ValidationStudy
 from osl_analysis.fits.belt import fit_belt_stiffness
-from osl_analysis.fits.drift import drift_rate
+from osl_analysis.fits.drift import drift_rate, without_drift
 from osl_analysis.fits.estimators import DEFAULT, ESTIMATORS, Covariance, Record
 from osl_analysis.fits.impedance import impedance_columns, impedance_torque
 from osl_analysis.fits.protocol import SteppedSine, cycles_of, find_blocks, rows_of, settled
@@ -123,7 +123,7 @@ class Bench:
         blocks = find_blocks(time, log.joint_angle, self.protocol) if self.protocol else ()
         segments = settled(blocks, self.settle_cycles) if blocks else ()
         torque = -log.load_cell_torque
-        torque = torque - drift_rate(time, torque, segments) * (time - time.mean())
+        torque = without_drift(time, torque, drift_rate(time, torque, segments))
         return Record(time, log.joint_angle, log.commanded_angle, torque, settings.dynamometer.rate_hz, segments)
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:

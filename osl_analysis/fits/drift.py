@@ -29,3 +29,8 @@ def drift_rate(time: Array, torque: Array, segments: Sequence[Segment]) -> float
             along += float(np.sum(samples * middle**2))
             across += float(np.sum(samples * middle * level))
     return across / along if along else 0.0
+
+
+def without_drift(time: Array, torque: Array, rate: float) -> Array:
+    """The torque (n,) [N*m] at times [s] without a drift of `rate` [N*m/s]; its mean over the record stays."""
+    return np.asarray(torque - rate * (time - time.mean()))

@@ -219,6 +219,20 @@ def test_effective_samples_are_those_of_theory():
     assert thinned == pytest.approx(effective_samples(band), rel=0.15), "thinning a filtered signal loses nothing"
 
 
+def test_a_residual_that_does_not_vary_has_as_many_effective_samples_as_samples():
+    assert effective_samples(np.zeros(50)) == effective_samples(np.full(50, 0.3)) == 50
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-15])
+def test_of_models_that_fit_exactly_the_one_with_fewest_parameters_ranks_first(size):
+    """Whether rounding leaves zeros or 1e-15 N*m depends on the processor; the ranks must not."""
+    rng = np.random.default_rng(8)
+    torque, nothing = rng.standard_normal(500), size * rng.standard_normal(500)
+    scores = compare(torque, [Candidate("", "", p, nothing, nothing) for p in (3, 2)])
+    assert [s.rank for s in scores] == [2, 1]
+    assert np.isfinite([s.bic for s in scores]).all()
+
+
 def test_bic_charges_a_parameter_the_logarithm_of_the_effective_samples():
     rng = np.random.default_rng(5)
     torque, left = rng.standard_normal(500), 0.1 * rng.standard_normal(500)

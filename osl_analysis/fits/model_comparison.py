@@ -24,6 +24,8 @@ TURN = 0.1
 """Share of the peak deflection over which the belt's hysteresis may turn round, at both ends."""
 LAGS = 0.1
 """Share of the samples up to which the residual's autocorrelation is looked at."""
+ROUNDING = 1e-24
+"""Mean square of what rounding leaves of an exact fit, as a share of the torque's: its size depends on the processor."""
 
 
 @dataclass(frozen=True)
@@ -163,9 +165,11 @@ def compare(torque: Array, candidates: Sequence[Candidate]) -> list[Score]:
 
     BIC = m ln(mean squared residual) + p ln m (Schwarz, Ann. Stat. 6, 1978), with m effective samples for n: a filtered
     signal has far fewer independent ones, and n of them would buy any term that is not exactly 0. One m serves
-    all models of a torque: that of the smallest residual, which has least of a model's own faults in it.
+    all models of a torque: that of the smallest residual, which has least of a model's own faults in it. Residuals
+    below rounding count as rounding: of models that fit exactly, the one with fewest parameters ranks first.
     """
-    power = [float(np.mean(c.residual**2)) for c in candidates]
+    rounding = max(ROUNDING * float(np.mean(torque**2)), np.finfo(float).tiny)
+    power = [max(float(np.mean(c.residual**2)), rounding) for c in candidates]
     m = effective_samples(candidates[int(np.argmin(power))].residual)
     bic = [m * np.log(s) + c.parameters * np.log(m) for s, c in zip(power, candidates, strict=True)]
     return [
@@ -187,11 +191,14 @@ def effective_samples(residual: Array) -> float:
     """Number of independent samples whose mean square is as sure as that of these correlated ones (n,).
 
     n / sum of rho_k^2 over all lags k (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8, 1946); the autocorrelation rho
-    is looked at up to a tenth of the record, less the squares that it would have by chance.
+    is looked at up to a tenth of the record, less the squares that it would have by chance. A residual that does not
+    vary at all (an exact fit) counts as n independent samples.
     """
     n, lags = len(residual), int(LAGS * len(residual))
     centred = residual - np.mean(residual)
     spectrum = np.abs(np.fft.rfft(centred, 2 * n)) ** 2
     covariance = np.fft.irfft(spectrum)[: lags + 1]
+    if covariance[0] <= n * ROUNDING * float(np.mean(residual**2)):
+        return float(n)
     rho = covariance / covariance[0]
     return float(np.clip(n * (1 + 2 * LAGS) / (1 + 2 * np.sum(rho[1:] ** 2)), 2.0, n))

@@ -49,10 +49,10 @@ include: "rules/dynamometer.smk"
 include: "rules/actuator.smk"
 include: "rules/model_comparison.smk"
 include: "rules/walking.smk"
-include: "rules/gait.smk"
+include: "rules/overground.smk"
 include: "rules/tables.smk"
 include: "rules/figures.smk"
-include: "rules/validation.smk"
+include: "rules/study.smk"
 
 
 rule:

@@ -10,7 +10,7 @@ from osl_analysis.commands.simulate import planned_row
 from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
 from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.validation import read_yaml
+from osl_analysis.yaml_settings import read_yaml
 
 SETTINGS = Path("config/simulation/default.yaml")
 TRIAL = "impedance_K300_B5.0_compensated"

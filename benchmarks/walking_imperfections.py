@@ -16,21 +16,21 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.commands.ingest import ingest_trial
-from osl_analysis.commands.validation_laboratory import weighed_foot
 from osl_analysis.config import read_section
 from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking import simulate_walking_trial
 from osl_analysis.simulator.walking_settings import WalkingEffects, WalkingSettings
+from osl_analysis.study.laboratory import weighed_foot
 from osl_analysis.trial import Array, Trial
 from osl_analysis.trial_file import read_trial
-from osl_analysis.validation import read_yaml
 from osl_analysis.walking.crossing import Crossing, analyse_crossing
 from osl_analysis.walking.perturbation import Timing, fit_response, isolate, normal_gait
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.segments import static_calibration
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
 from osl_analysis.walking.unloaded_plate import identify_plate_model
+from osl_analysis.yaml_settings import read_yaml
 
 SETTINGS, CONFIG, SOURCES = Path("config/simulation/default.yaml"), Path("config/config.yaml"), Path("config/sources")
 REPORT = Path("docs/walking_validation.md")

@@ -151,8 +151,8 @@ def ingest(
 @click.option("--draft", "draft_path", type=FILE, help="Write the draft of a source file here instead of printing it.")
 def inspect(file: Path, draft_path: Path | None) -> None:
     """List what an MCAP, C3D or CSV file holds, with rates [Hz], units, gaps and damage, and draft a source file."""
-    from osl_analysis.atomic import atomic_path
     from osl_analysis.commands import inspect as command
+    from osl_analysis.files import atomic_path
 
     overview = command.inspect_file(file)
     click.echo(command.overview_text(overview))
@@ -185,7 +185,7 @@ def fit(trial: Path, model: str, parameters: Path, config_path: Path, as_json: b
     from osl_analysis.commands.fit import estimates_text, fit_one, fit_one_actuator
     from osl_analysis.config import ActuatorAnalysis, DynamometerAnalysis, read_section
     from osl_analysis.doubtful import DoubtfulFits
-    from osl_analysis.table_file import finite_or_null
+    from osl_analysis.table import finite_or_null
 
     limits = read_section(config_path, "doubtful", DoubtfulFits)
     if model == "actuator":

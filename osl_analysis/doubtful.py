@@ -8,8 +8,8 @@ import polars as pl
 from pydantic import Field
 
 from osl_analysis.errors import InputError
-from osl_analysis.table_file import read_table
-from osl_analysis.validation import Settings
+from osl_analysis.table import read_table
+from osl_analysis.yaml_settings import Settings
 
 DOUBTFUL = "doubtful"
 """Column with the reasons: empty text where there is none, null in a row without a fit."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic import Field, field_validator
 
 from osl_analysis.errors import InputError
-from osl_analysis.validation import Settings, read_yaml
+from osl_analysis.yaml_settings import Settings, read_yaml
 
 UNITS = {
     "k_tau": "N*m/A", "n_m": "1", "B_m": "N*m*s/rad", "J_m": "kg*m^2", "f_C": "N*m", "f_G": "N*m/A",

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import polars as pl
 
-from osl_analysis.atomic import atomic_path
 from osl_analysis.errors import InputError
+from osl_analysis.files import atomic_path
 from osl_analysis.trial import Trial
 
 NAME_KEY = "osl_analysis.trial"

@@ -59,12 +59,12 @@ rule table:
     wildcard_constraints:
         table="|".join(FILLED_BY),
     params:
-        code=jobs.code("commands.repeats"),
+        code=jobs.code("commands.tables"),
         limits=lambda wildcards: CONFIG.doubtful.model_dump(mode="json").get(wildcards.table),
     run:
         jobs.run_job(
             log[0],
-            "repeats.gather",
+            "tables.gather",
             rows=kept(input.rows, input.quality),
             output=Path(output[0]),
             limits=doubt_limits(params),

@@ -11,6 +11,7 @@ import yaml
 from click.testing import CliRunner
 from conftest import ROOT
 
+from osl_analysis.bench.actuator import PARAMETERS, actuator_columns, correlation, fit_actuator
 from osl_analysis.cli import main
 from osl_analysis.columns import COLUMNS
 from osl_analysis.commands.actuator import fit_trial, summarise
@@ -20,16 +21,15 @@ from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.config import ActuatorAnalysis, read_section
 from osl_analysis.doubtful import DoubtfulFits
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.fits.actuator import PARAMETERS, actuator_columns, correlation, fit_actuator
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.actuator_bench import commanded_current, simulate_actuator_trial, turning
 from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.summary import ACTUATOR, headline_numbers
-from osl_analysis.table_file import read_table
+from osl_analysis.summary.headlines import ACTUATOR, headline_numbers
+from osl_analysis.table import read_table
 from osl_analysis.trial import Trial
 from osl_analysis.trial_file import read_trial, write_trial
-from osl_analysis.validation import read_yaml
+from osl_analysis.yaml_settings import read_yaml
 
 DEFAULT = ROOT / "config/simulation/default.yaml"
 P = read_parameters(ROOT / "config/parameters/default.yaml")

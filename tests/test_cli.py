@@ -14,7 +14,7 @@ from osl_analysis.cli import main
 from osl_analysis.commands.impedance import fit_trial
 from osl_analysis.config import DynamometerAnalysis, read_section
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.table_file import read_table
+from osl_analysis.table import read_table
 
 TRIAL = "impedance_K300_B5.0_compensated"
 

@@ -8,25 +8,25 @@ from conftest import ROOT
 from scipy.integrate import quad
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
+from osl_analysis.bench.belt import fit_belt_stiffness
+from osl_analysis.bench.diagnostics import whiteness
+from osl_analysis.bench.protocol import SteppedSine, find_blocks, unit_block
 from osl_analysis.commands.belt import BeltTrial, belt_table
 from osl_analysis.commands.diagnosis import trial_phasors
 from osl_analysis.commands.fit import estimates_text
 from osl_analysis.commands.impedance import estimator_table, impedance_table, phasor_table
-from osl_analysis.commands.repeats import gather, summary_table
 from osl_analysis.commands.response import frequency_response
 from osl_analysis.commands.stepped_sine import SteppedSineTrial
+from osl_analysis.commands.tables import gather, summary_table
 from osl_analysis.commands.time_series import plot_numbers
 from osl_analysis.commands.transmission import transmission_table
 from osl_analysis.config import DynamometerAnalysis, TimeSeriesFigure, read_section
 from osl_analysis.doubtful import Doubt, DoubtfulFits, doubt_report, doubtful_count, doubts, marked
 from osl_analysis.errors import InputError
-from osl_analysis.fits.belt import fit_belt_stiffness
-from osl_analysis.fits.diagnostics import whiteness
-from osl_analysis.fits.impedance import impedance_torque
-from osl_analysis.fits.protocol import SteppedSine, find_blocks, unit_block
-from osl_analysis.fits.rows import delay_row
+from osl_analysis.second_order import impedance_torque
 from osl_analysis.signals import LowPass, Motion, filtered_motion
-from osl_analysis.table_file import read_table, write_table
+from osl_analysis.stats.rows import delay_row
+from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
 from osl_analysis.trial_file import write_trial
 

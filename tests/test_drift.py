@@ -4,12 +4,12 @@ import numpy as np
 import polars as pl
 import pytest
 
+from osl_analysis.bench.drift import drift_rate
+from osl_analysis.bench.protocol import Segment
 from osl_analysis.commands.diagnosis import trial_phasors
 from osl_analysis.commands.impedance import impedance_table
 from osl_analysis.commands.stepped_sine import read_stepped_sine
 from osl_analysis.config import DynamometerAnalysis
-from osl_analysis.fits.drift import drift_rate
-from osl_analysis.fits.protocol import Segment
 from osl_analysis.trial import Trial
 from osl_analysis.trial_file import write_trial
 

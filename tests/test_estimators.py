@@ -6,25 +6,25 @@ from conftest import multisine
 from scipy.signal import lfilter
 from statsmodels.tsa.ar_model import AutoReg
 
-from osl_analysis.errors import InputError
-from osl_analysis.fits.diagnostics import (
+from osl_analysis.bench.diagnostics import (
     held_out_vaf,
     largest_correlation,
     nonlinearity,
     torque_lag,
 )
-from osl_analysis.fits.estimators import (
+from osl_analysis.bench.estimators import (
     ESTIMATORS,
     Covariance,
     Record,
     autoregression,
     modulating_function,
 )
-from osl_analysis.fits.impedance import impedance_columns, impedance_torque
-from osl_analysis.fits.protocol import Block, SteppedSine, settled, split
-from osl_analysis.fits.regression import linear_fit
-from osl_analysis.fits.sinusoid import fit_sinusoid
+from osl_analysis.bench.protocol import Block, SteppedSine, settled, split
+from osl_analysis.errors import InputError
+from osl_analysis.second_order import impedance_columns, impedance_torque
 from osl_analysis.signals import LowPass, Motion
+from osl_analysis.stats.regression import linear_fit
+from osl_analysis.stats.sinusoid import fit_sinusoid
 
 RATE, LOW_PASS = 500.0, LowPass(15)
 PROTOCOL = SteppedSine((0.1,), (1.0, 3.0, 5.0), 9)

@@ -26,7 +26,7 @@ from osl_analysis.commands.figure import (
 from osl_analysis.errors import InputError
 from osl_analysis.figures import fig3, fig4, fig5, fig6, fig7, fig8, fig9, model_comparison, walking_page
 from osl_analysis.figures.style import LOOKS, MAGENTA, ORANGE, PURPLE, SINGLE_COLUMN
-from osl_analysis.table_file import read_table, write_table
+from osl_analysis.table import read_table, write_table
 
 K_S = 685.6
 

@@ -10,14 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import curve_fit
 
+from osl_analysis.bench.belt import fit_belt_stiffness
+from osl_analysis.bench.plausibility import check_sign
+from osl_analysis.bench.protocol import SteppedSine, find_blocks, unit_block
+from osl_analysis.bench.transmission import fit_transmission, fit_transmission_with_coulomb
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.fits.belt import fit_belt_stiffness
-from osl_analysis.fits.freedom import welch_satterthwaite
-from osl_analysis.fits.impedance import fit_impedance, impedance_torque
-from osl_analysis.fits.protocol import SteppedSine, find_blocks, unit_block
-from osl_analysis.fits.repeats import over_repeats
-from osl_analysis.fits.sign import check_sign
-from osl_analysis.fits.sinusoid import (
+from osl_analysis.second_order import fit_impedance, impedance_torque
+from osl_analysis.signals import LowPass, differentiate, filtered_motion
+from osl_analysis.stats.degrees_of_freedom import welch_satterthwaite
+from osl_analysis.stats.repeats import over_repeats
+from osl_analysis.stats.sinusoid import (
     complex_row,
     fit_sinusoid,
     from_row,
@@ -25,8 +27,6 @@ from osl_analysis.fits.sinusoid import (
     polar_row,
     response,
 )
-from osl_analysis.fits.transmission import fit_transmission, fit_transmission_with_coulomb
-from osl_analysis.signals import LowPass, differentiate, filtered_motion
 
 PROTOCOL = SteppedSine(amplitudes=(0.03, 0.06, 0.1), frequencies_hz=(2.0, 4.0), cycles=6)
 RATE = 500.0

@@ -10,11 +10,14 @@ COMMON = {"errors", "trial"}
 MAY_IMPORT = {
     "model": COMMON | {"model", "parameters"},
     "simulator": COMMON
-    | {"simulator", "model", "parameters", "columns", "sheet", "validation", "atomic", "trajectory"},
-    "ingest": COMMON | {"ingest", "columns", "validation"},
-    "fits": COMMON | {"fits", "signals", "model", "parameters"},
-    "walking": COMMON | {"walking", "fits", "signals", "columns", "validation"},
-    "quality": COMMON | {"quality", "validation"},
+    | {"simulator", "model", "parameters", "columns", "sheet", "yaml_settings", "files"}
+    | {"trajectory"},
+    "formats": COMMON | {"formats"},
+    "ingest": COMMON | {"ingest", "formats", "columns", "yaml_settings"},
+    "stats": COMMON | {"stats", "signals"},
+    "bench": COMMON | {"bench", "stats", "second_order", "signals", "model", "parameters"},
+    "walking": COMMON | {"walking", "stats", "second_order", "signals", "columns", "yaml_settings"},
+    "quality": COMMON | {"quality", "yaml_settings"},
     "figures": COMMON | {"figures"},
 }
 
@@ -33,15 +36,14 @@ def test_a_station_imports_only_what_lies_before_it(folder):
     assert {(m, s) for m, s in stations(folder) if s not in MAY_IMPORT[folder]} == set()
 
 
-def test_only_the_simulate_command_and_the_validation_study_know_the_simulator():
-    users = {m for m, s in stations(".") if s == "simulator" and not m.startswith("simulator/")}
-    parts = ("", "_actuator", "_bench", "_laboratory", "_phasors", "_repeats", "_walking")
-    assert users == {"commands/simulate.py", *(f"commands/validation{part}.py" for part in parts)}
+def test_only_the_simulate_command_and_the_study_know_the_simulator():
+    users = {m for m, s in stations(".") if s == "simulator" and not m.startswith(("simulator/", "study/"))}
+    assert users <= {"commands/simulate.py", "commands/study.py"}
 
 
-def test_nothing_imports_the_validation_study():
-    names = {n for path in PACKAGE.rglob("*.py") for n in imported_names(path) if "commands.validation" in n}
-    assert {n for n in names if "validation_" not in n} == set()
+def test_nothing_but_its_command_imports_the_study():
+    users = {m for m, s in stations(".") if s == "study" and not m.startswith("study/")}
+    assert users == {"commands/study.py"}
 
 
 def test_commands_are_called_by_the_command_line_alone():

@@ -14,11 +14,11 @@ from mcap_builder import HEADER, stamped, write_log
 from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.cdr import layout_of
-from osl_analysis.ingest.mcap_records import read_mcap
-from osl_analysis.ingest.ros2_schema import parse_schema
-from osl_analysis.ingest.shapes import Shape, leaf_at, template_of
-from osl_analysis.ingest.topic import decode_topics
+from osl_analysis.formats.mcap.records import read_mcap
+from osl_analysis.formats.mcap.topic import decode_topics
+from osl_analysis.formats.messages.cdr import layout_of
+from osl_analysis.formats.messages.ros2_schema import parse_schema
+from osl_analysis.formats.messages.templates import Shape, leaf_at, template_of
 
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
 REAL_LOGS = ["rerun_rosbag2_all_sensor_msgs_ros2_cdr.mcap", "rosbag2_cdr_test_0.mcap", "pj_test_empty_channel.mcap"]

@@ -18,9 +18,9 @@ from mcap.writer import CompressionType
 from mcap_builder import stamped, write_log
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.mcap_chunk import LARGEST_CHUNK
+from osl_analysis.formats.mcap.chunk import LARGEST_CHUNK
+from osl_analysis.formats.mcap.walk import CHUNK_HEAD, MAGIC, MESSAGE_HEAD, RECORD, walk_by_index
 from osl_analysis.ingest.mcap_log import read_log
-from osl_analysis.ingest.mcap_walk import CHUNK_HEAD, MAGIC, MESSAGE_HEAD, RECORD, walk_by_index
 from osl_analysis.ingest.source_file import McapSource
 
 MESSAGES = 60

@@ -8,8 +8,8 @@ import pytest
 from c3d_builder import REAL_DATA, write_c3d
 
 from osl_analysis.errors import InputError
+from osl_analysis.formats.c3d_file import read_c3d
 from osl_analysis.ingest.c3d_capture import read_capture
-from osl_analysis.ingest.c3d_file import read_c3d
 from osl_analysis.ingest.c3d_plates import plates_of
 from osl_analysis.ingest.force_plate import ForcePlate
 from osl_analysis.ingest.source_file import C3dSource

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from osl_analysis.formats.mcap.records import read_mcap
+from osl_analysis.formats.mcap.topic import Decoded, decode_topics
 from osl_analysis.ingest.mcap_log import read_log
-from osl_analysis.ingest.mcap_records import read_mcap
 from osl_analysis.ingest.source_file import McapSource
-from osl_analysis.ingest.topic import Decoded, decode_topics
 
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
 MILLISECOND = 1_000_000

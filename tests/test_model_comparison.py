@@ -7,12 +7,8 @@ import polars as pl
 import pytest
 from conftest import ROOT, multisine
 
-from osl_analysis.commands.model_comparison import compare_impedance, compare_repeats
-from osl_analysis.commands.simulate import planned_row
-from osl_analysis.config import DynamometerAnalysis
-from osl_analysis.errors import InputError
-from osl_analysis.fits.drivetrain import DrivetrainTrial, adjusted, candidates
-from osl_analysis.fits.model_comparison import (
+from osl_analysis.bench.drivetrain_rival import DrivetrainTrial, adjusted, candidates
+from osl_analysis.bench.model_comparison import (
     BELT,
     SECOND_ORDER,
     TRANSMISSION,
@@ -25,6 +21,10 @@ from osl_analysis.fits.model_comparison import (
     impedance_fold,
     transmission_fold,
 )
+from osl_analysis.commands.model_comparison import compare_impedance, compare_repeats
+from osl_analysis.commands.simulate import planned_row
+from osl_analysis.config import DynamometerAnalysis
+from osl_analysis.errors import InputError
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.parameters import read_parameters
@@ -33,7 +33,7 @@ from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
 from osl_analysis.simulator.settings import SimulationSettings, SteppedSine
 from osl_analysis.trial import Trial
 from osl_analysis.trial_file import write_trial
-from osl_analysis.validation import read_yaml
+from osl_analysis.yaml_settings import read_yaml
 
 TINY = ROOT / "tests/tiny_simulation.yaml"
 DEFAULT_FILE = ROOT / "config/parameters/default.yaml"

@@ -6,8 +6,8 @@ import pytest
 from scipy.stats import t as student
 
 from osl_analysis.commands.model_comparison import summarise
-from osl_analysis.fits.model_standing import over_trials, verdicts
-from osl_analysis.table_file import write_table
+from osl_analysis.stats.standings import over_trials, verdicts
+from osl_analysis.table import write_table
 
 
 def test_paired_differences_tell_models_apart_that_their_own_scatter_hides():

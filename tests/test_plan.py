@@ -12,7 +12,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.sheet import COLUMNS, read_sheet
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.validation import read_yaml
+from osl_analysis.yaml_settings import read_yaml
 
 ROOT = Path(__file__).parents[1]
 DEFAULT = ROOT / "config" / "simulation" / "default.yaml"

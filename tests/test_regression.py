@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.fits.regression import linear_fit, variance_accounted_for
-from osl_analysis.fits.score_covariance import correlation_samples, moving_sums
+from osl_analysis.stats.covariance import correlation_samples, moving_sums
+from osl_analysis.stats.regression import linear_fit, variance_accounted_for
 
 RNG_SEED = 20
 T = np.linspace(0, 10, 2000, endpoint=False)

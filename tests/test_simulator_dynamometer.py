@@ -16,7 +16,7 @@ from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
 from osl_analysis.simulator.joint_motion import JointMotion, followed, stepped_sine, there_and_back
 from osl_analysis.simulator.settings import BeltMotion, SimulationSettings, SteppedSine
-from osl_analysis.validation import read_yaml
+from osl_analysis.yaml_settings import read_yaml
 
 ROOT = Path(__file__).parents[1]
 DEFAULT = ROOT / "config" / "simulation" / "default.yaml"

@@ -16,7 +16,7 @@ from osl_analysis.simulator.walking import simulate_walking_trial
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.trajectory import read_impedance_trajectory
 from osl_analysis.trial import Array
-from osl_analysis.validation import read_yaml
+from osl_analysis.yaml_settings import read_yaml
 
 
 @pytest.fixture(scope="module")

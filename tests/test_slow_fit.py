@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import statsmodels.api as sm
 
-from osl_analysis.fits.belt import fit_belt_stiffness
-from osl_analysis.fits.regression import linear_fit
-from osl_analysis.fits.score_covariance import FILTER_SPAN, correlation_samples
-from osl_analysis.fits.slow_fit import memory_samples, slow_fit
+from osl_analysis.bench.belt import fit_belt_stiffness
 from osl_analysis.signals import LowPass
+from osl_analysis.stats.covariance import FILTER_SPAN, correlation_samples
+from osl_analysis.stats.regression import linear_fit
+from osl_analysis.stats.slow_motion import memory_samples, slow_fit
 
 N, RATE = 3000, 1000.0
 LOW_PASS = LowPass(15)

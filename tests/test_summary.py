@@ -10,9 +10,9 @@ from osl_analysis.commands import walking
 from osl_analysis.commands.summarise import format_results_table, read_summary, write_summary
 from osl_analysis.errors import InputError
 from osl_analysis.figures import fig9
-from osl_analysis.summary import BOOTSTRAP, ENSEMBLE, FIT, PAIRED, RANGE, STUDENT, Headline, headline_numbers
-from osl_analysis.summary_text import decimals, to_json, to_tex, told_apart
-from osl_analysis.table_file import write_table
+from osl_analysis.summary.headlines import BOOTSTRAP, ENSEMBLE, FIT, PAIRED, RANGE, STUDENT, Headline, headline_numbers
+from osl_analysis.summary.text import decimals, to_json, to_tex, told_apart
+from osl_analysis.table import write_table
 
 
 def summary_rows(**means):

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
-from osl_analysis.atomic import atomic_path
 from osl_analysis.errors import InputError
-from osl_analysis.table_file import read_table, write_table
+from osl_analysis.files import atomic_path
+from osl_analysis.table import read_table, write_table
 
 
 @given(st.lists(st.one_of(st.none(), st.floats(allow_infinity=False)), min_size=1, max_size=8))

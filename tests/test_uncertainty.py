@@ -10,14 +10,14 @@ from scipy.special import stdtrit
 from scipy.stats import t as student
 from statsmodels.sandbox.regression.gmm import IV2SLS
 
-from osl_analysis.commands.repeats import summary_table
-from osl_analysis.fits.impedance import fit_impedance, impedance_torque
-from osl_analysis.fits.protocol import Block, Segment, SteppedSine, cycles_of, rows_of, settled, split
-from osl_analysis.fits.regression import linear_fit
-from osl_analysis.fits.repeats import CommonError, over_repeats
-from osl_analysis.fits.score_covariance import Cycles, between_cycles, moving_sums
-from osl_analysis.fits.study import performance, regression_bound
+from osl_analysis.bench.protocol import Block, Segment, SteppedSine, cycles_of, rows_of, settled, split
+from osl_analysis.commands.tables import summary_table
+from osl_analysis.second_order import fit_impedance, impedance_torque
 from osl_analysis.signals import LowPass, differentiate
+from osl_analysis.stats.covariance import Cycles, between_cycles, moving_sums
+from osl_analysis.stats.regression import linear_fit
+from osl_analysis.stats.repeats import CommonError, over_repeats
+from osl_analysis.study.performance import performance, regression_bound
 
 CYCLE, COUNT = 50, 24
 

@@ -20,14 +20,14 @@ from osl_analysis.commands.calibration_file import read_calibration, read_plate,
 from osl_analysis.commands.crossing import analyse
 from osl_analysis.commands.crossing_file import Refusal, read_crossing, read_outcome, write_crossing
 from osl_analysis.commands.ingest import ingest_trial
-from osl_analysis.commands.repeats import gather
+from osl_analysis.commands.tables import gather
 from osl_analysis.commands.walking import average_unperturbed, fit_perturbation, summarise
 from osl_analysis.commands.walking_page import plot_numbers
 from osl_analysis.commands.walking_selection import select
 from osl_analysis.doubtful import Doubt
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
-from osl_analysis.table_file import read_table
+from osl_analysis.table import read_table
 from osl_analysis.trial import Array, Trial
 from osl_analysis.trial_file import read_trial, write_trial
 from osl_analysis.walking.crossing import Crossing

@@ -8,13 +8,13 @@ import pytest
 from conftest import ROOT
 from walking_synthetic import CORNERS, PLATE_RATE, RATE, recording
 
-from osl_analysis.commands.gait import compare
 from osl_analysis.commands.ingest import ingest_trial
+from osl_analysis.commands.overground import compare
 from osl_analysis.errors import InputError
-from osl_analysis.table_file import read_table
+from osl_analysis.table import read_table
 from osl_analysis.trial import Array, Trial
 from osl_analysis.trial_file import read_trial, write_trial
-from osl_analysis.walking.gait import check_plates, compare_moments, over_plate
+from osl_analysis.walking.overground import check_plates, compare_moments, over_plate
 from osl_analysis.walking.settings import GaitAnalysis
 
 REAL = Path(__file__).parents[2] / "shared" / "real_data"

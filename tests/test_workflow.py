@@ -177,7 +177,7 @@ def test_a_changed_estimator_reruns_its_fits_and_not_ingest(workspace, tmp_path)
     shutil.copy(ROOT / "Snakefile", tmp_path)
     for folder in ("osl_analysis", "rules", "profiles"):
         shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
-    estimator = tmp_path / "osl_analysis/fits/impedance.py"
+    estimator = tmp_path / "osl_analysis/second_order.py"
     estimator.write_text(estimator.read_text() + "\n# another estimator\n")
     planned = workspace.planned(source=tmp_path)
     assert planned["fit_impedance_trial"] == 4

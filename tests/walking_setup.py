@@ -13,7 +13,7 @@ from osl_analysis.simulator.dynamometer import drivetrain_effects
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking import motion_grid, simulate_walking_trial
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.validation import read_yaml
+from osl_analysis.yaml_settings import read_yaml
 
 PERTURBED = {"trial": "walking_01", "experiment": "walking", "perturbed": True}
 CALM = {"trial": "walking_01", "experiment": "walking", "perturbed": False}

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from osl_analysis.commands.repeats import summary_table
+from osl_analysis.bench.actuator import PARAMETERS, actuator_columns, correlation, fit_actuator
+from osl_analysis.commands.tables import summary_table
 from osl_analysis.config import ActuatorAnalysis
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.fits.actuator import PARAMETERS, actuator_columns, correlation, fit_actuator
-from osl_analysis.fits.regression import LinearFit
-from osl_analysis.fits.rows import covariance_row, diagnostics_row, estimates_row
 from osl_analysis.signals import LowPass, sampling_rate
-from osl_analysis.table_file import read_table, write_table
+from osl_analysis.stats.regression import LinearFit
+from osl_analysis.stats.rows import covariance_row, diagnostics_row, estimates_row
+from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Array
 from osl_analysis.trial_file import read_trial
 

@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from osl_analysis.commands.repeats import summary_table
+from osl_analysis.bench.belt import BeltFit, fit_belt_stiffness
+from osl_analysis.bench.plausibility import check_sign
+from osl_analysis.commands.tables import summary_table
 from osl_analysis.config import DynamometerAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.fits.belt import BeltFit, fit_belt_stiffness
-from osl_analysis.fits.rows import Row, covariance_row, diagnostics_row, estimates_row
-from osl_analysis.fits.sign import check_sign
 from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass, sampling_rate
-from osl_analysis.table_file import read_table, write_table
+from osl_analysis.stats.rows import Row, covariance_row, diagnostics_row, estimates_row
+from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Array
 from osl_analysis.trial_file import read_trial
 

@@ -8,7 +8,7 @@ import polars as pl
 
 from osl_analysis.commands.calibration_file import COMPONENTS, read_calibration, write_calibration, write_plate
 from osl_analysis.errors import InputError
-from osl_analysis.table_file import write_table
+from osl_analysis.table import write_table
 from osl_analysis.trial import Trial
 from osl_analysis.trial_file import read_trial
 from osl_analysis.walking.ankle import StaticCalibration

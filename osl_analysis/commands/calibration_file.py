@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from osl_analysis.atomic import atomic_path
 from osl_analysis.errors import InputError
+from osl_analysis.files import atomic_path
 from osl_analysis.walking.ankle import StaticCalibration
 from osl_analysis.walking.plate_inertia import PARAMETERS, PlateInertia, PlateModel
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.atomic import atomic_path
 from osl_analysis.errors import InputError
+from osl_analysis.files import atomic_path
 from osl_analysis.trial import Trial
 from osl_analysis.trial_file import NAME_KEY, PROVENANCE_KEY, read_trial, write_trial
 from osl_analysis.walking.crossing import Crossing, Quality

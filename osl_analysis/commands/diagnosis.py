@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_analysis.bench.diagnostics import held_out_vaf, nonlinearity, torque_lag
+from osl_analysis.bench.protocol import Segment
 from osl_analysis.commands.stepped_sine import SteppedSineTrial
 from osl_analysis.errors import InputError, OslAnalysisError
-from osl_analysis.fits.diagnostics import held_out_vaf, nonlinearity, torque_lag
-from osl_analysis.fits.protocol import Segment
-from osl_analysis.fits.regression import LinearFit
-from osl_analysis.fits.rows import Row, delay_row
-from osl_analysis.fits.sinusoid import Phasor, fit_sinusoid
 from osl_analysis.signals import Motion
+from osl_analysis.stats.regression import LinearFit
+from osl_analysis.stats.rows import Row, delay_row
+from osl_analysis.stats.sinusoid import Phasor, fit_sinusoid
 from osl_analysis.trial import Array
 
 Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]

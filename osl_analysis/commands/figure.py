@@ -7,12 +7,12 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.atomic import atomic_path
 from osl_analysis.errors import InputError
-from osl_analysis.table_file import read_table, write_table
+from osl_analysis.files import atomic_path
+from osl_analysis.table import read_table, write_table
 
 FIGURES = ("fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9", "walking_page", "model_comparison")
-DRAWINGS = (*FIGURES, "torque", "gain_grid", "gain_map", "validation")
+DRAWINGS = (*FIGURES, "torque", "gain_grid", "gain_map", "study")
 METADATA: dict[str, dict[str, Any]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}, ".png": {}}
 """Formats that can be written, and what keeps the hour out of them: the same numbers give the same bytes."""
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import polars as pl
 
+from osl_analysis.bench.transmission import fit_transmission
 from osl_analysis.commands.actuator import actuator_table, read_actuator_trial
 from osl_analysis.commands.belt import belt_table, read_belt_trial
 from osl_analysis.commands.diagnosis import trial_phasors
@@ -15,8 +16,7 @@ from osl_analysis.commands.stepped_sine import SteppedSineTrial, read_stepped_si
 from osl_analysis.commands.transmission import transmission_table
 from osl_analysis.config import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.doubtful import DoubtfulFits, marked
-from osl_analysis.fits.impedance import fit_impedance
-from osl_analysis.fits.transmission import fit_transmission
+from osl_analysis.second_order import fit_impedance
 from osl_analysis.trial import Array
 
 UNITS = {

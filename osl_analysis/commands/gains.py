@@ -9,11 +9,11 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from osl_analysis.atomic import atomic_path
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.errors import InputError, UnreachableImpedanceError
 from osl_analysis.figures.fig7 import LINEAR_MODEL, response_curve
 from osl_analysis.figures.fig8 import points as fig8_points
+from osl_analysis.files import atomic_path
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.certificate import Certificate, certify
 from osl_analysis.model.compensator import PAPER_WEIGHT, Gains, check_request, stiffness_gain
@@ -22,7 +22,7 @@ from osl_analysis.model.gain_selection import optimal_damping
 from osl_analysis.model.prediction import predicted_impedance
 from osl_analysis.model.rendering import rendering
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
-from osl_analysis.table_file import finite_or_null, write_table
+from osl_analysis.table import finite_or_null, write_table
 from osl_analysis.trajectory import read_impedance_trajectory
 
 TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)

@@ -5,6 +5,9 @@ from pathlib import Path
 
 import polars as pl
 
+from osl_analysis.bench.estimators import ESTIMATORS, Covariance, Record
+from osl_analysis.bench.plausibility import check_sign
+from osl_analysis.bench.protocol import rows_of
 from osl_analysis.commands.diagnosis import (
     Admittance,
     SegmentPhasors,
@@ -18,18 +21,15 @@ from osl_analysis.commands.stepped_sine import SteppedSineTrial, read_stepped_si
 from osl_analysis.config import DynamometerAnalysis
 from osl_analysis.doubtful import EXCLUDED
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.fits.estimators import ESTIMATORS, Covariance, Record
-from osl_analysis.fits.impedance import fit_impedance, impedance_columns
-from osl_analysis.fits.protocol import rows_of
-from osl_analysis.fits.rows import Row, covariance_row, diagnostics_row, estimates_row
-from osl_analysis.fits.sign import check_sign
-from osl_analysis.fits.sinusoid import Phasor, complex_row, polar_row, response
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.prediction import predicted_impedance
 from osl_analysis.parameters import read_parameters
-from osl_analysis.table_file import write_table
+from osl_analysis.second_order import fit_impedance, impedance_columns
+from osl_analysis.stats.rows import Row, covariance_row, diagnostics_row, estimates_row
+from osl_analysis.stats.sinusoid import Phasor, complex_row, polar_row, response
+from osl_analysis.table import write_table
 
 
 def fit_trial(

@@ -6,11 +6,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from osl_analysis.commands.belt import read_belt_trial
-from osl_analysis.commands.stepped_sine import SteppedSineTrial, read_stepped_sine
-from osl_analysis.config import DynamometerAnalysis
-from osl_analysis.fits.drivetrain import DrivetrainTrial, candidates
-from osl_analysis.fits.model_comparison import (
+from osl_analysis.bench.drivetrain_rival import DrivetrainTrial, candidates
+from osl_analysis.bench.model_comparison import (
     BELT,
     SECOND_ORDER,
     TRANSMISSION,
@@ -24,11 +21,14 @@ from osl_analysis.fits.model_comparison import (
     impedance_fold,
     transmission_fold,
 )
-from osl_analysis.fits.model_standing import behind_best, over_trials, verdicts
+from osl_analysis.commands.belt import read_belt_trial
+from osl_analysis.commands.stepped_sine import SteppedSineTrial, read_stepped_sine
+from osl_analysis.config import DynamometerAnalysis
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.parameters import read_parameters
-from osl_analysis.table_file import read_table, write_table
+from osl_analysis.stats.standings import behind_best, over_trials, verdicts
+from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Array
 
 REPEATS_HELD_OUT = ("belt", "transmission")

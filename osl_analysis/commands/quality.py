@@ -8,7 +8,7 @@ import polars as pl
 from osl_analysis.quality.protocol import Commanded
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.quality.verdict import examine, quality_table
-from osl_analysis.table_file import read_table, write_table
+from osl_analysis.table import read_table, write_table
 from osl_analysis.trial_file import read_trial
 
 

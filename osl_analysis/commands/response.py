@@ -8,13 +8,13 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.figures.fig7 import LINEAR_MODEL, RESPONSE, points, response_curve
-from osl_analysis.fits.rows import Row
-from osl_analysis.fits.sinusoid import complex_row, from_row, mean_response, polar_row
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
 from osl_analysis.parameters import read_parameters
-from osl_analysis.table_file import read_table, write_table
+from osl_analysis.stats.rows import Row
+from osl_analysis.stats.sinusoid import complex_row, from_row, mean_response, polar_row
+from osl_analysis.table import read_table, write_table
 
 
 def frequency_response(phasors: Path, output: Path) -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.atomic import atomic_path
 from osl_analysis.errors import InputError
+from osl_analysis.files import atomic_path
 from osl_analysis.ingest.c3d_capture import read_capture
 from osl_analysis.ingest.csv_source import NexusSource
 from osl_analysis.ingest.mcap_log import read_log

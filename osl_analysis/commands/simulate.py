@@ -7,14 +7,14 @@ from typing import Any
 
 import pandas as pd
 
-from osl_analysis.atomic import atomic_path
 from osl_analysis.errors import InputError
+from osl_analysis.files import atomic_path
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.simulator import messages
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.validation import read_yaml
+from osl_analysis.yaml_settings import read_yaml
 
 TRUTH = "truth"
 BENCH_EXPERIMENTS = ("belt", "transmission", "impedance")

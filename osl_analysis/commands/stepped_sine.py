@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from osl_analysis.bench.drift import drift_rate, without_drift
+from osl_analysis.bench.protocol import Block, Segment, SteppedSine, cycles_of, find_blocks, rows_of, settled
 from osl_analysis.config import DynamometerAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.fits.drift import drift_rate, without_drift
-from osl_analysis.fits.protocol import Block, Segment, SteppedSine, cycles_of, find_blocks, rows_of, settled
-from osl_analysis.fits.score_covariance import Cycles
 from osl_analysis.signals import LowPass, Motion, filtered_motion, sampling_rate
+from osl_analysis.stats.covariance import Cycles
 from osl_analysis.trial import Array, Trial
 from osl_analysis.trial_file import read_trial
 

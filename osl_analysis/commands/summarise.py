@@ -5,12 +5,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.atomic import atomic_path
 from osl_analysis.errors import InputError
-from osl_analysis.summary import TABLES, headline_numbers
-from osl_analysis.summary_text import to_json, to_markdown, to_tex
-from osl_analysis.table_file import read_table
-from osl_analysis.validation import Settings, validated
+from osl_analysis.files import atomic_path
+from osl_analysis.summary.headlines import TABLES, headline_numbers
+from osl_analysis.summary.text import to_json, to_markdown, to_tex
+from osl_analysis.table import read_table
+from osl_analysis.yaml_settings import Settings, validated
 
 REMEDY = "delete it and run `snakemake reproduce-all`"
 

@@ -9,8 +9,8 @@ from osl_analysis.commands.stepped_sine import read_stepped_sine
 from osl_analysis.config import DynamometerAnalysis, TimeSeriesFigure
 from osl_analysis.doubtful import Doubt, marked
 from osl_analysis.errors import InputError
-from osl_analysis.fits.impedance import fit_impedance
-from osl_analysis.table_file import read_table, write_table
+from osl_analysis.second_order import fit_impedance
+from osl_analysis.table import read_table, write_table
 
 
 def plot_numbers(

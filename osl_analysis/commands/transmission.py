@@ -4,14 +4,14 @@ from pathlib import Path
 
 import polars as pl
 
+from osl_analysis.bench.plausibility import check_sign
+from osl_analysis.bench.transmission import fit_transmission, fit_transmission_with_coulomb, transmission_columns
 from osl_analysis.commands.diagnosis import lowest_held_out, nonlinear_row, of_amplitude, trial_phasors
-from osl_analysis.commands.repeats import summary_table
 from osl_analysis.commands.stepped_sine import SteppedSineTrial, read_stepped_sine
+from osl_analysis.commands.tables import summary_table
 from osl_analysis.config import DynamometerAnalysis
-from osl_analysis.fits.rows import Row, covariance_row, diagnostics_row, estimates_row
-from osl_analysis.fits.sign import check_sign
-from osl_analysis.fits.transmission import fit_transmission, fit_transmission_with_coulomb, transmission_columns
-from osl_analysis.table_file import read_table, write_table
+from osl_analysis.stats.rows import Row, covariance_row, diagnostics_row, estimates_row
+from osl_analysis.table import read_table, write_table
 
 
 def fit_trial(trial: Path, settings: DynamometerAnalysis, output: Path) -> None:

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from osl_analysis.atomic import atomic_path
 from osl_analysis.commands.crossing_file import PLATE_ERROR
 from osl_analysis.errors import InputError
+from osl_analysis.files import atomic_path
 from osl_analysis.walking.perturbation import PHASES, NormalGait
 
 

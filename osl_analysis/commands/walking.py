@@ -12,10 +12,10 @@ from osl_analysis.commands.unperturbed_file import read_normal_gait, write_norma
 from osl_analysis.commands.walking_selection import left_out, used
 from osl_analysis.doubtful import EXCLUDED, doubtful_row
 from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
-from osl_analysis.fits.impedance import fit_impedance
-from osl_analysis.fits.repeats import CommonError, over_repeats
-from osl_analysis.fits.rows import Row, covariance_row, delay_row, diagnostics_row, estimates_row
-from osl_analysis.table_file import read_table, write_table
+from osl_analysis.second_order import fit_impedance
+from osl_analysis.stats.repeats import CommonError, over_repeats
+from osl_analysis.stats.rows import Row, covariance_row, delay_row, diagnostics_row, estimates_row
+from osl_analysis.table import read_table, write_table
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import (
     Bootstrap,

@@ -9,7 +9,7 @@ import polars as pl
 from osl_analysis.commands.unperturbed_file import read_normal_gait
 from osl_analysis.commands.walking import ENSEMBLE
 from osl_analysis.commands.walking_selection import used
-from osl_analysis.table_file import read_table, write_table
+from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.perturbation import PHASES, NormalGait, normal_gait

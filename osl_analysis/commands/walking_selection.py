@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.commands.crossing_file import Refusal, read_crossing, read_outcomes
-from osl_analysis.table_file import read_table, write_table
+from osl_analysis.table import read_table, write_table
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.perturbation import Timing
 from osl_analysis.walking.selection import Feature, features, outliers

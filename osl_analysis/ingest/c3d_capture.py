@@ -9,7 +9,7 @@ import polars as pl
 
 from osl_analysis.columns import AXES, marker_columns, plate_columns, unit_of
 from osl_analysis.errors import InputError, printable
-from osl_analysis.ingest.c3d_file import C3DRecording, read_c3d
+from osl_analysis.formats.c3d_file import C3DRecording, read_c3d
 from osl_analysis.ingest.c3d_plates import baseline_frames, channel_numbers, plates_of
 from osl_analysis.ingest.recording import Recording, check_finite, listing
 from osl_analysis.ingest.source_file import C3dSource

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.c3d_file import C3DRecording, read_c3d
+from osl_analysis.formats.c3d_file import C3DRecording, read_c3d
 from osl_analysis.ingest.c3d_plates import parameter, plate_count
 from osl_analysis.ingest.overview import Channel, Overview
 

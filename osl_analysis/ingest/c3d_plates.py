@@ -7,7 +7,7 @@ files name their first ten frames whether the plates were empty or not.
 import numpy as np
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.c3d_file import C3DRecording
+from osl_analysis.formats.c3d_file import C3DRecording
 from osl_analysis.ingest.force_plate import CHANNELS, ForcePlate
 from osl_analysis.ingest.source_file import C3dSource
 from osl_analysis.ingest.units import si_factor

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from osl_analysis.columns import unit_of
 from osl_analysis.errors import InputError
+from osl_analysis.formats.csv_table import CsvTable, read_table
+from osl_analysis.formats.csv_text import UnreadableCellError, numbers
 from osl_analysis.ingest.csv_source import CsvChannel, CsvSource
-from osl_analysis.ingest.csv_table import CsvTable, read_table
-from osl_analysis.ingest.csv_text import UnreadableCellError, numbers
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.trial import Array, check_time

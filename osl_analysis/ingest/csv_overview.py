@@ -8,10 +8,10 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError
+from osl_analysis.formats.csv_table import is_number, trimmed
+from osl_analysis.formats.csv_text import Rows, delimiter_of, name_and_unit, read_lines, split
+from osl_analysis.formats.nexus_csv import Section, read_sections
 from osl_analysis.ingest.csv_source import NexusSource
-from osl_analysis.ingest.csv_table import is_number, trimmed
-from osl_analysis.ingest.csv_text import Rows, delimiter_of, name_and_unit, read_lines, split
-from osl_analysis.ingest.nexus_csv import Section, read_sections
 from osl_analysis.ingest.overview import Channel, Overview, gaps_of, rate_of
 from osl_analysis.trial import Array
 

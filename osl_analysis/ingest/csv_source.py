@@ -8,7 +8,7 @@ from pydantic import Field, PositiveFloat, PositiveInt, field_validator, model_v
 from osl_analysis.ingest.source_fields import Laboratory, ModelOutput, Sign, check_column
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.trial import Array
-from osl_analysis.validation import Settings
+from osl_analysis.yaml_settings import Settings
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Point = tuple[float, float, float]

@@ -10,12 +10,12 @@ import polars as pl
 
 from osl_analysis.columns import unit_of
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.mcap_records import McapFile, read_mcap
+from osl_analysis.formats.mcap.records import McapFile, read_mcap
+from osl_analysis.formats.mcap.stamps import SECOND, Ordering, in_order, stamp_fields, stamps_of
+from osl_analysis.formats.mcap.topic import Decoded, decode_topics
+from osl_analysis.formats.messages.byte_rows import Indices
 from osl_analysis.ingest.recording import Recording, check_finite
-from osl_analysis.ingest.rows import Indices
 from osl_analysis.ingest.source_file import LogChannel, McapSource
-from osl_analysis.ingest.stamps import SECOND, Ordering, in_order, stamp_fields, stamps_of
-from osl_analysis.ingest.topic import Decoded, decode_topics
 from osl_analysis.ingest.units import si_factor
 
 

@@ -18,8 +18,8 @@ from mcap.opcode import Opcode
 from mcap.stream_reader import get_chunk_data_stream
 
 from osl_analysis.errors import InputError
+from osl_analysis.formats.messages.ros2_schema import parse_schema, short_name
 from osl_analysis.ingest.overview import Channel, Overview, gaps_of, rate_of
-from osl_analysis.ingest.ros2_schema import parse_schema, short_name
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # opcode, length of the content

@@ -7,9 +7,9 @@ import numpy as np
 
 from osl_analysis.columns import AXES, marker_columns, plate_columns, unit_of
 from osl_analysis.errors import InputError, printable
+from osl_analysis.formats.nexus_csv import Section, read_sections, short
 from osl_analysis.ingest.c3d_capture import Columns, Origins, interleaved
 from osl_analysis.ingest.csv_source import NexusPlate, NexusSource
-from osl_analysis.ingest.nexus_csv import Section, read_sections, short
 from osl_analysis.ingest.recording import Recording, check_finite
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.trial import Array

@@ -8,7 +8,7 @@ from pydantic import field_validator
 from osl_analysis.columns import AXES, COLUMNS, unit_of
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.trial import Array
-from osl_analysis.validation import Settings
+from osl_analysis.yaml_settings import Settings
 
 Sign = Literal[1, -1]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]

@@ -8,7 +8,7 @@ from pydantic import ConfigDict, Field, PositiveInt, field_validator, model_vali
 from osl_analysis.ingest.csv_source import CsvSource, NexusSource
 from osl_analysis.ingest.source_fields import Laboratory, ModelOutput, Sign, all_none_or_list, check_column
 from osl_analysis.ingest.units import si_factor
-from osl_analysis.validation import Settings, read_yaml
+from osl_analysis.yaml_settings import Settings, read_yaml
 
 
 class LogChannel(Settings):

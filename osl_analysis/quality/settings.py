@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import model_validator
 
 from osl_analysis.quality.names import CHECKS
-from osl_analysis.validation import Settings
+from osl_analysis.yaml_settings import Settings
 
 
 class Rule(Settings):

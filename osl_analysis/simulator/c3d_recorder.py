@@ -7,7 +7,7 @@ from typing import Any
 import ezc3d
 import numpy as np
 
-from osl_analysis.atomic import atomic_path
+from osl_analysis.files import atomic_path
 from osl_analysis.trial import Array
 
 MM = 1e3

@@ -7,8 +7,8 @@ import numpy as np
 from mcap.writer import Writer
 from numpy.typing import ArrayLike, NDArray
 
-from osl_analysis.atomic import atomic_path
 from osl_analysis.errors import InputError
+from osl_analysis.files import atomic_path
 from osl_analysis.trial import Array
 
 ENCAPSULATION = b"\x00\x01\x00\x00"

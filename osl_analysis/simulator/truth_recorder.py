@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from osl_analysis.atomic import atomic_path
+from osl_analysis.files import atomic_path
 
 
 def write_truth(folder: Path, trial: str, truth: Mapping[str, object]) -> None:

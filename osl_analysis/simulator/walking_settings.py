@@ -11,7 +11,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from osl_analysis.simulator.settings import Count, Effect, NotNegative, Positive, in_unit
-from osl_analysis.validation import Settings
+from osl_analysis.yaml_settings import Settings
 
 Rate = Annotated[int, Field(ge=1)]
 Vector = tuple[float, float, float]

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from osl_analysis.atomic import atomic_path
 from osl_analysis.columns import AXES
+from osl_analysis.files import atomic_path
 from osl_analysis.simulator.crossing import Crossing
 from osl_analysis.simulator.platform_motion import PlatformMotion
 from osl_analysis.simulator.walking_settings import WalkingSettings

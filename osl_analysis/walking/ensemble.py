@@ -7,9 +7,9 @@ import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from osl_analysis.errors import InputError
-from osl_analysis.fits.impedance import ImpedanceFit
-from osl_analysis.fits.repeats import CommonError
+from osl_analysis.second_order import ImpedanceFit
 from osl_analysis.signals import Motion, differentiate
+from osl_analysis.stats.repeats import CommonError
 from osl_analysis.trial import Array
 from osl_analysis.walking.perturbation import (
     Response,

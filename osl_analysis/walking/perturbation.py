@@ -7,10 +7,10 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from osl_analysis.errors import InputError, OslAnalysisError
-from osl_analysis.fits.freedom import welch_satterthwaite
-from osl_analysis.fits.impedance import ImpedanceFit, impedance_torque
-from osl_analysis.fits.regression import linear_fit
+from osl_analysis.second_order import ImpedanceFit, impedance_torque
 from osl_analysis.signals import Motion, differentiate, sampling_rate
+from osl_analysis.stats.degrees_of_freedom import welch_satterthwaite
+from osl_analysis.stats.regression import linear_fit
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.fits.regression import LinearFit, linear_fit
+from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.trial import Array
 from osl_analysis.walking.kinematics import GRAVITY, BodyMotion
 from osl_analysis.walking.moving_plate import Wrench

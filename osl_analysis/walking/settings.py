@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from osl_analysis.signals import LowPass
-from osl_analysis.validation import Settings
+from osl_analysis.yaml_settings import Settings
 
 Positive = Annotated[float, Field(gt=0)]
 Cluster = Annotated[tuple[str, ...], Field(min_length=3)]

@@ -1,0 +1,1 @@
+"""MCAP: where the messages of a log stand, whatever has become of the file."""

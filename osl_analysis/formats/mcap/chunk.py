@@ -1,0 +1,104 @@
+"""One chunk of an MCAP file: its bytes, within bounds and against its checksum, and its messages."""
+
+import struct
+import zlib
+from dataclasses import dataclass
+from mmap import mmap
+
+import lz4.frame
+import numpy as np
+import zstandard
+from numpy.typing import NDArray
+
+from osl_analysis.formats.mcap.walk import (
+    CHUNK_HEAD,
+    MESSAGE,
+    Buffer,
+    Walk,
+    index_offsets,
+    message_heads,
+    walk_by_index,
+    walk_records,
+)
+from osl_analysis.formats.messages.byte_rows import Indices
+
+LARGEST_CHUNK = 256 << 20
+"""Bytes that a compressed chunk may declare; recorders write 1 to 8 MB, what declares more is damaged or a bomb."""
+
+
+class DamagedChunkError(Exception):
+    """The chunk cannot be read, or is not what was written."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Messages of a chunk or of a stretch without chunks, (n,): channels, log times [ns] and where payloads stand.
+
+    `others` are the schemas and channels among them.
+    """
+
+    buffer: bytes | mmap
+    channel: NDArray[np.uint16]
+    log_time: Indices
+    starts: Indices
+    lengths: Indices
+    others: list[tuple[int, int, int]]
+
+
+def block_of(buffer: Buffer, walk: Walk) -> Block:
+    """The messages at which a walk came past."""
+    heads = message_heads(buffer, walk.messages) if walk.heads is None else walk.heads
+    lengths = heads["length"].astype(np.int64) - (MESSAGE.itemsize - 9)
+    channel, log_time = heads["channel"].astype(np.uint16), heads["log_time"].astype(np.int64)
+    return Block(buffer, channel, log_time, walk.messages + MESSAGE.itemsize, lengths, walk.others)
+
+
+def read_chunk(data: Buffer, start: int, end: int, indexes: list[tuple[int, int]]) -> tuple[Block, bool, bool]:
+    """The messages of the chunk whose content stands in `data`; whether a checksum covers them, and the index is right.
+
+    Raises
+    ------
+    DamagedChunkError
+        Unknown compression, more bytes than may be, not the bytes or the records that were written.
+    """
+    _, _, size, crc, name_length = CHUNK_HEAD.unpack_from(data, start)
+    body = start + CHUNK_HEAD.size + name_length + 8
+    content = unpacked(data[start + CHUNK_HEAD.size : body - 8], data[body:end], size)
+    if crc and zlib.crc32(content) != crc:
+        raise DamagedChunkError("does not match its checksum")
+    offsets = index_offsets(data, indexes)
+    walk = walk_by_index(content, offsets)
+    indexed = walk is not None
+    walk = walk or walk_records(content, 0, len(content), len(content))
+    if walk.end != len(content):
+        raise DamagedChunkError(f"holds what is no record at byte {walk.end} of its {len(content)}")
+    right = indexed or not indexes or np.array_equal(np.sort(offsets), walk.messages)
+    return block_of(content, walk), crc != 0, right
+
+
+def unpacked(name: bytes, body: bytes, size: int) -> bytes:
+    """The chunk's content, which must be of the declared size."""
+    if name and size > LARGEST_CHUNK:
+        raise DamagedChunkError(f"declares {size} bytes, and at most {LARGEST_CHUNK} are unpacked")
+    try:
+        content = decompressed(name, body, size)
+    except (zstandard.ZstdError, RuntimeError, EOFError, struct.error, MemoryError) as error:
+        raise DamagedChunkError(f"cannot be decompressed ({' '.join(str(error).split())})") from error
+    if len(content) != size:
+        raise DamagedChunkError(f"holds {len(content)} of {size} bytes")
+    return content
+
+
+def decompressed(name: bytes, body: bytes, size: int) -> bytes:
+    """Decompress, to no more than a byte above the declared size whatever the stream itself says."""
+    if name == b"":
+        return body
+    if name == b"zstd":
+        declared = zstandard.get_frame_parameters(body).content_size if body else 0
+        if declared not in (size, zstandard.CONTENTSIZE_UNKNOWN):
+            raise DamagedChunkError(f"holds {declared} of {size} bytes")
+        return zstandard.ZstdDecompressor().decompress(body, max_output_size=size) if size else b""
+    if name == b"lz4":
+        content: bytes = lz4.frame.LZ4FrameDecompressor().decompress(body, max_length=size + 1)
+        return content
+    raise DamagedChunkError(f"is compressed with {name[:20].decode('latin1')!a}; zstd and lz4 are read")

@@ -1,0 +1,128 @@
+"""Time stamps of a topic's messages: where they stand, and in which order the messages come.
+
+The rule: messages are brought into the order of their stamps, those of equal stamp in the order in which they were
+logged. A stamp may come late by up to `LATEST`; beyond that the clock was set back, which cannot be mended. Messages
+of equal stamp are one sample: what one lacks the other may have, and where they contradict each other the first
+holds. Contradicted messages count as lost, and more than the allowed share is refused, as are more repeated ones
+within one channel: stamps that stand still are none. All of it is reported.
+"""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.errors import InputError
+from osl_analysis.formats.mcap.topic import Decoded
+from osl_analysis.formats.messages.byte_rows import Indices
+
+SECOND = 1_000_000_000
+LATEST = SECOND
+LAST_SECOND = 2**63 // SECOND - 1
+PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
+"""How ROS 2, protobuf, Foxglove's JSON and ROS 1 name the parts of a stamp."""
+
+
+@dataclass(frozen=True)
+class Ordering:
+    """How many messages came late, were repeated, and contradicted the message with the same stamp."""
+
+    late: int
+    repeated: int
+    contradicted: int
+
+    def report(self) -> dict[str, Any]:
+        """The provenance of one topic."""
+        return asdict(self)
+
+    def says(self, topic: str) -> list[str]:
+        """What a reader of the trial should know."""
+        counts = {
+            "came late and were put in the order of their stamps": self.late,
+            "repeat a stamp and were joined to its first": self.repeated - self.contradicted,
+            "contradict an earlier one of the same stamp and were left out": self.contradicted,
+        }
+        return [f"topic '{topic}': {count} messages {what}" for what, count in counts.items() if count]
+
+
+def stamp_fields(field: str) -> list[tuple[str, str]]:
+    """Paths at which a stamp's seconds and nanoseconds may stand."""
+    return [(f"{field}.{seconds}", f"{field}.{nanoseconds}") for seconds, nanoseconds in PARTS]
+
+
+def stamps_of(topic: str, decoded: Decoded, field: str) -> Indices:
+    """Stamps [ns] from the messages' own field, (n,).
+
+    Raises
+    ------
+    InputError
+        There is no such field, a message lacks it, or it is no time.
+    """
+    for seconds, nanoseconds in stamp_fields(field):
+        if decoded.present[seconds].any() and decoded.present[nanoseconds].any():
+            break
+    else:
+        raise InputError(
+            f"topic '{topic}' has no field '{field}' with seconds and nanoseconds; correct time.field in the source "
+            "file, or write source: log"
+        )
+    lacking = int((~(decoded.present[seconds] & decoded.present[nanoseconds])).sum())
+    if lacking:
+        raise InputError(
+            f"topic '{topic}': {lacking} of {decoded.log_time.size} messages have no '{field}'; write source: log"
+        )
+    whole = integers(topic, seconds, decoded.values[seconds], LAST_SECOND)
+    return whole * SECOND + integers(topic, nanoseconds, decoded.values[nanoseconds], SECOND)
+
+
+def integers(topic: str, path: str, values: np.ndarray[Any, Any], most: int) -> Indices:
+    """Parts of a stamp, which must be whole and within what a clock can show."""
+    wrong = (np.abs(values.astype(np.float64)) > most) | (values != np.rint(values))
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise InputError(f"topic '{topic}': {path} is {values[row]} in message {row + 1}, which is no time")
+    return values.astype(np.int64)
+
+
+def in_order(topic: str, table: pl.DataFrame, channels: int, largest_loss: float) -> tuple[pl.DataFrame, Ordering]:
+    """The topic's rows, in the order in which they were logged, by strictly increasing `stamp` [ns].
+
+    Raises
+    ------
+    InputError
+        A stamp goes back beyond `LATEST`, or more of the messages contradict others, or repeat the stamp of
+        their own channel, than the share allowed.
+    """
+    stamp = table["stamp"].to_numpy()
+    behind = np.maximum.accumulate(stamp) - stamp
+    if (behind > LATEST).any():
+        row = int(np.argmax(behind > LATEST))
+        raise InputError(
+            f"topic {topic}: time goes back by {behind[row] / SECOND:.6f} s at message {row + 1} of {stamp.size}; the "
+            "clock was set while recording: write source: log in the source file, or exclude the trial"
+        )
+    if (np.diff(stamp) > 0).all():
+        return table, Ordering(0, 0, 0)
+    once = table.group_by("stamp", maintain_order=True).agg(pl.all().drop_nulls().first()).sort("stamp")
+    contradicted, most = contradictions(table, once), largest_loss * stamp.size
+    standing = int(np.maximum(np.unique(stamp, return_counts=True)[1] - channels, 0).sum())
+    if standing > most:
+        raise InputError(
+            f"topic {topic}: {standing} of {stamp.size} messages have the stamp of an earlier one; stamps must be "
+            "their own: check the recorder's clock, or write source: log in the source file"
+        )
+    if contradicted > most:
+        raise InputError(
+            f"topic {topic}: {contradicted} of {stamp.size} messages have the stamp of an earlier one and other "
+            "values; stamps must be their own: check the recorder's clock or the time source in the source file"
+        )
+    return once, Ordering(int((behind > 0).sum()), stamp.size - once.height, contradicted)
+
+
+def contradictions(table: pl.DataFrame, once: pl.DataFrame) -> int:
+    """Rows that differ from the one row kept for their stamp."""
+    columns = [name for name in table.columns if name != "stamp"]
+    beside = table.join(once, on="stamp", how="left", suffix=" kept", maintain_order="left")
+    differs = [(pl.col(name) != pl.col(f"{name} kept")).fill_null(value=False) for name in columns]
+    return int(beside.select(pl.any_horizontal(differs).sum()).item())

@@ -1,0 +1,198 @@
+"""Fields of MCAP topics, decoded: whatever the encoding, shapes, channels and file order of their messages."""
+
+from collections import defaultdict
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from mcap.records import Channel, Schema
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError
+from osl_analysis.formats.mcap.chunk import Block
+from osl_analysis.formats.mcap.records import McapFile
+from osl_analysis.formats.messages import cdr, json_messages
+from osl_analysis.formats.messages.byte_rows import Indices
+from osl_analysis.formats.messages.json_messages import ByText
+from osl_analysis.formats.messages.one_by_one import Values
+from osl_analysis.formats.messages.templates import ByShape
+
+Reader = ByShape | ByText
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """Messages in order of log time [ns]: each field's values, in its own number type, and whether it was there.
+
+    Every array has shape (n,). `how` says for the provenance what decoded the messages.
+    """
+
+    log_time: Indices
+    values: dict[str, NDArray[Any]]
+    present: dict[str, NDArray[np.bool_]]
+    how: list[dict[str, Any]] = field(default_factory=list)
+
+
+@dataclass
+class ChannelReader:
+    """One channel's reader, and what it has read: (log time, place in the file, values) of messages of one shape.
+
+    `first` is its first message, to tell its fields from.
+    """
+
+    channel: Channel
+    schema: Schema | None
+    reader: Reader
+    parts: list[tuple[Indices, Indices, Values]] = field(default_factory=list)
+    first: bytes = b""
+    messages: int = 0
+
+    def add(self, block: Block, chosen: Indices, before: int) -> None:
+        """Read the chosen messages of a block that begins after `before` messages of the file."""
+        starts, lengths = block.starts[chosen], block.lengths[chosen]
+        if not self.messages:
+            self.first = block.buffer[int(starts[0]) : int(starts[0] + lengths[0])]
+        self.messages += chosen.size
+        log_time = block.log_time[chosen]
+        place = before + chosen
+        for rows, values in self.reader.read(block.buffer, starts, lengths):
+            is_all = rows.size == chosen.size
+            self.parts.append((log_time, place, values) if is_all else (log_time[rows], place[rows], values))
+
+    def how(self) -> dict[str, Any]:
+        """What decoded its messages, for the provenance."""
+        return {
+            "channel": self.channel.id,
+            "encoding": self.channel.message_encoding,
+            "messages": self.messages,
+            "one_by_one": self.reader.read_alone,
+            "misfits": self.reader.misfits,
+        }
+
+
+def decode_topics(
+    file: McapFile,
+    wanted: Mapping[str, Sequence[str]],
+    optional: Collection[str] = (),
+    either: Collection[str] = (),
+) -> dict[str, Decoded]:
+    """The fields that are wanted of each topic, from all its channels; the file is gone through once.
+
+    Any of the `optional` fields may be absent, and so may those of `either`, which say the same in different ways.
+
+    Raises
+    ------
+    InputError
+        A topic or a field is not there, a topic has no messages, or none of them can be decoded.
+    """
+    readers: dict[int, ChannelReader] = {}
+    before = 0
+    for block in file.blocks():
+        for number in np.flatnonzero(np.bincount(block.channel)).tolist():
+            topic = file.channels[number].topic
+            if topic in wanted:
+                if number not in readers:
+                    readers[number] = reader_of(file, number, wanted[topic], either)
+                readers[number].add(block, np.flatnonzero(block.channel == number), before)
+        before += block.starts.size
+    by_topic: dict[str, list[ChannelReader]] = defaultdict(list)
+    for reader in readers.values():
+        by_topic[reader.channel.topic].append(reader)
+        note_misfits(file, reader)
+    found = {topic: decoded(file, topic, by_topic[topic], paths) for topic, paths in wanted.items()}
+    for topic, one in found.items():
+        for path in wanted[topic]:
+            if path not in {*optional, *either} and not one.present[path].any():
+                names = ", ".join(fields_of(by_topic[topic][0])) or "none"
+                raise InputError(f"topic '{topic}' has no field '{path}'; it has {names}")
+    return found
+
+
+def note_misfits(file: McapFile, reader: ChannelReader) -> None:
+    """Messages that do not fit their schema are lost."""
+    if reader.reader.misfits:
+        file.damage.misfits += reader.reader.misfits
+        file.damage.remark(
+            f"{reader.reader.misfits} of {reader.messages} messages of topic '{reader.channel.topic}' are left out: "
+            f"{reader.reader.misfit}"
+        )
+
+
+def decoded(file: McapFile, topic: str, readers: Sequence[ChannelReader], paths: Sequence[str]) -> Decoded:
+    """What the readers of a topic's channels have read, as one."""
+    if topic not in {channel.topic for channel in file.channels.values()}:
+        topics = sorted({channel.topic for channel in file.channels.values()})
+        raise InputError(f"no topic '{topic}'; the file has {', '.join(topics) or 'none'}")
+    if not readers:
+        raise InputError(f"topic '{topic}' has no messages; check that its sensor was running")
+    parts = [part for reader in readers for part in reader.parts]
+    if not parts:
+        raise InputError(f"topic '{topic}': {readers[0].reader.misfit}")
+    log_time = np.concatenate([log_time for log_time, _, _ in parts])
+    place = np.concatenate([place for _, place, _ in parts])
+    is_sorted = (np.diff(log_time) >= 0).all() and (np.diff(place) > 0).all()
+    order = None if is_sorted else np.lexsort((place, log_time))
+    values, present = {}, {}
+    for path in paths:
+        values[path], present[path] = column(parts, path, order)
+    return Decoded(
+        log_time if order is None else log_time[order], values, present, [reader.how() for reader in readers]
+    )
+
+
+def column(
+    parts: Sequence[tuple[Indices, Indices, Values]], path: str, order: Indices | None
+) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """One field of all messages, and whether it was there."""
+    sizes = [times.size for times, _, _ in parts]
+    has = [path in values for _, _, values in parts]
+    if not any(has):
+        return np.zeros(sum(sizes), bool), np.zeros(sum(sizes), bool)
+    there = np.ones(sum(sizes), bool) if all(has) else np.repeat(has, sizes)
+    # False joins with any number type without changing it
+    pieces = [values.get(path, np.zeros(size, bool)) for (_, _, values), size in zip(parts, sizes, strict=True)]
+    joined = np.concatenate(pieces)
+    return (joined, there) if order is None else (joined[order], there[order])
+
+
+def fields_of(one: ChannelReader) -> list[str]:
+    """The fields of a channel's first message; none if it cannot be read."""
+    try:
+        if one.channel.message_encoding == "json" or one.schema is None:
+            return json_messages.fields(one.first)
+        if one.channel.message_encoding == "cdr":
+            return cdr.fields(one.schema, one.first)
+        from osl_analysis.formats.messages import protobuf
+
+        return protobuf.fields(one.schema, one.first)
+    except (ValueError, RecursionError):
+        return []
+
+
+def reader_of(file: McapFile, number: int, paths: Sequence[str], either: Collection[str]) -> ChannelReader:
+    """What reads the messages of a channel.
+
+    Raises
+    ------
+    InputError
+        The encoding is not one that is read, or the schema cannot be read.
+    """
+    channel = file.channels[number]
+    schema = file.schemas.get(channel.schema_id)
+    kind = (channel.message_encoding, schema.encoding if schema else "no schema")
+    try:
+        if kind == ("cdr", "ros2msg") and schema:
+            return ChannelReader(channel, schema, cdr.reader(schema, paths))
+        if kind == ("protobuf", "protobuf") and schema:
+            from osl_analysis.formats.messages import protobuf  # costs time to import, and few logs need it
+
+            return ChannelReader(channel, schema, protobuf.reader(schema, paths))
+    except InputError as error:
+        raise InputError(f"topic '{channel.topic}': {error}") from error
+    if channel.message_encoding == "json":
+        return ChannelReader(channel, schema, ByText(paths, either))
+    raise InputError(
+        f"topic '{channel.topic}' is encoded as {kind[0]} ({kind[1]}); read are cdr (ros2msg), protobuf (protobuf) "
+        "and json: convert the log"
+    )

@@ -1,0 +1,145 @@
+"""ROS 2 messages in CDR: the walk through one message that finds where its numbers stand.
+
+Its guards are the lengths of the strings and sequences in it.
+"""
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from mcap.records import Schema
+
+from osl_analysis.errors import InputError
+from osl_analysis.formats.messages.one_by_one import Numbers
+from osl_analysis.formats.messages.ros2_schema import PRIMITIVES, Definitions, MessageField, parse_schema, short_name
+from osl_analysis.formats.messages.templates import ByShape, Leaf, Shape, Template, field_names, template_of
+
+HEADER = 4  # encapsulation header; alignment counts from the byte after it
+MOST_VISITS = 1_000_000
+
+
+@dataclass
+class Layout(Shape):
+    """The walk through one message; `order` is its byte order, `visits` how many messages within it were entered."""
+
+    definitions: Definitions = field(default_factory=dict)
+    order: str = "<"
+    visits: int = 0
+
+    def align(self, size: int) -> None:
+        self.position += (HEADER - self.position) % size
+
+    def length(self) -> int:
+        """Read the length of a string or a sequence, and guard it."""
+        self.align(4)
+        try:
+            (value,) = struct.unpack_from(f"{self.order}I", self.payload, self.position)
+        except struct.error:
+            raise misfit(self.payload) from None
+        self.guards += range(self.position, self.position + 4)
+        self.position += 4
+        return int(value)
+
+    def message(self, name: str, prefix: str) -> None:
+        """Walk the fields of the message type `name`; IDL gives a message without fields one byte."""
+        fields = self.definitions[name]
+        self.position += not fields
+        self.visits += 1
+        if self.visits > MOST_VISITS:  # arrays of messages without a byte could go on for ever
+            raise misfit(self.payload)
+        for item in fields:
+            path = f"{prefix}{item.name}"
+            if item.type == "string":
+                self.strings(item, path)
+            elif item.type in PRIMITIVES:
+                self.numbers(item, path)
+            else:
+                self.messages(item, path)
+
+    def count(self, item: MessageField) -> int:
+        if item.array == "sequence":
+            return self.length()
+        return 1 if item.array is None else item.array
+
+    def strings(self, item: MessageField, path: str) -> None:
+        for index in self.plausible(self.count(item), 4):
+            length = self.length()
+            if item.array is not None:
+                self.texts[f"{path}[{index}]"] = range(self.position, self.position + length)
+            self.position += length
+
+    def numbers(self, item: MessageField, path: str) -> None:
+        count, kind = self.count(item), PRIMITIVES[item.type]
+        size = np.dtype(kind).itemsize
+        if count:
+            self.align(size)
+        self.leaves[path] = Leaf(self.position, self.order + kind, None if item.array is None else count)
+        self.position += count * size
+        if self.position > len(self.payload):
+            raise misfit(self.payload)
+
+    def messages(self, item: MessageField, path: str) -> None:
+        if item.type == "wstring":
+            raise InputError(f"field '{path}' is a wstring, which has no portable encoding; record it as string")
+        for index in self.plausible(self.count(item), 1):
+            self.message(item.type, f"{path}." if item.array is None else f"{path}[{index}].")
+
+    def plausible(self, count: int, smallest: int) -> range:
+        """Indices of a sequence; a damaged length would otherwise be a loop without end."""
+        if count * smallest > len(self.payload) - self.position + HEADER:
+            raise misfit(self.payload)
+        return range(count)
+
+
+def layout_of(definitions: Definitions, name: str, payload: bytes) -> Layout:
+    """Leaves and guards of one message of type `name` (`package/Name`).
+
+    Raises
+    ------
+    InputError
+        The encapsulation is not plain CDR, or the message is shorter than its schema asks for.
+    """
+    if len(payload) < HEADER or payload[0] != 0 or payload[1] > 1:
+        raise InputError(f"encapsulation {payload[:HEADER].hex()} is not plain CDR; record with the default encoding")
+    order = "<" if payload[1] else ">"
+    layout = Layout(payload, position=HEADER, guards=[0, 1], definitions=definitions, order=order)
+    layout.message(name, "")
+    if layout.position > len(payload):
+        raise misfit(payload)
+    return layout
+
+
+def misfit(payload: bytes) -> InputError:
+    return InputError(f"a message of {len(payload)} bytes is too short for its schema; the schema is not its own")
+
+
+def reader(schema: Schema, paths: Sequence[str]) -> ByShape:
+    """What reads the fields at `paths` of messages of a schema in ros2msg.
+
+    Raises
+    ------
+    InputError
+        The schema cannot be read.
+    """
+    name, definitions = message_type(schema)
+
+    def learn(payload: bytes) -> Template:
+        return template_of(layout_of(definitions, name, payload), paths)
+
+    def alone(payload: bytes) -> Numbers:
+        row = np.frombuffer(payload, np.uint8)[None]
+        return {path: values[0] for path, values in learn(payload).read(row).items()}
+
+    return ByShape(learn, alone)
+
+
+def fields(schema: Schema, payload: bytes) -> list[str]:
+    """The fields of one message, for messages to the user."""
+    name, definitions = message_type(schema)
+    return field_names(layout_of(definitions, name, payload))
+
+
+def message_type(schema: Schema) -> tuple[str, Definitions]:
+    """Name and definitions of a schema's message."""
+    return short_name(schema.name), parse_schema(schema.name, schema.data.decode(errors="replace"))

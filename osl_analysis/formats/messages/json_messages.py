@@ -1,0 +1,246 @@
+"""JSON messages to columns: a chunk's messages are parsed at once by polars, in the types that the wanted fields have.
+
+polars is strict about the types it is given: a number that does not fit them is an error, upon which the types are
+found anew; messages that have no common types are read one by one.
+"""
+
+import json
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cache
+from io import BytesIO
+from mmap import mmap
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from osl_analysis.formats.messages.byte_rows import Indices
+from osl_analysis.formats.messages.one_by_one import PART, Numbers, Values, batches, number_paths, numbers_at
+
+ERRORS = (pl.exceptions.PolarsError, pl.exceptions.PanicException, RecursionError, ValueError)
+EXACT = 2.0**53  # below it every integer is a float64
+NUMBERS = (pl.Int64, pl.Float64, pl.Boolean)
+
+Step = str | int
+Types = dict[str, pl.DataType]
+
+
+class NoTypesError(ValueError):
+    """The messages have no types in common."""
+
+
+@dataclass
+class ByText:
+    """Reads JSON messages; `types` are those of the wanted fields that were seen so far, `kinds` each field's own.
+
+    The fields of `either` say the same in different ways: once one was seen, the others are not looked for.
+    """
+
+    paths: Sequence[str]
+    either: Collection[str] = ()
+    types: Types = field(default_factory=dict)
+    kinds: dict[str, Any] = field(default_factory=dict)
+    read_alone: int = 0
+    misfits: int = 0
+    misfit: str = ""
+
+    def read(self, buffer: bytes | mmap, starts: Indices, lengths: Indices) -> Iterator[tuple[Indices, Values]]:
+        """Which of the messages, and the fields that they have; misfits are left out, and counted."""
+        stops = (starts + lengths).tolist()
+        texts = [buffer[start:stop] for start, stop in zip(starts.tolist(), stops, strict=True)]
+        try:
+            columns = self.at_once(texts)
+            for rows, values in alike(columns, len(texts)):
+                yield rows, {path: self.in_kind(path, numbers) for path, numbers in values.items()}
+        except ERRORS:
+            yield from self.one_by_one(texts)
+
+    def at_once(self, texts: Sequence[bytes]) -> dict[str, pl.Series]:
+        """The wanted fields that there are, null where a message lacks one."""
+        json.loads(texts[0], object_pairs_hook=unrepeated)
+        frame = self.of_known_types(texts)
+        return self.of_new_types(texts) if frame is None else self.fields_in(frame)
+
+    def of_new_types(self, texts: Sequence[bytes]) -> dict[str, pl.Series]:
+        """The fields, in the types that these messages have in common, which become the known ones."""
+        inferred = pl.read_ndjson(BytesIO(in_lines(texts)), infer_schema_length=None)
+        if inferred.height != len(texts):
+            raise NoTypesError("a message is empty")
+        steps = {path: steps_of(path) for path in self.paths}
+        self.types = wanted_types(inferred.schema, list(steps.values()))
+        kinds = {path: kind_at(self.types, at) for path, at in steps.items()}
+        self.kinds = {path: kind for path, kind in kinds.items() if kind in NUMBERS}
+        return self.fields_in(inferred.select(pl.col(name).cast(kind) for name, kind in self.types.items()))
+
+    def of_known_types(self, texts: Sequence[bytes]) -> pl.DataFrame | None:
+        """The messages in the types that are known; None if they are not enough, or do not hold any more."""
+        if not self.types or self.may_know_more(texts):
+            return None
+        has_arrays = any("[" in path for path in self.paths)
+        with suppress(*ERRORS):
+            frame = strictly(texts, self.types) if has_arrays else as_floats(texts, self.types)
+            if frame.height == len(texts) and (has_arrays or self.is_exact(frame)):
+                return frame
+        return None
+
+    def may_know_more(self, texts: Sequence[bytes]) -> bool:
+        """Whether the messages name a field that was not seen so far."""
+        unseen = set(self.paths) - set(self.kinds)
+        if not unseen.issuperset(self.either):
+            unseen.difference_update(self.either)
+        names = {last_name(steps_of(path)) for path in unseen}
+        joined = b"".join(texts) if names else b""
+        return any(name in joined for name in names)
+
+    def is_exact(self, frame: pl.DataFrame) -> bool:
+        """Whether no integer that was read as float64 may have been rounded."""
+        whole = [column for path, column in self.fields_in(frame).items() if self.kinds[path] == pl.Int64]
+        return not any((np.abs(column.drop_nulls().to_numpy()) >= EXACT).any() for column in whole)
+
+    def in_kind(self, path: str, numbers: NDArray[Any]) -> NDArray[Any]:
+        """Integers that were read as float64 as such again; joined with others they would be rounded."""
+        if self.kinds[path] != pl.Int64 or numbers.dtype == np.int64:
+            return numbers
+        whole = numbers.astype(np.int64)
+        return whole if (whole == numbers).all() else numbers
+
+    def fields_in(self, frame: pl.DataFrame) -> dict[str, pl.Series]:
+        """The fields that are known."""
+        return {path: field_in(frame, steps_of(path)) for path in self.kinds}
+
+    def one_by_one(self, texts: Sequence[bytes]) -> Iterator[tuple[Indices, Values]]:
+        which, found = [], []
+        for row, text in enumerate(texts):
+            try:
+                found.append(numbers_of(text, self.paths))
+                which.append(row)
+            except (ValueError, RecursionError) as error:
+                self.misfits += 1
+                self.misfit = self.misfit or f"a message of {len(text)} bytes is no JSON: {error}"
+        self.read_alone += len(found)
+        yield from batches(which, found)
+
+
+def strictly(texts: Sequence[bytes], types: Types) -> pl.DataFrame:
+    """The fields of messages; a value of another type is an error."""
+    return pl.read_ndjson(BytesIO(in_lines(texts)), schema=types)
+
+
+def as_floats(texts: Sequence[bytes], types: Types) -> pl.DataFrame:
+    """The fields of messages without arrays, all numbers as float64: twice as fast, and into that nothing is cut."""
+    decoded = pl.Series(texts).cast(pl.String).str.json_decode(pl.Struct(floats(types)))
+    return decoded.struct.unnest()
+
+
+def floats(types: Types) -> Types:
+    """The types with float64 for integers."""
+    return {
+        name: pl.Struct(floats({one.name: one.dtype for one in kind.fields}))  # type: ignore[misc]
+        if isinstance(kind, pl.Struct)
+        else pl.Float64()
+        if kind == pl.Int64
+        else kind
+        for name, kind in types.items()
+    }
+
+
+def field_in(frame: pl.DataFrame, steps: Sequence[Step]) -> pl.Series:
+    """The field to which the steps lead."""
+    field = frame[str(steps[0])]
+    for step in steps[1:]:
+        field = field.struct.unnest()[step] if isinstance(step, str) else field.list.get(step, null_on_oob=True)
+    return field
+
+
+def numbers_of(text: bytes, paths: Sequence[str]) -> Numbers:
+    """The fields of one message."""
+    return numbers_at(json.loads(text), paths)
+
+
+def in_lines(texts: Sequence[bytes]) -> bytes:
+    """The messages, one a line; a line's end within a message can only be a blank."""
+    joined = b"\n".join(texts)
+    if joined.count(b"\n") == len(texts) - 1:
+        return joined
+    return b"\n".join(text.replace(b"\n", b" ") for text in texts)
+
+
+def alike(columns: Mapping[str, pl.Series], count: int) -> Iterator[tuple[Indices, Values]]:
+    """Columns with nulls in batches of messages that have the same fields."""
+    if not any(column.null_count() for column in columns.values()):
+        yield np.arange(count), {path: column.to_numpy() for path, column in columns.items()}
+        return
+    there = np.stack([column.is_not_null().to_numpy() for column in columns.values()], axis=1)
+    kinds, kind_of = np.unique(there, axis=0, return_inverse=True)
+    for number, kind in enumerate(kinds):
+        rows = np.flatnonzero(kind_of.ravel() == number)
+        paths = [path for path, present in zip(columns, kind, strict=True) if present]
+        yield rows, {path: columns[path].gather(rows).to_numpy() for path in paths}
+
+
+@cache
+def steps_of(path: str) -> tuple[Step, ...]:
+    """Names and indices on the way to a field."""
+    parts = [part for part in PART.finditer(path) if part[0] != "."]
+    if any(part["names"] for part in parts):
+        raise NoTypesError("an element chosen by name has to be looked for in each message")
+    return tuple(part["name"] if part["name"] is not None else int(part["index"]) for part in parts)
+
+
+def last_name(steps: Sequence[Step]) -> bytes:
+    """The last name on the way, as JSON writes it."""
+    return json.dumps([step for step in steps if isinstance(step, str)][-1], ensure_ascii=False).encode()
+
+
+def unrepeated(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """An object; of a field that is written twice polars takes the first and Python the last: leave it to Python."""
+    if len(dict(pairs)) < len(pairs):
+        raise NoTypesError("a field is written twice")
+    return dict(pairs)
+
+
+def wanted_types(types: Mapping[str, pl.DataType], steps: Sequence[Sequence[Step]]) -> Types:
+    """Of the types of messages, those of the wanted fields."""
+    wanted = {}
+    for name in dict.fromkeys(at[0] for at in steps if at):
+        if isinstance(name, str) and name in types:
+            kind = wanted_type(types[name], [at[1:] for at in steps if at and at[0] == name])
+            if kind is not None:
+                wanted[name] = kind
+    return wanted
+
+
+def wanted_type(kind: pl.DataType, steps: Sequence[Sequence[Step]]) -> pl.DataType | None:
+    """The part of a type that the steps lead to; None if they lead nowhere."""
+    if isinstance(kind, pl.Struct):
+        fields = wanted_types({one.name: one.dtype for one in kind.fields}, steps)  # type: ignore[misc]
+        return pl.Struct(fields) if fields else None
+    if isinstance(kind, pl.List):
+        inner = wanted_type(kind.inner, [at[1:] for at in steps if at and isinstance(at[0], int)])  # type: ignore[arg-type]
+        return pl.List(inner) if inner is not None else None
+    if all(steps) or kind == pl.Null:
+        return None
+    if kind not in NUMBERS:
+        raise NoTypesError(f"{kind} is no number, or not in every message")
+    return kind
+
+
+def kind_at(types: Mapping[str, pl.DataType], steps: Sequence[Step]) -> Any:
+    """The type to which the steps lead, None if they do not."""
+    kind: Any = types.get(steps[0]) if steps and isinstance(steps[0], str) else None
+    for step in steps[1:]:
+        if isinstance(kind, pl.Struct) and isinstance(step, str):
+            kind = {one.name: one.dtype for one in kind.fields}.get(step)
+        elif isinstance(kind, pl.List) and isinstance(step, int):
+            kind = kind.inner
+        else:
+            return None
+    return kind
+
+
+def fields(text: bytes) -> list[str]:
+    """Every path of a message that holds a number, for messages to the user."""
+    return list(number_paths(json.loads(text), ""))

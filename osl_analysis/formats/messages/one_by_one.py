@@ -1,0 +1,81 @@
+"""Numbers out of messages that a library decoded, one by one: for what cannot be read all at once."""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from osl_analysis.formats.messages.byte_rows import Indices
+
+Numbers = dict[str, Any]
+Values = dict[str, NDArray[Any]]
+
+PART = re.compile(r"(?P<name>[^.\[\]]+)|\[(?P<index>\d+)\]|\[(?P<names>\w+)=(?P<one>[^\]]+)\]|\.")
+
+
+def numbers_at(message: Any, paths: Sequence[str]) -> Numbers:
+    """The fields that one message has."""
+    found = {path: number_at(message, path) for path in paths}
+    return {path: value for path, value in found.items() if value is not None}
+
+
+def batches(which: Sequence[int], messages: Sequence[Numbers]) -> Iterator[tuple[Indices, Values]]:
+    """Messages that were read one by one, in batches of those that have the same fields."""
+    alike: dict[tuple[str, ...], list[int]] = defaultdict(list)
+    for row, message in enumerate(messages):
+        alike[tuple(message)].append(row)
+    for paths, rows in alike.items():
+        values = {path: as_array([messages[row][path] for row in rows]) for path in paths}
+        yield np.array([which[row] for row in rows], np.int64), values
+
+
+def as_array(numbers: Sequence[float | bool]) -> NDArray[Any]:
+    """Numbers in a type that holds them all; integers beyond 64 bits become floats."""
+    values = np.array(numbers)
+    return values.astype(np.float64) if values.dtype == object else values
+
+
+def number_at(message: Any, path: str) -> float | bool | None:
+    """The number at a path; None where there is none."""
+    value, parent = message, None
+    for part in PART.finditer(path):
+        if part["name"] is not None:
+            parent, value = value, child(value, part["name"])
+        elif part["names"] is not None:
+            names = child(parent, part["names"])
+            value = element(value, list(names).index(part["one"]) if part["one"] in (names or ()) else -1)
+        elif part["index"] is not None:
+            value = element(value, int(part["index"]))
+    return value if isinstance(value, int | float) else None
+
+
+def element(values: Any, index: int) -> Any:
+    """One element of an array, None where it does not reach so far."""
+    is_array = hasattr(values, "__getitem__") and not isinstance(values, str | bytes | Mapping)
+    return values[index] if is_array and 0 <= index < len(values) else None
+
+
+def child(message: Any, name: str) -> Any:
+    """One field of a JSON object or a protobuf message; None where it is absent."""
+    if isinstance(message, Mapping):
+        return message.get(name)
+    descriptor = getattr(message, "DESCRIPTOR", None)
+    item = descriptor.fields_by_name.get(name) if descriptor is not None else None
+    if item is None or (item.has_presence and not message.HasField(name)):
+        return None
+    return getattr(message, name)
+
+
+def number_paths(value: Any, path: str) -> Iterator[str]:
+    """Paths of the numbers in a decoded message."""
+    if isinstance(value, dict):
+        for name, one in value.items():
+            yield from number_paths(one, f"{path}.{name}" if path else name)
+    elif isinstance(value, list):
+        for i, one in enumerate(value):
+            yield from number_paths(one, f"{path}[{i}]")
+    elif isinstance(value, int | float):
+        yield path

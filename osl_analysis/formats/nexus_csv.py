@@ -1,0 +1,149 @@
+"""The CSV export of Vicon Nexus: sections with a rate, a row of names, a header, a row of units, and samples.
+
+Sections come in any order, with or without the commas that pad every line to the widest; a name stands above the
+first of its columns only.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from osl_analysis.errors import InputError
+from osl_analysis.formats.csv_text import (
+    Rows,
+    UnreadableCellError,
+    delimiter_of,
+    number,
+    numbers,
+    read_lines,
+    split,
+)
+from osl_analysis.ingest.csv_source import NexusSource
+from osl_analysis.ingest.recording import listing
+from osl_analysis.trial import Array
+
+HEADER = ("frame", "sub frame")
+
+
+@dataclass(frozen=True)
+class Section:
+    """One section: for every column its name (`Anna:LTOE`, `EMG2000 - Voltage`), component and unit.
+
+    `rate` [Hz] is that of the rows, which begin with the numbers of frame and sub frame.
+    """
+
+    title: str
+    rate: float
+    names: list[str]
+    components: list[str]
+    units: list[str]
+    rows: Rows
+    decimal: str
+
+    def place(self, name: str, component: str) -> int:
+        """Column of a name, with or without its subject, and component.
+
+        Raises
+        ------
+        InputError
+            There is none, or more than one.
+        """
+        wanted = [i for i, c in enumerate(self.components) if c.casefold() == component.casefold()]
+        found = [i for i in wanted if self.names[i] == name] or [i for i in wanted if short(self.names[i]) == name]
+        if len(found) != 1:
+            have = sorted({f"{n} {c}" for n, c in zip(self.names, self.components, strict=True) if n})
+            count = f"stands {len(found)} times" if found else "is not there"
+            raise InputError(f"'{name}' {component} {count} under {self.title}; there are {listing(have)}")
+        return found[0]
+
+    def values(self, place: int) -> Array:
+        """One column (rows,), NaN where a cell is empty."""
+        cells = [cells[place] if place < len(cells) else "" for _, cells in self.rows]
+        try:
+            return numbers(cells, ("",), self.decimal)[0]
+        except UnreadableCellError as error:
+            raise InputError(
+                f"line {self.rows[error.place][0]}, {self.names[place]} {self.components[place]}: "
+                f"'{cells[error.place][:40]}' is no number; repair it, or state `decimal`"
+            ) from error
+
+    def counts(self) -> tuple[int, int]:
+        """First frame, and samples per frame.
+
+        Raises
+        ------
+        InputError
+            Frames or sub frames do not count on; the message names the line.
+        """
+        frame, sub = (self.values(place) for place in (0, 1))
+        per_frame = float(np.nanmax(sub, initial=0.0)) + 1
+        goes_on = (frame - frame[0]) * per_frame + sub == np.arange(frame.size)
+        if not goes_on.all():
+            place = int(np.argmin(goes_on))
+            raise InputError(
+                f"line {self.rows[place][0]}: frame {frame[place]:g}, sub frame {sub[place]:g} does not follow the "
+                "line before; export the trial again, without leaving frames out"
+            )
+        return int(frame[0]), int(per_frame)
+
+
+def short(name: str) -> str:
+    """A label without its subject."""
+    return name.rpartition(":")[2]
+
+
+def read_sections(path: Path, source: NexusSource) -> dict[str, Section]:
+    """Sections by title.
+
+    Raises
+    ------
+    InputError
+        No export of Nexus, a section without samples, or one that stands twice.
+    """
+    lines = read_lines(path)
+    header = [(n, text) for n, text in lines if text.lstrip('"').casefold().startswith("frame")]
+    rows = split(path, lines, delimiter_of(header[:1], source.delimiter))
+    starts = [i for i in range(len(rows) - 3) if begins(rows, i)]
+    if not starts:
+        raise InputError(
+            f"{path}: no section of a Nexus export (Devices, Trajectories, ...); check the source's format"
+        )
+    found: dict[str, Section] = {}
+    for start, end in zip(starts, [*starts[1:], len(rows)], strict=True):
+        section = section_of(path, rows[start:end], source.decimal)
+        if section.title in found:
+            raise InputError(f"{path}: line {rows[start][0]}: section {section.title} stands twice; export one of each")
+        found[section.title] = section
+    return found
+
+
+def begins(rows: Rows, place: int) -> bool:
+    """Whether a section begins: a title alone, a number alone, names, and the header."""
+    title, rate, header = (rows[place + k][1] for k in (0, 1, 3))
+    alone = bool(title[0]) and not any(title[1:]) and not any(rate[1:])
+    return alone and tuple(cell.casefold() for cell in header[:2]) == HEADER
+
+
+def section_of(path: Path, rows: Rows, decimal: str) -> Section:
+    """A section from its title on."""
+    (line, title), (_, rate), (_, names), (_, header) = rows[:4]
+    samples = rows[5:]
+    try:
+        hertz = number(rate[0].replace(",", "."), 0)
+    except UnreadableCellError as error:
+        raise InputError(f"{path}: line {line + 1}: '{rate[0][:40]}' is no rate; export the trial again") from error
+    if not samples or not hertz > 0:
+        raise InputError(f"{path}: section {title[0][:40]} at {hertz:g} Hz has no samples; leave it out of the export")
+    width = max(i + 1 for i, cell in enumerate(header) if cell)
+    units = (rows[4][1] + [""] * width)[:width]
+    return Section(title[0], hertz, filled(names, width), header[:width], units, samples, decimal)
+
+
+def filled(names: list[str], width: int) -> list[str]:
+    """Every column's name: the last one that stands above it or to the left."""
+    full: list[str] = []
+    for place in range(width):
+        here = names[place] if place < len(names) else ""
+        full.append(here or (full[-1] if full else ""))
+    return full

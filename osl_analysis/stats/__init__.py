@@ -1,0 +1,1 @@
+"""Statistics: one linear regression (`regression.py`), and what stands on it."""

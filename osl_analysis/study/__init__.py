@@ -1,0 +1,1 @@
+"""The Monte Carlo study: are the estimators unbiased, efficient, and their intervals honest?"""

@@ -1,0 +1,153 @@
+"""The laboratory of the validation study: crossings whose truth is known, from sensors or from recorded files."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from osl_analysis.commands.ingest import ingest_trial
+from osl_analysis.commands.walking import isolated
+from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.second_order import ImpedanceFit
+from osl_analysis.simulator.c3d_recorder import write_c3d
+from osl_analysis.simulator.crossing import Crossing as SimulatedCrossing
+from osl_analysis.simulator.crossing import draw_step, simulate_crossing
+from osl_analysis.simulator.draws import stream
+from osl_analysis.simulator.dynamometer import drivetrain_effects
+from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.vicon import record
+from osl_analysis.simulator.walking import motion_grid, scene_of, simulate_walking_trial
+from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.simulator.walking_truth import rendered_impedance
+from osl_analysis.trial import Array, Trial
+from osl_analysis.trial_file import read_trial
+from osl_analysis.walking.ankle import StaticCalibration
+from osl_analysis.walking.crossing import Crossing, Quality, analyse_crossing
+from osl_analysis.walking.events import Stance
+from osl_analysis.walking.perturbation import fit_without_offset, normal_gait
+from osl_analysis.walking.plate_inertia import PlateModel
+from osl_analysis.walking.segments import static_calibration
+from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
+from osl_analysis.walking.unloaded_plate import identify_plate_model
+
+LEVER_M = 0.1
+"""Between the middle of a cluster and its markers, and from the plate to the ankle: turns noise into angle, moment."""
+UNCHECKED = Quality(residuals={}, zero=None, placement=(0.0, 0.0), encoder=None)
+"""Of a crossing that no markers and no plate recorded."""
+PLATE_TRIALS = 6
+
+
+@dataclass(frozen=True)
+class Perturbed:
+    """A perturbed crossing as it is analysed, and its impedance: the estimator's answer to the perturbation alone,
+    through ideal sensors, and what the leg rendered."""
+
+    crossing: Crossing
+    exact: ImpedanceFit
+    rendered: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Laboratory:
+    """What makes a crossing, and how it is analysed."""
+
+    settings: SimulationSettings
+    gait: WalkingSettings
+    p: DrivetrainParameters
+    analysis: WalkingAnalysis
+
+    def unperturbed(self, name: str) -> Crossing:
+        """An unperturbed crossing through the sensors."""
+        return self.seen(name, self.walk(name, False), noisy=True)
+
+    def perturbed(self, name: str) -> Perturbed:
+        """A perturbed crossing through the sensors, and the truth: the simulator can walk it without perturbation."""
+        calm, walked = self.walk(name, False), self.walk(name, True)
+        alone = normal_gait([self.seen(name, calm, noisy=False)], 1)
+        ideal = isolated(self.seen(name, walked, noisy=False), alone, self.analysis)
+        exact = fit_without_offset(ideal.motion[ideal.window], ideal.torque[ideal.window])
+        return Perturbed(self.seen(name, walked, noisy=True), exact, rendered_impedance(walked, calm))
+
+    def walk(self, name: str, perturbed: bool) -> SimulatedCrossing:
+        """One crossing; its name decides what is drawn, perturbed or not."""
+        time = motion_grid(self.gait)
+        step, effects = draw_step(name, self.settings.seed, time, self.gait), drivetrain_effects(self.settings)
+        return simulate_crossing(time, step, perturbed, True, self.gait, effects, self.p)
+
+    def seen(self, name: str, walked: SimulatedCrossing, noisy: bool) -> Crossing:
+        """Filtered angle and torque of a crossing at the markers' rate."""
+        every, rate = self.gait.rates.motion_hz // self.gait.rates.points_hz, float(self.gait.rates.points_hz)
+        signals = {"angle_noise": walked.motion.theta[::every], "torque_noise": walked.torque[::every]}
+        theta, torque = (
+            self.analysis.low_pass(signal + noisy * self.noise(name, effect, len(signal)), rate)
+            for effect, signal in signals.items()
+        )
+        step, platform = walked.step, walked.motion.platform
+        stance = Stance(step.heel_strike, step.toe_off)
+        seen = walked.time[::every], theta, torque, platform.angle[::every]
+        return Crossing(name, *seen, stance, platform.onset, 0.0, UNCHECKED, np.zeros((0, len(theta))))
+
+    def noise(self, name: str, effect: str, samples: int) -> Array:
+        """Noise of the angle [rad] from markers, or of the torque [N*m] from the plate, shape (samples,)."""
+        effects = self.gait.effects
+        sizes = {
+            "angle_noise": 1e-3 * effects.marker_noise.value / LEVER_M,
+            "torque_noise": float(np.hypot(effects.moment_noise.value, LEVER_M * effects.force_noise.value)),
+        }
+        return np.asarray(sizes[effect] * stream(self.settings.seed, name, effect).standard_normal(samples))
+
+
+@dataclass(frozen=True)
+class RecordedLaboratory(Laboratory):
+    """The same, but a noisy crossing is recorded by markers and plate, written as C3D, ingested and analysed.
+
+    `folder` holds the campaign's files, `sources` the source files.
+    """
+
+    folder: Path
+    sources: Path
+    calibration: StaticCalibration
+    plate: PlateModel
+
+    def seen(self, name: str, walked: SimulatedCrossing, noisy: bool) -> Crossing:
+        """As `Laboratory.seen`; a noisy crossing comes from files."""
+        if not noisy:
+            return super().seen(name, walked, noisy)
+        recording = record(name, self.settings.seed, scene_of(walked, self.gait), self.gait)
+        write_c3d(self.folder / "vicon" / f"{name}.c3d", recording)
+        trial, perturbed = ingested(name, self.folder, self.sources), walked.motion.platform.onset is not None
+        return analyse_crossing(trial, self.calibration, self.plate, perturbed, self.analysis)
+
+
+def calibrated(laboratory: Laboratory, folder: Path, sources: Path) -> RecordedLaboratory:
+    """A session whose crossings are recorded in `folder`, after its static trial and those of the unloaded plate.
+
+    The foot is weighed: its inertia would count as the ankle's.
+    """
+    settings, gait, p = laboratory.settings, laboratory.gait, laboratory.p
+    analysis = laboratory.analysis.model_copy(update={"foot": weighed_foot(gait)})
+    rows = [{"trial": "static_1", "experiment": "static"}]
+    rows += [{"trial": f"plate_{i}", "experiment": "plate"} for i in range(PLATE_TRIALS)]
+    for row in rows:
+        simulate_walking_trial(row, settings, gait, p, folder)
+    standing, *unloaded = (ingested(row["trial"], folder, sources) for row in rows)
+    calibration = static_calibration(standing, analysis)
+    plate = identify_plate_model(unloaded, calibration, analysis)
+    return RecordedLaboratory(settings, gait, p, analysis, folder, sources, calibration, plate)
+
+
+def ingested(name: str, folder: Path, sources: Path) -> Trial:
+    """The trial that `vicon/<name>.c3d` in a folder holds."""
+    row = {"trial": name, "mocap": f"vicon/{name}.c3d", "mocap_source": "vicon"}
+    ingest_trial(row, folder, sources, folder / f"{name}.parquet")
+    return read_trial(folder / f"{name}.parquet")
+
+
+def weighed_foot(gait: WalkingSettings) -> FootSettings | None:
+    """The simulated foot, as a laboratory would weigh it; None where it weighs nothing."""
+    mass = gait.effects.foot_inertia.value
+    if mass == 0:
+        return None
+    inertia = mass * gait.foot.gyration_m[1] ** 2
+    return FootSettings(mass_kg=mass, centre_of_mass_m=gait.foot.centre_of_mass_m, inertia_kg_m2=inertia)

@@ -1,0 +1,125 @@
+"""Headline numbers as JSON, as LaTeX macros and as a Markdown table, rounded to what their intervals allow."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from osl_analysis.summary.headlines import COUNT, RANGE, Headline
+
+AMPLITUDES = ("amplitudes_low", "amplitudes_high")
+KEPT = ("value", "unit", "low", "high", "interval", "n", "draft", "meaning")
+MACRO_PREFIX = "osl"
+ROUNDING = 1e-9
+"""An interval narrower than this part of its value is no more than rounding."""
+SMALLEST_PLAIN = 1e-4
+"""Numbers smaller than this are written with a power of ten."""
+
+
+def to_json(headlines: Sequence[Headline]) -> str:
+    """One object by name, in full precision; null where there is no interval or the draft has no value.
+
+    The range over single amplitudes stands only with numbers that have one.
+    """
+    content = {
+        h.name: {key: getattr(h, key) for key in (*KEPT, *(AMPLITUDES if h.amplitudes_low is not None else ()))}
+        for h in headlines
+    }
+    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def to_tex(headlines: Sequence[Headline]) -> str:
+    r"""Macros such as `\oslBeltStiffness`, with `Low` and `High` where there is an interval, rounded, without unit.
+
+    Each line ends in a comment, so that reading the file puts no space into the text.
+    """
+    lines = ["% Headline numbers, written by osl-analysis; \\input this file and use the macros."]
+    for h in headlines:
+        digits = decimals(h.value, *rounded_by(asdict(h)))
+        finer = told_apart(h.low, h.high, digits)
+        ends = {
+            "": (h.value, digits, f"{h.unit}, {h.meaning}"),
+            "Low": (h.low, finer, f"low end: {h.interval}"),
+            "High": (h.high, finer, f"high end: {h.interval}"),
+            "AmplitudesLow": (h.amplitudes_low, digits, "lowest of the fits to single amplitudes"),
+            "AmplitudesHigh": (h.amplitudes_high, digits, "highest of the fits to single amplitudes"),
+        }
+        for suffix, (number, places, comment) in ends.items():
+            if number is not None:
+                lines.append(
+                    f"\\newcommand{{\\{MACRO_PREFIX}{h.macro}{suffix}}}{{{tex_number(number, places)}}}% {comment}"
+                )
+    return "\n".join(lines) + "\n"
+
+
+def to_markdown(summary: Mapping[str, Mapping[str, Any]]) -> str:
+    """Table of a summary in the form that `to_json` writes."""
+    lines = ["| quantity | value | interval | n | draft |", "| --- | --- | --- | --- | --- |"]
+    for number in summary.values():
+        digits = decimals(number["value"], *rounded_by(number))
+        value = f"{plain(number['value'], digits)} {number['unit']}"
+        interval, draft = "", "" if number["draft"] is None else f"{number['draft']:g}"
+        if number["low"] is not None:
+            finer = told_apart(number["low"], number["high"], digits)
+            interval = f"{plain(number['low'], finer)} to {plain(number['high'], finer)}, {number['interval']}"
+        if number.get("amplitudes_low") is not None:
+            lowest, highest = (plain(number[key], digits) for key in AMPLITUDES)
+            interval += f"; single amplitudes {lowest} to {highest}"
+        cells = (number["meaning"], value, interval, str(number["n"]), draft)
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, str | None]:
+    """Bounds that say how many digits of a number mean something, and their kind: the amplitudes', where it has some.
+
+    Noise may leave a number five digits of which amplitudes share three.
+    """
+    low, high = (number.get(key) for key in AMPLITUDES)
+    return (number["low"], number["high"], number["interval"]) if low is None else (low, high, None)
+
+
+def decimals(value: float, low: float | None, high: float | None, interval: str | None) -> int:
+    """Decimal places that leave two digits of the interval's half width.
+
+    Three digits of the number itself where there is no interval, or a range, which says nothing of its precision, or
+    more until the ends of the range differ; none of a count.
+    """
+    if interval == COUNT:
+        return 0
+    half = 0.0 if low is None or high is None or interval == RANGE else abs(high - low) / 2
+    if half > ROUNDING * abs(value):
+        return max(1 - exponent_of(half), 0)
+    digits = max(2 - exponent_of(value), 0) if value else 0
+    return told_apart(low, high, digits) if interval == RANGE else digits
+
+
+def told_apart(low: float | None, high: float | None, digits: int) -> int:
+    """Decimal places, `digits` or more, with which two bounds read differently, if they are two."""
+    if low is None or high is None or abs(high - low) <= ROUNDING * max(abs(low), abs(high)):
+        return digits
+    while plain(low, digits) == plain(high, digits):
+        digits += 1
+    return digits
+
+
+def exponent_of(number: float) -> int:
+    """Power of ten of the leading digit."""
+    return math.floor(math.log10(abs(number)))
+
+
+def plain(number: float, digits: int) -> str:
+    """The number with that many decimal places; never a minus before zero."""
+    text = f"{number:.{digits}f}"
+    return text.removeprefix("-") if float(text) == 0 else text
+
+
+def tex_number(number: float, digits: int) -> str:
+    """A number that reads the same in text and in mathematics: with a true minus, small ones with a power of ten."""
+    text = plain(number, digits)
+    if 0 < abs(float(text)) < SMALLEST_PLAIN:
+        exponent = exponent_of(float(text))
+        mantissa = plain(number / 10.0**exponent, max(digits + exponent, 0))
+        return rf"\ensuremath{{{mantissa}\times 10^{{{exponent}}}}}"
+    return rf"\ensuremath{{{text}}}" if text.startswith("-") else text

@@ -1,0 +1,73 @@
+"""Tidy result tables as CSV: full precision, written whole or not at all."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import polars as pl
+
+from osl_analysis.errors import InputError
+from osl_analysis.files import atomic_path
+
+TEXT_COLUMNS = (
+    "trial", "controller", "condition", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
+    "reason", "excluded", "panel", "curve",
+    "interval_method", "doubtful", "experiment", "model", "terms", "by_VAF", "by_BIC", "motion",
+)  # fmt: skip
+"""Columns that are text even where every entry looks like a number (a trial named `01`)."""
+
+
+def write_table(frame: pl.DataFrame, path: Path) -> None:
+    """Write a table as CSV that reads back to the same numbers; null becomes an empty field, NaN stays `NaN`."""
+    with atomic_path(path) as temporary:
+        frame.write_csv(temporary)
+
+
+def read_table(path: Path, required: Sequence[str] = ()) -> pl.DataFrame:
+    """Read a table; a column without any entry comes as Float64 null, `TEXT_COLUMNS` as text.
+
+    Columns that are `required` must be there and, unless they are among `TEXT_COLUMNS`, hold numbers.
+
+    Raises
+    ------
+    InputError
+        The file is missing, empty or no CSV table, or a required column is absent or not numeric.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such table; run the step that writes it, or check the path")
+    try:
+        table = pl.read_csv(path, infer_schema_length=None, schema_overrides=dict.fromkeys(TEXT_COLUMNS, pl.String))
+    except pl.exceptions.PolarsError as error:
+        reason = str(error).strip().splitlines()[0]
+        raise InputError(f"{path}: not a CSV table ({reason}); rewrite it with the step that makes it") from error
+    empty = [c for c in table.columns if c not in TEXT_COLUMNS and table[c].null_count() == len(table)]
+    table = table.with_columns(pl.col(empty).cast(pl.Float64))
+    for column in required:
+        check_column(table, column, path)
+    return table
+
+
+def check_column(table: pl.DataFrame, column: str, path: Path) -> None:
+    """Refuse a table without the column, or with words in a column of numbers; `path` is for messages."""
+    if column not in table.columns:
+        raise InputError(
+            f"{path}: no column '{column}'; it has {', '.join(table.columns)}. Rewrite it with the step that makes it"
+        )
+    if column not in TEXT_COLUMNS and not table[column].dtype.is_numeric():
+        words = table[column].cast(pl.String).drop_nulls()
+        found = next((w for w in words if not is_number(w)), words[0])
+        raise InputError(f"{path}: column '{column}' holds '{found}', expected numbers; correct the entry")
+
+
+def is_number(text: str) -> bool:
+    """Whether Python reads the text as a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def finite_or_null(row: Mapping[str, object]) -> dict[str, object]:
+    """A row of a table for JSON, which knows neither infinity nor NaN: they become null."""
+    return {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in row.items()}

@@ -26,8 +26,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSe
 from mcap.writer import CompressionType, IndexType, Writer
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.mcap_log import read_log
-from osl_analysis.ingest.source_file import McapSource
+from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 
 MESSAGES = 60
 LONGEST = 5.0
@@ -119,7 +118,7 @@ def check(path: Path, covered: bool) -> str:
     """Read one file; how it went."""
     start = time.perf_counter()
     try:
-        recording = read_log(path, SOURCE)
+        recording = read_mcap_log(path, SOURCE)
     except InputError as error:
         if "\n" in str(error):
             raise ValueError("an error of more than one line") from error

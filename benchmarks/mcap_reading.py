@@ -2,9 +2,9 @@
 
 Run from the repository: `python benchmarks/mcap_reading.py [seconds]`. One run writes a synthetic trial of 140 s (or as
 many as are asked for) at 1 kHz in three topics, once in each encoding, to a temporary folder; reads it with
-`read_log` and with the packages' own readers, to the same columns; and prints the times' ratios. The limit is what no
-reader can be faster than that checks what it reads: decompress every chunk, take its CRC, copy its bytes twice. Times
-are those of the processor, on one thread as in the workflow's jobs: they do not depend on what else is running.
+`read_mcap_log` and with the packages' own readers, to the same columns; and prints the times' ratios. The limit is
+what no reader can be faster than that checks what it reads: decompress every chunk, take its CRC, copy its bytes twice.
+Times are those of the processor, on one thread as in the workflow's jobs: they do not depend on what else is running.
 """
 
 import json
@@ -34,8 +34,7 @@ from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory as ProtobufDecoderFactory
 from mcap_ros2.decoder import DecoderFactory as Ros2DecoderFactory
 
-from osl_analysis.ingest.mcap_log import read_log
-from osl_analysis.ingest.source_file import McapSource
+from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 
 RATE = 1000
 START = 1_700_000_000 * 10**9
@@ -197,7 +196,7 @@ def main() -> None:
         for encoding, (schema, encode, factory) in encodings.items():
             path = Path(folder) / f"{encoding}.mcap"
             write(path, encoding, schema, encode, duration)
-            ours = seconds_of(lambda path=path: read_log(path, source()), 5)
+            ours = seconds_of(lambda path=path: read_mcap_log(path, source()), 5)
             theirs = seconds_of(lambda path=path, factory=factory: by_mcap(path, factory), 1)
             floor = seconds_of(lambda path=path: limit(path), 5)
             print(

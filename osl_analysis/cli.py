@@ -153,10 +153,11 @@ def inspect(file: Path, draft_path: Path | None) -> None:
     """List what an MCAP, C3D or CSV file holds, with rates [Hz], units, gaps and damage, and draft a source file."""
     from osl_analysis.commands import inspect as command
     from osl_analysis.files import atomic_path
+    from osl_analysis.ingest.draft import draft_source
 
     overview = command.inspect_file(file)
     click.echo(command.overview_text(overview))
-    text = command.draft(overview, file.name)
+    text = draft_source(overview, file.name)
     if draft_path is None:
         click.echo(f"\nA source file to start from:\n\n{text}")
     elif draft_path.exists():
@@ -248,9 +249,9 @@ def gains(
 @click.option("--output", type=FILE, help="Write a Markdown page to this file instead of printing the table.")
 @CONFIG
 def samples(folder: Path, output: Path | None, config_path: Path) -> None:
-    """Say what ingest and quality control make of every C3D and MCAP file below FOLDER, without a source file.
+    """List what every recording below FOLDER holds, and which quality checks it does not pass, without a source file.
 
-    Rates are in Hz, gaps in s; a file that is refused is told with the reason.
+    Rates are in Hz, gaps in s; a file that is refused is listed with the reason.
     """
     from osl_analysis.commands.samples import samples_table, write_samples
     from osl_analysis.config import read_section

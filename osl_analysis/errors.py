@@ -1,9 +1,17 @@
 """What can go wrong, as one family: every message names the cause and the remedy, on one line."""
 
+from collections.abc import Sequence
+
 
 def printable(text: str) -> str:
     """Text of a file made fit for a terminal or a log: control characters and line breaks as escapes."""
     return "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode() for sign in text)
+
+
+def listing(names: Sequence[str], most: int = 40) -> str:
+    """Names for a message to the user, not more than a line can hold."""
+    more = f", ... ({len(names)} in all)" if len(names) > most else ""
+    return (", ".join(names[:most]) or "none") + more
 
 
 class OslAnalysisError(ValueError):

@@ -10,8 +10,8 @@ from c3d_builder import write_c3d
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d_file import read_c3d
-from osl_analysis.ingest.c3d_capture import read_capture
-from osl_analysis.ingest.source_file import C3dSource
+from osl_analysis.ingest.c3d_capture import read_c3d_capture
+from osl_analysis.ingest.c3d_source import C3dSource
 
 
 def source(**fields: object) -> C3dSource:
@@ -31,7 +31,7 @@ def analogs(samples: int = 24, channels: int = 2) -> np.ndarray:
 
 def refused(path: Path, c3d_source: C3dSource | None = None) -> str:
     with pytest.raises(InputError) as caught:
-        read_capture(path, c3d_source or source())
+        read_c3d_capture(path, c3d_source or source())
     message = str(caught.value)
     assert message.startswith(str(path))
     assert "\n" not in message
@@ -40,7 +40,7 @@ def refused(path: Path, c3d_source: C3dSource | None = None) -> str:
 
 def test_points_analogs_and_time_are_those_of_the_file(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), analogs(), rate=100.0)
-    recording = read_capture(path, source(analogs={"sync": {"channel": "A2"}}))
+    recording = read_c3d_capture(path, source(analogs={"sync": {"channel": "A2"}}))
     markers = recording.samples.select("time", pl.col("^marker_.*$")).drop_nulls()
     np.testing.assert_allclose(markers["time"], np.arange(6) / 100, rtol=1e-15)
     for i in range(3):
@@ -52,7 +52,7 @@ def test_points_analogs_and_time_are_those_of_the_file(tmp_path: Path) -> None:
 
 def test_markers_alone_have_one_row_per_frame(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), analogs())
-    samples = read_capture(path, source()).samples
+    samples = read_c3d_capture(path, source()).samples
     assert len(samples) == 6
     assert samples.null_count().sum_horizontal()[0] == 0
 
@@ -62,7 +62,7 @@ def test_a_point_with_negative_residual_or_at_the_exact_origin_was_not_seen(tmp_
     raw[1, 0, 3] = -1.0
     raw[2, 0, :3] = 0.0
     raw[3, 0, 2] = 0.0
-    samples = read_capture(write_c3d(tmp_path / "a.c3d", raw), source()).samples
+    samples = read_c3d_capture(write_c3d(tmp_path / "a.c3d", raw), source()).samples
     assert samples["marker_M1_x"].is_nan().to_list() == [False, True, True, False, False, False]
     assert samples["marker_M1_z"].is_nan().to_list() == [False, True, True, False, False, False]
     assert not samples["marker_M2_x"].is_nan().any()
@@ -71,7 +71,7 @@ def test_a_point_with_negative_residual_or_at_the_exact_origin_was_not_seen(tmp_
 @pytest.mark.parametrize(("unit", "factor"), [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)])
 def test_positions_are_in_metres_whatever_the_files_unit(tmp_path: Path, unit: str, factor: float) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__UNITS=[unit])
-    np.testing.assert_allclose(read_capture(path, source()).samples["marker_M2_y"], points()[:, 1, 1] * factor)
+    np.testing.assert_allclose(read_c3d_capture(path, source()).samples["marker_M2_y"], points()[:, 1, 1] * factor)
 
 
 @pytest.mark.parametrize(("unit", "problem"), [("mmm", "unit 'mmm' is unknown"), ("", "the unit is empty")])
@@ -80,7 +80,7 @@ def test_an_unknown_unit_of_length_is_refused_unless_the_source_states_it(
 ) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__UNITS=[unit])
     assert problem in refused(path)
-    samples = read_capture(path, source(point_unit="cm")).samples
+    samples = read_c3d_capture(path, source(point_unit="cm")).samples
     np.testing.assert_allclose(samples["marker_M1_x"], points()[:, 0, 0] / 100)
 
 
@@ -122,7 +122,7 @@ def test_model_outputs_take_unit_and_sign_from_the_source_file(tmp_path: Path) -
     groups = {"POINT__TYPE_GROUPS": ["MOMENTS", "MOMENT"], "POINT__MOMENTS": ["LAnkleMoment"]}
     path = write_c3d(tmp_path / "a.c3d", points(), **labels, **groups)
     output = {"label": "LAnkleMoment", "component": "y", "unit": "N*mm/kg", "sign": -1}
-    recording = read_capture(path, source(outputs={"reference_ankle_moment_left": output}))
+    recording = read_c3d_capture(path, source(outputs={"reference_ankle_moment_left": output}))
     moment = recording.samples["reference_ankle_moment_left"]
     np.testing.assert_allclose(moment, -points()[:, 1, 1] / 1000, rtol=1e-15)
     assert [name for name in recording.samples.columns if name.startswith("marker")] == [
@@ -146,15 +146,17 @@ def test_a_missing_analog_channel_is_refused_with_the_channels_there_are(tmp_pat
 def test_a_label_that_stands_twice_is_refused_where_it_is_asked_for(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=["TOE", "HEEL", "TOE"])
     assert "marker 'TOE' stands 2 times" in refused(path)
-    assert len(read_capture(path, source(markers=["HEEL"])).samples) == 6
+    assert len(read_c3d_capture(path, source(markers=["HEEL"])).samples) == 6
 
 
 def test_an_analog_channels_unit_is_the_sources_or_else_the_files(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), analogs(), ANALOG__UNITS=["mV", "volt?"])
-    of_file = read_capture(path, source(analogs={"sync": {"channel": "A1"}})).samples["sync"]
+    of_file = read_c3d_capture(path, source(analogs={"sync": {"channel": "A1"}})).samples["sync"]
     np.testing.assert_allclose(of_file, analogs()[:, 0] / 1000, rtol=1e-15)
     assert "unit 'volt?' is unknown" in refused(path, source(analogs={"sync": {"channel": "A2"}}))
-    stated = read_capture(path, source(analogs={"sync": {"channel": "A2", "unit": "V", "sign": -1}})).samples["sync"]
+    stated = read_c3d_capture(path, source(analogs={"sync": {"channel": "A2", "unit": "V", "sign": -1}})).samples[
+        "sync"
+    ]
     np.testing.assert_allclose(stated, -analogs()[:, 1], rtol=1e-15)
 
 
@@ -226,11 +228,11 @@ def test_without_an_analog_block_there_are_markers_and_no_analogs(tmp_path: Path
 
 def test_a_laboratory_with_y_up_is_turned_to_z_up(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__Y_SCREEN=["+Y"])
-    recording = read_capture(path, source(axes=["z", "x", "y"]))
+    recording = read_c3d_capture(path, source(axes=["z", "x", "y"]))
     for column, axis in zip(("x", "y", "z"), (2, 0, 1), strict=True):
         np.testing.assert_allclose(recording.samples[f"marker_M2_{column}"], points()[:, 1, axis] / 1000, rtol=1e-12)
     assert recording.warnings == []
-    assert "its vertical axis seems to be +Y; state `axes`" in read_capture(path, source()).warnings[0]
+    assert "its vertical axis seems to be +Y; state `axes`" in read_c3d_capture(path, source()).warnings[0]
 
 
 def test_a_mirrored_laboratory_is_refused() -> None:
@@ -241,7 +243,7 @@ def test_a_mirrored_laboratory_is_refused() -> None:
 
 def test_a_turned_plate_turns_with_its_laboratory(tmp_path: Path) -> None:
     as_is, turned = (
-        read_capture(plate_file(tmp_path), source(axes=axes)).samples for axes in (list("xyz"), ["x", "-z", "y"])
+        read_c3d_capture(plate_file(tmp_path), source(axes=axes)).samples for axes in (list("xyz"), ["x", "-z", "y"])
     )
     for quantity in ("force", "moment"):
         own = [as_is[f"plate1_{quantity}_{axis}"] for axis in "xyz"]
@@ -267,7 +269,7 @@ def plate_file(folder: Path, **parameters: object) -> Path:
 @pytest.mark.parametrize("zero", ["file", [2, 3]])
 def test_the_baseline_that_is_asked_for_is_subtracted(tmp_path: Path, zero: object) -> None:
     path = plate_file(tmp_path, FORCE_PLATFORM__ZERO=np.array([2, 3]))
-    as_is, zeroed = read_capture(path, source()).samples, read_capture(path, source(plate_zero=zero)).samples
+    as_is, zeroed = read_c3d_capture(path, source()).samples, read_c3d_capture(path, source(plate_zero=zero)).samples
     for column in ("plate1_force_z", "plate1_moment_x"):
         baseline = as_is[column][4:12].mean()  # frames 2 and 3 of 4 samples each
         np.testing.assert_allclose(zeroed[column], as_is[column] - baseline, atol=1e-9)
@@ -295,7 +297,7 @@ def test_more_frames_than_the_header_can_count_are_read_where_a_parameter_counts
 
 def test_a_label_with_control_characters_becomes_a_printable_column(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=["A\x1b[2J", "B", "C"])
-    assert "marker_A\\x1b[2J_x" in read_capture(path, source()).samples.columns
+    assert "marker_A\\x1b[2J_x" in read_c3d_capture(path, source()).samples.columns
     message = refused(path, source(markers=["X"]))
     assert message.isprintable()
 
@@ -327,7 +329,7 @@ def test_a_truncated_file_is_refused_with_both_counts(tmp_path: Path, missing: i
     there = 200 - -(-missing // (12 * 16))
     assert f"truncated: it declares 200 frames and holds {there}" in refused(path)
     path.write_bytes(path.read_bytes() + bytes(missing))
-    assert len(read_capture(path, source()).samples) == 200
+    assert len(read_c3d_capture(path, source()).samples) == 200
 
 
 def test_more_frames_than_the_header_can_count_are_refused(tmp_path: Path) -> None:
@@ -337,7 +339,7 @@ def test_more_frames_than_the_header_can_count_are_refused(tmp_path: Path) -> No
 
 def test_an_analog_rate_slightly_off_is_reported_and_the_frames_hold(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), analogs(), ANALOG__RATE=np.array([401.0]))
-    recording = read_capture(path, source(analogs={"sync": {"channel": "A1"}}))
+    recording = read_c3d_capture(path, source(analogs={"sync": {"channel": "A1"}}))
     assert recording.samples["time"][-1] == pytest.approx(23 / 400)
     assert recording.warnings == [
         "a.c3d: ANALOG:RATE is 401.0 Hz, the frames hold samples at 400.0 Hz; the latter is used"
@@ -353,4 +355,4 @@ def test_damage_anywhere_ends_in_a_sentence_or_in_numbers(tmp_path: Path) -> Non
             damaged[random.integers(len(content))] = random.integers(256)
         path.write_bytes(damaged)
         with contextlib.suppress(InputError):
-            assert len(read_capture(path, source()).samples)
+            assert len(read_c3d_capture(path, source()).samples)

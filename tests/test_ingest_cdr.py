@@ -14,11 +14,11 @@ from mcap_builder import HEADER, stamped, write_log
 from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap.records import read_mcap
-from osl_analysis.formats.mcap.topic import decode_topics
+from osl_analysis.formats.mcap.mcap_file import read_mcap
+from osl_analysis.formats.mcap.topics import decode_topics
 from osl_analysis.formats.messages.cdr import layout_of
 from osl_analysis.formats.messages.ros2_schema import parse_schema
-from osl_analysis.formats.messages.templates import Shape, leaf_at, template_of
+from osl_analysis.formats.messages.templates import MessageWalk, leaf_at, template_of
 
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
 REAL_LOGS = ["rerun_rosbag2_all_sensor_msgs_ros2_cdr.mcap", "rosbag2_cdr_test_0.mcap", "pj_test_empty_channel.mcap"]
@@ -201,7 +201,7 @@ def test_messages_of_equal_log_time_stay_in_the_order_of_the_file_whatever_their
 def test_every_guarded_bit_of_a_message_is_compared(payload: bytes, data: st.DataObject) -> None:
     guards = data.draw(st.lists(st.integers(0, len(payload) - 1), unique=True))
     continued = data.draw(st.lists(st.integers(0, len(payload) - 1), unique=True))
-    template = template_of(Shape(payload, guards=guards, continued=continued), [])
+    template = template_of(MessageWalk(payload, guards=guards, continued=continued), [])
     for i in range(len(payload)):
         for bit in (0x01, 0x80):
             other = np.frombuffer(payload, np.uint8).copy()

@@ -20,8 +20,7 @@ from mcap_builder import stamped, write_log
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap.chunk import LARGEST_CHUNK
 from osl_analysis.formats.mcap.walk import CHUNK_HEAD, MAGIC, MESSAGE_HEAD, RECORD, walk_by_index
-from osl_analysis.ingest.mcap_log import read_log
-from osl_analysis.ingest.source_file import McapSource
+from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 
 MESSAGES = 60
 MILLISECOND = 1_000_000
@@ -57,7 +56,7 @@ def read(folder: Path, content: bytes, largest_loss: float = 1.0) -> tuple[pl.Da
     """Samples and damage report; whatever was read must be what was written."""
     path = folder / "damaged.mcap"
     path.write_bytes(content)
-    recording = read_log(path, source(largest_loss))
+    recording = read_mcap_log(path, source(largest_loss))
     milliseconds = np.rint(recording.samples["time"].to_numpy() * 1000) + recording.facts["time"]["start_ns"] / 1e6
     np.testing.assert_array_equal(recording.samples["theta"], 1 + milliseconds)
     return recording.samples, recording.facts["damage"]

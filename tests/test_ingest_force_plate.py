@@ -9,10 +9,10 @@ from c3d_builder import REAL_DATA, write_c3d
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d_file import read_c3d
-from osl_analysis.ingest.c3d_capture import read_capture
+from osl_analysis.ingest.c3d_capture import read_c3d_capture
 from osl_analysis.ingest.c3d_plates import plates_of
+from osl_analysis.ingest.c3d_source import C3dSource
 from osl_analysis.ingest.force_plate import ForcePlate
-from osl_analysis.ingest.source_file import C3dSource
 
 REFERENCE = REAL_DATA / "reference" / "force_plate.csv"
 ROWS = pl.read_csv(REFERENCE) if REFERENCE.exists() else pl.DataFrame({"file": [], "plate": []})
@@ -166,7 +166,7 @@ def plate_file(path: Path, **parameters: object) -> Path:
 
 
 def wrench_of(path: Path, **fields: object) -> list[float]:
-    samples = read_capture(path, C3dSource(format="c3d", **fields)).samples
+    samples = read_c3d_capture(path, C3dSource(format="c3d", **fields)).samples
     return [samples[f"plate1_{q}_{axis}"][3] for q in ("force", "moment") for axis in "xyz"]
 
 
@@ -175,7 +175,7 @@ def test_plate_columns_are_in_si_units_and_laboratory_axes(tmp_path: Path) -> No
 
 
 def test_the_plates_geometry_goes_into_the_facts_in_metres(tmp_path: Path) -> None:
-    facts = read_capture(plate_file(tmp_path / "a.c3d"), C3dSource(format="c3d")).facts
+    facts = read_c3d_capture(plate_file(tmp_path / "a.c3d"), C3dSource(format="c3d")).facts
     expected = [[0.6, 0, 0], [0, 0, 0], [0, 0.4, 0], [0.6, 0.4, 0]]
     assert facts["plates"] == [{"plate": 1, "type": 2, "corners": pytest.approx(np.array(expected))}]
 
@@ -207,7 +207,7 @@ def test_a_plate_whose_channels_are_not_in_the_file_is_refused_and_can_be_left_o
     path = plate_file(tmp_path / "a.c3d", FORCE_PLATFORM__CHANNEL=np.arange(3, 9)[:, None])
     with pytest.raises(InputError, match=r"plate 1 of type 2 needs 6 channels.* leave it out under `plates`"):
         wrench_of(path)
-    assert read_capture(path, C3dSource(format="c3d", plates="none")).facts["plates"] == []
+    assert read_c3d_capture(path, C3dSource(format="c3d", plates="none")).facts["plates"] == []
 
 
 def test_a_plate_that_the_file_lacks_is_refused(tmp_path: Path) -> None:
@@ -233,4 +233,4 @@ def test_a_real_plate_that_cannot_be_computed_is_refused(name: str, problem: str
     if not path.exists():
         pytest.skip("real data are not here")
     with pytest.raises(InputError, match=problem):
-        read_capture(path, C3dSource(format="c3d"))
+        read_c3d_capture(path, C3dSource(format="c3d"))

@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from osl_analysis.formats.mcap.records import read_mcap
-from osl_analysis.formats.mcap.topic import Decoded, decode_topics
-from osl_analysis.ingest.mcap_log import read_log
-from osl_analysis.ingest.source_file import McapSource
+from osl_analysis.formats.mcap.mcap_file import read_mcap
+from osl_analysis.formats.mcap.topics import Decoded, decode_topics
+from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
 MILLISECOND = 1_000_000
@@ -123,7 +122,7 @@ def test_stamps_in_json_are_exact_and_what_is_no_json_is_left_out(tmp_path: Path
         "theta_m": {"topic": "/lab", "field": "j[1].q", "unit": "rad"},
     }
     content = {"format": "mcap", "time": {"source": "header", "field": "timestamp"}, "channels": channels}
-    recording = read_log(path, McapSource.model_validate({**content, "largest_loss": 0.1}))
+    recording = read_mcap_log(path, McapSource.model_validate({**content, "largest_loss": 0.1}))
     assert recording.facts["time"]["start_ns"] == 1_700_000_000_999_999_990
     np.testing.assert_allclose(recording.samples["time"], np.arange(9) * 1e-9, rtol=1e-12)
     assert recording.samples["theta_m"].to_list() == [9.0] * 9

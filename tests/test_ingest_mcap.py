@@ -12,8 +12,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from mcap_builder import SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.mcap_log import read_log
-from osl_analysis.ingest.source_file import McapSource
+from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
 DEGREE = math.pi / 180
@@ -35,7 +34,7 @@ def samples(count: int = 50) -> list[tuple[int, dict[str, Any]]]:
 
 def refused(path: Path, log_source: McapSource) -> str:
     with pytest.raises(InputError) as caught:
-        read_log(path, log_source)
+        read_mcap_log(path, log_source)
     message = str(caught.value)
     assert message.startswith(str(path))
     assert "\n" not in message
@@ -49,7 +48,7 @@ def test_values_are_converted_by_offset_unit_and_sign(tmp_path: Path) -> None:
         torque={"field": "torque", "unit": "N·mm"},
         sync={"field": "sync", "unit": "V"},
     )
-    recording = read_log(path, log_source)
+    recording = read_mcap_log(path, log_source)
     i = np.arange(50)
     np.testing.assert_allclose(recording.samples["theta"], -(i + 2) * DEGREE, rtol=1e-15)
     np.testing.assert_allclose(recording.samples["torque"], i**2 / 8000, rtol=1e-15)
@@ -59,14 +58,14 @@ def test_values_are_converted_by_offset_unit_and_sign(tmp_path: Path) -> None:
 def test_time_is_the_header_stamp_from_its_first_exact_to_the_nanosecond(tmp_path: Path) -> None:
     stamps = [0, 1, 2_000_000, 999_999_999, 1_000_000_001]
     path = write_log(tmp_path / "log.mcap", [stamped(START + s, angle=0.0) for s in stamps])
-    recording = read_log(path, source())
+    recording = read_mcap_log(path, source())
     np.testing.assert_allclose(recording.samples["time"], np.array(stamps) / 1e9, rtol=1e-15, atol=0)
     assert recording.facts["time"] == {"source": "header.stamp", "start_ns": START}
 
 
 def test_time_is_the_log_time_where_the_source_says_so(tmp_path: Path) -> None:
     late = [(log_time + i * 500, fields) for i, (log_time, fields) in enumerate(samples())]
-    recording = read_log(write_log(tmp_path / "log.mcap", late), source("log"))
+    recording = read_mcap_log(write_log(tmp_path / "log.mcap", late), source("log"))
     np.testing.assert_allclose(np.diff(recording.samples["time"]), 1e-3 + 5e-7, rtol=1e-9)
     assert recording.facts["time"]["source"] == "log"
 
@@ -79,7 +78,7 @@ def test_log_time_is_not_publish_time() -> None:
     log_source = McapSource.model_validate({"format": "mcap", "time": {"source": "log"}, "channels": channel})
     with path.open("rb") as file:
         logged = [message.log_time for _, _, message in make_reader(file).iter_messages()]
-    assert read_log(path, log_source).facts["time"]["start_ns"] == min(logged)
+    assert read_mcap_log(path, log_source).facts["time"]["start_ns"] == min(logged)
 
 
 @pytest.mark.parametrize(
@@ -95,8 +94,8 @@ def test_log_time_is_not_publish_time() -> None:
     ids=lambda options: " ".join(options),
 )
 def test_the_files_build_does_not_change_what_is_read(tmp_path: Path, options: dict[str, Any]) -> None:
-    plain = read_log(write_log(tmp_path / "plain.mcap", samples()), source())
-    built = read_log(write_log(tmp_path / "built.mcap", samples(), **options), source())
+    plain = read_mcap_log(write_log(tmp_path / "plain.mcap", samples()), source())
+    built = read_mcap_log(write_log(tmp_path / "built.mcap", samples(), **options), source())
     assert built.samples.equals(plain.samples)
 
 
@@ -104,13 +103,13 @@ def test_messages_in_any_file_order_come_in_time_order(tmp_path: Path) -> None:
     shuffled = np.random.default_rng(0).permutation(50)
     log = samples()
     path = write_log(tmp_path / "log.mcap", [log[i] for i in shuffled], chunk_size=300)
-    assert read_log(path, source()).samples["time"].is_sorted()
+    assert read_mcap_log(path, source()).samples["time"].is_sorted()
 
 
 def test_two_channels_of_one_topic_are_one(tmp_path: Path) -> None:
     log = samples()
     topics = {"/lab": (SAMPLE_NAME, SAMPLE, log[::2]), "/lab#2": (SAMPLE_NAME, SAMPLE, log[1::2])}
-    recording = read_log(write_topics(tmp_path / "log.mcap", topics), source())
+    recording = read_mcap_log(write_topics(tmp_path / "log.mcap", topics), source())
     np.testing.assert_allclose(recording.samples["theta"], np.arange(50) * DEGREE)
 
 
@@ -120,7 +119,7 @@ def test_topics_of_different_rates_leave_nulls_where_one_has_no_sample(tmp_path:
     log_source = source(
         theta={"field": "angle", "unit": "deg"}, torque={"topic": "/slow", "field": "torque", "unit": "Nm"}
     )
-    recording = read_log(write_topics(tmp_path / "log.mcap", topics), log_source)
+    recording = read_mcap_log(write_topics(tmp_path / "log.mcap", topics), log_source)
     assert recording.samples["torque"].to_list() == [None, 1 / 8, None, None, 16 / 8, None]
     assert recording.samples["theta"].null_count() == 0
 
@@ -129,13 +128,13 @@ def test_a_field_that_some_messages_lack_is_null_there(tmp_path: Path) -> None:
     schema = SAMPLE.replace("float32 angle", "float64[] angles")
     log = [stamped(i * MILLISECOND, angles=[1.0] * (1 + i % 2), torque=1.0, sync=False) for i in range(4)]
     path = write_log(tmp_path / "log.mcap", log, schema)
-    recording = read_log(path, source(theta={"field": "angles[1]", "unit": "rad"}))
+    recording = read_mcap_log(path, source(theta={"field": "angles[1]", "unit": "rad"}))
     assert recording.samples["theta"].to_list() == [None, 1.0, None, 1.0]
 
 
 def test_no_single_flipped_bit_changes_what_is_read_unnoticed(tmp_path: Path) -> None:
     path = write_log(tmp_path / "log.mcap", samples(), chunk_size=800)
-    intact, content = read_log(path, source()).samples, path.read_bytes()
+    intact, content = read_mcap_log(path, source()).samples, path.read_bytes()
     random = np.random.default_rng(0)
     lossy = source().model_copy(update={"largest_loss": 0.9})
     noticed = 0
@@ -143,7 +142,7 @@ def test_no_single_flipped_bit_changes_what_is_read_unnoticed(tmp_path: Path) ->
         damaged = bytearray(content)
         damaged[random.integers(len(content))] ^= 1 << random.integers(8)
         path.write_bytes(damaged)
-        recording = read_log(path, lossy)
+        recording = read_mcap_log(path, lossy)
         same = recording.samples.equals(intact)
         assert same or not recording.facts["damage"]["complete"]
         stamps = (recording.samples["time"] * 1000).round().cast(int) + recording.facts["time"]["start_ns"] // 10**6
@@ -202,7 +201,7 @@ def test_a_log_whose_recorder_was_killed_is_refused(tmp_path: Path) -> None:
     ],
 )
 def test_messages_that_no_checksum_covers_are_reported(tmp_path: Path, options: dict[str, Any], covered: bool) -> None:
-    recording = read_log(write_log(tmp_path / "log.mcap", samples(), **options), source())
+    recording = read_mcap_log(write_log(tmp_path / "log.mcap", samples(), **options), source())
     report = "log.mcap: not verifiable: no checksum covers 50 of 50 messages"
     assert recording.warnings == ([] if covered else [report])
     assert recording.facts["damage"]["crc"] == ("checked" if covered else "absent")
@@ -250,7 +249,7 @@ def test_another_encoding_is_refused_by_its_name() -> None:
     if not path.exists():
         pytest.skip("real data are not here")
     with pytest.raises(InputError, match=r"topic '/proto/data' is encoded as protobuf \(proto\)"):
-        read_log(path, source(theta={"topic": "/proto/data", "field": "x", "unit": "rad"}))
+        read_mcap_log(path, source(theta={"topic": "/proto/data", "field": "x", "unit": "rad"}))
 
 
 def test_a_bad_schema_hurts_its_own_topic_only() -> None:
@@ -258,7 +257,7 @@ def test_a_bad_schema_hurts_its_own_topic_only() -> None:
     if not path.exists():
         pytest.skip("real data are not here")
     good = source("log", theta={"topic": "/good/data", "field": "data", "unit": "rad"})
-    assert len(read_log(path, good).samples) == 10
+    assert len(read_mcap_log(path, good).samples) == 10
     bad = source("log", theta={"topic": "/bad/data", "field": "data", "unit": "rad"})
     with pytest.raises(InputError, match="schema broken_msgs/Garbage"):
-        read_log(path, bad)
+        read_mcap_log(path, bad)

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.nexus_capture import read_nexus
-from osl_analysis.ingest.source_file import NexusSource, read_source
+from osl_analysis.ingest.known_formats import read_source
+from osl_analysis.ingest.nexus_capture import NexusSource, read_nexus_capture
 from osl_analysis.trial_file import read_trial
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
@@ -59,7 +59,7 @@ def source(**fields: object) -> NexusSource:
 def read(tmp_path: Path, text: str, **fields: object) -> pl.DataFrame:
     path = tmp_path / "trial.csv"
     path.write_text(text)
-    return read_nexus(path, source(**fields)).samples
+    return read_nexus_capture(path, source(**fields)).samples
 
 
 def padded(text: str) -> str:
@@ -137,7 +137,7 @@ def test_what_does_not_fit_is_refused_with_the_reason(
 def test_real_exports_are_read_as_they_are_written(path: Path) -> None:
     shipped = read_source(SOURCES / "nexus_csv.yaml")
     assert isinstance(shipped, NexusSource)
-    samples = read_nexus(path, shipped).samples
+    samples = read_nexus_capture(path, shipped).samples
     np.testing.assert_allclose(samples["marker_HV_x"], [0.209331, 0.209475])
     assert samples["marker_CL_E_z"].to_list() == pytest.approx([0.496721, 0.496729])
 

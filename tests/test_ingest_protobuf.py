@@ -15,10 +15,9 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap.records import read_mcap
-from osl_analysis.formats.mcap.topic import decode_topics
-from osl_analysis.ingest.mcap_log import read_log
-from osl_analysis.ingest.source_file import McapSource
+from osl_analysis.formats.mcap.mcap_file import read_mcap
+from osl_analysis.formats.mcap.topics import decode_topics
+from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
 MILLISECOND = 1_000_000
@@ -167,7 +166,7 @@ def stamped(i: int, **fields: Any) -> bytes:
 def test_a_field_that_is_optional_is_null_where_absent_and_one_that_is_not_is_zero(tmp_path: Path) -> None:
     payloads = [stamped(0, maybe_double=0.0), stamped(1), stamped(2, maybe_double=2.0, one_double=5.0)]
     path = write(tmp_path / "log.mcap", payloads)
-    read = read_log(path, source(theta="maybe_double", theta_m="one_double")).samples
+    read = read_mcap_log(path, source(theta="maybe_double", theta_m="one_double")).samples
     assert read["theta"].to_list() == [0.0, None, 2.0]
     assert read["theta_m"].to_list() == [0.0, 0.0, 5.0]
     np.testing.assert_allclose(read["time"], [0.0, 0.3, 0.6], rtol=1e-15)
@@ -179,7 +178,7 @@ def test_an_element_is_chosen_by_name_though_the_order_changes(tmp_path: Path) -
         stamped(1, name=["toe", "hip"], packed_double=[3.0, 4.0]),
     ]
     path = write(tmp_path / "log.mcap", payloads)
-    assert read_log(path, source(theta="packed_double[name=toe]")).samples["theta"].to_list() == [2.0, 3.0]
+    assert read_mcap_log(path, source(theta="packed_double[name=toe]")).samples["theta"].to_list() == [2.0, 3.0]
 
 
 def test_messages_of_one_shape_are_read_by_one_template_and_the_rest_is_noted(tmp_path: Path) -> None:
@@ -199,11 +198,11 @@ def test_a_message_that_google_refuses_is_left_out_and_reported(tmp_path: Path) 
     payloads = [stamped(i, one_double=1.0) for i in range(3)]
     payloads[1] = payloads[1][:-3]
     path = write(tmp_path / "log.mcap", payloads, compression=CompressionType.NONE)
-    recording = read_log(path, source(theta="one_double").model_copy(update={"largest_loss": 0.5}))
+    recording = read_mcap_log(path, source(theta="one_double").model_copy(update={"largest_loss": 0.5}))
     assert len(recording.samples) == 2
     assert recording.facts["damage"]["messages_lost"] == 1
     with pytest.raises(InputError, match="1 of 3 messages of topic '/lab' are left out: a message of"):
-        read_log(path, source(theta="one_double"))
+        read_mcap_log(path, source(theta="one_double"))
 
 
 def test_varints_that_end_elsewhere_are_of_another_shape_though_all_lengths_agree(tmp_path: Path) -> None:

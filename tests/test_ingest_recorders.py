@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from osl_analysis.ingest.c3d_capture import read_capture
-from osl_analysis.ingest.mcap_log import read_log
-from osl_analysis.ingest.source_file import C3dSource, McapSource, read_source
+from osl_analysis.ingest.c3d_capture import read_c3d_capture
+from osl_analysis.ingest.c3d_source import C3dSource
+from osl_analysis.ingest.known_formats import read_source
+from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 from osl_analysis.simulator import messages
 from osl_analysis.simulator.c3d_recorder import C3dRecording, ForcePlate, write_c3d
 from osl_analysis.simulator.mcap_recorder import write_mcap
@@ -34,7 +35,7 @@ def test_the_dynamometers_log_gives_the_resisting_torque(tmp_path: Path) -> None
         TIME,
         columns,
     )
-    recording = read_log(tmp_path / "log.mcap", log_source("dynamometer"))
+    recording = read_mcap_log(tmp_path / "log.mcap", log_source("dynamometer"))
     mapped = {"theta": 0, "torque": 1, "theta_m": 2, "current": 3, "theta_command": 4}
     for column, field in mapped.items():
         sign = -1 if column == "torque" else 1  # the load cell measures what the joint exerts
@@ -63,7 +64,7 @@ def test_the_legs_log_gives_its_signals_gains_and_sync(tmp_path: Path) -> None:
         TIME,
         columns,
     )
-    recording = read_log(tmp_path / "log.mcap", log_source("leg"))
+    recording = read_mcap_log(tmp_path / "log.mcap", log_source("leg"))
     for field, column in fields.items():
         np.testing.assert_array_equal(recording.samples[column], columns[field].astype(float))
 
@@ -91,7 +92,7 @@ def test_vicons_file_gives_markers_the_ground_reaction_and_both_pulses(tmp_path:
     write_c3d(tmp_path / "a.c3d", recording)
     source = read_source(SOURCES / "vicon.yaml")
     assert isinstance(source, C3dSource)
-    samples = read_capture(tmp_path / "a.c3d", source).samples
+    samples = read_c3d_capture(tmp_path / "a.c3d", source).samples
     for axis, name in enumerate("xyz"):
         for i, label in enumerate(recording.labels):
             seen = samples[f"marker_{label}_{name}"].drop_nulls().to_numpy()

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.source_file import MODELS, read_source
+from osl_analysis.ingest.known_formats import FORMATS, read_source
 
 SHIPPED = sorted((Path(__file__).parents[1] / "config" / "sources").glob("*.yaml"))
 LOG = {
@@ -19,7 +19,7 @@ CAPTURE = {"format": "c3d"}
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_every_shipped_source_file_is_valid(path: Path) -> None:
-    assert read_source(path).format in MODELS
+    assert read_source(path).format in FORMATS
 
 
 def refused(tmp_path: Path, content: object) -> str:

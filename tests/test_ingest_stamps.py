@@ -9,9 +9,8 @@ import pytest
 from mcap_builder import HEADER, SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.mcap_log import read_log
+from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 from osl_analysis.ingest.recording import Recording
-from osl_analysis.ingest.source_file import McapSource
 
 MILLISECOND = 1_000_000
 COUNT = 200
@@ -34,7 +33,7 @@ def messages(stamps: list[int]) -> list[tuple[int, dict[str, Any]]]:
 
 
 def recording(folder: Path, stamps: list[int]) -> Recording:
-    return read_log(write_log(folder / "log.mcap", messages(stamps)), source())
+    return read_mcap_log(write_log(folder / "log.mcap", messages(stamps)), source())
 
 
 def test_a_message_that_comes_late_is_put_in_the_order_of_the_stamps(tmp_path: Path) -> None:
@@ -68,11 +67,11 @@ def test_of_messages_that_contradict_each_other_the_first_holds_as_long_as_they_
     log = messages(list(range(COUNT)))
     log[17][1]["header"] = log[16][1]["header"]
     path = write_log(tmp_path / "log.mcap", log)
-    read = read_log(path, source())
+    read = read_mcap_log(path, source())
     assert read.samples["theta"].to_list() == [float(i) for i in range(COUNT) if i != 17]
     assert read.facts["stamps"]["/lab"]["contradicted"] == 1
     with pytest.raises(InputError, match="1 of 200 messages have the stamp of an earlier one"):
-        read_log(path, source(largest_loss=0.0))
+        read_mcap_log(path, source(largest_loss=0.0))
 
 
 def test_two_channels_of_a_topic_that_each_hold_one_field_become_one_row(tmp_path: Path) -> None:
@@ -87,7 +86,7 @@ def test_two_channels_of_a_topic_that_each_hold_one_field_become_one_row(tmp_pat
         "theta_m": {"topic": "/lab", "field": "other", "unit": "rad"},
     }
     content = {"format": "mcap", "time": {"source": "header"}, "channels": channels}
-    read = read_log(write_topics(tmp_path / "log.mcap", topics), McapSource.model_validate(content))
+    read = read_mcap_log(write_topics(tmp_path / "log.mcap", topics), McapSource.model_validate(content))
     assert read.samples["theta"].to_list() == list(range(20))
     assert read.samples["theta_m"].to_list() == [1.0] * 20
 
@@ -97,7 +96,7 @@ def test_two_channels_that_contradict_each_other_are_refused(tmp_path: Path) -> 
     other = [(time, {**fields, "angle": -1.0}) for time, fields in log]
     topics = {"/lab": (SAMPLE_NAME, SAMPLE, log), "/lab#2": (SAMPLE_NAME, SAMPLE, other)}
     with pytest.raises(InputError, match="20 of 40 messages have the stamp of an earlier one and other values"):
-        read_log(write_topics(tmp_path / "log.mcap", topics), source())
+        read_mcap_log(write_topics(tmp_path / "log.mcap", topics), source())
 
 
 def test_a_message_without_stamp_is_refused_not_put_at_zero(tmp_path: Path) -> None:
@@ -105,7 +104,7 @@ def test_a_message_without_stamp_is_refused_not_put_at_zero(tmp_path: Path) -> N
     log = messages(list(range(5)))
     topics = {"/lab": (SAMPLE_NAME, SAMPLE, log), "/lab#2": (*bare, [(9, {"angle": 1.0, "torque": 0.0})])}
     with pytest.raises(InputError, match=r"1 of 6 messages have no 'header.stamp'; write source: log"):
-        read_log(write_topics(tmp_path / "log.mcap", topics), source())
+        read_mcap_log(write_topics(tmp_path / "log.mcap", topics), source())
 
 
 def test_a_stamp_that_is_no_time_is_refused(tmp_path: Path) -> None:
@@ -113,7 +112,7 @@ def test_a_stamp_that_is_no_time_is_refused(tmp_path: Path) -> None:
     schema = SAMPLE.split("bool")[0] + HEADER.replace("int32 sec", "float64 sec").replace("uint32 nano", "float64 nano")
     schema = schema.replace("builtin_interfaces/Time", "lab_msgs/Time").replace("string frame_id\n", "")
     with pytest.raises(InputError, match=r"header.stamp.sec is 5.5 in message 1, which is no time"):
-        read_log(write_log(tmp_path / "log.mcap", log, schema), source())
+        read_mcap_log(write_log(tmp_path / "log.mcap", log, schema), source())
 
 
 def test_topics_of_different_rates_keep_their_own_rows_and_nothing_is_invented(tmp_path: Path) -> None:
@@ -124,7 +123,7 @@ def test_topics_of_different_rates_keep_their_own_rows_and_nothing_is_invented(t
         "theta_m": {"topic": "/slow", "field": "angle", "unit": "rad"},
     }
     content = {"format": "mcap", "time": {"source": "header"}, "channels": channels}
-    samples = read_log(write_topics(tmp_path / "log.mcap", topics), McapSource.model_validate(content)).samples
+    samples = read_mcap_log(write_topics(tmp_path / "log.mcap", topics), McapSource.model_validate(content)).samples
     assert samples["theta"].drop_nulls().to_list() == list(range(0, 60, 2))
     assert samples["theta_m"].drop_nulls().to_list() == list(range(1, 60, 10))
     assert samples.select(pl.col("theta").is_null() ^ pl.col("theta_m").is_null()).to_series().all()

@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
 from osl_analysis.cli import main
-from osl_analysis.commands.inspect import draft, inspect_file, overview_text
+from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.csv_log import read_csv_log
 from osl_analysis.ingest.csv_source import CsvSource
-from osl_analysis.ingest.source_file import read_source
+from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.known_formats import read_source
 
 NASTY = 'a\x1b[2J": {x\n# y\u202eb'
 LATIN = NASTY.replace("\u202e", "\x9b")
@@ -64,7 +65,7 @@ def test_damage_of_an_mcap_file_is_listed_and_the_rest_too(tmp_path: Path) -> No
 
 
 def test_a_drafted_mcap_source_is_complete_once_its_channels_are_named(tmp_path: Path) -> None:
-    content = draft(inspect_file(write_mcap(tmp_path / "a.mcap")), "a.mcap")
+    content = draft_source(inspect_file(write_mcap(tmp_path / "a.mcap")), "a.mcap")
     path = tmp_path / "source.yaml"
     path.write_text(content)
     with pytest.raises(InputError, match="'NAME_1' is no canonical column"):
@@ -92,7 +93,7 @@ def test_a_csv_file_lists_columns_units_gaps_words_and_odd_rows(tmp_path: Path) 
 def test_a_drafted_csv_source_reads_the_file_that_it_came_from(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text(BENCH)
-    content = draft(inspect_file(path), "a.csv").replace("NAME_1", "theta")
+    content = draft_source(inspect_file(path), "a.csv").replace("NAME_1", "theta")
     (tmp_path / "a.yaml").write_text("\n".join(line for line in content.splitlines() if "NAME_2" not in line))
     source = read_source(tmp_path / "a.yaml")
     assert isinstance(source, CsvSource)
@@ -101,7 +102,7 @@ def test_a_drafted_csv_source_reads_the_file_that_it_came_from(tmp_path: Path) -
 
 def test_a_drafted_c3d_source_is_complete(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", np.ones((4, 2, 4)), np.ones((8, 1)), POINT__LABELS=["TOE", LATIN])
-    (tmp_path / "a.yaml").write_text(draft(inspect_file(path), "a.c3d"))
+    (tmp_path / "a.yaml").write_text(draft_source(inspect_file(path), "a.c3d"))
     source = read_source(tmp_path / "a.yaml")
     assert source.format == "c3d"
     assert source.plates == ()
@@ -167,7 +168,7 @@ def test_every_real_file_is_listed_or_refused_in_a_sentence(path: Path) -> None:
         return
     overview = inspect_file(path)
     assert overview.channels
-    assert isinstance(yaml.safe_load(draft(overview, path.name)), dict)
+    assert isinstance(yaml.safe_load(draft_source(overview, path.name)), dict)
 
 
 @given(st.integers(0, 2000), st.integers(0, 255))

@@ -12,8 +12,8 @@ from conftest import ROOT
 
 from osl_analysis.config import read_section
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.c3d_capture import read_capture
-from osl_analysis.ingest.source_file import C3dSource
+from osl_analysis.ingest.c3d_capture import read_c3d_capture
+from osl_analysis.ingest.c3d_source import C3dSource
 from osl_analysis.quality.channels import rail
 from osl_analysis.quality.finding import Finding, longest_run
 from osl_analysis.quality.names import CHECKS
@@ -192,7 +192,7 @@ def test_the_plate_at_minus_713_n_of_a_real_recording_is_caught() -> None:
     path = REAL_DATA / "c3d/qtm_JH_01_300_1200_plate_offset.c3d"
     if not path.is_file():
         pytest.skip("no real data")
-    recording = read_capture(path, C3dSource(format="c3d"))
+    recording = read_c3d_capture(path, C3dSource(format="c3d"))
     found = findings(recording.samples, "recording")
     assert found["unzeroed_plate"].value == pytest.approx(702, abs=1)  # its quietest; its median is 713 N
     assert "plate1 -702.0 N" in found["unzeroed_plate"].remark

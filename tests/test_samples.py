@@ -11,7 +11,7 @@ from conftest import ROOT
 from mcap_builder import stamped, write_log
 
 from osl_analysis.cli import main
-from osl_analysis.commands.samples import escaped, samples_table
+from osl_analysis.commands.samples import SUFFIXES, escaped, samples_table
 from osl_analysis.config import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.quality.settings import QualityRules
@@ -30,6 +30,7 @@ def folder(tmp_path: Path) -> Path:
     write_log(tmp_path / "bench.mcap", log)
     (tmp_path / "broken.mcap").write_bytes(b"no MCAP file")
     (tmp_path / "table.csv").write_text("a,b\n1,2\n")
+    (tmp_path / "lab.tdms").write_bytes(b"TDSm\0\0")
     (tmp_path / "notes.md").write_text("nothing to read")
     return tmp_path
 
@@ -42,20 +43,27 @@ def rows(folder: Path) -> dict[str, list[str]]:
 
 
 def test_every_recording_has_a_row_and_nothing_else(folder: Path) -> None:
-    assert list(rows(folder)) == ["bench.mcap", "broken.C3D", "broken.mcap", "table.csv", "walk.c3d"]
+    assert list(rows(folder)) == ["bench.mcap", "broken.C3D", "broken.mcap", "lab.tdms", "table.csv", "walk.c3d"]
 
 
 def test_what_is_read_is_told_with_rates_counts_and_gaps(folder: Path) -> None:
     found = rows(folder)
-    assert "/lab: ok: 10 messages, 1000 Hz by header time, longest step 0.008 s" in found["bench.mcap"][0]
-    assert found["walk.c3d"][0] == "ok: 1 markers, 100 frames at 100 Hz; 25.0 % hidden"
-    assert found["walk.c3d"][1].startswith("marker\\_gap: 0.25 s, threshold 0.2 (a\\|&lt;b&gt;")
+    assert found["bench.mcap"][0] == "mcap"
+    assert found["bench.mcap"][1] == ("/lab: 10 messages at 1000 Hz, numbers in each: 3; 1 gaps, the longest 0.008 s")
+    assert found["walk.c3d"][1] == "frames: 100, from 1 on, at 100 Hz<br>1 x marker at 100 Hz; 25.0% missing"
+    assert "ok<br>marker\\_gap: 0.25 s, threshold 0.2 (a\\|&lt;b&gt;" in found["walk.c3d"][2]
+    assert found["table.csv"] == ["csv", "rows: 1<br>2 x column", ""]
 
 
 def test_what_is_refused_is_told_with_the_reason_and_without_the_folder(folder: Path) -> None:
     found = rows(folder)
-    assert found["broken.C3D"][0].startswith("refused: not a C3D file")
-    assert found["broken.mcap"][0].startswith("refused: not an MCAP file")
+    assert found["broken.C3D"][2].startswith("refused: not a C3D file")
+    assert found["broken.mcap"][2].startswith("refused: not an MCAP file")
+    assert found["lab.tdms"] == [
+        "",
+        "",
+        "refused: a LabVIEW TDMS file, which is not read yet; convert it to MCAP, C3D or CSV",
+    ]
     assert str(folder) not in samples_table(folder, RULES)
 
 
@@ -64,7 +72,7 @@ def test_text_of_a_file_is_neither_markup_nor_a_line_of_its_own() -> None:
 
 
 def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no C3D, MCAP or CSV files below it"):
+    with pytest.raises(InputError, match=r"no recordings below it \(\.bag, .*\.mcap, \.c3d, \.csv\)"):
         samples_table(tmp_path, RULES)
 
 
@@ -81,6 +89,6 @@ def test_the_page_in_the_documentation_names_every_real_sample() -> None:
     if not REAL_DATA.is_dir():
         pytest.skip("no real data")
     page = (ROOT / "docs/real_samples.md").read_text()
-    samples = [p for p in REAL_DATA.rglob("*") if p.suffix.lower() in (".c3d", ".mcap", ".csv")]
+    samples = [p for p in REAL_DATA.rglob("*") if p.suffix.lower() in SUFFIXES]
     assert len(samples) >= 30
     assert [p.name for p in samples if escaped(p.name) not in page] == []

@@ -6,14 +6,8 @@ from typing import Any
 
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.assemble import assemble, identity
-from osl_analysis.ingest.c3d_capture import read_capture
-from osl_analysis.ingest.csv_log import read_csv_log
-from osl_analysis.ingest.csv_source import CsvSource, NexusSource
-from osl_analysis.ingest.mcap_log import read_log
-from osl_analysis.ingest.nexus_capture import read_nexus
-from osl_analysis.ingest.recording import Recording
-from osl_analysis.ingest.source_fields import Laboratory
-from osl_analysis.ingest.source_file import C3dSource, Source, read_source
+from osl_analysis.ingest.known_formats import FORMATS, Source, read_source
+from osl_analysis.ingest.source_fields import CaptureSource, LogSource
 from osl_analysis.trial_file import write_trial
 
 
@@ -39,8 +33,10 @@ def ingest_trial(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path,
             raise InputError(f"trial {name}: {role}_source is empty; name the file in {sources_folder} for {given}")
         check_file(path)
         described = read_source(sources_folder / f"{source}.yaml")
-        recordings[role] = read(path, described, sources_folder / f"{source}.yaml", len(files) == 2)
-        shared = described.shared if isinstance(described, Laboratory) else shared
+        if len(files) == 2:
+            check_alignment(described, sources_folder / f"{source}.yaml")
+        recordings[role] = FORMATS[described.format].read(path, described)
+        shared = described.shared if isinstance(described, CaptureSource) else shared
         identities[role] = identity(path, given, source)
     try:
         trial = assemble(name, recordings, identities, shared)
@@ -49,18 +45,13 @@ def ingest_trial(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path,
     write_trial(trial, output)
 
 
-def read(path: Path, source: Source, source_path: Path, together: bool) -> Recording:
-    """One raw file, by the source file that describes it; `together` with motion capture a log needs a way to align."""
-    if isinstance(source, C3dSource):
-        return read_capture(path, source)
-    if isinstance(source, NexusSource):
-        return read_nexus(path, source)
-    if together and source.clock == "master":
+def check_alignment(source: Source, source_path: Path) -> None:
+    """Refuse a log beside motion capture of which the source file does not say how their clocks are aligned."""
+    if isinstance(source, LogSource) and source.clock == "master":
         raise InputError(
             f"{source_path}: clock: {source.clock}, but the trial has motion capture too; write clock: sync and map "
             "the column sync (or clock: shared, with `shared` in motion capture's source file)"
         )
-    return read_csv_log(path, source) if isinstance(source, CsvSource) else read_log(path, source)
 
 
 def check_file(path: Path) -> None:

@@ -64,6 +64,11 @@ class C3DHeader:
         return [text for value in values if isinstance(value, list) for text in value]
 
 
+def is_c3d(begin: bytes) -> bool:
+    """Whether a file that begins with these bytes is a C3D file."""
+    return begin[1:2] == bytes([KEY]) and b"\0" in begin
+
+
 def parse_file(path: Path, data: bytes) -> C3DHeader:
     """Header and parameters of a file's content.
 
@@ -198,10 +203,10 @@ def parameter_value(data: bytes, position: int, processor: str, name: str) -> Ar
 def text_values(content: bytes, length: int) -> list[str]:
     """Strings of equal length, stripped; in UTF-8, or in Latin-1 where they are not."""
     parts = [content[i : i + length] for i in range(0, len(content), length or 1)]
-    return [decode(part).strip(" \0") for part in parts]
+    return [decoded_text(part).strip(" \0") for part in parts]
 
 
-def decode(text: bytes) -> str:
+def decoded_text(text: bytes) -> str:
     try:
         return text.decode("utf-8")
     except UnicodeDecodeError:

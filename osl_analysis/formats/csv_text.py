@@ -13,6 +13,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
 DELIMITERS = {"tab": "\t", "space": " "}
+UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 SNIFFED = 50  # lines that decide upon the delimiter
 UNIT = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))", re.DOTALL)
 
@@ -28,17 +29,25 @@ def read_lines(path: Path) -> Lines:
     InputError
         The file holds zero bytes and so is no text.
     """
-    data = path.read_bytes()
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        text = data.decode("utf-16", errors="replace")
-    else:
-        try:
-            text = data.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            text = data.decode("cp1252", errors="replace")
+    text = decoded(path.read_bytes())
     if "\0" in text:
         raise InputError(f"{path}: not a text file; check the path and the source's format")
     return list(enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1))
+
+
+def decoded(data: bytes) -> str:
+    """Text in UTF-8, UTF-16 with its mark, or else Windows' western code page."""
+    if data[:2] in UTF_16_MARKS:
+        return data.decode("utf-16", errors="replace")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")
+
+
+def is_text(begin: bytes) -> bool:
+    """Whether a file that begins with these bytes is text."""
+    return b"\0" not in begin or begin[:2] in UTF_16_MARKS
 
 
 def delimiter_of(lines: Lines, given: str) -> str:
@@ -53,7 +62,7 @@ def delimiter_of(lines: Lines, given: str) -> str:
     return everywhere[0] if everywhere else ","
 
 
-def split(path: Path, lines: Lines, delimiter: str) -> Rows:
+def split_rows(path: Path, lines: Lines, delimiter: str) -> Rows:
     """Cells of every line, stripped; blank lines are left out.
 
     Raises

@@ -9,25 +9,25 @@ from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, listing
 from osl_analysis.formats.csv_text import (
     Rows,
     UnreadableCellError,
+    decoded,
     delimiter_of,
+    is_text,
     number,
     numbers,
     read_lines,
-    split,
+    split_rows,
 )
-from osl_analysis.ingest.csv_source import NexusSource
-from osl_analysis.ingest.recording import listing
 from osl_analysis.trial import Array
 
 HEADER = ("frame", "sub frame")
 
 
 @dataclass(frozen=True)
-class Section:
+class NexusSection:
     """One section: for every column its name (`Anna:LTOE`, `EMG2000 - Voltage`), component and unit.
 
     `rate` [Hz] is that of the rows, which begin with the numbers of frame and sub frame.
@@ -50,12 +50,25 @@ class Section:
             There is none, or more than one.
         """
         wanted = [i for i, c in enumerate(self.components) if c.casefold() == component.casefold()]
-        found = [i for i in wanted if self.names[i] == name] or [i for i in wanted if short(self.names[i]) == name]
+        found = [i for i in wanted if self.names[i] == name] or [
+            i for i in wanted if without_subject(self.names[i]) == name
+        ]
         if len(found) != 1:
             have = sorted({f"{n} {c}" for n, c in zip(self.names, self.components, strict=True) if n})
             count = f"stands {len(found)} times" if found else "is not there"
             raise InputError(f"'{name}' {component} {count} under {self.title}; there are {listing(have)}")
         return found[0]
+
+    def column(self, name: str, component: str) -> tuple[Array, str]:
+        """Values (rows,) and unit of a name's component.
+
+        Raises
+        ------
+        InputError
+            There is none, or more than one, or a cell holds no number.
+        """
+        place = self.place(name, component)
+        return self.values(place), self.units[place]
 
     def values(self, place: int) -> Array:
         """One column (rows,), NaN where a cell is empty."""
@@ -88,12 +101,18 @@ class Section:
         return int(frame[0]), int(per_frame)
 
 
-def short(name: str) -> str:
+def is_nexus(begin: bytes) -> bool:
+    """Whether a file that begins with these bytes is an export of Nexus: it has the header of a section."""
+    lines = decoded(begin).casefold().replace('"', "").splitlines() if is_text(begin) else []
+    return any(line.startswith(HEADER[0]) and HEADER[1] in line for line in lines)
+
+
+def without_subject(name: str) -> str:
     """A label without its subject."""
     return name.rpartition(":")[2]
 
 
-def read_sections(path: Path, source: NexusSource) -> dict[str, Section]:
+def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> dict[str, NexusSection]:
     """Sections by title.
 
     Raises
@@ -103,15 +122,15 @@ def read_sections(path: Path, source: NexusSource) -> dict[str, Section]:
     """
     lines = read_lines(path)
     header = [(n, text) for n, text in lines if text.lstrip('"').casefold().startswith("frame")]
-    rows = split(path, lines, delimiter_of(header[:1], source.delimiter))
+    rows = split_rows(path, lines, delimiter_of(header[:1], delimiter))
     starts = [i for i in range(len(rows) - 3) if begins(rows, i)]
     if not starts:
         raise InputError(
             f"{path}: no section of a Nexus export (Devices, Trajectories, ...); check the source's format"
         )
-    found: dict[str, Section] = {}
+    found: dict[str, NexusSection] = {}
     for start, end in zip(starts, [*starts[1:], len(rows)], strict=True):
-        section = section_of(path, rows[start:end], source.decimal)
+        section = section_of(path, rows[start:end], decimal)
         if section.title in found:
             raise InputError(f"{path}: line {rows[start][0]}: section {section.title} stands twice; export one of each")
         found[section.title] = section
@@ -125,7 +144,7 @@ def begins(rows: Rows, place: int) -> bool:
     return alone and tuple(cell.casefold() for cell in header[:2]) == HEADER
 
 
-def section_of(path: Path, rows: Rows, decimal: str) -> Section:
+def section_of(path: Path, rows: Rows, decimal: str) -> NexusSection:
     """A section from its title on."""
     (line, title), (_, rate), (_, names), (_, header) = rows[:4]
     samples = rows[5:]
@@ -137,7 +156,7 @@ def section_of(path: Path, rows: Rows, decimal: str) -> Section:
         raise InputError(f"{path}: section {title[0][:40]} at {hertz:g} Hz has no samples; leave it out of the export")
     width = max(i + 1 for i, cell in enumerate(header) if cell)
     units = (rows[4][1] + [""] * width)[:width]
-    return Section(title[0], hertz, filled(names, width), header[:width], units, samples, decimal)
+    return NexusSection(title[0], hertz, filled(names, width), header[:width], units, samples, decimal)
 
 
 def filled(names: list[str], width: int) -> list[str]:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, listing
 from osl_analysis.formats.c3d_file import C3DRecording, read_c3d
-from osl_analysis.ingest.c3d_plates import parameter, plate_count
-from osl_analysis.ingest.overview import Channel, Overview
+from osl_analysis.ingest.c3d_plates import plate_count, plate_parameter
+from osl_analysis.ingest.overview import Overview, RecordedChannel
 
 
 def inspect_c3d(path: Path) -> Overview:
@@ -21,6 +21,14 @@ def inspect_c3d(path: Path) -> Overview:
         The file cannot be read; the message says where it is damaged.
     """
     recording = read_c3d(path)
+    try:
+        return overview_of(recording)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def overview_of(recording: C3DRecording) -> Overview:
+    """A decoded file's markers, model outputs, analog channels and plates."""
     header = recording.header
     facts = {
         "processor": header.processor,
@@ -30,22 +38,23 @@ def inspect_c3d(path: Path) -> Overview:
         "vertical on screen": "".join(header.texts("POINT:Y_SCREEN")[:1]) or "not said",
         "software": " ".join(header.texts("MANUFACTURER:SOFTWARE")) or "not said",
     }
-    channels = [*points(recording), *analogs(recording), *plates(recording)]
-    return Overview("c3d", facts, channels, list(remarks(recording)))
+    channels = [*point_channels(recording), *analog_channels(recording), *recorded_plates(recording)]
+    return Overview("c3d", facts, channels, list(c3d_oddities(recording)))
 
 
-def points(recording: C3DRecording) -> Iterator[Channel]:
+def point_channels(recording: C3DRecording) -> Iterator[RecordedChannel]:
     """Markers, and the model outputs that are stored like them."""
     header, outputs = recording.header, recording.model_outputs
     for place, label in enumerate(recording.point_labels[: header.points]):
         seen = ~np.isnan(recording.points[:, place, 0])
-        note = "" if seen.all() else f"missing in {1 - seen.mean():.1%} of the frames"
+        missing = 1.0 - float(seen.mean())
+        note = f"missing in {missing:.1%} of the frames" if missing else ""
         kind = "model output" if label in outputs else "marker"
         unit = "" if kind == "model output" else recording.point_unit()
-        yield Channel(kind, {"label": label}, unit, int(seen.sum()), header.rate, note)
+        yield RecordedChannel(kind, {"label": label}, unit, int(seen.sum()), header.rate, note, missing=missing)
 
 
-def analogs(recording: C3DRecording) -> Iterator[Channel]:
+def analog_channels(recording: C3DRecording) -> Iterator[RecordedChannel]:
     """Analog channels with their range."""
     header = recording.header
     rate = header.rate * header.samples_per_frame
@@ -53,26 +62,27 @@ def analogs(recording: C3DRecording) -> Iterator[Channel]:
         values = recording.analogs[:, place]
         low, high = values.min(), values.max()
         note = f"from {low:.6g} to {high:.6g}" if low != high else f"always {low:.6g}"
-        yield Channel("analog", {"channel": label}, recording.analog_unit(place), values.size, rate, note)
+        yield RecordedChannel("analog", {"channel": label}, recording.analog_unit(place), values.size, rate, note)
 
 
-def plates(recording: C3DRecording) -> Iterator[Channel]:
+def recorded_plates(recording: C3DRecording) -> Iterator[RecordedChannel]:
     """Force plates with their type and analog channels."""
     for number in range(1, plate_count(recording) + 1):
         try:
-            kind = int(parameter(recording, "TYPE", number))
-            own = parameter(recording, "CHANNEL", number, (0,)).astype(int).tolist()
+            kind = int(plate_parameter(recording, "TYPE", number))
+            own = plate_parameter(recording, "CHANNEL", number, (0,)).astype(int).tolist()
             note = f"type {kind}, analog channels {own}"
         except InputError as error:
             note = str(error)
-        yield Channel("plate", {"plate": str(number)}, note=note)
+        yield RecordedChannel("plate", {"plate": str(number)}, note=note)
 
 
-def remarks(recording: C3DRecording) -> Iterator[str]:
+def c3d_oddities(recording: C3DRecording) -> Iterator[str]:
     """Oddities that a source file may have to settle."""
     header = recording.header
     for what, labels in (("marker", recording.point_labels), ("analog channel", recording.analog_labels)):
-        yield from (f"{what} '{label}' stands {n} times" for label, n in Counter(labels).items() if n > 1)
+        repeated = [f"'{label}' {count} times" for label, count in Counter(labels).items() if count > 1]
+        yield from [f"{what}s of the same label: {listing(repeated)}"] * bool(repeated)
     rate, actual = header.numbers("ANALOG:RATE"), header.rate * header.samples_per_frame
     if header.channels and rate.size and abs(rate[0] - actual) > 1e-3 * actual:
         yield f"ANALOG:RATE is {rate[0]:g} Hz, the frames hold samples at {actual:g} Hz"

@@ -8,8 +8,9 @@ import numpy as np
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d_file import C3DRecording
+from osl_analysis.ingest.c3d_source import C3dSource
+from osl_analysis.ingest.capture import PlateLoad
 from osl_analysis.ingest.force_plate import CHANNELS, ForcePlate
-from osl_analysis.ingest.source_file import C3dSource
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.trial import Array
 
@@ -22,7 +23,7 @@ def plate_count(recording: C3DRecording) -> int:
     """How many plates the file says are in use."""
     used = recording.header.numbers("FORCE_PLATFORM:USED")
     if used.size and not 0 <= used[0] <= MOST_PLATES:
-        raise InputError(f"{recording.path}: FORCE_PLATFORM:USED is {used[0]:g}; correct it, or write plates: none")
+        raise InputError(f"FORCE_PLATFORM:USED is {used[0]:g}; correct it, or write plates: none")
     return int(used[0]) if used.size else 0
 
 
@@ -36,38 +37,49 @@ def plates_of(recording: C3DRecording, source: C3dSource) -> list[tuple[ForcePla
     """
     count = plate_count(recording)
     wanted = range(1, count + 1) if source.plates == "all" else source.plates
-    found = []
+    plates = []
     for number in wanted:
         if not 1 <= number <= count:
-            raise InputError(f"{recording.path}: no force plate {number}; the file has {count}, counted from 1")
+            raise InputError(f"no force plate {number}; the file has {count}, counted from 1")
         try:
-            plate = plate_of(recording, source, number)
-            found.append((plate, plate_channels(recording, source, plate)))
+            plate = c3d_plate(recording, source, number)
+            plates.append((plate, channels_in_si(recording, source, plate)))
         except InputError as error:
-            raise InputError(f"{recording.path}: {error} (or leave it out under `plates`)") from error
-    return found
+            raise InputError(f"{error} (or leave it out under `plates`)") from error
+    return plates
 
 
-def plate_of(recording: C3DRecording, source: C3dSource, number: int) -> ForcePlate:
-    """Geometry of one plate in SI units."""
-    metre = si_factor(source.point_unit or recording.point_unit(), "m")
-    kind = int(parameter(recording, "TYPE", number))
+def plate_loads(recording: C3DRecording, source: C3dSource) -> list[PlateLoad]:
+    """What the plates that the source file asks for recorded, and from which channels."""
+    loads = []
+    for plate, channels in plates_of(recording, source):
+        numbers = channel_numbers(recording, plate)
+        units = [recording.analog_unit(number) for number in numbers]
+        origin = {"type": plate.type, "analogs": [n + 1 for n in numbers], "units": units}
+        loads.append(PlateLoad(plate.number, plate.type, plate.corners, *plate.wrench(channels), origin))
+    return loads
+
+
+def c3d_plate(recording: C3DRecording, source: C3dSource, number: int) -> ForcePlate:
+    """Geometry of one plate in SI units, in the axes of the file."""
+    metre = si_factor(source.unit_of_length(recording), "m")
+    kind = int(plate_parameter(recording, "TYPE", number))
     return ForcePlate(
         number,
         kind,
-        parameter(recording, "CORNERS", number, (3, 4)).T * metre @ source.rotation.T,
-        parameter(recording, "ORIGIN", number, (3,)) * metre,
+        plate_parameter(recording, "CORNERS", number, (3, 4)).T * metre,
+        plate_parameter(recording, "ORIGIN", number, (3,)) * metre,
         calibration(recording, source, number) if kind == 4 else None,
     )
 
 
 def calibration(recording: C3DRecording, source: C3dSource, number: int) -> Array:
     """Matrix of a type 4 plate; its moments are in N times the file's unit of length unless overridden."""
-    matrix = parameter(recording, "CAL_MATRIX", number, (6, 6))
+    matrix = plate_parameter(recording, "CAL_MATRIX", number, (6, 6))
     if recording.header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
         matrix = matrix.T
     units = source.plate_units
-    moment = units.moment if units else f"N*{source.point_unit or recording.point_unit()}"
+    moment = units.moment if units else f"N*{source.unit_of_length(recording)}"
     force_factor = si_factor(units.force, "N") if units else 1.0
     return np.asarray(matrix * np.repeat([force_factor, si_factor(moment, "N*m")], 3)[:, None])
 
@@ -75,7 +87,7 @@ def calibration(recording: C3DRecording, source: C3dSource, number: int) -> Arra
 def channel_numbers(recording: C3DRecording, plate: ForcePlate) -> list[int]:
     """The plate's analog channels, counted from 0."""
     needed = CHANNELS[plate.type]
-    numbers = parameter(recording, "CHANNEL", plate.number, (0,)).astype(int)[:needed]
+    numbers = plate_parameter(recording, "CHANNEL", plate.number, (0,)).astype(int)[:needed]
     if numbers.size < needed or (numbers < 1).any() or (numbers > recording.header.channels).any():
         raise InputError(
             f"plate {plate.number} of type {plate.type} needs {needed} channels, FORCE_PLATFORM:CHANNEL gives "
@@ -84,7 +96,7 @@ def channel_numbers(recording: C3DRecording, plate: ForcePlate) -> list[int]:
     return [int(number) - 1 for number in numbers]
 
 
-def plate_channels(recording: C3DRecording, source: C3dSource, plate: ForcePlate) -> Array:
+def channels_in_si(recording: C3DRecording, source: C3dSource, plate: ForcePlate) -> Array:
     """The plate's samples (samples, channels) in SI units; of type 4 as they are, for its calibration."""
     numbers = channel_numbers(recording, plate)
     values = recording.analogs[:, numbers]
@@ -101,7 +113,8 @@ def plate_channels(recording: C3DRecording, source: C3dSource, plate: ForcePlate
     if plate.type == 4:
         return values
     units = [
-        factor(recording, source, n, quantity) for n, quantity in zip(numbers, QUANTITIES[plate.type], strict=True)
+        plate_factor(recording, source, n, quantity)
+        for n, quantity in zip(numbers, QUANTITIES[plate.type], strict=True)
     ]
     return np.asarray(values * np.array(units))
 
@@ -129,7 +142,7 @@ def baseline_frames(recording: C3DRecording, source: C3dSource) -> tuple[int, in
     return first, last
 
 
-def factor(recording: C3DRecording, source: C3dSource, channel: int, quantity: str) -> float:
+def plate_factor(recording: C3DRecording, source: C3dSource, channel: int, quantity: str) -> float:
     """Factor of a plate's channel, counted from 0, to the SI unit of its quantity."""
     unit = recording.analog_unit(channel)
     if source.plate_units:
@@ -140,7 +153,7 @@ def factor(recording: C3DRecording, source: C3dSource, channel: int, quantity: s
         raise InputError(f"analog channel {channel + 1}: {error}; or state `plate_units`") from error
 
 
-def parameter(recording: C3DRecording, name: str, number: int, shape: tuple[int, ...] = ()) -> Array:
+def plate_parameter(recording: C3DRecording, name: str, number: int, shape: tuple[int, ...] = ()) -> Array:
     """One plate's part, of the given shape (0: any), of a FORCE_PLATFORM parameter.
 
     The last dimension counts plates; writers drop it where there is one.

@@ -62,10 +62,10 @@ def correlate_clocks(slave: Course, master: Course) -> ClockFit:
             f"the shared signal moves in {first.size} of {SECTIONS} sections of the recording, at least "
             f"{MINIMUM_EDGES} are needed; move the joint throughout"
         )
-    return fitted(slave.time[0] + step * first, master.time[0] + step * second, max(slave.step, master.step), step)
+    return lag_line(slave.time[0] + step * first, master.time[0] + step * second, max(slave.step, master.step), step)
 
 
-def fitted(first: Array, second: Array, limit: float, step: float) -> ClockFit:
+def lag_line(first: Array, second: Array, limit: float, step: float) -> ClockFit:
     """Line through pairs of times [s], (n,) each; the scatter of a first line is the noise of the second."""
     line, used = robust_line(first, second, step)
     for _ in range(2):
@@ -88,7 +88,7 @@ def whole_lag(ours: Array, theirs: Array) -> int:
     InputError
         The highest peak is too low, or not alone.
     """
-    lags, score = correlation(ours, theirs)
+    lags, score = correlation_by_lag(ours, theirs)
     best = int(np.argmax(score))
     if not score[best] >= ALIKE:
         raise InputError(
@@ -106,7 +106,7 @@ def whole_lag(ours: Array, theirs: Array) -> int:
     return int(lags[best])
 
 
-def correlation(ours: Array, theirs: Array) -> tuple[NDArray[np.intp], Array]:
+def correlation_by_lag(ours: Array, theirs: Array) -> tuple[NDArray[np.intp], Array]:
     """Lags [samples] with enough overlap, and the size of the coefficient of correlation over the overlap at each."""
     flipped, one, other = ours[::-1], np.ones(ours.size), np.ones(theirs.size)
     overlap = np.maximum(np.rint(convolved(other, one)), 1)

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from osl_analysis.columns import unit_of
 from osl_analysis.errors import InputError
-from osl_analysis.formats.csv_table import CsvTable, read_table
+from osl_analysis.formats.csv_table import CsvTable, read_csv_table
 from osl_analysis.formats.csv_text import UnreadableCellError, numbers
-from osl_analysis.ingest.csv_source import CsvChannel, CsvSource
+from osl_analysis.ingest.csv_source import CsvSource
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.trial import Array, check_time
@@ -29,24 +29,26 @@ def read_csv_log(path: Path, source: CsvSource) -> Recording:
         No such column, a cell that is no number, too many missing, an unknown unit, or time that does not strictly
         increase.
     """
-    table = read_table(path, source)
+    table = read_csv_table(path, source.layout)
     time, start = time_of(table, source)
     columns, origins, missing = [pl.Series("time", time)], {}, {}
     for column, channel in source.channels.items():
         place = table.column(channel.column)
-        unit = channel.unit if channel.unit is not None else table.units[place]
-        factor = factor_of(table, channel, unit, column)
         raw, absent = column_of(table, place, source)
         missing[column] = missing_in(table, place, absent, source)
-        columns.append(pl.Series(column, channel.sign * channel.scale * factor * (raw + channel.offset)))
-        origins[column] = {**channel.model_dump(), "unit": unit, "factor": factor, "si_unit": unit_of(column)}
+        try:
+            columns.append(pl.Series(column, channel.to_si(raw, unit_of(column), table.units[place])))
+        except InputError as error:
+            where = f"{path}: column '{channel.column}'"
+            raise InputError(f"{where}: {error}, as `unit` of {column} in the source file") from error
+        origins[column] = channel.origin(column, table.units[place])
     facts = {
         "time": {**source.time.model_dump(exclude_none=True), "start": start},
         "rates_hz": {path.name: float(1 / np.median(np.diff(time))) if time.size > 1 else None},
         "missing": missing,
         "comments": table.comments[:COMMENTS],
     }
-    return Recording(pl.DataFrame(columns), origins, facts, warnings(table, source, missing))
+    return Recording(pl.DataFrame(columns), origins, facts, csv_warnings(table, source, missing))
 
 
 def time_of(table: CsvTable, source: CsvSource) -> tuple[Array, float]:
@@ -66,16 +68,6 @@ def time_of(table: CsvTable, source: CsvSource) -> tuple[Array, float]:
     time = (raw - raw[0]) * factor
     check_time(f"{table.path}, column '{source.time.column}'", time)
     return time, float(raw[0])
-
-
-def factor_of(table: CsvTable, channel: CsvChannel, unit: str, column: str) -> float:
-    """Factor of a column to its SI unit."""
-    try:
-        return si_factor(unit, unit_of(column))
-    except InputError as error:
-        raise InputError(
-            f"{table.path}: column '{channel.column}': {error}, as `unit` of {column} in the source file"
-        ) from error
 
 
 def column_of(table: CsvTable, place: int, source: CsvSource) -> tuple[Array, NDArray[np.bool_]]:
@@ -109,7 +101,7 @@ def missing_in(table: CsvTable, place: int, absent: NDArray[np.bool_], source: C
     return count
 
 
-def warnings(table: CsvTable, source: CsvSource, missing: dict[str, int]) -> list[str]:
+def csv_warnings(table: CsvTable, source: CsvSource, missing: dict[str, int]) -> list[str]:
     """What was repaired or missing, and where the file's unit is another than the source file's."""
     name, found = table.path.name, list(table.notes)
     found += [f"{name}: {column} is missing in {n} of {len(table.rows)} rows" for column, n in missing.items() if n]

@@ -1,19 +1,15 @@
-"""What a CSV file holds: a logger's or a bench's table, or the sections of a Nexus export."""
+"""What a CSV file holds: a logger's or a bench's table."""
 
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.csv_table import is_number, trimmed
-from osl_analysis.formats.csv_text import Rows, delimiter_of, name_and_unit, read_lines, split
-from osl_analysis.formats.nexus_csv import Section, read_sections
-from osl_analysis.ingest.csv_source import NexusSource
-from osl_analysis.ingest.overview import Channel, Overview, gaps_of, rate_of
-from osl_analysis.trial import Array
+from osl_analysis.formats.csv_table import is_number_cell, trimmed
+from osl_analysis.formats.csv_text import Rows, delimiter_of, name_and_unit, read_lines, split_rows
+from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_of, rate_of
 
 COMMENT = "#"
 CLOCKS = ("time", "t", "timestamp", "state_time", "elapsed", "clock")  # how loggers call their time
@@ -22,7 +18,7 @@ MOST_WORDS = 5
 
 
 def inspect_csv(path: Path) -> Overview:
-    """Columns with units, rate, gaps and cells that are no numbers; of a Nexus export, its sections' columns.
+    """Columns with units, rate, gaps and cells that are no numbers.
 
     Raises
     ------
@@ -30,17 +26,13 @@ def inspect_csv(path: Path) -> Overview:
         The file is no text, or holds no rows.
     """
     lines = read_lines(path)
-    if any(
-        text.casefold().replace('"', "")[1:].startswith("rame") and "sub frame" in text.casefold() for _, text in lines
-    ):
-        return inspect_nexus(path)
     comments = [text for _, text in lines if text.lstrip().startswith(COMMENT)]
     content = [(line, text) for line, text in lines if not text.lstrip().startswith(COMMENT)]
     delimiter = delimiter_of(content, "auto")
-    rows = split(path, content, delimiter)
+    rows = split_rows(path, content, delimiter)
     if not rows:
-        raise InputError(f"{path}: holds no rows")
-    headed = not all(is_number(cell.replace(",", ".")) for cell in rows[0][1] if cell)
+        raise InputError(f"{path}: holds no rows; check that it is a recording")
+    headed = not all(is_number_cell(cell.replace(",", ".")) for cell in rows[0][1] if cell)
     first = trimmed(rows[0][1], 0)
     names = first if headed else [str(place + 1) for place in range(len(first))]
     body = [(line, trimmed(cells, len(names))) for line, cells in (rows[1:] if headed else rows)]
@@ -52,7 +44,7 @@ def inspect_csv(path: Path) -> Overview:
     settings |= {"decimal": ","} if decimal_comma else {}
     clock, unit = name_and_unit(clock_of(names) or "NAME_OF_TIME")
     settings["time"] = {"column": clock, "unit": unit or "UNKNOWN"}
-    return Overview("csv", facts, list(columns(names, body)), list(odd_rows(body, len(names))), settings)
+    return Overview("csv", facts, list(column_channels(names, body)), list(odd_rows(body, len(names))), settings)
 
 
 def clock_of(names: list[str]) -> str | None:
@@ -60,7 +52,7 @@ def clock_of(names: list[str]) -> str | None:
     return next((name for name in names if name_and_unit(name)[0].strip().casefold() in CLOCKS), None)
 
 
-def columns(names: list[str], rows: Rows) -> Iterator[Channel]:
+def column_channels(names: list[str], rows: Rows) -> Iterator[RecordedChannel]:
     """Every column with its range, and what in it is no number."""
     for place, title in enumerate(names):
         name, unit = name_and_unit(title)
@@ -74,7 +66,7 @@ def columns(names: list[str], rows: Rows) -> Iterator[Channel]:
             note = f"a clock, {rate:g} per unit" if rate else "a clock that stands still"
             note += f", {gaps_of(known)}" if gaps_of(known) else ""
         note += "".join(f", {count} x '{word}'" for word, count in words)
-        yield Channel("column", {"column": name}, unit, int(known.size), None, note)
+        yield RecordedChannel("column", {"column": name}, unit, int(known.size), None, note)
 
 
 def odd_rows(rows: Rows, width: int) -> Iterator[str]:
@@ -83,31 +75,3 @@ def odd_rows(rows: Rows, width: int) -> Iterator[str]:
         if length != width:
             first = next(line for line, cells in rows if len(cells) == length)
             yield f"{count} rows have {length} cells under {width} names, the first in line {first}"
-
-
-def inspect_nexus(path: Path) -> Overview:
-    """The sections of a Nexus export."""
-    sections = read_sections(path, NexusSource(format="nexus_csv"))
-    facts, remarks = {}, []
-    for title, section in sections.items():
-        facts[title] = f"{len(section.rows)} rows at {section.rate:g} Hz"
-        try:
-            section.counts()
-        except InputError as error:
-            remarks.append(f"{title}: {error}")
-    channels = [channel for section in sections.values() for channel in outputs(section)]
-    return Overview("nexus_csv", facts, channels, remarks)
-
-
-def outputs(section: Section) -> Iterator[Channel]:
-    """A section's columns: one per trajectory, and per component of anything else."""
-    kinds = {"Trajectories": "marker", "Model Outputs": "model output"}
-    kind = kinds.get(section.title, "device")
-    for place, (name, component) in enumerate(zip(section.names, section.components, strict=True)):
-        if not name or (kind == "marker" and component.casefold() != "x"):
-            continue
-        address = {"label": name} if kind == "marker" else {"device": name, "component": component}
-        values: Array = section.values(place)
-        missing = float(np.isnan(values).mean())
-        note = f"missing in {missing:.1%} of the rows" if missing else ""
-        yield Channel(kind, address, section.units[place], int((~np.isnan(values)).sum()), section.rate, note)

@@ -1,53 +1,40 @@
-"""Source files for text: a logger's or bench's CSV, and the CSV export of Vicon Nexus."""
+"""The source file of a log in CSV: a logger's or a bench's own table."""
 
 from typing import Annotated, Any, Literal
 
-import numpy as np
-from pydantic import Field, PositiveFloat, PositiveInt, field_validator, model_validator
+from pydantic import Field, PositiveFloat, field_validator, model_validator
 
-from osl_analysis.ingest.source_fields import Laboratory, ModelOutput, Sign, check_column
+from osl_analysis.formats.csv_table import CsvLayout
+from osl_analysis.ingest.source_fields import Conversion, LogSource
 from osl_analysis.ingest.units import si_factor
-from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import Settings
 
 Share = Annotated[float, Field(ge=0, le=1)]
-Point = tuple[float, float, float]
 Delimiter = Literal["auto", ",", ";", "tab", "space", "|"]
 
 
-class CsvChannel(Settings):
-    """One column: canonical value = sign * scale * factor(unit) * (raw + offset).
-
-    `column` is the name in the header, with or without its unit (`torque` finds `torque [Nm]`), or where there is no
-    header the column's number, counted from 1. Without `unit` the file's holds: in brackets behind the name, or in a
-    row of units. `scale` is for counts: 1 / 16384 and unit rev for an encoder of 14 bits. `offset` is in the file's.
-    """
+class CsvChannel(Conversion):
+    """One column; without `unit` the file's holds: in brackets behind the column's name, or in a row of units."""
 
     column: str
-    unit: str | None = None
-    sign: Sign = 1
-    scale: float = 1.0
-    offset: float = 0.0
+    """Name in the header, with or without its unit (`torque` finds `torque [Nm]`), or the column's number, counted
+    from 1, in a file without a header."""
 
     @field_validator("column", mode="before")
     @classmethod
     def _number(cls, value: Any) -> Any:
         return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
-    @field_validator("scale")
-    @classmethod
-    def _not_zero(cls, value: float) -> float:
-        if value == 0:
-            raise ValueError("a scale of zero leaves nothing")
-        return value
-
 
 class CsvTime(Settings):
-    """Where time comes from: a column with its unit, or the rate [Hz] at which rows were written."""
+    """Where the time of a row comes from: a column, or the rate at which rows were written."""
 
     column: str | None = None
+    """Name of the column that holds time."""
     unit: str | None = None
+    """Unit of the column; without it the file's holds."""
     rate: PositiveFloat | None = None
+    """Rows per second [Hz], for a file without a column of time."""
 
     @model_validator(mode="after")
     def _one(self) -> "CsvTime":
@@ -58,91 +45,53 @@ class CsvTime(Settings):
         return self
 
 
-class CsvSource(Settings):
-    """A log in CSV. `clock: sync` aligns its clock to motion capture by the edges of the column `sync`;
-    `clock: shared` by the signal that motion capture's source file names under `shared`.
-
-    `header`: row (the first row names the columns), comment (the last comment line does) or none. Cells that hold one
-    of the words in `missing` become NaN; a column with a larger share of them than `most_missing` is refused.
-    `ragged`: what becomes of rows of another length than the header: refuse; skip, with a count, up to the same
-    share; or dropped_variable, for a logger that leaves out a variable after it failed: the columns that were missing
-    in the last complete row are NaN from there on, and a row that this does not explain is refused. A last row that
-    is cut off is left out in any case, with a warning.
-    """
+class CsvSource(LogSource):
+    """A log in CSV. A last row that is cut off is left out in any case, with a warning."""
 
     format: Literal["csv"]
-    description: str = ""
-    clock: Literal["master", "sync", "shared"] = "master"
+    """Format of the file."""
     delimiter: Delimiter = "auto"
+    """Sign between cells; `auto` takes the first of tab, `;`, `|` and `,` that all lines have."""
     decimal: Literal[".", ","] = "."
+    """Decimal sign."""
     comment: str = "#"
+    """Sign at the beginning of lines that are no data; empty where there are none."""
     header: Literal["row", "comment", "none"] = "row"
+    """Where the columns' names stand: in the first row, in the last comment line, or nowhere."""
     units_row: bool = False
+    """Whether a row of units follows the header."""
     missing: tuple[str, ...] = ("", "nan", "NaN")
+    """Cells that become NaN: what the logger writes where a reading failed."""
     most_missing: Share = 0.01
+    """Largest share of a column's cells that may be missing, and of the rows that may be skipped."""
     ragged: Literal["refuse", "skip", "dropped_variable"] = "refuse"
+    """What becomes of rows of another length than the header.
+
+    `refuse`: the file is refused. `skip`: they are left out and counted. `dropped_variable`, for a logger that leaves a
+    variable out after it failed: the columns that were missing in the last complete row are NaN from there on, and a
+    row that this does not explain is refused.
+    """
     time: CsvTime
+    """Where the time of a row comes from."""
     channels: dict[str, CsvChannel] = Field(min_length=1)
+    """The column of each canonical column."""
 
     @model_validator(mode="after")
-    def _consistent(self) -> "CsvSource":
-        for column, channel in self.channels.items():
-            check_column(column, channel.unit)
-        if self.clock == "sync" and "sync" not in self.channels:
-            raise ValueError("clock: sync needs the column sync under channels; map it, or write clock: master")
+    def _units_below_header(self) -> "CsvSource":
         if self.units_row and self.header != "row":
             raise ValueError("a row of units needs a header row above it")
         return self
 
-
-class NexusAnalog(Settings):
-    """One device channel: the device output's name (`EMG2000 - Voltage`) and the column under it.
-
-    Without `unit` the file's row of units holds.
-    """
-
-    device: str
-    component: str
-    unit: str | None = None
-    sign: Sign = 1
-
-
-class NexusPlate(Settings):
-    """A force plate among the devices, whose outputs `<device> - Force` and `<device> - Moment` are in the
-    laboratory's axes.
-
-    The file says neither where the plate lies nor what its numbers mean: `corners` [mm], the point about which the
-    `moment` is taken [mm] (default: the centre of the corners), and `sign` -1 where the plate reports what acts on it
-    instead of what acts on the foot.
-    """
-
-    device: str
-    corners: tuple[Point, Point, Point, Point]
-    moment_about: Point | None = None
-    sign: Sign = 1
-
-    def centre(self) -> Array:
-        return np.asarray(np.mean(self.corners, axis=0))
-
-
-class NexusSource(Laboratory):
-    """Vicon Nexus's CSV export: sections Devices, Trajectories and Model Outputs in any order.
-
-    Labels are given with or without their subject (`LTOE` for `Anna:LTOE`). `plates` by number, counted from 1.
-    """
-
-    format: Literal["nexus_csv"]
-    description: str = ""
-    delimiter: Delimiter = "auto"
-    decimal: Literal[".", ","] = "."
-    analogs: dict[str, NexusAnalog] = Field(default={})
-    outputs: dict[str, ModelOutput] = Field(default={})
-    plates: dict[PositiveInt, NexusPlate] = Field(default={})
-
-    @model_validator(mode="after")
-    def _canonical(self) -> "NexusSource":
-        for column, analog in self.analogs.items():
-            check_column(column, analog.unit)
-        for column, output in self.outputs.items():
-            check_column(column, output.unit)
-        return self
+    @property
+    def layout(self) -> CsvLayout:
+        """How the logger writes its table."""
+        return CsvLayout(
+            self.delimiter,
+            self.decimal,
+            self.comment,
+            self.header,
+            self.units_row,
+            self.missing,
+            self.most_missing,
+            self.ragged,
+        )

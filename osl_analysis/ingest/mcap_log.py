@@ -1,25 +1,60 @@
-"""A log in MCAP to canonical columns, by a source file."""
+"""A log in MCAP: its source file, and the canonical columns that it asks for."""
 
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
 import polars as pl
+from pydantic import Field
 
 from osl_analysis.columns import unit_of
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap.records import McapFile, read_mcap
-from osl_analysis.formats.mcap.stamps import SECOND, Ordering, in_order, stamp_fields, stamps_of
-from osl_analysis.formats.mcap.topic import Decoded, decode_topics
-from osl_analysis.formats.messages.byte_rows import Indices
+from osl_analysis.formats.mcap.mcap_file import McapFile, read_mcap
+from osl_analysis.formats.mcap.topics import Decoded, decode_topics
+from osl_analysis.formats.messages.leaves import Indices
 from osl_analysis.ingest.recording import Recording, check_finite
-from osl_analysis.ingest.source_file import LogChannel, McapSource
-from osl_analysis.ingest.units import si_factor
+from osl_analysis.ingest.source_fields import Conversion, LogSource
+from osl_analysis.ingest.stamps import SECOND, Ordering, in_order, stamp_fields, stamps_of
+from osl_analysis.yaml_settings import Settings
 
 
-def read_log(path: Path, source: McapSource) -> Recording:
+class LogChannel(Conversion):
+    """One field of one topic."""
+
+    topic: str
+    """Name of the topic."""
+    field: str
+    """Dotted path of the field, with an index or a name where it passes an array: `wrench.force.x`, `position[0]`,
+    `position[name=ankle]`."""
+    unit: str
+    """Unit of the field; MCAP files state none."""
+
+
+class TimeSource(Settings):
+    """Where the time of a message comes from."""
+
+    source: Literal["header", "log"]
+    """`header`: the stamp in the message. `log`: when the recorder logged it."""
+    field: str = "header.stamp"
+    """Path of the stamp in the message."""
+
+
+class McapSource(LogSource):
+    """A log in MCAP."""
+
+    format: Literal["mcap"]
+    """Format of the file."""
+    time: TimeSource
+    """Where the time of a message comes from."""
+    largest_loss: float = Field(default=0.01, ge=0.0, le=1.0)
+    """Largest share of the file's messages that may be lost; a log that has lost more is refused."""
+    channels: dict[str, LogChannel] = Field(min_length=1)
+    """The field of each canonical column."""
+
+
+def read_mcap_log(path: Path, source: McapSource) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first stamp.
 
     Topics that are sampled at other times than each other keep their own rows, null in the columns of the others:
@@ -37,7 +72,7 @@ def read_log(path: Path, source: McapSource) -> Recording:
         by_topic[channel.topic][column] = channel
     file = read_mcap(path)
     try:
-        decoded = decode(file, by_topic, source)
+        decoded = decode_wanted(file, by_topic, source)
         tables = {topic: read_topic(topic, by_topic[topic], one, source) for topic, one in decoded.items()}
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
@@ -46,12 +81,12 @@ def read_log(path: Path, source: McapSource) -> Recording:
     time = ((joined["stamp"] - start) / SECOND).alias("time")
     facts = {
         "time": {"source": source.time.source if source.time.source == "log" else source.time.field, "start_ns": start},
-        "rates_hz": {topic: rate(table["stamp"].to_numpy()) for topic, (table, _) in tables.items()},
+        "rates_hz": {topic: median_rate(table["stamp"].to_numpy()) for topic, (table, _) in tables.items()},
         "decoding": {topic: one.how for topic, one in decoded.items()},
         "stamps": {topic: order.report() for topic, (_, order) in tables.items()},
         "damage": file.damage.report(),
     }
-    columns = {column: origin(column, channel) for column, channel in source.channels.items()}
+    columns = {column: channel.origin(column) for column, channel in source.channels.items()}
     says = [text for topic, (_, order) in tables.items() for text in order.says(topic)]
     remarks = [*file.damage.all_remarks(), *says]
     samples = joined.select(time, pl.exclude("stamp"))
@@ -69,7 +104,7 @@ def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
     return joined
 
 
-def decode(file: McapFile, by_topic: dict[str, dict[str, LogChannel]], source: McapSource) -> dict[str, Decoded]:
+def decode_wanted(file: McapFile, by_topic: dict[str, dict[str, LogChannel]], source: McapSource) -> dict[str, Decoded]:
     """The fields of each topic, and those of its stamp; refused where too much of the file is lost."""
     stamps = [name for pair in stamp_fields(source.time.field) for name in pair]
     from_header = source.time.source == "header"
@@ -104,27 +139,20 @@ def read_topic(
     """Stamps [ns] and columns of one topic in order of the stamps, and what it took to bring them there."""
     from_header = source.time.source == "header"
     stamp = stamps_of(topic, decoded, source.time.field) if from_header else decoded.log_time
-    columns = [canonical(column, channel, decoded, stamp) for column, channel in channels.items()]
+    columns = [canonical_series(column, channel, decoded, stamp) for column, channel in channels.items()]
     table = pl.DataFrame([pl.Series("stamp", stamp), *columns])
     return in_order(topic, table, len(decoded.how), source.largest_loss)
 
 
-def canonical(column: str, channel: LogChannel, decoded: Decoded, stamp: Indices) -> pl.Series:
+def canonical_series(column: str, channel: LogChannel, decoded: Decoded, stamp: Indices) -> pl.Series:
     """One column in SI units; null where a message lacks the field."""
     raw = decoded.values[channel.field].astype(np.float64)
     check_finite(f"topic {channel.topic}, field {channel.field}", raw, (stamp - stamp[0]) / SECOND)
-    factor = channel.sign * si_factor(channel.unit, unit_of(column))
-    series = pl.Series(column, factor * (raw + channel.offset))
+    series = pl.Series(column, channel.to_si(raw, unit_of(column)))
     present = decoded.present[channel.field]
     return series if present.all() else series.set(pl.Series(~present), None)
 
 
-def origin(column: str, channel: LogChannel) -> dict[str, Any]:
-    """Where a column comes from, for the trial's provenance."""
-    unit = unit_of(column)
-    return {**channel.model_dump(), "factor": si_factor(channel.unit, unit), "si_unit": unit}
-
-
-def rate(stamp: Indices) -> float | None:
+def median_rate(stamp: Indices) -> float | None:
     """Median rate [Hz] of stamps [ns]; None for a single one."""
     return float(SECOND / np.median(np.diff(stamp))) if stamp.size > 1 else None

@@ -1,25 +1,73 @@
-"""A Nexus CSV export to canonical columns, by a source file: markers, plates, analogs, model outputs."""
+"""A capture in the CSV export of Vicon Nexus: its source file, and what it asks for, as the file has it."""
 
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
+from pydantic import Field, PositiveInt
 
-from osl_analysis.columns import AXES, marker_columns, plate_columns, unit_of
-from osl_analysis.errors import InputError, printable
-from osl_analysis.formats.nexus_csv import Section, read_sections, short
-from osl_analysis.ingest.c3d_capture import Columns, Origins, interleaved
-from osl_analysis.ingest.csv_source import NexusPlate, NexusSource
-from osl_analysis.ingest.recording import Recording, check_finite
-from osl_analysis.ingest.units import si_factor
+from osl_analysis.columns import AXES
+from osl_analysis.errors import InputError
+from osl_analysis.formats.nexus_csv import NexusSection, read_sections, without_subject
+from osl_analysis.ingest.capture import Capture, MarkerTrack, PlateLoad, is_labelled, recording_of
+from osl_analysis.ingest.csv_source import Delimiter
+from osl_analysis.ingest.recording import Recording
+from osl_analysis.ingest.source_fields import CaptureSource, Conversion
 from osl_analysis.trial import Array
+from osl_analysis.yaml_settings import Settings
 
 MILLIMETRE = 1e-3
+SLOW = ("Trajectories", "Model Outputs")
 
-Sections = dict[str, Section]
+Point = tuple[float, float, float]
+Sections = dict[str, NexusSection]
 
 
-def read_nexus(path: Path, source: NexusSource) -> Recording:
+class NexusAnalog(Conversion):
+    """One device channel; without `unit` the file's row of units holds."""
+
+    device: str
+    """Name of the device's output, such as `EMG2000 - Voltage`."""
+    component: str
+    """Name of the column under it."""
+
+
+class NexusPlate(Settings):
+    """A force plate among the devices. Its outputs are in the axes of the file, which does not say where it lies."""
+
+    device: str
+    """The plate's outputs are called `<device> - Force` and `<device> - Moment`."""
+    corners: tuple[Point, Point, Point, Point]
+    """Corners of the surface in the file's axes [mm]."""
+    moment_about: Point | None = None
+    """Point about which the file's moment is taken [mm]; without it the centre of the corners."""
+    sign: Literal[1, -1] = 1
+    """-1 where the file has what acts on the plate instead of what acts on the foot."""
+
+    def centre(self) -> Array:
+        """Centre of the corners, (3,) [mm]."""
+        return np.asarray(np.mean(self.corners, axis=0))
+
+
+class NexusSource(CaptureSource):
+    """The CSV export of Vicon Nexus: sections Devices, Trajectories and Model Outputs in any order.
+
+    Labels are given with or without their subject (`LTOE` for `Anna:LTOE`).
+    """
+
+    format: Literal["nexus_csv"]
+    """Format of the file."""
+    delimiter: Delimiter = "auto"
+    """Sign between cells; `auto` takes the first of tab, `;`, `|` and `,` that the header has."""
+    decimal: Literal[".", ","] = "."
+    """Decimal sign."""
+    analogs: dict[str, NexusAnalog] = Field(default={})
+    """The device channel of each canonical column."""
+    plates: dict[PositiveInt, NexusPlate] = Field(default={})
+    """Force plates by number, counted from 1."""
+
+
+def read_nexus_capture(path: Path, source: NexusSource) -> Recording:
     """The columns that the source file asks for, in SI units; the first frame is at 0 s.
 
     Raises
@@ -28,38 +76,32 @@ def read_nexus(path: Path, source: NexusSource) -> Recording:
         No export of Nexus, sections of different frames, a column that is missing or named twice, an unknown unit,
         or a gap in a device's samples.
     """
-    sections = read_sections(path, source)
+    sections = read_sections(path, source.delimiter, source.decimal)
     try:
-        return recording_of(sections, source)
+        return recording_of(nexus_capture(sections, source), source)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
 
-def recording_of(sections: Sections, source: NexusSource) -> Recording:
-    """The columns that the source file asks for, under one time [s]."""
-    markers, marker_origins = read_markers(sections, source)
-    outputs, output_origins = read_outputs(sections, source)
-    analogs, analog_origins = read_analogs(sections, source)
-    plates, plate_origins = read_plates(sections, source)
-    slow, fast = {**markers, **outputs}, {**plates, **analogs}
-    first, rate, ratio, frames = timing(sections, bool(slow), bool(fast))
-    time = np.arange(frames * ratio) / (rate * ratio)
-    for column, values in fast.items():
-        check_finite(column, values, time)
-    facts = {
-        "frame_rate_hz": rate,
-        "samples_per_frame": ratio,
-        "first_frame": first,
-        "axes": source.axes,
-        "plates": [geometry(number, plate, source.rotation) for number, plate in source.plates.items()],
+def nexus_capture(sections: Sections, source: NexusSource) -> Capture:
+    """What the source file asks for, as the file has it."""
+    markers = [marker_track(sections, label) for label in labels(sections, source)]
+    outputs = {
+        column: section_of(sections, "Model Outputs").column(output.label, output.component)[0]
+        for column, output in source.outputs.items()
     }
-    origins = {**plate_origins, **analog_origins, **marker_origins, **output_origins}
-    return Recording(interleaved(time, fast, slow, ratio), origins, facts)
+    analogs = {
+        column: section_of(sections, "Devices").column(analog.device, analog.component)
+        for column, analog in source.analogs.items()
+    }
+    plates = [plate_load(sections, number, plate) for number, plate in source.plates.items()]
+    first, rate, ratio, frames = timing(sections, bool(markers or outputs), bool(analogs or plates))
+    return Capture(frames, rate, ratio, first, markers, outputs, analogs, plates)
 
 
 def timing(sections: Sections, slow: bool, fast: bool) -> tuple[int, float, int, int]:
     """First frame, frame rate [Hz], samples per frame and number of frames, of the sections that are used."""
-    used = [sections[title] for title in ("Trajectories", "Model Outputs") if slow and title in sections]
+    used = [sections[title] for title in SLOW if slow and title in sections]
     devices = [sections["Devices"]] if fast else []
     if not used and not devices:
         raise InputError("nothing to read; name markers, outputs, analogs or plates in the source file")
@@ -78,95 +120,40 @@ def timing(sections: Sections, slow: bool, fast: bool) -> tuple[int, float, int,
     return first, rate, devices[0].counts()[1] if devices else 1, int(frames)
 
 
-def section(sections: Sections, title: str) -> Section:
+def section_of(sections: Sections, title: str) -> NexusSection:
     """A section that must be there."""
     if title not in sections:
         raise InputError(f"no section {title}; the file has {', '.join(sections)}: export it too")
     return sections[title]
 
 
-def read_markers(sections: Sections, source: NexusSource) -> tuple[Columns, Origins]:
-    """Three columns [m] per marker, NaN where it was not seen: an empty cell, or the exact origin."""
-    columns: Columns = {}
-    origins: Origins = {}
-    if not source.markers or (source.markers == "all" and "Trajectories" not in sections):
-        return columns, origins
-    where = section(sections, "Trajectories")
-    for label in wanted_markers(where) if source.markers == "all" else source.markers:
-        places = [where.place(label, axis) for axis in AXES]
-        unit = where.units[places[0]]
-        factor = si_factor(unit, "m")
-        values = np.column_stack([where.values(place) for place in places])
-        values[(values == 0).all(axis=1)] = np.nan
-        turned = values @ source.rotation.T * factor
-        for axis, column in enumerate(marker_columns(printable(short(label)))):
-            if column in columns:
-                raise InputError(f"marker '{short(label)}' is there twice; list those to read under `markers`")
-            columns[column] = turned[:, axis]
-            origins[column] = {"label": label, "component": source.axes[axis], "unit": unit, "factor": factor}
-            origins[column]["si_unit"] = unit_of(column)
-    return columns, origins
+def labels(sections: Sections, source: NexusSource) -> tuple[str, ...]:
+    """Labels of the markers to read; "all" excludes `*1`, a subject alone (`Anna:`) and nothing."""
+    if source.markers != "all":
+        return source.markers
+    names = sections["Trajectories"].names if "Trajectories" in sections else []
+    return tuple(dict.fromkeys(name for name in names if is_labelled(without_subject(name))))
 
 
-def wanted_markers(where: Section) -> tuple[str, ...]:
-    """Labels of all trajectories but those that have none: `*1`, a subject alone (`Anna:`), nothing."""
-    names = dict.fromkeys(name for name in where.names if short(name) and not short(name).startswith("*"))
-    return tuple(names)
+def marker_track(sections: Sections, label: str) -> MarkerTrack:
+    """One marker by its label; it was not seen where the cells are empty, or at the exact origin."""
+    columns = [section_of(sections, "Trajectories").column(label, axis) for axis in AXES]
+    positions = np.column_stack([values for values, _ in columns])
+    positions[(positions == 0).all(axis=1)] = np.nan
+    return MarkerTrack(label, without_subject(label), positions, columns[0][1])
 
 
-def read_outputs(sections: Sections, source: NexusSource) -> tuple[Columns, Origins]:
-    """Model outputs, (frames,) each; the source file's unit holds, never the file's."""
-    columns: Columns = {}
-    origins: Origins = {}
-    for column, output in source.outputs.items():
-        where = section(sections, "Model Outputs")
-        factor = si_factor(output.unit, unit_of(column))
-        columns[column] = output.sign * factor * where.values(where.place(output.label, output.component))
-        origins[column] = {**output.model_dump(), "factor": factor, "si_unit": unit_of(column)}
-    return columns, origins
+def plate_load(sections: Sections, number: int, plate: NexusPlate) -> PlateLoad:
+    """Force and moment about the centre of the plate, on the foot."""
+    force, moment = triple(sections, plate, "Force", "N"), triple(sections, plate, "Moment", "N*m")
+    about = plate.centre() if plate.moment_about is None else np.array(plate.moment_about)
+    moment = moment + np.cross((about - plate.centre()) * MILLIMETRE, force)
+    origin = {"device": plate.device, "sign": plate.sign}
+    return PlateLoad(number, 2, np.array(plate.corners) * MILLIMETRE, force, moment, origin)
 
 
-def read_analogs(sections: Sections, source: NexusSource) -> tuple[Columns, Origins]:
-    """Device channels, (samples,) each."""
-    columns: Columns = {}
-    origins: Origins = {}
-    for column, analog in source.analogs.items():
-        where = section(sections, "Devices")
-        place = where.place(analog.device, analog.component)
-        unit = analog.unit if analog.unit is not None else where.units[place]
-        factor = si_factor(unit, unit_of(column))
-        columns[column] = analog.sign * factor * where.values(place)
-        origins[column] = {**analog.model_dump(), "unit": unit, "factor": factor, "si_unit": unit_of(column)}
-    return columns, origins
-
-
-def read_plates(sections: Sections, source: NexusSource) -> tuple[Columns, Origins]:
-    """Force [N] and moment [N*m] about the centre of the plate, on the foot, (samples,) each."""
-    columns: Columns = {}
-    origins: Origins = {}
-    for plate_number, plate in source.plates.items():
-        where = section(sections, "Devices")
-        force, moment = (triple(where, plate, kind) for kind in ("Force", "Moment"))
-        about = plate.centre() if plate.moment_about is None else np.array(plate.moment_about)
-        moment = moment + np.cross((about - plate.centre()) * MILLIMETRE, force)
-        origin = {"plate": plate_number, "device": plate.device, "sign": plate.sign}
-        for quantity, values in (("force", force), ("moment", moment)):
-            turned = values @ source.rotation.T
-            for axis, column in enumerate(plate_columns(plate_number, quantity)):
-                columns[column] = turned[:, axis]
-                origins[column] = {**origin, "si_unit": unit_of(column)}
-    return columns, origins
-
-
-def triple(where: Section, plate: NexusPlate, kind: str) -> Array:
+def triple(sections: Sections, plate: NexusPlate, kind: str, si_unit: str) -> Array:
     """Force [N] or moment [N*m] of a plate, (samples, 3), with the sign of what acts on the foot."""
-    quantity = {"Force": "N", "Moment": "N*m"}[kind]
-    places = [where.place(f"{plate.device} - {kind}", f"{kind[0]}{axis}") for axis in AXES]
-    factors = [si_factor(where.units[place], quantity) for place in places]
-    return plate.sign * np.column_stack([where.values(place) for place in places]) * factors
-
-
-def geometry(plate_number: int, plate: NexusPlate, rotation: Array) -> dict[str, Any]:
-    """A plate's number and corners [m] in our axes, for the trial's provenance."""
-    corners = np.array(plate.corners) @ rotation.T * MILLIMETRE
-    return {"plate": plate_number, "type": 2, "corners": corners.tolist()}
+    conversion, devices = Conversion(sign=plate.sign), section_of(sections, "Devices")
+    columns = [devices.column(f"{plate.device} - {kind}", f"{kind[0]}{axis}") for axis in AXES]
+    return np.column_stack([conversion.to_si(values, si_unit, unit) for values, unit in columns])

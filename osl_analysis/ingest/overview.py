@@ -11,32 +11,41 @@ GAP = 1.5  # of the median step: what is longer is a gap
 
 
 @dataclass(frozen=True)
-class Channel:
-    """One thing that the file recorded. `count` samples at `rate` [Hz]; `note` says what a reader should know.
-
-    `address` is how a source file names it: `topic` and `field`, `column`, `channel`, `label` ...
-    """
+class RecordedChannel:
+    """One thing that the file recorded."""
 
     kind: str
+    """What it is: marker, model output, analog, plate, device, column, or the type of a topic's messages."""
     address: Mapping[str, str]
+    """How a source file names it: `topic` and `field`, `column`, `channel`, `label` ..."""
     unit: str = ""
+    """Unit of the numbers, as the file spells it; empty where it gives none."""
     count: int = 0
+    """Number of samples."""
     rate: float | None = None
+    """Median rate [Hz]; None where nothing tells it."""
     note: str = ""
+    """What a reader should know."""
+    type: str = ""
+    """Type of the numbers and the length of the array that they stand in, such as `float64[4]`."""
+    missing: float = 0.0
+    """Share of the frames or rows in which nothing was recorded, 0 to 1."""
 
 
 @dataclass(frozen=True)
 class Overview:
-    """A file: its format as source files call it, facts about the whole, channels, and damage or oddities.
-
-    `settings` are fields of a source file that the format needs and the file tells, in the file's own order.
-    """
+    """What one file holds."""
 
     format: str
+    """The format's name in source files."""
     facts: Mapping[str, str]
-    channels: Sequence[Channel]
+    """Facts about the whole file."""
+    channels: Sequence[RecordedChannel]
+    """What it recorded, in the order of the file."""
     remarks: Sequence[str] = ()
+    """Damage and oddities, a sentence each."""
     settings: Mapping[str, object] = field(default_factory=dict)
+    """Fields of a source file that the format needs and the file tells."""
 
 
 def rate_of(time: Array) -> float | None:
@@ -51,10 +60,10 @@ def gaps_of(time: Array) -> str:
     steps = np.diff(np.sort(time))
     usual = float(np.median(steps)) if steps.size else 0.0
     wide = steps[steps > GAP * usual] if usual > 0 else steps[:0]
-    found = []
+    oddities = []
     if wide.size:
-        found.append(f"{wide.size} gaps, the longest {wide.max():.3f} s")
+        oddities.append(f"{wide.size} gaps, the longest {wide.max():.3f} s")
     for count, what in ((int((np.diff(time) < 0).sum()), "out of order"), (int((steps == 0).sum()), "twice")):
         if count:
-            found.append(f"{count} stamps {what}")
-    return ", ".join(found)
+            oddities.append(f"{count} stamps {what}")
+    return ", ".join(oddities)

@@ -10,8 +10,6 @@ import polars as pl
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
-LISTED = 40
-
 
 @dataclass(frozen=True)
 class Recording:
@@ -25,12 +23,6 @@ class Recording:
     columns: Mapping[str, Mapping[str, Any]]
     facts: Mapping[str, Any] = field(default_factory=dict)
     warnings: Sequence[str] = ()
-
-
-def listing(names: Sequence[str]) -> str:
-    """Names for a message to the user, not more than a line can hold."""
-    more = f", ... ({len(names)} in all)" if len(names) > LISTED else ""
-    return (", ".join(names[:LISTED]) or "none") + more
 
 
 def check_finite(what: str, values: Array, time: Array) -> None:

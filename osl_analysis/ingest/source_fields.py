@@ -1,40 +1,126 @@
-"""What source files of several formats have in common."""
+"""What the source files of all formats share: conversion to SI units, clocks, axes, markers and model outputs."""
 
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import field_validator
+from pydantic import Field, field_validator, model_validator
 
 from osl_analysis.columns import AXES, COLUMNS, unit_of
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import Settings
 
-Sign = Literal[1, -1]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
-class SharedAngle(Settings):
-    """What aligns a log's clock where the edges of a sync channel cannot.
+class Conversion(Settings):
+    """How recorded numbers become SI units: sign * scale * factor * (raw + offset), with the unit's factor to SI."""
 
-    A column of the log is, up to scale, sign and offset, the angle at the second of three markers.
+    unit: str | None = None
+    """Unit of the numbers, as laboratories spell it; without it the unit that the file states holds."""
+    sign: Literal[1, -1] = 1
+    """-1 where the recorder counts the other direction as positive."""
+    scale: float = 1.0
+    """Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits."""
+    offset: float = 0.0
+    """Added to the raw numbers, and so in their unit and before the scale."""
+
+    @field_validator("scale")
+    @classmethod
+    def _not_zero(cls, value: float) -> float:
+        if value == 0:
+            raise ValueError("a scale of zero makes every number zero; write the size of one count")
+        return value
+
+    def stated_unit(self, unit_of_file: str) -> str:
+        """The source file's unit, or else the recording's."""
+        return unit_of_file if self.unit is None else self.unit
+
+    def to_si(self, raw: Array, si_unit: str, unit_of_file: str = "") -> Array:
+        """Recorded numbers, of any shape, in the SI unit.
+
+        Raises
+        ------
+        InputError
+            The unit is unknown or of another dimension.
+        """
+        factor = si_factor(self.stated_unit(unit_of_file), si_unit)
+        return np.asarray(self.sign * self.scale * factor * (raw + self.offset))
+
+    def origin(self, column: str, unit_of_file: str = "") -> dict[str, Any]:
+        """Where a canonical column comes from and how it was converted, for the trial's provenance."""
+        unit, si_unit = self.stated_unit(unit_of_file), unit_of(column)
+        return {**self.model_dump(), "unit": unit, "factor": si_factor(unit, si_unit), "si_unit": si_unit}
+
+
+class LogSource(Settings):
+    """A log: the file of a recorder with a clock of its own."""
+
+    format: str
+    """Format of the file."""
+    description: str = ""
+    """For readers; nothing is computed from it."""
+    clock: Literal["master", "sync", "shared"] = "master"
+    """How the log's clock is aligned to motion capture's.
+
+    `master`: not at all, the log is the trial's only file. `sync`: by the edges of the column `sync`. `shared`: by the
+    signal that motion capture's source file names under `shared`.
     """
+    channels: Mapping[str, Conversion] = Field(min_length=1)
+    """The recorded channel of each canonical column."""
+
+    @field_validator("channels")
+    @classmethod
+    def _canonical(cls, channels: Mapping[str, Conversion]) -> Mapping[str, Conversion]:
+        for column, channel in channels.items():
+            check_canonical(column, channel.unit)
+        return channels
+
+    @model_validator(mode="after")
+    def _has_sync(self) -> "LogSource":
+        if self.clock == "sync" and "sync" not in self.channels:
+            raise ValueError("clock: sync needs the column sync under channels; map it, or write clock: master")
+        return self
+
+
+class SharedAngle(Settings):
+    """An angle that log and motion capture both recorded, which aligns their clocks where no sync edges do."""
 
     column: str
+    """Column of the log that holds the angle, whatever its scale, sign and offset."""
     markers: tuple[str, str, str]
+    """Three markers of motion capture; the angle is the one at the second."""
 
 
-class Laboratory(Settings):
-    """A motion capture laboratory.
+class ModelOutput(Conversion):
+    """One component of a model output, such as a joint moment of Plug-in Gait, that is stored like a marker."""
 
-    `markers`: all (every labelled point that is no model output), none or a list of labels. `axes` names the file's
-    axes that point forward, to the left and up: `[z, x, y]` or `[x, -z, y]` where y is up. `shared` is what aligns the
-    clock of a log that says `clock: shared`.
-    """
+    label: str
+    """Label of the output in the file."""
+    component: Literal["x", "y", "z"]
+    """Component of the output."""
+    unit: str
+    """What the software computes, not what the file says: moments of Plug-in Gait are N*mm/kg in every file."""
 
+
+class CaptureSource(Settings):
+    """A capture: the file of a motion-capture laboratory, whose clock is the trial's."""
+
+    format: str
+    """Format of the file."""
+    description: str = ""
+    """For readers; nothing is computed from it."""
     markers: Literal["all"] | tuple[str, ...] = "all"
+    """The markers to read: all (every labelled point that is no model output), none or a list of labels."""
     axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
+    """The file's axes that point forward, to the left and up: `[z, x, y]` or `[x, -z, y]` where y is up."""
     shared: SharedAngle | None = None
+    """What aligns the clock of a log that says `clock: shared`."""
+    analogs: Mapping[str, Conversion] = Field(default={})
+    """The recorded channel of each canonical column."""
+    outputs: dict[str, ModelOutput] = Field(default={})
+    """The model output of each canonical column."""
 
     @property
     def rotation(self) -> Array:
@@ -55,18 +141,11 @@ class Laboratory(Settings):
     def _marker_choice(cls, value: Any) -> Any:
         return all_none_or_list(value)
 
-
-class ModelOutput(Settings):
-    """One component of a model output that the laboratory's software stored as a point.
-
-    The unit is what the software computes, not what the file says: Plug-in Gait moments are N*mm/kg whatever
-    the file's units.
-    """
-
-    label: str
-    component: Literal["x", "y", "z"]
-    unit: str
-    sign: Sign = 1
+    @model_validator(mode="after")
+    def _canonical(self) -> "CaptureSource":
+        for column, channel in {**self.analogs, **self.outputs}.items():
+            check_canonical(column, channel.unit)
+        return self
 
 
 def all_none_or_list(value: Any) -> Any:
@@ -78,7 +157,7 @@ def all_none_or_list(value: Any) -> Any:
     raise ValueError("write all, none or a list")
 
 
-def check_column(column: str, unit: str | None) -> None:
+def check_canonical(column: str, unit: str | None) -> None:
     """Refuse a column that is not in the nomenclature, or a unit that cannot become the column's."""
     try:
         canonical = unit_of(column)

@@ -73,12 +73,14 @@ def si_factor(unit: str, expected: str) -> float:
         raise InputError(f"the unit is empty; write one of {advice}")
     found = base_units(spelling)
     if found is None:
-        raise InputError(f"unit {shown(unit)} is unknown; write one of {advice}")
+        raise InputError(f"unit {quoted_unit(unit)} is unknown; write one of {advice}")
     factor, base = found
     if base != dimension(expected):
-        raise InputError(f"unit {shown(unit)} measures [{canonical_name(base)}], expected one of {advice}")
+        raise InputError(f"unit {quoted_unit(unit)} measures [{canonical_name(base)}], expected one of {advice}")
     if not SMALLEST <= factor <= LARGEST:
-        raise InputError(f"unit {shown(unit)} is {factor:g} {expected}, which nobody means; write one of {advice}")
+        raise InputError(
+            f"unit {quoted_unit(unit)} is {factor:g} {expected}, which nobody means; write one of {advice}"
+        )
     return factor
 
 
@@ -119,6 +121,6 @@ def canonical_name(base: str) -> str:
     return names[0] if names else base.replace(" ", "")
 
 
-def shown(unit: str) -> str:
+def quoted_unit(unit: str) -> str:
     """A unit in quotes, no longer than a line can hold."""
     return f"'{unit[:40]}...'" if len(unit) > 40 else f"'{unit}'"

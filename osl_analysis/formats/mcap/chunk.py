@@ -14,13 +14,13 @@ from osl_analysis.formats.mcap.walk import (
     CHUNK_HEAD,
     MESSAGE,
     Buffer,
-    Walk,
+    RecordWalk,
     index_offsets,
     message_heads,
     walk_by_index,
     walk_records,
 )
-from osl_analysis.formats.messages.byte_rows import Indices
+from osl_analysis.formats.messages.leaves import Indices
 
 LARGEST_CHUNK = 256 << 20
 """Bytes that a compressed chunk may declare; recorders write 1 to 8 MB, what declares more is damaged or a bomb."""
@@ -31,7 +31,7 @@ class DamagedChunkError(Exception):
 
 
 @dataclass(frozen=True)
-class Block:
+class MessageBlock:
     """Messages of a chunk or of a stretch without chunks, (n,): channels, log times [ns] and where payloads stand.
 
     `others` are the schemas and channels among them.
@@ -45,15 +45,15 @@ class Block:
     others: list[tuple[int, int, int]]
 
 
-def block_of(buffer: Buffer, walk: Walk) -> Block:
+def block_of(buffer: Buffer, walk: RecordWalk) -> MessageBlock:
     """The messages at which a walk came past."""
     heads = message_heads(buffer, walk.messages) if walk.heads is None else walk.heads
     lengths = heads["length"].astype(np.int64) - (MESSAGE.itemsize - 9)
     channel, log_time = heads["channel"].astype(np.uint16), heads["log_time"].astype(np.int64)
-    return Block(buffer, channel, log_time, walk.messages + MESSAGE.itemsize, lengths, walk.others)
+    return MessageBlock(buffer, channel, log_time, walk.messages + MESSAGE.itemsize, lengths, walk.others)
 
 
-def read_chunk(data: Buffer, start: int, end: int, indexes: list[tuple[int, int]]) -> tuple[Block, bool, bool]:
+def read_chunk(data: Buffer, start: int, end: int, indexes: list[tuple[int, int]]) -> tuple[MessageBlock, bool, bool]:
     """The messages of the chunk whose content stands in `data`; whether a checksum covers them, and the index is right.
 
     Raises
@@ -71,7 +71,7 @@ def read_chunk(data: Buffer, start: int, end: int, indexes: list[tuple[int, int]
     indexed = walk is not None
     walk = walk or walk_records(content, 0, len(content), len(content))
     if walk.end != len(content):
-        raise DamagedChunkError(f"holds what is no record at byte {walk.end} of its {len(content)}")
+        raise DamagedChunkError(f"holds no record at byte {walk.end} of its {len(content)} bytes")
     right = indexed or not indexes or np.array_equal(np.sort(offsets), walk.messages)
     return block_of(content, walk), crc != 0, right
 
@@ -79,7 +79,7 @@ def read_chunk(data: Buffer, start: int, end: int, indexes: list[tuple[int, int]
 def unpacked(name: bytes, body: bytes, size: int) -> bytes:
     """The chunk's content, which must be of the declared size."""
     if name and size > LARGEST_CHUNK:
-        raise DamagedChunkError(f"declares {size} bytes, and at most {LARGEST_CHUNK} are unpacked")
+        raise DamagedChunkError(f"declares {size} bytes, more than the {LARGEST_CHUNK} that are unpacked")
     try:
         content = decompressed(name, body, size)
     except (zstandard.ZstdError, RuntimeError, EOFError, struct.error, MemoryError) as error:
@@ -101,4 +101,4 @@ def decompressed(name: bytes, body: bytes, size: int) -> bytes:
     if name == b"lz4":
         content: bytes = lz4.frame.LZ4FrameDecompressor().decompress(body, max_length=size + 1)
         return content
-    raise DamagedChunkError(f"is compressed with {name[:20].decode('latin1')!a}; zstd and lz4 are read")
+    raise DamagedChunkError(f"says it is compressed with {name[:20].decode('latin1')!a}; zstd and lz4 are read")

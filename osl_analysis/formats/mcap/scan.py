@@ -17,7 +17,7 @@ from osl_analysis.formats.mcap.walk import (
     NUMBERED,
     RECORD,
     Buffer,
-    Walk,
+    RecordWalk,
     is_chunk,
     is_message_index,
     walk_records,
@@ -33,7 +33,7 @@ MOST_CANDIDATES = 500_000  # to look at when searching for where to resume: a se
 
 
 @dataclass
-class Section:
+class FileSection:
     """A chunk (`start` and `end` of its content), loose messages outside of chunks, or a stretch that is lost.
 
     `walk` is where the loose messages stand; `indexes` are the message index records that follow a chunk. What is
@@ -43,7 +43,7 @@ class Section:
     kind: Literal["chunk", "loose", "lost chunk", "lost"]
     start: int
     end: int
-    walk: Walk | None = None
+    walk: RecordWalk | None = None
     indexes: list[tuple[int, int]] = field(default_factory=list)
     harmless: bool = False
 
@@ -55,7 +55,7 @@ class Scan:
     `in_summary` are the summary's schemas and channels, `declared` how many messages and chunks it says there are.
     """
 
-    sections: list[Section] = field(default_factory=list)
+    sections: list[FileSection] = field(default_factory=list)
     in_summary: list[tuple[int, int, int]] = field(default_factory=list)
     data_end: int = 0
     data_crc: Literal["right", "wrong"] | None = None
@@ -80,11 +80,11 @@ def step(found: Scan, data: Buffer, position: int) -> int:
     start = position + RECORD.size
     if start > len(data):
         return lost(found, data, position)
-    opcode, length = header(data, position)
+    opcode, length = record_header(data, position)
     end = start + length
-    if end <= len(data) and not found.data_end and followed(data, end):
+    if end <= len(data) and not found.data_end and record_follows(data, end):
         if opcode != Opcode.CHUNK and is_chunk(data, start, end):
-            found.sections.append(Section("lost chunk", position, end))
+            found.sections.append(FileSection("lost chunk", position, end))
             return end
         if found.chunked and is_message_index(data, start, end):
             opcode = Opcode.MESSAGE_INDEX  # a flipped opcode would make it a message
@@ -99,12 +99,12 @@ def step(found: Scan, data: Buffer, position: int) -> int:
     return end
 
 
-def loose(found: Scan, position: int, walk: Walk) -> None:
+def loose(found: Scan, position: int, walk: RecordWalk) -> None:
     """Records outside of chunks; after the data's end they are the summary's."""
     if found.data_end:
         found.in_summary += walk.others
     else:
-        found.sections.append(Section("loose", position, walk.end, walk))
+        found.sections.append(FileSection("loose", position, walk.end, walk))
 
 
 def take(found: Scan, data: Buffer, opcode: int, start: int, end: int) -> None:
@@ -113,7 +113,7 @@ def take(found: Scan, data: Buffer, opcode: int, start: int, end: int) -> None:
         if found.data_end:  # there is no chunk after the data's end: it was none
             found.data_end, found.data_crc, found.summary_damaged = 0, None, True
         found.chunked = True
-        found.sections.append(Section("chunk", start, end))
+        found.sections.append(FileSection("chunk", start, end))
     elif opcode == Opcode.MESSAGE_INDEX and not found.data_end:
         of_chunk = next((section for section in reversed(found.sections) if "chunk" in section.kind), None)
         if of_chunk:
@@ -145,7 +145,7 @@ def crc_of(data: Buffer, start: int, end: int) -> int:
     return crc
 
 
-def header(data: Buffer, position: int) -> tuple[int, int]:
+def record_header(data: Buffer, position: int) -> tuple[int, int]:
     """Opcode and length of the record at `position`."""
     opcode, length = RECORD.unpack_from(data, position)
     return opcode, length
@@ -164,9 +164,9 @@ def lost(found: Scan, data: Buffer, position: int) -> int:
     if found.data_end:
         found.summary_damaged = True
     elif data[position] == Opcode.CHUNK:
-        found.sections.append(Section("lost chunk", position, resume))
+        found.sections.append(FileSection("lost chunk", position, resume))
     else:
-        found.sections.append(Section("lost", position, resume, harmless=data[position] == Opcode.MESSAGE_INDEX))
+        found.sections.append(FileSection("lost", position, resume, harmless=data[position] == Opcode.MESSAGE_INDEX))
     return resume
 
 
@@ -174,7 +174,7 @@ def resume_at(found: Scan, data: Buffer, begin: int, pattern: re.Pattern[bytes])
     """The next sound record of a kind that is worth going on at, or the end of the file."""
     while found.candidates and (match := pattern.search(data, begin)):
         found.candidates -= 1
-        opcode, length = header(data, match.start())
+        opcode, length = record_header(data, match.start())
         start = match.start() + RECORD.size
         if start + length <= len(data) and sound(data, opcode, start, start + length):
             return match.start()
@@ -192,9 +192,9 @@ def sound(data: Buffer, opcode: int, start: int, end: int) -> bool:
         return end - start == LENGTHS[Opcode(opcode)]
     if opcode == Opcode.STATISTICS and end - start < STATISTICS.size:
         return False
-    return opcode != 0 and followed(data, end)
+    return opcode != 0 and record_follows(data, end)
 
 
-def followed(data: Buffer, end: int) -> bool:
+def record_follows(data: Buffer, end: int) -> bool:
     """Whether a record, or nothing, follows."""
     return end == len(data) or data[end] in NUMBERED or data[end] >= PRIVATE

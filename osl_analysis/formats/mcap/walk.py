@@ -11,7 +11,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from osl_analysis.formats.messages.byte_rows import Indices, gather
+from osl_analysis.formats.messages.leaves import Indices, byte_rows
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")  # opcode, length of the content
@@ -30,7 +30,7 @@ Buffer = bytes | mmap
 
 
 @dataclass
-class Walk:
+class RecordWalk:
     """Starts of message records in a buffer, (opcode, start, end) of the content of others, and the walk's end.
 
     `heads` are those of the messages, where the walk has looked at them all at once.
@@ -42,7 +42,7 @@ class Walk:
     heads: NDArray[Any] | None = None
 
 
-def walk_records(buffer: Buffer, begin: int, end: int, most: int) -> Walk:
+def walk_records(buffer: Buffer, begin: int, end: int, most: int) -> RecordWalk:
     """Walk schema, channel and message records, `most` messages at most, up to the first record that is none."""
     messages, others, position = array("q"), [], begin
     unpack, last = RECORD.unpack_from, end - RECORD.size
@@ -58,10 +58,10 @@ def walk_records(buffer: Buffer, begin: int, end: int, most: int) -> Walk:
         else:
             break
         position = stop
-    return Walk(np.array(messages, np.int64), others, position)
+    return RecordWalk(np.array(messages, np.int64), others, position)
 
 
-def walk_by_index(buffer: Buffer, offsets: Indices) -> Walk | None:
+def walk_by_index(buffer: Buffer, offsets: Indices) -> RecordWalk | None:
     """The same walk over all of the buffer, from where an index says that the messages are.
 
     None unless messages and the records between them tile the buffer, in which case the index was right.
@@ -85,12 +85,12 @@ def walk_by_index(buffer: Buffer, offsets: Indices) -> Walk | None:
         if between.end != taken[i] or between.messages.size:
             return None
         others += between.others
-    return Walk(starts, others, size, heads)
+    return RecordWalk(starts, others, size, heads)
 
 
 def message_heads(buffer: Buffer, starts: Indices) -> NDArray[Any]:
     """Heads of the message records at `starts`, a structured array of shape (starts,)."""
-    return gather(buffer, starts, MESSAGE.itemsize).view(MESSAGE)[:, 0]
+    return byte_rows(buffer, starts, MESSAGE.itemsize).view(MESSAGE)[:, 0]
 
 
 def is_chunk(data: Buffer, start: int, end: int) -> bool:

@@ -11,16 +11,19 @@ import numpy as np
 from mcap.records import Schema
 
 from osl_analysis.errors import InputError
+from osl_analysis.formats.messages.description import FieldDescription, describe_walk
+from osl_analysis.formats.messages.leaves import Leaf
 from osl_analysis.formats.messages.one_by_one import Numbers
 from osl_analysis.formats.messages.ros2_schema import PRIMITIVES, Definitions, MessageField, parse_schema, short_name
-from osl_analysis.formats.messages.templates import ByShape, Leaf, Shape, Template, field_names, template_of
+from osl_analysis.formats.messages.templates import ByShape, MessageWalk, Template, template_of
 
 HEADER = 4  # encapsulation header; alignment counts from the byte after it
 MOST_VISITS = 1_000_000
+EMPTY = b"\0\1\0\0" + bytes(1 << 16)  # every number 0, every string and sequence empty
 
 
 @dataclass
-class Layout(Shape):
+class CdrWalk(MessageWalk):
     """The walk through one message; `order` is its byte order, `visits` how many messages within it were entered."""
 
     definitions: Definitions = field(default_factory=dict)
@@ -36,7 +39,7 @@ class Layout(Shape):
         try:
             (value,) = struct.unpack_from(f"{self.order}I", self.payload, self.position)
         except struct.error:
-            raise misfit(self.payload) from None
+            raise cdr_misfit(self.payload) from None
         self.guards += range(self.position, self.position + 4)
         self.position += 4
         return int(value)
@@ -47,7 +50,7 @@ class Layout(Shape):
         self.position += not fields
         self.visits += 1
         if self.visits > MOST_VISITS:  # arrays of messages without a byte could go on for ever
-            raise misfit(self.payload)
+            raise cdr_misfit(self.payload)
         for item in fields:
             path = f"{prefix}{item.name}"
             if item.type == "string":
@@ -77,7 +80,7 @@ class Layout(Shape):
         self.leaves[path] = Leaf(self.position, self.order + kind, None if item.array is None else count)
         self.position += count * size
         if self.position > len(self.payload):
-            raise misfit(self.payload)
+            raise cdr_misfit(self.payload)
 
     def messages(self, item: MessageField, path: str) -> None:
         if item.type == "wstring":
@@ -88,11 +91,11 @@ class Layout(Shape):
     def plausible(self, count: int, smallest: int) -> range:
         """Indices of a sequence; a damaged length would otherwise be a loop without end."""
         if count * smallest > len(self.payload) - self.position + HEADER:
-            raise misfit(self.payload)
+            raise cdr_misfit(self.payload)
         return range(count)
 
 
-def layout_of(definitions: Definitions, name: str, payload: bytes) -> Layout:
+def layout_of(definitions: Definitions, name: str, payload: bytes) -> CdrWalk:
     """Leaves and guards of one message of type `name` (`package/Name`).
 
     Raises
@@ -103,18 +106,18 @@ def layout_of(definitions: Definitions, name: str, payload: bytes) -> Layout:
     if len(payload) < HEADER or payload[0] != 0 or payload[1] > 1:
         raise InputError(f"encapsulation {payload[:HEADER].hex()} is not plain CDR; record with the default encoding")
     order = "<" if payload[1] else ">"
-    layout = Layout(payload, position=HEADER, guards=[0, 1], definitions=definitions, order=order)
+    layout = CdrWalk(payload, position=HEADER, guards=[0, 1], definitions=definitions, order=order)
     layout.message(name, "")
     if layout.position > len(payload):
-        raise misfit(payload)
+        raise cdr_misfit(payload)
     return layout
 
 
-def misfit(payload: bytes) -> InputError:
+def cdr_misfit(payload: bytes) -> InputError:
     return InputError(f"a message of {len(payload)} bytes is too short for its schema; the schema is not its own")
 
 
-def reader(schema: Schema, paths: Sequence[str]) -> ByShape:
+def cdr_reader(schema: Schema, paths: Sequence[str]) -> ByShape:
     """What reads the fields at `paths` of messages of a schema in ros2msg.
 
     Raises
@@ -134,10 +137,16 @@ def reader(schema: Schema, paths: Sequence[str]) -> ByShape:
     return ByShape(learn, alone)
 
 
-def fields(schema: Schema, payload: bytes) -> list[str]:
-    """The fields of one message, for messages to the user."""
+def describe_cdr(schema: Schema, payload: bytes | None) -> list[FieldDescription]:
+    """The fields of one message; without a message, those of one whose strings and arrays are empty.
+
+    Raises
+    ------
+    InputError
+        The schema cannot be read, or does not describe the message.
+    """
     name, definitions = message_type(schema)
-    return field_names(layout_of(definitions, name, payload))
+    return describe_walk(layout_of(definitions, name, EMPTY if payload is None else payload))
 
 
 def message_type(schema: Schema) -> tuple[str, Definitions]:

@@ -17,8 +17,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.formats.messages.byte_rows import Indices
-from osl_analysis.formats.messages.one_by_one import PART, Numbers, Values, batches, number_paths, numbers_at
+from osl_analysis.formats.messages.leaves import Indices
+from osl_analysis.formats.messages.one_by_one import PART, Numbers, Values, batches, numbers_at
 
 ERRORS = (pl.exceptions.PolarsError, pl.exceptions.PanicException, RecursionError, ValueError)
 EXACT = 2.0**53  # below it every integer is a float64
@@ -239,8 +239,3 @@ def kind_at(types: Mapping[str, pl.DataType], steps: Sequence[Step]) -> Any:
         else:
             return None
     return kind
-
-
-def fields(text: bytes) -> list[str]:
-    """Every path of a message that holds a number, for messages to the user."""
-    return list(number_paths(json.loads(text), ""))

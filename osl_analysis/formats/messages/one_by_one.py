@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.formats.messages.byte_rows import Indices
+from osl_analysis.formats.messages.leaves import Indices
 
 Numbers = dict[str, Any]
 Values = dict[str, NDArray[Any]]
@@ -67,15 +67,3 @@ def child(message: Any, name: str) -> Any:
     if item is None or (item.has_presence and not message.HasField(name)):
         return None
     return getattr(message, name)
-
-
-def number_paths(value: Any, path: str) -> Iterator[str]:
-    """Paths of the numbers in a decoded message."""
-    if isinstance(value, dict):
-        for name, one in value.items():
-            yield from number_paths(one, f"{path}.{name}" if path else name)
-    elif isinstance(value, list):
-        for i, one in enumerate(value):
-            yield from number_paths(one, f"{path}[{i}]")
-    elif isinstance(value, int | float):
-        yield path

@@ -15,17 +15,10 @@ from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
 from osl_analysis.errors import InputError
+from osl_analysis.formats.messages.description import FieldDescription, describe_walk
+from osl_analysis.formats.messages.leaves import Constant, Leaf, Varint
 from osl_analysis.formats.messages.one_by_one import Numbers, numbers_at
-from osl_analysis.formats.messages.templates import (
-    ByShape,
-    Constant,
-    Leaf,
-    Shape,
-    Template,
-    Varint,
-    field_names,
-    template_of,
-)
+from osl_analysis.formats.messages.templates import ByShape, MessageWalk, Template, template_of
 
 FIXED = {1: "<f8", 2: "<f4", 6: "<u8", 7: "<u4", 15: "<i4", 16: "<i8"}  # by FieldDescriptor.TYPE_...
 VARINTS = {3: "i8", 4: "u8", 5: "i4", 8: "?", 13: "u4", 14: "i4", 17: "zigzagi4", 18: "zigzagi8"}
@@ -40,7 +33,7 @@ class NoTemplateError(InputError):
 
 
 @dataclass
-class Walk(Shape):
+class ProtobufWalk(MessageWalk):
     """The walk through one message; `counts` are the elements so far of its arrays."""
 
     wanted: frozenset[str] = frozenset()
@@ -58,13 +51,13 @@ class Walk(Shape):
                 self.position = start + i + 1
                 guards += range(start, self.position)
                 return value, i + 1
-        raise misfit(self.payload)
+        raise protobuf_misfit(self.payload)
 
     def skip(self, size: int, end: int) -> range:
         """Extent of the next `size` bytes."""
         extent = range(self.position, self.position + size)
         if extent.stop > end:
-            raise misfit(self.payload)
+            raise protobuf_misfit(self.payload)
         self.position = extent.stop
         return extent
 
@@ -80,7 +73,7 @@ class Walk(Shape):
             number, wire = tag >> 3, tag & 7
             item = kind.fields_by_number.get(number)
             if number == 0:
-                raise misfit(self.payload)
+                raise protobuf_misfit(self.payload)
             self.one_of(item, prefix)
             self.one_field(item, wire, end, prefix, depth)
 
@@ -132,7 +125,7 @@ class Walk(Shape):
         """A packed array of fixed size, in one piece."""
         count, rest = divmod(len(extent), int(dtype[-1]))
         if rest:
-            raise misfit(self.payload)
+            raise protobuf_misfit(self.payload)
         if self.counts[path]:
             raise NoTemplateError(f"array '{path}' is written in pieces")
         self.counts[path] += count
@@ -162,11 +155,11 @@ def dtype_of(item: FieldDescriptor) -> str:
     return FIXED.get(item.type) or VARINTS[item.type].removeprefix("zigzag")
 
 
-def misfit(payload: bytes) -> InputError:
+def protobuf_misfit(payload: bytes) -> InputError:
     return InputError(f"a message of {len(payload)} bytes is not what its schema says, or is damaged")
 
 
-def reader(schema: Schema, paths: Sequence[str]) -> ByShape:
+def protobuf_reader(schema: Schema, paths: Sequence[str]) -> ByShape:
     """What reads the fields at `paths` of messages of a schema, which is a FileDescriptorSet.
 
     Raises
@@ -178,7 +171,7 @@ def reader(schema: Schema, paths: Sequence[str]) -> ByShape:
     wanted = frozenset(paths)
 
     def learn(payload: bytes) -> Template:
-        walk = Walk(payload, wanted=wanted)
+        walk = ProtobufWalk(payload, wanted=wanted)
         walk.message(empty.DESCRIPTOR, len(payload), "")
         return template_of(walk, paths)
 
@@ -202,14 +195,20 @@ def decoder(schema: Schema):  # type: ignore[no-untyped-def]
         try:
             message: Message = decode(payload)
         except DecodeError:
-            raise misfit(payload) from None
+            raise protobuf_misfit(payload) from None
         return message
 
     return checked, empty
 
 
-def fields(schema: Schema, payload: bytes) -> list[str]:
-    """The fields of one message, for messages to the user."""
-    walk = Walk(payload)
-    walk.message(decoder(schema)[1].DESCRIPTOR, len(payload), "")
-    return field_names(walk)
+def describe_protobuf(schema: Schema, payload: bytes | None) -> list[FieldDescription]:
+    """The fields of one message; without a message, those of an empty one.
+
+    Raises
+    ------
+    InputError
+        The schema cannot be read, or does not describe the message.
+    """
+    walk = ProtobufWalk(payload or b"")
+    walk.message(decoder(schema)[1].DESCRIPTOR, len(walk.payload), "")
+    return describe_walk(walk)

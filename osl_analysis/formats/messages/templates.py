@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.messages.byte_rows import Bytes, Indices, column, distinct, gather
+from osl_analysis.formats.messages.leaves import AnyLeaf, Bytes, Indices, Leaf, byte_rows, distinct, value_at
 from osl_analysis.formats.messages.one_by_one import Numbers, Values, batches
 
 INDEXED = re.compile(r"(?P<array>.+)\[(?P<index>\d+)\]")
@@ -23,59 +23,8 @@ NAMED = re.compile(r"(?P<parent>.*\.)?(?P<array>\w+)\[(?P<names>\w+)=(?P<name>[^
 MOST_SHAPES = 200  # of one channel and length; whoever varies more is read message by message
 
 
-@dataclass(frozen=True)
-class Leaf:
-    """Where a number, or an array of `count` numbers, stands in a message; `dtype` carries the byte order."""
-
-    offset: int
-    dtype: str
-    count: int | None = None
-
-    def read(self, rows: Bytes) -> NDArray[Any]:
-        """Its values in messages of one shape, `rows` of shape (messages, length)."""
-        kind = np.dtype(self.dtype.replace("?", "u1"))
-        native: NDArray[Any] = column(rows, self.offset, kind).astype(kind.newbyteorder("="))
-        return native != 0 if "?" in self.dtype else native
-
-
-@dataclass(frozen=True)
-class Varint:
-    """A number in as many bytes as it takes, seven bits in each, the least first; `kind` names what they mean."""
-
-    offset: int
-    size: int
-    kind: str
-    count: None = None
-
-    def read(self, rows: Bytes) -> NDArray[Any]:
-        """Its values in messages of one shape."""
-        total = np.zeros(len(rows), np.uint64)
-        for i in range(self.size):
-            total |= (rows[:, self.offset + i].astype(np.uint64) & np.uint64(0x7F)) << np.uint64(7 * i)
-        if self.kind == "?":
-            return np.asarray(total != 0)
-        if self.kind.startswith("zigzag"):
-            total = (total >> np.uint64(1)) ^ (~(total & np.uint64(1)) + np.uint64(1))
-        return total.astype(self.kind.removeprefix("zigzag"))
-
-
-@dataclass(frozen=True)
-class Constant:
-    """A number that is not written because it is its type's zero."""
-
-    dtype: str
-    count: None = None
-
-    def read(self, rows: Bytes) -> NDArray[Any]:
-        """Zeros."""
-        return np.zeros(len(rows), self.dtype)
-
-
-AnyLeaf = Leaf | Varint | Constant
-
-
 @dataclass
-class Shape:
+class MessageWalk:
     """The walk through one message: what was found so far.
 
     `texts` are the extents of the strings in arrays of strings, `guards` the offsets of the bytes that another
@@ -101,7 +50,7 @@ class Template:
         """Which of the messages have this shape, (messages,)."""
         same = np.ones(len(rows), bool)
         for offset, kind, mask, expected in self.words:
-            same &= (column(rows, offset, kind) & mask) == expected
+            same &= (value_at(rows, offset, kind) & mask) == expected
         return same
 
     def read(self, rows: Bytes) -> Values:
@@ -109,13 +58,13 @@ class Template:
         return {path: leaf.read(rows) for path, leaf in self.leaves.items()}
 
 
-def template_of(shape: Shape, paths: Sequence[str]) -> Template:
+def template_of(walk: MessageWalk, paths: Sequence[str]) -> Template:
     """What reads the fields at `paths`, as far as the shape has them."""
-    leaves = {path: leaf for path in paths if (leaf := leaf_at(shape, path))}
-    mask = np.zeros(len(shape.payload), np.uint8)
-    mask[shape.continued] = 0x80
-    mask[shape.guards] = 0xFF
-    return Template(leaves, tuple(guarding_words(mask, np.frombuffer(shape.payload, np.uint8))))
+    leaves = {path: leaf for path in paths if (leaf := leaf_at(walk, path))}
+    mask = np.zeros(len(walk.payload), np.uint8)
+    mask[walk.continued] = 0x80
+    mask[walk.guards] = 0xFF
+    return Template(leaves, tuple(guarding_words(mask, np.frombuffer(walk.payload, np.uint8))))
 
 
 def guarding_words(mask: Bytes, payload: Bytes) -> Iterator[tuple[int, np.dtype[Any], Any, Any]]:
@@ -129,7 +78,7 @@ def guarding_words(mask: Bytes, payload: Bytes) -> Iterator[tuple[int, np.dtype[
         guarded = guarded[guarded >= word.stop]
 
 
-def leaf_at(shape: Shape, path: str) -> AnyLeaf | None:
+def leaf_at(walk: MessageWalk, path: str) -> AnyLeaf | None:
     """The single number at `path`; None where this message's arrays do not reach so far, or lack the field.
 
     An element is chosen by its index, `position[0]`, or by the name that stands at the same index of a sibling
@@ -140,39 +89,30 @@ def leaf_at(shape: Shape, path: str) -> AnyLeaf | None:
     InputError
         The path names a whole array.
     """
-    path = index_of_name(shape, path)
-    direct = shape.leaves.get(path)
+    path = index_of_name(walk, path)
+    direct = walk.leaves.get(path)
     if direct is not None and direct.count is not None:
         raise InputError(f"field '{path}' is an array of {direct.count}; name one element, like '{path}[0]'")
     match = INDEXED.fullmatch(path)
-    array = shape.leaves.get(match["array"]) if match else None
+    array = walk.leaves.get(match["array"]) if match else None
     if not match or not isinstance(array, Leaf) or array.count is None or int(match["index"]) >= array.count:
         return direct
     return Leaf(array.offset + int(match["index"]) * np.dtype(array.dtype).itemsize, array.dtype)
 
 
-def index_of_name(shape: Shape, path: str) -> str:
+def index_of_name(walk: MessageWalk, path: str) -> str:
     """The path with `[names=name]` replaced by the index of that name; guards the names up to and with it."""
     match = NAMED.fullmatch(path)
     if not match:
         return path
     parent = match["parent"] or ""
     names = f"{parent}{match['names']}["
-    for text, extent in shape.texts.items():
+    for text, extent in walk.texts.items():
         if text.startswith(names):
-            shape.guards += extent
-            if shape.payload[extent.start : extent.stop].rstrip(b"\0") == match["name"].encode():
+            walk.guards += extent
+            if walk.payload[extent.start : extent.stop].rstrip(b"\0") == match["name"].encode():
                 return f"{parent}{match['array']}[{text.removeprefix(names)}"
     return path
-
-
-def field_names(shape: Shape) -> list[str]:
-    """Every path that holds a number, arrays as `name[0..n-1]`, for messages to the user."""
-    return [
-        path if leaf.count is None else f"{path}[0..{leaf.count - 1}]"
-        for path, leaf in shape.leaves.items()
-        if leaf.count != 0
-    ]
 
 
 @dataclass
@@ -194,7 +134,7 @@ class ByShape:
         """Which of the messages, and the fields that they have; misfits are left out, and counted."""
         for length in distinct(lengths):
             (mine,) = np.nonzero(lengths == length)
-            yield from self.of_length(mine, gather(buffer, starts[mine], length))
+            yield from self.of_length(mine, byte_rows(buffer, starts[mine], length))
 
     def of_length(self, mine: Indices, rows: Bytes) -> Iterator[tuple[Indices, Values]]:
         templates = self.templates[rows.shape[1]]

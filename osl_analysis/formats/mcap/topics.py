@@ -10,15 +10,17 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap.chunk import Block
-from osl_analysis.formats.mcap.records import McapFile
-from osl_analysis.formats.messages import cdr, json_messages
-from osl_analysis.formats.messages.byte_rows import Indices
+from osl_analysis.formats.mcap.chunk import MessageBlock
+from osl_analysis.formats.mcap.mcap_file import McapFile
+from osl_analysis.formats.messages import cdr
+from osl_analysis.formats.messages.description import FieldDescription, describe_json
 from osl_analysis.formats.messages.json_messages import ByText
+from osl_analysis.formats.messages.leaves import Indices
 from osl_analysis.formats.messages.one_by_one import Values
 from osl_analysis.formats.messages.templates import ByShape
 
 Reader = ByShape | ByText
+ENCODINGS = (("cdr", "ros2msg"), ("protobuf", "protobuf"))  # of messages and their schema; JSON needs none
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class ChannelReader:
     first: bytes = b""
     messages: int = 0
 
-    def add(self, block: Block, chosen: Indices, before: int) -> None:
+    def add(self, block: MessageBlock, chosen: Indices, before: int) -> None:
         """Read the chosen messages of a block that begins after `before` messages of the file."""
         starts, lengths = block.starts[chosen], block.lengths[chosen]
         if not self.messages:
@@ -104,7 +106,7 @@ def decode_topics(
     for topic, one in found.items():
         for path in wanted[topic]:
             if path not in {*optional, *either} and not one.present[path].any():
-                names = ", ".join(fields_of(by_topic[topic][0])) or "none"
+                names = names_of_fields(by_topic[topic][0])
                 raise InputError(f"topic '{topic}' has no field '{path}'; it has {names}")
     return found
 
@@ -135,13 +137,13 @@ def decoded(file: McapFile, topic: str, readers: Sequence[ChannelReader], paths:
     order = None if is_sorted else np.lexsort((place, log_time))
     values, present = {}, {}
     for path in paths:
-        values[path], present[path] = column(parts, path, order)
+        values[path], present[path] = joined_field(parts, path, order)
     return Decoded(
         log_time if order is None else log_time[order], values, present, [reader.how() for reader in readers]
     )
 
 
-def column(
+def joined_field(
     parts: Sequence[tuple[Indices, Indices, Values]], path: str, order: Indices | None
 ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     """One field of all messages, and whether it was there."""
@@ -156,18 +158,31 @@ def column(
     return (joined, there) if order is None else (joined[order], there[order])
 
 
-def fields_of(one: ChannelReader) -> list[str]:
-    """The fields of a channel's first message; none if it cannot be read."""
-    try:
-        if one.channel.message_encoding == "json" or one.schema is None:
-            return json_messages.fields(one.first)
-        if one.channel.message_encoding == "cdr":
-            return cdr.fields(one.schema, one.first)
-        from osl_analysis.formats.messages import protobuf
+def describe_message(channel: Channel, schema: Schema | None, payload: bytes | None) -> list[FieldDescription]:
+    """The fields of a channel's message; without a message, those that the schema tells of.
 
-        return protobuf.fields(one.schema, one.first)
+    Raises
+    ------
+    InputError
+        The encoding is not read, or the message does not fit its schema.
+    """
+    check_encoding(channel, schema)
+    if channel.message_encoding == "json" or schema is None:
+        return describe_json(payload) if payload is not None else []
+    if channel.message_encoding == "cdr":
+        return cdr.describe_cdr(schema, payload)
+    from osl_analysis.formats.messages import protobuf  # costs time to import, and few logs need it
+
+    return protobuf.describe_protobuf(schema, payload)
+
+
+def names_of_fields(one: ChannelReader) -> str:
+    """The fields of a channel's first message, for a message to the user."""
+    try:
+        fields = describe_message(one.channel, one.schema, one.first)
     except (ValueError, RecursionError):
-        return []
+        fields = []
+    return ", ".join(field.in_words() for field in fields if field.length != 0) or "none"
 
 
 def reader_of(file: McapFile, number: int, paths: Sequence[str], either: Collection[str]) -> ChannelReader:
@@ -180,19 +195,24 @@ def reader_of(file: McapFile, number: int, paths: Sequence[str], either: Collect
     """
     channel = file.channels[number]
     schema = file.schemas.get(channel.schema_id)
-    kind = (channel.message_encoding, schema.encoding if schema else "no schema")
+    check_encoding(channel, schema)
+    if channel.message_encoding == "json" or schema is None:
+        return ChannelReader(channel, schema, ByText(paths, either))
     try:
-        if kind == ("cdr", "ros2msg") and schema:
-            return ChannelReader(channel, schema, cdr.reader(schema, paths))
-        if kind == ("protobuf", "protobuf") and schema:
-            from osl_analysis.formats.messages import protobuf  # costs time to import, and few logs need it
+        if channel.message_encoding == "cdr":
+            return ChannelReader(channel, schema, cdr.cdr_reader(schema, paths))
+        from osl_analysis.formats.messages import protobuf
 
-            return ChannelReader(channel, schema, protobuf.reader(schema, paths))
+        return ChannelReader(channel, schema, protobuf.protobuf_reader(schema, paths))
     except InputError as error:
         raise InputError(f"topic '{channel.topic}': {error}") from error
-    if channel.message_encoding == "json":
-        return ChannelReader(channel, schema, ByText(paths, either))
-    raise InputError(
-        f"topic '{channel.topic}' is encoded as {kind[0]} ({kind[1]}); read are cdr (ros2msg), protobuf (protobuf) "
-        "and json: convert the log"
-    )
+
+
+def check_encoding(channel: Channel, schema: Schema | None) -> None:
+    """Refuse messages of an encoding that is not read."""
+    encoding = (channel.message_encoding, schema.encoding if schema else "no schema")
+    if encoding not in ENCODINGS and channel.message_encoding != "json":
+        raise InputError(
+            f"topic '{channel.topic}' is encoded as {encoding[0]} ({encoding[1]}); read are cdr (ros2msg), protobuf "
+            "(protobuf) and json: convert the log"
+        )

@@ -12,9 +12,9 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap.chunk import Block, DamagedChunkError, block_of, read_chunk
+from osl_analysis.formats.mcap.chunk import DamagedChunkError, MessageBlock, block_of, read_chunk
 from osl_analysis.formats.mcap.damage import Damage
-from osl_analysis.formats.mcap.scan import Scan, Section, scan_file
+from osl_analysis.formats.mcap.scan import FileSection, Scan, scan_file
 from osl_analysis.formats.mcap.walk import MAGIC, Buffer, index_offsets
 
 
@@ -32,7 +32,7 @@ class McapFile:
     schemas: dict[int, Schema] = field(default_factory=dict)
     damage: Damage = field(default_factory=Damage)
 
-    def blocks(self) -> Iterator[Block]:
+    def blocks(self) -> Iterator[MessageBlock]:
         """The messages of every intact chunk, and those outside of chunks, in the order of the file; once."""
         if self.scan.finished and not self.scan.summary_damaged:  # a wrong schema would be wrong values
             self.adopt(self.data, self.scan.in_summary, trusted=False)
@@ -43,7 +43,7 @@ class McapFile:
                 continue
             yield self.declared(block)
 
-    def block(self, section: Section) -> Block | None:
+    def block(self, section: FileSection) -> MessageBlock | None:
         """The messages of a section; None if they are lost."""
         if "lost" in section.kind:
             what = f"{section.end - section.start} bytes from byte {section.start} are no sound records"
@@ -56,7 +56,7 @@ class McapFile:
             try:
                 block, verified, indexed = read_chunk(self.data, section.start, section.end, section.indexes)
             except DamagedChunkError as error:
-                self.lose(section, f"the chunk at byte {section.start} {error}")
+                self.lose(section, f"the chunk at byte {section.start} is damaged: it {error}")
                 return None
         if not verified and self.untrusted():
             text = f"the checksum of the data section does not match, and no other covers byte {section.start} on"
@@ -74,10 +74,10 @@ class McapFile:
         """Whether there is damage of which nothing says where it is."""
         return self.scan.data_crc == "wrong" and not any("lost" in section.kind for section in self.scan.sections)
 
-    def lose(self, section: Section, remark: str, messages: int | None = None) -> None:
+    def lose(self, section: FileSection, remark: str, messages: int | None = None) -> None:
         lose(self.damage, self.data, section, remark, messages)
 
-    def declared(self, block: Block) -> Block:
+    def declared(self, block: MessageBlock) -> MessageBlock:
         """The block without messages of channels that are not declared: nothing says what they are."""
         known = np.zeros(1 << 16, bool)
         known[list(self.channels)] = True
@@ -122,7 +122,7 @@ def begin_report(damage: Damage, scan: Scan) -> None:
         damage.remark("the checksum of the data section does not match")
 
 
-def lose(damage: Damage, data: Buffer, section: Section, remark: str, messages: int | None) -> None:
+def lose(damage: Damage, data: Buffer, section: FileSection, remark: str, messages: int | None) -> None:
     """Count a section as lost, with the messages that its index tells of."""
     size = section.end - section.start
     if messages is None and section.indexes:

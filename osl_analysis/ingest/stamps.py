@@ -14,8 +14,8 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap.topic import Decoded
-from osl_analysis.formats.messages.byte_rows import Indices
+from osl_analysis.formats.mcap.topics import Decoded
+from osl_analysis.formats.messages.leaves import Indices
 
 SECOND = 1_000_000_000
 LATEST = SECOND

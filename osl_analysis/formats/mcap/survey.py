@@ -1,0 +1,55 @@
+"""What every channel of an MCAP file holds: when its messages were logged, and its first message."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from mcap.records import Channel, Schema
+
+from osl_analysis.formats.mcap.mcap_file import McapFile
+from osl_analysis.formats.messages.leaves import Indices
+
+MOST_STAMPS = 10_000_000
+"""Log times of a file that are kept; of what comes after them the messages are counted only."""
+
+
+@dataclass
+class ChannelSurvey:
+    """One channel of a file, as far as it was gone through."""
+
+    channel: Channel
+    """Its topic and encoding."""
+    schema: Schema | None
+    """What describes its messages; JSON needs none."""
+    messages: int = 0
+    """How many messages it has."""
+    first: bytes | None = None
+    """Its first message."""
+    stamps: list[Indices] = field(default_factory=list)
+    """Log times of its messages [ns], chunk by chunk."""
+
+    def log_time(self) -> Indices:
+        """Log times of its messages [ns], in the order of the file."""
+        return np.concatenate([np.empty(0, np.int64), *self.stamps])
+
+
+def survey_channels(file: McapFile) -> list[ChannelSurvey]:
+    """All channels of a file, those without messages too; the file is gone through once, a chunk at a time."""
+    surveys: dict[int, ChannelSurvey] = {}
+    kept = 0
+    for block in file.blocks():
+        for number in np.flatnonzero(np.bincount(block.channel)).tolist():
+            one = surveys.setdefault(number, survey_of(file, number))
+            rows = np.flatnonzero(block.channel == number)
+            if one.first is None:
+                start = int(block.starts[rows[0]])
+                one.first = bytes(block.buffer[start : start + int(block.lengths[rows[0]])])
+            one.messages += rows.size
+            one.stamps += [block.log_time[rows]] if kept < MOST_STAMPS else []
+            kept += rows.size
+    return [surveys.get(number, survey_of(file, number)) for number in sorted(file.channels)]
+
+
+def survey_of(file: McapFile, number: int) -> ChannelSurvey:
+    """A channel of which no message was seen so far."""
+    channel = file.channels[number]
+    return ChannelSurvey(channel, file.schemas.get(channel.schema_id))

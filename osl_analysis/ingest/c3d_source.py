@@ -1,0 +1,65 @@
+"""The source file of a capture in C3D."""
+
+from typing import Any, Literal
+
+from pydantic import Field, PositiveInt, field_validator, model_validator
+
+from osl_analysis.formats.c3d_file import C3DRecording
+from osl_analysis.ingest.source_fields import CaptureSource, Conversion, all_none_or_list
+from osl_analysis.ingest.units import si_factor
+from osl_analysis.yaml_settings import Settings
+
+
+class PlateUnits(Settings):
+    """Units of the plates' channels where the file's ANALOG:UNITS are absent or wrong."""
+
+    force: str
+    """Unit of the force channels."""
+    moment: str
+    """Unit of the moment channels."""
+
+    @model_validator(mode="after")
+    def _known(self) -> "PlateUnits":
+        si_factor(self.force, "N")
+        si_factor(self.moment, "N*m")
+        return self
+
+
+class C3dAnalog(Conversion):
+    """One analog channel of a C3D file; without `unit` the file's ANALOG:UNITS holds."""
+
+    channel: str
+    """Label of the channel in the file."""
+
+
+class C3dSource(CaptureSource):
+    """A capture in C3D."""
+
+    format: Literal["c3d"]
+    """Format of the file."""
+    analogs: dict[str, C3dAnalog] = Field(default={})
+    """The analog channel of each canonical column."""
+    point_unit: str | None = None
+    """Unit of length, where the file's POINT:UNITS is absent or wrong."""
+    plates: Literal["all"] | tuple[int, ...] = "all"
+    """The force plates to read: all, none or a list counted from 1."""
+    plate_units: PlateUnits | None = None
+    """Units of the plates' channels, where the file's ANALOG:UNITS are absent or wrong."""
+    plate_zero: Literal["none", "file"] | tuple[PositiveInt, PositiveInt] = "none"
+    """Baseline to subtract from the plates' channels: none, file (the frames of FORCE_PLATFORM:ZERO) or two frames,
+    counted from 1, between which nobody stood on the plates."""
+
+    @field_validator("plates", mode="before")
+    @classmethod
+    def _plate_choice(cls, value: Any) -> Any:
+        return all_none_or_list(value)
+
+    @model_validator(mode="after")
+    def _length(self) -> "C3dSource":
+        if self.point_unit is not None:
+            si_factor(self.point_unit, "m")
+        return self
+
+    def unit_of_length(self, recording: C3DRecording) -> str:
+        """The source file's unit of length, or else the recording's."""
+        return self.point_unit or recording.point_unit()

@@ -1,0 +1,57 @@
+"""A draft of the source file that would describe a file, from what the file holds.
+
+What files say of themselves is untrusted: it is quoted. JSON's strings are YAML's, with every control character as
+an escape.
+"""
+
+import json
+
+from osl_analysis.columns import COLUMNS
+from osl_analysis.ingest.known_formats import FORMATS
+from osl_analysis.ingest.overview import Overview, RecordedChannel
+
+HINT = "# give each signal that you need its canonical name instead of NAME_n, state what is UNKNOWN, delete the rest"
+
+
+def draft_source(overview: Overview, name: str) -> str:
+    """A source file for the file `name`, in which the user has yet to name the channels."""
+    lines = [
+        f"format: {overview.format}",
+        f"description: {json.dumps(f'Drafted from {name}; complete it.')}",
+        *(f"{key}: {json.dumps(value)}" for key, value in overview.settings.items()),
+    ]
+    more = capture_lines if FORMATS[overview.format].is_capture else log_lines
+    return "\n".join([*lines, *more(overview)]) + "\n"
+
+
+def log_lines(overview: Overview) -> list[str]:
+    """Every channel but the clock, for the user to name."""
+    clock = overview.settings.get("time")
+    clock_column = clock.get("column", "") if isinstance(clock, dict) else ""
+    channels = [c for c in overview.channels if not clock_column or c.address.get("column") != clock_column]
+    known = ", ".join(column for column in COLUMNS if column != "time")
+    return [
+        HINT,
+        f"# canonical names: {known}",
+        "channels:",
+        *(channel_line(number, channel) for number, channel in enumerate(channels, start=1)),
+    ]
+
+
+def capture_lines(overview: Overview) -> list[str]:
+    """Markers and plates as they are; analogs and outputs as comments, for the user to name."""
+    labels = [json.dumps(c.address["label"]) for c in overview.channels if c.kind == "marker"]
+    lines = ["markers: all", f"# or some: markers: [{', '.join(dict.fromkeys(labels))}]"]
+    if overview.format == "c3d":
+        lines.append("plates: all" if any(c.kind == "plate" for c in overview.channels) else "plates: none")
+    for key, kinds in (("analogs", ("analog", "device")), ("outputs", ("model output",))):
+        channels = [c for c in overview.channels if c.kind in kinds]
+        lines += [f"# {key}:"] if channels else []
+        lines += [f"# {channel_line(number, channel)}" for number, channel in enumerate(channels, start=1)]
+    return lines
+
+
+def channel_line(number: int, channel: RecordedChannel) -> str:
+    """One entry under `channels`."""
+    address = {**channel.address, "unit": channel.unit or "UNKNOWN"}
+    return f"  NAME_{number}: {{{', '.join(f'{key}: {json.dumps(value)}' for key, value in address.items())}}}"

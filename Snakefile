@@ -18,7 +18,7 @@ from osl_analysis.exclusion import exclusion_report, kept
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.quality.protocol import Commanded
 from osl_analysis.quality.settings import QualityRules
-from osl_analysis.walking.settings import GaitAnalysis, WalkingAnalysis
+from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
 
 
 configfile: "config/config.yaml"

@@ -24,12 +24,14 @@ from osl_analysis.simulator.walking_settings import WalkingEffects, WalkingSetti
 from osl_analysis.study.laboratory import weighed_foot
 from osl_analysis.trial import Array, Trial
 from osl_analysis.trial_file import read_trial
-from osl_analysis.walking.crossing import Crossing, analyse_crossing
-from osl_analysis.walking.perturbation import Timing, fit_response, isolate, normal_gait
-from osl_analysis.walking.plate_inertia import PlateModel
-from osl_analysis.walking.segments import static_calibration
+from osl_analysis.walking.ankle import static_calibration
+from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.crossing_analysis import analyse_crossing
+from osl_analysis.walking.plate_model import PlateModel, identify_plate_model
+from osl_analysis.walking.response import isolate_response
+from osl_analysis.walking.response_fit import fit_response
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
-from osl_analysis.walking.unloaded_plate import identify_plate_model
+from osl_analysis.walking.unperturbed import unperturbed_gait
 from osl_analysis.yaml_settings import read_yaml
 
 SETTINGS, CONFIG, SOURCES = Path("config/simulation/default.yaml"), Path("config/config.yaml"), Path("config/sources")
@@ -60,7 +62,7 @@ class Session:
 
     trials: Mapping[str, Trial]
     perturbed: tuple[str, ...]
-    calm: tuple[str, ...]
+    unperturbed: tuple[str, ...]
     truth: Mapping[str, Mapping[str, Any]]
     curves: Mapping[str, pl.DataFrame]
 
@@ -110,16 +112,15 @@ def analysed(session: Session, settings: WalkingAnalysis, weigh_plate: bool = Tr
         plate = replace(plate, inertia=replace(plate.inertia, parameters=0 * plate.inertia.parameters))
     return [
         analyse_crossing(session.trials[name], calibration, plate, name in session.perturbed, settings)
-        for name in (*session.perturbed, *session.calm)
+        for name in (*session.perturbed, *session.unperturbed)
     ]
 
 
 def errors_of(session: Session, crossings: Iterable[Crossing], settings: WalkingAnalysis) -> Array:
     """Errors (4,) of the campaign: mean K and B [% of the rendered], mean I [kg*m^2], RMS of the torque [N*m]."""
     walked = [c for c in crossings if c.onset is not None]
-    normal = normal_gait([c for c in crossings if c.onset is None], settings.fewest_unperturbed)
-    timing = Timing(settings.window_s, settings.baseline_s, settings.guard_s)
-    fits = [fit_response(isolate(c, normal, timing, c.stance.duration)) for c in walked]
+    gait = unperturbed_gait([c for c in crossings if c.onset is None], settings.fewest_unperturbed)
+    fits = [fit_response(isolate_response(c, gait, settings.timing)) for c in walked]
     true = {q: np.mean([session.truth[c.name][f"{q}_rendered"] for c in walked]) for q in "KBI"}
     K, B, I = (np.mean([getattr(fit, q) for fit in fits]) for q in "KBI")
     torque = np.mean([torque_error(c, session.curves[c.name], settings.window_s) for c in walked])

@@ -11,7 +11,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.model.admittance_error import FASTEST_HZ, HIGHEST_ORDER, SLOWEST_HZ, Weight
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.signals import LowPass
-from osl_analysis.walking.settings import GaitAnalysis, WalkingAnalysis
+from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
 from osl_analysis.yaml_settings import Model, Settings, read_mapping, validated
 
 Positive = Annotated[float, Field(gt=0)]
@@ -139,7 +139,7 @@ class Config(Settings):
     impedance_trajectory: Path | None
     gain_weight: WeightSettings
     walking: WalkingAnalysis
-    gait: GaitAnalysis
+    gait: OvergroundAnalysis
     quality: QualityRules
     figures: FigureChoices
     validation: ValidationStudy

@@ -27,7 +27,6 @@ PRELOADED = [
     "osl_analysis.commands.model_comparison",
     "osl_analysis.commands.quality",
     "osl_analysis.commands.simulate",
-    "osl_analysis.commands.calibration",
     "osl_analysis.commands.crossing",
     "osl_analysis.commands.walking",
     "osl_analysis.simulator.dynamometer",

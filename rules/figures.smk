@@ -176,12 +176,12 @@ rule plot_numbers_walking_page:
     log:
         RESULTS / "logs/figures/walking_page_numbers.log",
     params:
-        code=jobs.code("commands.walking_page"),
+        code=jobs.code("commands.walking"),
         settings=WALKING,
     run:
         jobs.run_job(
             log[0],
-            "walking_page.plot_numbers",
+            "walking.plot_walking_page",
             crossings=kept(input.crossings, input.quality),
             selection=Path(input.selection),
             unperturbed=Path(input.unperturbed),

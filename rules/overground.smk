@@ -14,8 +14,8 @@ rule compare_ankle_moment:
     run:
         jobs.run_job(
             log[0],
-            "overground.compare",
+            "overground.compare_ankle_moment",
             trial=Path(input.trial),
-            settings=GaitAnalysis.model_validate(params.settings),
+            settings=OvergroundAnalysis.model_validate(params.settings),
             output=Path(output[0]),
         )

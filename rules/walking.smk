@@ -29,12 +29,12 @@ rule calibrate_markers:
     log:
         RESULTS / "logs/walking/calibration.log",
     params:
-        code=jobs.code("commands.calibration"),
+        code=jobs.code("commands.crossing"),
         settings=WALKING,
     run:
         jobs.run_job(
             log[0],
-            "calibration.calibrate",
+            "crossing.calibrate",
             trial=kept(input.trial, input.quality)[0],
             motion=kept([*input.trial, *input.motion], input.quality)[1:],
             settings=walking_settings(params),
@@ -54,12 +54,12 @@ rule identify_plate:
     log:
         RESULTS / "logs/walking/plate.log",
     params:
-        code=jobs.code("commands.calibration"),
+        code=jobs.code("commands.crossing"),
         settings=WALKING,
     run:
         jobs.run_job(
             log[0],
-            "calibration.identify_plate",
+            "crossing.identify_plate",
             trials=kept(input.trials, input.quality),
             calibration=Path(input.calibration),
             settings=walking_settings(params),
@@ -103,12 +103,12 @@ rule select_crossings:
     log:
         RESULTS / "logs/walking/selection.log",
     params:
-        code=jobs.code("commands.walking_selection"),
+        code=jobs.code("commands.walking"),
         settings=WALKING,
     run:
         jobs.run_job(
             log[0],
-            "walking_selection.select",
+            "walking.select_crossings",
             crossings=kept(input.crossings, input.quality),
             settings=walking_settings(params),
             output=Path(output[0]),
@@ -181,7 +181,7 @@ rule summarise_walking:
     run:
         jobs.run_job(
             log[0],
-            "walking.summarise",
+            "walking.summarise_perturbations",
             table=Path(input.table),
             crossings=kept(input.crossings, input.quality),
             selection=Path(input.selection),

@@ -9,7 +9,7 @@ import pytest
 from conftest import ROOT
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from walking_setup import CALM, PERTURBED, Setup, load_setup
+from walking_setup import PERTURBED, UNPERTURBED, Setup, load_setup
 
 from osl_analysis.errors import InputError
 from osl_analysis.simulator.walking import simulate_walking_trial
@@ -67,7 +67,7 @@ def test_the_leg_logs_its_joint_and_gains(setup: Setup, tmp_path: Path) -> None:
 
 
 def test_the_trigger_fires_only_for_a_perturbation_and_before_the_platform_moves(setup: Setup, tmp_path: Path) -> None:
-    assert not setup.record(tmp_path / "calm", CALM)["analogs"][0, 7].any()
+    assert not setup.record(tmp_path / "calm", UNPERTURBED)["analogs"][0, 7].any()
     analogs = setup.record(tmp_path / "perturbed", PERTURBED)["analogs"][0]
     fired = np.argmax(analogs[7] > 2.5) / 1500
     facts = json.loads((tmp_path / "perturbed/truth/walking_01.json").read_text())

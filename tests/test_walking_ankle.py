@@ -15,10 +15,10 @@ from osl_analysis.walking.ankle import (
     ankle_torque,
     calibrate_static,
     foot_torque,
+    static_calibration,
 )
-from osl_analysis.walking.kinematics import body_motion
-from osl_analysis.walking.rigid_body import cluster_poses
-from osl_analysis.walking.segments import static_calibration
+from osl_analysis.walking.cluster import body_motion, cluster_poses
+from osl_analysis.walking.plate import PlateWrench
 
 LEFT = np.array([0.0, 1.0, 0.0])
 ANKLE = np.array([0.02, -0.1, 0.09])
@@ -67,19 +67,19 @@ def test_a_load_in_front_of_the_ankle_needs_a_plantarflexion_moment() -> None:
     force, ahead = np.array([[0.0, 0.0, 800.0]]), ANKLE + np.array([0.1, 0.0, -0.09])
     for centre in (np.zeros(3), np.array([0.3, 0.25, 0.0])):
         moment = np.cross(ahead - centre, force)
-        assert ankle_torque(force, moment, centre, ANKLE[None], LEFT[None])[0] == pytest.approx(80.0)
+        assert ankle_torque(PlateWrench(force, moment), centre, ANKLE[None], LEFT[None])[0] == pytest.approx(80.0)
 
 
 def test_friction_that_brakes_the_sole_needs_a_dorsiflexion_moment() -> None:
     force, below = np.array([[-100.0, 0.0, 0.0]]), ANKLE - [0.0, 0.0, 0.09]
     moment = np.cross(below, force)
     # r = (0, 0, -h), F = (-100, 0, 0): (r x F)_y = 100 h turns the toes down, the joint must hold them up
-    assert ankle_torque(force, moment, np.zeros(3), ANKLE[None], LEFT[None])[0] == pytest.approx(-9.0)
+    assert ankle_torque(PlateWrench(force, moment), np.zeros(3), ANKLE[None], LEFT[None])[0] == pytest.approx(-9.0)
 
 
 def test_the_torque_of_an_unloaded_plate_is_its_couple_and_no_centre_of_pressure_appears() -> None:
     couple = np.array([[0.3, -0.7, 0.2]])
-    assert ankle_torque(np.zeros((1, 3)), couple, np.zeros(3), ANKLE[None], LEFT[None])[0] == pytest.approx(0.7)
+    assert ankle_torque(PlateWrench(0 * couple, couple), np.zeros(3), ANKLE[None], LEFT[None])[0] == pytest.approx(0.7)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
@@ -130,7 +130,7 @@ def test_a_hanging_foot_needs_its_weight_and_its_inertia() -> None:
     R = about_y(phi)
     motion = body_motion(time, pose(R, np.zeros((300, 3))), com)
     n = np.ones((300, 1))
-    found = foot_torque(motion, motion.point, 0 * motion.point, n * LEFT, body)
+    found = foot_torque(motion, 0 * motion.point, n * LEFT, body)
     about_ankle = 0.007 + 1.2 * (com @ com)
     x = np.cos(phi) * com[0] + np.sin(phi) * com[2]
     expected = about_ankle * alpha - 1.2 * 9.80665 * x

@@ -15,23 +15,35 @@ from conftest import ROOT
 from walking_setup import Setup, load_setup
 from walking_synthetic import settings
 
-from osl_analysis.commands.calibration import calibrate, identify_plate
-from osl_analysis.commands.calibration_file import read_calibration, read_plate, write_plate
-from osl_analysis.commands.crossing import analyse
-from osl_analysis.commands.crossing_file import Refusal, read_crossing, read_outcome, write_crossing
+from osl_analysis.commands.crossing import analyse, calibrate, identify_plate
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.tables import gather
-from osl_analysis.commands.walking import average_unperturbed, fit_perturbation, summarise
-from osl_analysis.commands.walking_page import plot_numbers
-from osl_analysis.commands.walking_selection import select
+from osl_analysis.commands.walking import (
+    average_unperturbed,
+    fit_perturbation,
+    plot_walking_page,
+    select_crossings,
+    summarise_perturbations,
+)
+from osl_analysis.commands.walking_files import (
+    read_calibration,
+    read_crossing,
+    read_crossing_file,
+    read_plate,
+    write_crossing,
+    write_plate,
+)
 from osl_analysis.doubtful import Doubt
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.table import read_table
 from osl_analysis.trial import Array, Trial
 from osl_analysis.trial_file import read_trial, write_trial
-from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.perturbation import Timing, fit_response, isolate, normal_gait
+from osl_analysis.walking.crossing import Crossing, RefusedCrossing
+from osl_analysis.walking.response import isolate_response
+from osl_analysis.walking.response_fit import fit_response
+from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.walking.unperturbed import unperturbed_gait
 
 FOOT = {"mass_kg": 1.0, "centre_of_mass_m": [0.045, 0.0, -0.045], "inertia_kg_m2": 0.085**2}
 COLUMNS = [
@@ -46,7 +58,7 @@ class Session:
 
     folder: Path
     perturbed: list[str]
-    calm: list[str]
+    unperturbed: list[str]
 
     def trial(self, name: str) -> Path:
         return self.folder / "trials" / f"{name}.parquet"
@@ -71,29 +83,26 @@ class Session:
         return self.folder / "walking_crossings.csv"
 
     @property
-    def normal(self) -> Path:
+    def gait(self) -> Path:
         return self.folder / "unperturbed.parquet"
 
     def analysed(self, **choices: Any) -> "Session":
         """Run every step."""
         chosen = settings(**choices)
-        motion = [self.trial(n) for n in self.calm[:3]]
+        motion = [self.trial(n) for n in self.unperturbed[:3]]
         calibrate(self.trial("static_1"), motion, chosen, self.calibration, self.folder / "hinge.csv")
         unloaded = [self.trial(f"plate_0{k}") for k in (1, 2, 3)]
         identify_plate(unloaded, self.calibration, chosen, self.plate, self.folder / "plate.csv")
-        for name in (*self.perturbed, *self.calm):
+        for name in (*self.perturbed, *self.unperturbed):
             walked = name in self.perturbed
             analyse(self.trial(name), self.calibration, self.plate, walked, chosen, self.crossing(name))
-        select([self.crossing(n) for n in (*self.perturbed, *self.calm)], chosen, self.selection)
-        average_unperturbed([self.crossing(n) for n in self.calm], self.selection, chosen, self.normal)
+        select_crossings([self.crossing(n) for n in (*self.perturbed, *self.unperturbed)], chosen, self.selection)
+        average_unperturbed([self.crossing(n) for n in self.unperturbed], self.selection, chosen, self.gait)
         rows = [self.folder / "fits" / f"{n}.csv" for n in self.perturbed]
         for name, row in zip(self.perturbed, rows, strict=True):
-            fit_perturbation(self.crossing(name), self.selection, self.normal, chosen, row)
+            fit_perturbation(self.crossing(name), self.selection, self.gait, chosen, row)
         gather(rows, self.folder / "walking.csv")
-        crossings = [self.crossing(n) for n in self.perturbed]
-        summary, responses, left_out = (self.folder / f"{n}.csv" for n in ("summary", "responses", "excluded"))
-        table = self.folder / "walking.csv"
-        summarise(table, crossings, self.selection, self.normal, chosen, summary, responses, left_out)
+        summarise(self, [self.crossing(n) for n in self.perturbed], chosen, self.folder)
         return self
 
     def rendered(self, quantity: str) -> float:
@@ -106,9 +115,23 @@ class Session:
         return dict(rows.row(0, named=True))
 
 
-def record_session(setup: Setup, folder: Path, perturbed: int, calm: int) -> Session:
+def summarise(session: Session, crossings: list[Path], chosen: WalkingAnalysis, folder: Path) -> None:
+    """The summary job on `walking.csv` of a folder, with that folder's selection and unperturbed gait."""
+    summarise_perturbations(
+        table=folder / "walking.csv",
+        crossings=crossings,
+        selection=folder / session.selection.name,
+        unperturbed=folder / session.gait.name,
+        settings=chosen,
+        output=folder / "summary.csv",
+        responses=folder / "responses.csv",
+        excluded=folder / "excluded.csv",
+    )
+
+
+def record_session(setup: Setup, folder: Path, perturbed: int, unperturbed: int) -> Session:
     """Simulate, write C3D, ingest."""
-    names = [f"walking_{k:02d}" for k in range(1, perturbed + calm + 1)]
+    names = [f"walking_{k:02d}" for k in range(1, perturbed + unperturbed + 1)]
     rows: list[dict[str, object]] = [{"trial": "static_1", "experiment": "static"}]
     rows += [{"trial": f"plate_0{k}", "experiment": "plate"} for k in (1, 2, 3)]
     rows += [{"trial": n, "experiment": "walking", "perturbed": k < perturbed} for k, n in enumerate(names)]
@@ -132,7 +155,7 @@ def real(tmp_path_factory: pytest.TempPathFactory) -> Session:
 
 
 def test_without_imperfections_angle_and_torque_are_the_true_ones_through_one_filter(ideal: Session) -> None:
-    for name in (ideal.perturbed[0], ideal.calm[0]):
+    for name in (ideal.perturbed[0], ideal.unperturbed[0]):
         crossing, low_pass = read_crossing(ideal.crossing(name)), LowPass(20.0)
         truth = pl.read_parquet(ideal.folder / "truth" / f"{name}.parquet")
         stamps = truth["time"].to_numpy()
@@ -156,7 +179,7 @@ def test_the_onset_is_the_platforms(real: Session) -> None:
     late = [read_crossing(real.crossing(n)).onset - real.truth(n)["onset_s"] for n in real.perturbed]  # type: ignore[operator]
     assert abs(np.mean(late)) < 0.004
     assert np.max(np.abs(late)) < 0.015
-    assert all(read_crossing(real.crossing(n)).onset is None for n in real.calm)
+    assert all(read_crossing(real.crossing(n)).onset is None for n in real.unperturbed)
 
 
 def test_with_all_imperfections_the_rendered_stiffness_comes_out_to_five_percent(real: Session) -> None:
@@ -191,7 +214,7 @@ def test_a_plate_whose_inertia_stays_in_passes_for_the_ankles(real: Session, tmp
     (tmp_path / "plate.json").write_text(json.dumps(content))
     name, chosen = real.perturbed[0], settings(foot=FOOT)
     analyse(real.trial(name), real.calibration, tmp_path / "plate.json", True, chosen, tmp_path / "c.parquet")
-    fit_perturbation(tmp_path / "c.parquet", real.selection, real.normal, chosen, tmp_path / "fit.csv")
+    fit_perturbation(tmp_path / "c.parquet", real.selection, real.gait, chosen, tmp_path / "fit.csv")
     assert read_table(tmp_path / "fit.csv")["I"][0] > real.rendered("I") + 0.3
 
 
@@ -213,12 +236,12 @@ def test_a_longer_filter_leaves_the_stiffness_alone(real: Session, tmp_path: Pat
     found = []
     for cutoff in (15, 20):
         chosen = settings(cutoff_hz=cutoff, foot=FOOT)
-        for trial in (name, *real.calm):
+        for trial in (name, *real.unperturbed):
             output = tmp_path / f"{trial}.parquet"
             analyse(real.trial(trial), real.calibration, real.plate, trial == name, chosen, output)
-        normal, calm = tmp_path / "normal.parquet", [tmp_path / f"{t}.parquet" for t in real.calm]
-        average_unperturbed(calm, real.selection, chosen, normal)
-        fit_perturbation(tmp_path / f"{name}.parquet", real.selection, normal, chosen, tmp_path / "fit.csv")
+        gait, unperturbed = tmp_path / "gait.parquet", [tmp_path / f"{t}.parquet" for t in real.unperturbed]
+        average_unperturbed(unperturbed, real.selection, chosen, gait)
+        fit_perturbation(tmp_path / f"{name}.parquet", real.selection, gait, chosen, tmp_path / "fit.csv")
         found.append(read_table(tmp_path / "fit.csv")["K"][0])
     assert found[0] == pytest.approx(found[1], rel=0.03)
 
@@ -229,7 +252,7 @@ def test_without_imperfections_measured_angle_and_torque_fit_as_the_exact_ones_d
     """What is left of the error is the model's, not the measurement's: the leg that answers is of third order, so that
     K, B and I of Eq. 15 depend on the filter. The exact curves through the same filter give the same numbers, but for
     the file's single precision and a low-pass of products that is not the product of low-passes."""
-    crossings = [read_crossing(ideal.crossing(n)) for n in (*ideal.perturbed, *ideal.calm)]
+    crossings = [read_crossing(ideal.crossing(n)) for n in (*ideal.perturbed, *ideal.unperturbed)]
     found, exact = (fits_of(c) for c in (crossings, [exact_crossing(ideal, c) for c in crossings]))
     np.testing.assert_allclose(found[:, 0], exact[:, 0], rtol=2e-4)
     np.testing.assert_allclose(found[:, 1], exact[:, 1], rtol=1e-3)
@@ -246,8 +269,8 @@ def exact_crossing(session: Session, crossing: Crossing) -> Crossing:
 
 def fits_of(crossings: list[Crossing]) -> Array:
     """K, B, I (perturbed, 3) of the perturbed ones among crossings."""
-    normal = normal_gait([c for c in crossings if c.onset is None], 3)
-    fits = [fit_response(isolate(c, normal, Timing(0.1, 0.06, 0.04), c.stance.duration)) for c in crossings if c.onset]
+    gait = unperturbed_gait([c for c in crossings if c.onset is None], 3)
+    fits = [fit_response(isolate_response(c, gait, settings().timing)) for c in crossings if c.onset]
     return np.array([[f.K, f.B, f.I] for f in fits])
 
 
@@ -276,7 +299,7 @@ def test_the_torque_is_true_to_two_newton_metres_in_the_window(real: Session) ->
 def test_the_tables_say_how_far_each_crossing_can_be_trusted(real: Session) -> None:
     """Markers of 0.15 mm noise, RMS over three axes less the pose's six freedoms of twelve: 0.18 mm."""
     table = read_table(real.selection)
-    assert table["trial"].to_list() == [*real.perturbed, *real.calm]
+    assert table["trial"].to_list() == [*real.perturbed, *real.unperturbed]
     assert set(table["status"]) == {"used"}
     for segment in ("foot", "shank", "platform"):
         np.testing.assert_allclose(table[f"{segment}_residual_mm"], 0.15 * np.sqrt(3 / 2), rtol=0.1)
@@ -295,7 +318,7 @@ def test_the_functional_hinge_takes_the_place_of_wrong_malleoli(real: Session, t
     static = read_trial(real.trial("static_1"))
     moved = static.samples.with_columns(pl.col("marker_ANKLE_MED_x") + 0.02)
     write_trial(Trial("static_1", moved, static.provenance), tmp_path / "static.parquet")
-    motion, outputs = [real.trial(n) for n in real.calm[:2]], (tmp_path / "c.json", tmp_path / "h.csv")
+    motion, outputs = [real.trial(n) for n in real.unperturbed[:2]], (tmp_path / "c.json", tmp_path / "h.csv")
     calibrate(tmp_path / "static.parquet", motion, settings(hinge="anatomical"), *outputs)
     assert read_table(outputs[1])["angle_deg"][0] == pytest.approx(13.4, abs=0.5)
     assert read_calibration(outputs[0]).ankle_axis[0] == pytest.approx(np.sin(np.deg2rad(13.4)), abs=0.01)
@@ -347,43 +370,52 @@ def saturate(trial: Trial, limit: float) -> Trial:
 def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Session, tmp_path: Path) -> None:
     """A hidden cluster, a platform that did not move, a plate at its limit, a foot put down elsewhere."""
     chosen, crossings = settings(foot=FOOT), {}
-    for name in (*real.perturbed, *real.calm):
+    for name in (*real.perturbed, *real.unperturbed):
         crossings[name] = tmp_path / f"{name}.parquet"
         crossings[name].write_bytes(real.crossing(name).read_bytes())
     hidden, still, elsewhere = real.perturbed[:3]
-    cut = real.calm[0]
+    cut = real.unperturbed[0]
     changed = {
         hidden: hide(read_trial(real.trial(hidden)), ("FOOT1", "FOOT2"), 1.2, 1.6),
-        still: Trial(still, read_trial(real.trial(real.calm[1])).samples, read_trial(real.trial(still)).provenance),
+        still: Trial(
+            still, read_trial(real.trial(real.unperturbed[1])).samples, read_trial(real.trial(still)).provenance
+        ),
         cut: saturate(read_trial(real.trial(cut)), 600),
     }
     for name, trial in changed.items():
         write_trial(trial, tmp_path / "trial.parquet")
-        with pytest.warns(UserWarning, match=f"left out: trial {name}"):
+        with pytest.warns(UserWarning, match=f"excluded: trial {name}"):
             analyse(tmp_path / "trial.parquet", real.calibration, real.plate, name != cut, chosen, crossings[name])
     outlier = read_crossing(crossings[elsewhere])
     moved = replace(outlier, quality=replace(outlier.quality, placement=(0.2, 0.0)))
     write_crossing(moved, crossings[elsewhere])
-    selection, normal = tmp_path / "selection.csv", tmp_path / "normal.parquet"
-    select(list(crossings.values()), chosen, selection)
-    average_unperturbed([crossings[n] for n in real.calm], selection, chosen, normal)
+    selection, gait = tmp_path / real.selection.name, tmp_path / real.gait.name
+    select_crossings(list(crossings.values()), chosen, selection)
+    average_unperturbed([crossings[n] for n in real.unperturbed], selection, chosen, gait)
     rows = [tmp_path / f"{n}.csv" for n in real.perturbed]
     for name, row in zip(real.perturbed, rows, strict=True):
-        fit_perturbation(crossings[name], selection, normal, chosen, row)
+        fit_perturbation(crossings[name], selection, gait, chosen, row)
     gather(rows, tmp_path / "walking.csv", Doubt(above={"offset_share": 0.06}))
-    outputs = [tmp_path / f"{n}.csv" for n in ("summary", "responses", "excluded")]
     perturbed = [crossings[n] for n in real.perturbed]
-    summarise(tmp_path / "walking.csv", perturbed, selection, normal, chosen, *outputs)
-    listed = dict(read_table(outputs[2]).select("trial", "reason").iter_rows())
+    summarise(real, perturbed, chosen, tmp_path)
+    listed = dict(read_table(tmp_path / "excluded.csv").select("trial", "reason").iter_rows())
     assert list(listed) == [hidden, still, elsewhere, cut]
     assert "foot markers cannot be followed" in listed[hidden]
     assert "does not turn but the sheet says perturbed" in listed[still]
     assert "foot forward 0.2 m lies" in listed[elsewhere]
     assert "Fz stays at 600 N" in listed[cut]
-    assert set(read_table(outputs[0])["n"]) == {9}
-    assert read_table(outputs[0])["mean"][0] == pytest.approx(real.rendered("K"), rel=0.05)
+    assert set(read_table(tmp_path / "summary.csv")["n"]) == {9}
+    assert read_table(tmp_path / "summary.csv")["mean"][0] == pytest.approx(real.rendered("K"), rel=0.05)
     page = tmp_path / "page.csv"
-    plot_numbers(perturbed, selection, normal, outputs[1], tmp_path / "walking.csv", chosen, page)
+    plot_walking_page(
+        crossings=perturbed,
+        selection=selection,
+        unperturbed=gait,
+        responses=tmp_path / "responses.csv",
+        table=tmp_path / "walking.csv",
+        settings=chosen,
+        output=page,
+    )
     counts = read_table(page).filter(pl.col("panel") == "angle").group_by("curve").agg(pl.col("n").first())
     assert dict(counts.drop_nulls().iter_rows()) == {"perturbed": 9, "unperturbed": 11}
     each = read_table(page).filter(pl.col("curve") == "each")
@@ -394,7 +426,7 @@ def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Sess
     fitted = fits.filter(pl.col("K").is_not_null())
     assert fitted["lag_out_of_reach"].to_list() == fitted["lag_s"].is_null().cast(pl.Float64).to_list()
     assert set(each.filter(pl.col("doubtful") != "")["trial"]) == doubtful
-    assert read_table(outputs[0])["n_doubtful"].drop_nulls().unique().to_list() == [len(doubtful)]
+    assert read_table(tmp_path / "summary.csv")["n_doubtful"].drop_nulls().unique().to_list() == [len(doubtful)]
     np.testing.assert_allclose(
         fits["offset_share"].drop_nulls(), (1 - fits["K_with_offset"] / fits["K"]).drop_nulls(), rtol=1e-9
     )
@@ -403,13 +435,13 @@ def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Sess
 def test_a_perturbation_that_cannot_be_fitted_is_listed_too(ideal: Session, tmp_path: Path) -> None:
     """A window so short that it has fewer samples than parameters."""
     name, chosen = ideal.perturbed[0], settings(window_s=0.009)
-    fit_perturbation(ideal.crossing(name), ideal.selection, ideal.normal, chosen, tmp_path / "fit.csv")
+    fit_perturbation(ideal.crossing(name), ideal.selection, ideal.gait, chosen, tmp_path / "fit.csv")
     (row,) = read_table(tmp_path / "fit.csv").to_dicts()
     assert row["trial"] == name
     assert "samples cannot determine 3 parameters" in row["excluded"]
 
 
-@pytest.mark.parametrize(("which", "claimed"), [("perturbed", False), ("calm", True)])
+@pytest.mark.parametrize(("which", "claimed"), [("perturbed", False), ("unperturbed", True)])
 def test_a_sheet_that_disagrees_with_the_platform_is_refused(
     ideal: Session, tmp_path: Path, which: str, claimed: bool
 ) -> None:
@@ -423,8 +455,8 @@ def refused(output: Path, reason: str) -> Iterator[None]:
     """The crossing is refused for a reason like this, with a warning, and its file says so."""
     with pytest.warns(UserWarning, match=reason):
         yield
-    found = read_outcome(output)
-    assert isinstance(found, Refusal)
+    found = read_crossing_file(output)
+    assert isinstance(found, RefusedCrossing)
     assert re.search(reason, found.reason)
     with pytest.raises(InputError, match="was refused"):
         read_crossing(output)
@@ -441,7 +473,7 @@ def hide(trial: Trial, markers: tuple[str, ...], start: float, end: float) -> Tr
 def test_a_cluster_hidden_for_long_in_stance_is_refused_and_for_short_is_bridged(
     ideal: Session, tmp_path: Path
 ) -> None:
-    name = ideal.calm[0]
+    name = ideal.unperturbed[0]
     source, path, output = read_trial(ideal.trial(name)), tmp_path / "hidden.parquet", tmp_path / "crossing.parquet"
     write_trial(hide(source, ("SHANK1", "SHANK4"), 1.2, 1.23), path)
     analyse(path, ideal.calibration, ideal.plate, False, settings(), output)
@@ -457,8 +489,8 @@ def test_a_cluster_hidden_for_long_in_stance_is_refused_and_for_short_is_bridged
 def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(real: Session, tmp_path: Path) -> None:
     name, plate = real.perturbed[0], read_plate(real.plate)
     crossing = read_crossing(real.crossing(name))
-    assert len(crossing.plate_errors) == len(plate.left_out) > 1
-    write_plate(plate.left_out[1], tmp_path / "plate.json")
+    assert len(crossing.plate_errors) == len(plate.leave_one_out) > 1
+    write_plate(plate.leave_one_out[1], tmp_path / "plate.json")
     chosen = settings(foot=FOOT)
     analyse(real.trial(name), real.calibration, tmp_path / "plate.json", True, chosen, tmp_path / "c.parquet")
     without = read_crossing(tmp_path / "c.parquet")
@@ -483,7 +515,7 @@ def test_a_cluster_hidden_while_the_perturbation_is_fitted_is_refused(ideal: Ses
 
 
 def test_a_missing_marker_is_named(ideal: Session, tmp_path: Path) -> None:
-    name = ideal.calm[0]
+    name = ideal.unperturbed[0]
     source = read_trial(ideal.trial(name))
     write_trial(Trial(name, source.samples.drop("marker_FOOT3_x"), source.provenance), tmp_path / "t.parquet")
     with refused(tmp_path / "c.parquet", f"trial {name}: no column 'marker_FOOT3_x'"):
@@ -494,16 +526,16 @@ def test_a_marker_that_was_not_calibrated_is_named(ideal: Session, tmp_path: Pat
     content = json.loads(ideal.calibration.read_text())
     del content["foot"]["FOOT2"]
     (tmp_path / "calibration.json").write_text(json.dumps(content))
-    name = ideal.calm[0]
-    with refused(tmp_path / "c", f"trial {name}: marker FOOT2 was not calibrated"):
+    name = ideal.unperturbed[0]
+    with refused(tmp_path / "c", f"trial {name}: marker FOOT2 is not in the static calibration"):
         analyse(ideal.trial(name), tmp_path / "calibration.json", ideal.plate, False, settings(), tmp_path / "c")
 
 
 def test_too_few_unperturbed_crossings_leave_no_file(ideal: Session, tmp_path: Path) -> None:
-    few = [ideal.crossing(n) for n in ideal.calm[:2]]
+    few = [ideal.crossing(n) for n in ideal.unperturbed[:2]]
     with pytest.raises(InputError, match=r"2 unperturbed crossings .* expected 3 or more"):
-        average_unperturbed(few, ideal.selection, settings(), tmp_path / "normal.parquet")
-    assert not (tmp_path / "normal.parquet").exists()
+        average_unperturbed(few, ideal.selection, settings(), tmp_path / "gait.parquet")
+    assert not (tmp_path / "gait.parquet").exists()
 
 
 def test_a_window_that_leaves_stance_is_refused_by_name(ideal: Session, tmp_path: Path) -> None:
@@ -513,11 +545,11 @@ def test_a_window_that_leaves_stance_is_refused_by_name(ideal: Session, tmp_path
 
 
 def test_one_perturbation_has_no_summary(ideal: Session, tmp_path: Path) -> None:
-    table, crossing = ideal.folder / "fits" / f"{ideal.perturbed[0]}.csv", ideal.crossing(ideal.perturbed[0])
-    outputs = [tmp_path / name for name in ("s.csv", "r.csv", "e.csv")]
-    with pytest.raises(InputError, match="1 perturbation that can be used cannot give a scatter"):
-        summarise(table, [crossing], ideal.selection, ideal.normal, settings(), *outputs)
-    assert not outputs[0].exists()
+    (tmp_path / "walking.csv").write_bytes((ideal.folder / "fits" / f"{ideal.perturbed[0]}.csv").read_bytes())
+    (tmp_path / ideal.selection.name).write_bytes(ideal.selection.read_bytes())
+    with pytest.raises(InputError, match="1 of 1 perturbations can be used, expected 2 or more"):
+        summarise(ideal, [ideal.crossing(ideal.perturbed[0])], settings(), tmp_path)
+    assert not (tmp_path / "summary.csv").exists()
 
 
 def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Session, tmp_path: Path) -> None:
@@ -531,7 +563,7 @@ def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Sessio
     with pytest.raises(InputError, match=r"plate\.json: no field 'ankle_centre'|no field 'foot'"):
         read_calibration(broken)
     with pytest.raises(InputError, match="a trial without events"):
-        read_crossing(ideal.trial(ideal.calm[0]))
+        read_crossing(ideal.trial(ideal.unperturbed[0]))
     perturbed, absent = ideal.crossing(ideal.perturbed[0]), tmp_path / "n.parquet"
     with pytest.raises(InputError, match=r"n\.parquet: no such file; run the step 'average-unperturbed'"):
         fit_perturbation(perturbed, ideal.selection, absent, settings(), tmp_path / "f.csv")

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from osl_analysis.errors import InputError
-from osl_analysis.walking.events import Stance, checked_onset, find_onset, find_stances, only_stance
+from osl_analysis.walking.events import Stance, check_onset, find_onset, find_stances, only_stance
+from osl_analysis.walking.settings import Timing
 
 TIME = np.arange(900) / 300
 DEG = np.pi / 180
+TIMING = Timing(window=0.1, baseline=0.06, guard=0.04)
 
 
 def trapezoid(start: float, end: float, slope: float = 8000.0, top: float = 800.0) -> np.ndarray:
@@ -44,7 +46,7 @@ def test_nan_leaves_the_foot_where_it_was() -> None:
     assert stance.duration == pytest.approx(0.6925, abs=1e-6)
 
 
-def test_a_stance_that_the_record_cuts_is_left_out() -> None:
+def test_a_stance_that_the_record_cuts_does_not_count() -> None:
     early, late = trapezoid(-1.0, 0.6), trapezoid(2.5, 4.0)
     assert find_stances(TIME, early, 40, 20, 0.3) == find_stances(TIME, late, 40, 20, 0.3) == []
     assert len(find_stances(TIME, early + trapezoid(1.0, 1.7) + late, 40, 20, 0.3)) == 1
@@ -111,9 +113,9 @@ def test_a_turn_at_the_start_of_the_record_is_refused() -> None:
 )
 def test_an_onset_that_cannot_be_is_refused(onset: float | None, perturbed: bool, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        checked_onset(onset, Stance(0.9, 1.6), perturbed, lead=0.1, window=0.1)
+        check_onset(onset, Stance(0.9, 1.6), perturbed, TIMING)
 
 
 def test_an_onset_that_agrees_with_the_sheet_passes() -> None:
-    assert checked_onset(1.2, Stance(0.9, 1.6), True, 0.1, 0.1) == 1.2
-    assert checked_onset(None, Stance(0.9, 1.6), False, 0.1, 0.1) is None
+    check_onset(1.2, Stance(0.9, 1.6), True, TIMING)
+    check_onset(None, Stance(0.9, 1.6), False, TIMING)

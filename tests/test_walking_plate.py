@@ -19,11 +19,11 @@ from walking_synthetic import (
 
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.kinematics import BodyMotion
-from osl_analysis.walking.moving_plate import Wrench, at_marker_times, in_laboratory, rotation_from_rest
+from osl_analysis.walking.ankle import static_calibration
+from osl_analysis.walking.cluster import BodyMotion
+from osl_analysis.walking.plate import PlateWrench, RecordedWrench, in_laboratory, rotation_from_rest
 from osl_analysis.walking.plate_inertia import PARAMETERS, identify_plate_inertia, regressors
-from osl_analysis.walking.segments import static_calibration
-from osl_analysis.walking.unloaded_plate import identify_plate_model
+from osl_analysis.walking.plate_model import identify_plate_model
 
 G = 9.80665
 PIVOT = np.array([-0.06, 0.0, 0.08])
@@ -40,7 +40,7 @@ def matrix(about: int, angle: Array) -> Array:
     return about_y(angle)[:, order][:, :, order]
 
 
-def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, Wrench]:
+def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, PlateWrench]:
     """The plate turns about a laboratory axis through the pivot by two bumps; its wrench by Newton and Euler.
 
     All derivatives by hand: a = z x r + w x (w x r), and the force on the body is m (a_com - g).
@@ -63,7 +63,7 @@ def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, W
     moment = turning + np.cross(com - centre, force)
     in_plate = R.transpose(0, 2, 1)
     tare, tare_moment = np.array([0, 0, MASS * G]), np.cross(COM, [0, 0, MASS * G])
-    read = Wrench(
+    read = PlateWrench(
         np.einsum("nij,nj->ni", in_plate, force) - tare, np.einsum("nij,nj->ni", in_plate, moment) - tare_moment
     )
     return BodyMotion(R, w, z, centre, acceleration), read
@@ -72,7 +72,7 @@ def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, W
 def test_a_wrench_turns_with_the_plate_and_acts_where_the_plate_is() -> None:
     R = about_y(np.array([np.pi / 2]))
     moving = pose(R, np.array([[0.5, 0.0, 0.2]]), origin=np.array([0.1, 0.0, 0.0]))
-    wrench, centre = in_laboratory(Wrench(np.eye(3)[[2]], np.eye(3)[[0]]), moving, np.array([0.1, 0.0, 0.3]))
+    wrench, centre = in_laboratory(PlateWrench(np.eye(3)[[2]], np.eye(3)[[0]]), moving, np.array([0.1, 0.0, 0.3]))
     np.testing.assert_allclose(wrench.force, [[1, 0, 0]], atol=1e-12)
     np.testing.assert_allclose(wrench.moment, [[0, 0, -1]], atol=1e-12)
     np.testing.assert_allclose(centre, [[0.8, 0.0, 0.2]], atol=1e-12)
@@ -102,7 +102,7 @@ def test_an_axis_that_does_not_turn_has_no_inertia_and_the_rest_is_right() -> No
 
 def test_each_recording_may_have_its_own_zero() -> None:
     pair = [plate_motion(about, 0.15, 0.04) for about in range(3)]
-    shifted = [(m, Wrench(w.force + k, w.moment - 0.3 * k)) for k, (m, w) in enumerate(pair)]
+    shifted = [(m, PlateWrench(w.force + k, w.moment - 0.3 * k)) for k, (m, w) in enumerate(pair)]
     np.testing.assert_allclose(identify_plate_inertia(shifted).parameters, TRUE, rtol=1e-7, atol=1e-9)
 
 
@@ -112,7 +112,12 @@ def test_standard_errors_cover_white_noise() -> None:
     scores = []
     for _ in range(40):
         noisy = [
-            (m, Wrench(w.force + random.normal(0, 0.5, w.force.shape), w.moment + random.normal(0, 0.05, (RATE, 3))))
+            (
+                m,
+                PlateWrench(
+                    w.force + random.normal(0, 0.5, w.force.shape), w.moment + random.normal(0, 0.05, (RATE, 3))
+                ),
+            )
             for m, w in pair
         ]
         found = identify_plate_inertia(noisy)
@@ -129,7 +134,7 @@ def test_no_recordings_are_refused() -> None:
 def test_a_wrench_is_brought_to_the_markers_frames_without_delay() -> None:
     fast, slow = np.arange(4500) / PLATE_RATE, np.arange(900) / RATE
     tone = np.sin(2 * np.pi * 15 * fast)[:, None] * [1.0, 2.0, 3.0]
-    found = at_marker_times(fast, Wrench(tone, tone), slow)
+    found = RecordedWrench(fast, PlateWrench(tone, tone)).at(slow)
     expected = np.sin(2 * np.pi * 15 * slow)[:, None] * [1.0, 2.0, 3.0]
     np.testing.assert_allclose(found.force[60:-60], expected[60:-60], atol=1e-4)
 
@@ -138,13 +143,13 @@ def test_what_is_faster_than_the_markers_does_not_fold_into_the_signal() -> None
     """290 Hz seen at 300 Hz would be 10 Hz, full size."""
     fast, slow = np.arange(4500) / PLATE_RATE, np.arange(900) / RATE
     tone = np.sin(2 * np.pi * 290 * fast)[:, None] * np.ones(3)
-    assert np.abs(at_marker_times(fast, Wrench(tone, tone), slow).force[60:-60]).max() < 1e-3
+    assert np.abs(RecordedWrench(fast, PlateWrench(tone, tone)).at(slow).force[60:-60]).max() < 1e-3
 
 
 def test_a_late_plate_is_read_later() -> None:
     fast, slow = np.arange(4500) / PLATE_RATE, np.arange(900) / RATE
     late = np.sin(2 * np.pi * 8 * (fast - 0.0021))[:, None] * np.ones(3)
-    found = at_marker_times(fast, Wrench(late, late), slow, lag=0.0021)
+    found = RecordedWrench(fast, PlateWrench(late, late)).at(slow, lag=0.0021)
     np.testing.assert_allclose(found.moment[60:-60, 0], np.sin(2 * np.pi * 8 * slow)[60:-60], atol=1e-5)
 
 
@@ -192,12 +197,12 @@ def test_recovers_lag_and_inertia_of_a_noisy_recorded_plate() -> None:
 def test_the_models_without_a_trial_know_nothing_of_it() -> None:
     trials = [unloaded(f"plate_{k}", lag=0.001 * (1 + k)) for k in range(3)]
     model = identify_plate_model(trials, CALIBRATION, settings())
-    assert len(model.left_out) == 3
-    for k, other in enumerate(model.left_out):
+    assert len(model.leave_one_out) == 3
+    for k, other in enumerate(model.leave_one_out):
         alone = identify_plate_model([t for i, t in enumerate(trials) if i != k], CALIBRATION, settings())
         assert other.lag == pytest.approx(np.delete(model.lags, k).mean())
         np.testing.assert_array_equal(other.inertia.parameters, alone.inertia.parameters)
-    assert identify_plate_model(trials[:1], CALIBRATION, settings()).left_out == ()
+    assert identify_plate_model(trials[:1], CALIBRATION, settings()).leave_one_out == ()
 
 
 def test_a_plate_without_mass_has_no_lag_to_find() -> None:
@@ -246,10 +251,12 @@ def hidden_for(trial: Trial, start: float, duration: float) -> Trial:
     )
 
 
-def test_an_unloaded_trial_whose_turn_was_hidden_is_left_out_by_name() -> None:
+def test_an_unloaded_trial_whose_turn_was_hidden_is_excluded_by_name() -> None:
     """40 ms about the middle of the ramp, which a bridge would make the lag of."""
     blind = hidden_for(unloaded("plate_2", lag=0.0015), 0.99, 0.04)
-    with pytest.warns(UserWarning, match="trial plate_2: left out: its platform turned behind hidden markers"):
+    with pytest.warns(
+        UserWarning, match="trial plate_2: excluded from the plate.s model: the platform turned while its markers"
+    ):
         model = identify_plate_model([unloaded("plate_1", lag=0.0015), blind], CALIBRATION, settings())
     assert len(model.lags) == 1
     bridged = identify_plate_model([blind], CALIBRATION, settings(longest_fitted_gap_s=0.1))
@@ -258,10 +265,12 @@ def test_an_unloaded_trial_whose_turn_was_hidden_is_left_out_by_name() -> None:
         identify_plate_model([blind], CALIBRATION, settings())
 
 
-def test_a_turn_hidden_for_longer_than_gaps_are_bridged_leaves_out_its_trial_only() -> None:
+def test_a_turn_hidden_for_longer_than_gaps_are_bridged_excludes_its_trial_only() -> None:
     """From before the ramp until the platform is back: the longest stretch that was seen does not turn."""
     blind = hidden_for(unloaded("plate_2", lag=0.0015), 0.8, 1.6)
-    with pytest.warns(UserWarning, match="trial plate_2: left out: its platform turned behind hidden markers"):
+    with pytest.warns(
+        UserWarning, match="trial plate_2: excluded from the plate.s model: the platform turned while its markers"
+    ):
         model = identify_plate_model([unloaded("plate_1", lag=0.0015), blind], CALIBRATION, settings())
     assert len(model.lags) == 1
 

@@ -5,21 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from test_walking_perturbation import TIMING, calm, crossing, respond
+from test_walking_response import TIMING, crossing, mean_gait, respond
 from walking_synthetic import CORNERS, FOOT, PLATE_RATE, SHANK
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.trial import Array
 from osl_analysis.walking.ankle import StaticCalibration
-from osl_analysis.walking.crossing import Crossing, Quality
+from osl_analysis.walking.cluster import Poses, cluster_poses
+from osl_analysis.walking.crossing import Crossing, CrossingQuality
 from osl_analysis.walking.encoder import compare_encoder
-from osl_analysis.walking.hinge import functional_hinge, hinged
-from osl_analysis.walking.lag import response_lag
-from osl_analysis.walking.moving_plate import Wrench
-from osl_analysis.walking.plate_zero import check_range, plate_axes, unloaded_zero
-from osl_analysis.walking.rigid_body import Poses, cluster_poses
-from osl_analysis.walking.selection import features, outliers
+from osl_analysis.walking.hinge import functional_hinge, with_hinge
+from osl_analysis.walking.plate import PlateWrench, RecordedWrench, check_range, plate_axes, unloaded_zero
+from osl_analysis.walking.response_fit import response_lag
+from osl_analysis.walking.selection import crossing_features, outlier_reasons
 from osl_analysis.walking.settings import OutlierRule
 
 RULE = OutlierRule(limit=5, stance_s=0.01, placement_m=0.005, angle_deg=0.5)
@@ -30,33 +29,33 @@ LEVEL = np.eye(3)
 # The plate
 
 
-def stepped(offset: float, limit: float = np.inf, noise: float = 0.4) -> Wrench:
+def stepped(offset: float, limit: float = np.inf, noise: float = 0.4) -> PlateWrench:
     """A step of 0.7 s and 800 N from 1 s on; afterwards the tilted plate reads 5 N more, with
     half the noise. Fz is cut off at a limit."""
     load = 800 * np.sin(np.pi * np.clip((TIME - 1) / 0.7, 0, 1)) + 5.0 * (TIME > 1.75)
     calmer = np.where(TIME > 1.75, 0.5, 1.0)[:, None] * noise
     force = np.outer(load, [0.1, 0.0, 1.0]) + offset + calmer * np.random.default_rng(2).standard_normal((len(TIME), 3))
     force[:, 2] = np.minimum(force[:, 2], limit)
-    return Wrench(force, 0.02 * offset + np.outer(load, [0.0, -0.1, 0.0]))
+    return PlateWrench(force, 0.02 * offset + np.outer(load, [0.0, -0.1, 0.0]))
 
 
 @pytest.mark.parametrize("offset", [0.0, 12.0, -60.0])
 def test_the_zero_is_read_before_the_foot_comes_not_after_the_platform_tilted(offset: float) -> None:
     """0.2 s of noise of 0.4 N: the mean's standard deviation is 0.02 N."""
-    zero = unloaded_zero(TIME, stepped(offset), 0.2, 100)
+    zero = unloaded_zero(RecordedWrench(TIME, stepped(offset)), 0.2, 100)
     np.testing.assert_allclose(zero.force[0], offset, atol=0.1)
     np.testing.assert_allclose(zero.moment[0], 0.02 * offset, atol=1e-9)
 
 
 def test_a_plate_that_is_far_off_zero_is_refused_with_its_reading() -> None:
     with pytest.raises(InputError, match="reads -713 N with nobody on it, expected less than 100 N"):
-        unloaded_zero(TIME, stepped(-713.0), 0.2, 100)
+        unloaded_zero(RecordedWrench(TIME, stepped(-713.0)), 0.2, 100)
 
 
 def test_a_record_that_starts_under_load_has_no_zero() -> None:
-    late = Wrench(stepped(0.0).force[2000:], stepped(0.0).moment[2000:])
+    late = RecordedWrench(TIME[2000:], stepped(0.0)[2000:])
     with pytest.raises(InputError, match=r"loaded within 0\.2 s of the record's start"):
-        unloaded_zero(TIME[2000:], late, 0.2, 100)
+        unloaded_zero(late, 0.2, 100)
 
 
 def test_a_plate_at_its_limit_is_refused_and_one_that_peaks_is_not() -> None:
@@ -170,7 +169,7 @@ def test_a_joint_that_hardly_turned_has_no_functional_axis() -> None:
 def test_the_functional_axis_takes_the_anatomical_ones_place_and_points_to_the_left_too() -> None:
     other = replace(ANATOMICAL, ankle_axis=-ANATOMICAL.ankle_axis)
     found = functional_hinge([hinged_motion()], other)
-    assert hinged(other, found).ankle_axis @ other.ankle_axis > 0.9
+    assert with_hinge(other, found).ankle_axis @ other.ankle_axis > 0.9
 
 
 # Crossings that are unlike the others
@@ -183,12 +182,12 @@ def session(**changed: object) -> list[Crossing]:
     for k in range(11):
         place = tuple(0.01 * random.standard_normal(2))
         one = crossing(f"w{k}", onset=0.6 if k % 2 else None, stance=0.72 + 0.01 * random.standard_normal())
-        found.append(replace(one, quality=Quality({}, None, place, None)))  # type: ignore[arg-type]
+        found.append(replace(one, quality=CrossingQuality({}, None, place, None)))  # type: ignore[arg-type]
     return [*found[:-1], replace(found[-1], **changed)]  # type: ignore[arg-type]
 
 
 def reasons(crossings: list[Crossing]) -> dict[str, str]:
-    return outliers(features(crossings, TIMING, RULE), [c.name for c in crossings], RULE.limit)
+    return outlier_reasons(crossing_features(crossings, TIMING, RULE), [c.name for c in crossings], RULE.limit)
 
 
 def test_crossings_that_scatter_as_gait_does_all_stay() -> None:
@@ -196,7 +195,7 @@ def test_crossings_that_scatter_as_gait_does_all_stay() -> None:
 
 
 def test_a_foot_beside_its_place_a_long_stance_and_another_gait_are_named_with_the_reason() -> None:
-    beside = reasons(session(quality=Quality({}, None, (0.0, 0.3), None)))
+    beside = reasons(session(quality=CrossingQuality({}, None, (0.0, 0.3), None)))
     assert list(beside) == ["w10"]
     assert "foot to the left 0.3 m lies" in beside["w10"]
     long = session()[-1]
@@ -212,14 +211,14 @@ def test_a_crossing_is_not_judged_by_its_perturbation() -> None:
     assert reasons(turned) == {}
     few = [replace(c, onset=0.6 if k % 4 == 1 else None) for k, c in enumerate(crossings)]
     longer = [replace(c, stance=replace(c.stance, toe_off=c.stance.toe_off + 0.2)) if c.onset else c for c in few]
-    assert features(longer, TIMING, RULE)[0].distance.max() < 5
+    assert crossing_features(longer, TIMING, RULE)[0].distance.max() < 5
 
 
 # The lag of the torque
 
 
 def test_the_lag_of_a_second_order_response_comes_out_within_its_standard_error() -> None:
-    response = respond(crossing("p", 0.6, impedance=(340.0, 5.0, 0.2)), calm())
+    response = respond(crossing("p", 0.6, impedance=(340.0, 5.0, 0.2)), mean_gait())
     for lag in (-0.003, 0.0, 0.004):
         moved = np.interp(response.time - lag, response.time, response.torque)
         found = response_lag(replace(response, torque=moved))

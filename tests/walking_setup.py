@@ -16,7 +16,7 @@ from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.yaml_settings import read_yaml
 
 PERTURBED = {"trial": "walking_01", "experiment": "walking", "perturbed": True}
-CALM = {"trial": "walking_01", "experiment": "walking", "perturbed": False}
+UNPERTURBED = {"trial": "walking_01", "experiment": "walking", "perturbed": False}
 STATIC = {"trial": "static_1", "experiment": "static"}
 
 

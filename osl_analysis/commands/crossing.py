@@ -1,14 +1,62 @@
-"""One crossing of the walkway: from the ingested trial to angle and torque, or to the reason why not."""
+"""Jobs up to the analysed crossing: static calibration, the plate's model, and each crossing."""
 
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
-from osl_analysis.commands.calibration_file import read_calibration, read_plate
-from osl_analysis.commands.crossing_file import Refusal, write_crossing, write_refusal
-from osl_analysis.errors import OslAnalysisError
+import polars as pl
+
+from osl_analysis.commands.walking_files import (
+    read_calibration,
+    read_plate,
+    write_calibration,
+    write_crossing,
+    write_plate,
+    write_refusal,
+)
+from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.table import write_table
 from osl_analysis.trial_file import read_trial
-from osl_analysis.walking.crossing import analyse_crossing
+from osl_analysis.walking.ankle import static_calibration
+from osl_analysis.walking.crossing import RefusedCrossing
+from osl_analysis.walking.crossing_analysis import analyse_crossing
+from osl_analysis.walking.hinge import hinge_of_trials, hinge_row, with_hinge
+from osl_analysis.walking.plate_model import identify_plate_model, plate_table
 from osl_analysis.walking.settings import WalkingAnalysis
+
+
+def calibrate(trial: Path, motion: Sequence[Path], settings: WalkingAnalysis, output: Path, comparison: Path) -> None:
+    """Marker clusters, ankle centre and axis of the static trial, to a JSON file.
+
+    `motion` are trials in which the ankle moves. Their functional hinge is compared with the anatomical axis in the
+    table `comparison`, and replaces it if the settings say so.
+    """
+    standing = read_trial(trial)
+    static = static_calibration(standing, settings)
+    row: dict[str, object]
+    try:
+        hinge = hinge_of_trials([read_trial(path) for path in motion], static, settings)
+    except InputError as error:
+        if settings.hinge == "functional":
+            raise
+        row = {"axis": settings.hinge, "reason": str(error)}
+    else:
+        row = hinge_row(hinge, settings.hinge)
+        static = with_hinge(static, hinge) if settings.hinge == "functional" else static
+    write_table(pl.DataFrame([row]), comparison)
+    write_calibration(static, standing.name, output)
+
+
+def identify_plate(
+    trials: Sequence[Path], calibration: Path, settings: WalkingAnalysis, output: Path, comparison: Path
+) -> None:
+    """The plate's inertia and lag from trials with nobody on it, to a JSON file.
+
+    The table `comparison` shows the unloaded plate's wrench before and after both are removed.
+    """
+    model = identify_plate_model([read_trial(path) for path in trials], read_calibration(calibration), settings)
+    write_plate(model, output)
+    write_table(plate_table(model), comparison)
 
 
 def analyse(
@@ -16,14 +64,14 @@ def analyse(
 ) -> None:
     """Angle and torque of one crossing, with its events, to a Parquet file; `perturbed` is what the sheet says.
 
-    A crossing that cannot be analysed is one that cannot be used, not one that stops the others: its file holds the
-    reason in place of samples, and the reason is given as a warning.
+    A crossing that cannot be analysed does not stop the others: its file holds the reason in place of samples, and a
+    warning gives it.
     """
-    static, model, record = read_calibration(calibration), read_plate(plate), read_trial(trial)
+    static, model, walked = read_calibration(calibration), read_plate(plate), read_trial(trial)
     try:
-        crossing = analyse_crossing(record, static, model, perturbed, settings)
+        crossing = analyse_crossing(walked, static, model, perturbed, settings)
     except OslAnalysisError as error:
-        warnings.warn(f"left out: {error}", stacklevel=2)
-        write_refusal(Refusal(record.name, perturbed, str(error)), output)
+        warnings.warn(f"excluded: {error}", stacklevel=2)
+        write_refusal(RefusedCrossing(walked.name, perturbed, str(error)), output)
     else:
         write_crossing(crossing, output)

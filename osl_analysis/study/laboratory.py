@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis.commands.ingest import ingest_trial
-from osl_analysis.commands.walking import isolated
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import ImpedanceFit
 from osl_analysis.simulator.c3d_recorder import write_c3d
@@ -22,18 +21,19 @@ from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.simulator.walking_truth import rendered_impedance
 from osl_analysis.trial import Array, Trial
 from osl_analysis.trial_file import read_trial
-from osl_analysis.walking.ankle import StaticCalibration
-from osl_analysis.walking.crossing import Crossing, Quality, analyse_crossing
+from osl_analysis.walking.ankle import StaticCalibration, static_calibration
+from osl_analysis.walking.crossing import Crossing, CrossingQuality
+from osl_analysis.walking.crossing_analysis import analyse_crossing
 from osl_analysis.walking.events import Stance
-from osl_analysis.walking.perturbation import fit_without_offset, normal_gait
-from osl_analysis.walking.plate_inertia import PlateModel
-from osl_analysis.walking.segments import static_calibration
+from osl_analysis.walking.plate_model import PlateModel, identify_plate_model
+from osl_analysis.walking.response import isolate_response
+from osl_analysis.walking.response_fit import fit_without_offset
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
-from osl_analysis.walking.unloaded_plate import identify_plate_model
+from osl_analysis.walking.unperturbed import unperturbed_gait
 
 LEVER_M = 0.1
 """Between the middle of a cluster and its markers, and from the plate to the ankle: turns noise into angle, moment."""
-UNCHECKED = Quality(residuals={}, zero=None, placement=(0.0, 0.0), encoder=None)
+UNCHECKED = CrossingQuality(residuals={}, zero=None, placement=(0.0, 0.0), encoder=None)
 """Of a crossing that no markers and no plate recorded."""
 PLATE_TRIALS = 6
 
@@ -64,9 +64,10 @@ class Laboratory:
     def perturbed(self, name: str) -> Perturbed:
         """A perturbed crossing through the sensors, and the truth: the simulator can walk it without perturbation."""
         calm, walked = self.walk(name, False), self.walk(name, True)
-        alone = normal_gait([self.seen(name, calm, noisy=False)], 1)
-        ideal = isolated(self.seen(name, walked, noisy=False), alone, self.analysis)
-        exact = fit_without_offset(ideal.motion[ideal.window], ideal.torque[ideal.window])
+        alone = unperturbed_gait([self.seen(name, calm, noisy=False)], 1)
+        walked_ideally, analysis = self.seen(name, walked, noisy=False), self.analysis
+        ideal = isolate_response(walked_ideally, alone, analysis.timing, analysis.perturbed_stance)
+        exact = fit_without_offset(ideal.fitted_motion, ideal.fitted_torque)
         return Perturbed(self.seen(name, walked, noisy=True), exact, rendered_impedance(walked, calm))
 
     def walk(self, name: str, perturbed: bool) -> SimulatedCrossing:

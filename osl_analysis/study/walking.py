@@ -7,7 +7,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from osl_analysis.commands.walking import isolated
 from osl_analysis.config import ValidationStudy
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.parameters import DrivetrainParameters
@@ -19,8 +18,10 @@ from osl_analysis.stats.repeats import Repeats, over_repeats
 from osl_analysis.study.laboratory import Laboratory, calibrated
 from osl_analysis.trial import Array
 from osl_analysis.walking.ensemble import Bootstrap, bootstrap, common_errors, ensemble_response
-from osl_analysis.walking.perturbation import fit_response, normal_gait
+from osl_analysis.walking.response import isolate_response
+from osl_analysis.walking.response_fit import fit_response
 from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.walking.unperturbed import unperturbed_gait
 from osl_analysis.yaml_settings import read_yaml
 
 RESAMPLES = 300
@@ -64,10 +65,10 @@ def campaign_rows(number: int, study: ValidationStudy, laboratory: Laboratory) -
     gait and noise. `model_error` is what that differs from the impedance that the leg rendered.
     """
     names = [f"study_{number:05d}_{i}" for i in range(2 * study.crossings)]
-    fewest = laboratory.analysis.fewest_unperturbed
-    normal = normal_gait(usable(laboratory.unperturbed, names[::2]), fewest)
+    analysis = laboratory.analysis
+    gait = unperturbed_gait(usable(laboratory.unperturbed, names[::2]), analysis.fewest_unperturbed)
     perturbed = usable(laboratory.perturbed, names[1::2])
-    responses = [isolated(one.crossing, normal, laboratory.analysis) for one in perturbed]
+    responses = [isolate_response(one.crossing, gait, analysis.timing, analysis.perturbed_stance) for one in perturbed]
     fits = [fit_response(response) for response in responses]
     resampled, ensemble = bootstrap(responses, RESAMPLES), ensemble_response(responses).fit
     common, rows = common_errors(responses), []

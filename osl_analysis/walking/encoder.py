@@ -1,4 +1,4 @@
-"""The leg's own joint encoder beside the angle from markers: offset, delay, and what remains."""
+"""The leg's own joint encoder compared with the angle from markers: offset, delay, and the remaining difference."""
 
 from dataclasses import dataclass
 
@@ -10,14 +10,19 @@ from osl_analysis.signals import LowPass, sampling_rate
 from osl_analysis.trial import Array
 
 LARGEST_DELAY_S = 0.05
-STEPS = 8
-LEAST_SAMPLES = 30
+"""Largest delay [s] between the clocks; beyond it they are not aligned."""
+NEWTON_STEPS = 8
+FEWEST_SAMPLES = 30
 
 
 @dataclass(frozen=True)
 class EncoderCheck:
-    """Encoder minus markers: `offset` [rad], `delay` [s] (positive: the encoder's clock is late), and the RMS [rad] of
-    what is left when both are taken away."""
+    """The encoder's angle minus the markers'.
+
+    offset: [rad].
+    delay: [s], positive if the encoder's clock is late.
+    rms: RMS [rad] of the difference that remains after both are removed.
+    """
 
     offset: float
     delay: float
@@ -27,31 +32,31 @@ class EncoderCheck:
 def compare_encoder(
     time: Array, theta: Array, encoder_time: Array, encoder: Array, low_pass: LowPass
 ) -> EncoderCheck | None:
-    """Reconcile the angle (n,) [rad] at `time` [s] with the encoder's (k,), which is low-passed here as the angle was.
+    """Compare the angle (n,) [rad] at `time` [s] with the encoder's (k,), which passes the angle's low-pass here.
 
-    theta_encoder(t + delay) = theta(t) + offset in least squares, by Gauss and Newton; None where the two overlap in
-    less than 30 samples.
+    Least squares of theta_encoder(t + delay) = theta(t) + offset by Gauss and Newton; None if the two overlap in fewer
+    than 30 samples.
 
     Raises
     ------
     InputError
-        The delay leaves 50 ms: the clocks are not aligned, or the encoder is another joint's.
+        The delay exceeds 50 ms: the clocks are not aligned, or the encoder belongs to another joint.
     """
     spare = LARGEST_DELAY_S + 1 / sampling_rate(time)
     rows = (time > encoder_time[0] + spare) & (time < encoder_time[-1] - spare) if len(encoder_time) else time < -1
-    if rows.sum() < LEAST_SAMPLES:
+    if rows.sum() < FEWEST_SAMPLES:
         return None
     spline = make_interp_spline(encoder_time, low_pass(encoder, sampling_rate(encoder_time)), k=5)
     offset, delay = 0.0, 0.0
-    for _ in range(STEPS):
-        rest = spline(time[rows] + delay) - theta[rows] - offset
-        columns = np.column_stack([np.ones(len(rest)), -spline(time[rows] + delay, 1)])
-        change = np.linalg.lstsq(columns, rest, rcond=None)[0]
+    for _ in range(NEWTON_STEPS):
+        difference = spline(time[rows] + delay) - theta[rows] - offset
+        columns = np.column_stack([np.ones(len(difference)), -spline(time[rows] + delay, 1)])
+        change = np.linalg.lstsq(columns, difference, rcond=None)[0]
         offset, delay = offset + float(change[0]), delay + float(change[1])
         if abs(delay) > LARGEST_DELAY_S:
             raise InputError(
                 f"the leg's joint encoder does not follow the angle from markers within {LARGEST_DELAY_S * 1e3:g} ms; "
                 "check the sync line, and which encoder and which sign the source file maps to theta"
             )
-    rest = spline(time[rows] + delay) - theta[rows] - offset
-    return EncoderCheck(offset, delay, float(np.sqrt(np.mean(rest**2))))
+    difference = spline(time[rows] + delay) - theta[rows] - offset
+    return EncoderCheck(offset, delay, float(np.sqrt(np.mean(difference**2))))

@@ -1,4 +1,4 @@
-"""The mean response of all perturbations, its fit, and what chance could have made of it."""
+"""The mean response of all perturbations, its fit, and the bootstrap of that fit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,14 +11,8 @@ from osl_analysis.second_order import ImpedanceFit
 from osl_analysis.signals import Motion, differentiate
 from osl_analysis.stats.repeats import CommonError
 from osl_analysis.trial import Array
-from osl_analysis.walking.perturbation import (
-    Response,
-    fit_without_offset,
-    gait_errors,
-    jackknife_covariance,
-    plate_effects,
-    window_rows,
-)
+from osl_analysis.walking.response import PerturbationResponse, window_samples
+from osl_analysis.walking.response_fit import fit_without_offset, gait_errors, jackknife_covariance, plate_errors
 
 SEED = 20
 """Seed of the bootstrap: the same data give the same interval."""
@@ -26,7 +20,14 @@ SEED = 20
 
 @dataclass(frozen=True)
 class EnsembleResponse:
-    """Mean over n perturbations, k samples at `time` [s] from the onset: motion, torque [N*m], and its fit."""
+    """Mean over perturbations, k samples.
+
+    n: number of perturbations.
+    time: time (k,) [s] from the onset.
+    motion: mean angle [rad] and its derivatives, (k,) each.
+    torque: mean torque (k,) [N*m].
+    fit: Eq. 15 in the window.
+    """
 
     n: int
     time: Array
@@ -37,9 +38,10 @@ class EnsembleResponse:
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """Estimates of resampled ensembles, one entry per resample: K, B, I, VAF (units as in `ImpedanceFit`).
+    """Estimates of resampled ensembles, one entry per sample.
 
-    `degrees_of_freedom`: perturbations or unperturbed crossings, whichever are fewer, but one.
+    K, B, I, VAF: units as in `ImpedanceFit`, VAF in percent.
+    degrees_of_freedom: the smaller of the numbers of perturbations and unperturbed crossings, minus 1.
     """
 
     K: Array
@@ -53,7 +55,7 @@ class Bootstrap:
         return float(np.std(getattr(self, name), ddof=1))
 
     def interval(self, name: str) -> tuple[float, float]:
-        """Bounds of the 95 % interval of a quantity: percentiles as far out as Student's (Hesterberg, 2015)."""
+        """Bounds of the 95 % interval of a quantity: percentiles, widened as Student's quantiles (Hesterberg, 2015)."""
         tail = float(ndtr(stdtrit(self.degrees_of_freedom, 0.025)))
         low, high = np.quantile(getattr(self, name), [tail, 1 - tail])
         return float(low), float(high)
@@ -63,7 +65,7 @@ class Bootstrap:
         return float(np.cov(getattr(self, first), getattr(self, second))[0, 1])
 
 
-def ensemble_response(responses: Sequence[Response]) -> EnsembleResponse:
+def ensemble_response(responses: Sequence[PerturbationResponse]) -> EnsembleResponse:
     """Mean response and its fit in the common window.
 
     Raises
@@ -80,7 +82,7 @@ def ensemble_response(responses: Sequence[Response]) -> EnsembleResponse:
     return EnsembleResponse(len(responses), first.time, motion, torque, fit_without_offset(motion[rows], torque[rows]))
 
 
-def check_alike(responses: Sequence[Response]) -> None:
+def check_alike(responses: Sequence[PerturbationResponse]) -> None:
     """Refuse responses that cannot be averaged."""
     if len(responses) < 2:
         raise InputError(f"{len(responses)} perturbation cannot give an ensemble; record at least two")
@@ -89,18 +91,19 @@ def check_alike(responses: Sequence[Response]) -> None:
         shapes = r.thetas.shape, r.plate_errors.shape
         if shapes != (first.thetas.shape, first.plate_errors.shape) or not np.allclose(r.time, first.time):
             raise InputError(
-                f"trial {r.name}: its response is sampled otherwise than that of {first.name}, or was isolated from "
-                "other unperturbed crossings or with another model of the plate; record all crossings at one marker "
-                "rate and rerun the analysis"
+                f"trial {r.name}: {len(r.time)} samples from {len(r.thetas)} unperturbed crossings and "
+                f"{len(r.plate_errors)} plate trials, but trial {first.name} has {len(first.time)} from "
+                f"{len(first.thetas)} and {len(first.plate_errors)}, or other sampling times; record all crossings at "
+                "one marker rate and run the analysis again"
             )
 
 
-def bootstrap(responses: Sequence[Response], samples: int) -> Bootstrap:
-    """Refit the ensemble with perturbations, unperturbed crossings and unloaded trials drawn anew, with replacement.
+def bootstrap(responses: Sequence[PerturbationResponse], samples: int) -> Bootstrap:
+    """Refit the ensemble with perturbations, unperturbed crossings and plate trials resampled with replacement.
 
-    All are drawn: the mean unperturbed crossing is subtracted from every response and the plate's model stands in every
-    torque, so that their chance errors are common to all and would not show in the scatter between perturbations. A
-    model from other trials is taken to first order, by the influence of each.
+    All three are resampled. The mean unperturbed gait is subtracted from every response, and the plate's model is part
+    of every torque: their errors are common to all responses and do not show in the scatter between perturbations. The
+    plate's model is resampled to first order, by the influence of each trial on the torque.
     """
     check_alike(responses)
     random = np.random.default_rng(SEED)
@@ -108,14 +111,15 @@ def bootstrap(responses: Sequence[Response], samples: int) -> Bootstrap:
         np.array([getattr(r, name) for r in responses]) for name in ("thetas", "torques", "plate_errors")
     )
     trials = plate.shape[1]
-    perturbed, normal, unloaded = (resampling_weights(random, samples, n) for n in (*theta.shape[:2], trials))
-    time, rows = responses[0].time, window_rows(responses[0].time, responses[0].timing)
+    weights = [resampling_weights(random, samples, n) for n in (*theta.shape[:2], trials)]
+    time, rows = responses[0].time, window_samples(responses[0].time, responses[0].timing)
     influence = -(trials - 1) * (plate - plate.mean(axis=1, keepdims=True)) if trials > 1 else plate
     fits = []
-    for p, u, w in zip(perturbed, normal, unloaded, strict=True):
-        motion = differentiate(time, u @ np.tensordot(p, theta, 1))
-        drawn = u @ np.tensordot(p, torque, 1) + w @ np.tensordot(p, influence, 1)
-        fits.append(fit_without_offset(motion[rows], drawn[rows]))
+    for perturbed, unperturbed, unloaded in zip(*weights, strict=True):
+        motion = differentiate(time, unperturbed @ np.tensordot(perturbed, theta, 1))
+        plate_torque = unloaded @ np.tensordot(perturbed, influence, 1)
+        resampled = unperturbed @ np.tensordot(perturbed, torque, 1) + plate_torque
+        fits.append(fit_without_offset(motion[rows], resampled[rows]))
     return Bootstrap(
         K=np.array([f.K for f in fits]),
         B=np.array([f.B for f in fits]),
@@ -125,29 +129,28 @@ def bootstrap(responses: Sequence[Response], samples: int) -> Bootstrap:
     )
 
 
-def common_errors(responses: Sequence[Response]) -> dict[str, list[CommonError]]:
-    """What the mean of K, B and I over the perturbations owes to the unperturbed crossings and to the plate's trials.
+def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[CommonError]]:
+    """Errors of K, B and I that all perturbations share: those of the mean unperturbed gait and of the plate's model.
 
-    One mean of unperturbed crossings is subtracted from all responses, one model of the plate stands in all torques.
-    Their chance errors are that of a mean of n crossings, of which `gait_errors` says what each contributes, and the
-    jackknife's over the trials of the plate. Units as in `ImpedanceFit`, squared.
+    The first is the error of a mean of n crossings, to which each contributes as `gait_errors` says. The second is the
+    jackknife's over the plate trials. Variances in the squared units of `ImpedanceFit`.
     """
     check_alike(responses)
-    fits = [fit_without_offset(r.motion[r.window], r.torque[r.window]) for r in responses]
+    fits = [fit_without_offset(r.fitted_motion, r.fitted_torque) for r in responses]
     gait = np.mean([gait_errors(*each) for each in zip(responses, fits, strict=True)], axis=0)
-    plate = np.mean([plate_effects(r) for r in responses], axis=0)
-    by_gait, by_plate = np.var(gait, axis=0, ddof=1) / len(gait), np.diag(jackknife_covariance(plate))
+    plate = np.mean([plate_errors(r) for r in responses], axis=0)
+    gait_variances, plate_variances = np.var(gait, axis=0, ddof=1) / len(gait), np.diag(jackknife_covariance(plate))
     return {
         name: [CommonError(float(g), len(gait) - 1), CommonError(float(p), max(len(plate) - 1, 1))]
-        for name, g, p in zip("KBI", by_gait, by_plate, strict=True)
+        for name, g, p in zip("KBI", gait_variances, plate_variances, strict=True)
     }
 
 
 def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Array:
-    """Weights (samples, n) with which n items enter a mean when n - 1 are drawn with replacement.
+    """Weights (samples, n) of n items in the mean of n - 1 items drawn with replacement.
 
-    The mean of n draws would have the variance (n - 1)/n of what it should be, that of n - 1 draws is right
-    (Hesterberg, The American Statistician 69, 2015). Of a single item it is the item.
+    The mean of n draws would have (n - 1)/n of the right variance; the mean of n - 1 draws has the right one
+    (Hesterberg, The American Statistician 69, 2015). A single item always has the weight 1.
     """
     if n < 2:
         return np.ones((samples, n))

@@ -6,21 +6,30 @@ import numpy as np
 
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
+from osl_analysis.walking.settings import Timing
 
 REST_S = 0.1
-"""Length [s] of the stretch ahead of the first motion that says where the platform rests."""
-PART_NOISE, PART_FROM, PART_TO = 25.0, 0.03, 0.25
-"""The start of a turn is fitted up to so many standard deviations of the rest, between these fractions of the turn: the
-less of a soft start is fitted, the truer it is to a power of time, and the more noise counts."""
-LEAST_FRAMES = 4
-"""Frames that the fitted start has at least, for its power to show."""
+"""Length [s] of the interval before the first motion in which the platform rests."""
+FITTED_NOISE = 25.0
+"""The start of a rotation is fitted up to this multiple of the noise at rest (standard deviation)."""
+SMALLEST_PART, LARGEST_PART = 0.03, 0.25
+"""Limits of the fitted part, as fractions of the rotation. A smaller part is closer to a power of time; in a larger
+part noise matters less."""
+FEWEST_FRAMES = 4
+"""Fewest frames of the fitted start, so that they determine its power."""
 POWERS = np.arange(1.0, 4.01, 0.25)
+"""Powers of time that are tried: 1 is a straight ramp."""
 START_STEP_S = 0.0002
+"""Resolution [s] of the onset."""
 
 
 @dataclass(frozen=True)
 class Stance:
-    """Heel strike and toe-off [s]."""
+    """One contact of the foot with the plate.
+
+    heel_strike: [s].
+    toe_off: [s].
+    """
 
     heel_strike: float
     toe_off: float
@@ -32,11 +41,11 @@ class Stance:
 
 
 def find_stances(time: Array, force: Array, on: float, off: float, shortest: float) -> list[Stance]:
-    """Whole stances of at least `shortest` [s] in a vertical force (n,) [N].
+    """Complete stances of at least `shortest` [s] in a vertical force (n,) [N].
 
-    A stance begins where the force rises through `on` and ends where it falls through `off` [N], off <= on, each
-    interpolated between samples. NaN changes nothing: the foot stays where it was. A stance that the record cuts
-    is left out.
+    A stance begins where the force rises through `on` [N] and ends where it falls through `off` [N], off <= on, each
+    interpolated between samples. Where the force is NaN, the foot stays as it was. A stance that begins before the
+    recording or ends after it is not returned.
     """
     level = np.where(force > on, 1, np.where(force < off, -1, 0))
     known = np.maximum.accumulate(np.where(level != 0, np.arange(len(level)), -1))
@@ -45,14 +54,14 @@ def find_stances(time: Array, force: Array, on: float, off: float, shortest: flo
     starts, ends = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
     ends = ends[ends > starts[0]] if len(starts) else ends[:0]
     stances = [
-        Stance(crossing_time(time, force, s, on), crossing_time(time, force, e, off))
+        Stance(time_of_level(time, force, s, on), time_of_level(time, force, e, off))
         for s, e in zip(starts.tolist(), ends.tolist(), strict=False)
     ]
     return [s for s in stances if s.duration >= shortest]
 
 
-def crossing_time(time: Array, values: Array, row: int, level: float) -> float:
-    """Time [s] between rows `row` and `row + 1` at which the values pass `level`; the later one if one is NaN."""
+def time_of_level(time: Array, values: Array, row: int, level: float) -> float:
+    """Time [s] between rows `row` and `row + 1` at which the values pass `level`; the later row's if one is NaN."""
     before, after = values[row], values[row + 1]
     if not np.isfinite(before + after) or before == after:
         return float(time[row + 1])
@@ -69,25 +78,26 @@ def only_stance(stances: list[Stance]) -> Stance:
         There is none, or more than one.
     """
     if len(stances) != 1:
-        found = ", ".join(f"{s.heel_strike:.3f}-{s.toe_off:.3f} s" for s in stances) or "none"
+        times = ", ".join(f"{s.heel_strike:.3f}-{s.toe_off:.3f} s" for s in stances) or "none"
         raise InputError(
-            f"one stance on the plate is expected, found {found}; check the plate's number, zero and load thresholds, "
+            f"one stance on the plate is expected, found {times}; check the plate's number, zero and load thresholds, "
             "cut the record to one crossing, or exclude it in the sheet"
         )
     return stances[0]
 
 
 def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
-    """Time [s] at which a platform starts to turn; None if it never turns by `threshold` [rad].
+    """Time [s] at which a platform starts to rotate; None if it never rotates by `threshold` [rad].
 
-    `rotation` (n,) [rad] is positive in the direction of the turn, and must not have passed the low-pass of the
-    analysis, which smears the start ahead. The first part of the turn is fitted as c (t - onset)^p, p from 1 (a
-    straight ramp) to 4: a straight line taken back to rest would find a soft start late by a fifth of the ramp.
+    `rotation` (n,) [rad] is positive in the direction of the perturbation. It must not have passed the low-pass of the
+    analysis, which spreads the start to earlier times. The first part of the rotation is fitted as c (t - onset)^p, p
+    from 1 (a straight ramp) to 4. A straight line extrapolated to the rest would find a soft start late by a fifth of
+    the ramp.
 
     Raises
     ------
     InputError
-        The platform turns before its rest is known.
+        The platform rotates so early that there is no rest before it.
     """
     seen = np.isfinite(rotation)
     time, rotation = time[seen], rotation[seen]
@@ -98,8 +108,8 @@ def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
     resting = (time >= time[first] - 2 * REST_S) & (time < time[first] - REST_S)
     if not resting.any():
         raise InputError(
-            f"the platform turns within {2 * REST_S:g} s of the record's start; record its rest before, or exclude "
-            "the trial"
+            f"the platform turns at {time[first]:.3f} s, within {2 * REST_S:g} s of the record's start; record its "
+            "rest before, or exclude the trial"
         )
     turned, noise = rotation - float(np.mean(rotation[resting])), float(np.std(rotation[resting]))
     end = end_of_start(turned[: first + 1], noise, float(np.max(turned)))
@@ -108,15 +118,18 @@ def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
 
 
 def end_of_start(turned: Array, noise: float, height: float) -> int:
-    """The frame up to which a turn's start is fitted, of `turned` (n,) [rad] that ends above the threshold."""
-    level = height * np.clip(PART_NOISE * noise / height, PART_FROM, PART_TO)
-    seen = max(0.2 * level, 3 * noise)
-    end, start = (int(np.flatnonzero(turned[:-1] < limit)[-1]) + 1 for limit in (level, seen))
-    return min(max(end, start + LEAST_FRAMES - 1), len(turned) - 1)
+    """The last frame of the fitted start, in a rotation `turned` (n,) [rad] that ends above the threshold.
+
+    `noise` is the standard deviation [rad] at rest, `height` the whole rotation [rad].
+    """
+    level = height * np.clip(FITTED_NOISE * noise / height, SMALLEST_PART, LARGEST_PART)
+    visible = max(0.2 * level, 3 * noise)
+    end, start = (int(np.flatnonzero(turned[:-1] < limit)[-1]) + 1 for limit in (level, visible))
+    return min(max(end, start + FEWEST_FRAMES - 1), len(turned) - 1)
 
 
 def power_law_start(time: Array, turned: Array) -> float:
-    """The start t0 < 0 [s] that fits c (time - t0)^p best to `turned` (n,) [rad], by a search over t0 and p."""
+    """The start t0 < 0 [s] of the best fit of c (time - t0)^p to `turned` (n,) [rad], by a search over t0 and p."""
     starts = np.arange(-REST_S, -START_STEP_S, START_STEP_S)
     since = np.clip(time - starts[:, None], 0.0, None)
     misfits = []
@@ -127,28 +140,30 @@ def power_law_start(time: Array, turned: Array) -> float:
     return float(starts[np.argmin(misfits) % len(starts)])
 
 
-def checked_onset(onset: float | None, stance: Stance, perturbed: bool, lead: float, window: float) -> float | None:
-    """The onset [s], once it agrees with the sheet and leaves room for the baseline and the window [s] in stance.
+def check_onset(onset: float | None, stance: Stance, perturbed: bool, timing: Timing) -> None:
+    """Refuse an onset [s] that disagrees with the sheet, or whose baseline or window leave the stance.
+
+    `perturbed` is what the sheet says.
 
     Raises
     ------
     InputError
-        The sheet says otherwise, or baseline or window leave the stance.
+        Names the onset, the stance and the remedy.
     """
     if (onset is not None) != perturbed:
-        found = "does not turn" if onset is None else f"turns at {onset:.3f} s"
+        motion = "does not turn" if onset is None else f"turns at {onset:.3f} s"
         raise InputError(
-            f"the platform {found} but the sheet says perturbed = {str(perturbed).lower()}; correct the sheet, "
+            f"the platform {motion} but the sheet says perturbed = {str(perturbed).lower()}; correct the sheet, "
             "perturbation_deg or the platform markers, or exclude the trial"
         )
     if onset is None:
-        return None
+        return
     span = f"stance {stance.heel_strike:.3f}-{stance.toe_off:.3f} s"
     if not stance.heel_strike < onset < stance.toe_off:
         raise InputError(f"the perturbation starts at {onset:.3f} s, outside {span}; exclude the trial")
-    if onset - lead < stance.heel_strike or onset + window > stance.toe_off:
+    first, last = onset - timing.lead, onset + timing.window
+    if first < stance.heel_strike or last > stance.toe_off:
         raise InputError(
-            f"baseline and window, {onset - lead:.3f}-{onset + window:.3f} s, leave {span}; shorten window_s, "
-            "baseline_s or guard_s, or exclude the trial"
+            f"baseline and window, {first:.3f}-{last:.3f} s, leave {span}; shorten window_s, baseline_s or guard_s, or "
+            "exclude the trial"
         )
-    return onset

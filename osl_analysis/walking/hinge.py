@@ -1,4 +1,4 @@
-"""The ankle's hinge from motion: the axis about which foot and shank turn against each other, and where it is."""
+"""The ankle's functional hinge: the axis about which foot and shank rotate relative to each other, and its place."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,22 +7,30 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from osl_analysis.errors import InputError
-from osl_analysis.trial import Array
+from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import StaticCalibration
-from osl_analysis.walking.rigid_body import Poses
+from osl_analysis.walking.cluster import Poses, segment_poses
+from osl_analysis.walking.settings import WalkingAnalysis
 
 LEAST_EXCURSION = np.deg2rad(5.0)
-"""RMS rotation [rad] about an axis below which noise of the markers decides where it points."""
+"""RMS rotation [rad] about an axis below which marker noise determines its direction."""
 FLAT = 0.05
-"""Directions in which the centre shows by less than this part of the best one are left to the anatomical centre."""
+"""Directions in which the motion determines the centre by less than this part of the best one keep the anatomical
+centre."""
 
 
 @dataclass(frozen=True)
 class Hinge:
-    """A functional hinge in the static pose: `axis` (3,), a unit vector to the left, through `centre` (3,) [m].
+    """A functional hinge in the static pose.
 
-    `excursion` and `off_axis` [rad]: RMS rotation about the axis and across it. `gap` [m]: RMS distance between where
-    foot and shank have the centre. `angle` [rad] and `distance` [m]: from the anatomical axis.
+    axis: unit vector (3,) to the left.
+    centre: a point (3,) [m] of the axis.
+    excursion: RMS rotation [rad] about the axis.
+    off_axis: RMS rotation [rad] about the two axes across it.
+    gap: RMS distance [m] between the centre as carried by the foot and as carried by the shank.
+    angle: angle [rad] to the anatomical axis.
+    distance: distance [m] of the anatomical centre from the axis.
+    frames: number of frames in which both segments were seen.
     """
 
     axis: Array
@@ -35,17 +43,38 @@ class Hinge:
     frames: int
 
 
-def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: StaticCalibration) -> Hinge:
-    """The hinge of a joint that moved: poses of foot and shank, which may be NaN, per recording.
-
-    The axis is the direction of largest scatter of the relative rotations' vectors, which leaves the least across it;
-    the centre is the point that both bodies carry along the same path (Ehrig et al., J. Biomech. 40, 2007), found in
-    the directions that the motion shows, and the anatomical one elsewhere (along the axis it is arbitrary).
+def hinge_of_trials(trials: Sequence[Trial], static: StaticCalibration, settings: WalkingAnalysis) -> Hinge:
+    """The hinge from all trials together; trials whose markers cannot be read are not used.
 
     Raises
     ------
     InputError
-        The joint turned too little for an axis to show.
+        No trial can be read, or as `functional_hinge`.
+    """
+    recordings: list[tuple[Poses, Poses]] = []
+    for trial in trials:
+        try:
+            foot = segment_poses(trial, settings.markers.foot, static.foot, settings)[1]
+            shank = segment_poses(trial, settings.markers.shank, static.shank, settings)[1]
+        except InputError:
+            continue
+        recordings.append((foot, shank))
+    if not recordings:
+        raise InputError("no trial in which foot and shank move; add walking trials, or set hinge to anatomical")
+    return functional_hinge(recordings, static)
+
+
+def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: StaticCalibration) -> Hinge:
+    """The hinge from poses of foot and shank in recordings of a joint that moved; poses may be NaN.
+
+    The axis is the principal direction of the relative rotation vectors, so that least rotation remains across it. The
+    centre is the point that both segments carry along the same path (Ehrig et al., J. Biomech. 40, 2007). Where the
+    motion does not determine it, as along the axis, it is the anatomical centre.
+
+    Raises
+    ------
+    InputError
+        The joint turned too little to determine an axis.
     """
     feet, shanks = [], []
     for foot_poses, shank_poses in recordings:
@@ -54,7 +83,10 @@ def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: Sta
         shanks.append(shank_poses[seen])
     foot, shank = (np.concatenate([p.rotation for p in poses]) for poses in (feet, shanks))
     if len(foot) < 3:
-        raise InputError(f"foot and shank are seen together in {len(foot)} frames; a hinge needs a recorded motion")
+        raise InputError(
+            f"foot and shank are seen together in {len(foot)} frames, expected 3 or more; "
+            "fill the gaps in Nexus, or set hinge to anatomical"
+        )
     vectors = rotation_vectors(foot, shank)
     _, size, directions = np.linalg.svd(vectors, full_matrices=False)
     size = size / np.sqrt(len(vectors))
@@ -72,22 +104,35 @@ def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: Sta
 
 
 def rotation_vectors(foot: Array, shank: Array) -> Array:
-    """Vectors (n, 3) [rad] by which the foot is turned against the shank from its mean attitude, in static axes."""
+    """Rotation vectors (n, 3) [rad] of the foot relative to the shank, from the mean orientation, in static axes."""
     relative = Rotation.from_matrix(np.einsum("nji,njk->nik", shank, foot))
     mean = relative.mean()
     return np.asarray((relative * mean.inv()).as_rotvec())
 
 
 def common_point(feet: Sequence[Poses], shanks: Sequence[Poses], start: Array) -> tuple[Array, float]:
-    """The point (3,) [m] of the static pose that foot and shank carry alike, nearest to `start`; RMS distance [m]."""
+    """The point (3,) [m] that foot and shank carry alike, nearest to `start`, and the RMS distance [m] that remains."""
     turned = np.concatenate([f.rotation - s.rotation for f, s in zip(feet, shanks, strict=True)])
-    paths = [(f.points(start[None]) - s.points(start[None]))[:, 0] for f, s in zip(feet, shanks, strict=True)]
-    apart = np.concatenate(paths)
+    apart = np.concatenate([f.point(start) - s.point(start) for f, s in zip(feet, shanks, strict=True)])
     shift = np.linalg.lstsq(turned.reshape(-1, 3), -apart.reshape(-1), rcond=FLAT)[0]
-    left = apart + turned @ shift
-    return start + shift, float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
+    remaining = apart + turned @ shift
+    return start + shift, float(np.sqrt(np.mean(np.sum(remaining**2, axis=1))))
 
 
-def hinged(calibration: StaticCalibration, hinge: Hinge) -> StaticCalibration:
+def with_hinge(calibration: StaticCalibration, hinge: Hinge) -> StaticCalibration:
     """The calibration with the functional axis and centre in place of the anatomical ones."""
     return replace(calibration, ankle_axis=hinge.axis, ankle_centre=hinge.centre)
+
+
+def hinge_row(hinge: Hinge, axis: str) -> dict[str, object]:
+    """The row of `hinge.csv`; `axis` is the one that the analysis uses, `anatomical` or `functional`."""
+    return {
+        "axis": axis,
+        **{f"functional_{name}": float(value) for name, value in zip("xyz", hinge.axis, strict=True)},
+        "angle_deg": float(np.rad2deg(hinge.angle)),
+        "distance_mm": 1e3 * hinge.distance,
+        "excursion_deg": float(np.rad2deg(hinge.excursion)),
+        "off_axis_deg": float(np.rad2deg(hinge.off_axis)),
+        "gap_mm": 1e3 * hinge.gap,
+        "frames": hinge.frames,
+    }

@@ -1,7 +1,7 @@
-"""Overground gait from another laboratory: the ankle moment from the plate, beside the laboratory's own.
+"""Overground gait from another laboratory: the ankle moment from the plate, compared with the laboratory's own.
 
-Plug-in Gait gives the ankle's centre (TIO) and a second point (TIL) to its left on the tibia's mediolateral axis; both
-are stored like markers. Its moment is quasi-static about that axis but for the foot's weight and inertia.
+Plug-in Gait gives the ankle's centre (TIO) and a second point (TIL) to its left on the tibia's mediolateral axis. Both
+are stored like markers. Its moment is the quasi-static one about that axis, plus the foot's weight and inertia.
 """
 
 from collections.abc import Iterator
@@ -12,21 +12,27 @@ import numpy as np
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import Side, ankle_torque
+from osl_analysis.walking.cluster import marker_tracks
 from osl_analysis.walking.events import Stance, find_stances
-from osl_analysis.walking.moving_plate import Wrench, at_marker_times
-from osl_analysis.walking.segments import marker_tracks, plate_corners, plate_wrench
+from osl_analysis.walking.plate import PlateWrench, plate_corners, recorded_wrench
+from osl_analysis.walking.settings import OvergroundAnalysis
 
 SIDES: dict[Side, str] = {"left": "L", "right": "R"}
 SHORTEST_STANCE_S = 0.3
 ON_PLATE = 0.5
-"""A stance belongs to the foot whose ankle is over the plate in more than this share of its frames."""
+"""A stance belongs to the foot whose ankle is over the plate in more than this part of its frames."""
 
 
 @dataclass(frozen=True)
 class MomentComparison:
-    """One stance on one plate: our ankle moment beside the laboratory's, both [N*m/kg], plantarflexion positive.
+    """One stance on one plate: our ankle moment and the laboratory's, in n frames in which both are known.
 
-    `time` [s], `moment` and `reference` (n,) in the frames in which the plate is loaded and both are known.
+    side: the foot.
+    plate: number of the plate.
+    stance: heel strike and toe-off.
+    time: (n,) [s].
+    moment: ours (n,) [N*m/kg], plantarflexion positive.
+    reference: the laboratory's (n,) [N*m/kg], plantarflexion positive.
     """
 
     side: Side
@@ -38,12 +44,12 @@ class MomentComparison:
 
     @property
     def correlation(self) -> float:
-        """Correlation of the two."""
+        """Correlation of the two moments."""
         return float(np.corrcoef(self.moment, self.reference)[0, 1])
 
     @property
     def slope(self) -> float:
-        """The laboratory's moment over ours, by least squares through zero."""
+        """Slope of the laboratory's moment on ours, by least squares through zero."""
         return float(self.moment @ self.reference / (self.moment @ self.moment))
 
     @property
@@ -52,10 +58,56 @@ class MomentComparison:
         return int(np.argmax(self.reference))
 
 
+def overground_rows(trial: Trial, settings: OvergroundAnalysis) -> list[dict[str, object]]:
+    """Rows of `ankle_moment.csv`, one per stance and plate; moments in N*m/kg, plantarflexion positive.
+
+    Raises
+    ------
+    InputError
+        A plate was not zeroed, the body mass is unknown, or as `compare_moments`.
+    """
+    check_no_downward_force(trial, settings.largest_zero_n)
+    mass = body_mass(trial, settings.body_mass_kg)
+    return [
+        {
+            "trial": trial.name,
+            "body_mass_kg": mass,
+            "side": comparison.side,
+            "plate": comparison.plate,
+            "heel_strike_s": comparison.stance.heel_strike,
+            "toe_off_s": comparison.stance.toe_off,
+            "frames": len(comparison.time),
+            "correlation": comparison.correlation,
+            "slope": comparison.slope,
+            "reference_peak": float(comparison.reference[comparison.peak]),
+            "moment_at_peak": float(comparison.moment[comparison.peak]),
+        }
+        for comparison in compare_moments(trial, mass, settings.load_on_n)
+    ]
+
+
+def body_mass(trial: Trial, configured: float | None) -> float:
+    """Body mass [kg]: the configured one, else the recording's.
+
+    Raises
+    ------
+    InputError
+        Neither is known.
+    """
+    recorded = trial.provenance.get("mocap", {}).get("body_mass_kg")
+    mass = configured or recorded
+    if not mass:
+        raise InputError(
+            f"trial {trial.name}: the recording states no body mass, found {recorded!r}; set gait.body_mass_kg in the "
+            "configuration"
+        )
+    return float(mass)
+
+
 def compare_moments(trial: Trial, body_mass: float, load: float) -> list[MomentComparison]:
     """Every stance of the trial in which one foot alone is over a plate, in order of side and plate.
 
-    `body_mass` [kg] divides our moment; frames count while the plate carries more than `load` [N].
+    `body_mass` [kg] divides our moment. Frames count while the plate carries more than `load` [N].
 
     Raises
     ------
@@ -65,23 +117,23 @@ def compare_moments(trial: Trial, body_mass: float, load: float) -> list[MomentC
     plates = [int(plate["plate"]) for plate in trial.provenance.get("plates", [])]
     sides = [side for side in SIDES if reference_column(side) in trial.samples.columns]
     if not sides or not plates:
-        lacks = f"column '{reference_column('left')}'" if not sides else "force plate"
+        absent = f"column '{reference_column('left')}'" if not sides else "force plate"
         raise InputError(
-            f"trial {trial.name}: no {lacks}; map the laboratory's moment and the plates in the source file"
+            f"trial {trial.name}: no {absent}; map the laboratory's moment and the plates in the source file"
         )
-    found = [c for side in sides for plate in plates for c in stances_of(trial, side, plate, body_mass, load)]
-    if not found:
+    stances = [c for side in sides for plate in plates for c in stances_on_plate(trial, side, plate, body_mass, load)]
+    if not stances:
         raise InputError(
             f"trial {trial.name}: no foot stands on a plate with its ankle over it; check the plates' corners and "
             f"channels, or lower load_on_n from {load:g} N"
         )
-    return found
+    return stances
 
 
-def check_plates(trial: Trial, largest_zero: float) -> None:
-    """Refuse a plate whose vertical force is below minus `largest_zero` [N] in most of the record: a foot never pulls.
+def check_no_downward_force(trial: Trial, largest_zero: float) -> None:
+    """Refuse a plate whose vertical force is below minus `largest_zero` [N] in most of the recording.
 
-    An offset upwards is not found here: it looks like somebody who stands.
+    A foot cannot pull. An upward offset is not detected: it looks like somebody who stands.
 
     Raises
     ------
@@ -90,12 +142,12 @@ def check_plates(trial: Trial, largest_zero: float) -> None:
     """
     for plate in trial.provenance.get("plates", []):
         number = int(plate["plate"])
-        reading = float(np.median(plate_wrench(trial, number)[1].force[:, 2]))
+        reading = float(np.median(recorded_wrench(trial, number).wrench.force[:, 2]))
         if reading < -largest_zero:
             raise InputError(
-                f"trial {trial.name}: force plate {number} reads {reading:.0f} N in most of the record, as if a foot "
-                "pulled it up: it was not zeroed, has reached its limit or is wired with the other sign; record again, "
-                "or leave the plate out under `plates` in the source file"
+                f"trial {trial.name}: force plate {number} reads {reading:.0f} N in most of the record, expected more "
+                f"than {-largest_zero:g} N, because a foot cannot pull: the plate was not zeroed, has reached its "
+                "limit, or has the other sign; record again, or remove the plate from `plates` in the source file"
             )
 
 
@@ -104,12 +156,11 @@ def reference_column(side: Side) -> str:
     return f"reference_ankle_moment_{side}"
 
 
-def stances_of(trial: Trial, side: Side, plate: int, body_mass: float, load: float) -> Iterator[MomentComparison]:
+def stances_on_plate(trial: Trial, side: Side, plate: int, body_mass: float, load: float) -> Iterator[MomentComparison]:
     """The stances of one foot on one plate."""
     time, points = marker_tracks(trial, [f"{SIDES[side]}TIO", f"{SIDES[side]}TIL"])
     ankle, axis = points[:, 0], points[:, 1] - points[:, 0]
-    plate_time, measured = plate_wrench(trial, plate)
-    wrench = at_marker_times(plate_time, measured, time)
+    wrench = recorded_wrench(trial, plate).at(time)
     corners = plate_corners(trial, plate)
     moment = moment_per_mass(wrench, corners.mean(axis=0), ankle, axis, body_mass)
     reference = trial.sampled(reference_column(side))[reference_column(side)].to_numpy()
@@ -122,14 +173,14 @@ def stances_of(trial: Trial, side: Side, plate: int, body_mass: float, load: flo
             yield MomentComparison(side, plate, stance, time[rows], moment[rows], reference[rows])
 
 
-def moment_per_mass(wrench: Wrench, centre: Array, ankle: Array, axis: Array, body_mass: float) -> Array:
-    """Ankle moment (n,) [N*m/kg] about `axis` (n, 3), of any length, that points to the left."""
+def moment_per_mass(wrench: PlateWrench, centre: Array, ankle: Array, axis: Array, body_mass: float) -> Array:
+    """Ankle moment (n,) [N*m/kg] about an `axis` (n, 3) of any length that points to the left."""
     unit = axis / np.linalg.norm(axis, axis=1, keepdims=True)
-    return ankle_torque(wrench.force, wrench.moment, centre, ankle, unit) / body_mass
+    return ankle_torque(wrench, centre, ankle, unit) / body_mass
 
 
 def over_plate(points: Array, corners: Array) -> np.ndarray:
-    """Whether points (n, 3) [m] lie over the quadrilateral of the corners (4, 3) [m], seen from above; NaN does not."""
+    """Whether points (n, 3) [m], seen from above, lie within the corners (4, 3) [m]; a NaN point does not."""
     edges = np.roll(corners, -1, axis=0) - corners
     away = points[:, None] - corners
     turn = edges[:, 0] * away[..., 1] - edges[:, 1] * away[..., 0]

@@ -1,4 +1,4 @@
-"""Which crossings are compared with which: those that lie too far from the median crossing are left out, by name."""
+"""Which crossings are excluded: those that lie too far from the median crossing, each with a reason."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,18 +7,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.trial import Array
-from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.perturbation import PHASES, Timing, at_times
-from osl_analysis.walking.settings import OutlierRule
+from osl_analysis.walking.crossing import Crossing, RefusedCrossing
+from osl_analysis.walking.settings import OutlierRule, Timing, WalkingAnalysis
+from osl_analysis.walking.unperturbed import PHASES, signal_at, stance_times
 
 NORMAL_MAD = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
+"""Standard deviation of a normal distribution divided by its median absolute deviation."""
+USED, OUTLIER, REFUSED = "used", "outlier", "refused"
+"""Status of a crossing in `walking_crossings.csv`."""
 
 
 @dataclass(frozen=True)
 class Feature:
-    """One feature of n crossings: `values` (n,) in `unit`, the medians (n,) of those that each is compared with, and
-    the scatter about them."""
+    """One feature of n crossings.
+
+    name, unit: for messages.
+    values: one (n,) per crossing.
+    median: for each crossing (n,), the median of those that it is compared with.
+    scatter: scatter about the medians.
+    """
 
     name: str
     unit: str
@@ -32,59 +39,98 @@ class Feature:
         return np.asarray(np.abs(self.values - self.median) / self.scatter)
 
 
-def features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule) -> list[Feature]:
-    """What crossings are judged by: duration of stance [s], place of the foot [m], deviation of the angle [deg].
+def selection_rows(
+    crossings: Sequence[Crossing], refused: Sequence[RefusedCrossing], settings: WalkingAnalysis
+) -> dict[str, dict[str, object]]:
+    """Rows of `walking_crossings.csv` by crossing: its quality and, if it is excluded, the reason."""
+    rule = settings.outliers
+    features = crossing_features(crossings, settings.timing, rule) if rule and crossings else []
+    reasons = outlier_reasons(features, [c.name for c in crossings], rule.limit) if rule and crossings else {}
+    rows = {c.name: crossing_row(c, k, features, reasons.get(c.name)) for k, c in enumerate(crossings)}
+    return rows | {
+        r.name: {"trial": r.name, "perturbed": r.perturbed, "status": REFUSED, "reason": r.reason} for r in refused
+    }
 
-    All of it is from before a perturbation could change it, but for the duration of stance, in which perturbed
-    crossings are therefore compared with perturbed ones.
+
+def crossing_row(crossing: Crossing, index: int, features: Sequence[Feature], reason: str | None) -> dict[str, object]:
+    """One row of `walking_crossings.csv`: angles in deg, residuals in mm, the encoder's delay in ms."""
+    quality, encoder = crossing.quality, crossing.quality.encoder
+    furthest = max((float(f.distance[index]) for f in features), default=None)
+    return {
+        "trial": crossing.name,
+        "perturbed": crossing.onset is not None,
+        "status": USED if reason is None else OUTLIER,
+        "reason": reason,
+        "stance_s": crossing.stance.duration,
+        "onset_s": crossing.onset,
+        "foot_forward_m": quality.placement[0],
+        "foot_left_m": quality.placement[1],
+        "gait_deviation_deg": next((float(f.values[index]) for f in features if f.unit == "deg"), None),
+        "furthest_scatters": furthest,
+        "bridged": crossing.bridged,
+        **{f"{name}_residual_mm": 1e3 * size for name, size in quality.residuals.items()},
+        "plate_zero_N": quality.zero,
+        "encoder_offset_deg": encoder and float(np.rad2deg(encoder.offset)),
+        "encoder_delay_ms": encoder and 1e3 * encoder.delay,
+        "encoder_rms_deg": encoder and float(np.rad2deg(encoder.rms)),
+    }
+
+
+def crossing_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule) -> list[Feature]:
+    """Features by which crossings are compared: duration of stance, place of the foot, deviation of the angle.
+
+    A perturbation changes none of them but the duration of stance. There, perturbed crossings are compared with
+    perturbed ones only.
     """
     stance = np.array([c.stance.duration for c in crossings])
     place = np.array([c.quality.placement for c in crossings])
     deviation = np.rad2deg(gait_deviation(crossings, timing))
+    perturbed = np.array([c.onset is not None for c in crossings])
     return [
-        feature("stance", "s", stance, rule.stance_s, np.array([c.onset is not None for c in crossings])),
-        feature("foot forward", "m", place[:, 0], rule.placement_m),
-        feature("foot to the left", "m", place[:, 1], rule.placement_m),
-        feature("gait before the onset", "deg", deviation, rule.angle_deg),
+        feature_of("stance", "s", stance, rule.stance_s, perturbed),
+        feature_of("foot forward", "m", place[:, 0], rule.placement_m),
+        feature_of("foot to the left", "m", place[:, 1], rule.placement_m),
+        feature_of("gait before the onset", "deg", deviation, rule.angle_deg),
     ]
 
 
-def feature(name: str, unit: str, values: Array, least: float, kind: NDArray[np.bool_] | None = None) -> Feature:
-    """A feature with its medians, over all crossings or over those of the same `kind` (n,), and its scatter, at least
-    `least`."""
+def feature_of(
+    name: str, unit: str, values: Array, smallest_scatter: float, kind: NDArray[np.bool_] | None = None
+) -> Feature:
+    """A feature of crossings, whose medians are over all of them, or over those of the same `kind` (n,)."""
     kind = np.zeros(len(values), dtype=bool) if kind is None else kind
     median = np.array([np.median(values[kind == own]) for own in kind])
     scatter = NORMAL_MAD * float(np.median(np.abs(values - median)))
-    return Feature(name, unit, values, median, max(scatter, least))
+    return Feature(name, unit, values, median, max(scatter, smallest_scatter))
 
 
 def gait_deviation(crossings: Sequence[Crossing], timing: Timing) -> Array:
-    """RMS deviation (n,) [rad] of the ankle's angle from the median crossing's at the same phase of stance.
+    """RMS deviation (n,) [rad] of the ankle angle from the median crossing's at the same phase of stance.
 
-    From heel strike to the end of the earliest baseline, so that no crossing is judged by its perturbation; over the
-    whole stance where none is perturbed.
+    From heel strike to the end of the earliest baseline, so that a perturbation has no influence; over the whole
+    stance if no crossing is perturbed.
     """
-    phases = PHASES[PHASES <= last_phase(crossings, timing)]
-    angle = np.array([at_times(c, c.theta, c.stance.heel_strike + phases * c.stance.duration) for c in crossings])
+    phases = PHASES[PHASES <= earliest_baseline_end(crossings, timing)]
+    angle = np.array([signal_at(c, c.theta, stance_times(c, phases)) for c in crossings])
     return np.asarray(np.sqrt(np.mean((angle - np.median(angle, axis=0)) ** 2, axis=1)))
 
 
-def last_phase(crossings: Sequence[Crossing], timing: Timing) -> float:
-    """Phase of stance at which the first of all baselines ends."""
+def earliest_baseline_end(crossings: Sequence[Crossing], timing: Timing) -> float:
+    """Phase of stance at which the first of all baselines ends; 1 without perturbed crossings."""
     ends = [
         (c.onset - timing.guard - c.stance.heel_strike) / c.stance.duration for c in crossings if c.onset is not None
     ]
     return min(ends, default=1.0)
 
 
-def outliers(found: Sequence[Feature], names: Sequence[str], limit: float) -> dict[str, str]:
-    """Why crossings lie too far from the others, by name: the feature in which each is furthest away."""
+def outlier_reasons(features: Sequence[Feature], names: Sequence[str], limit: float) -> dict[str, str]:
+    """Why crossings are outliers, by name: the feature in which each lies furthest from the median."""
     reasons: dict[str, str] = {}
-    distances = np.array([f.distance for f in found])
+    distances = np.array([f.distance for f in features])
     for column, name in enumerate(names):
         worst = int(np.argmax(distances[:, column]))
         if distances[worst, column] > limit:
-            f = found[worst]
+            f = features[worst]
             reasons[name] = (
                 f"{f.name} {f.values[column]:.3g} {f.unit} lies {distances[worst, column]:.1f} scatters of "
                 f"{f.scatter:.2g} {f.unit} from the median {f.median[column]:.3g} {f.unit}, more than {limit:g}"

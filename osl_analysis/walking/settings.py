@@ -1,5 +1,6 @@
-"""Choices of the walking analysis, each with its unit: they stand in `config.yaml`, physical constants do not."""
+"""Choices of the walking analysis, each with its unit. They stand in `config.yaml`; physical constants do not."""
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -8,11 +9,32 @@ from osl_analysis.signals import LowPass
 from osl_analysis.yaml_settings import Settings
 
 Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
 Cluster = Annotated[tuple[str, ...], Field(min_length=3)]
+StanceSource = Literal["own", "unperturbed"]
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Which samples around the onset of a perturbation are used.
+
+    window: time [s] after the onset that is fitted.
+    baseline: length [s] of the interval before the onset whose mean is the response's zero.
+    guard: time [s] between the end of the baseline and the onset, because the zero-phase filter spreads the onset.
+    """
+
+    window: float
+    baseline: float
+    guard: float
+
+    @property
+    def lead(self) -> float:
+        """Time [s] from the start of the baseline to the onset."""
+        return self.guard + self.baseline
 
 
 class Markers(Settings):
-    """Names of the markers: three or more per rigid cluster, and the malleoli that the static trial shows."""
+    """Names of the markers: three or more per rigid cluster, and the malleoli, which the static trial shows."""
 
     foot: Cluster
     shank: Cluster
@@ -22,72 +44,88 @@ class Markers(Settings):
 
 
 class FootSettings(Settings):
-    """What moves below the ankle [kg, m, kg*m^2]: centre of mass from the ankle centre in the static pose (x forward,
-    y left, z up), inertia about the mediolateral axis through it."""
+    """Inertial parameters of all that moves below the ankle."""
 
     mass_kg: Positive
+    """Mass [kg]."""
     centre_of_mass_m: tuple[float, float, float]
-    inertia_kg_m2: Annotated[float, Field(ge=0)]
+    """Centre of mass [m] from the ankle centre in the static pose: x forward, y to the left, z up."""
+    inertia_kg_m2: NotNegative
+    """Moment of inertia [kg*m^2] about the mediolateral axis through the centre of mass."""
 
 
 class OutlierRule(Settings):
-    """Which crossings are left out: those that lie further from the median crossing than `limit` times the scatter.
+    """Which crossings are excluded: those further from the median crossing than `limit` times the scatter.
 
-    The scatter is 1.4826 times the median absolute deviation, that of a normal distribution, but at least `stance_s`
-    of the duration of stance, `placement_m` of the foot's place on the plate, `angle_deg` of the ankle's angle between
-    heel strike and the earliest baseline's end (RMS deviation from the median gait).
+    The scatter is 1.4826 times the median absolute deviation, which is the standard deviation of a normal
+    distribution. It counts as no smaller than the value given for each feature.
     """
 
     limit: Positive
+    """Largest distance from the median, in scatters."""
     stance_s: Positive
+    """Smallest scatter [s] of the duration of stance."""
     placement_m: Positive
+    """Smallest scatter [m] of the foot's place on the plate."""
     angle_deg: Positive
+    """Smallest scatter [deg] of the ankle angle's RMS deviation from the median gait, from heel strike to the end of
+    the earliest baseline."""
 
 
 class WalkingAnalysis(Settings):
-    """How angle and torque of a crossing come about, and which stretch of them is fitted.
-
-    `cutoff_hz`, `order`: the one zero-phase low-pass of markers and wrench. `plate_cutoff_hz`: the one with which the
-    unloaded plate is identified. Its parameters do not depend on it, but the noise of markers in an acceleration does,
-    and biases them: 12 kg read 10.8 kg at 20 Hz and 12.0 kg at 8 Hz. `window_s` after the onset is fitted; the response
-    is zero on the mean of the `baseline_s` that end `guard_s` before the onset, so that what the zero-phase filter
-    smears ahead of the onset stays out. `load_on_n`, `load_off_n`: hysteresis [N] of the vertical force that makes a
-    stance of at least `shortest_stance_s`. The plate's zero is its mean over `unloaded_s` before the foot comes (null:
-    taken as recorded); a plate that reads more than `largest_zero_n` then is refused. `perturbation_deg`: rotation
-    above which the platform has moved. `longest_gap_s`: hidden markers are bridged up to here, and up to
-    `longest_fitted_gap_s` where the motion itself is fitted: around a perturbation, and while the unloaded platform
-    turns. `largest_residual_mm`: beyond, a cluster is not rigid. `perturbed_stance`: the duration that turns a
-    perturbed crossing's time into phase, its `own`, or the `normal` one (mean of the unperturbed) for perturbations
-    that change how long stance lasts. `hinge`: the ankle's axis from the malleoli in the static trial, or functional,
-    from how foot and shank turn against each other. `outliers`: null leaves no crossing out. `foot`: null leaves the
-    foot's weight and inertia in the torque, where its inertia adds to I.
-    """
+    """How angle and torque of a crossing are computed, and which part of them is fitted."""
 
     cutoff_hz: Positive
+    """Cut-off [Hz] of the one zero-phase low-pass of markers and wrench."""
     order: Annotated[int, Field(ge=1, le=10)]
+    """Order of both low-passes."""
     plate_cutoff_hz: Positive
+    """Cut-off [Hz] of the low-pass with which the inertia of the unloaded plate is identified. Marker noise in an
+    acceleration biases that inertia: 12 kg read 10.8 kg at 20 Hz and 12.0 kg at 8 Hz."""
     side: Literal["left", "right"]
+    """Side of the subject that wears the prosthesis."""
     plate: Annotated[int, Field(ge=1)]
+    """Number of the force plate on the platform, counted from 1."""
     markers: Markers
     window_s: Positive
+    """Time [s] after the onset that is fitted."""
     baseline_s: Positive
-    guard_s: Annotated[float, Field(ge=0)]
+    """Length [s] of the interval before the onset whose mean is the response's zero."""
+    guard_s: NotNegative
+    """Time [s] between the end of the baseline and the onset: the zero-phase filter spreads the onset into it."""
     load_on_n: Positive
+    """Vertical force [N] above which a stance begins."""
     load_off_n: Positive
+    """Vertical force [N] below which a stance ends."""
     unloaded_s: Positive | None
+    """Length [s] of the interval before the step from which the plate's zero is read; null: no zero is removed."""
     largest_zero_n: Positive
+    """Largest vertical force [N] of a plate with nobody on it; a plate that reads more is refused."""
     shortest_stance_s: Positive
+    """Shortest stance [s]; shorter contacts are ignored."""
     perturbation_deg: Positive
-    longest_gap_s: Annotated[float, Field(ge=0)]
-    longest_fitted_gap_s: Annotated[float, Field(ge=0)]
+    """Rotation [deg] above which the platform has moved."""
+    longest_gap_s: NotNegative
+    """Longest gap [s] of hidden markers that is interpolated."""
+    longest_fitted_gap_s: NotNegative
+    """The same [s] where the motion itself is fitted: in the window, and while the unloaded platform turns."""
     largest_residual_mm: Positive
+    """Largest RMS distance [mm] of a cluster's markers from their rigid body; beyond it, a frame counts as hidden."""
     fewest_unperturbed: Annotated[int, Field(ge=3)]
+    """Fewest unperturbed crossings from which a mean gait is computed."""
     hinge: Literal["anatomical", "functional"]
+    """Where the ankle's axis is from: the malleoli in the static trial, or the relative motion of foot and shank."""
     outliers: OutlierRule | None
-    perturbed_stance: Literal["own", "normal"]
+    """Rule by which crossings are excluded; null: none is."""
+    perturbed_stance: StanceSource
+    """Duration that turns a perturbed crossing's time into phase: its own, or the mean of the unperturbed crossings,
+    for perturbations that change the duration of stance."""
     correct_plate_lag: bool
+    """Whether the plate's lag is estimated and corrected."""
     bootstrap_samples: Annotated[int, Field(ge=100)]
+    """Number of bootstrap samples of the ensemble."""
     foot: FootSettings | None = None
+    """Inertial parameters of the foot; null: its weight and inertia stay in the torque, so that I includes them."""
 
     @property
     def low_pass(self) -> LowPass:
@@ -96,17 +134,21 @@ class WalkingAnalysis(Settings):
 
     @property
     def plate_low_pass(self) -> LowPass:
-        """The filter of every signal of an unloaded plate."""
+        """The filter with which the inertia of the unloaded plate is identified."""
         return LowPass(self.plate_cutoff_hz, self.order)
 
+    @property
+    def timing(self) -> Timing:
+        """Window, baseline and guard of a perturbation."""
+        return Timing(self.window_s, self.baseline_s, self.guard_s)
 
-class GaitAnalysis(Settings):
-    """Overground gait beside a laboratory's own ankle moment.
 
-    Frames count while the vertical force is above `load_on_n` [N]. `body_mass_kg`: null takes the recording's.
-    A plate that reads less than minus `largest_zero_n` [N] in most of the record is refused.
-    """
+class OvergroundAnalysis(Settings):
+    """How the ankle moment of overground gait is compared with the one that a laboratory computed."""
 
     load_on_n: Positive
+    """Vertical force [N] above which a frame counts."""
     body_mass_kg: Positive | None = None
+    """Body mass [kg] that divides the moment; null: the recording's."""
     largest_zero_n: Positive = 100
+    """Largest downward reading [N] of a plate in most of the recording; a plate that reads more is refused."""

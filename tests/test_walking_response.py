@@ -10,7 +10,7 @@ from walking_synthetic import RATE, bump
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.trial import Array
-from osl_analysis.walking.crossing import Crossing, Quality
+from osl_analysis.walking.crossing import Crossing, CrossingQuality
 from osl_analysis.walking.ensemble import (
     Bootstrap,
     bootstrap,
@@ -19,25 +19,22 @@ from osl_analysis.walking.ensemble import (
     resampling_weights,
 )
 from osl_analysis.walking.events import Stance
-from osl_analysis.walking.perturbation import (
-    PHASES,
-    NormalGait,
-    Response,
-    Timing,
+from osl_analysis.walking.response import PerturbationResponse, isolate_response
+from osl_analysis.walking.response_fit import (
     fit_response,
     fit_without_offset,
     gait_errors,
-    isolate,
     jackknife_covariance,
-    normal_gait,
-    plate_effects,
+    plate_errors,
 )
+from osl_analysis.walking.settings import Timing
+from osl_analysis.walking.unperturbed import PHASES, UnperturbedGait, unperturbed_gait
 
 K, B, I = 340.0, 5.0, 0.03
 TIMING = Timing(window=0.1, baseline=0.06, guard=0.04)
 RISE = 0.018
 LEAD = 0.045
-QUALITY = Quality({}, None, (0.0, 0.0), None)
+QUALITY = CrossingQuality({}, None, (0.0, 0.0), None)
 
 
 def gait_angle(phase: Array) -> Array:
@@ -69,36 +66,36 @@ def crossing(
     return Crossing(name, time, theta, tau, 0 * time, span, onset, 0.0, QUALITY, no_plate)
 
 
-def calm(n: int = 4) -> NormalGait:
-    return normal_gait([crossing(f"u{k}", stance=0.68 + 0.02 * k) for k in range(n)], 3)
+def mean_gait(n: int = 4) -> UnperturbedGait:
+    return unperturbed_gait([crossing(f"u{k}", stance=0.68 + 0.02 * k) for k in range(n)], 3)
 
 
-def respond(walked: Crossing, normal: NormalGait, timing: Timing = TIMING) -> Response:
-    return isolate(walked, normal, timing, walked.stance.duration)
+def respond(walked: Crossing, gait: UnperturbedGait, timing: Timing = TIMING) -> PerturbationResponse:
+    return isolate_response(walked, gait, timing)
 
 
 @pytest.mark.parametrize("stance", [0.66, 0.72, 0.8])
 def test_recovers_the_impedance_whatever_the_pace(stance: float) -> None:
-    fit = fit_response(respond(crossing("p", onset=0.3 + 0.4 * stance, stance=stance), calm()))
+    fit = fit_response(respond(crossing("p", onset=0.3 + 0.4 * stance, stance=stance), mean_gait()))
     assert (fit.K, fit.B, fit.I) == pytest.approx((K, B, I), rel=1e-3)
     assert fit.fit.vaf > 99.999
 
 
 @pytest.mark.parametrize("truth", [(100.0, 0.5, 0.0), (340.0, 5.0, -0.03), (600.0, 12.0, 0.2)])
 def test_recovers_other_impedances_too(truth: tuple[float, float, float]) -> None:
-    fit = fit_response(respond(crossing("p", onset=0.6, impedance=truth), calm()))
+    fit = fit_response(respond(crossing("p", onset=0.6, impedance=truth), mean_gait()))
     assert (fit.K, fit.B, fit.I) == pytest.approx(truth, rel=1e-3, abs=2e-3)
 
 
 def test_a_crossing_that_differs_by_constants_gives_the_same_response() -> None:
     """A plate off zero, a foot placed with more dorsiflexion: the baseline takes both away."""
-    plain, shifted = (respond(c, calm()) for c in (crossing("p", 0.6), crossing("p", 0.6, angle=0.05, torque=7.0)))
+    plain, shifted = (respond(c, mean_gait()) for c in (crossing("p", 0.6), crossing("p", 0.6, angle=0.05, torque=7.0)))
     np.testing.assert_allclose(shifted.motion.theta, plain.motion.theta, atol=1e-12)
     np.testing.assert_allclose(shifted.torque, plain.torque, atol=1e-10)
 
 
 def test_the_response_is_zero_on_average_over_the_baseline_alone() -> None:
-    response = respond(crossing("p", 0.6, torque=3.0), calm())
+    response = respond(crossing("p", 0.6, torque=3.0), mean_gait())
     baseline = (response.time > -0.1001) & (response.time < -0.0401)
     assert baseline.sum() == 18
     assert response.torque[baseline].mean() == pytest.approx(0, abs=1e-12)
@@ -106,13 +103,13 @@ def test_the_response_is_zero_on_average_over_the_baseline_alone() -> None:
 
 
 def test_the_window_is_a_tenth_of_a_second_from_the_onset() -> None:
-    response = respond(crossing("p", 0.6), calm())
+    response = respond(crossing("p", 0.6), mean_gait())
     window = response.time[response.window]
     assert (len(window), window[0], window[-1]) == (30, 0.0, pytest.approx(29 / RATE))
 
 
 def test_samples_lie_at_the_onset_even_between_frames() -> None:
-    response = respond(crossing("p", 0.6017), calm())
+    response = respond(crossing("p", 0.6017), mean_gait())
     expected = 0.087 * bump(response.time, LEAD, RISE)[0]
     np.testing.assert_allclose(response.motion.theta[response.window], expected[response.window], atol=1e-5)
 
@@ -127,7 +124,7 @@ def test_one_filter_for_angle_and_torque_leaves_the_impedance_and_two_do_not() -
         return replace(c, theta=low_pass(c.theta, RATE), torque=torque)
 
     both, one = (
-        fit_response(respond(filtered(walked, t), normal_gait([filtered(g, t) for g in gaits], 3)))
+        fit_response(respond(filtered(walked, t), unperturbed_gait([filtered(g, t) for g in gaits], 3)))
         for t in (True, False)
     )
     # what the filter smears into the baseline costs 0.2 % of K and 2 % of I
@@ -145,55 +142,55 @@ def test_the_guard_keeps_the_filters_smear_out_of_the_baseline() -> None:
         return replace(c, theta=low_pass(c.theta, RATE), torque=low_pass(c.torque, RATE))
 
     walked = filtered(crossing("p", onset=0.625, rise=0.008))  # a sharp turn whose onset lies 2.5 widths before it
-    normal = normal_gait([filtered(crossing(f"u{k}")) for k in range(3)], 3)
+    gait = unperturbed_gait([filtered(crossing(f"u{k}")) for k in range(3)], 3)
     walked = replace(walked, onset=0.65)
     guarded, rezeroed = (
-        fit_response(respond(walked, normal, Timing(0.1, baseline, guard)))
+        fit_response(respond(walked, gait, Timing(0.1, baseline, guard)))
         for baseline, guard in ((0.06, 0.04), (0.004, 0.0))
     )
     assert guarded.K == pytest.approx(K, rel=0.005)
     assert abs(rezeroed.K / K - 1) > 0.01
 
 
-def test_the_normal_stance_stands_in_for_one_that_the_perturbation_lengthens() -> None:
+def test_the_unperturbed_stance_stands_in_for_one_that_the_perturbation_lengthens() -> None:
     """Same crossing, but toe-off came 8 % late: its own duration puts it at the wrong phase of gait."""
     walked = crossing("p", onset=0.6)
     late = replace(walked, stance=Stance(0.3, 0.3 + 1.08 * 0.72))
-    gaits = normal_gait([crossing(f"u{k}") for k in range(3)], 3)
-    own = fit_response(isolate(late, gaits, TIMING, late.stance.duration))
-    normal = fit_response(isolate(late, gaits, TIMING, float(np.mean(gaits.stance))))
-    assert normal.K == pytest.approx(K, rel=1e-3)
+    gaits = unperturbed_gait([crossing(f"u{k}") for k in range(3)], 3)
+    own = fit_response(isolate_response(late, gaits, TIMING, "own"))
+    mean = fit_response(isolate_response(late, gaits, TIMING, "unperturbed"))
+    assert mean.K == pytest.approx(K, rel=1e-3)
     assert abs(own.K / K - 1) > 0.02
 
 
 def test_unperturbed_gait_is_kept_at_the_same_phases_for_every_pace() -> None:
-    normal = calm()
-    assert normal.stance == pytest.approx([0.68, 0.70, 0.72, 0.74])
-    np.testing.assert_allclose(normal.theta, np.tile(gait_angle(PHASES), (4, 1)), atol=1e-6)
-    np.testing.assert_allclose(normal.torque, np.tile(gait_torque(PHASES), (4, 1)), atol=1e-3)
+    gait = mean_gait()
+    assert gait.stance == pytest.approx([0.68, 0.70, 0.72, 0.74])
+    np.testing.assert_allclose(gait.theta, np.tile(gait_angle(PHASES), (4, 1)), atol=1e-6)
+    np.testing.assert_allclose(gait.torque, np.tile(gait_torque(PHASES), (4, 1)), atol=1e-3)
 
 
 def test_too_few_unperturbed_crossings_are_refused() -> None:
     with pytest.raises(InputError, match=r"2 unperturbed crossings \(u0, u1\), expected 3 or more"):
-        normal_gait([crossing("u0"), crossing("u1")], 3)
+        unperturbed_gait([crossing("u0"), crossing("u1")], 3)
 
 
 def test_a_crossing_without_onset_is_refused_by_name() -> None:
     with pytest.raises(InputError, match="trial u7: no perturbation"):
-        respond(crossing("u7"), calm())
+        respond(crossing("u7"), mean_gait())
 
 
 @pytest.mark.parametrize("onset", [0.35, 0.96])
 def test_a_window_outside_stance_is_refused_by_name(onset: float) -> None:
     with pytest.raises(InputError, match=r"trial p: baseline and window span .* expected 0-1"):
-        respond(crossing("p", onset), calm())
+        respond(crossing("p", onset), mean_gait())
 
 
 def test_a_turn_that_outlasts_the_window_cannot_tell_stiffness_from_damping_or_inertia() -> None:
     """An exponential: angle, velocity and acceleration are one column."""
     walked = crossing("p", 0.6)
-    normal = calm()
-    response = respond(walked, normal)
+    gait = mean_gait()
+    response = respond(walked, gait)
     grown = np.exp(20 * response.time)
     motion = replace(response.motion, theta=grown, omega=20 * grown, alpha=400 * grown)
     with pytest.raises(IdentifiabilityError, match=r"trial p: .* cannot be told apart"):
@@ -203,7 +200,7 @@ def test_a_turn_that_outlasts_the_window_cannot_tell_stiffness_from_damping_or_i
 # The ensemble
 
 
-def several(n: int, noise: float, u: int = 6) -> list[Response]:
+def several(n: int, noise: float, u: int = 6) -> list[PerturbationResponse]:
     """Perturbations of crossings that differ in pace and by smooth torque errors of `noise` [N*m]."""
     random = np.random.default_rng(11)
 
@@ -212,9 +209,9 @@ def several(n: int, noise: float, u: int = 6) -> list[Response]:
         return replace(c, torque=c.torque + waves)
 
     paces = random.uniform(0.68, 0.76, n + u)
-    normal = normal_gait([disturbed(crossing(f"u{k}", stance=paces[k])) for k in range(u)], 3)
+    gait = unperturbed_gait([disturbed(crossing(f"u{k}", stance=paces[k])) for k in range(u)], 3)
     walked = [disturbed(crossing(f"p{k}", 0.3 + 0.4 * paces[u + k], paces[u + k])) for k in range(n)]
-    return [respond(c, normal) for c in walked]
+    return [respond(c, gait) for c in walked]
 
 
 def test_the_ensemble_recovers_the_impedance() -> None:
@@ -245,7 +242,7 @@ def test_the_common_variance_is_what_drawing_the_unperturbed_crossings_anew_give
     assert (gait.degrees_of_freedom, plate.variance) == (5, 0)
 
 
-def with_plate(response: Response, trials: int = 4) -> Response:
+def with_plate(response: PerturbationResponse, trials: int = 4) -> PerturbationResponse:
     """The response with smooth errors [N*m] that leaving out each trial of the plate would make."""
     random = np.random.default_rng(21)
     pitch, phase = random.uniform(2, 8, (trials, 1)), random.uniform(0, 6, (trials, 1))
@@ -254,22 +251,22 @@ def with_plate(response: Response, trials: int = 4) -> Response:
 
 def test_what_the_plate_s_trials_do_is_linear_in_the_torque() -> None:
     response = with_plate(several(1, 1.0)[0])
-    found, effects = fit_response(response), plate_effects(response)
+    fit, effects = fit_response(response), plate_errors(response)
     for error, effect in zip(response.plate_errors, effects, strict=True):
         again = fit_response(replace(response, torque=response.torque + error))
-        np.testing.assert_allclose([getattr(again, q) - getattr(found, q) for q in "KBI"], effect, rtol=1e-6)
+        np.testing.assert_allclose([getattr(again, q) - getattr(fit, q) for q in "KBI"], effect, rtol=1e-6)
 
 
 def test_the_jackknife_of_means_is_the_variance_of_a_mean() -> None:
     values = np.random.default_rng(3).normal(size=(7, 2))
-    left_out = (values.sum(axis=0) - values) / 6
-    np.testing.assert_allclose(jackknife_covariance(left_out), np.cov(values, rowvar=False) / 7)
+    without_one = (values.sum(axis=0) - values) / 6
+    np.testing.assert_allclose(jackknife_covariance(without_one), np.cov(values, rowvar=False) / 7)
     np.testing.assert_array_equal(jackknife_covariance(np.zeros((0, 3))), np.zeros((3, 3)))
 
 
 def test_the_plate_s_share_is_the_same_in_every_interval() -> None:
     """One perturbation, one mean and the bootstrap's spread, of responses without any scatter of gait."""
-    still = with_plate(respond(crossing("p", 0.6), calm(6)))
+    still = with_plate(respond(crossing("p", 0.6), mean_gait(6)))
     single, _ = fit_response(still).fit, common_errors([still, still])["K"][0]
     plate = common_errors([still, still])["K"][1]
     assert plate.degrees_of_freedom == 3
@@ -303,14 +300,15 @@ def wander(c: Crossing, random: np.random.Generator) -> Crossing:
 def test_the_errors_of_gait_are_what_each_unperturbed_crossing_would_do_in_the_response() -> None:
     """The response with the crossing's deviation added, fitted anew, a tenth of it so that first order holds."""
     random = np.random.default_rng(4)
-    normal = normal_gait([wander(crossing(f"u{k}"), random) for k in range(4)], 3)
-    response = respond(crossing("p", onset=0.6), normal)
-    found, errors = fit_response(response), gait_errors(response, fit_response(response))
+    gait = unperturbed_gait([wander(crossing(f"u{k}"), random) for k in range(4)], 3)
+    response = respond(crossing("p", onset=0.6), gait)
+    fit = fit_response(response)
+    errors = gait_errors(response, fit)
     for j in range(4):
         theta = response.motion.theta + 0.1 * (response.motion.theta - response.thetas[j])
         torque = response.torque + 0.1 * (response.torque - response.torques[j])
         again = fit_response(replace(response, motion=differentiate(response.time, theta), torque=torque))
-        change = [getattr(again, q) - getattr(found, q) for q in "KBI"]
+        change = [getattr(again, q) - getattr(fit, q) for q in "KBI"]
         largest = 0.1 * np.abs(errors).max(axis=0)
         np.testing.assert_allclose(change / largest, 0.1 * errors[j] / largest, rtol=0.1, atol=0.1)
 
@@ -322,8 +320,8 @@ def test_the_interval_of_a_single_perturbation_covers_what_gait_does_to_it() -> 
     """
     random, covered, narrow = np.random.default_rng(8), 0, 0
     for _ in range(200):
-        normal = normal_gait([wander(crossing(f"u{k}"), random) for k in range(5)], 3)
-        response = respond(wander(crossing("p", onset=0.6), random), normal)
+        gait = unperturbed_gait([wander(crossing(f"u{k}"), random) for k in range(5)], 3)
+        response = respond(wander(crossing("p", onset=0.6), random), gait)
         fit = fit_response(response).fit
         low, high = fit.interval("K")
         covered += low <= K <= high
@@ -351,6 +349,6 @@ def test_one_perturbation_is_no_ensemble() -> None:
 
 
 def test_responses_from_different_unperturbed_gait_are_refused() -> None:
-    first, second = respond(crossing("p0", 0.6), calm(3)), respond(crossing("p1", 0.6), calm(4))
-    with pytest.raises(InputError, match="trial p1: its response is sampled otherwise than that of p0"):
+    first, second = respond(crossing("p0", 0.6), mean_gait(3)), respond(crossing("p1", 0.6), mean_gait(4))
+    with pytest.raises(InputError, match=r"trial p1: \d+ samples from 4 unperturbed .* trial p0 has \d+ from 3"):
         ensemble_response([first, second])

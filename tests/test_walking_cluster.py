@@ -6,8 +6,7 @@ from scipy.spatial.transform import Rotation
 from walking_synthetic import FOOT, RATE, pose
 
 from osl_analysis.signals import LowPass
-from osl_analysis.walking.kinematics import body_motion
-from osl_analysis.walking.rigid_body import bridge_gaps, cluster_poses, smoothed, spans_a_plane
+from osl_analysis.walking.cluster import body_motion, bridge_gaps, cluster_poses, filtered_poses, spans_a_plane
 
 TIME = np.arange(240) / RATE
 
@@ -93,7 +92,7 @@ def test_a_gap_of_exactly_the_longest_duration_is_bridged() -> None:
 def test_smoothing_leaves_slow_motion_alone_and_stays_rigid() -> None:
     observed, R, _ = tracks()
     noisy = observed + 2e-4 * np.random.default_rng(2).standard_normal(observed.shape)
-    found = smoothed(cluster_poses(FOOT, noisy), FOOT, LowPass(20.0), RATE)
+    found = filtered_poses(cluster_poses(FOOT, noisy), FOOT, LowPass(20.0), RATE)
     inside = slice(30, -30)
     raw = cluster_poses(FOOT, noisy)
     assert np.abs(found.rotation - R)[inside].max() < 0.6 * np.abs(raw.rotation - R)[inside].max()

@@ -1,0 +1,241 @@
+"""Files that the walking jobs share: static calibration, plate's model, analysed crossings, unperturbed gait.
+
+Calibration and plate's model are JSON. A crossing is a trial in Parquet whose provenance holds its events, or the
+reason why it was refused.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.errors import InputError
+from osl_analysis.files import atomic_path
+from osl_analysis.trial import Trial
+from osl_analysis.trial_file import NAME_KEY, PROVENANCE_KEY, read_trial, write_trial
+from osl_analysis.walking.ankle import SEGMENTS, StaticCalibration
+from osl_analysis.walking.crossing import Crossing, CrossingQuality, RefusedCrossing
+from osl_analysis.walking.encoder import EncoderCheck
+from osl_analysis.walking.events import Stance
+from osl_analysis.walking.plate_inertia import COMPONENTS, PARAMETERS, PlateInertia
+from osl_analysis.walking.plate_model import PlateModel
+from osl_analysis.walking.unperturbed import PHASES, UnperturbedGait
+
+SIGNALS = ("time", "phase", "theta", "torque", "platform")
+PLATE_ERROR = "plate_error_"
+"""Prefix of the columns with the plate's errors."""
+REFUSED = "refused"
+
+
+def write_calibration(calibration: StaticCalibration, trial: str, path: Path) -> None:
+    """Write the static calibration from a trial [m, laboratory axes of the static trial]."""
+    clusters = {
+        name: {marker: position.tolist() for marker, position in getattr(calibration, name).items()}
+        for name in SEGMENTS
+    }
+    ankle = {"ankle_centre": calibration.ankle_centre.tolist(), "ankle_axis": calibration.ankle_axis.tolist()}
+    write_json({"trial": trial, **clusters, **ankle}, path)
+
+
+def read_calibration(path: Path) -> StaticCalibration:
+    """Read what `write_calibration` wrote."""
+    content = read_json(path, "calibrate", *SEGMENTS, "ankle_centre", "ankle_axis")
+    foot, shank, platform = (
+        {marker: np.array(position) for marker, position in content[name].items()} for name in SEGMENTS
+    )
+    return StaticCalibration(foot, shank, platform, np.array(content["ankle_centre"]), np.array(content["ankle_axis"]))
+
+
+def write_plate(plate: PlateModel, path: Path) -> None:
+    """Write the plate's model, and the models without each trial in turn under `leave_one_out`."""
+    others = [plate_content(model) for model in plate.leave_one_out]
+    write_json({**plate_content(plate), "leave_one_out": others}, path)
+
+
+def plate_content(plate: PlateModel) -> dict[str, Any]:
+    """The plate's inertial parameters [SI] with standard errors, lag [s], wrench before and after [N, N*m]."""
+    inertia = plate.inertia
+    parameters = {
+        name: {"value": float(value), "se": float(se)}
+        for name, value, se in zip(PARAMETERS, inertia.parameters, inertia.standard_errors, strict=True)
+    }
+    before, after = (dict(zip(COMPONENTS, v.tolist(), strict=True)) for v in (inertia.rms_before, inertia.rms_after))
+    lag = {"lag_s": plate.lag, "lag_se_s": plate.lag_se, "lags_s": plate.lags.tolist()}
+    return {"parameters": parameters, **lag, "rms_before": before, "rms_after": after}
+
+
+def read_plate(path: Path) -> PlateModel:
+    """Read what `write_plate` wrote."""
+    fields = ("parameters", "lag_s", "lag_se_s", "lags_s", "rms_before", "rms_after", "leave_one_out")
+    content = read_json(path, "identify-plate", *fields)
+    others = tuple(plate_from_content(model) for model in content["leave_one_out"])
+    return replace(plate_from_content(content), leave_one_out=others)
+
+
+def plate_from_content(content: Mapping[str, Any]) -> PlateModel:
+    """The model that `plate_content` described."""
+    values, errors = (np.array([content["parameters"][p][field] for p in PARAMETERS]) for field in ("value", "se"))
+    before, after = (np.array([content[f][c] for c in COMPONENTS]) for f in ("rms_before", "rms_after"))
+    inertia = PlateInertia(values, errors, before, after)
+    return PlateModel(inertia, content["lag_s"], content["lag_se_s"], np.array(content["lags_s"], dtype=float))
+
+
+def write_json(content: Mapping[str, Any], path: Path) -> None:
+    """Write a JSON file, complete or not at all."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def read_json(path: Path, step: str, *required: str) -> dict[str, Any]:
+    """Read a JSON file that `step` wrote.
+
+    Raises
+    ------
+    InputError
+        The file is missing or damaged, or a required field is absent.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; run the step '{step}' first")
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not JSON ({error}); delete it and run the step '{step}'") from error
+    absent = [name for name in required if not isinstance(content, dict) or name not in content]
+    if absent:
+        raise InputError(f"{path}: no field '{absent[0]}'; delete it and run the step '{step}'")
+    return dict(content)
+
+
+def write_crossing(crossing: Crossing, path: Path) -> None:
+    """Write a crossing as a trial: its signals and `plate_error_0`, ...; the events in the provenance."""
+    phase = (crossing.time - crossing.stance.heel_strike) / crossing.stance.duration
+    signals = (crossing.time, phase, crossing.theta, crossing.torque, crossing.platform)
+    errors = {f"{PLATE_ERROR}{i}": error for i, error in enumerate(crossing.plate_errors)}
+    samples = pl.DataFrame(dict(zip(SIGNALS, signals, strict=True)) | errors)
+    events = {
+        "heel_strike_s": crossing.stance.heel_strike,
+        "toe_off_s": crossing.stance.toe_off,
+        "onset_s": crossing.onset,
+        "bridged": crossing.bridged,
+        "quality": asdict(crossing.quality),
+    }
+    write_trial(Trial(crossing.name, samples, events), path)
+
+
+def write_refusal(refused: RefusedCrossing, path: Path) -> None:
+    """Write a crossing's file without rows, with the reason in its provenance, so that other crossings are analysed."""
+    reason = {REFUSED: refused.reason, "perturbed": refused.perturbed}
+    metadata = {NAME_KEY: refused.name, PROVENANCE_KEY: json.dumps(reason)}
+    with atomic_path(path) as temporary:
+        pl.DataFrame(schema=dict.fromkeys(SIGNALS, pl.Float64)).write_parquet(temporary, metadata=metadata)
+
+
+def read_crossing(path: Path) -> Crossing:
+    """Read a crossing.
+
+    Raises
+    ------
+    InputError
+        As `read_crossing_file`, or the crossing was refused.
+    """
+    crossing = read_crossing_file(path)
+    if isinstance(crossing, RefusedCrossing):
+        raise InputError(f"{path}: the crossing was refused: {crossing.reason}")
+    return crossing
+
+
+def read_crossing_files(paths: Sequence[Path]) -> tuple[list[Crossing], list[RefusedCrossing]]:
+    """Analysed and refused crossings among files, in their order."""
+    crossings = [read_crossing_file(path) for path in paths]
+    analysed = [c for c in crossings if isinstance(c, Crossing)]
+    return analysed, [c for c in crossings if isinstance(c, RefusedCrossing)]
+
+
+def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
+    """Read what `write_crossing` or `write_refusal` wrote.
+
+    Raises
+    ------
+    InputError
+        The file is missing, or neither of them wrote it.
+    """
+    refused = refused_crossing(path) if path.is_file() else None
+    if refused is not None:
+        return refused
+    trial = read_trial(path)
+    events = trial.provenance
+    if "heel_strike_s" not in events:
+        raise InputError(f"{path}: a trial without events; run the step 'analyse' and use its crossing")
+    time, theta, torque, platform = trial.signals("theta", "torque", "platform")
+    return Crossing(
+        name=trial.name,
+        time=time,
+        theta=theta,
+        torque=torque,
+        platform=platform,
+        stance=Stance(events["heel_strike_s"], events["toe_off_s"]),
+        onset=events["onset_s"],
+        bridged=events["bridged"],
+        quality=quality_from_events(events["quality"]),
+        plate_errors=plate_error_columns(trial.samples).reshape(-1, len(time)),
+    )
+
+
+def refused_crossing(path: Path) -> RefusedCrossing | None:
+    """The refused crossing that a Parquet file holds; None if it holds something else, or is not Parquet."""
+    try:
+        metadata = pl.read_parquet_metadata(path)
+    except (pl.exceptions.PolarsError, OSError):
+        return None
+    facts = json.loads(metadata.get(PROVENANCE_KEY, "{}"))
+    return RefusedCrossing(metadata[NAME_KEY], facts["perturbed"], facts[REFUSED]) if REFUSED in facts else None
+
+
+def quality_from_events(facts: dict[str, Any]) -> CrossingQuality:
+    """The quality in a crossing's provenance."""
+    encoder = facts["encoder"]
+    forward, left = facts["placement"]
+    return CrossingQuality(facts["residuals"], facts["zero"], (forward, left), encoder and EncoderCheck(**encoder))
+
+
+def plate_error_columns(frame: pl.DataFrame) -> np.ndarray:
+    """The plate's errors (m, rows) [N*m] in a file's columns `plate_error_0`, ..."""
+    return frame.select(pl.col(f"^{PLATE_ERROR}.*$")).to_numpy().T
+
+
+def write_unperturbed_gait(gait: UnperturbedGait, path: Path) -> None:
+    """Write unperturbed crossings: a row per crossing and phase."""
+    n = len(PHASES)
+    frame = pl.DataFrame(
+        {
+            "trial": [name for name in gait.names for _ in range(n)],
+            "stance_s": np.repeat(gait.stance, n),
+            "phase": np.tile(PHASES, len(gait.names)),
+            "theta": gait.theta.ravel(),
+            "torque": gait.torque.ravel(),
+            **{f"{PLATE_ERROR}{i}": error.ravel() for i, error in enumerate(gait.plate_errors)},
+        }
+    )
+    with atomic_path(path) as temporary:
+        frame.write_parquet(temporary)
+
+
+def read_unperturbed_gait(path: Path) -> UnperturbedGait:
+    """Read what `write_unperturbed_gait` wrote."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; run the step 'average-unperturbed' first")
+    try:
+        frame = pl.read_parquet(path)
+        names = frame["trial"].unique(maintain_order=True).to_list()
+        theta, torque, stance = (frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s"))
+    except (pl.exceptions.PolarsError, OSError) as error:
+        raise InputError(
+            f"{path}: not unperturbed gait ({str(error).splitlines()[0]}); delete it and run the step "
+            "'average-unperturbed'"
+        ) from error
+    errors = plate_error_columns(frame).reshape(-1, *theta.shape)
+    return UnperturbedGait(tuple(names), theta, torque, stance[:, 0], errors)

@@ -1,0 +1,227 @@
+"""The analysis of one crossing: from markers and plate to angle and torque over stance, with its events."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from osl_analysis.errors import InputError
+from osl_analysis.signals import longest_run, sampling_rate
+from osl_analysis.trial import Array, Trial
+from osl_analysis.walking.ankle import (
+    SEGMENTS,
+    FootInertia,
+    StaticCalibration,
+    ankle_angle,
+    ankle_in_lab,
+    ankle_torque,
+    foot_torque,
+)
+from osl_analysis.walking.cluster import (
+    Poses,
+    body_motion,
+    filtered_poses,
+    gap_duration,
+    reference_positions,
+    segment_poses,
+)
+from osl_analysis.walking.crossing import Crossing, CrossingQuality
+from osl_analysis.walking.encoder import EncoderCheck, compare_encoder
+from osl_analysis.walking.events import Stance, check_onset, find_onset, find_stances, only_stance
+from osl_analysis.walking.plate import (
+    RecordedWrench,
+    in_laboratory,
+    plate_centre,
+    rotation_from_rest,
+    zeroed_wrench,
+)
+from osl_analysis.walking.plate_model import PlateModel
+from osl_analysis.walking.settings import WalkingAnalysis
+
+PERTURBED_SEGMENTS = ("foot", "platform")
+"""Segments that a perturbation moves. The shank carries the body and moves as in any stance."""
+EDGE_S = 0.1
+"""Length [s] of the recording before and after a stance that the low-pass needs, where it is available."""
+FOOT_FLAT = (0.15, 0.35)
+"""Phases of stance, before the perturbation, over which the foot's place on the plate is averaged."""
+
+
+def analyse_crossing(
+    trial: Trial, calibration: StaticCalibration, plate: PlateModel, perturbed: bool, settings: WalkingAnalysis
+) -> Crossing:
+    """Angle and torque of a crossing; `perturbed` is what the sheet says, checked against the platform's motion.
+
+    Markers and wrench first pass the same low-pass at the same rate. What is computed from them is not filtered again.
+
+    Raises
+    ------
+    InputError
+        No or several stances, a perturbation that disagrees with the sheet or leaves the stance, a plate out of range,
+        or a cluster that is hidden in stance. Names the trial.
+    """
+    try:
+        recorded = RecordedCrossing.of(trial, calibration, plate.lag, settings)
+        onset = recorded.onset(perturbed)
+        return recorded.analysed(plate, onset)
+    except InputError as error:
+        text = str(error)
+        raise InputError(text if trial.name in text else f"trial {trial.name}: {text}") from error
+
+
+@dataclass(frozen=True)
+class RecordedCrossing:
+    """A crossing before it is filtered.
+
+    trial, calibration, settings: what it is analysed with.
+    time: the marker frames (k,) [s].
+    poses: poses by segment, in all frames.
+    plate: the plate's wrench without its zero.
+    zero: vertical force [N] of that zero; None if none was removed.
+    stance: heel strike and toe-off.
+    """
+
+    trial: Trial
+    calibration: StaticCalibration
+    settings: WalkingAnalysis
+    time: Array
+    poses: Mapping[str, Poses]
+    plate: RecordedWrench
+    zero: float | None
+    stance: Stance
+
+    @classmethod
+    def of(
+        cls, trial: Trial, calibration: StaticCalibration, lag: float, settings: WalkingAnalysis
+    ) -> "RecordedCrossing":
+        """Poses, wrench and stance of a trial whose plate is late by a lag [s]."""
+        poses = {}
+        for name in SEGMENTS:
+            labels, cluster = getattr(settings.markers, name), getattr(calibration, name)
+            time, poses[name] = segment_poses(trial, labels, cluster, settings)
+        plate, zero = zeroed_wrench(trial, settings)
+        limits = settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
+        stance = only_stance(find_stances(time, plate.at(time, lag).force[:, 2], *limits))
+        return cls(trial, calibration, settings, time, poses, plate, zero, stance)
+
+    def onset(self, perturbed: bool) -> float | None:
+        """Onset [s] of the perturbation, checked against the sheet, the stance and hidden markers."""
+        settings = self.settings
+        threshold = float(np.deg2rad(settings.perturbation_deg))
+        onset = find_onset(self.time, rotation_from_rest(self.poses["platform"]), threshold)
+        check_onset(onset, self.stance, perturbed, settings.timing)
+        if onset is not None:
+            window = onset, onset + settings.window_s
+            for name in PERTURBED_SEGMENTS:
+                check_gaps(name, self.time, self.poses[name], window, settings.longest_fitted_gap_s)
+        return onset
+
+    def analysed(self, model: PlateModel, onset: float | None) -> Crossing:
+        """Filtered angle and torque over stance, with their quality."""
+        rows = rows_of_stance(self.time, self.poses, self.stance)
+        time, poses = self.time[rows], {name: self.filtered(name, rows) for name in SEGMENTS}
+        theta = ankle_angle(poses["foot"], poses["shank"], self.calibration.ankle_axis)
+        torque = self.torque(rows, poses, model)
+        errors = [self.torque(rows, poses, other) - torque for other in model.leave_one_out]
+        inside = (time >= self.stance.heel_strike) & (time <= self.stance.toe_off)
+        bridged = np.any([pose.bridged for pose in poses.values()], axis=0)
+        quality = CrossingQuality(
+            {name: rms_residual(pose[inside]) for name, pose in poses.items()},
+            self.zero,
+            self.placement(time, poses["foot"]),
+            self.encoder_check(time, theta),
+        )
+        return Crossing(
+            name=self.trial.name,
+            time=time,
+            theta=theta,
+            torque=torque,
+            platform=rotation_from_rest(self.poses["platform"])[rows],
+            stance=self.stance,
+            onset=onset,
+            bridged=float(np.mean(bridged[inside])),
+            quality=quality,
+            plate_errors=np.reshape(errors, (-1, len(torque))),
+        )
+
+    def filtered(self, name: str, rows: slice) -> Poses:
+        """Filtered poses of a segment in some rows."""
+        cluster, labels = getattr(self.calibration, name), getattr(self.settings.markers, name)
+        reference = reference_positions(cluster, labels, self.trial.name)
+        return filtered_poses(self.poses[name][rows], reference, self.settings.low_pass, sampling_rate(self.time))
+
+    def torque(self, rows: slice, poses: Mapping[str, Poses], model: PlateModel) -> Array:
+        """Internal plantarflexion moment (n,) [N*m] from filtered poses in some rows and the filtered wrench."""
+        time, calibration, foot = self.time[rows], self.calibration, self.settings.foot
+        centre = plate_centre(self.trial, self.settings.plate)
+        wrench = self.plate.at(self.time, model.lag).filtered(self.settings.low_pass, sampling_rate(self.time))[rows]
+        own = model.inertia.wrench(body_motion(time, poses["platform"], centre))
+        reaction, centre_now = in_laboratory(wrench - own, poses["platform"], centre)
+        ankle, axis = ankle_in_lab(poses["foot"], poses["shank"], calibration)
+        torque = ankle_torque(reaction, centre_now, ankle, axis)
+        if foot is None:
+            return torque
+        inertia = FootInertia(foot.mass_kg, np.array(foot.centre_of_mass_m), foot.inertia_kg_m2)
+        motion = body_motion(time, poses["foot"], calibration.ankle_centre + inertia.centre_of_mass)
+        return torque + foot_torque(motion, ankle, axis, inertia)
+
+    def placement(self, time: Array, foot: Poses) -> tuple[float, float]:
+        """Position [m] of the ankle, forward and to the left of the plate's centre, while the foot is flat."""
+        phase = (time - self.stance.heel_strike) / self.stance.duration
+        flat = (phase >= FOOT_FLAT[0]) & (phase <= FOOT_FLAT[1])
+        centre = plate_centre(self.trial, self.settings.plate)
+        ankle = foot[flat].point(self.calibration.ankle_centre).mean(axis=0) - centre
+        return float(ankle[0]), float(ankle[1])
+
+    def encoder_check(self, time: Array, theta: Array) -> EncoderCheck | None:
+        """The leg's joint encoder compared with the angle from markers, where the trial has one."""
+        if "theta" not in self.trial.samples.columns:
+            return None
+        encoder_time, encoder = self.trial.signals("theta")
+        return compare_encoder(time, theta, encoder_time, encoder, self.settings.low_pass)
+
+
+def rms_residual(poses: Poses) -> float:
+    """RMS distance [m] of the markers from their rigid body, over the frames in which they were seen."""
+    return float(np.sqrt(np.nanmean(poses.residual**2))) if np.isfinite(poses.residual).any() else float("nan")
+
+
+def rows_of_stance(time: Array, poses: Mapping[str, Poses], stance: Stance) -> slice:
+    """Frames of the stance and up to 0.1 s before and after it, in all of which every cluster is seen.
+
+    Raises
+    ------
+    InputError
+        A cluster is hidden within the stance for longer than gaps are interpolated.
+    """
+    inside = (time >= stance.heel_strike) & (time <= stance.toe_off)
+    for name, pose in poses.items():
+        hidden = np.flatnonzero(inside & ~pose.seen())
+        if len(hidden):
+            raise InputError(
+                f"the {name} markers cannot be followed at {time[hidden[0]]:.3f} s, in {len(hidden)} frames of stance; "
+                "fill the gap in Nexus, raise longest_gap_s, or exclude the trial"
+            )
+    seen = np.all([pose.seen() for pose in poses.values()], axis=0)
+    first = int(np.searchsorted(time, stance.heel_strike))
+    last = int(np.searchsorted(time, stance.toe_off, side="right")) - 1
+    while first > 0 and seen[first - 1] and time[first - 1] >= stance.heel_strike - EDGE_S:
+        first -= 1
+    while last < len(time) - 1 and seen[last + 1] and time[last + 1] <= stance.toe_off + EDGE_S:
+        last += 1
+    return slice(first, last + 1)
+
+
+def check_gaps(name: str, time: Array, poses: Poses, window: tuple[float, float], longest: float) -> None:
+    """Refuse a cluster that is interpolated for more than `longest` [s] within the fitted `window` [s].
+
+    Stance is slow enough to be interpolated. A perturbation is not: the interpolation would be fitted.
+    """
+    inside = (time >= window[0]) & (time <= window[1])
+    gap = longest_run(poses.bridged & inside)
+    if gap_duration(time, gap) > longest:
+        hidden = (gap.stop - gap.start) * (time[1] - time[0])
+        raise InputError(
+            f"the {name} markers are hidden for {1e3 * hidden:.0f} ms from {time[gap.start]:.3f} s, while the "
+            f"perturbation is fitted, expected {1e3 * longest:g} ms or less; fill the gap in Nexus, raise "
+            "longest_fitted_gap_s, or exclude the trial"
+        )

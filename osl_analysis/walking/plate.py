@@ -1,0 +1,204 @@
+"""The force plate on the moving platform: its wrench, its zero and its range, at the markers' frames, in the lab."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.spatial.transform import Rotation
+
+from osl_analysis.columns import plate_columns
+from osl_analysis.errors import InputError
+from osl_analysis.signals import LowPass, longest_run, sampling_rate
+from osl_analysis.trial import Array, Trial
+from osl_analysis.walking.cluster import Poses
+from osl_analysis.walking.settings import WalkingAnalysis
+
+ANTI_ALIAS = 1 / 3
+"""Cut-off of the low-pass before resampling, as a fraction of the marker rate."""
+CLIPPED_S = 0.02
+"""A force that keeps its largest value for this time [s] has reached the plate's limit; noise and gait do not do so."""
+
+
+@dataclass(frozen=True)
+class PlateWrench:
+    """Ground reaction on the foot, n samples.
+
+    force: (n, 3) [N].
+    moment: (n, 3) [N*m] about the centre of the plate's surface.
+    """
+
+    force: Array
+    moment: Array
+
+    def __getitem__(self, rows: slice) -> "PlateWrench":
+        return PlateWrench(self.force[rows], self.moment[rows])
+
+    def __sub__(self, other: "PlateWrench") -> "PlateWrench":
+        return PlateWrench(self.force - other.force, self.moment - other.moment)
+
+    def filtered(self, low_pass: LowPass, rate: float) -> "PlateWrench":
+        """The wrench through a low-pass, at the sampling `rate` [Hz]."""
+        return PlateWrench(low_pass(self.force, rate), low_pass(self.moment, rate))
+
+    def components(self) -> Array:
+        """Force and moment side by side (n, 6) [N, N*m]."""
+        return np.hstack([self.force, self.moment])
+
+
+@dataclass(frozen=True)
+class RecordedWrench:
+    """A plate's wrench as sampled.
+
+    time: the plate's own stamps (k,) [s].
+    wrench: k samples in axes that are fixed to the plate and parallel to the laboratory's at rest.
+    """
+
+    time: Array
+    wrench: PlateWrench
+
+    def at(self, marker_time: Array, lag: float = 0.0) -> PlateWrench:
+        """The wrench at the marker frames (n,) [s], read a lag [s] later if the plate is late, without delay.
+
+        A zero-phase low-pass at a third of the marker rate prevents aliasing. It takes less than 1e-5 at a fifteenth of
+        that rate (20 Hz of 300 Hz), so that the filter of the analysis remains the only one that matters.
+        """
+        anti_alias = LowPass(sampling_rate(marker_time) * ANTI_ALIAS)
+        smooth = anti_alias(self.wrench.components(), sampling_rate(self.time))
+        read = np.clip(marker_time + lag, self.time[0], self.time[-1])
+        sampled = make_interp_spline(self.time, smooth, k=3)(read)
+        return PlateWrench(sampled[:, :3], sampled[:, 3:])
+
+
+def recorded_wrench(trial: Trial, plate: int) -> RecordedWrench:
+    """What a plate, counted from 1, recorded."""
+    signals = trial.signals(*plate_columns(plate, "force"), *plate_columns(plate, "moment"))
+    values = np.column_stack(signals[1:])
+    return RecordedWrench(signals[0], PlateWrench(values[:, :3], values[:, 3:]))
+
+
+def zeroed_wrench(trial: Trial, settings: WalkingAnalysis) -> tuple[RecordedWrench, float | None]:
+    """The plate's wrench without its zero, and the zero's vertical force [N], None if no zero is removed.
+
+    Raises
+    ------
+    InputError
+        The plate was not zeroed, its zero cannot be read, or it reached its limit.
+    """
+    recorded, zero_force = recorded_wrench(trial, settings.plate), None
+    if settings.unloaded_s is not None:
+        zero = unloaded_zero(recorded, settings.unloaded_s, settings.largest_zero_n)
+        recorded, zero_force = RecordedWrench(recorded.time, recorded.wrench - zero), float(zero.force[0, 2])
+    axes = plate_axes(plate_corners(trial, settings.plate))
+    check_range(recorded.time, recorded.wrench.force, axes, settings.load_on_n)
+    return recorded, zero_force
+
+
+def unloaded_zero(recorded: RecordedWrench, duration: float, largest: float) -> PlateWrench:
+    """Mean wrench (one sample) of a plate before it is stepped on.
+
+    It is the mean over the interval of `duration` [s], before the largest vertical force, in which that force varies
+    least. Gait does not keep a load so constant. After the step the platform may be tilted, which shows the plate's own
+    weight.
+
+    Raises
+    ------
+    InputError
+        There is no such interval, or the vertical force in it is more than `largest` [N].
+    """
+    length, vertical = round(duration * sampling_rate(recorded.time)), recorded.wrench.force[:, 2]
+    before = vertical[: int(np.argmax(vertical)) + 1]
+    if len(before) < length:
+        raise InputError(
+            f"the plate is loaded within {duration:g} s of the record's start, so that its zero cannot be read; record "
+            "earlier, or set unloaded_s to null"
+        )
+    windows = np.lib.stride_tricks.sliding_window_view(before - before[0], length)
+    start = int(np.argmin(np.var(windows, axis=1)))
+    unloaded = recorded.wrench[slice(start, start + length)]
+    zero = PlateWrench(*(part.mean(axis=0, keepdims=True) for part in (unloaded.force, unloaded.moment)))
+    if abs(zero.force[0, 2]) > largest:
+        raise InputError(
+            f"the plate reads {zero.force[0, 2]:.0f} N with nobody on it, expected less than {largest:g} N: it was not "
+            "zeroed or has reached its limit; zero it and record again, exclude the trial, or raise largest_zero_n"
+        )
+    return zero
+
+
+def check_range(time: Array, force: Array, axes: Array, load: float) -> None:
+    """Refuse a force (n, 3) [N] that stays at its extreme in one of the plate's `axes` (3, 3), given as columns.
+
+    Raises
+    ------
+    InputError
+        A component above `load` [N] keeps its largest or smallest value for 20 ms.
+    """
+    rate = sampling_rate(time)
+    longest = max(round(CLIPPED_S * rate), 3)
+    for name, component in zip("xyz", (force @ axes).T, strict=True):
+        for extreme in (float(component.max()), float(component.min())):
+            run = longest_run(np.abs(component - extreme) <= 1e-6 * abs(extreme))
+            if abs(extreme) > load and run.stop - run.start >= longest:
+                raise InputError(
+                    f"the plate's F{name} stays at {abs(extreme):.0f} N for {1e3 * (run.stop - run.start) / rate:.0f} "
+                    f"ms until {time[run.stop - 1]:.3f} s: it has reached its limit; choose a larger range, or exclude "
+                    "the trial"
+                )
+
+
+def plate_corners(trial: Trial, plate: int) -> Array:
+    """Corners (4, 3) [m] of a plate at rest.
+
+    Raises
+    ------
+    InputError
+        The recording describes no such plate.
+    """
+    plates = trial.provenance.get("plates", [])
+    corners = [p["corners"] for p in plates if p["plate"] == plate]
+    if not corners:
+        numbers = ", ".join(str(p["plate"]) for p in plates) or "none"
+        raise InputError(
+            f"trial {trial.name}: no corners of force plate {plate}; the recording has those of {numbers}. Correct "
+            "`plate` in the configuration"
+        )
+    return np.asarray(corners[0], dtype=float)
+
+
+def plate_centre(trial: Trial, plate: int) -> Array:
+    """Centre (3,) [m] of a plate's surface at rest, the mean of its corners."""
+    return np.asarray(plate_corners(trial, plate).mean(axis=0))
+
+
+def plate_axes(corners: Array) -> Array:
+    """The plate's axes as columns (3, 3), along its edges, from its corners (4, 3) [m]; their signs do not matter."""
+    x, y = corners[0] - corners[1], corners[0] - corners[3]
+    z = np.cross(x, y)
+    y = np.cross(z, x)
+    return np.column_stack([axis / np.linalg.norm(axis) for axis in (x, y, z)])
+
+
+def in_laboratory(wrench: PlateWrench, platform: Poses, centre: Array) -> tuple[PlateWrench, Array]:
+    """The wrench in laboratory axes, and the plate's centre (n, 3) [m], about which its moment acts.
+
+    `wrench` is in axes that are fixed to the plate and parallel to the laboratory's in the resting pose, to which the
+    platform's poses refer. `centre` (3,) [m] is the centre of the surface at rest.
+    """
+    force = np.einsum("nij,nj->ni", platform.rotation, wrench.force)
+    moment = np.einsum("nij,nj->ni", platform.rotation, wrench.moment)
+    return PlateWrench(force, moment), platform.point(centre)
+
+
+def rotation_from_rest(platform: Poses) -> Array:
+    """Angle (n,) [rad] by which the platform is turned from its pose in the static trial; NaN where not seen.
+
+    About the axis of its largest rotation, which is positive. The angle is signed, so that marker noise has zero mean.
+    """
+    seen = np.flatnonzero(platform.seen())
+    angle = np.full(len(platform.position), np.nan)
+    if not len(seen):
+        return angle
+    vectors = Rotation.from_matrix(platform.rotation[seen]).as_rotvec()
+    size = np.linalg.norm(vectors, axis=1)
+    largest = int(np.argmax(size))
+    angle[seen] = vectors @ vectors[largest] / max(float(size[largest]), np.finfo(float).tiny)
+    return angle

@@ -1,0 +1,111 @@
+"""The isolated response to a perturbation: the perturbed crossing minus the mean unperturbed gait at the same phase."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from osl_analysis.errors import InputError
+from osl_analysis.signals import Motion, differentiate, sampling_rate
+from osl_analysis.trial import Array
+from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.settings import StanceSource, Timing
+from osl_analysis.walking.unperturbed import UnperturbedGait, signal_at
+
+MARGIN = 8
+"""Additional samples at both ends of a response, because a spline's derivatives are worse at its ends."""
+
+
+@dataclass(frozen=True)
+class PerturbationResponse:
+    """Isolated response to one perturbation, k samples; angle and torque are zero on average over the baseline.
+
+    name: the perturbed crossing.
+    time: time (k,) [s] from the onset.
+    motion: angle [rad] of the ankle and its derivatives, (k,) each.
+    torque: torque (k,) [N*m].
+    thetas, torques: angle and torque (crossings, k) with each single unperturbed crossing subtracted in place of the
+        mean of all. Their scatter shows how gait varies.
+    plate_errors: change (m, k) [N*m] of the torque if the plate's model lacked each of m trials of the unloaded plate.
+    timing: window, baseline and guard.
+    """
+
+    name: str
+    time: Array
+    motion: Motion
+    torque: Array
+    thetas: Array
+    torques: Array
+    plate_errors: Array
+    timing: Timing
+
+    @property
+    def window(self) -> slice:
+        """Samples of the fitted window."""
+        return window_samples(self.time, self.timing)
+
+    @property
+    def fitted_motion(self) -> Motion:
+        """Motion in the window."""
+        return self.motion[self.window]
+
+    @property
+    def fitted_torque(self) -> Array:
+        """Torque [N*m] in the window."""
+        return self.torque[self.window]
+
+
+def window_samples(time: Array, timing: Timing) -> slice:
+    """Samples from the onset to the end of the window, without that end: 30 for 0.1 s at 300 Hz."""
+    first = int(np.argmin(np.abs(time)))
+    return slice(first, first + round(timing.window / (time[1] - time[0])))
+
+
+def isolate_response(
+    crossing: Crossing, gait: UnperturbedGait, timing: Timing, perturbed_stance: StanceSource = "own"
+) -> PerturbationResponse:
+    """The crossing's response to its perturbation.
+
+    Phase is the time since heel strike divided by the duration of stance: the crossing's own, or the mean of the
+    unperturbed crossings, for perturbations that change this duration. The baseline ends before the filter spreads the
+    onset into it: a response zeroed at the onset itself reads K 321 for 340.
+
+    Raises
+    ------
+    InputError
+        The crossing has no onset, or baseline or window leave the stance.
+    """
+    if crossing.onset is None:
+        raise InputError(f"trial {crossing.name}: no perturbation in it; mark it as unperturbed in the sheet")
+    stance = crossing.stance.duration if perturbed_stance == "own" else float(np.mean(gait.stance))
+    time = response_times(sampling_rate(crossing.time), timing)
+    phase = (crossing.onset + time - crossing.stance.heel_strike) / stance
+    check_phase(crossing.name, phase[MARGIN:-MARGIN])
+    own_time, phase = crossing.onset + time, np.clip(phase, 0.0, 1.0)
+    thetas = signal_at(crossing, crossing.theta, own_time) - gait.theta_at(phase)
+    torques = signal_at(crossing, crossing.torque, own_time) - gait.torque_at(phase)
+    errors = signal_at(crossing, crossing.plate_errors, own_time) - gait.mean_plate_errors_at(phase)
+    baseline = slice(MARGIN, MARGIN + round(timing.baseline * sampling_rate(time)))
+    thetas, torques, errors = (without_baseline(curves, baseline) for curves in (thetas, torques, errors))
+    motion = differentiate(time, thetas.mean(axis=0))
+    return PerturbationResponse(crossing.name, time, motion, torques.mean(axis=0), thetas, torques, errors, timing)
+
+
+def check_phase(name: str, phase: Array) -> None:
+    """Refuse baseline and window whose phases (k,) leave the stance."""
+    if phase[0] < 0 or phase[-1] > 1:
+        raise InputError(
+            f"trial {name}: baseline and window span {phase[0]:.2f}-{phase[-1]:.2f} of stance, expected 0-1; "
+            "shorten window_s, baseline_s or guard_s, or exclude the trial"
+        )
+
+
+def response_times(rate: float, timing: Timing) -> Array:
+    """Times [s] from the onset at the marker `rate` [Hz]: baseline, guard and window, with margins."""
+    first = -round((timing.baseline + timing.guard) * rate) - MARGIN
+    last = round(timing.window * rate) + MARGIN
+    return np.arange(first, last + 1) / rate
+
+
+def without_baseline(curves: Array, baseline: slice) -> Array:
+    """Curves (..., k) minus their means over the samples of the baseline."""
+    return np.asarray(curves - curves[..., baseline].mean(axis=-1, keepdims=True))

@@ -1,0 +1,170 @@
+"""The walking tables, as rows and frames: single perturbations, their mean, the ensemble, and the walking page."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.stats.repeats import CommonError, over_repeats
+from osl_analysis.stats.rows import Row, covariance_row, delay_row, diagnostics_row, estimates_row
+from osl_analysis.trial import Array
+from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.ensemble import Bootstrap, EnsembleResponse
+from osl_analysis.walking.response import PerturbationResponse, isolate_response
+from osl_analysis.walking.response_fit import fit_response, offset_comparison, response_lag
+from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.walking.unperturbed import PHASES, UnperturbedGait
+
+QUANTITIES = ("K", "B", "I", "VAF")
+MEAN, ENSEMBLE = "mean of perturbations", "ensemble"
+WITH_COMMON_ERRORS = "Student + shared errors"
+"""Interval of a mean over perturbations: from their scatter, and from the errors that all of them share."""
+PHASE_STEP = 4
+"""Every fourth of `PHASES` is plotted: a hundred points of stance are enough for a curve."""
+
+
+def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: WalkingAnalysis) -> dict[str, object]:
+    """One row of `walking.csv`: the fit of Eq. 15 to the isolated response of one crossing.
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        As `isolate_response` and `fit_response`.
+    """
+    response = isolate_response(crossing, gait, settings.timing, settings.perturbed_stance)
+    fit = fit_response(response).fit
+    onset = crossing.onset or 0.0
+    return {
+        "trial": crossing.name,
+        "onset_s": onset,
+        "onset_phase": (onset - crossing.stance.heel_strike) / crossing.stance.duration,
+        "stance_s": crossing.stance.duration,
+        "bridged": crossing.bridged,
+        **estimates_row(fit, "K", "B", "I"),
+        **covariance_row(fit, "K", "B", "I"),
+        **offset_comparison(response, fit["K"]),
+        **response_lag_row(response, fit["K"]),
+        **diagnostics_row(fit, 1 / (response.time[1] - response.time[0]), settings.low_pass),
+    }
+
+
+def response_lag_row(response: PerturbationResponse, K: float) -> Row:
+    """The lag of the torque behind the angle and its effect on B.
+
+    `lag_out_of_reach` is 1 where no lag within reach fits best, which happens with a torque two frames late, else 0.
+    """
+    delay = response_lag(response)
+    columns = delay_row(None, None, K) if delay is None else delay_row(delay.lag, delay.se, K)
+    return {**columns, "lag_out_of_reach": float(delay is None)}
+
+
+def mean_rows(fits: pl.DataFrame, common: Mapping[str, Sequence[CommonError]]) -> list[dict[str, object]]:
+    """Mean and scatter of the estimates per perturbation; `se` and interval include the errors that are `common`."""
+    return [
+        {"quantity": name, "estimator": MEAN, "interval_method": WITH_COMMON_ERRORS if name in common else "Student"}
+        | asdict(over_repeats(fits[name].to_numpy(), common.get(name, ())))
+        for name in QUANTITIES
+    ]
+
+
+def ensemble_rows(ensemble: EnsembleResponse, resampled: Bootstrap) -> list[dict[str, object]]:
+    """Estimates from the mean response; `se`, 95 % interval and covariances with K, B, I (`cov_K`, ...) from the
+    bootstrap. There is no `sd`."""
+    fit = ensemble.fit
+    estimates = {"K": fit.K, "B": fit.B, "I": fit.I, "VAF": fit.fit.vaf}
+    rows: list[dict[str, object]] = []
+    for quantity, estimate in estimates.items():
+        low, high = resampled.interval(quantity)
+        rows.append(
+            {"quantity": quantity, "estimator": ENSEMBLE, "n": ensemble.n, "mean": estimate, "sd": None}
+            | {"se": resampled.se(quantity), "low": low, "high": high, "interval_method": "bootstrap"}
+            | {f"cov_{other}": resampled.cov(quantity, other) for other in "KBI"}
+        )
+    return rows
+
+
+def excluded_crossings(selection: pl.DataFrame, unfitted: pl.DataFrame) -> pl.DataFrame:
+    """Crossings that are not used (trial, perturbed, reason), in the order of the selection.
+
+    `selection` is `walking_crossings.csv`. `unfitted` (trial, reason) says why crossings have no fit; reason is null
+    where they have one.
+    """
+    both = selection.join(unfitted, on="trial", how="left", maintain_order="left", suffix="_unfitted")
+    reason = pl.coalesce("reason", "reason_unfitted").alias("reason")
+    return both.select("trial", "perturbed", reason).filter(pl.col("reason").is_not_null())
+
+
+def response_table(responses: Sequence[PerturbationResponse], ensemble: EnsembleResponse) -> pl.DataFrame:
+    """Isolated responses around the onset: trial (or 'ensemble'), time [s], angle [deg], torque [N*m] and its fit.
+
+    The fitted torque is null outside the window.
+    """
+    window = responses[0].window
+    frames = [response_frame(r.name, r, fit_response(r).torque(r.motion), window) for r in responses]
+    frames.append(response_frame(ENSEMBLE, ensemble, ensemble.fit.torque(ensemble.motion), window))
+    return pl.concat(frames)
+
+
+def response_frame(
+    name: str, response: PerturbationResponse | EnsembleResponse, fitted: Array, window: slice
+) -> pl.DataFrame:
+    """One response with its fitted torque (k,) [N*m], up to the end of the window."""
+    model = np.full(len(response.time), np.nan)
+    model[window] = fitted[window]
+    columns = {
+        "time": response.time,
+        "theta_deg": np.rad2deg(response.motion.theta),
+        "torque": response.torque,
+        "torque_model": pl.Series(model).fill_nan(None),
+    }
+    return pl.DataFrame(columns).select(pl.lit(name).alias("trial"), pl.all())[: window.stop]
+
+
+def walking_page_points(
+    perturbed: Sequence[Crossing], gaits: Mapping[str, UnperturbedGait], responses: pl.DataFrame, window: float
+) -> pl.DataFrame:
+    """Points of the walking page: both gaits over stance [%], angle in deg, torque in N*m; responses over time [ms].
+
+    `perturbed` are the crossings whose fitted window [s] is shown, `gaits` the mean gaits by curve, `responses` is
+    `walking_responses.csv` with the column `doubtful` of `walking.csv`.
+    """
+    frames = [frame for curve, gait in gaits.items() for frame in gait_points(curve, gait)]
+    return pl.concat([*frames, window_points(perturbed, window), response_points(responses)], how="diagonal")
+
+
+def gait_points(curve: str, gait: UnperturbedGait) -> list[pl.DataFrame]:
+    """Mean and SD over crossings, of angle and torque, at every fourth phase."""
+    signals = {"angle": np.rad2deg(gait.theta), "torque": gait.torque}
+    x = 100 * PHASES[::PHASE_STEP]
+    labels = {"curve": pl.lit(curve), "n": pl.lit(len(gait.names))}
+    return [
+        pl.DataFrame(
+            {"x": x, "mean": curves[:, ::PHASE_STEP].mean(axis=0), "sd": curves[:, ::PHASE_STEP].std(axis=0, ddof=1)}
+        ).with_columns(panel=pl.lit(panel), **labels)
+        for panel, curves in signals.items()
+    ]
+
+
+def window_points(crossings: Sequence[Crossing], window: float) -> pl.DataFrame:
+    """Mean phase [%] at which the fitted window [s] begins and ends."""
+    ends = [
+        [100 * (c.onset + late - c.stance.heel_strike) / c.stance.duration for late in (0.0, window)]
+        for c in crossings
+        if c.onset is not None
+    ]
+    return pl.DataFrame({"panel": "angle", "curve": "window", "x": np.mean(ends, axis=0)})
+
+
+def response_points(responses: pl.DataFrame) -> pl.DataFrame:
+    """Isolated angle and torque of every perturbation and of their mean, and the mean's fit."""
+    curve = pl.when(pl.col("trial") == ENSEMBLE).then(pl.lit("mean")).otherwise(pl.lit("each")).alias("curve")
+    x = (1e3 * pl.col("time")).alias("x")
+    frames = [
+        responses.select("trial", "doubtful", x, curve, pl.col(column).alias("mean"), pl.lit(panel).alias("panel"))
+        for panel, column in (("response angle", "theta_deg"), ("response torque", "torque"))
+    ]
+    fit = responses.filter((pl.col("trial") == ENSEMBLE) & pl.col("torque_model").is_not_null())
+    labels = pl.lit("fit").alias("curve"), pl.lit("response torque").alias("panel")
+    frames.append(fit.select("trial", x, labels[0], pl.col("torque_model").alias("mean"), labels[1]))
+    return pl.concat(frames, how="diagonal")

@@ -4,6 +4,7 @@
 """
 
 import os
+from operator import attrgetter
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
@@ -15,6 +16,7 @@ from osl_analysis.config import ActuatorAnalysis, DynamometerAnalysis, WeightSet
 from osl_analysis.doubtful import Doubt, doubt_report
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.exclusion import exclusion_report, kept
+from osl_analysis.figures import FIGURES, drawn_figures
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.quality.protocol import Commanded
 from osl_analysis.quality.settings import QualityRules
@@ -39,7 +41,7 @@ RESULTS = CONFIG.results
 
 wildcard_constraints:
     trial="[A-Za-z0-9][A-Za-z0-9_.-]*",
-    figure="fig[3-9]|walking_page|model_comparison",
+    figure="|".join(FIGURES),
 
 
 include: "rules/simulate.smk"
@@ -66,7 +68,7 @@ rule:
         result_tables(),
         RESULTS / "tables/quality.csv",
         RESULTS / "tables/excluded.csv",
-        drawn_figures(),
+        drawn_files(),
         RESULTS / "summary.json",
         RESULTS / "numbers.tex",
 

@@ -3,25 +3,19 @@
 SUFFIXES = ("pdf", "svg", "png")
 TIME_SERIES = CONFIG.figures.time_series
 RESPONSE = CONFIG.figures.frequency_response
-FIGURES = {  # what the campaign must have for each
-    "fig3": CAMPAIGN.trials("belt"),
-    "fig4": CAMPAIGN.trials("impedance") and TIME_SERIES,
-    "fig5": CAMPAIGN.trials("impedance"),
-    "fig6": CAMPAIGN.trials("impedance"),
-    "fig7": CAMPAIGN.trials("impedance") and RESPONSE,
-    "fig8": CONFIG.impedance_trajectory,
-    "fig9": CAMPAIGN.trials("walking"),
-    "walking_page": CAMPAIGN.trials("walking"),
-    "model_comparison": held_out(),
-}
 
 
-def drawn_figures() -> list[Path]:
-    """Every figure that the campaign's experiments give, in each format, and its numbers."""
+def setting(name: str):
+    """A setting of the configuration by its dotted name."""
+    return attrgetter(name)(CONFIG)
+
+
+def drawn_files() -> list[Path]:
+    """Every figure that the campaign's tables and settings give, in each format, and its numbers."""
+    tables = {path.stem for path in result_tables()} - ({"model_comparison"} if not held_out() else set())
     return [
-        RESULTS / f"figures/{figure}.{suffix}"
-        for figure, present in FIGURES.items()
-        if present
+        RESULTS / f"figures/{figure.name}.{suffix}"
+        for figure in drawn_figures(tables, setting)
         for suffix in ("csv", *SUFFIXES)
     ]
 
@@ -81,24 +75,27 @@ rule plot_numbers_fig4:
         )
 
 
-rule plot_numbers_fig5_fig6:
+rule plot_numbers:
     input:
-        table=RESULTS / "tables/impedance.csv",
+        table=lambda wildcards: RESULTS / f"tables/{FIGURES[wildcards.figure].table}.csv",
     output:
         RESULTS / "figures/{figure}.csv",
     log:
         RESULTS / "logs/figures/{figure}_numbers.log",
     wildcard_constraints:
-        figure="fig5|fig6",
+        figure="|".join(name for name, figure in FIGURES.items() if not figure.own_rule),
     params:
         code=jobs.code("commands.figure"),
         figure=lambda wildcards: jobs.code(f"figures.{wildcards.figure}"),
+        option=lambda wildcards: (option := FIGURES[wildcards.figure].option) and setting(option),
     run:
         jobs.run_job(
             log[0],
-            f"figure.plotted_numbers_{wildcards.figure}",
-            impedance_csv=Path(input.table),
-            figure_csv=Path(output[0]),
+            "figure.plot_numbers",
+            name=wildcards.figure,
+            table=Path(input.table),
+            option=params.option,
+            output=Path(output[0]),
         )
 
 
@@ -128,41 +125,6 @@ rule plot_numbers_fig7:
         )
 
 
-rule plot_numbers_fig8:
-    input:
-        table=RESULTS / "tables/gains.csv",
-    output:
-        RESULTS / "figures/fig8.csv",
-    log:
-        RESULTS / "logs/figures/fig8_numbers.log",
-    params:
-        code=jobs.code("commands.figure"),
-        figure=jobs.code("figures.fig8"),
-    run:
-        jobs.run_job(log[0], "figure.plotted_numbers_fig8", gains_csv=Path(input.table), figure_csv=Path(output[0]))
-
-
-rule plot_numbers_fig9:
-    input:
-        table=RESULTS / "tables/walking_summary.csv",
-    output:
-        RESULTS / "figures/fig9.csv",
-    log:
-        RESULTS / "logs/figures/fig9_numbers.log",
-    params:
-        code=jobs.code("commands.figure"),
-        figure=jobs.code("figures.fig9"),
-        commanded=CONFIG.figures.midstance_stiffness,
-    run:
-        jobs.run_job(
-            log[0],
-            "figure.plotted_numbers_fig9",
-            walking_summary_csv=Path(input.table),
-            commanded_K=params.commanded,
-            figure_csv=Path(output[0]),
-        )
-
-
 rule plot_numbers_walking_page:
     input:
         crossings=crossings(perturbed=True),
@@ -189,25 +151,6 @@ rule plot_numbers_walking_page:
             table=Path(input.table),
             settings=walking_settings(params),
             output=Path(output[0]),
-        )
-
-
-rule plot_numbers_model_comparison:
-    input:
-        table=RESULTS / "tables/model_comparison.csv",
-    output:
-        RESULTS / "figures/model_comparison.csv",
-    log:
-        RESULTS / "logs/figures/model_comparison_numbers.log",
-    params:
-        code=jobs.code("commands.figure"),
-        figure=jobs.code("figures.model_comparison"),
-    run:
-        jobs.run_job(
-            log[0],
-            "figure.plotted_numbers_model_comparison",
-            scores_csv=Path(input.table),
-            figure_csv=Path(output[0]),
         )
 
 

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from importlib import import_module
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -13,18 +14,23 @@ from hypothesis import strategies as st
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from osl_analysis.commands.figure import (
-    FIGURES,
-    draw_figure,
-    draw_table,
-    plotted_numbers_fig5,
-    plotted_numbers_fig6,
-    plotted_numbers_fig8,
-    plotted_numbers_fig9,
-    plotted_numbers_model_comparison,
-)
+import osl_analysis.figures
+from osl_analysis.commands.figure import draw_figure, draw_table, plot_numbers
 from osl_analysis.errors import InputError
-from osl_analysis.figures import fig3, fig4, fig5, fig6, fig7, fig8, fig9, model_comparison, walking_page
+from osl_analysis.figures import (
+    FIGURES,
+    OTHER_DRAWINGS,
+    drawn_figures,
+    fig3,
+    fig4,
+    fig5,
+    fig6,
+    fig7,
+    fig8,
+    fig9,
+    model_comparison,
+    walking_page,
+)
 from osl_analysis.figures.style import LOOKS, MAGENTA, ORANGE, PURPLE, SINGLE_COLUMN
 from osl_analysis.table import read_table, write_table
 
@@ -599,23 +605,40 @@ def test_unknown_figures_formats_and_empty_tables_are_refused(tmp_path):
         draw_figure("fig8", tmp_path / "empty.csv", [tmp_path / "f.png"])
 
 
-def test_plotted_numbers_are_written_from_the_result_tables(tmp_path):
-    tables = {"impedance": impedance(), "gains": gains(), "walking_summary": walking_summary()}
-    tables["scores"] = model_scores()
-    for name, table in tables.items():
-        write_table(table, tmp_path / f"{name}.csv")
-    plotted_numbers_fig5(tmp_path / "impedance.csv", tmp_path / "fig5.csv")
-    plotted_numbers_fig6(tmp_path / "impedance.csv", tmp_path / "fig6.csv")
-    plotted_numbers_fig8(tmp_path / "gains.csv", tmp_path / "fig8.csv")
-    plotted_numbers_fig9(tmp_path / "walking_summary.csv", 340.0, tmp_path / "fig9.csv")
-    plotted_numbers_model_comparison(tmp_path / "scores.csv", tmp_path / "model_comparison.csv")
-    for name in ("fig5", "fig6", "fig8", "fig9", "model_comparison"):
-        written = read_table(tmp_path / f"{name}.csv", required=import_module(f"osl_analysis.figures.{name}").COLUMNS)
-        assert written.equals(plotted(name).cast(dict(written.schema)))
+TABLES = {
+    "impedance": impedance,
+    "gains": gains,
+    "walking_summary": walking_summary,
+    "model_comparison": model_scores,
+}
+
+
+@pytest.mark.parametrize("name", [name for name, figure in FIGURES.items() if not figure.own_rule])
+def test_plotted_numbers_are_written_from_the_result_table_that_the_list_names(name, tmp_path):
+    write_table(TABLES[FIGURES[name].table](), tmp_path / "table.csv")
+    plot_numbers(name, tmp_path / "table.csv", 340.0 if FIGURES[name].option else None, tmp_path / f"{name}.csv")
+    written = read_table(tmp_path / f"{name}.csv", required=import_module(f"osl_analysis.figures.{name}").COLUMNS)
+    assert written.equals(plotted(name).cast(dict(written.schema)))
+
+
+def test_every_module_that_draws_is_in_the_list_of_figures_and_no_other_is():
+    folder = Path(osl_analysis.figures.__file__).parent
+    modules = {path.stem for path in folder.glob("*.py")} - {"__init__", "style"}
+    assert modules == {*FIGURES, *OTHER_DRAWINGS}
+
+
+def test_a_figure_is_drawn_where_its_table_is_there_and_its_setting_is_not_null():
+    def drawn(tables, **settings):
+        return [figure.name for figure in drawn_figures(tables, settings.get)]
+
+    assert drawn({"belt"}) == ["fig3"]
+    assert drawn({"impedance", "frequency_response"}) == ["fig5", "fig6"]
+    assert drawn({"impedance"}, **{"figures.time_series": 1}) == ["fig4", "fig5", "fig6"]
+    assert drawn({"walking_summary"}) == ["fig9"]
 
 
 def test_a_result_table_without_a_column_is_refused_by_file_and_column(tmp_path):
     write_table(impedance().drop("K_low"), tmp_path / "impedance.csv")
     with pytest.raises(InputError, match=r"impedance\.csv: no column 'K_low'"):
-        plotted_numbers_fig5(tmp_path / "impedance.csv", tmp_path / "fig5.csv")
+        plot_numbers("fig5", tmp_path / "impedance.csv", None, tmp_path / "fig5.csv")
     assert not (tmp_path / "fig5.csv").exists()

@@ -13,6 +13,7 @@ import pytest
 import yaml
 from conftest import ROOT
 
+from osl_analysis.figures import FIGURES
 from osl_analysis.workflow import code, sources
 
 TRIAL = "impedance_K300_B5.0_compensated"
@@ -90,8 +91,7 @@ def workspace(tmp_path_factory):
 def test_every_figure_table_and_headline_number_is_there(workspace):
     results = workspace.folder / "results"
     figures = {path.name for path in (results / "figures").iterdir()}
-    names = [*(f"fig{n}" for n in range(3, 10)), "walking_page", "model_comparison"]
-    assert figures == {f"{name}.{suffix}" for name in names for suffix in ("csv", "pdf", "svg", "png")}
+    assert figures == {f"{name}.{suffix}" for name in FIGURES for suffix in ("csv", "pdf", "svg", "png")}
     assert {"K_s", "B_j", "k_tau_n_m", "walking_K"} <= set(json.loads((results / "summary.json").read_text()))
     assert "\\newcommand" in (results / "numbers.tex").read_text()
     assert len(pl.read_csv(results / "tables/walking_crossings.csv")) == 8

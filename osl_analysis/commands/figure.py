@@ -8,13 +8,12 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.errors import InputError
+from osl_analysis.figures import FIGURES, OTHER_DRAWINGS
 from osl_analysis.files import atomic_path
 from osl_analysis.table import read_table, write_table
 
-FIGURES = ("fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9", "walking_page", "model_comparison")
-DRAWINGS = (*FIGURES, "torque", "gain_grid", "gain_map", "study")
 METADATA: dict[str, dict[str, Any]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}, ".png": {}}
-"""Formats that can be written, and what keeps the hour out of them: the same numbers give the same bytes."""
+"""Formats that can be written, with the metadata that would hold the time removed: equal numbers give equal files."""
 
 
 def draw_figure(name: str, table_csv: Path, outputs: Sequence[Path]) -> None:
@@ -32,7 +31,7 @@ def draw_figure(name: str, table_csv: Path, outputs: Sequence[Path]) -> None:
 
 
 def draw_table(name: str, table: pl.DataFrame, outputs: Sequence[Path]) -> None:
-    """The same for numbers in memory; `name` is one of `DRAWINGS`."""
+    """The same for numbers in memory; `name` is one of `FIGURES` or `OTHER_DRAWINGS`."""
     for path in outputs:
         if path.suffix not in METADATA:
             raise InputError(f"{path}: figures are written as {', '.join(METADATA)}; choose one of these suffixes")
@@ -44,37 +43,23 @@ def draw_table(name: str, table: pl.DataFrame, outputs: Sequence[Path]) -> None:
 
 
 def figure_module(name: str) -> Any:
-    """The module of one drawing, imported only when it is needed: matplotlib takes half a second."""
-    if name not in DRAWINGS:
-        raise InputError(f"no figure '{name}'; there are {', '.join(DRAWINGS)}")
+    """The module of one drawing, imported only when it is needed: importing matplotlib takes half a second."""
+    known = (*FIGURES, *OTHER_DRAWINGS)
+    if name not in known:
+        raise InputError(f"no figure '{name}'; there are {', '.join(known)}")
     return import_module(f"osl_analysis.figures.{name}")
 
 
-def plotted_numbers_fig5(impedance_csv: Path, figure_csv: Path) -> None:
-    """Write what Fig. 5 plots, from the impedance table."""
-    fig5 = figure_module("fig5")
-    write_table(fig5.points(read_table(impedance_csv, required=fig5.IMPEDANCE)), figure_csv)
+def plot_numbers(name: str, table: Path, option: Any, output: Path) -> None:
+    """Write what figure `name` plots, from the one result table that it shows.
 
+    `option` is the value of the setting that the list of figures names; None: not set.
 
-def plotted_numbers_fig6(impedance_csv: Path, figure_csv: Path) -> None:
-    """Write what Fig. 6 plots, from the impedance table."""
-    fig6 = figure_module("fig6")
-    write_table(fig6.points(read_table(impedance_csv, required=fig6.IMPEDANCE)), figure_csv)
-
-
-def plotted_numbers_fig8(gains_csv: Path, figure_csv: Path) -> None:
-    """Write what Fig. 8 plots, from the table of gains."""
-    fig8 = figure_module("fig8")
-    write_table(fig8.points(read_table(gains_csv, required=fig8.COLUMNS)), figure_csv)
-
-
-def plotted_numbers_model_comparison(scores_csv: Path, figure_csv: Path) -> None:
-    """Write what the figure of the model comparison plots, from the scores of every trial."""
-    figure = figure_module("model_comparison")
-    write_table(figure.points(read_table(scores_csv, required=figure.COLUMNS)), figure_csv)
-
-
-def plotted_numbers_fig9(walking_summary_csv: Path, commanded_K: float | None, figure_csv: Path) -> None:
-    """Write what Fig. 9 plots, from the summary of walking; `commanded_K` [N*m/rad] if it is known."""
-    fig9 = figure_module("fig9")
-    write_table(fig9.points(read_table(walking_summary_csv, required=fig9.SUMMARY), commanded_K), figure_csv)
+    Raises
+    ------
+    InputError
+        The result table is missing, lacks a column, or holds nothing that the figure draws.
+    """
+    module = figure_module(name)
+    rows = read_table(table, required=module.TABLE_COLUMNS)
+    write_table(module.points(rows) if option is None else module.points(rows, option), output)

@@ -17,7 +17,7 @@ from osl_analysis.figures.style import (
     spread_entries,
 )
 
-IMPEDANCE = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "K", "K_low", "K_high", "B", "B_low", "B_high")
+TABLE_COLUMNS = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "K", "K_low", "K_high", "B", "B_low", "B_high")
 """Columns that `points` needs of the impedance table."""
 WHERE_THEY_ARE = (
     "K_amplitudes_low", "K_amplitudes_high", "B_amplitudes_low", "B_amplitudes_high", "K_predicted", "B_predicted",

@@ -16,8 +16,8 @@ from osl_analysis.figures.style import (
 )
 from osl_analysis.trial import Array
 
-IMPEDANCE = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "VAF")
-COLUMNS = (*IMPEDANCE, "x", "x_centre", "median_VAF", "doubtful")
+TABLE_COLUMNS = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "VAF")
+COLUMNS = (*TABLE_COLUMNS, "x", "x_centre", "median_VAF", "doubtful")
 
 HEIGHT = 2.4
 PANEL = (0.52, 0.26, 2.92, 2.08)
@@ -79,7 +79,7 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
     """
     single = impedance.filter(pl.col("amplitude_deg").is_not_null() & pl.col("VAF").is_finite())
     reasons = pl.col("doubtful") if "doubtful" in impedance.columns else pl.lit(None, pl.String).alias("doubtful")
-    table = single.select(*IMPEDANCE, reasons)
+    table = single.select(*TABLE_COLUMNS, reasons)
     if table.is_empty():
         raise InputError(
             "the impedance table has no VAF of a single amplitude, which Fig. 6 draws; fit the trials again"

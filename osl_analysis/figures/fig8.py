@@ -6,7 +6,7 @@ from matplotlib.ticker import PercentFormatter
 
 from osl_analysis.figures.style import BLACK, ORANGE, SINGLE_COLUMN, panels, paper_style
 
-COLUMNS = ("phase", "K_d", "B_d", "K_1_joint", "B_1_joint")
+TABLE_COLUMNS = COLUMNS = ("phase", "K_d", "B_d", "K_1_joint", "B_1_joint")
 
 
 def points(gains: pl.DataFrame) -> pl.DataFrame:

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from osl_analysis.errors import InputError
 from osl_analysis.figures.style import BLACK, PALE_ORANGE, PURPLE, SINGLE_COLUMN, panels, paper_style
 
-SUMMARY = ("quantity", "estimator", "n", "mean", "sd", "low", "high", "n_doubtful")
+TABLE_COLUMNS = ("quantity", "estimator", "n", "mean", "sd", "low", "high", "n_doubtful")
 COLUMNS = ("quantity", "n", "mean", "sd", "n_doubtful", "ensemble", "ensemble_low", "ensemble_high", "commanded")
 QUANTITIES = ("K", "B", "I")
 LABELS = {
@@ -21,7 +21,7 @@ BAR, BESIDE = 0.0, 0.65
 """Where a bar stands, and the ensemble's estimate."""
 
 
-def points(walking_summary: pl.DataFrame, commanded_K: float | None) -> pl.DataFrame:
+def points(walking_summary: pl.DataFrame, commanded_K: float | None = None) -> pl.DataFrame:
     """Mean and SD over the perturbations of K, B and I, the ensemble's estimate with its 95 % interval, and the
     commanded stiffness [N*m/rad] if it is known.
 
@@ -32,7 +32,7 @@ def points(walking_summary: pl.DataFrame, commanded_K: float | None) -> pl.DataF
     InputError
         A quantity is not in the table.
     """
-    rows = {(r["estimator"], r["quantity"]): r for r in walking_summary.select(SUMMARY).iter_rows(named=True)}
+    rows = {(r["estimator"], r["quantity"]): r for r in walking_summary.select(TABLE_COLUMNS).iter_rows(named=True)}
     for key in ((estimator, quantity) for estimator in (PER_PERTURBATION, ENSEMBLE) for quantity in QUANTITIES):
         if key not in rows:
             raise InputError(

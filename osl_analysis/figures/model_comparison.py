@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from osl_analysis.errors import InputError
 from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, GREY, LOOKS, Look, panels, paper_style
 
-COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out")
+TABLE_COLUMNS = COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out")
 MODELS = {
     "belt": ("Belt", {"M1": "linear", "M2": "quadratic", "M3": "linear,\nhysteresis", "M4": "quadratic,\nhysteresis"}),
     "transmission": ("Transmission", {"M1": "$B_j$, $J_j$", "M2": "$B_j$, $J_j$,\nCoulomb"}),

@@ -23,7 +23,7 @@ from osl_analysis.doubtful import DoubtfulFits
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
-from osl_analysis.simulator.actuator_bench import commanded_current, simulate_actuator_trial, turning
+from osl_analysis.simulator.actuator_bench import current_schedule, simulate_actuator_trial, turning
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.summary.headlines import ACTUATOR, headline_numbers
 from osl_analysis.table import read_table
@@ -86,7 +86,7 @@ def test_the_schedule_fades_in_and_out_with_true_derivatives():
     for values, slope, kink in ((motion.theta, motion.omega, 1e-8), (motion.omega, motion.alpha, 1e-4)):
         simpson = (slope[:-2] + 4 * slope[1:-1] + slope[2:]) / (3 * RATE)
         assert values[2:] - values[:-2] == pytest.approx(simpson, abs=kink), "alpha bends where the fade ends"
-    current = commanded_current(settings().actuator, RATE)
+    current = current_schedule(settings().actuator, RATE)
     assert [abs(x[i]) < 1e-3 for x in (motion.omega, current) for i in (0, -1)] == [True] * 4
     driving = np.mean(current * motion.omega > 0)
     assert 0.4 < driving < 0.6, "it drives half of the time and brakes the other half"

@@ -10,7 +10,7 @@ from osl_analysis.ingest.c3d_source import C3dSource
 from osl_analysis.ingest.known_formats import read_source
 from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 from osl_analysis.simulator import messages
-from osl_analysis.simulator.c3d_recorder import C3dRecording, ForcePlate, write_c3d
+from osl_analysis.simulator.c3d_recorder import C3dRecording, RecordedPlate, write_c3d
 from osl_analysis.simulator.mcap_recorder import write_mcap
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
@@ -87,7 +87,7 @@ def test_vicons_file_gives_markers_the_ground_reaction_and_both_pulses(tmp_path:
         units=("N", "N", "N", "Nmm", "Nmm", "Nmm", "V", "V"),
         analogs=np.tile(channels, (frames * ratio, 1)),
         analog_rate_hz=1500,
-        plate=ForcePlate(corners, np.array([0.0, 0.0, -depth])),
+        plate=RecordedPlate(corners, np.array([0.0, 0.0, -depth])),
     )
     write_c3d(tmp_path / "a.c3d", recording)
     source = read_source(SOURCES / "vicon.yaml")

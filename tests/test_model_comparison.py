@@ -30,7 +30,7 @@ from osl_analysis.model.compensator import select_gains
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
-from osl_analysis.simulator.settings import SimulationSettings, SteppedSine
+from osl_analysis.simulator.settings import SimulationSettings, SteppedSineSchedule
 from osl_analysis.trial import Trial
 from osl_analysis.trial_file import write_trial
 from osl_analysis.yaml_settings import read_yaml
@@ -45,7 +45,9 @@ BLOCK = 3 * (1 / 2 + 1 / 5)
 
 def settings(*off, amplitudes_deg=(4,)):
     found = read_yaml(TINY, SimulationSettings)
-    protocol = SteppedSine(frequencies_hz=(2, 5), cycles=3, amplitudes_deg=amplitudes_deg, rest_s=0.5, lead_s=0.5)
+    protocol = SteppedSineSchedule(
+        frequencies_hz=(2, 5), cycles=3, amplitudes_deg=amplitudes_deg, rest_s=0.5, lead_s=0.5
+    )
     effects = found.effects.without(*off) if off else found.effects
     wanted = found.experiments.model_copy(update={"belt": 3})
     return found.model_copy(update={"effects": effects, "protocol": protocol, "experiments": wanted})

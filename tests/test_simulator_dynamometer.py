@@ -14,8 +14,8 @@ from osl_analysis.model.compensator import Gains
 from osl_analysis.model.prediction import predicted_impedance
 from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
-from osl_analysis.simulator.joint_motion import JointMotion, followed, stepped_sine, there_and_back
-from osl_analysis.simulator.settings import BeltMotion, SimulationSettings, SteppedSine
+from osl_analysis.simulator.joint_motion import JointMotion, position_loop, stepped_sine, there_and_back
+from osl_analysis.simulator.settings import BeltMotion, SimulationSettings, SteppedSineSchedule
 from osl_analysis.yaml_settings import read_yaml
 
 ROOT = Path(__file__).parents[1]
@@ -44,7 +44,7 @@ def regress(y, *columns):
 
 
 def test_the_stepped_sine_makes_whole_cycles_of_each_frequency_at_each_amplitude():
-    protocol = SteppedSine(frequencies_hz=(1, 3), cycles=4, amplitudes_deg=(2, 5), rest_s=0.5, lead_s=1.0)
+    protocol = SteppedSineSchedule(frequencies_hz=(1, 3), cycles=4, amplitudes_deg=(2, 5), rest_s=0.5, lead_s=1.0)
     motion = stepped_sine(protocol, 1000.0)
     block = 4 + 4 / 3 + 0.5
     assert len(motion.theta) == round((1 + 2 * block) * 1000)
@@ -88,7 +88,7 @@ def test_the_dynamometer_follows_as_a_second_order_system(frequency_hz):
     rate, w, bandwidth = 2000.0, 2 * np.pi * frequency_hz, 2 * np.pi * 30
     t = np.arange(int(4 * rate)) / rate
     command = JointMotion(np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t))
-    motion = followed(command, rate, 30.0, 0.9)
+    motion = position_loop(command, rate, 30.0, 0.9)
     settled = slice(int(2 * rate), None)
     phasor = 2j * np.mean(motion.theta[settled] * np.exp(-1j * w * t[settled]))
     expected = bandwidth**2 / (bandwidth**2 - w**2 + 2j * 0.9 * bandwidth * w)
@@ -99,7 +99,7 @@ def test_the_dynamometer_follows_as_a_second_order_system(frequency_hz):
 
 def test_the_dynamometer_rests_until_it_is_told_to_move():
     command = np.concatenate([np.full(50, 0.2), np.full(50, 0.3)])
-    motion = followed(JointMotion(command, 0 * command, 0 * command), 1000.0, 30.0, 0.9)
+    motion = position_loop(JointMotion(command, 0 * command, 0 * command), 1000.0, 30.0, 0.9)
     assert motion.theta[:50] == pytest.approx(np.full(50, 0.2), abs=1e-12)
     assert motion.omega[:50] == pytest.approx(np.zeros(50), abs=1e-10)
 
@@ -169,7 +169,7 @@ def residual_share(log, settled=slice(2000, 11000)):
 
 def test_cancelling_friction_makes_the_torque_more_sinusoidal():
     settings = settings_from(DEFAULT)
-    protocol = SteppedSine(frequencies_hz=(1,), cycles=11, amplitudes_deg=(2,), rest_s=0, lead_s=0)
+    protocol = SteppedSineSchedule(frequencies_hz=(1,), cycles=11, amplitudes_deg=(2,), rest_s=0, lead_s=0)
     settings = settings.model_copy(update={"protocol": protocol})
     shares = [
         residual_share(simulate(f"impedance_K300_B5.0_{c}", settings)[0]) for c in ("compensated", "uncompensated")
@@ -179,7 +179,7 @@ def test_cancelling_friction_makes_the_torque_more_sinusoidal():
 
 def test_the_stiffest_undamped_impedance_is_stable_with_every_effect():
     settings = settings_from(DEFAULT)
-    protocol = SteppedSine(frequencies_hz=(1,), cycles=20, amplitudes_deg=(6,), rest_s=0, lead_s=0)
+    protocol = SteppedSineSchedule(frequencies_hz=(1,), cycles=20, amplitudes_deg=(6,), rest_s=0, lead_s=0)
     log, _ = simulate("impedance_K400_B0.0_compensated", settings.model_copy(update={"protocol": protocol}))
     assert np.max(np.abs(log.load_cell_torque)) < 1.2 * 400 * np.deg2rad(6)
 

@@ -9,9 +9,9 @@ import polars as pl
 import pytest
 from walking_setup import PERTURBED, STATIC, Setup, load_setup
 
-from osl_analysis.simulator.force_platform import plate_reading
+from osl_analysis.simulator.force_platform import sensor_reading
 from osl_analysis.simulator.platform_motion import turned_about, unloaded_platform
-from osl_analysis.simulator.rigid_body import Pose, Wrench
+from osl_analysis.simulator.rigid_body import Pose, TrueWrench
 from osl_analysis.simulator.vicon import FOOT, PLATFORM, SHANK
 from osl_analysis.simulator.walking import motion_grid
 from osl_analysis.trial import Array
@@ -26,7 +26,7 @@ def setup() -> Setup:
 
 def test_a_resting_unloaded_plate_reads_zero(setup: Setup) -> None:
     still, nothing = turned_about(np.zeros(3), np.zeros(300)), np.zeros((300, 3))
-    reading = plate_reading(Wrench(nothing, nothing, nothing), still, setup.walking.plate, 12.0, 3000)
+    reading = sensor_reading(TrueWrench(nothing, nothing, nothing), still, setup.walking.plate, 12.0, 3000)
     np.testing.assert_allclose(np.hstack([reading.force, reading.moment]), 0, atol=1e-7)
 
 
@@ -37,7 +37,7 @@ def test_a_moving_plate_reads_its_own_mass_times_acceleration_less_gravity(setup
     phi, omega, alpha = 0.05 * np.sin(20 * t), np.cos(20 * t), -20 * np.sin(20 * t)
     pivot = np.array([0.24, 0.25, 0.08])
     nothing = np.zeros((1500, 3))
-    reading = plate_reading(Wrench(nothing, nothing, nothing), turned_about(pivot, phi), plate, mass, rate)
+    reading = sensor_reading(TrueWrench(nothing, nothing, nothing), turned_about(pivot, phi), plate, mass, rate)
     r = np.add(plate.centre_m, plate.centre_of_mass_m) - pivot
     # toes up by phi: x' = x cos - z sin, z' = x sin + z cos
     x, z = r[0] * np.cos(phi) - r[2] * np.sin(phi), r[0] * np.sin(phi) + r[2] * np.cos(phi)

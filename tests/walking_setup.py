@@ -8,7 +8,7 @@ import ezc3d
 from conftest import ROOT
 
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
-from osl_analysis.simulator.crossing import Crossing, draw_step, simulate_crossing
+from osl_analysis.simulator.crossing import SimulatedCrossing, draw_step, simulate_crossing
 from osl_analysis.simulator.dynamometer import drivetrain_effects
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking import motion_grid, simulate_walking_trial
@@ -41,7 +41,7 @@ class Setup:
         walking = self.walking.model_copy(update={"effects": self.walking.effects.without(*effects)})
         return Setup(self.settings, walking, self.p)
 
-    def crossing(self, perturbed: bool, trial: str = "walking_01") -> Crossing:
+    def crossing(self, perturbed: bool, trial: str = "walking_01") -> SimulatedCrossing:
         time = motion_grid(self.walking)
         step = draw_step(trial, self.settings.seed, time, self.walking)
         return simulate_crossing(time, step, perturbed, True, self.walking, drivetrain_effects(self.settings), self.p)

@@ -7,10 +7,11 @@ import numpy as np
 
 from osl_analysis.model.drivetrain import actuator_torque
 from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.simulator.draws import stream
-from osl_analysis.simulator.dynamometer import moved, quantised, truth
+from osl_analysis.simulator.dynamometer import moved
 from osl_analysis.simulator.joint_motion import JointMotion
+from osl_analysis.simulator.sensors import bench_errors, rounded_to, stream
 from osl_analysis.simulator.settings import ActuatorBench, SimulationSettings, Tone
+from osl_analysis.simulator.truth_recorder import bench_truth
 from osl_analysis.trial import Array
 
 
@@ -37,12 +38,12 @@ def simulate_actuator_trial(
     """
     assert settings.actuator is not None  # as SimulationSettings checked
     _, motion = moved(turning(settings.actuator, settings.dynamometer.rate_hz), settings)
-    current = commanded_current(settings.actuator, settings.dynamometer.rate_hz)
+    current = current_schedule(settings.actuator, settings.dynamometer.rate_hz)
     friction = settings.effects.friction.value
     actuator = replace(p, f_C=friction * p.f_C, f_G=friction * p.f_G)
     torque = actuator_torque(current, motion.omega, motion.alpha, actuator)
-    log, drawn = sensed(trial, motion, current, torque, settings)
-    return log, truth(trial, settings, actuator, None, drawn)
+    log, drawn = recorded_actuator(trial, motion, current, torque, settings)
+    return log, bench_truth(trial, settings, actuator, None, drawn)
 
 
 def turning(bench: ActuatorBench, rate_hz: float) -> JointMotion:
@@ -72,7 +73,7 @@ def fading(time: Array, duration: float, fade: float) -> tuple[Array, Array, Arr
     )
 
 
-def commanded_current(bench: ActuatorBench, rate_hz: float) -> Array:
+def current_schedule(bench: ActuatorBench, rate_hz: float) -> Array:
     """I_q [A], which the current loop follows: its tones, faded in and out."""
     time = np.arange(round(bench.duration_s * rate_hz)) / rate_hz
     return tones(bench.current, time) * fading(time, bench.duration_s, bench.fade_s)[0]
@@ -83,24 +84,20 @@ def tones(schedule: Sequence[Tone], time: Array) -> Array:
     return np.asarray(sum(tone.size * np.sin(2 * np.pi * tone.frequency_hz * time) for tone in schedule))
 
 
-def sensed(
+def recorded_actuator(
     trial: str, motion: JointMotion, current: Array, torque: Array, settings: SimulationSettings
 ) -> tuple[ActuatorLog, dict[str, float]]:
     """What the recorder gets, and the numbers that were drawn for this trial."""
     effects, seed, n = settings.effects, settings.seed, len(torque)
     elapsed = np.arange(n) / settings.dynamometer.rate_hz
-    drawn = {
-        "clock_start_s": float(stream(seed, trial, "clock_start").integers(20, 2000)),
-        "load_cell_offset": effects.load_cell_offset.value * stream(seed, trial, "load_cell_offset").standard_normal(),
-        "load_cell_drift": effects.load_cell_drift.value * stream(seed, trial, "load_cell_drift").standard_normal(),
-    }
+    drawn = bench_errors(trial, settings)
     noise = effects.load_cell_noise.value * stream(seed, trial, "load_cell_noise").standard_normal(n)
     load = torque + drawn["load_cell_offset"] + drawn["load_cell_drift"] * elapsed / 60 + noise
     ripple = effects.current_noise.value * stream(seed, trial, "current_noise").standard_normal(n)
     log = ActuatorLog(
         time=drawn["clock_start_s"] + elapsed,
-        actuator_angle=quantised(motion.theta, effects.actuator_encoder.value),
-        motor_current=quantised(current + ripple, effects.current_quantisation.value),
-        output_torque=quantised(load, effects.load_cell_quantisation.value),
+        actuator_angle=rounded_to(motion.theta, effects.actuator_encoder.value),
+        motor_current=rounded_to(current + ripple, effects.current_quantisation.value),
+        output_torque=rounded_to(load, effects.load_cell_quantisation.value),
     )
     return log, drawn

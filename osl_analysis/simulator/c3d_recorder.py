@@ -20,7 +20,7 @@ PLATE_CHANNELS = 6
 
 
 @dataclass(frozen=True)
-class ForcePlate:
+class RecordedPlate:
     """Corners [m], shape (4, 3), in laboratory axes and C3D's order, and ORIGIN [m] in the plate's axes, shape (3,).
 
     Its channels are the recording's first six: forces, then moments about the sensor origin.
@@ -44,7 +44,7 @@ class C3dRecording:
     units: tuple[str, ...]
     analogs: Array
     analog_rate_hz: int
-    plate: ForcePlate
+    plate: RecordedPlate
 
 
 def write_c3d(path: Path, recording: C3dRecording) -> None:

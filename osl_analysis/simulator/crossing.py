@@ -10,7 +10,6 @@ import numpy as np
 
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.simulator import gait
-from osl_analysis.simulator.draws import stream
 from osl_analysis.simulator.drivetrain_sim import (
     ControlCommands,
     DrivetrainEffects,
@@ -30,11 +29,12 @@ from osl_analysis.simulator.rigid_body import (
     GRAVITY,
     Pose,
     RigidBody,
-    Wrench,
-    at_times,
-    derivative,
+    TrueWrench,
+    interpolated_at,
     rotation_about,
+    time_derivative,
 )
+from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.trial import Array
 
@@ -85,7 +85,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Motion:
+class LegMotion:
     """Joint angle [rad] with both derivatives, shape (n,), and the poses of foot and shank, origin at the ankle."""
 
     theta: Array
@@ -97,7 +97,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Crossing:
+class SimulatedCrossing:
     """A crossing on the grid of `time` [s], shape (n,).
 
     `torque` [N*m] is the joint's resisting torque; while 8 % to 92 % of stance it is the drivetrain's
@@ -107,12 +107,12 @@ class Crossing:
 
     time: Array
     step: Step
-    motion: Motion
+    motion: LegMotion
     commands: ControlCommands
     drivetrain: DrivetrainMotion
     drivetrain_torque: Array
     torque: Array
-    reaction: Wrench
+    reaction: TrueWrench
 
 
 def draw_step(trial: str, seed: int, time: Array, walking: WalkingSettings) -> Step:
@@ -153,7 +153,7 @@ def simulate_crossing(
     walking: WalkingSettings,
     effects: DrivetrainEffects,
     p: DrivetrainParameters,
-) -> Crossing:
+) -> SimulatedCrossing:
     """The crossing of one step, with or without the perturbation, on a regular grid at the motion's rate."""
     motion = move(time, step, perturbed, walking)
     stride = walking.rates.motion_hz // walking.rates.controller_hz
@@ -162,13 +162,13 @@ def simulate_crossing(
     theta, omega = motion.theta[::stride], motion.omega[::stride]
     rest = (commands.K_1[0] * commands.theta_eq[0] + p.K_s * theta[0] / p.n_T) / (commands.K_1[0] + p.K_s / p.n_T**2)
     drivetrain = simulate_drivetrain(walking.rates.controller_hz, theta, omega, commands, effects, p, rest)
-    belt = at_times(drivetrain.belt_torque, walking.rates.controller_hz, time)
+    belt = interpolated_at(drivetrain.belt_torque, walking.rates.controller_hz, time)
     answer = belt + p.B_j * motion.omega + p.J_j * motion.alpha
     torque, reaction = react(time, step, motion, answer, walking)
-    return Crossing(time, step, motion, commands, drivetrain, answer, torque, reaction)
+    return SimulatedCrossing(time, step, motion, commands, drivetrain, answer, torque, reaction)
 
 
-def move(time: Array, step: Step, perturbed: bool, walking: WalkingSettings) -> Motion:
+def move(time: Array, step: Step, perturbed: bool, walking: WalkingSettings) -> LegMotion:
     """Prescribed motion: the nominal step, what was drawn, and the platform under the foot.
 
     The shank, which carries the body, hardly follows the platform: the ankle takes up the rotation but for the
@@ -178,7 +178,7 @@ def move(time: Array, step: Step, perturbed: bool, walking: WalkingSettings) -> 
     rate, c = walking.rates.motion_hz, step.cycle_phase(time)
     on_platform = 1.0 - gait.smooth_step((time - step.toe_off) / RELEASE_S)
     carried = platform.angle * on_platform
-    theta = step.angle_factor * gait.ankle_angle(c) + step.wander + carried
+    theta = step.angle_factor * gait.nominal_ankle_angle(c) + step.wander + carried
     path = gait.ankle_path(c, walking.gait.stride_m)
     if platform.onset is not None:
         given = 0.01 * walking.effects.shank_yield.value * np.radians(walking.perturbation.angle_deg)
@@ -190,11 +190,13 @@ def move(time: Array, step: Step, perturbed: bool, walking: WalkingSettings) -> 
     flat = Pose(yaw @ rotation_about(1, -gait.foot_pitch(c)), ankle + step.placement + path @ yaw[0].T)
     foot = turned_about(ankle, carried).after(flat)
     shank = Pose(foot.rotation @ rotation_about(1, theta), foot.origin)
-    omega = derivative(theta, rate)
-    return Motion(theta, omega, derivative(omega, rate), foot, shank, platform)
+    omega = time_derivative(theta, rate)
+    return LegMotion(theta, omega, time_derivative(omega, rate), foot, shank, platform)
 
 
-def react(time: Array, step: Step, motion: Motion, answer: Array, walking: WalkingSettings) -> tuple[Array, Wrench]:
+def react(
+    time: Array, step: Step, motion: LegMotion, answer: Array, walking: WalkingSettings
+) -> tuple[Array, TrueWrench]:
     """The joint's torque [N*m], shape (n,), and the ground reaction at the ankle.
 
     About the ankle's axis u the foot needs the moment N = u . (dH/dt + r x m (a - g)); the shank gives it +tau
@@ -215,4 +217,4 @@ def react(time: Array, step: Step, motion: Motion, answer: Array, walking: Walki
     roll = ROLL_LEVER_M * force[:, 2]
     spin = FREE_MOMENT * mass * contact * np.sin(2 * np.pi * phase)
     moment = given[:, None] * axis + roll[:, None] * forward + spin[:, None] * upward
-    return about_axis - given, Wrench(force, moment, foot.origin)
+    return about_axis - given, TrueWrench(force, moment, foot.origin)

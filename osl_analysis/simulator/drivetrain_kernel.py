@@ -51,18 +51,18 @@ class Controller(NamedTuple):
     f_G: float
 
 
-def compiled(function: Callable[P, R]) -> Callable[P, R]:
+def compiled_kernel(function: Callable[P, R]) -> Callable[P, R]:
     """The function, compiled on its first call and kept on disk; floats divide by zero as numpy's do."""
     return cast(Callable[P, R], njit(cache=True, error_model="numpy")(function))
 
 
-@compiled
+@compiled_kernel
 def friction_level(current: float, f_C: float, f_G: float) -> float:
     """Size of the friction [N*m] at a current I_q [A] (Eq. 2)."""
     return f_C + f_G * abs(current)
 
 
-@compiled
+@compiled_kernel
 def feedforward_current(u: float, direction: float, torque_constant: float, f_C: float, f_G: float) -> float:
     """Current [A] for an actuator torque u [N*m] in closed form (Eq. 5); direction 0 ignores friction."""
     r = u + direction * f_C
@@ -70,7 +70,7 @@ def feedforward_current(u: float, direction: float, torque_constant: float, f_C:
     return r / (torque_constant - side * f_G)
 
 
-@compiled
+@compiled_kernel
 def hysteresis(z: float, deflection_step: float, width: float) -> float:
     """Exact solution of dz/dtheta_s = (1 -+ z)/width over a monotone step of the deflection [rad]."""
     if deflection_step > 0.0:
@@ -78,13 +78,13 @@ def hysteresis(z: float, deflection_step: float, width: float) -> float:
     return float(-1.0 + (1.0 + z) * np.exp(deflection_step / width))
 
 
-@compiled
-def belt_torque(theta_s: float, z: float, plant: Plant) -> float:
+@compiled_kernel
+def hysteretic_belt_torque(theta_s: float, z: float, plant: Plant) -> float:
     """Torque [N*m] in the belt: linear, quadratic, and hysteresis of state z in [-1, 1]."""
     return (plant.K_s + plant.K_s2 * abs(theta_s)) * theta_s + plant.hysteresis_torque * z
 
 
-@compiled
+@compiled_kernel
 def kick(omega_m: float, torque: float, friction: float, plant: Plant) -> float:
     """Velocity [rad/s] one step on: damping trapezoidal, friction implicit, so that it stops but never drives."""
     inertia, half_damping = plant.J_m / plant.step, 0.5 * plant.B_m
@@ -95,13 +95,13 @@ def kick(omega_m: float, torque: float, friction: float, plant: Plant) -> float:
     return free - lost if free > 0.0 else free + lost
 
 
-@compiled
-def quantised(angle: float, resolution: float) -> float:
+@compiled_kernel
+def encoder_reading(angle: float, resolution: float) -> float:
     """Angle [rad] to the nearest encoder count; resolution 0 is an ideal encoder."""
     return float(np.rint(angle / resolution) * resolution) if resolution > 0.0 else angle
 
 
-@compiled
+@compiled_kernel
 def estimated_velocity(estimate: float, angle_step: float, true: float, c: Controller) -> float:
     """The controller's next velocity estimate [rad/s]: encoder difference, then a one-pole low-pass."""
     if c.smoothing <= 0.0:
@@ -109,8 +109,8 @@ def estimated_velocity(estimate: float, angle_step: float, true: float, c: Contr
     return estimate + c.smoothing * (angle_step * c.updates_per_second - estimate)
 
 
-@compiled
-def commanded_current(theta_m: float, omega_m: float, gains: tuple[float, float, float], c: Controller) -> float:
+@compiled_kernel
+def controller_current(theta_m: float, omega_m: float, gains: tuple[float, float, float], c: Controller) -> float:
     """Current [A] that answers one measurement, for gains (K_1, B_1, theta_eq) (Eqs. 5 and 7)."""
     K_1, B_1, theta_eq = gains
     direction = float(np.tanh(omega_m / c.sign_width)) if c.cancels_friction else 0.0
@@ -118,7 +118,7 @@ def commanded_current(theta_m: float, omega_m: float, gains: tuple[float, float,
     return feedforward_current(u, direction, c.torque_constant, c.f_C, c.f_G)
 
 
-@compiled
+@compiled_kernel
 def joint_angle(fraction: float, i: int, theta: Array, omega: Array, sample: float) -> float:
     """Cubic Hermite interpolation of theta [rad] at a fraction of the way from sample i to i + 1."""
     a, b, rise = omega[i] * sample, omega[i + 1] * sample, theta[i + 1] - theta[i]
@@ -126,7 +126,7 @@ def joint_angle(fraction: float, i: int, theta: Array, omega: Array, sample: flo
     return float(theta[i] + fraction * (a + fraction * (3.0 * rise - 2.0 * a - b + fraction * cubic)))
 
 
-@compiled
+@compiled_kernel
 def integrate(
     theta: Array,
     omega: Array,
@@ -142,18 +142,18 @@ def integrate(
     """
     half, sample = 0.5 * plant.step, plant.step * plant.substeps
     pending, slot, current = np.zeros(c.delay + 1), 0, 0.0
-    omega_m, velocity, seen, z = 0.0, 0.0, quantised(theta_m, c.resolution), 0.0
+    omega_m, velocity, seen, z = 0.0, 0.0, encoder_reading(theta_m, c.resolution), 0.0
     theta_s = theta[0] - theta_m / plant.n_T
     for i in range(len(theta)):
         before, theta_s = theta_s, theta[i] - theta_m / plant.n_T
         z = hysteresis(z, theta_s - before, plant.hysteresis_width)
-        columns[0, i], columns[1, i], columns[3, i] = theta_m, omega_m, belt_torque(theta_s, z, plant)
+        columns[0, i], columns[1, i], columns[3, i] = theta_m, omega_m, hysteretic_belt_torque(theta_s, z, plant)
         told = (gains[0, i], gains[1, i], gains[2, i])
         for k in range(plant.substeps):
             if k % c.every == 0:
-                last, seen = seen, quantised(theta_m, c.resolution)
+                last, seen = seen, encoder_reading(theta_m, c.resolution)
                 velocity = estimated_velocity(velocity, seen - last, omega_m, c)
-                pending[slot] = commanded_current(seen, velocity, told, c)
+                pending[slot] = controller_current(seen, velocity, told, c)
                 slot = 0 if slot == c.delay else slot + 1
                 current = pending[slot]
             if k == 0:
@@ -164,12 +164,12 @@ def integrate(
             angle = joint_angle((k + 0.5) / plant.substeps, i, theta, omega, sample)
             before, theta_s = theta_s, angle - theta_m / plant.n_T
             z = hysteresis(z, theta_s - before, plant.hysteresis_width)
-            torque = plant.torque_constant * current + belt_torque(theta_s, z, plant) / plant.n_T
+            torque = plant.torque_constant * current + hysteretic_belt_torque(theta_s, z, plant) / plant.n_T
             omega_m = kick(omega_m, torque, friction_level(current, plant.f_C, plant.f_G), plant)
             theta_m += half * omega_m
 
 
-@compiled
+@compiled_kernel
 def belt_path(theta_s: Array, plant: Plant) -> Array:
     """Torque [N*m] of the belt along a path of deflections [rad], shape (n,), from a rested belt."""
     torque = np.empty_like(theta_s)
@@ -177,5 +177,5 @@ def belt_path(theta_s: Array, plant: Plant) -> Array:
     for i in range(len(theta_s)):
         if i > 0:
             z = hysteresis(z, theta_s[i] - theta_s[i - 1], plant.hysteresis_width)
-        torque[i] = belt_torque(theta_s[i], z, plant)
+        torque[i] = hysteretic_belt_torque(theta_s[i], z, plant)
     return torque

@@ -1,22 +1,23 @@
 """One dynamometer trial: the true motion and torque, what the sensors make of them, and the truth beside it."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from osl_analysis.model.compensator import Gains, compensated_gains, uncompensated_gains
+from osl_analysis.model.compensator import Gains, select_gains
 from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.simulator.draws import stream
 from osl_analysis.simulator.drivetrain_sim import (
     ControlCommands,
     DrivetrainEffects,
     simulate_belt_torque,
     simulate_drivetrain,
 )
-from osl_analysis.simulator.joint_motion import JointMotion, followed, stepped_sine, there_and_back
+from osl_analysis.simulator.joint_motion import JointMotion, position_loop, stepped_sine, there_and_back
+from osl_analysis.simulator.sensors import bench_errors, rounded_to, stream
 from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.truth_recorder import bench_truth
 from osl_analysis.trial import Array
 
 
@@ -37,7 +38,7 @@ class DynamometerLog:
 
 
 @dataclass(frozen=True)
-class Response:
+class BenchResponse:
     """True theta_m [rad], current [A] and resisting torque [N*m] of the joint, shape (n,) each."""
 
     theta_m: Array
@@ -62,10 +63,10 @@ def simulate_dynamometer_trial(
         if row["experiment"] == "transmission":
             response = simulate_transmission(motion, p)
         else:
-            gains = selected_gains(row, p)
+            gains = select_gains(str(row["controller"]), float(row["K_d"]), float(row["B_d"]), p)
             response = simulate_impedance(settings.dynamometer.rate_hz, motion, gains, drivetrain_effects(settings), p)
-    log, drawn = sensed(trial, command, motion, response, settings)
-    return log, truth(trial, settings, p, gains, drawn)
+    log, drawn = recorded_dynamometer(trial, command, motion, response, settings)
+    return log, bench_truth(trial, settings, p, gains, drawn)
 
 
 def moved(command: JointMotion, settings: SimulationSettings) -> tuple[Array, JointMotion]:
@@ -74,36 +75,30 @@ def moved(command: JointMotion, settings: SimulationSettings) -> tuple[Array, Jo
     if not bandwidth.enabled:
         return command.theta, command
     bench = settings.dynamometer
-    return command.theta, followed(command, bench.rate_hz, bandwidth.size, bench.damping_ratio)
+    return command.theta, position_loop(command, bench.rate_hz, bandwidth.size, bench.damping_ratio)
 
 
-def simulate_belt(motion: JointMotion, effects: DrivetrainEffects, p: DrivetrainParameters) -> Response:
+def simulate_belt(motion: JointMotion, effects: DrivetrainEffects, p: DrivetrainParameters) -> BenchResponse:
     """The actuator is locked at theta_m = 0: all of the joint's angle deflects the belt."""
     still = np.zeros_like(motion.theta)
     elastic = simulate_belt_torque(motion.theta, effects, p)
-    return Response(still, still, elastic + p.B_j * motion.omega + p.J_j * motion.alpha)
+    return BenchResponse(still, still, elastic + p.B_j * motion.omega + p.J_j * motion.alpha)
 
 
-def simulate_transmission(motion: JointMotion, p: DrivetrainParameters) -> Response:
+def simulate_transmission(motion: JointMotion, p: DrivetrainParameters) -> BenchResponse:
     """The motor is detached: the belt stays slack (theta_s = 0), the idle actuator's encoder and current read 0."""
     still = np.zeros_like(motion.theta)
-    return Response(still, still, p.B_j * motion.omega + p.J_j * motion.alpha)
+    return BenchResponse(still, still, p.B_j * motion.omega + p.J_j * motion.alpha)
 
 
 def simulate_impedance(
     rate_hz: float, motion: JointMotion, gains: Gains, effects: DrivetrainEffects, p: DrivetrainParameters
-) -> Response:
+) -> BenchResponse:
     """The controller renders its impedance about theta_eq = 0, from rest at theta_m = 0."""
     one = np.ones_like(motion.theta)
     commands = ControlCommands(gains.K_1 * one, gains.B_1 * one, 0.0 * one, gains.cancels_friction)
     leg = simulate_drivetrain(rate_hz, motion.theta, motion.omega, commands, effects, p)
-    return Response(leg.theta_m, leg.current, leg.belt_torque + p.B_j * motion.omega + p.J_j * motion.alpha)
-
-
-def selected_gains(row: Mapping[str, Any], p: DrivetrainParameters) -> Gains:
-    """The gains that the row's controller selects for its K_d [N*m/rad] and B_d [N*m*s/rad]."""
-    select = compensated_gains if row["controller"] == "compensated" else uncompensated_gains
-    return select(float(row["K_d"]), float(row["B_d"]), p)
+    return BenchResponse(leg.theta_m, leg.current, leg.belt_torque + p.B_j * motion.omega + p.J_j * motion.alpha)
 
 
 def drivetrain_effects(settings: SimulationSettings) -> DrivetrainEffects:
@@ -129,51 +124,24 @@ def scatter(trial: str, settings: SimulationSettings) -> float:
     return float(1 + settings.effects.belt_scatter.value * draw)
 
 
-def sensed(
-    trial: str, command: Array, motion: JointMotion, response: Response, settings: SimulationSettings
+def recorded_dynamometer(
+    trial: str, command: Array, motion: JointMotion, response: BenchResponse, settings: SimulationSettings
 ) -> tuple[DynamometerLog, dict[str, float]]:
     """What the recorder gets, and the numbers that were drawn for this trial."""
     effects, seed = settings.effects, settings.seed
     elapsed = np.arange(len(command)) / settings.dynamometer.rate_hz
-    drawn = {
-        "clock_start_s": float(stream(seed, trial, "clock_start").integers(20, 2000)),
-        "load_cell_offset": effects.load_cell_offset.value * stream(seed, trial, "load_cell_offset").standard_normal(),
-        "load_cell_drift": effects.load_cell_drift.value * stream(seed, trial, "load_cell_drift").standard_normal(),
-    }
+    drawn = bench_errors(trial, settings)
     noise = stream(seed, trial, "load_cell_noise").standard_normal(len(command))
     load = drawn["load_cell_offset"] + drawn["load_cell_drift"] * elapsed / 60 - response.torque
     ripple = stream(seed, trial, "current_noise").standard_normal(len(command))
     log = DynamometerLog(
         time=drawn["clock_start_s"] + elapsed,
-        joint_angle=quantised(motion.theta, effects.joint_encoder.value),
-        load_cell_torque=quantised(load + effects.load_cell_noise.value * noise, effects.load_cell_quantisation.value),
-        actuator_angle=quantised(response.theta_m, effects.actuator_encoder.value),
-        motor_current=quantised(
+        joint_angle=rounded_to(motion.theta, effects.joint_encoder.value),
+        load_cell_torque=rounded_to(load + effects.load_cell_noise.value * noise, effects.load_cell_quantisation.value),
+        actuator_angle=rounded_to(response.theta_m, effects.actuator_encoder.value),
+        motor_current=rounded_to(
             response.current + effects.current_noise.value * ripple, effects.current_quantisation.value
         ),
-        commanded_angle=quantised(command, effects.joint_encoder.value),
+        commanded_angle=rounded_to(command, effects.joint_encoder.value),
     )
     return log, drawn
-
-
-def quantised(signal: Array, step: float) -> Array:
-    """The signal to the nearest multiple of `step`, which has its unit; 0 leaves it alone."""
-    return np.rint(signal / step) * step if step else signal
-
-
-def truth(
-    trial: str,
-    settings: SimulationSettings,
-    p: DrivetrainParameters,
-    gains: Gains | None,
-    drawn: Mapping[str, float],
-) -> dict[str, object]:
-    """What made the trial: parameters (K_s of this trial), gains, effects, and the sizes that were drawn."""
-    return {
-        "trial": trial,
-        "seed": settings.seed,
-        "parameters": asdict(p),
-        "gains": asdict(gains) if gains else None,
-        "effects": settings.effects.model_dump(),
-        "drawn": dict(drawn),
-    }

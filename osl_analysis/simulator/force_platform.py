@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from osl_analysis.simulator.rigid_body import GRAVITY, Pose, RigidBody, Wrench
+from osl_analysis.simulator.rigid_body import GRAVITY, Pose, RigidBody, TrueWrench
 from osl_analysis.simulator.walking_settings import Plate
 from osl_analysis.trial import Array
 
@@ -16,7 +16,7 @@ PLATE_AXES = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 
 @dataclass(frozen=True)
-class PlateReading:
+class SensorReading:
     """Force [N] and moment about the sensor origin [N*m], shape (n, 3) each, in the plate's moving axes.
 
     Signs as Vicon Nexus stores them: the reaction on the foot, so that a standing person reads Fz < 0 along z down.
@@ -26,7 +26,7 @@ class PlateReading:
     moment: Array
 
 
-def corners(plate: Plate) -> Array:
+def plate_corners(plate: Plate) -> Array:
     """The four corners [m] of the resting plate in laboratory axes, shape (4, 3), in C3D's order."""
     quadrants = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]], dtype=float) @ PLATE_AXES.T
     half = 0.5 * np.array([*plate.size_m, 0.0])
@@ -47,7 +47,7 @@ def c3d_origin(plate: Plate) -> Array:
     return np.asarray(PLATE_AXES.T @ sensor_from_centre(plate))
 
 
-def plate_reading(reaction: Wrench, platform: Pose, plate: Plate, mass: float, rate_hz: float) -> PlateReading:
+def sensor_reading(reaction: TrueWrench, platform: Pose, plate: Plate, mass: float, rate_hz: float) -> SensorReading:
     """What the sensors read under a ground reaction, while the plate's own `mass` [kg] rides on them.
 
     They carry the foot's action and the plate: force F + m (a - g), moment M + dH/dt + r x m (a - g). The zero was
@@ -60,7 +60,7 @@ def plate_reading(reaction: Wrench, platform: Pose, plate: Plate, mass: float, r
     origin = platform.point(sensor)
     resting = -mass * GRAVITY
     zero_moment = np.cross(body.centre_of_mass - sensor, resting)
-    return PlateReading(
+    return SensorReading(
         in_axes(turned, reaction.force + own.force) - resting @ PLATE_AXES,
         in_axes(turned, reaction.moment_about(origin) + own.moment_about(origin)) - zero_moment @ PLATE_AXES,
     )

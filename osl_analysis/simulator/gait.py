@@ -37,12 +37,12 @@ def periodic_bumps(c: Array, bumps: tuple[tuple[float, float, float], ...]) -> A
     return np.asarray(np.sum(waves, axis=0))
 
 
-def ankle_angle(c: Array) -> Array:
+def nominal_ankle_angle(c: Array) -> Array:
     """Ankle angle [rad], dorsiflexion positive, against cycle phase."""
     return np.radians(periodic_bumps(c, ANKLE_ANGLE))
 
 
-def ankle_moment(c: Array) -> Array:
+def nominal_ankle_moment(c: Array) -> Array:
     """Internal plantarflexion moment [N*m/kg] against cycle phase: 0.5 at midstance, 1.4 at push-off, 0 in swing."""
     inside = np.mod(c, 1.0) / STANCE_FRACTION
     return periodic_bumps(c, ANKLE_MOMENT) * stance_window(inside)

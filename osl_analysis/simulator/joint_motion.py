@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
-from osl_analysis.simulator.drivetrain_kernel import compiled
-from osl_analysis.simulator.settings import BeltMotion, SteppedSine
+from osl_analysis.simulator.drivetrain_kernel import compiled_kernel
+from osl_analysis.simulator.settings import BeltMotion, SteppedSineSchedule
 from osl_analysis.trial import Array
 
 
@@ -19,7 +19,7 @@ class JointMotion:
     alpha: Array
 
 
-def stepped_sine(protocol: SteppedSine, rate_hz: float) -> JointMotion:
+def stepped_sine(protocol: SteppedSineSchedule, rate_hz: float) -> JointMotion:
     """The commanded stepped sine from rest, sampled at `rate_hz` [Hz].
 
     The phase is continuous where the frequency changes and a multiple of 2 pi where the amplitude does, so the
@@ -49,7 +49,7 @@ def there_and_back(belt: BeltMotion, rate_hz: float) -> JointMotion:
     )
 
 
-def followed(command: JointMotion, rate_hz: float, bandwidth_hz: float, damping_ratio: float) -> JointMotion:
+def position_loop(command: JointMotion, rate_hz: float, bandwidth_hz: float, damping_ratio: float) -> JointMotion:
     """What a second-order position loop makes of a command, from rest at the command's first angle.
 
     Exact for the cubic through the command's angles and velocities at two samples; a command that is merely
@@ -68,7 +68,7 @@ def followed(command: JointMotion, rate_hz: float, bandwidth_hz: float, damping_
     return JointMotion(theta, omega, w**2 * (command.theta - theta) - 2 * damping_ratio * w * omega)
 
 
-@compiled
+@compiled_kernel
 def propagate(start: float, transition: Array, forcing: Array) -> Array:
     """Angle and velocity, shape (2, n), from rest at an angle [rad]; forcing has shape (2, n - 1)."""
     states = np.zeros((2, forcing.shape[1] + 1))

@@ -10,7 +10,7 @@ from osl_analysis.model.gain_selection import optimal_damping
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.simulator import gait
 from osl_analysis.simulator.drivetrain_sim import ControlCommands
-from osl_analysis.simulator.rigid_body import derivative
+from osl_analysis.simulator.rigid_body import time_derivative
 from osl_analysis.trajectory import read_impedance_trajectory
 from osl_analysis.trial import Array
 
@@ -46,7 +46,7 @@ def walking_commands(
         theta_eq = desired.at(desired.theta_eq, c)
     else:
         rate = 1.0 / (float(c[1] - c[0]) * cycle_s)
-        angle = gait.ankle_angle(c)
-        elastic = body_mass * gait.ankle_moment(c) - B_d * derivative(angle, rate)
+        angle = gait.nominal_ankle_angle(c)
+        elastic = body_mass * gait.nominal_ankle_moment(c) - B_d * time_derivative(angle, rate)
         theta_eq = angle - elastic / K_d
     return ControlCommands(K_1, B_1, theta_eq * p.n_T, cancels_friction=compensates)

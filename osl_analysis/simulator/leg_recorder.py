@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis.simulator import messages
-from osl_analysis.simulator.crossing import Crossing
-from osl_analysis.simulator.draws import stream
-from osl_analysis.simulator.dynamometer import quantised
+from osl_analysis.simulator.crossing import SimulatedCrossing
 from osl_analysis.simulator.mcap_recorder import write_mcap
-from osl_analysis.simulator.rigid_body import at_times
+from osl_analysis.simulator.rigid_body import interpolated_at
+from osl_analysis.simulator.sensors import rounded_to, stream
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.vicon import draw_sync
 from osl_analysis.simulator.walking_settings import WalkingSettings
@@ -42,7 +41,7 @@ def draw_clock(trial: str, seed: int, walking: WalkingSettings) -> LegClock:
 
 
 def leg_columns(
-    trial: str, crossing: Crossing, time: Array, settings: SimulationSettings, walking: WalkingSettings
+    trial: str, crossing: SimulatedCrossing, time: Array, settings: SimulationSettings, walking: WalkingSettings
 ) -> dict[str, Array]:
     """What the leg logs at times [s] of Vicon's clock, shape (n,) each, in the fields of its message.
 
@@ -53,11 +52,11 @@ def leg_columns(
     resolution = 2 * np.pi / 2**encoder.size if encoder.enabled else 0.0
     held = np.floor(time * rates.controller_hz).astype(int)
     ripple = effects.current_noise.value * stream(seed, trial, "current_noise").standard_normal(len(time))
-    theta_m = at_times(crossing.drivetrain.theta_m, rates.controller_hz, time)
+    theta_m = interpolated_at(crossing.drivetrain.theta_m, rates.controller_hz, time)
     return {
-        "joint_angle": quantised(at_times(crossing.motion.theta, rates.motion_hz, time), resolution),
-        "actuator_angle": quantised(theta_m, effects.actuator_encoder.value),
-        "motor_current": quantised(crossing.drivetrain.current[held] + ripple, effects.current_quantisation.value),
+        "joint_angle": rounded_to(interpolated_at(crossing.motion.theta, rates.motion_hz, time), resolution),
+        "actuator_angle": rounded_to(theta_m, effects.actuator_encoder.value),
+        "motor_current": rounded_to(crossing.drivetrain.current[held] + ripple, effects.current_quantisation.value),
         "stiffness_gain": crossing.commands.K_1[held],
         "damping_gain": crossing.commands.B_1[held],
         "sync": draw_sync(trial, seed, walking.gait.recording_s).level(time),
@@ -65,7 +64,7 @@ def leg_columns(
 
 
 def write_leg_log(
-    path: Path, trial: str, crossing: Crossing, settings: SimulationSettings, walking: WalkingSettings
+    path: Path, trial: str, crossing: SimulatedCrossing, settings: SimulationSettings, walking: WalkingSettings
 ) -> LegClock:
     """Write what the leg logs, at whole periods of its own clock, which is returned for the truth."""
     clock, rate = draw_clock(trial, settings.seed, walking), walking.rates.leg_hz

@@ -6,10 +6,10 @@ import pandas as pd
 
 from osl_analysis.errors import InputError
 from osl_analysis.sheet import COLUMNS
-from osl_analysis.simulator.draws import stream
+from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
 
-Row = dict[str, object]
+PlannedRow = dict[str, object]
 
 
 def plan_trials(settings: SimulationSettings) -> pd.DataFrame:
@@ -17,7 +17,7 @@ def plan_trials(settings: SimulationSettings) -> pd.DataFrame:
 
     A crossing's perturbation depends on the seed and its own name, not on how many crossings there are.
     """
-    rows = [*bench_rows(settings), *laboratory_rows(settings)]
+    rows = [*bench_plan(settings), *laboratory_plan(settings)]
     names = [str(row["trial"]) for row in rows]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice:
@@ -28,7 +28,7 @@ def plan_trials(settings: SimulationSettings) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(COLUMNS)).astype(COLUMNS)
 
 
-def bench_rows(settings: SimulationSettings) -> list[Row]:
+def bench_plan(settings: SimulationSettings) -> list[PlannedRow]:
     """The trials on the dynamometer."""
     wanted = settings.experiments
     rows = [bench_row(name, "belt") for name in numbered("belt", wanted.belt, 2)]
@@ -40,7 +40,7 @@ def bench_rows(settings: SimulationSettings) -> list[Row]:
     return rows
 
 
-def laboratory_rows(settings: SimulationSettings) -> list[Row]:
+def laboratory_plan(settings: SimulationSettings) -> list[PlannedRow]:
     """The trials in the gait laboratory; the leg logs while it walks."""
     wanted = settings.experiments
     rows = [laboratory_row(name, "static") for name in numbered("static", wanted.static, 1)]
@@ -52,7 +52,7 @@ def laboratory_rows(settings: SimulationSettings) -> list[Row]:
     return rows
 
 
-def bench_row(trial: str, experiment: str) -> Row:
+def bench_row(trial: str, experiment: str) -> PlannedRow:
     return {
         "trial": trial,
         "experiment": experiment,
@@ -61,11 +61,11 @@ def bench_row(trial: str, experiment: str) -> Row:
     }
 
 
-def actuator_row(trial: str) -> Row:
+def actuator_row(trial: str) -> PlannedRow:
     return {"trial": trial, "experiment": "actuator", "log": f"actuator/{trial}.mcap", "log_source": "actuator"}
 
 
-def laboratory_row(trial: str, experiment: str) -> Row:
+def laboratory_row(trial: str, experiment: str) -> PlannedRow:
     return {"trial": trial, "experiment": experiment, "mocap": f"vicon/{trial}.c3d", "mocap_source": "vicon"}
 
 

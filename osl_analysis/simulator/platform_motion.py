@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from osl_analysis.simulator.draws import stream
 from osl_analysis.simulator.gait import ANKLE_HEIGHT, smooth_step
 from osl_analysis.simulator.rigid_body import Pose, rotation_about
+from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.walking_settings import Perturbation, WalkingSettings
 from osl_analysis.trial import Array
 

@@ -27,7 +27,7 @@ class Pose:
 
 
 @dataclass(frozen=True)
-class Wrench:
+class TrueWrench:
     """A force [N] that acts at a point [m], with a moment [N*m] about that point; shape (n, 3) each."""
 
     force: Array
@@ -47,20 +47,20 @@ class RigidBody:
     centre_of_mass: Array
     gyration: Array
 
-    def support(self, pose: Pose, rate_hz: float) -> Wrench:
+    def support(self, pose: Pose, rate_hz: float) -> TrueWrench:
         """What must act on the body, besides its weight, for it to move like this.
 
         Force m (a - g) and moment dH/dt = I alpha + omega x I omega about the centre of mass, which is the
         wrench's point; shape (n, 3) each.
         """
         centre = pose.point(self.centre_of_mass)
-        acceleration = derivative(derivative(centre, rate_hz), rate_hz)
+        acceleration = time_derivative(time_derivative(centre, rate_hz), rate_hz)
         inertia = (pose.rotation * (self.mass * self.gyration**2)) @ pose.rotation.transpose(0, 2, 1)
         momentum = np.einsum("nij,nj->ni", inertia, angular_velocity(pose.rotation, rate_hz))
-        return Wrench(self.mass * (acceleration - GRAVITY), derivative(momentum, rate_hz), centre)
+        return TrueWrench(self.mass * (acceleration - GRAVITY), time_derivative(momentum, rate_hz), centre)
 
 
-def derivative(values: Array, rate_hz: float) -> Array:
+def time_derivative(values: Array, rate_hz: float) -> Array:
     """Time derivative along the first axis by fourth-order central differences.
 
     Meant for smooth simulated curves, never for data. On curves that change over tens of milliseconds the
@@ -74,7 +74,7 @@ def derivative(values: Array, rate_hz: float) -> Array:
 
 def angular_velocity(rotation: Array, rate_hz: float) -> Array:
     """Angular velocity [rad/s] in laboratory axes, shape (n, 3), of a rotation (n, 3, 3): W = dR/dt R^T."""
-    W = derivative(rotation, rate_hz) @ rotation.transpose(0, 2, 1)
+    W = time_derivative(rotation, rate_hz) @ rotation.transpose(0, 2, 1)
     return 0.5 * np.stack([W[:, 2, 1] - W[:, 1, 2], W[:, 0, 2] - W[:, 2, 0], W[:, 1, 0] - W[:, 0, 1]], axis=-1)
 
 
@@ -89,7 +89,7 @@ def rotation_about(axis: int, angle: Array) -> Array:
     return turned
 
 
-def at_times(values: Array, rate_hz: float, times: Array) -> Array:
+def interpolated_at(values: Array, rate_hz: float, times: Array) -> Array:
     """Values on a regular grid, shape (n, ...), at other times [s], by cubic Lagrange interpolation.
 
     Times beyond the grid's ends are held inside it.

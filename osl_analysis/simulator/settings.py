@@ -122,7 +122,7 @@ class Experiments(Settings):
         return self
 
 
-class SteppedSine(Settings):
+class SteppedSineSchedule(Settings):
     """At each amplitude [deg] `cycles` whole cycles at each frequency [Hz], then `rest_s` [s]; `lead_s` [s] first."""
 
     frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
@@ -198,7 +198,7 @@ class SimulationSettings(Settings):
     seed: Annotated[int, Field(ge=0)]
     parameters: Path
     experiments: Experiments
-    protocol: SteppedSine
+    protocol: SteppedSineSchedule
     belt: BeltMotion
     dynamometer: Dynamometer
     drivetrain: Drivetrain

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from osl_analysis.simulator.c3d_recorder import C3dRecording, ForcePlate
-from osl_analysis.simulator.draws import stream
-from osl_analysis.simulator.force_platform import PlateReading, c3d_origin, corners, plate_reading
-from osl_analysis.simulator.rigid_body import Pose, Wrench, at_times
+from osl_analysis.simulator.c3d_recorder import C3dRecording, RecordedPlate
+from osl_analysis.simulator.force_platform import SensorReading, c3d_origin, plate_corners, sensor_reading
+from osl_analysis.simulator.rigid_body import Pose, TrueWrench, interpolated_at
+from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.trial import Array
 
@@ -73,7 +73,7 @@ class Scene:
 
     markers: dict[str, Array]
     platform: Pose
-    reaction: Wrench
+    reaction: TrueWrench
     command: float | None
 
 
@@ -93,15 +93,17 @@ def on_body(body: Pose, places: Mapping[str, tuple[float, float, float]]) -> dic
     return {label: body.point(np.array(place)) for label, place in places.items()}
 
 
-def record(trial: str, seed: int, scene: Scene, walking: WalkingSettings) -> C3dRecording:
+def vicon_recording(trial: str, seed: int, scene: Scene, walking: WalkingSettings) -> C3dRecording:
     """What Vicon records of a scene; the sync line is the trial's (`draw_sync`)."""
     rates, effects = walking.rates, walking.effects
     exact = np.stack(list(scene.markers.values()), axis=1)[:: rates.motion_hz // rates.points_hz]
     time = np.arange(len(exact) * (rates.analogs_hz // rates.points_hz)) / rates.analogs_hz
-    reading = plate_reading(scene.reaction, scene.platform, walking.plate, effects.plate_inertia.value, rates.motion_hz)
+    reading = sensor_reading(
+        scene.reaction, scene.platform, walking.plate, effects.plate_inertia.value, rates.motion_hz
+    )
     sync = draw_sync(trial, seed, walking.gait.recording_s)
     channels = [
-        plate_channels(trial, seed, reading, time, walking),
+        disturbed_channels(trial, seed, reading, time, walking),
         HIGH_V * sync.level(time)[:, None],
         HIGH_V * trigger(time, scene.command)[:, None],
     ]
@@ -113,7 +115,7 @@ def record(trial: str, seed: int, scene: Scene, walking: WalkingSettings) -> C3d
         units=(*PLATE_UNITS, "V", "V"),
         analogs=np.hstack(channels),
         analog_rate_hz=rates.analogs_hz,
-        plate=ForcePlate(corners(walking.plate), c3d_origin(walking.plate)),
+        plate=RecordedPlate(plate_corners(walking.plate), c3d_origin(walking.plate)),
     )
 
 
@@ -124,7 +126,7 @@ def trigger(time: Array, command: float | None) -> Array:
     return np.asarray((time >= command) & (time < command + TRIGGER_S), dtype=float)
 
 
-def plate_channels(trial: str, seed: int, reading: PlateReading, time: Array, walking: WalkingSettings) -> Array:
+def disturbed_channels(trial: str, seed: int, reading: SensorReading, time: Array, walking: WalkingSettings) -> Array:
     """The six channels [N, N*mm] at times [s], shape (n, 6): late, off zero and noisy."""
     effects, rate = walking.effects, walking.rates.motion_hz
     late = time - 1e-3 * effects.plate_lag.value
@@ -132,7 +134,7 @@ def plate_channels(trial: str, seed: int, reading: PlateReading, time: Array, wa
     for quantity, values in (("force", reading.force), ("moment", reading.moment)):
         noise = stream(seed, trial, f"{quantity}_noise").standard_normal((len(time), 3))
         offset = stream(seed, trial, f"{quantity}_offset").standard_normal(3)
-        disturbed = at_times(values, rate, late) + getattr(effects, f"{quantity}_noise").value * noise
+        disturbed = interpolated_at(values, rate, late) + getattr(effects, f"{quantity}_noise").value * noise
         columns.append(disturbed + getattr(effects, f"{quantity}_offset").value * offset)
     return np.hstack([columns[0], NEWTON_MILLIMETRE * columns[1]])
 

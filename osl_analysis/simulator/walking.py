@@ -9,7 +9,7 @@ import numpy as np
 from osl_analysis.errors import InputError
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.simulator.c3d_recorder import write_c3d
-from osl_analysis.simulator.crossing import Crossing, draw_step, simulate_crossing
+from osl_analysis.simulator.crossing import SimulatedCrossing, draw_step, simulate_crossing
 from osl_analysis.simulator.dynamometer import drivetrain_effects
 from osl_analysis.simulator.leg_recorder import LegClock, write_leg_log
 from osl_analysis.simulator.platform_motion import (
@@ -18,22 +18,21 @@ from osl_analysis.simulator.platform_motion import (
     resting_platform,
     unloaded_platform,
 )
-from osl_analysis.simulator.rigid_body import GRAVITY, Pose, Wrench
+from osl_analysis.simulator.rigid_body import GRAVITY, Pose, TrueWrench
 from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.simulator.truth_recorder import write_truth
-from osl_analysis.simulator.vicon import ANKLE_AXIS, Scene, leg_markers, on_body, platform_markers, record
+from osl_analysis.simulator.truth_recorder import write_curves, write_truth
+from osl_analysis.simulator.vicon import ANKLE_AXIS, Scene, leg_markers, on_body, platform_markers, vicon_recording
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.simulator.walking_truth import (
     crossing_curves,
     platform_curves,
     rendered_impedance,
-    write_curves,
 )
 from osl_analysis.trial import Array
 
 
 @dataclass(frozen=True)
-class Laboratory:
+class GaitLaboratory:
     """What the trials of a campaign share: settings, and the campaign's raw folder."""
 
     settings: SimulationSettings
@@ -60,7 +59,7 @@ def simulate_walking_trial(
     UnreachableImpedanceError
         The drivetrain cannot render the impedance trajectory.
     """
-    trial, laboratory = str(row["trial"]), Laboratory(settings, walking, folder)
+    trial, laboratory = str(row["trial"]), GaitLaboratory(settings, walking, folder)
     if row["experiment"] == "walking":
         record_crossing(row, laboratory, p)
     elif row["experiment"] == "plate":
@@ -81,7 +80,7 @@ def motion_grid(walking: WalkingSettings) -> Array:
     return np.arange(frames * (rates.motion_hz // rates.points_hz)) / rates.motion_hz
 
 
-def record_crossing(row: Mapping[str, object], laboratory: Laboratory, p: DrivetrainParameters) -> None:
+def record_crossing(row: Mapping[str, object], laboratory: GaitLaboratory, p: DrivetrainParameters) -> None:
     """A crossing, simulated without the perturbation too, so that the truth knows what the perturbation did.
 
     The controller compensates unless the row's controller is 'uncompensated'.
@@ -98,14 +97,14 @@ def record_crossing(row: Mapping[str, object], laboratory: Laboratory, p: Drivet
     record_scene(trial, laboratory, scene_of(walked, walking))
 
 
-def scene_of(walked: Crossing, walking: WalkingSettings) -> Scene:
+def scene_of(walked: SimulatedCrossing, walking: WalkingSettings) -> Scene:
     """What there is to record of a crossing."""
     motion = walked.motion
     markers = leg_markers(motion.foot, motion.shank) | platform_markers(motion.platform.pose, walking)
     return Scene(markers, motion.platform.pose, walked.reaction, motion.platform.command)
 
 
-def record_unloaded(trial: str, laboratory: Laboratory) -> None:
+def record_unloaded(trial: str, laboratory: GaitLaboratory) -> None:
     """A perturbation with nobody on the platform."""
     walking = laboratory.walking
     time = motion_grid(walking)
@@ -113,10 +112,12 @@ def record_unloaded(trial: str, laboratory: Laboratory) -> None:
     nothing = np.zeros((len(time), 3))
     write_platform_truth(trial, laboratory, time, platform)
     markers = platform_markers(platform.pose, walking)
-    record_scene(trial, laboratory, Scene(markers, platform.pose, Wrench(nothing, nothing, nothing), platform.command))
+    record_scene(
+        trial, laboratory, Scene(markers, platform.pose, TrueWrench(nothing, nothing, nothing), platform.command)
+    )
 
 
-def record_standing(trial: str, laboratory: Laboratory) -> None:
+def record_standing(trial: str, laboratory: GaitLaboratory) -> None:
     """Standing still: foot flat, shank upright, half the body's weight straight above the ankle."""
     walking = laboratory.walking
     time = motion_grid(walking)
@@ -126,24 +127,24 @@ def record_standing(trial: str, laboratory: Laboratory) -> None:
     write_platform_truth(trial, laboratory, time, platform)
     markers = leg_markers(leg, leg) | on_body(leg, ANKLE_AXIS) | platform_markers(platform.pose, walking)
     record_scene(
-        trial, laboratory, Scene(markers, platform.pose, Wrench(weight, np.zeros_like(weight), leg.origin), None)
+        trial, laboratory, Scene(markers, platform.pose, TrueWrench(weight, np.zeros_like(weight), leg.origin), None)
     )
 
 
-def record_scene(trial: str, laboratory: Laboratory, scene: Scene) -> None:
+def record_scene(trial: str, laboratory: GaitLaboratory, scene: Scene) -> None:
     """Write what Vicon records of a scene."""
-    recording = record(trial, laboratory.settings.seed, scene, laboratory.walking)
+    recording = vicon_recording(trial, laboratory.settings.seed, scene, laboratory.walking)
     write_c3d(laboratory.folder / "vicon" / f"{trial}.c3d", recording)
 
 
-def write_platform_truth(trial: str, laboratory: Laboratory, time: Array, platform: PlatformMotion) -> None:
+def write_platform_truth(trial: str, laboratory: GaitLaboratory, time: Array, platform: PlatformMotion) -> None:
     """Write the exact motion of a platform that nobody walks over."""
     curves = platform_curves(time, platform, laboratory.walking)
     write_curves(laboratory.folder, trial, curves, analog_stride(laboratory.walking))
     write_facts(trial, laboratory, {"command_s": platform.command, "onset_s": platform.onset})
 
 
-def crossing_facts(walked: Crossing, calm: Crossing, clock: LegClock) -> dict[str, object]:
+def crossing_facts(walked: SimulatedCrossing, calm: SimulatedCrossing, clock: LegClock) -> dict[str, object]:
     """What was drawn for a crossing, and the impedance that the leg rendered in it."""
     step, platform = walked.step, walked.motion.platform
     return {
@@ -159,7 +160,7 @@ def crossing_facts(walked: Crossing, calm: Crossing, clock: LegClock) -> dict[st
     }
 
 
-def write_facts(trial: str, laboratory: Laboratory, facts: Mapping[str, object]) -> None:
+def write_facts(trial: str, laboratory: GaitLaboratory, facts: Mapping[str, object]) -> None:
     """Write what was drawn for a trial, and the settings that made it."""
     effects = {
         "effects": laboratory.settings.effects.model_dump(),

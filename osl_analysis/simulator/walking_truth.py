@@ -1,13 +1,9 @@
 """The exact curves of a gait-laboratory trial, and the impedance that the leg really rendered."""
 
-from pathlib import Path
-
 import numpy as np
-import polars as pl
 
 from osl_analysis.columns import AXES
-from osl_analysis.files import atomic_path
-from osl_analysis.simulator.crossing import Crossing
+from osl_analysis.simulator.crossing import SimulatedCrossing
 from osl_analysis.simulator.platform_motion import PlatformMotion
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.trajectory import read_impedance_trajectory
@@ -16,7 +12,7 @@ from osl_analysis.trial import Array
 WINDOW_S = 0.1
 
 
-def rendered_impedance(perturbed: Crossing, unperturbed: Crossing) -> dict[str, float]:
+def rendered_impedance(perturbed: SimulatedCrossing, unperturbed: SimulatedCrossing) -> dict[str, float]:
     """K [N*m/rad], B [N*m*s/rad] and I [kg*m^2] by which the drivetrain answered the perturbation alone.
 
     Least squares of d_torque = K d_theta + B d_omega + I d_alpha without intercept, over the 100 ms after the onset:
@@ -33,7 +29,9 @@ def rendered_impedance(perturbed: Crossing, unperturbed: Crossing) -> dict[str, 
     return {"K_rendered": float(K), "B_rendered": float(B), "I_rendered": float(inertia)}
 
 
-def crossing_curves(crossing: Crossing, unperturbed: Crossing, walking: WalkingSettings) -> dict[str, Array]:
+def crossing_curves(
+    crossing: SimulatedCrossing, unperturbed: SimulatedCrossing, walking: WalkingSettings
+) -> dict[str, Array]:
     """Exact curves in SI units, shape (n,) each, laboratory axes.
 
     force and moment: ground reaction on the foot, the moment about the centre of the plate's surface where the
@@ -73,9 +71,3 @@ def platform_curves(time: Array, platform: PlatformMotion, walking: WalkingSetti
 def components(name: str, vectors: Array) -> dict[str, Array]:
     """Columns name_x, name_y, name_z of vectors, shape (n, 3)."""
     return {f"{name}_{axis}": vectors[:, i] for i, axis in enumerate(AXES)}
-
-
-def write_curves(folder: Path, trial: str, curves: dict[str, Array], every: int) -> None:
-    """Write every `every`-th sample to `truth/<trial>.parquet` in the campaign's raw folder."""
-    with atomic_path(folder / "truth" / f"{trial}.parquet") as path:
-        pl.DataFrame({name: values[::every] for name, values in curves.items()}).write_parquet(path)

@@ -12,10 +12,10 @@ from osl_analysis.errors import InputError
 from osl_analysis.model.drivetrain import actuator_torque
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
-from osl_analysis.simulator.actuator_bench import ActuatorLog, commanded_current, sensed, turning
-from osl_analysis.simulator.draws import stream
+from osl_analysis.simulator.actuator_bench import ActuatorLog, current_schedule, recorded_actuator, turning
 from osl_analysis.simulator.dynamometer import moved
 from osl_analysis.simulator.joint_motion import JointMotion
+from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.study.bench import Estimates, estimates_of, torque_noise
 from osl_analysis.study.performance import regression_bound
@@ -50,9 +50,8 @@ class ActuatorExperiment:
         if ideal:
             settings = settings.model_copy(update={"effects": settings.effects.without(*SENSORS)})
         zero = settings.effects.actuator_encoder.value * stream(settings.seed, trial, "encoder_zero").random()
-        return sensed(trial, replace(self.motion, theta=self.motion.theta + zero), self.current, self.torque, settings)[
-            0
-        ]
+        motion = replace(self.motion, theta=self.motion.theta + zero)
+        return recorded_actuator(trial, motion, self.current, self.torque, settings)[0]
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
         """Those of the pipeline's fit."""
@@ -94,7 +93,7 @@ def actuator(settings: SimulationSettings, p: DrivetrainParameters, analysis: Ac
         raise InputError("the study's simulation settings have no 'actuator' schedule; add one as in the default's")
     rate, friction = settings.dynamometer.rate_hz, settings.effects.friction.value
     _, motion = moved(turning(settings.actuator, rate), settings)
-    current, true = commanded_current(settings.actuator, rate), replace(p, f_C=friction * p.f_C, f_G=friction * p.f_G)
+    current, true = current_schedule(settings.actuator, rate), replace(p, f_C=friction * p.f_C, f_G=friction * p.f_G)
     torque = actuator_torque(current, motion.omega, motion.alpha, true)
     exact = {"k_tau_n_m": p.k_tau * p.n_m, "f_C": true.f_C, "f_G": true.f_G, "B_m": p.B_m, "J_m": p.J_m}
     return ActuatorExperiment(motion, current, torque, settings, analysis, exact)

@@ -12,22 +12,22 @@ from osl_analysis.bench.estimators import DEFAULT, ESTIMATORS, Covariance, Recor
 from osl_analysis.bench.protocol import SteppedSine, cycles_of, find_blocks, rows_of, settled
 from osl_analysis.bench.transmission import fit_transmission
 from osl_analysis.config import DynamometerAnalysis, ValidationStudy
+from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.model.prediction import predicted_impedance
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import impedance_columns, impedance_torque
 from osl_analysis.signals import LowPass, Motion, filtered_motion
-from osl_analysis.simulator.draws import stream
 from osl_analysis.simulator.dynamometer import (
-    Response,
+    BenchResponse,
     drivetrain_effects,
     moved,
-    selected_gains,
-    sensed,
+    recorded_dynamometer,
     simulate_belt,
     simulate_impedance,
     simulate_transmission,
 )
 from osl_analysis.simulator.joint_motion import JointMotion, stepped_sine, there_and_back
+from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.study.performance import regression_bound
@@ -101,7 +101,7 @@ class Bench:
 
     command: Array
     motion: JointMotion
-    response: Response
+    response: BenchResponse
     settings: SimulationSettings
     protocol: SteppedSine | None
     settle_cycles: int
@@ -118,7 +118,7 @@ class Bench:
             settings = settings.model_copy(update={"effects": settings.effects.without(*SENSORS)})
         zero = settings.effects.joint_encoder.value * stream(settings.seed, trial, "encoder_zero").random()
         motion = replace(self.motion, theta=self.motion.theta + zero)
-        log, _ = sensed(trial, self.command, motion, self.response, settings)
+        log, _ = recorded_dynamometer(trial, self.command, motion, self.response, settings)
         time = log.time - log.time[0]
         blocks = find_blocks(time, log.joint_angle, self.protocol) if self.protocol else ()
         segments = settled(blocks, self.settle_cycles) if blocks else ()
@@ -179,7 +179,7 @@ def sine_bench(study: ValidationStudy, settings: SimulationSettings, analysis: D
     command, motion = moved(stepped_sine(settings.protocol, settings.dynamometer.rate_hz), settings)
     protocol = SteppedSine(tuple(np.deg2rad(study.amplitudes_deg)), analysis.frequencies_hz, study.cycles)
     still = np.zeros_like(motion.theta)
-    nothing = Response(still, still, still)
+    nothing = BenchResponse(still, still, still)
     settle, drift = analysis.settle_cycles, analysis.load_cell_drift
     return Bench(command, motion, nothing, settings, protocol, settle, drift, QUANTITIES, impedance_fits, {}, {})
 
@@ -200,7 +200,7 @@ def drivetrain(
 ) -> Bench:
     """The compensated joint with everything that the settings switch on."""
     bench = sine_bench(study, settings, analysis)
-    gains = selected_gains({"controller": "compensated", "K_d": study.K_d, "B_d": study.B_d}, p)
+    gains = compensated_gains(study.K_d, study.B_d, p)
     effects, rate = drivetrain_effects(bench.settings), settings.dynamometer.rate_hz
     response = simulate_impedance(rate, bench.motion, gains, effects, p)
     theory = dict(zip(QUANTITIES, predicted_impedance(gains, p, analysis.frequencies_hz), strict=True))

@@ -10,12 +10,11 @@ from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import ImpedanceFit
 from osl_analysis.simulator.c3d_recorder import write_c3d
-from osl_analysis.simulator.crossing import Crossing as SimulatedCrossing
-from osl_analysis.simulator.crossing import draw_step, simulate_crossing
-from osl_analysis.simulator.draws import stream
+from osl_analysis.simulator.crossing import SimulatedCrossing, draw_step, simulate_crossing
 from osl_analysis.simulator.dynamometer import drivetrain_effects
+from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.simulator.vicon import record
+from osl_analysis.simulator.vicon import vicon_recording
 from osl_analysis.simulator.walking import motion_grid, scene_of, simulate_walking_trial
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.simulator.walking_truth import rendered_impedance
@@ -115,7 +114,7 @@ class RecordedLaboratory(Laboratory):
         """As `Laboratory.seen`; a noisy crossing comes from files."""
         if not noisy:
             return super().seen(name, walked, noisy)
-        recording = record(name, self.settings.seed, scene_of(walked, self.gait), self.gait)
+        recording = vicon_recording(name, self.settings.seed, scene_of(walked, self.gait), self.gait)
         write_c3d(self.folder / "vicon" / f"{name}.c3d", recording)
         trial, perturbed = ingested(name, self.folder, self.sources), walked.motion.platform.onset is not None
         return analyse_crossing(trial, self.calibration, self.plate, perturbed, self.analysis)

@@ -1,0 +1,32 @@
+"""What the simulated sensors of a bench share: random numbers, errors of the load cell and the clock, rounding."""
+
+import zlib
+
+import numpy as np
+
+from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.trial import Array
+
+
+def stream(seed: int, trial: str, effect: str) -> np.random.Generator:
+    """Random generator of one effect in one trial. It depends on the seed and these two names, and on nothing else.
+
+    A trial that is simulated alone therefore equals the same trial in a campaign. Switching one effect off leaves
+    the random numbers of the others as they were.
+    """
+    return np.random.default_rng([seed, zlib.crc32(trial.encode()), zlib.crc32(effect.encode())])
+
+
+def bench_errors(trial: str, settings: SimulationSettings) -> dict[str, float]:
+    """The errors that one bench trial keeps: clock start [s], load-cell offset [N*m] and drift [N*m/min]."""
+    effects, seed = settings.effects, settings.seed
+    return {
+        "clock_start_s": float(stream(seed, trial, "clock_start").integers(20, 2000)),
+        "load_cell_offset": effects.load_cell_offset.value * stream(seed, trial, "load_cell_offset").standard_normal(),
+        "load_cell_drift": effects.load_cell_drift.value * stream(seed, trial, "load_cell_drift").standard_normal(),
+    }
+
+
+def rounded_to(signal: Array, step: float) -> Array:
+    """The signal rounded to the nearest multiple of `step`, in the signal's unit. A step of 0 rounds nothing."""
+    return np.rint(signal / step) * step if step else signal

@@ -10,9 +10,11 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 
 from osl_analysis import workflow as jobs
+from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign import open_campaign
 from osl_analysis.commands.simulate import planned_sheet, settings_files
-from osl_analysis.config import ActuatorAnalysis, DynamometerAnalysis, WeightSettings, campaign_config
+from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.config import WeightSettings, campaign_config
 from osl_analysis.doubtful import Doubt, doubt_report
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.exclusion import exclusion_report, kept

@@ -183,17 +183,18 @@ def inspect(file: Path, draft_path: Path | None) -> None:
 @click.option("--plot", type=FILE, help="Draw measured and modelled torque [N·m] to this file.")
 def fit(trial: Path, model: str, parameters: Path, config_path: Path, as_json: bool, plot: Path | None) -> None:
     """Fit one ingested TRIAL (Parquet) and print the estimates in SI units with 95 % intervals."""
-    from osl_analysis.commands.fit import estimates_text, fit_one, fit_one_actuator
-    from osl_analysis.config import ActuatorAnalysis, DynamometerAnalysis, read_section
+    from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
+    from osl_analysis.commands.fit import estimates_text, fit_actuator_bench_trial, fit_dynamometer_trial
+    from osl_analysis.config import read_section
     from osl_analysis.doubtful import DoubtfulFits
     from osl_analysis.table import finite_or_null
 
     limits = read_section(config_path, "doubtful", DoubtfulFits)
     if model == "actuator":
-        fitted = fit_one_actuator(trial, read_section(config_path, "actuator", ActuatorAnalysis), limits)
+        fitted = fit_actuator_bench_trial(trial, read_section(config_path, "actuator", ActuatorAnalysis), limits)
     else:
         bench = read_section(config_path, "dynamometer", DynamometerAnalysis)
-        fitted = fit_one(model, trial, parameters, bench, limits)
+        fitted = fit_dynamometer_trial(model, trial, parameters, bench, limits)
     if plot is not None:
         from osl_analysis.commands.figure import draw_table
 

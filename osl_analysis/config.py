@@ -1,66 +1,19 @@
 """The configuration of a campaign: choices with their units, validated when they are read."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
+from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison
 from osl_analysis.doubtful import DoubtfulFits
 from osl_analysis.errors import InputError
 from osl_analysis.model.admittance_error import FASTEST_HZ, HIGHEST_ORDER, SLOWEST_HZ, Weight
 from osl_analysis.quality.settings import QualityRules
-from osl_analysis.signals import LowPass
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
 from osl_analysis.yaml_settings import Model, Settings, read_mapping, validated
 
 Positive = Annotated[float, Field(gt=0)]
-
-
-class Filtered(Settings):
-    """The one zero-phase filter (cut-off [Hz], order) of all signals of a trial."""
-
-    cutoff_hz: Positive
-    order: Annotated[int, Field(ge=1, le=10)]
-
-    @property
-    def low_pass(self) -> LowPass:
-        """The filter itself."""
-        return LowPass(self.cutoff_hz, self.order)
-
-
-class DynamometerAnalysis(Filtered):
-    """Filter and stepped-sine protocol (amplitudes [deg], frequencies [Hz], cycles)."""
-
-    amplitudes_deg: Annotated[tuple[Positive, ...], Field(min_length=1)]
-    frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
-    cycles: Annotated[int, Field(ge=1)]
-    settle_cycles: Annotated[int, Field(ge=0)]
-    load_cell_drift: Annotated[float, Field(ge=0)] = 0.0
-
-    @model_validator(mode="after")
-    def _something_settles(self) -> Self:
-        if self.settle_cycles >= self.cycles:
-            raise ValueError(f"settle_cycles = {self.settle_cycles} leaves none of {self.cycles} cycles; settle fewer")
-        return self
-
-    @property
-    def amplitudes(self) -> tuple[float, ...]:
-        """Amplitudes [rad]."""
-        return tuple(float(a) for a in np.deg2rad(self.amplitudes_deg))
-
-
-class ActuatorAnalysis(Filtered):
-    """Filter, how the sign of the velocity is smoothed and which samples are too slow [rad/s]."""
-
-    sign_width: Positive
-    slowest: Annotated[float, Field(ge=0)]
-
-
-class ModelComparison(Settings):
-    """Width [rad/s] over which rival models smooth the sign of a velocity: the leg's controller has one of its own."""
-
-    sign_width: Positive
 
 
 class WeightSettings(Settings):

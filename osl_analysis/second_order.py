@@ -1,24 +1,30 @@
-"""Second-order impedance: torque = K theta + B omega + I alpha + offset (Eq. 15)."""
+"""Second-order impedance: torque = K theta + B omega + I alpha + offset (Eq. 15), on the bench and while walking."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from osl_analysis.signals import Motion
-from osl_analysis.stats.covariance import Cycles
+from osl_analysis.stats.covariance import NO_REPEATS, ResidualCorrelation
+from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.trial import Array
 
 
 @dataclass(frozen=True)
 class ImpedanceFit:
-    """Stiffness [N*m/rad], damping [N*m*s/rad], inertia [kg*m^2], offset [N*m], and the regression behind them."""
+    """A fit of Eq. 15."""
 
     K: float
+    """Stiffness [N*m/rad]."""
     B: float
+    """Damping [N*m*s/rad]."""
     I: float
+    """Inertia [kg*m^2]."""
     offset: float
+    """Offset of the torque [N*m]."""
     fit: LinearFit
+    """The regression that gave them."""
 
     def torque(self, motion: Motion) -> Array:
         """Torque [N*m] of the fitted system for a motion (n,), Eq. 15 with the offset."""
@@ -30,21 +36,33 @@ def impedance_torque(K: float, B: float, I: float, motion: Motion) -> Array:
     return K * motion.theta + B * motion.omega + I * motion.alpha
 
 
-def fit_impedance(motion: Motion, torque: Array, cycles: Cycles | None = None, every: int = 1) -> ImpedanceFit:
+def fit_impedance(motion: Motion, torque: Array, residuals: ResidualCorrelation = NO_REPEATS) -> ImpedanceFit:
     """Fit Eq. 15 with an offset to a motion and resisting torque [N*m] of shape (n,).
 
-    Angle and torque must have passed the same filter: filtering only the angle at 15 Hz reads B 3.43 for 3.
-    The covariance is as `linear_fit` takes it: between `cycles` where there are some, else from each `every`-th sample.
+    Angle and torque must have passed the same filter: filtering only the angle at 15 Hz gives B = 3.43 for 3.
+    `residuals` decides the covariance, as in `linear_fit`.
 
     Raises
     ------
     InputError, IdentifiabilityError
-        As `linear_fit`; one sine cannot tell K from I.
+        As `linear_fit`; from a single sine K and I cannot be told apart.
     """
-    fit = linear_fit(torque, impedance_columns(motion), cycles=cycles, every=every)
+    fit = linear_fit(torque, impedance_columns(motion), residuals)
     return ImpedanceFit(fit["K"], fit["B"], fit["I"], fit["offset"], fit)
 
 
 def impedance_columns(motion: Motion) -> dict[str, Array]:
     """Columns of Eq. 15 with offset, of a motion (n,)."""
     return {"K": motion.theta, "B": motion.omega, "I": motion.alpha, "offset": np.ones_like(motion.theta)}
+
+
+def lag_damping_row(lag: float | None, se: float | None, K: float) -> Row:
+    """Lag [s] of the torque behind the angle, its standard error, and what it adds to B: -K lag [N*m*s/rad].
+
+    `certain_lag_damping` is the same if the lag is larger than two standard errors, else 0. All null without a lag.
+    """
+    damping = certain = None
+    if lag is not None and se is not None:
+        damping = -K * lag
+        certain = damping if abs(lag) > 2 * se else 0.0
+    return {"lag_s": lag, "lag_se_s": se, "lag_damping": damping, "certain_lag_damping": certain}

@@ -21,10 +21,8 @@ from osl_analysis.errors import OslAnalysisError
 PACKAGE = Path(__file__).parent
 PRELOADED = [
     "snakemake.cli",  # what a job's __main__, the snakemake script, imports before the job begins
-    "osl_analysis.commands.belt",
-    "osl_analysis.commands.impedance",
+    "osl_analysis.commands.bench",
     "osl_analysis.commands.ingest",
-    "osl_analysis.commands.model_comparison",
     "osl_analysis.commands.quality",
     "osl_analysis.commands.simulate",
     "osl_analysis.commands.crossing",
@@ -115,14 +113,16 @@ def time_table() -> str:
 
 
 @cache
-def code(module: str) -> str:
-    """Fingerprint of the source that a module of ours runs: its own and, through its imports, all of ours beneath.
+def code(*modules: str, job: str | None = None) -> str:
+    """Fingerprint of the source of modules under `osl_analysis`, and of all modules of ours that they import.
 
     Snakemake does not see a change in an imported module. As a parameter of a rule, the fingerprint makes a changed
-    estimator rerun what depends on it, and only that. `module` is the dotted name under `osl_analysis`.
+    estimator rerun the jobs that use it, and no others. Of `job`, a module with the jobs of several experiments, only
+    its own file counts: name the modules that this job calls.
     """
-    content = b"".join(path.read_bytes() for path in sources(f"osl_analysis.{module}"))
-    return hashlib.sha256(content).hexdigest()[:16]
+    files = {path for module in modules for path in sources(f"osl_analysis.{module}")}
+    files |= {path for path in [module_file(f"osl_analysis.{job}")] if job and path}
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(files))).hexdigest()[:16]
 
 
 def sources(module: str) -> list[Path]:

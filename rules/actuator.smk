@@ -9,12 +9,12 @@ rule fit_actuator_trial:
     log:
         RESULTS / "logs/actuator/{trial}.log",
     params:
-        code=jobs.code("commands.actuator"),
+        code=bench_code("bench.actuator"),
         settings=CONFIG.actuator.model_dump(mode="json"),
     run:
         jobs.run_job(
             log[0],
-            "actuator.fit_trial",
+            "bench.fit_actuator_trial",
             trial=Path(input.trial),
             settings=ActuatorAnalysis.model_validate(params.settings),
             output=Path(output[0]),

@@ -14,6 +14,11 @@ def gain_weight(params) -> Weight:
     return WeightSettings.model_validate(params.weight).weight
 
 
+def bench_code(*modules: str) -> str:
+    """Fingerprint of a job in commands/bench.py that calls these modules."""
+    return jobs.code(*modules, "table", "trial_file", job="commands.bench")
+
+
 rule fit_belt_trial:
     input:
         trial=RESULTS / "trials/{trial}.parquet",
@@ -24,16 +29,16 @@ rule fit_belt_trial:
     log:
         RESULTS / "logs/belt/{trial}.log",
     params:
-        code=jobs.code("commands.belt"),
+        code=bench_code("bench.belt"),
         settings=DYNAMOMETER,
     run:
         jobs.run_job(
             log[0],
-            "belt.fit_trial",
+            "bench.fit_belt_trial",
             trial=Path(input.trial),
             parameters=Path(input.parameters),
             settings=dynamometer_settings(params),
-            output=Path(output.fit),
+            fit=Path(output.fit),
             curve=Path(output.curve),
         )
 
@@ -46,12 +51,12 @@ rule fit_transmission_trial:
     log:
         RESULTS / "logs/transmission/{trial}.log",
     params:
-        code=jobs.code("commands.transmission"),
+        code=bench_code("bench.transmission"),
         settings=DYNAMOMETER,
     run:
         jobs.run_job(
             log[0],
-            "transmission.fit_trial",
+            "bench.fit_transmission_trial",
             trial=Path(input.trial),
             settings=dynamometer_settings(params),
             output=Path(output[0]),
@@ -69,22 +74,21 @@ rule fit_impedance_trial:
     log:
         RESULTS / "logs/impedance/{trial}.log",
     params:
-        code=jobs.code("commands.impedance"),
+        code=bench_code("bench.impedance", "bench.estimators"),
         settings=DYNAMOMETER,
         weight=WEIGHT,
         row=lambda wildcards: {key: CAMPAIGN.row(wildcards.trial)[key] for key in ("controller", "K_d", "B_d")},
     run:
         jobs.run_job(
             log[0],
-            "impedance.fit_trial",
+            "bench.fit_impedance_trial",
             trial=Path(input.trial),
             parameters=Path(input.parameters),
             settings=dynamometer_settings(params),
-            weight=gain_weight(params),
-            output=Path(output.fit),
+            desired=DesiredImpedance(weight=gain_weight(params), **params.row),
+            fit=Path(output.fit),
             phasors=Path(output.phasors),
             estimators=Path(output.estimators),
-            **params.row,
         )
 
 
@@ -96,6 +100,6 @@ rule frequency_response:
     log:
         RESULTS / "logs/tables/frequency_response.log",
     params:
-        code=jobs.code("commands.response"),
+        code=bench_code("bench.frequency_response"),
     run:
-        jobs.run_job(log[0], "response.frequency_response", phasors=Path(input.phasors), output=Path(output[0]))
+        jobs.run_job(log[0], "bench.average_over_amplitudes", phasors=Path(input.phasors), output=Path(output[0]))

@@ -36,11 +36,11 @@ rule plot_numbers_fig3:
     log:
         RESULTS / "logs/figures/fig3_numbers.log",
     params:
-        code=jobs.code("commands.belt"),
+        code=bench_code("bench.belt"),
     run:
         jobs.run_job(
             log[0],
-            "belt.plot_numbers",
+            "bench.plotted_numbers_fig3",
             curves=kept(input.curves, input.quality),
             table=Path(input.table),
             summary=Path(input.summary),
@@ -58,14 +58,14 @@ rule plot_numbers_fig4:
     log:
         RESULTS / "logs/figures/fig4_numbers.log",
     params:
-        code=jobs.code("commands.time_series"),
+        code=bench_code("bench.impedance"),
         settings=DYNAMOMETER,
         choice=TIME_SERIES and TIME_SERIES.model_dump(mode="json"),
         limits=CONFIG.doubtful.impedance.model_dump(mode="json"),
     run:
         jobs.run_job(
             log[0],
-            "time_series.plot_numbers",
+            "bench.plotted_numbers_fig4",
             trial=kept([input.trial], input.quality)[0],
             fit=Path(input.fit),
             settings=dynamometer_settings(params),
@@ -108,20 +108,20 @@ rule plot_numbers_fig7:
     log:
         RESULTS / "logs/figures/fig7_numbers.log",
     params:
-        code=jobs.code("commands.response"),
+        code=bench_code("bench.frequency_response", "figures.fig7"),
         weight=WEIGHT,
         choice=RESPONSE and RESPONSE.model_dump(mode="json"),
         frequencies_hz=CONFIG.dynamometer.frequencies_hz,
     run:
         jobs.run_job(
             log[0],
-            "response.plot_numbers",
+            "bench.plotted_numbers_fig7",
             table=Path(input.table),
             parameters=Path(input.parameters),
             weight=gain_weight(params),
             frequencies_hz=params.frequencies_hz,
+            choice=RESPONSE,
             output=Path(output[0]),
-            **params.choice,
         )
 
 

@@ -18,35 +18,53 @@ def held_out() -> bool:
     return bool(amplitudes_held_out()) or any(len(CAMPAIGN.trials(experiment)) > 1 for experiment in REPEATED)
 
 
-rule compare_over_repeats:
+rule compare_belt_models:
     input:
-        trials=lambda wildcards: ingested(wildcards.experiment),
-        quality=lambda wildcards: checked(CAMPAIGN.trials(wildcards.experiment)),
+        trials=ingested("belt"),
+        quality=checked(CAMPAIGN.trials("belt")),
         parameters=CONFIG.parameters,
     output:
-        RESULTS / "fits/model_comparison/{experiment}_trials.csv",
+        RESULTS / "fits/model_comparison/belt_trials.csv",
     log:
-        RESULTS / "logs/model_comparison/{experiment}_trials.log",
-    wildcard_constraints:
-        experiment="|".join(REPEATED),
+        RESULTS / "logs/model_comparison/belt_trials.log",
     params:
-        code=jobs.code("commands.model_comparison"),
+        code=bench_code("bench.model_comparison"),
+        settings=DYNAMOMETER,
+    run:
+        jobs.run_job(
+            log[0],
+            "bench.compare_belt_models",
+            trials=kept(input.trials, input.quality),
+            parameters=Path(input.parameters),
+            settings=dynamometer_settings(params),
+            output=Path(output[0]),
+        )
+
+
+rule compare_transmission_models:
+    input:
+        trials=ingested("transmission"),
+        quality=checked(CAMPAIGN.trials("transmission")),
+    output:
+        RESULTS / "fits/model_comparison/transmission_trials.csv",
+    log:
+        RESULTS / "logs/model_comparison/transmission_trials.log",
+    params:
+        code=bench_code("bench.model_comparison"),
         settings=DYNAMOMETER,
         sign_width=CONFIG.model_comparison.sign_width,
     run:
         jobs.run_job(
             log[0],
-            "model_comparison.compare_repeats",
-            experiment=wildcards.experiment,
+            "bench.compare_transmission_models",
             trials=kept(input.trials, input.quality),
-            parameters=Path(input.parameters),
             settings=dynamometer_settings(params),
             sign_width=params.sign_width,
             output=Path(output[0]),
         )
 
 
-rule compare_impedance_trial:
+rule compare_impedance_models:
     input:
         trial=RESULTS / "trials/{trial}.parquet",
         parameters=CONFIG.parameters,
@@ -57,7 +75,7 @@ rule compare_impedance_trial:
     wildcard_constraints:
         trial=CAMPAIGN.pattern("impedance"),
     params:
-        code=jobs.code("commands.model_comparison"),
+        code=bench_code("bench.model_comparison"),
         settings=DYNAMOMETER,
         weight=WEIGHT,
         sign_width=CONFIG.model_comparison.sign_width,
@@ -65,12 +83,11 @@ rule compare_impedance_trial:
     run:
         jobs.run_job(
             log[0],
-            "model_comparison.compare_impedance",
+            "bench.compare_impedance_models",
             trial=Path(input.trial),
             parameters=Path(input.parameters),
             settings=dynamometer_settings(params),
-            weight=gain_weight(params),
+            desired=DesiredImpedance(weight=gain_weight(params), **params.row),
             sign_width=params.sign_width,
             output=Path(output[0]),
-            **params.row,
         )

@@ -81,9 +81,15 @@ rule summary_table:
     wildcard_constraints:
         table="|".join(SUMMARISED),
     params:
-        code=lambda wildcards: jobs.code(f"commands.{wildcards.table}"),
+        code=lambda wildcards: bench_code(f"bench.{wildcards.table}"),
     run:
-        jobs.run_job(log[0], f"{wildcards.table}.summarise", table=Path(input.table), output=Path(output[0]))
+        jobs.run_job(
+            log[0],
+            "bench.summarise_trials",
+            name=wildcards.table,
+            table=Path(input.table),
+            output=Path(output[0]),
+        )
 
 
 rule gains_table:

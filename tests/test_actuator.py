@@ -11,14 +11,15 @@ import yaml
 from click.testing import CliRunner
 from conftest import ROOT
 
-from osl_analysis.bench.actuator import PARAMETERS, actuator_columns, correlation, fit_actuator
+from osl_analysis.bench.actuator import PARAMETERS, ActuatorSignals, actuator_columns, fit_actuator
+from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.cli import main
 from osl_analysis.columns import COLUMNS
-from osl_analysis.commands.actuator import fit_trial, summarise
-from osl_analysis.commands.fit import fit_one_actuator
+from osl_analysis.commands.bench import fit_actuator_trial, summarise_trials
+from osl_analysis.commands.fit import fit_actuator_bench_trial
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.simulate import simulate_trial
-from osl_analysis.config import ActuatorAnalysis, read_section
+from osl_analysis.config import read_section
 from osl_analysis.doubtful import DoubtfulFits
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.parameters import read_parameters
@@ -46,7 +47,7 @@ def settings(duration_s=20.0, effects=True):
 
 
 def fit_log(time, theta_m, current, torque_m, low_pass=LOW_PASS, slowest=SLOWEST):
-    columns, torque = actuator_columns(time, theta_m, current, torque_m, low_pass, WIDTH)
+    columns, torque = actuator_columns(ActuatorSignals(time, theta_m, current, torque_m), low_pass, WIDTH)
     return fit_actuator(columns, torque, RATE, low_pass, slowest)
 
 
@@ -170,7 +171,7 @@ def test_slow_samples_are_left_out_because_friction_is_not_at_its_limit_there():
 def test_friction_passes_the_filter_of_the_torque():
     """Its columns are not the sign of the filtered velocity: at a reversal they cross zero as slowly as the torque."""
     t, theta, omega, _, current = schedule()
-    columns, torque = actuator_columns(t, theta, current, -np.sign(omega), LOW_PASS, WIDTH)
+    columns, torque = actuator_columns(ActuatorSignals(t, theta, current, -np.sign(omega)), LOW_PASS, WIDTH)
     inside = slice(500, -500)
     gear = -LOW_PASS(np.sign(omega) * np.abs(current), RATE)
     for column, expected in ((columns["f_C"], torque), (columns["f_G"], gear)):
@@ -183,9 +184,9 @@ def test_correlation_of_two_estimates_warns_of_a_poor_schedule():
     poor = np.sign(omega) * (3 + np.sin(2 * np.pi * 0.73 * t)) + 3 * np.sin(2 * np.pi * 0.17 * t)
     rng = np.random.default_rng(2)
     fits = [fit_log(t, theta, i, by_hand(theta, omega, alpha, i) + rng.normal(0, 0.05, len(t))) for i in (good, poor)]
-    assert abs(correlation(fits[0], "k_tau_n_m", "f_G")) < 0.6
-    assert 0.9 < correlation(fits[1], "k_tau_n_m", "f_G") < 1
-    assert correlation(fits[1], "f_G", "k_tau_n_m") == pytest.approx(correlation(fits[1], "k_tau_n_m", "f_G"))
+    assert abs(fits[0].correlation("k_tau_n_m", "f_G")) < 0.6
+    assert 0.9 < fits[1].correlation("k_tau_n_m", "f_G") < 1
+    assert fits[1].correlation("f_G", "k_tau_n_m") == pytest.approx(fits[1].correlation("k_tau_n_m", "f_G"))
     assert fits[1].condition_number > 2 * fits[0].condition_number
 
 
@@ -207,7 +208,7 @@ def test_from_log_to_headline_numbers(tmp_path, campaign):
         simulate_trial(campaign, tmp_path, name)
         row = {"trial": name, "experiment": "actuator", "log": f"actuator/{name}.mcap", "log_source": "actuator"}
         ingest_trial(row, tmp_path, Path("config/sources"), tmp_path / f"{name}.parquet")
-        fit_trial(tmp_path / f"{name}.parquet", analysis, tmp_path / f"{name}.csv")
+        fit_actuator_trial(tmp_path / f"{name}.parquet", analysis, tmp_path / f"{name}.csv")
     assert set(read_trial(tmp_path / "actuator_1.parquet").samples.columns) == {
         "time",
         "theta_m",
@@ -217,7 +218,7 @@ def test_from_log_to_headline_numbers(tmp_path, campaign):
     table = pl.concat([read_table(tmp_path / f"actuator_{i}.csv") for i in (1, 2)])
     table.write_csv(tmp_path / "actuator.csv")
     assert table["VAF"].min() > 99.9
-    summarise(tmp_path / "actuator.csv", tmp_path / "summary.csv")
+    summarise_trials("actuator", tmp_path / "actuator.csv", tmp_path / "summary.csv")
     found = {h.name: h for h in headline_numbers({"actuator_summary": read_table(tmp_path / "summary.csv")})}
     assert set(found) == set(TRUE)
     assert found["k_tau_n_m"].value == pytest.approx(TRUE["k_tau_n_m"], rel=0.01)
@@ -233,7 +234,7 @@ def test_the_command_line_fits_a_trial_with_its_model(tmp_path, campaign):
     assert said.exit_code == 0, said.output
     assert re.search(r"k_tau_n_m +1\.0\d+ ± \S+ +N·m/A", said.output)
     analysis = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
-    series = fit_one_actuator(tmp_path / "a.parquet", analysis, DoubtfulFits()).series
+    series = fit_actuator_bench_trial(tmp_path / "a.parquet", analysis, DoubtfulFits()).series
     assert (series["torque"] - series["torque_model"]).std() < 0.05 * series["torque"].std()
 
 
@@ -263,7 +264,7 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_the_mcap_log_by_the_documen
     row = {"trial": "a", "experiment": "actuator", "log": "actuator/actuator_1.mcap", "log_source": "actuator"}
     ingest_trial(row, tmp_path, ROOT / "config/sources", tmp_path / "a.parquet")
     analysis = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
-    expected = fit_one_actuator(tmp_path / "a.parquet", analysis, DoubtfulFits()).estimates
+    expected = fit_actuator_bench_trial(tmp_path / "a.parquet", analysis, DoubtfulFits()).estimates
     log, _ = simulate_actuator_trial("actuator_1", read_yaml(campaign, SimulationSettings), P)
 
     shutil.copytree(ROOT / "config", tmp_path / "laboratory/config")
@@ -277,7 +278,7 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_the_mcap_log_by_the_documen
         said = CliRunner().invoke(main, command.split())
         assert said.exit_code == 0, said.output
     assert re.search(r"J_m +0\.009\d+ ± \S+ +kg·m²", said.output)
-    found = fit_one_actuator(Path("bench.parquet"), analysis, DoubtfulFits()).estimates
+    found = fit_actuator_bench_trial(Path("bench.parquet"), analysis, DoubtfulFits()).estimates
     assert (found["motion"][0], expected["motion"][0]) == (motion, "theta_m")
     assert found.select(PARAMETERS).row(0) == pytest.approx(expected.select(PARAMETERS).row(0), rel=1e-3)
     assert found["J_m_se"][0] == pytest.approx(expected["J_m_se"][0], rel=0.02)
@@ -287,7 +288,7 @@ def test_velocity_is_differentiated_once_and_gives_what_the_angle_gives():
     """Sines by hand, with a constant velocity that no integral could tell from a drift of the angle."""
     t, theta, omega, alpha, current = schedule(velocity_offset=2.0)
     torque = by_hand(theta, omega, alpha, current)
-    columns, _ = actuator_columns(t, omega, current, torque, LOW_PASS, WIDTH, is_velocity=True)
+    columns, _ = actuator_columns(ActuatorSignals(t, omega, current, torque, is_velocity=True), LOW_PASS, WIDTH)
     inside = slice(500, -500)
     assert columns["B_m"][inside] == pytest.approx(-omega[inside], abs=1e-3)
     assert columns["J_m"][inside] == pytest.approx(-alpha[inside], abs=2e-2)
@@ -300,11 +301,11 @@ def test_of_angle_and_velocity_the_angle_is_used_and_a_bench_without_either_is_r
     t, theta, omega, alpha, current = schedule()
     samples = {"time": t, "current": current, "torque_m": by_hand(theta, omega, alpha, current)}
     write_trial(Trial("a", pl.DataFrame({**samples, "theta_m": theta, "omega_m": 7 * omega})), tmp_path / "a.parquet")
-    both = fit_one_actuator(tmp_path / "a.parquet", analysis, DoubtfulFits()).estimates
+    both = fit_actuator_bench_trial(tmp_path / "a.parquet", analysis, DoubtfulFits()).estimates
     assert (both["motion"][0], both["J_m"][0]) == ("theta_m", pytest.approx(TRUE["J_m"], rel=0.02))
     write_trial(Trial("b", pl.DataFrame(samples)), tmp_path / "b.parquet")
     with pytest.raises(InputError, match="trial b: no column 'theta_m'"):
-        fit_one_actuator(tmp_path / "b.parquet", analysis, DoubtfulFits())
+        fit_actuator_bench_trial(tmp_path / "b.parquet", analysis, DoubtfulFits())
 
 
 def test_an_error_names_the_trial(tmp_path, campaign):
@@ -313,7 +314,7 @@ def test_an_error_names_the_trial(tmp_path, campaign):
     row = {"trial": "a", "experiment": "actuator", "log": "actuator/actuator_1.mcap", "log_source": "actuator"}
     ingest_trial(row, tmp_path, Path("config/sources"), tmp_path / "a.parquet")
     with pytest.raises(InputError, match=r"^trial a: the actuator is faster than 99 rad/s in 0 of"):
-        fit_trial(tmp_path / "a.parquet", analysis.model_copy(update={"slowest": 99}), tmp_path / "a.csv")
+        fit_actuator_trial(tmp_path / "a.parquet", analysis.model_copy(update={"slowest": 99}), tmp_path / "a.csv")
     assert not (tmp_path / "a.csv").exists()
 
 

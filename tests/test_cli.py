@@ -10,9 +10,11 @@ import yaml
 from click.testing import CliRunner
 from conftest import ROOT
 
+from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.cli import main
-from osl_analysis.commands.impedance import fit_trial
-from osl_analysis.config import DynamometerAnalysis, read_section
+from osl_analysis.commands.bench import fit_impedance_trial
+from osl_analysis.config import read_section
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.table import read_table
 
@@ -110,7 +112,8 @@ def test_an_estimator_that_cannot_take_a_filter_near_the_sampling_rate_says_so_i
     wide = settings.model_copy(update={"cutoff_hz": cutoff_hz})
     outputs = [tmp_path / name for name in ("fit.csv", "phasors.csv", "estimators.csv")]
     device = ROOT / "config/parameters/default.yaml"
-    fit_trial(folder / f"{TRIAL}.parquet", "compensated", 300.0, 5.0, device, wide, PAPER_WEIGHT, *outputs)
+    desired = DesiredImpedance("compensated", 300.0, 5.0, PAPER_WEIGHT)
+    fit_impedance_trial(folder / f"{TRIAL}.parquet", desired, device, wide, *outputs)
     rows = {row["estimator"]: row for row in read_table(outputs[2]).to_dicts()}
     refused = rows.pop("Savitzky-Golay")
     assert re.search(rf"{cutoff_hz} Hz has .* lower .* to 250 Hz", refused["excluded"])

@@ -8,30 +8,30 @@ from conftest import ROOT
 from scipy.integrate import quad
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
-from osl_analysis.bench.belt import fit_belt_stiffness
-from osl_analysis.bench.diagnostics import whiteness
-from osl_analysis.bench.protocol import SteppedSine, find_blocks, unit_block
-from osl_analysis.commands.belt import BeltTrial, belt_table
-from osl_analysis.commands.diagnosis import trial_phasors
+from osl_analysis.bench.belt import BeltTrial, belt_table, fit_belt_stiffness
+from osl_analysis.bench.diagnostics import summary_of_trials
+from osl_analysis.bench.estimators import estimator_table
+from osl_analysis.bench.frequency_response import phasor_table, trial_phasors
+from osl_analysis.bench.impedance import impedance_table
+from osl_analysis.bench.protocol import SteppedSineProtocol, find_blocks, unit_block
+from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.bench.stepped_sine import SteppedSineTrial
+from osl_analysis.bench.transmission import transmission_table
+from osl_analysis.commands.bench import average_over_amplitudes, plotted_numbers_fig4
 from osl_analysis.commands.fit import estimates_text
-from osl_analysis.commands.impedance import estimator_table, impedance_table, phasor_table
-from osl_analysis.commands.response import frequency_response
-from osl_analysis.commands.stepped_sine import SteppedSineTrial
-from osl_analysis.commands.tables import gather, summary_table
-from osl_analysis.commands.time_series import plot_numbers
-from osl_analysis.commands.transmission import transmission_table
-from osl_analysis.config import DynamometerAnalysis, TimeSeriesFigure, read_section
+from osl_analysis.commands.tables import gather
+from osl_analysis.config import TimeSeriesFigure, read_section
 from osl_analysis.doubtful import Doubt, DoubtfulFits, doubt_report, doubtful_count, doubts, marked
 from osl_analysis.errors import InputError
-from osl_analysis.second_order import impedance_torque
+from osl_analysis.second_order import impedance_torque, lag_damping_row
 from osl_analysis.signals import LowPass, Motion, filtered_motion
-from osl_analysis.stats.rows import delay_row
+from osl_analysis.stats.whiteness import whiteness
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
 from osl_analysis.trial_file import write_trial
 
 RATE, LOW_PASS = 500.0, LowPass(15)
-PROTOCOL = SteppedSine((0.05, 0.1), (1.0, 3.0, 5.0), 9)
+PROTOCOL = SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 9)
 
 
 def fits(**columns):
@@ -99,7 +99,7 @@ def test_gathered_tables_carry_the_mark_summaries_their_number_and_the_end_of_th
     gather(rows, tmp_path / "good.csv", Doubt())
     table = read_table(tmp_path / "belt.csv")
     assert table["doubtful"].to_list() == ["VAF 80 is below 99", "", "VAF 80 is below 99"]
-    assert summary_table(table, ["K_s"])["n_doubtful"].to_list() == [2]
+    assert summary_of_trials(table, ["K_s"])["n_doubtful"].to_list() == [2]
     assert "doubtful" not in read_table(tmp_path / "quality.csv").columns
     report = doubt_report(tmp_path / f"{name}.csv" for name in ("belt", "quality", "good", "absent"))
     assert report == "doubtful fits (the column `doubtful` of each table says why): belt 2 of 3"
@@ -167,10 +167,10 @@ def test_a_slow_residual_is_not_white_and_too_short_a_one_is_not_judged():
 
 
 def test_a_lag_costs_damping_and_counts_where_it_is_certain():
-    assert delay_row(2e-3, 0.9e-3, 300.0)["certain_lag_damping"] == pytest.approx(-0.6)
-    row = delay_row(2e-3, 1.1e-3, 300.0)
+    assert lag_damping_row(2e-3, 0.9e-3, 300.0)["certain_lag_damping"] == pytest.approx(-0.6)
+    row = lag_damping_row(2e-3, 1.1e-3, 300.0)
     assert (row["lag_damping"], row["certain_lag_damping"]) == (pytest.approx(-0.6), 0.0)
-    assert set(delay_row(None, None, 300.0).values()) == {None}
+    assert set(lag_damping_row(None, None, 300.0).values()) == {None}
 
 
 def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_read():
@@ -212,12 +212,14 @@ def test_fig4_says_whether_the_fit_of_the_amplitude_that_it_shows_is_doubtful(tm
     for amplitude, reason in zip(degrees, ("", "VAF 80 is below 90"), strict=True):
         choice = TimeSeriesFigure(K_d=1, B_d=1, controller="compensated", amplitude_deg=amplitude, duration_s=1)
         limits = Doubt(below={"VAF": 90})
-        plot_numbers(tmp_path / "made.parquet", tmp_path / "fit.csv", settings, choice, limits, tmp_path / "fig4.csv")
+        plotted_numbers_fig4(
+            tmp_path / "made.parquet", tmp_path / "fit.csv", settings, choice, limits, tmp_path / "fig4.csv"
+        )
         assert set(read_table(tmp_path / "fig4.csv")["doubtful"]) == {reason}
 
 
 def test_fig4_shows_an_amplitude_that_the_protocol_has_twice(tmp_path):
-    protocol = SteppedSine((0.05, 0.05), PROTOCOL.frequencies_hz, 9)
+    protocol = SteppedSineProtocol((0.05, 0.05), PROTOCOL.frequencies_hz, 9)
     record, degrees = stepped_sine(second_order, protocol=protocol), float(np.rad2deg(0.05))
     samples = pl.DataFrame({"time": record.time, "theta": record.theta, "torque": record.torque})
     write_trial(Trial("made", samples), tmp_path / "made.parquet")
@@ -227,7 +229,9 @@ def test_fig4_shows_an_amplitude_that_the_protocol_has_twice(tmp_path):
         settle_cycles=2,
     )  # fmt: skip
     choice = TimeSeriesFigure(K_d=1, B_d=1, controller="compensated", amplitude_deg=degrees, duration_s=1)
-    plot_numbers(tmp_path / "made.parquet", tmp_path / "fit.csv", settings, choice, Doubt(), tmp_path / "fig4.csv")
+    plotted_numbers_fig4(
+        tmp_path / "made.parquet", tmp_path / "fit.csv", settings, choice, Doubt(), tmp_path / "fig4.csv"
+    )
     assert len(read_table(tmp_path / "fig4.csv")) == RATE
 
 
@@ -240,7 +244,7 @@ def test_a_torque_that_stays_where_it_is_is_refused_by_trial_signal_and_time(lev
 
 
 def test_one_amplitude_has_no_range():
-    record = stepped_sine(second_order, protocol=SteppedSine((0.1,), PROTOCOL.frequencies_hz, 9))
+    record = stepped_sine(second_order, protocol=SteppedSineProtocol((0.1,), PROTOCOL.frequencies_hz, 9))
     table = impedance_table(record, trial_phasors(record))
     assert table["K_amplitudes_low"].to_list() == table["K_amplitudes_high"].to_list() == [None, None]
 
@@ -282,12 +286,12 @@ def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_inte
     table = phasor_table("made", trial_phasors(record)).with_columns(**condition)
     assert set(table["interval_method"]) == {"cycles"}
     assert (table["torque_var_re"] > 100 * table["theta_var_re"]).all()
-    np.testing.assert_allclose(table["torque_freedom"], 5)
+    np.testing.assert_allclose(table["torque_degrees_of_freedom"], 5)
     first = table.row(0, named=True)
     half = 2.5706 * first["Y_magnitude_se"]  # Student's quantile for the five degrees of freedom of six cycles
     assert first["Y_magnitude_high"] - first["Y_magnitude"] == pytest.approx(half, rel=1e-3)
     write_table(marked(table, Doubt(above={"amplitude_deg": 4}), "phasors"), tmp_path / "phasors.csv")
-    frequency_response(tmp_path / "phasors.csv", tmp_path / "response.csv")
+    average_over_amplitudes(tmp_path / "phasors.csv", tmp_path / "response.csv")
     mean = read_table(tmp_path / "response.csv").row(0, named=True)
     both = table.filter(pl.col("frequency_hz") == 1)
     assert (mean["magnitude_min"], mean["magnitude_max"]) == (both["Y_magnitude"].min(), both["Y_magnitude"].max())
@@ -295,7 +299,7 @@ def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_inte
         (both["Y_phase_deg"].min(), both["Y_phase_deg"].max())
     )
     assert mean["Y_var_re"] == pytest.approx(both["Y_var_re"].sum() / 4)
-    assert 4.99 <= mean["Y_freedom"] <= 10.5
+    assert 4.99 <= mean["Y_degrees_of_freedom"] <= 10.5
     assert mean["magnitude_low"] < mean["magnitude"] < mean["magnitude_high"]
     assert mean["phase_low_deg"] < mean["phase_deg"] < mean["phase_high_deg"]
     assert mean["doubtful"] == "at 5.7296 deg: amplitude_deg 5.73 is above 4".replace("5.7296", f"{np.rad2deg(0.1):g}")

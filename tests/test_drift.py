@@ -4,14 +4,12 @@ import numpy as np
 import polars as pl
 import pytest
 
-from osl_analysis.bench.drift import drift_rate
+from osl_analysis.bench.frequency_response import trial_phasors
+from osl_analysis.bench.impedance import impedance_table
 from osl_analysis.bench.protocol import Segment
-from osl_analysis.commands.diagnosis import trial_phasors
-from osl_analysis.commands.impedance import impedance_table
-from osl_analysis.commands.stepped_sine import read_stepped_sine
-from osl_analysis.config import DynamometerAnalysis
+from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.bench.stepped_sine import drift_rate, stepped_sine_trial
 from osl_analysis.trial import Trial
-from osl_analysis.trial_file import write_trial
 
 RATE = 500.0
 SEGMENTS = [Segment(0.1, 2.0, 250, 2750, 10), Segment(0.1, 4.0, 2750, 4000, 10)]
@@ -57,7 +55,7 @@ def test_a_mean_torque_that_grows_with_the_amplitude_is_no_drift(drift):
     assert drift_rate(TIME, torque, SEGMENTS[:1] + larger) == pytest.approx(drift, abs=1e-12)
 
 
-def test_a_trial_is_read_without_its_drift_which_the_table_gives_per_minute(tmp_path):
+def test_a_trial_is_read_without_its_drift_which_the_table_gives_per_minute():
     """A joint of 100 N*m/rad and 2 N*m*s/rad under a load cell that drifts by 0.6 N*m/min."""
     settings = DynamometerAnalysis(
         cutoff_hz=15, order=4, amplitudes_deg=[4], frequencies_hz=[2, 4], cycles=10, settle_cycles=2
@@ -69,8 +67,7 @@ def test_a_trial_is_read_without_its_drift_which_the_table_gives_per_minute(tmp_
     theta *= np.deg2rad(4)
     torque = 100 * theta + 2 * np.gradient(theta, TIME) + 3.0
     samples = pl.DataFrame({"time": TIME, "theta": theta, "torque": torque + 0.01 * (TIME - TIME.mean())})
-    write_trial(Trial("a", samples), tmp_path / "a.parquet")
-    record = read_stepped_sine(tmp_path / "a.parquet", settings)
+    record = stepped_sine_trial(Trial("a", samples), settings)
     np.testing.assert_allclose(record.torque, torque, atol=2e-3)
     whole = impedance_table(record, trial_phasors(record)).row(-1, named=True)
     assert whole["load_cell_drift"] == pytest.approx(0.6, rel=0.02)

@@ -7,32 +7,31 @@ from scipy.signal import lfilter
 from statsmodels.tsa.ar_model import AutoReg
 
 from osl_analysis.bench.diagnostics import (
-    held_out_vaf,
-    largest_correlation,
     nonlinearity,
     torque_lag,
 )
 from osl_analysis.bench.estimators import (
     ESTIMATORS,
-    Covariance,
-    Record,
+    CovarianceChoice,
     autoregression,
     modulating_function,
 )
-from osl_analysis.bench.protocol import Block, SteppedSine, settled, split
+from osl_analysis.bench.protocol import Block, SteppedSineProtocol, block_segments, settled
+from osl_analysis.bench.stepped_sine import RawSignals
 from osl_analysis.errors import InputError
 from osl_analysis.second_order import impedance_columns, impedance_torque
 from osl_analysis.signals import LowPass, Motion
+from osl_analysis.stats.comparison import held_out_vaf
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.sinusoid import fit_sinusoid
 
 RATE, LOW_PASS = 500.0, LowPass(15)
-PROTOCOL = SteppedSine((0.1,), (1.0, 3.0, 5.0), 9)
+PROTOCOL = SteppedSineProtocol((0.1,), (1.0, 3.0, 5.0), 9)
 
 
 def record(rng=None, angle_noise=0.0, torque_noise=0.0, command=True):
     """K 200, B 4, I 0.05, offset 1 by formula, each frequency from phase 0."""
-    segments = split(500, 0.1, PROTOCOL, RATE)
+    segments = block_segments(500, 0.1, PROTOCOL, RATE)
     time = np.arange(segments[-1].stop + 500) / RATE
     theta, omega, alpha = np.zeros((3, len(time)))
     for s in segments:
@@ -46,13 +45,13 @@ def record(rng=None, angle_noise=0.0, torque_noise=0.0, command=True):
     if rng is not None:
         torque = torque + torque_noise * rng.standard_normal(len(time))
     measured = theta if rng is None else theta + angle_noise * rng.standard_normal(len(time))
-    return Record(time, measured, theta if command else None, torque, RATE, settled([Block(0.1, segments)], 2))
+    return RawSignals(time, measured, theta if command else None, torque, RATE, settled([Block(0.1, segments)], 2))
 
 
 @pytest.mark.parametrize(("name", "B_error"), [(n, 0.08 if n == "Savitzky-Golay" else 0.02) for n in ESTIMATORS])
 def test_every_estimator_recovers_the_impedance_that_made_the_torque(name, B_error):
     """Savitzky and Golay's first derivative is not the derivative of their smoothed angle: B reads 1-2 % low."""
-    fit = ESTIMATORS[name](record(), LOW_PASS, Covariance())
+    fit = ESTIMATORS[name](record(), LOW_PASS, CovarianceChoice())
     assert (fit["K"], fit["I"], fit["offset"]) == pytest.approx((200, 0.05, 1), rel=2e-3)
     assert fit["B"] == pytest.approx(4, abs=B_error)
 
@@ -68,14 +67,14 @@ def test_the_weak_form_weighs_the_function_and_its_derivatives_as_integration_by
 
 def test_noise_of_the_angle_biases_a_differentiated_wide_band_and_not_the_instruments():
     noisy, wide = record(np.random.default_rng(1), angle_noise=5e-3), LowPass(60)
-    ordinary, instrumental = (ESTIMATORS[n](noisy, wide, Covariance()) for n in ("filtered", "instrumental"))
+    ordinary, instrumental = (ESTIMATORS[n](noisy, wide, CovarianceChoice()) for n in ("filtered", "instrumental"))
     assert ordinary["I"] < 0.04
     assert instrumental["I"] == pytest.approx(0.05, abs=4 * instrumental.se("I"))
 
 
 def test_instruments_need_a_commanded_angle():
     with pytest.raises(InputError, match="theta_command"):
-        ESTIMATORS["instrumental"](record(command=False), LOW_PASS, Covariance())
+        ESTIMATORS["instrumental"](record(command=False), LOW_PASS, CovarianceChoice())
 
 
 def test_the_whitening_filter_is_statsmodels_autoregression_and_leaves_white_noise():
@@ -122,7 +121,7 @@ def test_estimates_that_lean_on_one_another_show_in_their_correlation():
     near = linear_fit(motion.theta + np.random.default_rng(5).standard_normal(5000), impedance_columns(motion))
     wide = multisine(0.5, 5.0)
     apart = linear_fit(wide.theta + np.random.default_rng(5).standard_normal(5000), impedance_columns(wide))
-    assert largest_correlation(near) > 0.95 > largest_correlation(apart)
+    assert near.largest_correlation > 0.95 > apart.largest_correlation
 
 
 def test_held_out_vaf_is_that_of_the_other_data():

@@ -11,24 +11,24 @@ from hypothesis import strategies as st
 from scipy.optimize import curve_fit
 
 from osl_analysis.bench.belt import fit_belt_stiffness
-from osl_analysis.bench.plausibility import check_sign
-from osl_analysis.bench.protocol import SteppedSine, find_blocks, unit_block
+from osl_analysis.bench.diagnostics import check_resists
+from osl_analysis.bench.protocol import SteppedSineProtocol, find_blocks, unit_block
 from osl_analysis.bench.transmission import fit_transmission, fit_transmission_with_coulomb
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.second_order import fit_impedance, impedance_torque
 from osl_analysis.signals import LowPass, differentiate, filtered_motion
-from osl_analysis.stats.degrees_of_freedom import welch_satterthwaite
-from osl_analysis.stats.repeats import over_repeats
-from osl_analysis.stats.sinusoid import (
+from osl_analysis.stats.complex_estimate import (
+    complex_from_row,
+    complex_mean,
+    complex_quotient,
     complex_row,
-    fit_sinusoid,
-    from_row,
-    mean_response,
     polar_row,
-    response,
 )
+from osl_analysis.stats.covariance import welch_satterthwaite
+from osl_analysis.stats.repeats import over_repeats
+from osl_analysis.stats.sinusoid import fit_sinusoid
 
-PROTOCOL = SteppedSine(amplitudes=(0.03, 0.06, 0.1), frequencies_hz=(2.0, 4.0), cycles=6)
+PROTOCOL = SteppedSineProtocol(amplitudes=(0.03, 0.06, 0.1), frequencies_hz=(2.0, 4.0), cycles=6)
 RATE = 500.0
 
 
@@ -149,7 +149,7 @@ def test_a_protocol_that_is_not_in_the_record_is_refused():
     time, theta = stepped_record()
     with pytest.raises(InputError, match=r"amplitude of 0\.00 deg"):
         find_blocks(time, 0 * theta, PROTOCOL)
-    with pytest.raises(InputError, match="the record lasts"):
+    with pytest.raises(InputError, match="the trial lasts"):
         find_blocks(time[:3000], theta[:3000], PROTOCOL)
 
 
@@ -195,13 +195,13 @@ def test_response_is_the_complex_admittance_and_its_error_follows_the_noise():
     for _ in range(60):
         theta = 0.05 * np.sin(w * t)
         torque = 0.05 * abs(Z) * np.sin(w * t + np.angle(Z)) + rng.normal(0, 0.5, len(t))
-        found.append(response(fit_sinusoid(t, theta, 1.0), fit_sinusoid(t, torque, 1.0)))
+        found.append(complex_quotient(fit_sinusoid(t, theta, 1.0), fit_sinusoid(t, torque, 1.0)))
     values = np.array([r.value for r in found])
     assert np.mean(values) == pytest.approx(1 / Z, rel=2e-3)
     scatter = np.std(np.abs(values), ddof=1)
     assert np.mean([r.magnitude_se for r in found]) == pytest.approx(scatter, rel=0.35)
     assert np.mean([r.phase_se for r in found]) == pytest.approx(np.std(np.angle(values), ddof=1), rel=0.35)
-    assert mean_response(found).magnitude_se == pytest.approx(scatter / np.sqrt(60), rel=0.35)
+    assert complex_mean(found).magnitude_se == pytest.approx(scatter / np.sqrt(60), rel=0.35)
 
 
 def test_intervals_of_a_response_and_of_its_mean_over_amplitudes_cover_with_few_cycles():
@@ -212,8 +212,8 @@ def test_intervals_of_a_response_and_of_its_mean_over_amplitudes_cover_with_few_
         for noise in (0.5, 2.0):
             theta = 0.05 * np.sin(w * t)
             torque = 0.05 * np.abs(1 / true) * np.sin(w * t - np.angle(true)) + rng.normal(0, noise, len(t))
-            pair.append(response(fit_sinusoid(t, theta, 1.0), fit_sinusoid(t, torque, 1.0)))
-        rows = [polar_row(found) for found in (pair[1], mean_response(pair))]
+            pair.append(complex_quotient(fit_sinusoid(t, theta, 1.0), fit_sinusoid(t, torque, 1.0)))
+        rows = [polar_row(found) for found in (pair[1], complex_mean(pair))]
         covered.append([
             (row["magnitude_low"] <= abs(true) <= row["magnitude_high"])
             + 1j * (row["phase_low_deg"] <= np.rad2deg(np.angle(true)) <= row["phase_high_deg"])
@@ -234,8 +234,8 @@ def test_degrees_of_freedom_of_a_sum_are_those_of_welch_and_satterthwaite():
 def test_a_phasor_survives_its_row_of_a_table():
     t = np.arange(0, 8, 1e-2)
     found = fit_sinusoid(t, np.sin(7 * t) + np.random.default_rng(7).normal(0, 0.1, len(t)), 1.0)
-    again = from_row("theta", complex_row("theta", found))
-    assert (again.value, again.freedom) == (found.value, found.freedom)
+    again = complex_from_row("theta", complex_row("theta", found))
+    assert (again.value, again.degrees_of_freedom) == (found.value, found.degrees_of_freedom)
     np.testing.assert_array_equal(again.covariance, found.covariance)
 
 
@@ -257,6 +257,6 @@ def test_repeats_give_students_interval():
 
 
 def test_a_torque_of_the_wrong_sign_is_refused_and_one_of_the_right_sign_is_not():
-    check_sign("belt_1", "K_s", 685.6)
+    check_resists("belt_1", "K_s", 685.6)
     with pytest.raises(InputError, match=r"trial belt_1: K_s = -685\.6 is negative.*`sign`"):
-        check_sign("belt_1", "K_s", -685.6)
+        check_resists("belt_1", "K_s", -685.6)

@@ -15,7 +15,7 @@ MAY_IMPORT = {
     "formats": COMMON | {"formats"},
     "ingest": COMMON | {"ingest", "formats", "columns", "yaml_settings"},
     "stats": COMMON | {"stats", "signals"},
-    "bench": COMMON | {"bench", "stats", "second_order", "signals", "model", "parameters"},
+    "bench": COMMON | {"bench", "stats", "second_order", "signals", "model", "parameters", "yaml_settings", "doubtful"},
     "walking": COMMON | {"walking", "stats", "second_order", "signals", "columns", "yaml_settings"},
     "quality": COMMON | {"quality", "yaml_settings"},
     "figures": COMMON | {"figures"},

@@ -7,23 +7,21 @@ import polars as pl
 import pytest
 from conftest import ROOT, multisine
 
-from osl_analysis.bench.drivetrain_rival import DrivetrainTrial, adjusted, candidates
-from osl_analysis.bench.model_comparison import (
-    BELT,
-    SECOND_ORDER,
-    TRANSMISSION,
-    Candidate,
+from osl_analysis.bench.drivetrain_rival import DrivetrainTrial, drivetrain_candidates, fitted_drivetrain
+from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.bench.linear_rivals import (
+    BELT_MODELS,
+    SECOND_ORDER_MODELS,
+    TRANSMISSION_MODELS,
     belt_fold,
-    compare,
-    effective_samples,
-    held_out_parts,
-    held_out_repeats,
+    held_out_by_amplitude,
     impedance_fold,
+    score_against_other_trials,
     transmission_fold,
 )
-from osl_analysis.commands.model_comparison import compare_impedance, compare_repeats
+from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.commands.bench import compare_belt_models, compare_impedance_models, compare_transmission_models
 from osl_analysis.commands.simulate import planned_row
-from osl_analysis.config import DynamometerAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import select_gains
@@ -31,6 +29,7 @@ from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
 from osl_analysis.simulator.settings import SimulationSettings, SteppedSineSchedule
+from osl_analysis.stats.comparison import Candidate, effective_samples, score_models
 from osl_analysis.trial import Trial
 from osl_analysis.trial_file import write_trial
 from osl_analysis.yaml_settings import read_yaml
@@ -71,7 +70,7 @@ BELTS = {
 }
 
 
-@pytest.mark.parametrize("true", BELT)
+@pytest.mark.parametrize("true", BELT_MODELS)
 def test_the_belt_that_was_simulated_is_ranked_first(true):
     """By BIC over the trials it is the first; on each repeat held out, whatever lacks one of its terms is behind it.
 
@@ -79,12 +78,12 @@ def test_the_belt_that_was_simulated_is_ranked_first(true):
     (B_j) differs between the branches too, so it is switched off where there is no hysteresis.
     """
     p, off = BELTS[true]
-    folds = simulated_belts(p if "T_h" in BELT[true] else replace(p, B_j=0.0), *off)
-    trials = [{s.model: s for s in held_out_repeats(folds, BELT, k)} for k in range(3)]
-    total = {model: sum(scores[model].bic for scores in trials) for model in BELT}
+    folds = simulated_belts(p if "T_h" in BELT_MODELS[true] else replace(p, B_j=0.0), *off)
+    trials = [{s.model: s for s in score_against_other_trials(folds, BELT_MODELS, k)} for k in range(3)]
+    total = {model: sum(scores[model].bic for scores in trials) for model in BELT_MODELS}
     assert min(total, key=total.__getitem__) == true
-    for model, terms in BELT.items():
-        lacking = not set(BELT[true]) <= set(terms)
+    for model, terms in BELT_MODELS.items():
+        lacking = not set(BELT_MODELS[true]) <= set(terms)
         assert lacking == (total[model] > total[true] + 60)
         for scores in trials:
             worse = scores[true].vaf_held_out - scores[model].vaf_held_out
@@ -110,7 +109,7 @@ def test_coulomb_friction_in_the_joint_is_preferred_where_it_is_and_not_where_it
     for T_C, best in ((0.05, "M2"), (0.0, "M1")):
         folds = transmission_trials(T_C)
         for k in range(3):
-            scores = {s.model: s for s in held_out_repeats(folds, TRANSMISSION, k)}
+            scores = {s.model: s for s in score_against_other_trials(folds, TRANSMISSION_MODELS, k)}
             assert scores[best].rank == 1
             gain = scores["M2"].vaf_held_out - scores["M1"].vaf_held_out
             assert gain > 0.05 if T_C else gain < 0.001
@@ -129,8 +128,8 @@ def stepped_trial(controller, *off, p=DEFAULT, believed=None):
 
 
 def scored(trial, folds):
-    rivals = [held_out_parts(folds, "M1", SECOND_ORDER["M1"]), *candidates(trial)]
-    return {s.model: s for s in compare(np.concatenate([fold.torque for fold in folds]), rivals)}
+    rivals = [held_out_by_amplitude(folds, "M1", SECOND_ORDER_MODELS["M1"]), *drivetrain_candidates(trial)]
+    return {s.model: s for s in score_models(np.concatenate([fold.torque for fold in folds]), rivals)}
 
 
 def test_the_drivetrain_with_its_friction_predicts_another_amplitude_and_eq_15_does_not():
@@ -167,11 +166,11 @@ def test_fitting_gains_and_friction_makes_up_for_a_wrong_parameter_file():
 
 def test_one_gauss_newton_step_stands_for_a_fit_without_an_amplitude():
     trial, _ = stepped_trial("uncompensated")
-    candidate = adjusted(trial, "M4", "")
-    ends = np.cumsum([0, *(len(trial.torque[part]) for part in trial.parts)])
-    for k, part in enumerate(trial.parts):
-        others = replace(trial, parts=[other for other in trial.parts if other is not part])
-        refitted = adjusted(others, "M4", "").residual
+    candidate = fitted_drivetrain(trial, "M4", "")
+    ends = np.cumsum([0, *(len(trial.torque[part]) for part in trial.amplitude_rows)])
+    for k, part in enumerate(trial.amplitude_rows):
+        others = replace(trial, amplitude_rows=[other for other in trial.amplitude_rows if other is not part])
+        refitted = fitted_drivetrain(others, "M4", "").residual
         rows = np.delete(np.arange(ends[-1]), np.arange(ends[k], ends[k + 1]))
         assert np.std(refitted) == pytest.approx(np.std(candidate.residual[rows]), rel=0.1)
     assert np.std(candidate.held_out_residual) > np.std(candidate.residual)
@@ -189,10 +188,10 @@ def test_vaf_on_data_held_out_is_that_of_the_other_trials_fit():
     x = np.sin(np.arange(600) / 7)
     motion = Motion(x, x, np.cos(np.arange(600) / 7))
     folds = [transmission_fold(motion, x**3, gain * x) for gain in (1.0, 1.0, 1.3)]
-    third = held_out_repeats(folds, {"M1": ("B_j",)}, 2)[0]
+    third = score_against_other_trials(folds, {"M1": ("B_j",)}, 2)[0]
     assert third.vaf_held_out == pytest.approx(100 * (1 - (3 / 13) ** 2), abs=1e-6)
     assert third.vaf == pytest.approx(100)
-    alone = held_out_repeats(folds[:1], {"M1": ("B_j",)}, 0)[0]
+    alone = score_against_other_trials(folds[:1], {"M1": ("B_j",)}, 0)[0]
     assert np.isnan(alone.vaf_held_out)
     assert (alone.rank, alone.vaf) == (1, pytest.approx(100))
 
@@ -201,7 +200,7 @@ def test_eq_15_is_held_out_by_amplitude():
     x = np.sin(np.arange(900) / 7)
     motion = Motion(x, np.cos(np.arange(900) / 7), np.sin(np.arange(900) / 3))
     folds = [impedance_fold(motion, gain * x) for gain in (100.0, 100.0, 130.0)]
-    candidate = held_out_parts(folds, "M1", ("K", "B", "I"))
+    candidate = held_out_by_amplitude(folds, "M1", ("K", "B", "I"))
     assert np.std(candidate.held_out_residual[1800:]) == pytest.approx(30 * np.std(folds[0].columns["K"]), rel=1e-6)
     assert np.std(candidate.residual[:900]) == pytest.approx(10 * np.std(folds[0].columns["K"]), rel=1e-6)
 
@@ -230,7 +229,7 @@ def test_of_models_that_fit_exactly_the_one_with_fewest_parameters_ranks_first(s
     """Whether rounding leaves zeros or 1e-15 N*m depends on the processor; the ranks must not."""
     rng = np.random.default_rng(8)
     torque, nothing = rng.standard_normal(500), size * rng.standard_normal(500)
-    scores = compare(torque, [Candidate("", "", p, nothing, nothing) for p in (3, 2)])
+    scores = score_models(torque, [Candidate("", "", p, nothing, nothing) for p in (3, 2)])
     assert [s.rank for s in scores] == [2, 1]
     assert np.isfinite([s.bic for s in scores]).all()
 
@@ -239,7 +238,7 @@ def test_bic_charges_a_parameter_the_logarithm_of_the_effective_samples():
     rng = np.random.default_rng(5)
     torque, left = rng.standard_normal(500), 0.1 * rng.standard_normal(500)
     few, many = (Candidate("", "", p, left, left) for p in (2, 5))
-    scores = compare(torque, [few, many])
+    scores = score_models(torque, [few, many])
     m = scores[0].effective_samples
     assert scores[1].bic - scores[0].bic == pytest.approx(3 * np.log(m))
     assert scores[0].bic == pytest.approx(m * np.log(np.mean(left**2)) + 2 * np.log(m))
@@ -254,7 +253,7 @@ def test_bic_rejects_a_needless_term_as_often_as_it_should_though_samples_are_co
     for _ in range(100):
         noise = LOW_PASS(rng.standard_normal(n), 1000.0)[::11]
         fold = transmission_fold(Motion(x[::11], x[::11], extra[::11]), x[::11], 3 * x[::11] + noise)
-        scores = held_out_repeats([fold, fold], {"M1": ("B_j",), "M2": ("B_j", "J_j")}, 0)
+        scores = score_against_other_trials([fold, fold], {"M1": ("B_j",), "M2": ("B_j", "J_j")}, 0)
         needless += scores[1].rank == 1
     assert needless <= 10
 
@@ -297,16 +296,15 @@ def write_log(log, name, folder):
 def test_tables_name_experiment_trial_and_model(tmp_path, analysis):
     found = settings(amplitudes_deg=(2, 4, 6))
     belts = [write_log(simulated(f"belt_0{i}", found, DEFAULT), f"belt_0{i}", tmp_path) for i in (1, 2)]
-    compare_repeats("belt", belts, DEFAULT_FILE, analysis, 0.05, tmp_path / "belt.csv")
+    compare_belt_models(belts, DEFAULT_FILE, analysis, tmp_path / "belt.csv")
     table = pl.read_csv(tmp_path / "belt.csv")
     assert table["trial"].to_list() == ["belt_01"] * 4 + ["belt_02"] * 4
-    assert table["model"].to_list() == list(BELT) * 2
+    assert table["model"].to_list() == list(BELT_MODELS) * 2
     assert table.filter(pl.col("rank") == 1)["terms"].to_list() == ["K_s + T_h"] * 2
     name = "impedance_K300_B5.0_uncompensated"
     path = write_log(simulated(name, found, DEFAULT), name, tmp_path)
-    compare_impedance(
-        path, "uncompensated", 300.0, 5.0, DEFAULT_FILE, analysis, Weight(1, 3), 0.05, tmp_path / "impedance.csv"
-    )
+    desired = DesiredImpedance("uncompensated", 300.0, 5.0, Weight(1, 3))
+    compare_impedance_models(path, desired, DEFAULT_FILE, analysis, 0.05, tmp_path / "impedance.csv")
     table = pl.read_csv(tmp_path / "impedance.csv")
     assert table["experiment"].to_list() == ["impedance"] * 4
     assert table["model"].to_list() == ["M1", "M2", "M3", "M4"]
@@ -314,7 +312,7 @@ def test_tables_name_experiment_trial_and_model(tmp_path, analysis):
     transmissions = [
         write_log(simulated("transmission_1", found, DEFAULT), f"transmission_{i}", tmp_path) for i in "12"
     ]
-    compare_repeats("transmission", transmissions, DEFAULT_FILE, analysis, 0.05, tmp_path / "transmission.csv")
+    compare_transmission_models(transmissions, analysis, 0.05, tmp_path / "transmission.csv")
     table = pl.read_csv(tmp_path / "transmission.csv")
     assert table.filter(pl.col("rank") == 1)["terms"].to_list() == ["B_j + J_j"] * 2
     assert table["VAF_held_out"].min() > 99

@@ -5,8 +5,8 @@ import polars as pl
 import pytest
 from scipy.stats import t as student
 
-from osl_analysis.commands.model_comparison import summarise
-from osl_analysis.stats.standings import over_trials, verdicts
+from osl_analysis.commands.bench import summarise_trials
+from osl_analysis.stats.comparison import mean_over_trials, rank_words
 from osl_analysis.table import write_table
 
 
@@ -15,19 +15,19 @@ def test_paired_differences_tell_models_apart_that_their_own_scatter_hides():
     rng = np.random.default_rng(1)
     trial = rng.normal(0, 100, 10)
     loss = np.column_stack([trial, trial - 1 + rng.normal(0, 0.1, 10), trial + 3])
-    assert verdicts(loss) == ["worse", "preferred", "worse"]
-    assert over_trials(loss[:, 0]).low < over_trials(loss[:, 1]).mean < over_trials(loss[:, 0]).high
+    assert rank_words(loss) == ["worse", "preferred", "worse"]
+    assert mean_over_trials(loss[:, 0]).low < mean_over_trials(loss[:, 1]).mean < mean_over_trials(loss[:, 0]).high
 
 
 def test_of_models_that_tie_the_first_is_preferred_although_another_has_the_smaller_mean():
     loss = np.array([[1.0, 0.9, 5.0], [1.0, 1.2, 5.0], [1.0, 0.8, 5.0]])
-    assert verdicts(loss) == ["preferred", "tied", "worse"]
+    assert rank_words(loss) == ["preferred", "tied", "worse"]
 
 
 def test_a_single_trial_tells_nothing_apart_and_has_no_interval():
-    assert verdicts(np.array([[1.0, 0.0]])) == ["preferred", "tied"]
-    assert verdicts(np.zeros((0, 2))) == [None, None]
-    alone = over_trials(np.array([4.0]))
+    assert rank_words(np.array([[1.0, 0.0]])) == ["preferred", "tied"]
+    assert rank_words(np.zeros((0, 2))) == [None, None]
+    alone = mean_over_trials(np.array([4.0]))
     assert (alone.n, alone.mean) == (1, 4.0)
     assert np.isnan([alone.sd, alone.low, alone.high]).all()
 
@@ -38,7 +38,7 @@ def test_intervals_are_students_and_wider_where_trials_share_their_fits():
     Both terms are of one scatter, which is worth n - 1 degrees of freedom and not the sum of two independent ones.
     """
     values = np.array([1.0, 2.0, 4.0, 7.0])
-    own, shared = over_trials(values), over_trials(values, shared=True)
+    own, shared = mean_over_trials(values), mean_over_trials(values, shared=True)
     assert own.high - own.mean == pytest.approx(student.ppf(0.975, 3) * np.std(values, ddof=1) / 2)
     assert shared.se**2 == pytest.approx(np.var(values, ddof=1) * (1 / 4 + 1 / 3))
     assert (shared.high - shared.mean) / shared.se == pytest.approx(student.ppf(0.975, 3))
@@ -61,7 +61,7 @@ def test_the_interval_of_a_held_out_gain_covers_its_mean_better_than_plain_stude
     for size, least in ((0.0, 0.95), (1.0, plain + 0.04), (3.0, 0.95)):
         rng, covered, better = np.random.default_rng(2), 0, 0
         for _ in range(2000):
-            found = over_trials(gains_of_a_term(size, trials, rng), shared=True)
+            found = mean_over_trials(gains_of_a_term(size, trials, rng), shared=True)
             covered += found.low < size**2 - 1 / (trials - 1) < found.high
             better += found.low > 0
         assert covered / 2000 > least
@@ -89,7 +89,7 @@ def score_table():
 
 def test_the_summary_has_a_row_per_model_with_its_difference_to_the_drafts(tmp_path):
     write_table(score_table(), tmp_path / "scores.csv")
-    summarise(tmp_path / "scores.csv", tmp_path / "summary.csv")
+    summarise_trials("model_comparison", tmp_path / "scores.csv", tmp_path / "summary.csv")
     rows = pl.read_csv(tmp_path / "summary.csv").to_dicts()
     assert [(r["experiment"], r["controller"], r["model"], r["trials"]) for r in rows] == [
         ("belt", None, "M1", 3),
@@ -115,7 +115,7 @@ def test_the_summary_has_a_row_per_model_with_its_difference_to_the_drafts(tmp_p
 def test_a_single_trial_is_summarised_without_intervals(tmp_path):
     alone = score_table().filter(pl.col("trial") == "belt_1").with_columns(VAF_held_out=pl.lit(float("nan")))
     write_table(alone, tmp_path / "scores.csv")
-    summarise(tmp_path / "scores.csv", tmp_path / "summary.csv")
+    summarise_trials("model_comparison", tmp_path / "scores.csv", tmp_path / "summary.csv")
     rows = pl.read_csv(tmp_path / "summary.csv").to_dicts()
     assert [(r["VAF_held_out"], r["BIC_change"], r["BIC_change_low"]) for r in rows] == [
         (None, 0.0, None),

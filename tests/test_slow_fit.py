@@ -6,9 +6,9 @@ import statsmodels.api as sm
 
 from osl_analysis.bench.belt import fit_belt_stiffness
 from osl_analysis.signals import LowPass
-from osl_analysis.stats.covariance import FILTER_SPAN, correlation_samples
+from osl_analysis.stats.covariance import FILTER_SPAN, ResidualCorrelation, correlation_samples
 from osl_analysis.stats.regression import linear_fit
-from osl_analysis.stats.slow_motion import memory_samples, slow_fit
+from osl_analysis.stats.slow_motion import fit_slow_motion, memory_samples
 
 N, RATE = 3000, 1000.0
 LOW_PASS = LowPass(15)
@@ -33,7 +33,7 @@ def test_the_interval_of_a_ramp_covers_the_truth_where_hac_takes_for_chance_what
     truth = linear_fit(repeated, RAMP)["slope"]
     for _ in range(600):
         y = repeated + filtered_noise(rng) + drift * rng.standard_normal() * np.arange(N)
-        fit = slow_fit(y, RAMP, BUMP, EVERY, drift)
+        fit = fit_slow_motion(y, RAMP, BUMP, EVERY, drift)
         low, high = fit.interval("slope")
         found.append((fit["slope"] - truth, fit.se("slope"), low <= truth <= high, linear_fit(y, RAMP).se("slope")))
     error, se, covered, hac = np.array(found).T
@@ -47,7 +47,7 @@ def test_noise_that_lasts_longer_than_the_filter_widens_the_interval():
     rng, errors, stated = np.random.default_rng(12), [], []
     for _ in range(300):
         red = np.convolve(rng.standard_normal(N + 1399), 0.98 ** np.arange(400), "valid")
-        fit = slow_fit(LOW_PASS(red, RATE)[500:-500], RAMP, {}, EVERY)
+        fit = fit_slow_motion(LOW_PASS(red, RATE)[500:-500], RAMP, {}, EVERY)
         errors.append(fit["slope"])
         stated.append(fit.se("slope"))
     assert np.sqrt(np.mean(np.square(stated))) == pytest.approx(np.std(errors), rel=0.2)
@@ -56,7 +56,7 @@ def test_noise_that_lasts_longer_than_the_filter_widens_the_interval():
 def test_white_noise_without_a_filter_gives_statsmodels_ordinary_covariance():
     rng = np.random.default_rng(13)
     y = 3 * RAMP["slope"] + rng.standard_normal(N)
-    fit = slow_fit(y, RAMP, {})
+    fit = fit_slow_motion(y, RAMP, {})
     memory = memory_samples(fit.residual, 1)
     other = sm.OLS(y, np.column_stack(list(RAMP.values()))).fit()
     freedom = N / memory - 2
@@ -68,7 +68,7 @@ def test_white_noise_without_a_filter_gives_statsmodels_ordinary_covariance():
 
 def test_a_drift_that_the_line_takes_up_is_its_slope_in_time_over_that_of_the_column():
     """Nothing but the drift is left of the variance: its share of the estimate is a hand-written slope."""
-    fit = slow_fit(3 * RAMP["slope"], RAMP, {}, drift=2e-5)
+    fit = fit_slow_motion(3 * RAMP["slope"], RAMP, {}, drift=2e-5)
     time, column = np.arange(N) - (N - 1) / 2, RAMP["slope"] - RAMP["slope"].mean()
     assert fit.se("slope") == pytest.approx(2e-5 * (column @ time) / (column @ column), rel=1e-6)
     assert fit.interval_method == "noise + drift"
@@ -77,7 +77,7 @@ def test_a_drift_that_the_line_takes_up_is_its_slope_in_time_over_that_of_the_co
 
 def test_a_known_drift_is_worth_more_degrees_of_freedom_than_the_noise_alone():
     y = filtered_noise(np.random.default_rng(14))
-    alone, both = slow_fit(y, RAMP, {}, EVERY), slow_fit(y, RAMP, {}, EVERY, drift=2e-6)
+    alone, both = fit_slow_motion(y, RAMP, {}, EVERY), fit_slow_motion(y, RAMP, {}, EVERY, drift=2e-6)
     ratio = (both.se("slope") / alone.se("slope")) ** 2
     assert ratio > 1.2
     assert both.degrees_of_freedom[0] == pytest.approx(alone.degrees_of_freedom[0] * ratio**2)
@@ -86,8 +86,8 @@ def test_a_known_drift_is_worth_more_degrees_of_freedom_than_the_noise_alone():
 def test_a_linear_ramp_whose_velocity_is_its_offset_is_no_trouble():
     line = {"slope": np.linspace(0, 1, N), "offset": np.ones(N)}
     y = line["slope"] + filtered_noise(np.random.default_rng(15))
-    same = slow_fit(y, line, {}, EVERY)
-    assert slow_fit(y, line, {"velocity": np.gradient(line["slope"])}, EVERY).covariance == pytest.approx(
+    same = fit_slow_motion(y, line, {}, EVERY)
+    assert fit_slow_motion(y, line, {"velocity": np.gradient(line["slope"])}, EVERY).covariance == pytest.approx(
         same.covariance
     )
 
@@ -124,8 +124,8 @@ def test_what_a_fit_of_slow_columns_takes_from_the_sums_of_its_scores_is_given_b
     rng, time, variances = np.random.default_rng(20), np.arange(6000) / RATE, []
     columns = {f"{f}": np.sin(2 * np.pi * f / 6 * time) for f in range(1, 8)}
     for _ in range(300):
-        fits = [linear_fit(filtered_noise(rng, n=6000), columns, every=EVERY)]
-        fits += [linear_fit(fits[0].residual, columns, lags=FILTER_SPAN * EVERY)]
+        fits = [linear_fit(filtered_noise(rng, n=6000), columns, ResidualCorrelation(every=EVERY))]
+        fits += [linear_fit(fits[0].residual, columns, ResidualCorrelation(lags=FILTER_SPAN * EVERY))]
         variances.append([fit.covariance[3, 3] for fit in fits])
     slow, fast = np.mean(variances, axis=0) / (0.05**2 * 2 / 6000)
     assert slow == pytest.approx(1, abs=0.1)

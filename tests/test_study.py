@@ -6,9 +6,10 @@ import pytest
 import yaml
 from conftest import ROOT
 
+from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.commands.figure import draw_figure
 from osl_analysis.commands.study import EXPERIMENTS, WALKING, bench_rows, run_batch, summarise
-from osl_analysis.config import ActuatorAnalysis, DynamometerAnalysis, ValidationStudy
+from osl_analysis.config import ValidationStudy
 from osl_analysis.errors import InputError
 from osl_analysis.figures import study as study_figure
 from osl_analysis.parameters import read_parameters

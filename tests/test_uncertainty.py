@@ -10,11 +10,19 @@ from scipy.special import stdtrit
 from scipy.stats import t as student
 from statsmodels.sandbox.regression.gmm import IV2SLS
 
-from osl_analysis.bench.protocol import Block, Segment, SteppedSine, cycles_of, rows_of, settled, split
-from osl_analysis.commands.tables import summary_table
+from osl_analysis.bench.diagnostics import summary_of_trials
+from osl_analysis.bench.protocol import (
+    Block,
+    Segment,
+    SteppedSineProtocol,
+    block_segments,
+    repeated_cycles,
+    rows_of,
+    settled,
+)
 from osl_analysis.second_order import fit_impedance, impedance_torque
 from osl_analysis.signals import LowPass, differentiate
-from osl_analysis.stats.covariance import Cycles, between_cycles, moving_sums
+from osl_analysis.stats.covariance import Cycles, ResidualCorrelation, between_cycles, moving_sums
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.repeats import CommonError, over_repeats
 from osl_analysis.study.performance import performance, regression_bound
@@ -43,7 +51,7 @@ def test_the_spread_of_cycles_is_what_a_bootstrap_that_draws_them_anew_gives():
         drawn.append(np.linalg.lstsq(X[chosen], y[chosen], rcond=None)[0])
     m = COUNT // 2
     expected = np.std(drawn, axis=0) * np.sqrt(m / (m - 1))
-    fit = linear_fit(y, columns, cycles=cycles)
+    fit = linear_fit(y, columns, ResidualCorrelation(cycles))
     assert [fit.se(name) for name in columns] == pytest.approx(expected, rel=0.06)
     assert fit.interval_method == "cycles"
 
@@ -54,7 +62,7 @@ def test_the_spread_of_cycles_covers_where_friction_fools_hac():
     truth = linear_fit(repeated(rng, noise=0.0)[0], repeated(rng)[1])["b"]
     for _ in range(600):
         y, columns, cycles = repeated(rng)
-        fit = linear_fit(y, columns, cycles=cycles)
+        fit = linear_fit(y, columns, ResidualCorrelation(cycles))
         low, high = fit.interval("b")
         covered += low <= truth <= high
     assert 0.93 < covered / 600 < 0.97
@@ -64,7 +72,7 @@ def test_the_spread_of_cycles_covers_where_friction_fools_hac():
 def test_one_stratum_is_statsmodels_cluster_covariance():
     y, columns, cycles = repeated(np.random.default_rng(5))
     groups = np.repeat(np.arange(COUNT), CYCLE)
-    fit = linear_fit(y, columns, cycles=Cycles(cycles.first, np.zeros(COUNT, dtype=np.intp)))
+    fit = linear_fit(y, columns, ResidualCorrelation(Cycles(cycles.first, np.zeros(COUNT, dtype=np.intp))))
     other = sm.OLS(y, np.column_stack(list(columns.values()))).fit(
         cov_type="cluster", cov_kwds={"groups": groups, "use_correction": False}
     )
@@ -92,7 +100,7 @@ def test_hac_is_worth_as_many_degrees_of_freedom_as_its_variance_says():
 
 def test_the_interval_is_students():
     y, columns, cycles = repeated(np.random.default_rng(8))
-    fit = linear_fit(y, columns, cycles=cycles)
+    fit = linear_fit(y, columns, ResidualCorrelation(cycles))
     low, high = fit.interval("b")
     half = student.ppf(0.975, fit.degrees_of_freedom[1]) * fit.se("b")
     assert (low, high) == pytest.approx((fit["b"] - half, fit["b"] + half))
@@ -144,7 +152,10 @@ def test_least_squares_reaches_the_bound_in_white_noise_and_the_study_says_so():
     rng, noise, n = np.random.default_rng(10), 0.5, 1500
     columns = {"a": np.sin(np.arange(200) / 7), "offset": np.ones(200)}
     bound = regression_bound(columns, noise)["a"]
-    fits = [linear_fit(2 * columns["a"] + noise * rng.standard_normal(200), columns, lags=1) for _ in range(n)]
+    fits = [
+        linear_fit(2 * columns["a"] + noise * rng.standard_normal(200), columns, ResidualCorrelation(lags=1))
+        for _ in range(n)
+    ]
     error, se = np.array([f["a"] - 2 for f in fits]), np.array([f.se("a") for f in fits])
     found = performance(error, se, np.abs(error) < 1.96 * se, np.full(n, bound))
     assert abs(found.bias) < 3 * found.bias_mc
@@ -170,10 +181,10 @@ def test_settled_cycles_leave_out_the_first_and_the_last_and_keep_one():
 
 
 def test_cycles_tile_the_rows_of_the_segments_also_when_they_are_thinned_out():
-    protocol = SteppedSine((0.1,), (2.0, 3.0), 9)
-    segments = settled([Block(0.1, split(17, 0.1, protocol, 500.0))], 1)
+    protocol = SteppedSineProtocol((0.1,), (2.0, 3.0), 9)
+    segments = settled([Block(0.1, block_segments(17, 0.1, protocol, 500.0))], 1)
     for every, skip in ((1, 0), (8, 3)):
-        cycles = cycles_of(segments, every, skip)
+        cycles = repeated_cycles(segments, every, skip)
         kept = sum(len(range(s.start, s.stop, every)) - skip for s in segments)
         assert cycles.first[0] == 0
         assert (np.diff(cycles.first) > 0).all()
@@ -181,9 +192,9 @@ def test_cycles_tile_the_rows_of_the_segments_also_when_they_are_thinned_out():
         assert list(np.bincount(cycles.stratum)) == [7, 7]
         assert cycles.first[7] == len(range(segments[0].start, segments[0].stop, every)) - skip
     assert len(rows_of(segments)) == segments[0].stop - segments[0].start + segments[1].stop - segments[1].start
-    second = cycles_of(segments).first[7]
+    second = repeated_cycles(segments).first[7]
     assert second == segments[0].stop - segments[0].start
-    assert cycles_of(settled([Block(0.1, split(0, 0.1, protocol, 500.0))], 5)) is None
+    assert repeated_cycles(settled([Block(0.1, block_segments(0, 0.1, protocol, 500.0))], 5)) is None
 
 
 def test_what_repeats_have_in_common_widens_the_interval_of_their_mean():
@@ -196,15 +207,15 @@ def test_what_repeats_have_in_common_widens_the_interval_of_their_mean():
 
 
 def test_a_mean_over_trials_says_where_its_interval_is_from():
-    rows = summary_table(pl.DataFrame({"a": [1.0, 3.0], "b": [1.0, None]}), ("a", "b")).to_dicts()
+    rows = summary_of_trials(pl.DataFrame({"a": [1.0, 3.0], "b": [1.0, None]}), ("a", "b")).to_dicts()
     assert [row["interval_method"] for row in rows] == ["Student", None]
 
 
 def test_a_summary_of_a_column_without_numbers_has_no_mean():
     table = pl.DataFrame({"a": [None, None], "b": [2.0, None], "c": [1.0, 3.0]}, schema_overrides={"a": pl.Float64})
-    rows = summary_table(table, ("a", "b", "c")).to_dicts()
+    rows = summary_of_trials(table, ("a", "b", "c")).to_dicts()
     assert [(r["n"], r["mean"], r["sd"] is None) for r in rows] == [(0, None, True), (1, 2.0, True), (2, 2.0, False)]
-    assert summary_table(table.clear(), ("a",))["mean"].to_list() == [None]
+    assert summary_of_trials(table.clear(), ("a",))["mean"].to_list() == [None]
 
 
 def test_a_record_of_few_cycles_has_an_interval_that_holds_behind_the_filter():
@@ -222,7 +233,9 @@ def test_a_record_of_few_cycles_has_an_interval_that_holds_behind_the_filter():
     torque = impedance_torque(300, 5, 0.02, motion)
     for _ in range(150):
         noisy = torque + low_pass(rng.normal(0, 0.05, len(time)), rate)
-        fit = fit_impedance(motion[rows], noisy[rows], every=low_pass.independent_samples(rate)).fit
+        fit = fit_impedance(
+            motion[rows], noisy[rows], ResidualCorrelation(every=low_pass.independent_samples(rate))
+        ).fit
         assert fit.interval_method == "HAC"
         bounds = [fit.interval(name) for name in ("K", "B", "I")]
         covered += [low <= truth <= high for (low, high), truth in zip(bounds, (300, 5, 0.02), strict=True)]

@@ -320,7 +320,7 @@ def test_a_broken_log_fails_alone_and_an_excluded_trial_is_left_out_by_name(tmp_
 
 
 def test_fingerprint_follows_imports_downwards_only():
-    fit = {path.name for path in sources("osl_analysis.commands.transmission")}
+    fit = {path.name for path in sources("osl_analysis.bench.transmission")}
     assert {"transmission.py", "regression.py", "signals.py"} <= fit
     assert not {"belt.py", "c3d_file.py", "drivetrain_kernel.py", "impedance.py", "estimators.py"} & fit
-    assert code("commands.transmission") != code("commands.belt")
+    assert code("bench.transmission") != code("bench.belt")

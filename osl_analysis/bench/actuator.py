@@ -1,30 +1,92 @@
 """The actuator alone: torque_m = k_tau n_m I_q - f - B_m omega_m - J_m alpha_m + offset + drift (Eqs. 1-2)."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
+import polars as pl
 
-from osl_analysis.errors import InputError
+from osl_analysis.bench.diagnostics import summary_of_trials
+from osl_analysis.bench.settings import ActuatorAnalysis
+from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass, differentiate, sampling_rate
+from osl_analysis.stats.covariance import ResidualCorrelation
+from osl_analysis.stats.fit_row import covariance_row, diagnostics_row, estimates_row
 from osl_analysis.stats.regression import LinearFit, linear_fit
-from osl_analysis.trial import Array
+from osl_analysis.trial import Array, Trial
 
 PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
 """Torque per current k_tau n_m [N*m/A], Coulomb friction [N*m], gear friction [N*m/A], damping, inertia."""
 FEWEST_MOVING_S = 1.0
+"""Shortest duration [s] of the samples that are fitted."""
 EDGE_PERIODS = 3
-"""Periods of the filter's cut-off left out at both ends, where the filter had to invent what came before and after."""
+"""Periods of the filter's cut-off at both ends that are not fitted: there the filter had to extrapolate."""
+
+
+@dataclass(frozen=True)
+class ActuatorSignals:
+    """Signals of one trial on the actuator's bench, shape (n,) each."""
+
+    time: Array
+    """Time [s]."""
+    motion: Array
+    """Angle [rad] or velocity [rad/s] at the actuator's output."""
+    current: Array
+    """q-axis current I_q [A]."""
+    torque_m: Array
+    """Torque that the actuator exerts at its output [N*m]."""
+    is_velocity: bool = False
+    """Whether `motion` is the velocity; it is then differentiated once instead of twice."""
+
+
+@dataclass(frozen=True)
+class ActuatorTrial:
+    """Filtered torques of one trial, shape (n,) each, and the fit."""
+
+    name: str
+    """Name of the trial."""
+    motion: str
+    """Column that the motion is from: theta_m, or omega_m of a bench that logs no angle."""
+    time: Array
+    """Time [s]."""
+    torque: Array
+    """Filtered torque [N*m]."""
+    modelled: Array
+    """Torque of the fitted model [N*m]."""
+    fit: LinearFit
+    """The fit."""
+    low_pass: LowPass
+    """The filter of all signals."""
+
+
+def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> ActuatorTrial:
+    """Filter and fit one canonical trial.
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        As `actuator_columns` and `fit_actuator`, or a signal is missing; the message names the trial.
+    """
+    motion = next((name for name in ("theta_m", "omega_m") if name in trial.samples.columns), "theta_m")
+    time, moved, current, torque_m = trial.signals(motion, "current", "torque_m")
+    try:
+        signals = ActuatorSignals(time, moved, current, torque_m, is_velocity=motion == "omega_m")
+        columns, torque = actuator_columns(signals, settings.low_pass, settings.sign_width)
+        fit = fit_actuator(columns, torque, sampling_rate(time), settings.low_pass, settings.slowest)
+    except (InputError, IdentifiabilityError) as error:
+        raise type(error)(f"trial {trial.name}: {error}") from error
+    return ActuatorTrial(trial.name, motion, time, torque, fit.predicted(columns), fit, settings.low_pass)
 
 
 def fit_actuator(
     columns: Mapping[str, Array], torque: Array, rate_hz: float, low_pass: LowPass, slowest: float
 ) -> LinearFit:
-    """Fit `PARAMETERS`, `offset` [N*m] and `drift` [N*m/s] to what `actuator_columns` makes of a trial.
+    """Fit `PARAMETERS`, `offset` [N*m] and `drift` [N*m/s] to the columns and the torque of `actuator_columns`.
 
-    Samples slower than `slowest` [rad/s], where friction may be anything up to its limit, are left out, and so are the
-    filter's edges. f_G is told from k_tau n_m only where the current both drives and brakes: while it always has the
-    direction of the motion, sign(omega_m) |I_q| is I_q. The drift is the transducer's: left in the residual it would
-    cost f_G four times its standard error.
+    Samples slower than `slowest` [rad/s] are not fitted, because friction may have any value up to its limit there;
+    nor are the edges of the filter. f_G can be told from k_tau n_m only if the current both drives and brakes: as long
+    as it has the direction of the motion, sign(omega_m) |I_q| equals I_q. The drift is that of the torque transducer.
+    Left in the residual it would multiply the standard error of f_G by four.
 
     Raises
     ------
@@ -41,47 +103,52 @@ def fit_actuator(
             f"the actuator is faster than {slowest:g} rad/s in {np.count_nonzero(moving)} of {len(torque)} samples; "
             "drive it faster or longer, or check the unit of theta_m or omega_m in the source file"
         )
-    fitted = {name: column[moving] for name, column in columns.items()}
-    return linear_fit(torque[moving], fitted, every=low_pass.independent_samples(rate_hz))
+    chosen = {name: column[moving] for name, column in columns.items()}
+    return linear_fit(torque[moving], chosen, ResidualCorrelation(every=low_pass.independent_samples(rate_hz)))
 
 
 def actuator_columns(
-    time: Array,
-    motion: Array,
-    current: Array,
-    torque_m: Array,
-    low_pass: LowPass,
-    sign_width: float,
-    is_velocity: bool = False,
+    signals: ActuatorSignals, low_pass: LowPass, sign_width: float
 ) -> tuple[Mapping[str, Array], Array]:
-    """Columns with their signs in Eqs. 1-2, and the torque [N*m], from motion, I_q [A], torque; shape (n,) each.
+    """Columns of Eqs. 1-2 with their signs, and the torque [N*m], all filtered, shape (n,) each.
 
-    `motion` is the angle [rad], or the velocity [rad/s], which then is differentiated once instead of twice. All pass
-    the same filter, the friction's after its sign, tanh(omega_m/sign_width), is taken: a jump that is smeared on both
-    sides biases nothing.
+    The sign of the velocity is tanh(omega_m/sign_width), `sign_width` in rad/s. It is taken before the filter, so that
+    friction's jumps are smeared in the column as they are in the torque, which biases nothing.
 
     Raises
     ------
     InputError
         As `LowPass`, or the stamps are not uniform.
     """
-    rate = sampling_rate(time)
-    smooth = differentiate(time, low_pass(motion, rate))
-    omega, alpha = (smooth.theta, smooth.omega) if is_velocity else (smooth.omega, smooth.alpha)
+    time, rate = signals.time, sampling_rate(signals.time)
+    smooth = differentiate(time, low_pass(signals.motion, rate))
+    omega, alpha = (smooth.theta, smooth.omega) if signals.is_velocity else (smooth.omega, smooth.alpha)
     direction = np.tanh(omega / sign_width)
     columns = {
-        "k_tau_n_m": low_pass(current, rate),
+        "k_tau_n_m": low_pass(signals.current, rate),
         "f_C": -low_pass(direction, rate),
-        "f_G": -low_pass(direction * np.abs(current), rate),
+        "f_G": -low_pass(direction * np.abs(signals.current), rate),
         "B_m": -omega,
         "J_m": -alpha,
         "offset": np.ones_like(time),
         "drift": time - np.mean(time),
     }
-    return columns, low_pass(torque_m, rate)
+    return columns, low_pass(signals.torque_m, rate)
 
 
-def correlation(fit: LinearFit, first: str, second: str) -> float:
-    """Correlation of two estimates, between -1 and 1: near the ends only their combination is known."""
-    i, j = fit.names.index(first), fit.names.index(second)
-    return float(fit.covariance[i, j] / (fit.se(first) * fit.se(second)))
+def actuator_table(trial: ActuatorTrial) -> pl.DataFrame:
+    """The trial's row of `actuator.csv`."""
+    row = {
+        "trial": trial.name,
+        "motion": trial.motion,
+        **estimates_row(trial.fit, *PARAMETERS, "offset", "drift"),
+        **covariance_row(trial.fit, *PARAMETERS),
+        **diagnostics_row(trial.fit, sampling_rate(trial.time), trial.low_pass),
+        "correlation_k_f_G": trial.fit.correlation("k_tau_n_m", "f_G"),
+    }
+    return pl.DataFrame([row])
+
+
+def actuator_summary(table: pl.DataFrame) -> pl.DataFrame:
+    """Mean, scatter and interval over the trials of `actuator.csv`."""
+    return summary_of_trials(table, (*PARAMETERS, "VAF"))

@@ -1,59 +1,111 @@
-"""Belt stiffness: slope of torque on belt deflection while loading (Fig. 3)."""
+"""Belt stiffness (Fig. 3): slope of the torque on the belt's deflection while loading, with the actuator locked."""
 
 from dataclasses import dataclass
 
 import numpy as np
+import polars as pl
 
+from osl_analysis.bench.diagnostics import summary_of_trials
+from osl_analysis.bench.settings import BeltAnalysis
 from osl_analysis.errors import InputError
+from osl_analysis.model.drivetrain import belt_deflection
+from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.signals import LowPass, sampling_rate
+from osl_analysis.stats.fit_row import covariance_row, diagnostics_row, estimates_row
 from osl_analysis.stats.regression import LinearFit
-from osl_analysis.stats.slow_motion import slow_fit
-from osl_analysis.trial import Array
+from osl_analysis.stats.slow_motion import fit_slow_motion
+from osl_analysis.trial import Array, Trial
 
 ONSET_FRACTION = 0.05
-"""Loading begins where the deflection first passes this fraction of its peak: below it the belt's hysteresis turns."""
+"""Deflection at which loading begins, as a share of the peak; below it the hysteresis of the belt reverses."""
 LARGEST_FALL = 0.2
-"""Share of the peak by which the deflection may fall back while loading."""
+"""Largest fall of the deflection while loading, as a share of the peak."""
 SMALLEST_DEFLECTION = np.deg2rad(0.5)
+CURVE_STEP_HZ = 50.0
+"""Points per second of the torque-deflection curve that is kept for the figure."""
+SUMMARISED = ("K_s", "unloading", "hysteresis_area", "quadratic_K_s2")
+"""Columns of the belt table of which `belt_summary.csv` has a mean over trials."""
 
 
 @dataclass(frozen=True)
 class BeltFit:
-    """Loading slope `K_s` [N*m/rad] with its regression, slope while unloading, and the loop's area [N*m*rad = J].
-
-    `quadratic` regresses torque on theta_s and theta_s |theta_s| while loading (`K_s`, `K_s2` [N*m/rad^2]).
-    """
+    """Fits to one load-unload cycle."""
 
     K_s: float
+    """Slope while loading [N*m/rad]."""
     loading: LinearFit
+    """Straight line while loading: `K_s`, `offset` [N*m]."""
     unloading: LinearFit
+    """Straight line while unloading."""
     quadratic: LinearFit
+    """Torque on theta_s and theta_s |theta_s| while loading: `K_s`, `K_s2` [N*m/rad^2], `offset`."""
     hysteresis_area: float
+    """Area of the loop [N*m*rad = J]."""
+
+
+@dataclass(frozen=True)
+class BeltTrial:
+    """Filtered signals of one belt trial, shape (n,) each, and their fit."""
+
+    name: str
+    """Name of the trial."""
+    time: Array
+    """Time [s]."""
+    rate_hz: float
+    """Sampling rate [Hz]."""
+    low_pass: LowPass
+    """The filter of angles and torque."""
+    theta_s: Array
+    """Belt deflection [rad]."""
+    torque: Array
+    """Resisting torque [N*m]."""
+    fit: BeltFit
+    """The fit to them."""
+
+
+def belt_trial(trial: Trial, p: DrivetrainParameters, settings: BeltAnalysis) -> BeltTrial:
+    """Filter and fit one canonical trial.
+
+    Raises
+    ------
+    InputError
+        As `fit_belt_stiffness`, or a signal is missing or irregular; the message names the trial.
+    """
+    time, theta, theta_m, measured = trial.signals("theta", "theta_m", "torque")
+    low_pass = settings.low_pass
+    try:
+        rate = sampling_rate(time)
+        theta_s, torque = low_pass(belt_deflection(theta, theta_m, p), rate), low_pass(measured, rate)
+        every, drift = low_pass.independent_samples(rate), settings.load_cell_drift / 60 / rate
+        fit = fit_belt_stiffness(theta_s, torque, every, drift)
+        return BeltTrial(trial.name, time, rate, low_pass, theta_s, torque, fit)
+    except InputError as error:
+        raise InputError(f"trial {trial.name}: {error}") from error
 
 
 def fit_belt_stiffness(theta_s: Array, torque: Array, every: int = 1, drift: float = 0.0) -> BeltFit:
     """Fit one load-unload cycle: belt deflection theta_s [rad] and resisting torque [N*m], shape (n,).
 
-    For the intervals: noise is independent `every` so many samples (`LowPass.independent_samples`), and the load cell
-    drifts by a standard deviation of `drift` [N*m per sample]. A straight line through a ramp takes a drift for
+    For the intervals: noise is independent after `every` samples (`LowPass.independent_samples`), and the load cell's
+    drift has a standard deviation of `drift` [N*m per sample]. A straight line cannot tell a drift during the ramp from
     stiffness.
 
     Raises
     ------
     InputError
-        The deflection stays under 0.5 degrees, or the record ends before unloading.
+        The deflection stays below 0.5 degrees, the trial ends before unloading, or there is more than one loading.
     """
     deflection = theta_s - theta_s[0]
     onset, peak, release = loaded_rows(deflection)
     there, back = slice(onset, peak + 1), slice(peak, release)
-    loading = slope(deflection[there], torque[there], every, drift)
-    unloading = slope(deflection[back], torque[back], every, drift)
-    quadratic = curvature(deflection[there], torque[there], every, drift)
-    area = float(np.trapezoid(torque, theta_s))
-    return BeltFit(loading["K_s"], loading, unloading, quadratic, area)
+    loading = fit_straight_belt(deflection[there], torque[there], every, drift)
+    unloading = fit_straight_belt(deflection[back], torque[back], every, drift)
+    quadratic = fit_quadratic_belt(deflection[there], torque[there], every, drift)
+    return BeltFit(loading["K_s"], loading, unloading, quadratic, float(np.trapezoid(torque, theta_s)))
 
 
 def loaded_rows(deflection: Array) -> tuple[int, int, int]:
-    """Rows of one cycle where loading begins, where it ends at the peak, and where the belt is released again.
+    """Rows of one load-unload cycle: the onset of loading, the peak, and the row after unloading.
 
     Raises
     ------
@@ -70,13 +122,13 @@ def loaded_rows(deflection: Array) -> tuple[int, int, int]:
     onset = int(np.argmax(loaded))
     release = len(loaded) - int(np.argmax(loaded[::-1]))
     if release - peak < 10 or release == len(loaded):
-        raise InputError("the record ends while the belt is still loaded; record the way back too")
+        raise InputError("the trial ends while the belt is still loaded; record the way back too")
     check_one_loading(deflection[onset : peak + 1])
     return onset, peak, release
 
 
 def check_one_loading(deflection: Array) -> None:
-    """Refuse a belt that gives way on its way to the peak: another protocol than one turn there and back."""
+    """Refuse a deflection that falls on its way to the peak: the motion is not one turn there and back."""
     way = deflection * np.sign(deflection[-1])
     fall = float(np.max(np.maximum.accumulate(way) - way))
     if fall > LARGEST_FALL * abs(float(way[-1])):
@@ -86,13 +138,83 @@ def check_one_loading(deflection: Array) -> None:
         )
 
 
-def slope(theta_s: Array, torque: Array, every: int, drift: float) -> LinearFit:
-    """Straight line with intercept: `K_s` [N*m/rad], `offset` [N*m]. Curvature and damping are no noise about it."""
+def fit_straight_belt(theta_s: Array, torque: Array, every: int, drift: float) -> LinearFit:
+    """Straight line with intercept: `K_s` [N*m/rad], `offset` [N*m]; curvature and damping do not count as noise."""
     richer = {"K_s2": theta_s * np.abs(theta_s), "B_j": np.gradient(theta_s)}
-    return slow_fit(torque, {"K_s": theta_s, "offset": np.ones_like(theta_s)}, richer, every, drift)
+    return fit_slow_motion(torque, {"K_s": theta_s, "offset": np.ones_like(theta_s)}, richer, every, drift)
 
 
-def curvature(theta_s: Array, torque: Array, every: int, drift: float) -> LinearFit:
+def fit_quadratic_belt(theta_s: Array, torque: Array, every: int, drift: float) -> LinearFit:
     """Quadratic belt with intercept, odd in the deflection: `K_s`, `K_s2` [N*m/rad^2], `offset` [N*m]."""
     columns = {"K_s": theta_s, "K_s2": theta_s * np.abs(theta_s), "offset": np.ones_like(theta_s)}
-    return slow_fit(torque, columns, {"B_j": np.gradient(theta_s)}, every, drift)
+    return fit_slow_motion(torque, columns, {"B_j": np.gradient(theta_s)}, every, drift)
+
+
+def belt_table(belt: BeltTrial) -> pl.DataFrame:
+    """The trial's row of `belt.csv`: loading and unloading slope, loop area [J], quadratic belt, what a line lacks.
+
+    `energy_lost` is the loop's area divided by the energy K_s theta_s^2/2 at the peak. `stiffening` is the share by
+    which the slope of the quadratic belt grows from rest to the peak.
+    """
+    fit, peak = belt.fit, float(np.max(np.abs(belt.theta_s - belt.theta_s[0])))
+    row = {
+        "trial": belt.name,
+        **estimates_row(fit.loading, "K_s", "offset"),
+        **covariance_row(fit.loading, "K_s", "offset"),
+        **diagnostics_row(fit.loading, belt.rate_hz, belt.low_pass),
+        "unloading": fit.unloading["K_s"],
+        "unloading_se": fit.unloading.se("K_s"),
+        "hysteresis_area": fit.hysteresis_area,
+        "quadratic_K_s": fit.quadratic["K_s"],
+        "quadratic_K_s2": fit.quadratic["K_s2"],
+        "quadratic_K_s2_se": fit.quadratic.se("K_s2"),
+        "quadratic_VAF": fit.quadratic.vaf,
+        "energy_lost": fit.hysteresis_area / (fit.K_s * peak**2 / 2),
+        "stiffening": 2 * fit.quadratic["K_s2"] * peak / fit.quadratic["K_s"],
+    }
+    return pl.DataFrame([row])
+
+
+def belt_curve(belt: BeltTrial) -> pl.DataFrame:
+    """Deflection [deg] and torque [N*m] relative to rest, by branch, for Fig. 3."""
+    step = max(round(belt.rate_hz / CURVE_STEP_HZ), 1)
+    theta_s, torque = belt.theta_s[::step], belt.torque[::step]
+    deflection = np.rad2deg(theta_s - theta_s[0])
+    branch = np.where(np.arange(len(theta_s)) <= np.argmax(np.abs(deflection)), "loading", "unloading")
+    return pl.DataFrame(
+        {"trial": [belt.name] * len(branch), "branch": branch, "theta_s_deg": deflection, "torque": torque - torque[0]}
+    )
+
+
+def belt_series(belt: BeltTrial) -> tuple[Array, Array, Array]:
+    """Time [s], measured torque and that of the straight line [N*m], shape (n,) each."""
+    loading = belt.fit.loading
+    return belt.time, belt.torque, loading["K_s"] * belt.theta_s + loading["offset"]
+
+
+def belt_summary(table: pl.DataFrame) -> pl.DataFrame:
+    """Mean, scatter and interval over the trials of `belt.csv`."""
+    return summary_of_trials(table, SUMMARISED)
+
+
+def belt_figure_points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame) -> pl.DataFrame:
+    """The numbers of Fig. 3: the curves with the reason why a fit is doubtful, and the mean slope as two points.
+
+    `curves` are the trials' `belt_curve`s, `table` is `belt.csv`, `summary` is `belt_summary.csv`.
+    """
+    reasons = table.select("trial", "doubtful")
+    marked_curves = curves.join(reasons, on="trial", how="left", maintain_order="left")
+    K_s, low, high = summary.filter(pl.col("quantity") == "K_s").select("mean", "low", "high").row(0)
+    peak = float(np.abs(curves["theta_s_deg"].to_numpy()).max())
+    line = pl.DataFrame(
+        {
+            "trial": ["mean slope"] * 2,
+            "branch": ["loading"] * 2,
+            "theta_s_deg": [0.0, peak],
+            "torque": [0.0, K_s * float(np.deg2rad(peak))],
+            "K_s": [K_s] * 2,
+            "K_s_low": [low] * 2,
+            "K_s_high": [high] * 2,
+        }
+    )
+    return pl.concat([marked_curves, line], how="diagonal")

@@ -1,112 +1,149 @@
-"""What makes a fit doubtful: estimates that lean on one another, residuals with a structure, delay, friction."""
+"""What makes a bench fit doubtful: a late torque, friction, amplitudes that it does not predict, a wrong sign."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
-from osl_analysis.signals import LowPass
-from osl_analysis.stats.regression import LinearFit, linear_fit, variance_accounted_for
+from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors
+from osl_analysis.bench.stepped_sine import SteppedSineTrial
+from osl_analysis.doubtful import doubtful_row
+from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.second_order import lag_damping_row
+from osl_analysis.signals import Motion
+from osl_analysis.stats.comparison import held_out_vaf
+from osl_analysis.stats.covariance import ResidualCorrelation
+from osl_analysis.stats.fit_row import Row
+from osl_analysis.stats.regression import LinearFit, linear_fit
+from osl_analysis.stats.repeats import summary_table
 from osl_analysis.trial import Array
 
 Phasors = NDArray[np.complex128]
 
-FEWEST_FOR_WHITENESS = 20
-WHITENESS_LAGS = 10
-
-
-def largest_correlation(fit: LinearFit) -> float:
-    """Largest absolute correlation between two of the estimates; 0 where there is one."""
-    scale = np.sqrt(np.maximum(np.diag(fit.covariance), np.finfo(float).tiny))
-    return float(np.max(np.abs(np.triu(fit.covariance / np.outer(scale, scale), 1))))
-
 
 @dataclass(frozen=True)
-class Whiteness:
-    """What structure a residual has: autocorrelation after one sample, Ljung and Box's statistic per lag, its p-value.
-
-    The statistic is 1 per lag for white noise, whatever its length, and grows with the length for anything else.
-    """
-
-    autocorrelation: float
-    per_lag: float
-    p: float
-
-
-def whiteness(residual: Array, rate_hz: float, low_pass: LowPass) -> Whiteness | None:
-    """Whiteness of a residual (n,), thinned to twice the noise bandwidth of the filter that its signals passed.
-
-    At that rate, 1.8 times the cut-off, white noise comes out of the filter white, whatever the log's own rate: a test
-    at twice the cut-off would find the filter (0.1 of autocorrelation, certain with a thousand samples). Ljung and Box
-    (Biometrika 65, 1978): Q = n (n + 2) sum_k r_k^2 / (n - k) over `WHITENESS_LAGS` lags, or a fifth of the samples if
-    these are fewer; chi-squared with as many degrees of freedom. None with fewer than `FEWEST_FOR_WHITENESS` samples,
-    whose autocorrelations are uncertain by 0.2 and more, and for a residual of zeros.
-    """
-    step = max(rate_hz / (2 * low_pass.noise_bandwidth_hz), 1.0)  # samples, no whole number: the rate is to be exact
-    thinned = residual[np.rint(np.arange(0, len(residual) - 0.5, step)).astype(np.intp)]
-    n, power = len(thinned), float(thinned @ thinned)
-    if n < FEWEST_FOR_WHITENESS or power == 0:
-        return None
-    lag = np.arange(1, min(WHITENESS_LAGS, n // 5) + 1)
-    r = np.array([float(thinned[k:] @ thinned[:-k]) for k in lag]) / power
-    Q = n * (n + 2) * float(np.sum(r**2 / (n - lag)))
-    return Whiteness(float(r[0]), Q / len(lag), float(chdtrc(len(lag), Q)))
-
-
-@dataclass(frozen=True)
-class Delay:
-    """Lag [s] of the torque behind the angle, with its standard error."""
+class TorqueLag:
+    """By how much the torque lags the angle."""
 
     lag: float
+    """Lag [s]; positive if the torque is late."""
     se: float
+    """Its standard error [s]."""
 
 
-def torque_lag(frequency_hz: Array, theta: Array, impedance: Phasors, expected: Phasors) -> Delay:
-    """Lag of the torque from complex impedances torque/theta (n,) at amplitudes theta (n,) [rad] and frequencies [Hz].
+def torque_lag(frequency_hz: Array, theta: Array, impedance: Phasors, expected: Phasors) -> TorqueLag:
+    """Lag of the torque, from complex impedances torque/theta (n,) at amplitudes theta (n,) [rad] and frequencies [Hz].
 
-    `expected` (n,) are the impedances of the linear model with the same gains: without them a lag d is a damping of
-    -K d, and nothing tells the two apart. The phase beyond the model's is -w d, and Coulomb friction T_C adds
-    4 T_C/(pi theta) Re(1/expected) to it, by its describing function.
+    `expected` (n,) are the impedances of the linear model with the same gains. Without them a lag d is the same as a
+    damping of -K d. The phase differs from the model's by -w d for the lag and, for Coulomb friction T_C, by
+    4 T_C/(pi theta) Re(1/expected) (its describing function).
 
     Raises
     ------
     InputError, IdentifiabilityError
-        Two points or fewer, or too much alike to tell lag from friction.
+        Two points or fewer, or points that are too similar to distinguish lag from friction.
     """
     w = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
     beyond = np.asarray(np.angle(impedance / expected))
-    fit = linear_fit(beyond, {"lag": -w, "T_C": 4 / (np.pi * theta) * (1 / expected).real}, lags=1)
-    return Delay(fit["lag"], fit.se("lag"))
+    columns = {"lag": -w, "T_C": 4 / (np.pi * theta) * (1 / expected).real}
+    fit = linear_fit(beyond, columns, ResidualCorrelation(lags=1))
+    return TorqueLag(fit["lag"], fit.se("lag"))
+
+
+def torque_lag_row(phasors: Sequence[SegmentPhasors], K: float, expected: Admittance | None) -> Row:
+    """`lag_damping_row` of the torque's lag relative to the linear model; null if the lag cannot be estimated.
+
+    `expected` is the model's admittance, None where the gains are not known. `K` [N*m/rad] is the estimated stiffness.
+    """
+    if expected is None:
+        return lag_damping_row(None, None, K)
+    frequency = np.array([s.frequency_hz for s in phasors])
+    measured = np.array([s.torque.value / s.theta.value for s in phasors])
+    try:
+        amplitude = np.array([abs(s.theta.value) for s in phasors])
+        late = torque_lag(frequency, amplitude, measured, 1 / expected(2j * np.pi * frequency))
+    except OslAnalysisError:
+        return lag_damping_row(None, None, K)
+    return lag_damping_row(late.lag, late.se, K)
 
 
 @dataclass(frozen=True)
 class Nonlinearity:
-    """Share of even and of odd harmonics (2, 4 and 3, 5) in the torque, and the Coulomb friction [N*m] that makes
-    the third one, with the damping [N*m*s/rad] that its describing function adds to B."""
+    """Harmonics of the torque under a sine of the angle, and the Coulomb friction that they indicate."""
 
     even: float
+    """Amplitude of harmonics 2 and 4, as a share of the fundamental: asymmetry, play."""
     odd: float
+    """Amplitude of harmonics 3 and 5, as a share of the fundamental: friction."""
     coulomb: float
+    """Coulomb friction [N*m] that makes the third harmonic."""
     coulomb_damping: float
+    """Damping [N*m*s/rad] that this friction adds to B."""
 
 
 def nonlinearity(frequency_hz: Array, theta: Array, torque: Array) -> Nonlinearity:
-    """From amplitudes of angle (n,) [rad] and of the torque's harmonics 1 to 5, shape (n, 5) [N*m], at n frequencies.
+    """From amplitudes at n frequencies: of the angle (n,) [rad], and of the torque's harmonics 1 to 5 (n, 5) [N*m].
 
-    Coulomb friction T_C sign(omega) has harmonics 4 T_C/(k pi), k odd; its first is a damping 4 T_C/(pi w |theta|) at
-    that frequency, which a fit weights with duration times velocity squared, cycles being equally many.
+    Coulomb friction T_C sign(omega) has the harmonics 4 T_C/(k pi), k odd. At one frequency its fundamental is a
+    damping of 4 T_C/(pi w |theta|). A fit to all frequencies weights these by duration times velocity squared, with
+    equally many cycles at each.
     """
     w = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
     size = np.sqrt(np.sum(torque**2, axis=0))
     coulomb = 0.75 * np.pi * float(np.mean(torque[:, 2]))
     damping = 4 * coulomb / np.pi * float(np.sum(theta) / np.sum(w * theta**2))
-    return Nonlinearity(float(np.hypot(size[1], size[3]) / size[0]), float(np.hypot(size[2], size[4]) / size[0]),
-                        coulomb, damping)  # fmt: skip
+    even, odd = (float(np.hypot(*size[harmonics]) / size[0]) for harmonics in ([1, 3], [2, 4]))
+    return Nonlinearity(even, odd, coulomb, damping)
 
 
-def held_out_vaf(fit: LinearFit, columns: Mapping[str, Array], torque: Array) -> float:
-    """VAF [percent] of a fit for a torque (n,) that it did not see, with its columns (n,) there."""
-    modelled = np.sum([fit[name] * column for name, column in columns.items()], axis=0)
-    return variance_accounted_for(torque, torque - modelled)
+def nonlinearity_row(phasors: Sequence[SegmentPhasors]) -> Row:
+    """Shares of the torque's harmonics, and the Coulomb friction that the third one indicates."""
+    measured = nonlinearity(
+        np.array([s.frequency_hz for s in phasors]),
+        np.array([abs(s.theta.value) for s in phasors]),
+        np.array([s.torque.amplitudes for s in phasors]),
+    )
+    return {
+        "even_harmonics": measured.even,
+        "odd_harmonics": measured.odd,
+        "coulomb_torque": measured.coulomb,
+        "coulomb_damping": measured.coulomb_damping,
+    }
+
+
+def lowest_held_out_vaf(
+    trial: SteppedSineTrial, amplitude: float | None, fit: LinearFit, columns: Callable[[Motion], Mapping[str, Array]]
+) -> float | None:
+    """Lowest VAF [percent] of the fit to one amplitude [deg] at the other amplitudes.
+
+    Null for the fit to all amplitudes (None), and for the only one.
+    """
+    others = [part for part in trial.parts() if part[0] is not None and part[0] != amplitude]
+    if amplitude is None or not others:
+        return None
+    return min(held_out_vaf(fit, columns(motion), torque) for _, motion, torque in others)
+
+
+def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFrame:
+    """`summary_table`, with the number `n_doubtful` of trials whose fit is doubtful; they count in the mean as well."""
+    counted = {name: pl.lit(count) for name, count in doubtful_row(table).items()}
+    return summary_table(table, quantities).with_columns(**counted)
+
+
+def check_resists(trial: str, symbol: str, value: float) -> None:
+    """Refuse a negative estimate of what can only resist motion: belt stiffness, joint damping, a rendered stiffness.
+
+    A torque that is read with the wrong sign changes the sign of every estimate, and the fit is as good as before.
+
+    Raises
+    ------
+    InputError
+        It is negative; the message names the trial.
+    """
+    if value < 0:
+        raise InputError(
+            f"trial {trial}: {symbol} = {value:.4g} is negative, so the torque drives the motion instead of resisting "
+            "it; turn the `sign` of the torque, or of the angle, in the source file"
+        )

@@ -1,204 +1,160 @@
-"""Rival models of one torque side by side: what they predict of data held out, and what their parameters cost."""
+"""Rival models of belt, transmission and rendered impedance: scores per trial, and a comparison over trials."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
+import polars as pl
 
-from osl_analysis.bench.belt import loaded_rows
-from osl_analysis.signals import Motion
-from osl_analysis.stats.regression import LinearFit, linear_fit, variance_accounted_for
+from osl_analysis.bench.belt import BeltTrial
+from osl_analysis.bench.drivetrain_rival import DrivetrainTrial, drivetrain_candidates
+from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.bench.linear_rivals import (
+    BELT_MODELS,
+    SECOND_ORDER_MODELS,
+    TRANSMISSION_MODELS,
+    Fold,
+    Terms,
+    belt_fold,
+    held_out_by_amplitude,
+    impedance_fold,
+    score_against_other_trials,
+    transmission_fold,
+)
+from osl_analysis.bench.stepped_sine import SteppedSineTrial
+from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.stats.comparison import Score, loss_behind_best, mean_over_trials, rank_words, score_models
 from osl_analysis.trial import Array
 
-Terms = Mapping[str, tuple[str, ...]]
-BELT: Terms = {
-    "M1": ("K_s",),
-    "M2": ("K_s", "K_s2"),
-    "M3": ("K_s", "T_h"),
-    "M4": ("K_s", "K_s2", "T_h"),
-}
-"""T_h [N*m]: half the torque by which loading and unloading differ."""
-TRANSMISSION: Terms = {"M1": ("B_j", "J_j"), "M2": ("B_j", "J_j", "T_C")}
-SECOND_ORDER: Terms = {"M1": ("K", "B", "I")}
-TURN = 0.1
-"""Share of the peak deflection over which the belt's hysteresis may turn round, at both ends."""
-LAGS = 0.1
-"""Share of the samples up to which the residual's autocorrelation is looked at."""
-ROUNDING = 1e-24
-"""Mean square of what rounding leaves of an exact fit, as a share of the torque's; it depends on the processor."""
+HELD_OUT_BY_TRIAL = ("belt", "transmission")
+"""Experiments in which each trial is predicted from the other trials; elsewhere each amplitude from the others."""
+SCORE_COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out", "BIC")
+"""Columns of `model_comparison.csv` that its summary uses."""
+SMALLEST_LOSS = 1e-9
+"""Percent of the variance below which what a model leaves is rounding error."""
+SAMPLES_PER_PERIOD = 6
+"""Samples kept per period of the filter's cut-off. More of them cost time and add no information."""
 
 
-@dataclass(frozen=True)
-class Fold:
-    """One trial or amplitude: torque [N*m] and every column that a model may use, shape (n,) each.
-
-    An offset, and a drift where it says so, are taken out of all of them: each fold has its own, as a load cell has.
-    """
-
-    torque: Array
-    columns: Mapping[str, Array]
+def belt_scores(trials: Iterable[BeltTrial]) -> pl.DataFrame:
+    """Rows of `model_comparison.csv`: the belt models on each trial, predicted by fits to all the others."""
+    return scores_by_trial("belt", {belt.name: belt_fold(belt.theta_s, belt.torque) for belt in trials}, BELT_MODELS)
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """What one model leaves of the torque, shape (n,) [N*m]: when fitted to all of it, and when to other data only.
-
-    `terms` says of what the model is made; `parameters` counts what was fitted, offset and drift left out: all models
-    of a torque have the same.
-    """
-
-    model: str
-    terms: str
-    parameters: int
-    residual: Array
-    held_out_residual: Array
+def transmission_scores(trials: Iterable[SteppedSineTrial], sign_width: float) -> pl.DataFrame:
+    """The same for the transmission models; they smooth the sign of the velocity over `sign_width` [rad/s]."""
+    folds = {trial.name: whole_transmission_fold(trial, sign_width) for trial in trials}
+    return scores_by_trial("transmission", folds, TRANSMISSION_MODELS)
 
 
-@dataclass(frozen=True)
-class Score:
-    """A model's VAF [percent], also on data held out, its BIC (lower is better), and its rank by that, from 1 on."""
-
-    model: str
-    terms: str
-    parameters: int
-    vaf: float
-    vaf_held_out: float
-    bic: float
-    effective_samples: float
-    rank: int
+def whole_transmission_fold(trial: SteppedSineTrial, sign_width: float) -> Fold:
+    """All amplitudes of a trial as one fold; the sign of the velocity passes the filter of the torque."""
+    direction = trial.low_pass(np.tanh(trial.motion.omega / sign_width), trial.rate_hz)
+    rows = np.concatenate([np.r_[amplitude] for amplitude in thinned_amplitudes(trial)])
+    return transmission_fold(trial.motion[rows], direction[rows], trial.filtered_torque[rows])
 
 
-def fold(torque: Array, columns: Mapping[str, Array], nuisance: Array) -> Fold:
-    """A fold without what `nuisance` (n, k) explains of its torque and columns."""
-    return Fold(without(torque, nuisance), {name: without(column, nuisance) for name, column in columns.items()})
+def impedance_scores(
+    trial: SteppedSineTrial, desired: DesiredImpedance, p: DrivetrainParameters, sign_width: float
+) -> pl.DataFrame:
+    """The same for one trial against the controller: Eq. 15 and the drivetrain of Eq. 9, by amplitude."""
+    amplitudes = thinned_amplitudes(trial)
+    folds = [impedance_fold(trial.motion[rows], trial.filtered_torque[rows]) for rows in amplitudes]
+    drivetrain = DrivetrainTrial(
+        theta=trial.theta,
+        motion=trial.motion,
+        torque=trial.filtered_torque,
+        amplitude_rows=amplitudes,
+        rate_hz=trial.rate_hz,
+        low_pass=trial.low_pass,
+        gains=desired.gains(p),
+        p=p,
+        sign_width=sign_width,
+    )
+    linear = [held_out_by_amplitude(folds, model, terms) for model, terms in SECOND_ORDER_MODELS.items()]
+    scores = score_models(np.concatenate([f.torque for f in folds]), [*linear, *drivetrain_candidates(drivetrain)])
+    return score_table("impedance", trial.name, scores, desired.controller)
 
 
-def without(signal: Array, nuisance: Array) -> Array:
-    """What least squares on the nuisance (n, k) leaves of a signal (n,)."""
-    basis, _ = np.linalg.qr(nuisance)
-    return np.asarray(signal - basis @ (basis.T @ signal))
+def thinned_amplitudes(trial: SteppedSineTrial) -> list[slice]:
+    """Rows of each amplitude, thinned to `SAMPLES_PER_PERIOD`."""
+    step = max(int(trial.rate_hz / (SAMPLES_PER_PERIOD * trial.low_pass.cutoff_hz)), 1)
+    return [slice(block.rows.start, block.rows.stop, step) for block in trial.blocks]
 
 
-def offset_and_drift(n: int) -> Array:
-    """A constant and a ramp over n uniform samples, as columns."""
-    return np.column_stack([np.ones(n), np.linspace(-1, 1, n)])
+def scores_by_trial(experiment: str, folds: Mapping[str, Fold], models: Terms) -> pl.DataFrame:
+    """A row per trial and model, from the folds by trial."""
+    scored = {name: score_against_other_trials(list(folds.values()), models, k) for k, name in enumerate(folds)}
+    return pl.concat([score_table(experiment, name, scores) for name, scores in scored.items()])
 
 
-def belt_fold(theta_s: Array, torque: Array) -> Fold:
-    """One load-unload cycle: belt deflection [rad] and torque [N*m], without where the hysteresis turns.
-
-    Both branches cover the same deflections, or what differs between them would pass for curvature. The offset is the
-    only nuisance: a drift looks too much like loading followed by unloading.
-    """
-    deflection = theta_s - theta_s[0]
-    onset, peak, release = loaded_rows(deflection)
-    share = np.abs(deflection / deflection[peak])
-    rows = np.arange(onset, release)
-    rows = rows[(share[rows] > TURN) & (share[rows] < 1 - TURN)]
-    x, side = deflection[rows], np.where(rows <= peak, 1.0, -1.0) * np.sign(deflection[peak])
-    return fold(torque[rows], {"K_s": x, "K_s2": x * np.abs(x), "T_h": side}, np.ones((len(rows), 1)))
-
-
-def transmission_fold(motion: Motion, direction: Array, torque: Array) -> Fold:
-    """One trial with the motor detached; `direction` is the smooth sign of omega, filtered as the torque was."""
-    columns = {"B_j": motion.omega, "J_j": motion.alpha, "T_C": direction}
-    return fold(torque, columns, offset_and_drift(len(torque)))
-
-
-def impedance_fold(motion: Motion, torque: Array) -> Fold:
-    """One amplitude of a trial against the controller, for Eq. 15."""
-    columns = {"K": motion.theta, "B": motion.omega, "I": motion.alpha}
-    return fold(torque, columns, offset_and_drift(len(torque)))
-
-
-def held_out_repeats(folds: Sequence[Fold], models: Terms, k: int) -> list[Score]:
-    """Each model on fold k: fitted to it for the BIC, and to all the others for the VAF on data held out.
-
-    A fold that is alone has no such VAF: it is NaN.
-
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        As `linear_fit`.
-    """
-    others = [f for i, f in enumerate(folds) if i != k]
-    candidates = [
-        Candidate(
-            model,
-            " + ".join(terms),
-            len(terms),
-            residual(folds[k], fitted([folds[k]], terms)),
-            residual(folds[k], fitted(others, terms)) if others else np.full_like(folds[k].torque, np.nan),
-        )
-        for model, terms in models.items()
-    ]
-    return compare(folds[k].torque, candidates)
-
-
-def held_out_parts(folds: Sequence[Fold], model: str, terms: tuple[str, ...]) -> Candidate:
-    """A linear model of one trial whose folds are its amplitudes, each predicted by a fit to the others."""
-    whole = fitted(folds, terms)
-    held_out = [residual(f, fitted([other for other in folds if other is not f], terms)) for f in folds]
-    return Candidate(
-        model,
-        " + ".join(terms),
-        len(terms),
-        np.concatenate([residual(f, whole) for f in folds]),
-        np.concatenate(held_out),
+def score_table(experiment: str, trial: str, scores: Sequence[Score], controller: str | None = None) -> pl.DataFrame:
+    """A row per model of one trial; VAF in percent, `rank` by BIC, from 1 on."""
+    place = {"experiment": experiment, "trial": trial, "controller": controller}
+    return pl.DataFrame(
+        [
+            {
+                **place,
+                "model": score.model,
+                "terms": score.terms,
+                "parameters": score.parameters,
+                "VAF": score.vaf,
+                "VAF_held_out": score.vaf_held_out,
+                "BIC": score.bic,
+                "effective_samples": score.effective_samples,
+                "rank": score.rank,
+            }
+            for score in scores
+        ]
     )
 
 
-def fitted(folds: Iterable[Fold], terms: tuple[str, ...]) -> LinearFit:
-    """The one regression on these columns of all folds."""
-    folds = list(folds)
-    columns = {name: np.concatenate([f.columns[name] for f in folds]) for name in terms}
-    return linear_fit(np.concatenate([f.torque for f in folds]), columns)
+def comparison_summary(scores: pl.DataFrame) -> pl.DataFrame:
+    """A row per experiment, controller and model: means over the trials of `model_comparison.csv`, and the standing.
 
-
-def residual(data: Fold, fit: LinearFit) -> Array:
-    """What a fit leaves of a fold's torque [N*m]."""
-    return data.torque - sum((fit[name] * data.columns[name] for name in fit.names), np.zeros_like(data.torque))
-
-
-def compare(torque: Array, candidates: Sequence[Candidate]) -> list[Score]:
-    """Scores of models of the same torque (n,), in the order given; `rank` is by BIC.
-
-    BIC = m ln(mean squared residual) + p ln m (Schwarz, Ann. Stat. 6, 1978), with m effective samples for n: a filtered
-    signal has far fewer independent ones, and n of them would buy any term that is not exactly 0. One m serves
-    all models of a torque: that of the smallest residual, which has least of a model's own faults in it. Residuals
-    below rounding count as rounding: of models that fit exactly, the one with fewest parameters ranks first.
+    `VAF_held_out` [percent]; `VAF_gain` over the experiment's first model, that of the draft; `unexplained_ratio`, the
+    geometric mean of the unexplained variance divided by that of the first model; `VAF_behind` the model with the
+    highest mean; `BIC_change` from the first model and `BIC_behind` the lowest mean. Differences are paired by trial.
+    Each has the 95 % interval over trials. `by_VAF` and `by_BIC` are the words of `rank_words`.
     """
-    rounding = max(ROUNDING * float(np.mean(torque**2)), np.finfo(float).tiny)
-    power = [max(float(np.mean(c.residual**2)), rounding) for c in candidates]
-    m = effective_samples(candidates[int(np.argmin(power))].residual)
-    bic = [m * np.log(s) + c.parameters * np.log(m) for s, c in zip(power, candidates, strict=True)]
+    groups = scores.partition_by("experiment", "controller", maintain_order=True)
+    return pl.DataFrame([row for group in groups for row in standing_rows(group)], infer_schema_length=None)
+
+
+def standing_rows(scores: pl.DataFrame) -> list[dict[str, object]]:
+    """Rows of the summary for the trials of one experiment and controller, its models in the order of the table."""
+    shared = scores["experiment"][0] in HELD_OUT_BY_TRIAL
+    models = scores.unique("model", keep="first", maintain_order=True)
+    vaf, bic = (scores_of_models(scores, column) for column in ("VAF_held_out", "BIC"))
+    log_left = np.log(np.maximum(100 - vaf, SMALLEST_LOSS))
+    vaf_words, bic_words = rank_words(-vaf, shared), rank_words(bic)
+    vaf_behind, bic_behind = loss_behind_best(-vaf), loss_behind_best(bic)
     return [
-        Score(
-            c.model,
-            c.terms,
-            c.parameters,
-            variance_accounted_for(torque, c.residual),
-            variance_accounted_for(torque, c.held_out_residual),
-            float(b),
-            m,
-            1 + sum(bool(other < b) for other in bic),
-        )
-        for c, b in zip(candidates, bic, strict=True)
+        {
+            **model,
+            "trials": len(bic),
+            **mean_with_bounds("VAF_held_out", vaf[:, i], shared),
+            **mean_with_bounds("VAF_gain", vaf[:, i] - vaf[:, 0], shared),
+            **mean_with_bounds("unexplained_ratio", log_left[:, i] - log_left[:, 0], shared, np.exp),
+            **mean_with_bounds("VAF_behind", vaf_behind[:, i], shared),
+            "by_VAF": vaf_words[i],
+            **mean_with_bounds("BIC_change", bic[:, i] - bic[:, 0]),
+            **mean_with_bounds("BIC_behind", bic_behind[:, i]),
+            "by_BIC": bic_words[i],
+        }
+        for i, model in enumerate(models.select("experiment", "controller", "model", "terms", "parameters").to_dicts())
     ]
 
 
-def effective_samples(residual: Array) -> float:
-    """Number of independent samples whose mean square is as sure as that of these correlated ones (n,).
+def scores_of_models(scores: pl.DataFrame, column: str) -> Array:
+    """One score, shape (trials, models), of the trials that have it for every model."""
+    values = scores.pivot("model", index="trial", values=column).drop("trial").to_numpy()
+    return np.asarray(values[np.isfinite(values).all(axis=1)], dtype=float)
 
-    n / sum of rho_k^2 over all lags k (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8, 1946); the autocorrelation rho
-    is looked at up to a tenth of the record, less the squares that it would have by chance. A residual that does not
-    vary at all (an exact fit) counts as n independent samples.
-    """
-    n, lags = len(residual), int(LAGS * len(residual))
-    centred = residual - np.mean(residual)
-    spectrum = np.abs(np.fft.rfft(centred, 2 * n)) ** 2
-    covariance = np.fft.irfft(spectrum)[: lags + 1]
-    if covariance[0] <= n * ROUNDING * float(np.mean(residual**2)):
-        return float(n)
-    rho = covariance / covariance[0]
-    return float(np.clip(n * (1 + 2 * LAGS) / (1 + 2 * np.sum(rho[1:] ** 2)), 2.0, n))
+
+def mean_with_bounds(
+    name: str, values: Array, shared: bool = False, scale: Callable[[float], float] = float
+) -> dict[str, float | None]:
+    """`name`, `name_low`, `name_high`: mean over trials (n,) and its 95 % interval, on a scale; else null."""
+    mean = mean_over_trials(values, shared)
+    numbers = {name: mean.mean, f"{name}_low": mean.low, f"{name}_high": mean.high}
+    return {key: float(scale(value)) if np.isfinite(value) else None for key, value in numbers.items()}

@@ -1,4 +1,4 @@
-"""Finding the stepped-sine protocol in the recorded motion: nothing relies on when the recorder was started."""
+"""Finding the stepped-sine protocol in the recorded motion, wherever the recording begins."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,80 +13,94 @@ from osl_analysis.stats.covariance import FEWEST_CYCLES, Cycles
 from osl_analysis.trial import Array
 
 AMPLITUDE_TOLERANCE = 0.25
-"""Largest relative deviation of a recorded amplitude from the commanded one: a dynamometer's bandwidth costs some."""
+"""Largest relative deviation of a recorded amplitude from the commanded one. Some is lost to the dynamometer's
+bandwidth."""
 GOES_ON = 0.1
-"""Share of a sine's variance by which a further cycle may miss it; one of a tenth more in frequency misses by 0.13."""
+"""Largest misfit of a further cycle of the same sine, as a share of the sine's variance. A sine whose frequency is a
+tenth higher has a misfit of 0.13."""
 
 
 @dataclass(frozen=True)
-class SteppedSine:
-    """The protocol: at each amplitude [rad], `cycles` cycles at each frequency [Hz] without pause between them."""
+class SteppedSineProtocol:
+    """A stepped sine: at each amplitude a block of segments, one per frequency, without a pause between them."""
 
     amplitudes: tuple[float, ...]
+    """Amplitude of each block [rad]."""
     frequencies_hz: tuple[float, ...]
+    """Frequency of each segment of a block [Hz]."""
     cycles: int
+    """Number of cycles in a segment."""
 
 
 @dataclass(frozen=True)
 class Segment:
-    """Rows [start, stop) of the `cycles` cycles of one frequency [Hz] at one commanded amplitude [rad]."""
+    """Rows [start, stop) of one amplitude at one frequency."""
 
     amplitude: float
+    """Commanded amplitude [rad]."""
     frequency_hz: float
+    """Frequency [Hz]."""
     start: int
+    """First row."""
     stop: int
+    """Row after the last one."""
     cycles: int
+    """Number of cycles in these rows."""
 
     @property
     def amplitude_deg(self) -> float:
-        """The amplitude [deg] as it labels tables: 6 and not 6.000000000000001."""
+        """Commanded amplitude [deg] as tables show it: 6 and not 6.000000000000001."""
         return round(float(np.rad2deg(self.amplitude)), 9)
 
     @property
     def rows(self) -> slice:
+        """The rows of the segment."""
         return slice(self.start, self.stop)
 
 
 @dataclass(frozen=True)
 class Block:
-    """The segments of one amplitude [rad], which follow one another without a gap."""
+    """The segments of one amplitude, which follow one another without a gap."""
 
     amplitude: float
+    """Commanded amplitude [rad]."""
     segments: tuple[Segment, ...]
+    """One segment per frequency, in the order of the protocol."""
 
     @property
     def amplitude_deg(self) -> float:
-        """As of its segments."""
+        """Commanded amplitude [deg] as tables show it."""
         return self.segments[0].amplitude_deg
 
     @property
     def rows(self) -> slice:
+        """The rows of all segments."""
         return slice(self.segments[0].start, self.segments[-1].stop)
 
 
-def find_blocks(time: Array, theta: Array, protocol: SteppedSine) -> tuple[Block, ...]:
-    """Where in the joint angle theta [rad] at uniform times [s], shape (n,), each amplitude's block lies.
+def find_blocks(time: Array, theta: Array, protocol: SteppedSineProtocol) -> tuple[Block, ...]:
+    """Rows of each amplitude's block in the joint angle theta [rad] at uniform times [s], shape (n,) each.
 
-    The angle is correlated with one block of unit amplitude: at a block the correlation is the block's
+    The angle is correlated with one block of unit amplitude. Where a block begins, the correlation equals its
     amplitude. The highest peaks that do not overlap, in the order of time, must match the protocol.
 
     Raises
     ------
     InputError
-        The record is too short, the amplitudes found are not those of the protocol, or a sine has more cycles.
+        The trial is too short, the amplitudes found are not those of the protocol, or a sine has more cycles.
     """
     rate = sampling_rate(time)
     template = unit_block(protocol, rate)
     needed = len(protocol.amplitudes) * len(template)
     if len(theta) < needed:
         raise InputError(
-            f"the record lasts {len(theta) / rate:.1f} s, the protocol {needed / rate:.1f} s; "
+            f"the trial lasts {len(theta) / rate:.1f} s, the protocol {needed / rate:.1f} s; "
             "correct the protocol in the configuration, or record the whole trial"
         )
     matched = fftconvolve(theta - np.mean(theta), template[::-1], mode="valid") / float(template @ template)
     starts = highest_peaks(matched, len(protocol.amplitudes), len(template))
     blocks = tuple(
-        Block(amplitude, split(start, amplitude, protocol, rate))
+        Block(amplitude, block_segments(start, amplitude, protocol, rate))
         for start, amplitude in zip(starts, protocol.amplitudes, strict=True)
     )
     for block in blocks:
@@ -95,7 +109,7 @@ def find_blocks(time: Array, theta: Array, protocol: SteppedSine) -> tuple[Block
     return blocks
 
 
-def unit_block(protocol: SteppedSine, rate: float) -> Array:
+def unit_block(protocol: SteppedSineProtocol, rate: float) -> Array:
     """One block of unit amplitude, sampled at `rate` [Hz]."""
     pieces = [
         np.sin(2 * np.pi * f * np.arange(round(protocol.cycles / f * rate)) / rate) for f in protocol.frequencies_hz
@@ -104,7 +118,7 @@ def unit_block(protocol: SteppedSine, rate: float) -> Array:
 
 
 def highest_peaks(matched: Array, count: int, apart: int) -> list[int]:
-    """Rows of the `count` highest values that lie at least (almost) a block apart, in the order of time."""
+    """Rows of the `count` highest values that are 98 % of `apart` rows apart or more, in the order of time."""
     remaining = matched.copy()
     starts = []
     for _ in range(count):
@@ -116,7 +130,7 @@ def highest_peaks(matched: Array, count: int, apart: int) -> list[int]:
 
 
 def check_cycles(time: Array, theta: Array, block: Block) -> None:
-    """Refuse a sine that goes on where the protocol has another frequency or a rest: more cycles than it says."""
+    """Refuse a sine with more cycles than the protocol says: it goes on where another frequency or a rest is due."""
     around = [0.0, *(segment.frequency_hz for segment in block.segments), 0.0]
     more = {}
     for segment, before, after in zip(block.segments, around, around[2:], strict=False):
@@ -133,7 +147,10 @@ def check_cycles(time: Array, theta: Array, block: Block) -> None:
 
 
 def cycles_beyond(theta: Array, segment: Segment, side: int) -> int:
-    """Whole cycles of the segment's sine before it (side -1) or after it (1); 0 where the segment is no such sine."""
+    """Number of whole cycles by which the segment's sine extends before it (side -1) or after it (1).
+
+    0 if the segment itself is not such a sine.
+    """
     period = (segment.stop - segment.start) / segment.cycles
     turn = 2 * np.pi / period
     inside = np.arange(segment.start, segment.stop)
@@ -153,17 +170,17 @@ def cycles_beyond(theta: Array, segment: Segment, side: int) -> int:
     return next((k for k, start in enumerate(starts) if not is_sine(round(start) + cycle)), len(starts))
 
 
-def check_amplitude(found: float, commanded: float, start: float) -> None:
-    """Refuse an amplitude [rad] that is not the commanded one, at the block starting at `start` [s]."""
-    if not abs(found - commanded) <= AMPLITUDE_TOLERANCE * commanded:
+def check_amplitude(recorded: float, commanded: float, start: float) -> None:
+    """Refuse a recorded amplitude [rad] that is not the commanded one, in the block that begins at `start` [s]."""
+    if not abs(recorded - commanded) <= AMPLITUDE_TOLERANCE * commanded:
         raise InputError(
-            f"the block at {start:.1f} s has an amplitude of {np.rad2deg(found):.2f} deg, the protocol says "
+            f"the block at {start:.1f} s has an amplitude of {np.rad2deg(recorded):.2f} deg, the protocol says "
             f"{np.rad2deg(commanded):g} deg; correct the protocol in the configuration, or the angle's unit in the "
             "source file"
         )
 
 
-def split(start: int, amplitude: float, protocol: SteppedSine, rate: float) -> tuple[Segment, ...]:
+def block_segments(start: int, amplitude: float, protocol: SteppedSineProtocol, rate: float) -> tuple[Segment, ...]:
     """The segments of a block that starts at row `start`."""
     ends = np.cumsum([0.0, *(protocol.cycles / f for f in protocol.frequencies_hz)]) * rate
     rows = start + np.rint(ends).astype(int)
@@ -174,17 +191,20 @@ def split(start: int, amplitude: float, protocol: SteppedSine, rate: float) -> t
 
 
 def settled(blocks: Sequence[Block], settle_cycles: int) -> tuple[Segment, ...]:
-    """All segments without what is not periodic: `settle_cycles` at their start, and the last cycle.
+    """All segments without their first `settle_cycles` cycles and without their last one; one cycle at least is kept.
 
-    Into the last cycle the zero-phase filter smears the next frequency's beginning. One cycle at least is kept.
+    The first cycles still contain the transient. Into the last one the zero-phase filter smears the beginning of the
+    next frequency.
     """
     return tuple(
-        trimmed(segment, min(settle_cycles, segment.cycles - 1), 1) for block in blocks for segment in block.segments
+        trimmed_segment(segment, min(settle_cycles, segment.cycles - 1), 1)
+        for block in blocks
+        for segment in block.segments
     )
 
 
-def trimmed(segment: Segment, before: int, after: int) -> Segment:
-    """The segment without its first `before` and, where it has more than one left, its last `after` cycles."""
+def trimmed_segment(segment: Segment, before: int, after: int) -> Segment:
+    """The segment without its first `before` and, where more than one cycle is left, its last `after` cycles."""
     after = min(after, segment.cycles - before - 1)
     edges = cycle_edges(segment)
     stop = int(edges[segment.cycles - after])
@@ -192,7 +212,7 @@ def trimmed(segment: Segment, before: int, after: int) -> Segment:
 
 
 def cycle_edges(segment: Segment) -> Array:
-    """Rows at which the cycles begin, and the end of the last: (cycles + 1,)."""
+    """First row of each cycle and the end of the last one, shape (cycles + 1,)."""
     return np.asarray(np.rint(np.linspace(segment.start, segment.stop, segment.cycles + 1)))
 
 
@@ -201,11 +221,11 @@ def rows_of(segments: Sequence[Segment]) -> NDArray[np.intp]:
     return np.concatenate([np.r_[segment.rows] for segment in segments])
 
 
-def cycles_of(segments: Sequence[Segment], every: int = 1, skip: int = 0) -> Cycles | None:
-    """The cycles in the rows of the segments, one after the other; None with fewer than five in a segment.
+def repeated_cycles(segments: Sequence[Segment], every: int = 1, skip: int = 0) -> Cycles | None:
+    """The cycles among the rows of the segments (`rows_of`); None if a segment has fewer than five.
 
-    Of each segment every `every`-th row counts, and of those not the first `skip`: for signals that were thinned out
-    and then lost a filter's start.
+    Of each segment only every `every`-th row counts, and of these not the first `skip`. This serves signals that were
+    thinned and then lost samples at the start to a filter.
     """
     if min(segment.cycles for segment in segments) < FEWEST_CYCLES:
         return None

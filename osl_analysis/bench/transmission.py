@@ -1,24 +1,34 @@
 """Transmission losses with the motor detached: torque = B_j omega + J_j alpha + offset (Eq. 4 with theta_s = 0)."""
 
 import numpy as np
+import polars as pl
 
+from osl_analysis.bench.diagnostics import lowest_held_out_vaf, nonlinearity_row, summary_of_trials
+from osl_analysis.bench.frequency_response import at_amplitude, trial_phasors
+from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.signals import Motion
-from osl_analysis.stats.covariance import Cycles
+from osl_analysis.stats.covariance import NO_REPEATS, ResidualCorrelation
+from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.trial import Array
 
+COULOMB_WIDTH = 0.05
+"""Velocity [rad/s] over which the sign of the velocity is smoothed where Coulomb friction is fitted for comparison."""
+SUMMARISED = ("B_j", "J_j", "VAF", "T_C", "VAF_coulomb")
+"""Columns of the transmission table of which `transmission_summary.csv` has a mean over trials."""
 
-def fit_transmission(motion: Motion, torque: Array, cycles: Cycles | None = None, every: int = 1) -> LinearFit:
+
+def fit_transmission(motion: Motion, torque: Array, residuals: ResidualCorrelation = NO_REPEATS) -> LinearFit:
     """Fit `B_j` [N*m*s/rad], `J_j` [kg*m^2] and `offset` [N*m] to a motion and resisting torque of shape (n,).
 
-    The covariance is as `linear_fit` takes it: between `cycles`, or from each `every`-th sample.
+    `residuals` decides the covariance, as in `linear_fit`.
 
     Raises
     ------
     InputError, IdentifiabilityError
         As `linear_fit`.
     """
-    return linear_fit(torque, transmission_columns(motion), cycles=cycles, every=every)
+    return linear_fit(torque, transmission_columns(motion), residuals)
 
 
 def transmission_columns(motion: Motion) -> dict[str, Array]:
@@ -27,8 +37,52 @@ def transmission_columns(motion: Motion) -> dict[str, Array]:
 
 
 def fit_transmission_with_coulomb(
-    motion: Motion, torque: Array, width: float = 0.05, cycles: Cycles | None = None, every: int = 1
+    motion: Motion, torque: Array, residuals: ResidualCorrelation = NO_REPEATS
 ) -> LinearFit:
-    """The same with Coulomb friction `T_C` [N*m] times tanh(omega/width), width in rad/s, for comparison."""
-    columns = transmission_columns(motion) | {"T_C": np.tanh(motion.omega / width)}
-    return linear_fit(torque, columns, cycles=cycles, every=every)
+    """The same with Coulomb friction `T_C` [N*m] times tanh(omega/`COULOMB_WIDTH`), for comparison."""
+    columns = transmission_columns(motion) | {"T_C": np.tanh(motion.omega / COULOMB_WIDTH)}
+    return linear_fit(torque, columns, residuals)
+
+
+def transmission_table(trial: SteppedSineTrial) -> pl.DataFrame:
+    """The trial's rows of `transmission.csv`: one per amplitude [deg], and one for all of them (amplitude null).
+
+    `coulomb_share` is the share of B_j that Coulomb friction replaces if it is fitted too. `load_cell_drift`
+    [N*m/min] was subtracted from the torque. A lag of the torque is not among the diagnostics, because it cannot be
+    told from an inertia of -B_j times the lag.
+    """
+    phasors = trial_phasors(trial)
+    rows: list[Row] = []
+    for amplitude, motion, torque in trial.parts():
+        residuals = trial.residual_correlation(amplitude)
+        fit = fit_transmission(motion, torque, residuals)
+        friction = fit_transmission_with_coulomb(motion, torque, residuals)
+        rows.append(
+            {
+                "trial": trial.name,
+                "amplitude_deg": amplitude,
+                **estimates_row(fit, "B_j", "J_j", "offset"),
+                **covariance_row(fit, "B_j", "J_j"),
+                **diagnostics_row(fit, trial.rate_hz, trial.low_pass),
+                **estimates_row(friction, "T_C"),
+                "B_j_coulomb": friction["B_j"],
+                "VAF_coulomb": friction.vaf,
+                **nonlinearity_row(at_amplitude(phasors, amplitude)),
+                "VAF_held_out": lowest_held_out_vaf(trial, amplitude, fit, transmission_columns),
+                "coulomb_share": 1 - friction["B_j"] / fit["B_j"],
+                "load_cell_drift": 60 * trial.drift,
+            }
+        )
+    return pl.DataFrame(rows, schema_overrides={"amplitude_deg": pl.Float64}, infer_schema_length=None)
+
+
+def transmission_series(trial: SteppedSineTrial) -> tuple[Array, Array, Array]:
+    """Time [s], measured torque and that of Eq. 4 [N*m] over the whole trial, fitted to the settled cycles."""
+    *_, (_, motion, torque) = trial.parts()
+    modelled = fit_transmission(motion, torque).predicted(transmission_columns(trial.motion))
+    return trial.time, trial.filtered_torque, modelled
+
+
+def transmission_summary(table: pl.DataFrame) -> pl.DataFrame:
+    """Mean, scatter and interval over the trials of `transmission.csv`, from the fits to all amplitudes."""
+    return summary_of_trials(table.filter(pl.col("amplitude_deg").is_null()), SUMMARISED)

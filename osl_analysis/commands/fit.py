@@ -7,17 +7,17 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench.transmission import fit_transmission
-from osl_analysis.commands.actuator import actuator_table, read_actuator_trial
-from osl_analysis.commands.belt import belt_table, read_belt_trial
-from osl_analysis.commands.diagnosis import trial_phasors
-from osl_analysis.commands.impedance import impedance_table
-from osl_analysis.commands.stepped_sine import SteppedSineTrial, read_stepped_sine
-from osl_analysis.commands.transmission import transmission_table
-from osl_analysis.config import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.bench.actuator import actuator_table, actuator_trial
+from osl_analysis.bench.belt import belt_series, belt_table, belt_trial
+from osl_analysis.bench.frequency_response import trial_phasors
+from osl_analysis.bench.impedance import impedance_series, impedance_table
+from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.bench.stepped_sine import stepped_sine_trial
+from osl_analysis.bench.transmission import transmission_series, transmission_table
 from osl_analysis.doubtful import DoubtfulFits, marked
-from osl_analysis.second_order import fit_impedance
+from osl_analysis.parameters import read_parameters
 from osl_analysis.trial import Array
+from osl_analysis.trial_file import read_trial
 
 UNITS = {
     "K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²", "K_s": "N·m/rad", "B_j": "N·m·s/rad", "J_j": "kg·m²",
@@ -28,13 +28,15 @@ UNITS = {
 
 @dataclass(frozen=True)
 class FittedTrial:
-    """Tidy estimates, a row per fit, and the series (time [s], torque, torque_model [N*m]) of the fit to all data."""
+    """A fitted trial for the command line."""
 
     estimates: pl.DataFrame
+    """A row per fit, as in the result tables."""
     series: pl.DataFrame
+    """Time [s] from the start, measured and modelled torque [N*m] of the fit to all data."""
 
 
-def fit_one(
+def fit_dynamometer_trial(
     model: str, trial: Path, parameters: Path, settings: DynamometerAnalysis, limits: DoubtfulFits
 ) -> FittedTrial:
     """Fit an ingested trial with model `belt`, `transmission` or `impedance`.
@@ -44,46 +46,32 @@ def fit_one(
     InputError, IdentifiabilityError
         The trial lacks a signal, does not follow the protocol, or cannot identify the model.
     """
+    canonical = read_trial(trial)
     if model == "belt":
-        record = read_belt_trial(trial, parameters, settings)
-        modelled = record.fit.loading["K_s"] * record.theta_s + record.fit.loading["offset"]
-        return FittedTrial(marked(belt_table(record), limits.belt, model), series(record.time, record.torque, modelled))
-    stepped = read_stepped_sine(trial, settings)
+        belt = belt_trial(canonical, read_parameters(parameters), settings)
+        return FittedTrial(marked(belt_table(belt), limits.belt, model), series_table(*belt_series(belt)))
+    stepped = stepped_sine_trial(canonical, settings)
     if model == "transmission":
         table = marked(transmission_table(stepped), limits.transmission, model)
-        return FittedTrial(table, transmission_series(stepped))
-    table = impedance_table(stepped, trial_phasors(stepped))
-    return FittedTrial(marked(table, limits.impedance, model), impedance_series(stepped))
+        return FittedTrial(table, series_table(*transmission_series(stepped)))
+    table = marked(impedance_table(stepped, trial_phasors(stepped)), limits.impedance, model)
+    return FittedTrial(table, series_table(*impedance_series(stepped)))
 
 
-def fit_one_actuator(trial: Path, settings: ActuatorAnalysis, limits: DoubtfulFits) -> FittedTrial:
-    """Fit an ingested trial of the actuator's bench; raises as `fit_one`."""
-    record = read_actuator_trial(trial, settings)
-    table = marked(actuator_table(record), limits.actuator, "actuator")
-    return FittedTrial(table, series(record.time, record.torque, record.modelled))
+def fit_actuator_bench_trial(trial: Path, settings: ActuatorAnalysis, limits: DoubtfulFits) -> FittedTrial:
+    """Fit an ingested trial of the actuator's bench; raises as `fit_dynamometer_trial`."""
+    actuator = actuator_trial(read_trial(trial), settings)
+    table = marked(actuator_table(actuator), limits.actuator, "actuator")
+    return FittedTrial(table, series_table(actuator.time, actuator.torque, actuator.modelled))
 
 
-def transmission_series(record: SteppedSineTrial) -> pl.DataFrame:
-    """Measured torque and that of Eq. 4 over the whole record, fitted to the protocol's blocks."""
-    *_, (_, motion, torque) = record.parts()
-    fit, whole = fit_transmission(motion, torque), record.motion
-    modelled = fit["B_j"] * whole.omega + fit["J_j"] * whole.alpha + fit["offset"]
-    return series(record.time, record.filtered_torque, modelled)
-
-
-def impedance_series(record: SteppedSineTrial) -> pl.DataFrame:
-    """Measured torque and that of Eq. 15 over the whole record, fitted to the protocol's blocks."""
-    *_, (_, motion, torque) = record.parts()
-    return series(record.time, record.filtered_torque, fit_impedance(motion, torque).torque(record.motion))
-
-
-def series(time: Array, torque: Array, torque_model: Array) -> pl.DataFrame:
-    """Time [s] from the start, measured and modelled torque [N*m]."""
+def series_table(time: Array, torque: Array, torque_model: Array) -> pl.DataFrame:
+    """Time [s] from the start, measured and modelled torque [N*m], shape (n,) each, as a table."""
     return pl.DataFrame({"time": time - time[0], "torque": torque, "torque_model": torque_model})
 
 
 def estimates_text(estimates: pl.DataFrame) -> str:
-    """The estimates as a table for the eye: a line per fit and quantity, with 95 % interval and VAF."""
+    """The estimates as text: a line per fit and quantity, with 95 % interval and VAF."""
     lines = []
     for row in estimates.to_dicts():
         amplitude = row.get("amplitude_deg")
@@ -101,6 +89,6 @@ def estimates_text(estimates: pl.DataFrame) -> str:
 
 
 def amplitudes_text(row: Mapping[str, Any], name: str) -> str:
-    """From where to where the single amplitudes read an estimate, where a row has that."""
+    """The lowest and the highest estimate of a single amplitude, if the row has them."""
     low, high = row.get(f"{name}_amplitudes_low"), row.get(f"{name}_amplitudes_high")
     return "" if low is None or high is None else f", single amplitudes {low:.5g} to {high:.5g}"

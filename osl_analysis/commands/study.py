@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.config import ActuatorAnalysis, DynamometerAnalysis, ValidationStudy
+from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.config import ValidationStudy
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.settings import SimulationSettings

@@ -1,1 +1,1 @@
-"""Statistics: one linear regression (`regression.py`), and what stands on it."""
+"""Statistics without physics: the one regression, covariances, sinusoids, repeats, comparison of models, whiteness."""

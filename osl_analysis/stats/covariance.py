@@ -1,39 +1,76 @@
-"""Covariance of estimates from their scores: what each sample, or each cycle, contributes to the estimates' error."""
+"""Covariance of estimates from their scores: what each sample, or each cycle, adds to the error of the estimates."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from osl_analysis.stats.degrees_of_freedom import welch_satterthwaite
 from osl_analysis.trial import Array
 
 Covariance = tuple[Array, Array]
-"""Covariance (p, p) of the estimates, and the degrees of freedom (p,) of its diagonal."""
+"""Covariance (p, p) of the estimates, and the degrees of freedom (p,) of the variances on its diagonal."""
 
 FEWEST_CYCLES = 5
-"""Repetitions at each frequency from which their spread is worth an interval."""
+"""Smallest number of cycles at one frequency whose spread gives an interval."""
 FILTER_SPAN = 8
-"""Half periods of the filter's cut-off in the shortest window: a Bartlett window of as many loses 1 % of the noise."""
+"""Shortest window, in half periods of the filter's cut-off. Over this window the Bartlett weights lose 1 % of the
+noise's variance."""
 
 
 @dataclass(frozen=True)
 class Cycles:
-    """Which rows repeat one another: `first` (m,) is the first row of each cycle, `stratum` (m,) what it repeats.
+    """The rows of a fit that repeat one another.
 
-    The rows of a cycle follow one another, and the first cycle begins at row 0. Cycles of one stratum (one frequency
-    at one amplitude) are repetitions: what they have in common is no chance error, only what differs is.
+    The rows of a cycle follow one another, and the first cycle begins at row 0. The cycles of one stratum (one
+    frequency at one amplitude) are repetitions: only the differences between them count as random error.
     """
 
     first: NDArray[np.intp]
+    """First row of each cycle, shape (m,)."""
     stratum: NDArray[np.intp]
+    """Number of the stratum that each cycle belongs to, shape (m,)."""
+
+
+@dataclass(frozen=True)
+class ResidualCorrelation:
+    """How the residuals of a fit depend on one another. It decides how the covariance of the estimates is computed."""
+
+    cycles: Cycles | None = None
+    """Cycles that the experiment repeats: the covariance comes from the spread between them. None: from the
+    autocorrelation of the residuals."""
+    every: int = 1
+    """Number of samples after which the low-pass filter leaves noise independent (`LowPass.independent_samples`)."""
+    lags: int | None = None
+    """Number of samples over which residuals may be correlated. None: the bandwidth that `correlation_samples` finds
+    with `every`."""
+
+    @property
+    def method(self) -> str:
+        """Source of the covariance, as the tables name it: `cycles`, or `HAC` (from the autocorrelation)."""
+        return "HAC" if self.cycles is None else "cycles"
+
+    def window(self, residual: Array) -> int:
+        """Number of samples over which a residual (n,) may be correlated."""
+        return self.lags or correlation_samples(residual, self.every)
+
+    def covariance(self, scores: Array, window: int) -> Covariance:
+        """Covariance of the estimates whose scores are (n, p)."""
+        if self.cycles is not None:
+            return between_cycles(scores, self.cycles)
+        return moving_sums(scores, window, slow=self.every > 1)
+
+
+NO_REPEATS = ResidualCorrelation()
+"""Nothing repeats, and no filter is known: the bandwidth comes from the residuals, sample by sample."""
 
 
 def correlation_samples(residual: Array, every: int = 1) -> int:
     """Andrews' plug-in bandwidth for the Bartlett kernel from an AR(1) fit, at most an eighth of the samples.
 
-    Sample by sample, noise behind a low-pass is no AR(1): taken for one, its 30 ms become 2.5 s. So the AR(1) is
-    fitted to each `every`-th sample, half a period of the cut-off apart, where such noise is nearly white.
+    Noise that passed a low-pass filter is not an AR(1) from sample to sample: fitted as one, its correlation of 30 ms
+    becomes 2.5 s. The AR(1) is therefore fitted to each `every`-th sample. These are half a period of the cut-off
+    apart, where such noise is nearly white.
     """
     if every > 1:
         return min(every * max(correlation_samples(residual[::every]), FILTER_SPAN), max(len(residual) // 8, 1))
@@ -46,13 +83,13 @@ def correlation_samples(residual: Array, every: int = 1) -> int:
 
 
 def moving_sums(scores: Array, window: int, slow: bool = False) -> Covariance:
-    """Newey and West's: the long-run covariance of the scores (n, p), Bartlett weights up to `window` - 1 lags.
+    """Long-run covariance of the scores (n, p) after Newey and West: Bartlett weights up to `window` - 1 lags.
 
-    The sum over all lags weighted 1 - lag/window equals the sum of squares of moving sums over `window`
-    samples, zero beyond the ends, divided by `window`: positive semi-definite by construction. It is worth 1.5
-    n/window degrees of freedom (Priestley, Spectral Analysis and Time Series, 1981, table 6.2, at frequency zero).
-    The fit has taken p of the n samples, or of the n/window sums where its columns are `slow` beside the window (Kiefer
-    and Vogelsang, Econometric Theory 21, 2005, to first order in window/n).
+    The sum over all lags with the weights 1 - lag/window equals the sum of squares of moving sums over `window`
+    samples (zeros beyond the ends) divided by `window`. It is therefore positive semi-definite. It has 1.5 n/window
+    degrees of freedom (Priestley, Spectral Analysis and Time Series, 1981, table 6.2, at frequency zero). The fit has
+    used up p of the n samples or, where its columns are `slow` compared with the window, p of the n/window sums
+    (Kiefer and Vogelsang, Econometric Theory 21, 2005, to first order in window/n).
     """
     n, p = scores.shape
     left = max(n - p * window, window) if slow else n - p
@@ -63,10 +100,10 @@ def moving_sums(scores: Array, window: int, slow: bool = False) -> Covariance:
 
 
 def between_cycles(scores: Array, cycles: Cycles) -> Covariance:
-    """The spread of the cycles' sums of scores (n, p) about the mean of their stratum.
+    """Covariance from the spread of the cycles' sums of scores (n, p) about the mean of their stratum.
 
-    It is what a bootstrap that draws cycles anew within each stratum converges to, times m/(m - 1) for the stratum's
-    mean that was estimated.
+    A bootstrap that draws cycles within each stratum converges to this covariance, apart from the factor m/(m - 1)
+    for the mean that was estimated from the m cycles of the stratum.
     """
     sums = np.add.reduceat(scores, cycles.first, axis=0)
     members = np.bincount(cycles.stratum).astype(float)
@@ -74,3 +111,14 @@ def between_cycles(scores: Array, cycles: Cycles) -> Covariance:
     spread = (sums - mean[cycles.stratum]) * np.sqrt(members / (members - 1))[cycles.stratum, None]
     shares = np.stack([np.bincount(cycles.stratum, column**2) for column in spread.T], axis=1)
     return spread.T @ spread, welch_satterthwaite(list(shares), members - 1)
+
+
+def welch_satterthwaite(variances: Sequence[ArrayLike], degrees_of_freedom: ArrayLike) -> Array:
+    """Degrees of freedom of the sum of k independent variances (k, ...), each with its `degrees_of_freedom` (k,).
+
+    Satterthwaite, Biometrics Bulletin 2, 1946; Welch, Biometrika 34, 1947. Infinite where all variances are zero.
+    """
+    summands = np.asarray(variances, dtype=float)
+    uncertainty = np.tensordot(1 / np.asarray(degrees_of_freedom, dtype=float), summands**2, axes=1)
+    total = np.sum(summands, axis=0) ** 2
+    return np.asarray(np.divide(total, uncertainty, out=np.full_like(total, np.inf), where=uncertainty > 0))

@@ -7,35 +7,40 @@ import numpy as np
 from scipy.special import stdtrit
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.stats.covariance import Cycles, between_cycles, correlation_samples, moving_sums
+from osl_analysis.stats.covariance import NO_REPEATS, ResidualCorrelation
 from osl_analysis.trial import Array
 
 CONDITION_LIMIT = 1e3
-"""Scaled condition number above which estimates mean nothing: an error of 0.1 % in a column becomes one of 100 %."""
+"""Largest scaled condition number that is accepted. Beyond it an error of 0.1 % in a column becomes one of 100 % in an
+estimate."""
 
 
 @dataclass(frozen=True)
 class LinearFit:
-    """Result of `linear_fit`: estimates [unit of y per unit of the column], their covariance, diagnostics.
-
-    `vaf` is 100 (1 - var(residual)/var(y)) percent, blind to an offset; `r_squared` is about zero and is not.
-    `condition_number` is that of the columns scaled to unit length, `correlation_samples` the number of samples
-    over which residuals were allowed to be correlated. `interval_method` says where the covariance is from: `HAC` or
-    the spread between `cycles`, else what took its place (`slow_fit`, `fit_response`); `degrees_of_freedom` (p,) how
-    much each variance is worth in Student's quantile.
-    """
+    """Result of `linear_fit`."""
 
     names: tuple[str, ...]
+    """Names of the p columns."""
     estimates: Array
+    """Estimates (p,) [unit of y per unit of the column]."""
     covariance: Array
+    """Covariance of the estimates (p, p)."""
     vaf: float
+    """100 (1 - var(residual)/var(y)) [percent]. An offset does not change it."""
     r_squared: float
+    """Coefficient of determination about zero. An offset does change it."""
     condition_number: float
+    """Condition number of the columns, each scaled to unit length."""
     correlation_samples: int
+    """Number of samples over which the residuals were allowed to be correlated."""
     samples: int
+    """Number of samples n that were fitted."""
     interval_method: str
+    """Source of the covariance: `HAC`, `cycles`, or what replaced it (`fit_slow_motion`, `fit_response`)."""
     degrees_of_freedom: Array
+    """Degrees of freedom (p,) of the estimates' variances, for Student's quantile."""
     residual: Array
+    """y minus the fit (n,) [unit of y]."""
 
     def __getitem__(self, name: str) -> float:
         return float(self.estimates[self.names.index(name)])
@@ -49,28 +54,41 @@ class LinearFit:
         """Covariance of two estimates, in the product of their units."""
         return float(self.covariance[self.names.index(first), self.names.index(second)])
 
+    def correlation(self, first: str, second: str) -> float:
+        """Correlation of two estimates, -1 to 1; near these limits only their combination is known."""
+        return self.cov(first, second) / (self.se(first) * self.se(second))
+
     def interval(self, name: str) -> tuple[float, float]:
         """Bounds of the 95 % interval of one estimate, in its unit (Student's quantile)."""
         half = float(stdtrit(self.degrees_of_freedom[self.names.index(name)], 0.975)) * self.se(name)
         return self[name] - half, self[name] + half
 
+    @property
+    def largest_correlation(self) -> float:
+        """Largest absolute correlation of two estimates; 0 if there is only one. Near 1 only a combination is known."""
+        scale = np.sqrt(np.maximum(np.diag(self.covariance), np.finfo(float).tiny))
+        return float(np.max(np.abs(np.triu(self.covariance / np.outer(scale, scale), 1))))
+
+    def predicted(self, columns: Mapping[str, Array]) -> Array:
+        """What the fit predicts for the same columns elsewhere, (n,) each [unit of y]; further columns are ignored."""
+        return np.asarray(np.sum([self[name] * columns[name] for name in self.names], axis=0))
+
 
 def linear_fit(
     y: Array,
     columns: Mapping[str, Array],
-    condition_limit: float = CONDITION_LIMIT,
-    cycles: Cycles | None = None,
+    residuals: ResidualCorrelation = NO_REPEATS,
     instruments: Mapping[str, Array] | None = None,
-    lags: int | None = None,
-    every: int = 1,
+    condition_limit: float = CONDITION_LIMIT,
 ) -> LinearFit:
     """Least squares of y (n,) on named columns (n,) each, with standard errors for correlated residuals.
 
-    Consecutive samples of a filtered signal are not independent. Where the experiment repeats `cycles`, the covariance
-    is that of resampling them; without, it is Newey and West's (Econometrica 55, 1987) over `lags` samples, by default
-    the bandwidth of Andrews (Econometrica 59, 1991), from each `every`-th sample: so far apart the filter leaves noise
-    independent (`LowPass.independent_samples`). With `instruments`, as many as columns, the columns are replaced
-    by their projection on these (two-stage least squares): noise in a column that no instrument shares does no harm.
+    Consecutive samples of a filtered signal are not independent. Where the experiment repeats cycles, the covariance
+    is that of resampling the cycles. Elsewhere it is Newey and West's (Econometrica 55, 1987) with the bandwidth of
+    Andrews (Econometrica 59, 1991). `residuals` says which.
+
+    With `instruments`, as many as columns, the columns are replaced by their projection on the instruments (two-stage
+    least squares). Noise of a column that no instrument shares then does not bias the estimates.
 
     Raises
     ------
@@ -90,29 +108,35 @@ def linear_fit(
     U, singular, Vt = np.linalg.svd(X / scale, full_matrices=False)
     condition = float(singular[0] / max(singular[-1], np.finfo(float).tiny))
     if condition > condition_limit:
-        refuse(names, Vt[-1], condition)
+        refuse_unidentifiable(names, Vt[-1], condition)
     estimates = (Vt.T @ ((U.T @ y) / singular)) / scale
     residual = y - measured @ estimates
     inverse = (Vt.T / singular**2) @ Vt / np.outer(scale, scale)
-    window = lags or correlation_samples(residual, every)
-    scores = (X * residual[:, None]) @ inverse
-    method = "HAC" if cycles is None else "cycles"
-    covariance, freedom = (
-        moving_sums(scores, window, slow=every > 1) if cycles is None else between_cycles(scores, cycles)
+    window = residuals.window(residual)
+    covariance, degrees_of_freedom = residuals.covariance((X * residual[:, None]) @ inverse, window)
+    return LinearFit(
+        names,
+        estimates,
+        covariance,
+        variance_accounted_for(y, residual),
+        1 - float(residual @ residual) / max(float(y @ y), np.finfo(float).tiny),
+        condition,
+        window,
+        len(y),
+        residuals.method,
+        degrees_of_freedom,
+        residual,
     )
-    r_squared = 1 - float(residual @ residual) / max(float(y @ y), np.finfo(float).tiny)
-    vaf = variance_accounted_for(y, residual)
-    return LinearFit(names, estimates, covariance, vaf, r_squared, condition, window, len(y), method, freedom, residual)
 
 
 def projected(X: Array, Z: Array) -> Array:
-    """Columns X (n, p) as far as the instruments Z (n, q) explain them."""
+    """Projection of the columns X (n, p) on the instruments Z (n, q)."""
     Q, _ = np.linalg.qr(Z / np.linalg.norm(Z, axis=0))
     return np.asarray(Q @ (Q.T @ X))
 
 
 def checked_columns(y: Array, columns: Mapping[str, Array]) -> Array:
-    """The columns as a matrix (n, p), once lengths, finiteness and the number of samples are in order."""
+    """The columns as a matrix (n, p), after checks of their lengths, their values and the number of samples."""
     for name, column in {**columns, "y": y}.items():
         if np.shape(column) != np.shape(y):
             raise InputError(f"column '{name}' has shape {np.shape(column)}, expected {np.shape(y)} like y")
@@ -123,8 +147,8 @@ def checked_columns(y: Array, columns: Mapping[str, Array]) -> Array:
     return np.column_stack([np.asarray(c, dtype=float) for c in columns.values()])
 
 
-def refuse(names: tuple[str, ...], direction: Array, condition: float) -> None:
-    """Name the two columns that weigh most in the direction that the data cannot see."""
+def refuse_unidentifiable(names: tuple[str, ...], direction: Array, condition: float) -> None:
+    """Raise an error that names the two columns with the largest weights in the `direction` that cannot be seen."""
     worst = sorted(np.argsort(np.abs(direction))[-2:])
     first, second = (names[i] for i in worst)
     raise IdentifiabilityError(

@@ -1,38 +1,46 @@
 """Mean, scatter and interval over repeated trials."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
+import polars as pl
 from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
 from osl_analysis.errors import InputError
-from osl_analysis.stats.degrees_of_freedom import welch_satterthwaite
+from osl_analysis.stats.covariance import welch_satterthwaite
 
 
 @dataclass(frozen=True)
 class Repeats:
-    """Mean over n trials, standard deviation between them, standard error and 95 % interval of the mean (Student)."""
+    """Summary of one estimate per trial, all in the unit of the estimate."""
 
     n: int
+    """Number of trials."""
     mean: float
     sd: float
+    """Standard deviation between trials."""
     se: float
+    """Standard error of the mean."""
     low: float
+    """Lower bound of the 95 % interval of the mean (Student)."""
     high: float
+    """Its upper bound."""
 
 
 @dataclass(frozen=True)
 class CommonError:
-    """An error that all trials share, and that their scatter does not show: its variance, and what that is worth."""
+    """An error that all trials share, so that their scatter does not show it."""
 
     variance: float
+    """Variance of the error, in the squared unit of the estimate."""
     degrees_of_freedom: float
+    """Degrees of freedom of this variance."""
 
 
 def over_repeats(values: ArrayLike, common: Sequence[CommonError] = ()) -> Repeats:
-    """Summary of one estimate per trial, shape (n,), any unit; standard error and interval count in what is `common`.
+    """Summary of one estimate per trial, shape (n,). Standard error and interval include the `common` errors.
 
     Raises
     ------
@@ -44,7 +52,21 @@ def over_repeats(values: ArrayLike, common: Sequence[CommonError] = ()) -> Repea
         raise InputError(f"{len(values)} trial cannot give a scatter; repeat the experiment at least twice")
     mean, sd = float(np.mean(values)), float(np.std(values, ddof=1))
     variances = [sd**2 / len(values), *(error.variance for error in common)]
-    freedom = welch_satterthwaite(variances, [len(values) - 1, *(error.degrees_of_freedom for error in common)])
+    each = [len(values) - 1, *(error.degrees_of_freedom for error in common)]
     se = float(np.sqrt(sum(variances)))
-    half = float(stdtrit(freedom, 0.975)) * se
+    half = float(stdtrit(welch_satterthwaite(variances, each), 0.975)) * se
     return Repeats(len(values), mean, sd, se, mean - half, mean + half)
+
+
+def summary_table(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFrame:
+    """A row per quantity (a column of `table`): n, mean, sd, se and the 95 % interval of the mean over the trials."""
+    return pl.DataFrame([{"quantity": name, **summary_row(table[name])} for name in quantities])
+
+
+def summary_row(values: pl.Series) -> dict[str, float | str | None]:
+    """n, mean, sd, se, low, high of one column, and the source of the interval; of one trial only n and mean."""
+    numbers = values.cast(pl.Float64).drop_nulls().drop_nans()
+    if len(numbers) >= 2:
+        return asdict(over_repeats(numbers.to_numpy())) | {"interval_method": "Student"}
+    mean = float(numbers[0]) if len(numbers) else None
+    return {"n": len(numbers), "mean": mean, **dict.fromkeys(("sd", "se", "low", "high", "interval_method"))}

@@ -1,28 +1,28 @@
-"""Fit to one slow motion that nothing repeats: its error from the noise, and from a drift that the motion hides."""
+"""Fit to one slow motion that is not repeated: its errors come from noise and from a drift that the motion hides."""
 
 from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from osl_analysis.stats.degrees_of_freedom import welch_satterthwaite
+from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.trial import Array
 
 
-def slow_fit(
+def fit_slow_motion(
     y: Array, columns: Mapping[str, Array], richer: Mapping[str, Array], every: int = 1, drift: float = 0.0
 ) -> LinearFit:
-    """`linear_fit` of y (n,) on slow columns (n,), with the errors that chance makes.
+    """`linear_fit` of y (n,) on slow columns (n,) each, with standard errors for noise and drift.
 
-    What the columns miss in every trial alike is no chance: noise is what a fit that also has the columns `richer`
-    leaves. Least squares on slow columns have the covariance S (X'X)^-1, S the noise's spectral density at frequency
-    zero (Grenander and Rosenblatt, Statistical Analysis of Stationary Time Series, 1957): its variance times
-    `memory_samples`, of which the record has n/memory.
+    What the columns fail to describe is the same in every trial and is not random. The noise is therefore taken from a
+    second fit that also has the columns `richer`. Least squares on slow columns have the covariance S (X'X)^-1, where
+    S is the spectral density of the noise at frequency zero (Grenander and Rosenblatt, Statistical Analysis of
+    Stationary Time Series, 1957): the variance of the noise times `memory_samples`. Noise is independent after `every`
+    samples (`LowPass.independent_samples`).
 
-    A sensor's drift, linear in time with the standard deviation `drift` [unit of y per sample], passes for a slow
-    column: no residual shows it. It is counted in as a component of type B (JCGM 100:2008, 4.3), its size taken as
-    known.
+    A sensor's drift is linear in time with the standard deviation `drift` [unit of y per sample]. It looks like a slow
+    column, and no residual shows it. It is added as a component of type B (JCGM 100:2008, 4.3) of known size.
 
     Raises
     ------
@@ -34,24 +34,22 @@ def slow_fit(
     estimates, _, rank, _ = np.linalg.lstsq(everything, y, rcond=None)
     noise = y - everything @ estimates
     memory = memory_samples(noise, every)
-    freedom = max(len(y) / memory - float(rank), 1.0)
+    degrees_of_freedom = max(len(y) / memory - float(rank), 1.0)
     solution = np.linalg.pinv(np.column_stack(list(columns.values())))
-    by_noise, shift = float(noise @ noise) / freedom * solution @ solution.T, drift * solution @ samples
-    covariance = by_noise + np.outer(shift, shift)
-    variances = [np.diag(by_noise), shift**2]
+    by_noise, shift = float(noise @ noise) / degrees_of_freedom * solution @ solution.T, drift * solution @ samples
     return replace(
         fit,
-        covariance=covariance,
-        degrees_of_freedom=welch_satterthwaite(variances, [freedom, np.inf]),
+        covariance=by_noise + np.outer(shift, shift),
+        degrees_of_freedom=welch_satterthwaite([np.diag(by_noise), shift**2], [degrees_of_freedom, np.inf]),
         correlation_samples=int(np.ceil(memory)),
         interval_method="noise + drift" if drift else "noise",
     )
 
 
 def memory_samples(noise: Array, every: int) -> float:
-    """Samples of a noise (n,) that are worth one independent one: every (1 + rho)/(1 - rho).
+    """Number of samples of a noise (n,) that count as one independent sample: every (1 + rho)/(1 - rho).
 
-    rho is the autocorrelation at `every` samples, from where on the noise is taken for an AR(1).
+    rho is the autocorrelation after `every` samples. The noise is modelled as an AR(1) at this step.
     """
     power = float(noise @ noise)
     rho = float(noise[every:] @ noise[:-every]) / power if power > 0 else 0.0

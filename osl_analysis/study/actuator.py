@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from osl_analysis.bench.actuator import EDGE_PERIODS, PARAMETERS, actuator_columns, fit_actuator
+from osl_analysis.bench.actuator import EDGE_PERIODS, PARAMETERS, ActuatorSignals, actuator_columns, fit_actuator
 from osl_analysis.bench.estimators import DEFAULT
-from osl_analysis.config import ActuatorAnalysis
+from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.model.drivetrain import actuator_torque
 from osl_analysis.parameters import DrivetrainParameters
@@ -56,8 +56,8 @@ class ActuatorExperiment:
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
         """Those of the pipeline's fit."""
         log, chosen = self.log(trial, ideal), self.analysis
-        signals = log.actuator_angle, log.motor_current, log.output_torque
-        columns, torque = actuator_columns(log.time, *signals, low_pass, chosen.sign_width)
+        signals = ActuatorSignals(log.time, log.actuator_angle, log.motor_current, log.output_torque)
+        columns, torque = actuator_columns(signals, low_pass, chosen.sign_width)
         fit = fit_actuator(columns, torque, self.settings.dynamometer.rate_hz, low_pass, chosen.slowest)
         yield DEFAULT, fit.interval_method, estimates_of(fit, self.names)
 

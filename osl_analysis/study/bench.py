@@ -7,11 +7,12 @@ from typing import Protocol
 import numpy as np
 
 from osl_analysis.bench.belt import fit_belt_stiffness
-from osl_analysis.bench.drift import drift_rate, without_drift
-from osl_analysis.bench.estimators import DEFAULT, ESTIMATORS, Covariance, Record
-from osl_analysis.bench.protocol import SteppedSine, cycles_of, find_blocks, rows_of, settled
+from osl_analysis.bench.estimators import DEFAULT, ESTIMATORS, CovarianceChoice
+from osl_analysis.bench.protocol import SteppedSineProtocol, find_blocks, repeated_cycles, rows_of, settled
+from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.bench.stepped_sine import RawSignals, drift_rate, without_drift
 from osl_analysis.bench.transmission import fit_transmission
-from osl_analysis.config import DynamometerAnalysis, ValidationStudy
+from osl_analysis.config import ValidationStudy
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.model.prediction import predicted_impedance
 from osl_analysis.parameters import DrivetrainParameters
@@ -29,6 +30,7 @@ from osl_analysis.simulator.dynamometer import (
 from osl_analysis.simulator.joint_motion import JointMotion, stepped_sine, there_and_back
 from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.stats.covariance import ResidualCorrelation
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.study.performance import regression_bound
 from osl_analysis.trial import Array
@@ -38,12 +40,12 @@ SENSORS = (
     "current_noise", "current_quantisation",
 )  # fmt: skip
 COVARIANCES = {
-    "cycles": Covariance(),
-    "HAC": Covariance(cycles=False),
-    "HAC, 1 s": Covariance(cycles=False, lags=1000),
+    "cycles": CovarianceChoice(),
+    "HAC": CovarianceChoice(cycles=False),
+    "HAC, 1 s": CovarianceChoice(cycles=False, lags=1000),
 }
 QUANTITIES = ("K", "B", "I")
-Fitter = Callable[["Bench", Record, LowPass], Iterator[tuple[str, str, LinearFit]]]
+Fitter = Callable[["Bench", RawSignals, LowPass], Iterator[tuple[str, str, LinearFit]]]
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ class Bench:
     motion: JointMotion
     response: BenchResponse
     settings: SimulationSettings
-    protocol: SteppedSine | None
+    protocol: SteppedSineProtocol | None
     settle_cycles: int
     load_cell_drift: float
     names: tuple[str, ...]
@@ -111,7 +113,7 @@ class Bench:
     exact: dict[str, float]
     theory: dict[str, float]
 
-    def record(self, trial: str, ideal: bool = False) -> Record:
+    def record(self, trial: str, ideal: bool = False) -> RawSignals:
         """What the sensors make of one trial, the encoder's zero being anywhere between two of its steps."""
         settings = self.settings
         if ideal:
@@ -124,7 +126,7 @@ class Bench:
         segments = settled(blocks, self.settle_cycles) if blocks else ()
         torque = -log.load_cell_torque
         torque = without_drift(time, torque, drift_rate(time, torque, segments))
-        return Record(time, log.joint_angle, log.commanded_angle, torque, settings.dynamometer.rate_hz, segments)
+        return RawSignals(time, log.joint_angle, log.commanded_angle, torque, settings.dynamometer.rate_hz, segments)
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
         """Every estimator's, from noisy or ideal sensors."""
@@ -145,7 +147,7 @@ class Bench:
         return regression_bound(columns, *torque_noise(self.settings, record.time[rows]))
 
 
-def impedance_fits(bench: Bench, record: Record, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
+def impedance_fits(bench: Bench, record: RawSignals, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
     """Every estimator with the spread of cycles, the default one with HAC too."""
     for name, estimator in ESTIMATORS.items():
         for method, covariance in COVARIANCES.items():
@@ -153,14 +155,18 @@ def impedance_fits(bench: Bench, record: Record, low_pass: LowPass) -> Iterator[
                 yield name, method, estimator(record, low_pass, covariance)
 
 
-def transmission_fits(bench: Bench, record: Record, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
+def transmission_fits(bench: Bench, record: RawSignals, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
     """B_j and J_j."""
     motion, torque = filtered_motion(record.time, record.theta, record.torque, low_pass)
     rows = rows_of(record.segments)
-    yield DEFAULT, "cycles", fit_transmission(motion[rows], torque[rows], cycles_of(record.segments))
+    yield (
+        DEFAULT,
+        "cycles",
+        fit_transmission(motion[rows], torque[rows], ResidualCorrelation(repeated_cycles(record.segments))),
+    )
 
 
-def belt_fits(bench: Bench, record: Record, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
+def belt_fits(bench: Bench, record: RawSignals, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
     """Loading slope; nothing repeats within a trial."""
     theta, torque = (low_pass(signal, record.rate_hz) for signal in (record.theta, record.torque))
     every, drift = low_pass.independent_samples(record.rate_hz), bench.load_cell_drift / 60 / record.rate_hz
@@ -177,7 +183,7 @@ def sine_bench(study: ValidationStudy, settings: SimulationSettings, analysis: D
     }
     settings = settings.model_copy(update={"protocol": settings.protocol.model_copy(update=short)})
     command, motion = moved(stepped_sine(settings.protocol, settings.dynamometer.rate_hz), settings)
-    protocol = SteppedSine(tuple(np.deg2rad(study.amplitudes_deg)), analysis.frequencies_hz, study.cycles)
+    protocol = SteppedSineProtocol(tuple(np.deg2rad(study.amplitudes_deg)), analysis.frequencies_hz, study.cycles)
     still = np.zeros_like(motion.theta)
     nothing = BenchResponse(still, still, still)
     settle, drift = analysis.settle_cycles, analysis.load_cell_drift

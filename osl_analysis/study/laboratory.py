@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.commands.ingest import ingest_trial
+from osl_analysis.ingest.assemble import assemble, identity
+from osl_analysis.ingest.known_formats import FORMATS, read_source
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import ImpedanceFit
 from osl_analysis.simulator.c3d_recorder import write_c3d
@@ -19,7 +20,6 @@ from osl_analysis.simulator.walking import motion_grid, scene_of, simulate_walki
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.simulator.walking_truth import rendered_impedance
 from osl_analysis.trial import Array, Trial
-from osl_analysis.trial_file import read_trial
 from osl_analysis.walking.ankle import StaticCalibration, static_calibration
 from osl_analysis.walking.crossing import Crossing, CrossingQuality
 from osl_analysis.walking.crossing_analysis import analyse_crossing
@@ -139,9 +139,10 @@ def calibrated(laboratory: Laboratory, folder: Path, sources: Path) -> RecordedL
 
 def ingested(name: str, folder: Path, sources: Path) -> Trial:
     """The trial that `vicon/<name>.c3d` in a folder holds."""
-    row = {"trial": name, "mocap": f"vicon/{name}.c3d", "mocap_source": "vicon"}
-    ingest_trial(row, folder, sources, folder / f"{name}.parquet")
-    return read_trial(folder / f"{name}.parquet")
+    path = folder / "vicon" / f"{name}.c3d"
+    source = read_source(sources / "vicon.yaml")
+    recording = FORMATS[source.format].read(path, source)
+    return assemble(name, {"mocap": recording}, {"mocap": identity(path, f"vicon/{name}.c3d", "vicon")})
 
 
 def weighed_foot(gait: WalkingSettings) -> FootSettings | None:

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from osl_analysis.commands.diagnosis import SegmentPhasors, segment_phasors
-from osl_analysis.config import DynamometerAnalysis, ValidationStudy
+from osl_analysis.bench.frequency_response import SegmentPhasors, segment_phasors
+from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.config import ValidationStudy
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.stats.sinusoid import polar_row, response
+from osl_analysis.stats.complex_estimate import polar_row
 from osl_analysis.study.bench import Bench, Estimate, Estimates, drivetrain, torque_noise
 
 
@@ -36,7 +37,7 @@ class ResponseBench:
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
         """Of raw signals; each frequency is a row of its own, as if it were an estimator."""
         for found in self.phasors(trial, ideal):
-            f, row = found.frequency_hz, polar_row(response(found.theta, found.torque))
+            f, row = found.frequency_hz, polar_row(found.admittance)
             parts = {"magnitude": "", "phase": "_deg"}
             yield f"sinusoid, {f:g} Hz", found.torque.interval_method, {
                 f"{part}, {f:g} Hz": Estimate(*(row[f"{part}{end}{unit}"] for end in ("", "_se", "_low", "_high")))

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from osl_analysis.config import DynamometerAnalysis, ValidationStudy
+from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.config import ValidationStudy
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.dynamometer import drivetrain_effects, scatter, simulate_belt

@@ -8,7 +8,7 @@ from scipy.interpolate import make_interp_spline
 from osl_analysis.errors import IdentifiabilityError, OslAnalysisError
 from osl_analysis.second_order import ImpedanceFit, fit_impedance, impedance_torque
 from osl_analysis.signals import Motion, differentiate
-from osl_analysis.stats.degrees_of_freedom import welch_satterthwaite
+from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.trial import Array
 from osl_analysis.walking.response import PerturbationResponse

@@ -6,8 +6,9 @@ from dataclasses import asdict
 import numpy as np
 import polars as pl
 
+from osl_analysis.second_order import lag_damping_row
+from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
 from osl_analysis.stats.repeats import CommonError, over_repeats
-from osl_analysis.stats.rows import Row, covariance_row, delay_row, diagnostics_row, estimates_row
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import Bootstrap, EnsembleResponse
@@ -55,7 +56,7 @@ def response_lag_row(response: PerturbationResponse, K: float) -> Row:
     `lag_out_of_reach` is 1 where no lag within reach fits best, which happens with a torque two frames late, else 0.
     """
     delay = response_lag(response)
-    columns = delay_row(None, None, K) if delay is None else delay_row(delay.lag, delay.se, K)
+    columns = lag_damping_row(None, None, K) if delay is None else lag_damping_row(delay.lag, delay.se, K)
     return {**columns, "lag_out_of_reach": float(delay is None)}
 
 

@@ -1,0 +1,147 @@
+"""Frequency response of the joint (Fig. 7): phasors of angle and torque, and the admittance Y = theta/torque."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from osl_analysis.bench.protocol import Segment
+from osl_analysis.bench.stepped_sine import SteppedSineTrial
+from osl_analysis.errors import InputError
+from osl_analysis.model.compensator import Gains
+from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
+from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.stats.complex_estimate import (
+    ComplexEstimate,
+    complex_from_row,
+    complex_mean,
+    complex_quotient,
+    complex_row,
+    polar_row,
+)
+from osl_analysis.stats.fit_row import Row
+from osl_analysis.stats.sinusoid import Phasor, fit_sinusoid
+from osl_analysis.trial import Array
+
+Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
+"""theta/torque [rad/(N*m)] of a model, for complex s [rad/s]."""
+RESPONSE_KEYS = ("trial", "controller", "K_d", "B_d", "frequency_hz")
+"""Columns of the phasor table whose rows differ in the amplitude only."""
+
+
+@dataclass(frozen=True)
+class SegmentPhasors:
+    """Phasors of raw angle and torque in one segment."""
+
+    amplitude_deg: float
+    """Commanded amplitude [deg]."""
+    frequency_hz: float
+    """Frequency [Hz]."""
+    theta: Phasor
+    """Of the joint angle [rad]."""
+    torque: Phasor
+    """Of the resisting torque [N*m]."""
+
+    @property
+    def admittance(self) -> ComplexEstimate:
+        """Integral admittance Y = theta/torque [rad/(N*m)]."""
+        return complex_quotient(self.theta, self.torque)
+
+
+def trial_phasors(trial: SteppedSineTrial) -> list[SegmentPhasors]:
+    """Phasors of the settled cycles of every segment of a trial.
+
+    The last cycle is not used. If the angle lags the command by more at one frequency than at another, this cycle
+    contains the beginning of the next frequency.
+
+    Raises
+    ------
+    InputError
+        As `segment_phasors`, naming the trial.
+    """
+    try:
+        return [segment_phasors(trial.time, trial.theta, trial.torque, s) for s in trial.segments(None)]
+    except InputError as error:
+        raise InputError(f"trial {trial.name}, {error}") from error
+
+
+def segment_phasors(time: Array, theta: Array, torque: Array, segment: Segment) -> SegmentPhasors:
+    """Phasors of one segment of the raw signals (n,) [s, rad, N*m].
+
+    Raises
+    ------
+    InputError
+        As `fit_sinusoid`, naming the signal.
+    """
+    rows, phasors = segment.rows, []
+    for name, signal in (("theta", theta), ("torque", torque)):
+        try:
+            phasors.append(fit_sinusoid(time[rows], signal[rows], segment.frequency_hz))
+        except InputError as error:
+            raise InputError(f"{name} from {time[segment.start]:.1f} s: {error}") from error
+    return SegmentPhasors(segment.amplitude_deg, segment.frequency_hz, *phasors)
+
+
+def at_amplitude(phasors: Sequence[SegmentPhasors], amplitude: float | None) -> list[SegmentPhasors]:
+    """The segments of one amplitude [deg], or all (None)."""
+    return [s for s in phasors if amplitude is None or np.isclose(s.amplitude_deg, amplitude)]
+
+
+def phasor_table(trial: str, phasors: Sequence[SegmentPhasors]) -> pl.DataFrame:
+    """A row per amplitude and frequency: phasors of angle [rad] and torque [N*m], Y [rad/(N*m)], distortions."""
+    return pl.DataFrame([{"trial": trial, **phasor_row(segment)} for segment in phasors])
+
+
+def phasor_row(segment: SegmentPhasors) -> Row:
+    """Phasors and Y with covariances and degrees of freedom, the distortions, magnitude and phase of Y."""
+    return {
+        "amplitude_deg": segment.amplitude_deg,
+        "frequency_hz": segment.frequency_hz,
+        **complex_row("theta", segment.theta),
+        **complex_row("torque", segment.torque),
+        "theta_distortion": segment.theta.distortion,
+        "torque_distortion": segment.torque.distortion,
+        **complex_row("Y", segment.admittance),
+        **{f"Y_{name}": value for name, value in polar_row(segment.admittance).items()},
+        "interval_method": segment.torque.interval_method,
+    }
+
+
+def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
+    """Complex mean of Y over the amplitudes, a row per trial and frequency, from the gathered phasor tables."""
+    groups = phasors.group_by(RESPONSE_KEYS, maintain_order=True)
+    return pl.DataFrame([{**dict(zip(RESPONSE_KEYS, k, strict=True)), **mean_response_row(g)} for k, g in groups])
+
+
+def mean_response_row(amplitudes: pl.DataFrame) -> Row:
+    """Mean of Y over amplitudes at one frequency: magnitude [rad/(N*m)] and phase [deg] with 95 % intervals.
+
+    The intervals contain the noise of the phasors only. `_min` and `_max` are the values of the single amplitudes.
+    Their phases are computed relative to that of the mean, so that they do not jump at 180 degrees. `doubtful` lists
+    the reasons of doubtful phasors with their amplitudes.
+    """
+    responses = [complex_from_row("Y", row) for row in amplitudes.iter_rows(named=True)]
+    mean = complex_mean(responses)
+    phases = [np.rad2deg(mean.phase + np.angle(r.value / mean.value)) for r in responses]
+    reasons = amplitudes.select("amplitude_deg", "doubtful").drop_nulls().filter(pl.col("doubtful") != "").rows()
+    return {
+        **polar_row(mean),
+        **complex_row("Y", mean),
+        "interval_method": " and ".join(amplitudes["interval_method"].unique().sort()),
+        "magnitude_min": min(r.magnitude for r in responses),
+        "magnitude_max": max(r.magnitude for r in responses),
+        "phase_min_deg": float(min(phases)),
+        "phase_max_deg": float(max(phases)),
+        "n_amplitudes": len(responses),
+        "doubtful": "; ".join(f"at {amplitude:g} deg: {reason}" for amplitude, reason in reasons),
+    }
+
+
+def theoretical_responses(
+    K_d: float, B_d: float, gains: Mapping[str, Gains], p: DrivetrainParameters
+) -> dict[str, Admittance]:
+    """The `desired` admittance (Eq. 11), and that of the linear drivetrain with each controller's gains (Eq. 9)."""
+    linear = {name: joint_admittance(chosen.K_1, chosen.B_1, p, p.J_j) for name, chosen in gains.items()}
+    return {"desired": desired_admittance(K_d, B_d), **linear}

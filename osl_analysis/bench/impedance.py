@@ -1,0 +1,125 @@
+"""Rendered impedance on the dynamometer (Figs. 4-6): Eq. 15 per trial and amplitude, and what the gains should give."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.bench.diagnostics import lowest_held_out_vaf, nonlinearity_row, torque_lag_row
+from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors, at_amplitude
+from osl_analysis.bench.stepped_sine import SteppedSineTrial
+from osl_analysis.errors import InputError
+from osl_analysis.model.admittance_error import Weight
+from osl_analysis.model.compensator import Gains, select_gains
+from osl_analysis.model.prediction import predicted_impedance
+from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.second_order import fit_impedance, impedance_columns
+from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
+from osl_analysis.trial import Array
+
+
+@dataclass(frozen=True)
+class DesiredImpedance:
+    """What the leg was asked to render in a trial, and how its gains were selected."""
+
+    controller: str
+    """`compensated` or `uncompensated`."""
+    K_d: float
+    """Desired stiffness [N*m/rad]."""
+    B_d: float
+    """Desired damping [N*m*s/rad]."""
+    weight: Weight
+    """W of Eq. 14, with which compensated gains were selected."""
+
+    def gains(self, p: DrivetrainParameters) -> Gains:
+        """The control gains for a device with these parameters; raises as `select_gains`."""
+        return select_gains(self.controller, self.K_d, self.B_d, p, self.weight)
+
+    def columns(self) -> dict[str, pl.Expr]:
+        """`controller`, `K_d` and `B_d` as constant columns of a table."""
+        return {"controller": pl.lit(self.controller), "K_d": pl.lit(self.K_d), "B_d": pl.lit(self.B_d)}
+
+
+def impedance_table(
+    trial: SteppedSineTrial, phasors: Sequence[SegmentPhasors], expected: Admittance | None = None
+) -> pl.DataFrame:
+    """The trial's rows of `impedance.csv`: Eq. 15 fitted to each amplitude [deg] and to all of them (amplitude null).
+
+    The interval of the row over all amplitudes contains the noise only. How far friction makes the estimates depend on
+    the amplitude is shown beside it, by the lowest and the highest estimate of a single amplitude.
+
+    `load_cell_drift` [N*m/min] was subtracted from the torque. `expected` is the admittance of the linear model, where
+    the gains are known; the lag of the torque is measured against it.
+    """
+    rows: list[Row] = []
+    for amplitude, motion, torque in trial.parts():
+        fit = fit_impedance(motion, torque, trial.residual_correlation(amplitude)).fit
+        chosen = at_amplitude(phasors, amplitude)
+        rows.append(
+            {
+                "trial": trial.name,
+                "amplitude_deg": amplitude,
+                **estimates_row(fit, "K", "B", "I", "offset"),
+                **covariance_row(fit, "K", "B", "I"),
+                **diagnostics_row(fit, trial.rate_hz, trial.low_pass),
+                **torque_lag_row(chosen, fit["K"], expected),
+                **nonlinearity_row(chosen),
+                "VAF_held_out": lowest_held_out_vaf(trial, amplitude, fit, impedance_columns),
+                "load_cell_drift": 60 * trial.drift,
+            }
+        )
+    table = pl.DataFrame(rows, schema_overrides={"amplitude_deg": pl.Float64}, infer_schema_length=None)
+    return table.with_columns(*(bound for name in ("K", "B", "I") for bound in range_over_amplitudes(name)))
+
+
+def range_over_amplitudes(name: str) -> list[pl.Expr]:
+    """`<name>_amplitudes_low` and `_high`: the lowest and the highest estimate of a single amplitude.
+
+    They are in the row over all amplitudes (amplitude null) if there are two amplitudes or more; null elsewhere.
+    """
+    amplitude = pl.col("amplitude_deg")
+    single = pl.col(name).filter(amplitude.is_not_null())
+    several = amplitude.is_null() & (amplitude.count() > 1)
+    bounds = {"low": single.min(), "high": single.max()}
+    return [pl.when(several).then(value).alias(f"{name}_amplitudes_{end}") for end, value in bounds.items()]
+
+
+def prediction_columns(gains: Gains, p: DrivetrainParameters, frequencies_hz: Sequence[float]) -> dict[str, pl.Expr]:
+    """`K_predicted`, `B_predicted`, `I_predicted`: what linear theory expects, as constant columns of a table."""
+    names = ("K_predicted", "B_predicted", "I_predicted")
+    return {n: pl.lit(v) for n, v in zip(names, predicted_impedance(gains, p, frequencies_hz), strict=True)}
+
+
+def impedance_series(trial: SteppedSineTrial) -> tuple[Array, Array, Array]:
+    """Time [s], measured torque and that of Eq. 15 [N*m] over the whole trial, fitted to the settled cycles."""
+    *_, (_, motion, torque) = trial.parts()
+    return trial.time, trial.filtered_torque, fit_impedance(motion, torque).torque(trial.motion)
+
+
+def amplitude_series(trial: SteppedSineTrial, amplitude_deg: float, duration_s: float) -> pl.DataFrame:
+    """The last seconds of one amplitude, measured and by the best second-order fit (Fig. 4).
+
+    Raises
+    ------
+    InputError
+        The amplitude [deg] is not in the protocol.
+    """
+    chosen = [b for b in trial.blocks if np.isclose(np.rad2deg(b.amplitude), amplitude_deg)]
+    if not chosen:
+        raise InputError(
+            f"figures.time_series.amplitude_deg = {amplitude_deg:g} is not in the protocol "
+            f"({', '.join(f'{b.amplitude_deg:g}' for b in trial.blocks)} deg); choose one of these"
+        )
+    block = chosen[0].rows
+    motion, torque = trial.motion[block], trial.filtered_torque[block]
+    last = slice(-min(round(duration_s * trial.rate_hz), len(torque)), None)
+    time = trial.time[block][last]
+    return pl.DataFrame(
+        {
+            "time": time - time[0],
+            "theta_deg": np.rad2deg(motion.theta[last]),
+            "torque": torque[last],
+            "torque_model": fit_impedance(motion, torque).torque(motion)[last],
+        }
+    )

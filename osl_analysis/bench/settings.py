@@ -1,0 +1,82 @@
+"""Choices of the analysis on the benches, each with its unit, as `config.yaml` has them."""
+
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from osl_analysis.bench.protocol import SteppedSineProtocol
+from osl_analysis.signals import LowPass
+from osl_analysis.yaml_settings import Settings
+
+Positive = Annotated[float, Field(gt=0)]
+
+
+class FilterSettings(Settings):
+    """The one zero-phase Butterworth filter of all signals of a trial."""
+
+    cutoff_hz: Positive
+    """Cut-off [Hz] of one run of the filter."""
+    order: Annotated[int, Field(ge=1, le=10)]
+    """Order of one run of the filter."""
+
+    @property
+    def low_pass(self) -> LowPass:
+        """The filter itself."""
+        return LowPass(self.cutoff_hz, self.order)
+
+
+class BeltAnalysis(FilterSettings):
+    """Choices for a belt trial."""
+
+    load_cell_drift: Annotated[float, Field(ge=0)] = 0.0
+    """Standard deviation of the load cell's drift [N*m/min], which the interval of a belt trial includes; 0: none."""
+
+
+class SteppedSineAnalysis(FilterSettings):
+    """Choices for a stepped-sine trial, and its protocol."""
+
+    amplitudes_deg: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    """Commanded amplitudes [deg], one block each, in the order of the protocol."""
+    frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    """Frequencies [Hz] of a block, one segment each, in the order of the protocol."""
+    cycles: Annotated[int, Field(ge=1)]
+    """Number of cycles at each frequency."""
+    settle_cycles: Annotated[int, Field(ge=0)]
+    """Number of cycles at the start of each segment that are not fitted."""
+
+    @model_validator(mode="after")
+    def _some_cycles_are_settled(self) -> Self:
+        if self.settle_cycles >= self.cycles:
+            raise ValueError(f"settle_cycles = {self.settle_cycles} leaves none of {self.cycles} cycles; settle fewer")
+        return self
+
+    @property
+    def protocol(self) -> SteppedSineProtocol:
+        """The protocol, its amplitudes in rad."""
+        return SteppedSineProtocol(self.amplitudes, self.frequencies_hz, self.cycles)
+
+    @property
+    def amplitudes(self) -> tuple[float, ...]:
+        """Amplitudes [rad]."""
+        return tuple(float(a) for a in np.deg2rad(self.amplitudes_deg))
+
+
+class DynamometerAnalysis(SteppedSineAnalysis, BeltAnalysis):
+    """Choices for all trials of the dynamometer."""
+
+
+class ActuatorAnalysis(FilterSettings):
+    """Filter and treatment of friction on the actuator's bench."""
+
+    sign_width: Positive
+    """Velocity [rad/s] over which the sign of the velocity is smoothed: tanh(omega_m/sign_width)."""
+    slowest: Annotated[float, Field(ge=0)]
+    """Velocity [rad/s] below which samples are not fitted."""
+
+
+class ModelComparison(Settings):
+    """How rival models describe friction."""
+
+    sign_width: Positive
+    """Velocity [rad/s] over which they smooth the sign of a velocity; the leg's controller has a width of its own."""

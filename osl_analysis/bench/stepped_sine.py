@@ -1,0 +1,152 @@
+"""A stepped-sine trial as the fits need it: raw and filtered signals, the settled cycles, the load cell's drift."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from osl_analysis.bench.protocol import Block, Segment, cycle_edges, find_blocks, repeated_cycles, rows_of, settled
+from osl_analysis.bench.settings import SteppedSineAnalysis
+from osl_analysis.errors import InputError
+from osl_analysis.signals import LowPass, Motion, filtered_motion, sampling_rate
+from osl_analysis.stats.covariance import FEWEST_CYCLES, ResidualCorrelation
+from osl_analysis.trial import Array, Trial
+
+
+@dataclass(frozen=True)
+class RawSignals:
+    """Raw signals of one stepped-sine trial, shape (n,) each, and the segments that are fitted."""
+
+    time: Array
+    """Time [s]."""
+    theta: Array
+    """Joint angle [rad]."""
+    command: Array | None
+    """Commanded joint angle [rad]; None if no log has it."""
+    torque: Array
+    """Resisting torque [N*m] without the load cell's drift."""
+    rate_hz: float
+    """Sampling rate [Hz]."""
+    segments: Sequence[Segment]
+    """The settled segments."""
+
+
+@dataclass(frozen=True)
+class SteppedSineTrial:
+    """Raw and filtered signals of one stepped-sine trial, shape (n,) each, and the blocks of its protocol."""
+
+    name: str
+    """Name of the trial."""
+    time: Array
+    """Time [s]."""
+    rate_hz: float
+    """Sampling rate [Hz]."""
+    theta: Array
+    """Raw joint angle [rad]."""
+    torque: Array
+    """Raw resisting torque [N*m] without the load cell's drift."""
+    motion: Motion
+    """Filtered joint angle with its derivatives."""
+    filtered_torque: Array
+    """The torque through the same filter [N*m]."""
+    blocks: tuple[Block, ...]
+    """One block per amplitude."""
+    command: Array | None
+    """Commanded joint angle [rad]; None if no log has it."""
+    settle_cycles: int
+    """Number of cycles at the start of each segment that are not fitted."""
+    low_pass: LowPass
+    """The filter of angle and torque."""
+    drift: float
+    """Drift of the load cell [N*m/s] that was subtracted from the torque."""
+
+    @property
+    def raw(self) -> RawSignals:
+        """The raw signals with the settled segments of all amplitudes."""
+        return RawSignals(self.time, self.theta, self.command, self.torque, self.rate_hz, self.segments(None))
+
+    def parts(self) -> Iterator[tuple[float | None, Motion, Array]]:
+        """Amplitude [deg], motion and filtered torque of each block's settled cycles, then of all (amplitude None)."""
+        for amplitude in (*(block.amplitude_deg for block in self.blocks), None):
+            rows = rows_of(self.segments(amplitude))
+            yield amplitude, self.motion[rows], self.filtered_torque[rows]
+
+    def segments(self, amplitude: float | None) -> tuple[Segment, ...]:
+        """The settled segments of one amplitude [deg], or of all (None); `parts` yields their rows."""
+        chosen = [b for b in self.blocks if amplitude is None or np.isclose(np.rad2deg(b.amplitude), amplitude)]
+        return settled(chosen, self.settle_cycles)
+
+    def residual_correlation(self, amplitude: float | None) -> ResidualCorrelation:
+        """How residuals in these rows depend on one another: the cycles repeat, and the filter correlates noise."""
+        every = self.low_pass.independent_samples(self.rate_hz)
+        return ResidualCorrelation(repeated_cycles(self.segments(amplitude)), every)
+
+
+def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis) -> SteppedSineTrial:
+    """Find the protocol in a canonical trial, subtract the load cell's drift, and filter angle and torque.
+
+    Raises
+    ------
+    InputError
+        A signal is missing, sampled irregularly, or does not follow the protocol; the message names the trial.
+    """
+    time, theta, measured = trial.signals("theta", "torque")
+    try:
+        blocks = find_blocks(time, theta, settings.protocol)
+        drift = drift_rate(time, measured, settled(blocks, settings.settle_cycles))
+        torque = without_drift(time, measured, drift)
+        motion, filtered = filtered_motion(time, theta, torque, settings.low_pass)
+    except InputError as error:
+        raise InputError(f"trial {trial.name}: {error}") from error
+    return SteppedSineTrial(
+        name=trial.name,
+        time=time,
+        rate_hz=sampling_rate(time),
+        theta=theta,
+        torque=torque,
+        motion=motion,
+        filtered_torque=filtered,
+        blocks=blocks,
+        command=commanded_angle(trial, len(time)),
+        settle_cycles=settings.settle_cycles,
+        low_pass=settings.low_pass,
+        drift=drift,
+    )
+
+
+def commanded_angle(trial: Trial, samples: int) -> Array | None:
+    """The commanded angle [rad], if a log has it at the same stamps as angle and torque."""
+    if "theta_command" not in trial.samples.columns:
+        return None
+    _, _, _, command = trial.signals("theta", "torque", "theta_command")
+    return command if len(command) == samples else None
+
+
+def drift_rate(time: Array, torque: Array, segments: Sequence[Segment]) -> float:
+    """Drift of the load cell [N*m/s]: the slope that the settled cycles' mean torques have in common.
+
+    A sine has no mean, so that the joint's own torque does not cause a slope of its cycles' means. A drift of
+    0.05 N*m/min that is not subtracted is a tenth of the error of K at 1 Hz. It is the same in every cycle, so that the
+    spread between cycles, from which intervals come, does not contain it.
+
+    Each amplitude has a mean torque of its own: that of an asymmetric joint grows with the amplitude, and amplitudes
+    may grow with time. The drift is 0 if no amplitude has the five cycles that an interval needs, because transients
+    could then pass for drift.
+    """
+    along = across = 0.0
+    for amplitude in dict.fromkeys(segment.amplitude for segment in segments):
+        alike = (segment for segment in segments if segment.amplitude == amplitude)
+        cycles = [slice(int(a), int(b)) for segment in alike for a, b in pairwise(cycle_edges(segment))]
+        if len(cycles) >= FEWEST_CYCLES:
+            middle, level = (np.array([signal[rows].mean() for rows in cycles]) for signal in (time, torque))
+            samples = np.array([rows.stop - rows.start for rows in cycles])
+            middle -= np.average(middle, weights=samples)
+            along += float(np.sum(samples * middle**2))
+            across += float(np.sum(samples * middle * level))
+    return across / along if along else 0.0
+
+
+def without_drift(time: Array, torque: Array, rate: float) -> Array:
+    """The torque (n,) [N*m] at times [s] minus a drift of `rate` [N*m/s]; the mean over all samples is kept."""
+    return np.asarray(torque - rate * (time - time.mean()))

@@ -1,0 +1,170 @@
+"""Jobs of the benches: read trials and tables, call the experiment in `bench/`, write its tables."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.bench.actuator import actuator_summary, actuator_table, actuator_trial
+from osl_analysis.bench.belt import belt_curve, belt_figure_points, belt_summary, belt_table, belt_trial
+from osl_analysis.bench.diagnostics import check_resists
+from osl_analysis.bench.estimators import estimator_table
+from osl_analysis.bench.frequency_response import (
+    frequency_response_table,
+    phasor_table,
+    theoretical_responses,
+    trial_phasors,
+)
+from osl_analysis.bench.impedance import DesiredImpedance, amplitude_series, impedance_table, prediction_columns
+from osl_analysis.bench.model_comparison import (
+    SCORE_COLUMNS,
+    belt_scores,
+    comparison_summary,
+    impedance_scores,
+    transmission_scores,
+)
+from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, SteppedSineAnalysis
+from osl_analysis.bench.stepped_sine import stepped_sine_trial
+from osl_analysis.bench.transmission import transmission_summary, transmission_table
+from osl_analysis.config import FrequencyResponseFigure, TimeSeriesFigure
+from osl_analysis.doubtful import Doubt, marked
+from osl_analysis.errors import InputError
+from osl_analysis.figures.fig7 import LINEAR_MODEL, RESPONSE, points, response_curve
+from osl_analysis.model.admittance_error import Weight
+from osl_analysis.model.compensator import select_gains
+from osl_analysis.model.drivetrain import joint_admittance
+from osl_analysis.parameters import read_parameters
+from osl_analysis.table import read_table, write_table
+from osl_analysis.trial_file import read_trial
+
+SUMMARIES: dict[str, Callable[[pl.DataFrame], pl.DataFrame]] = {
+    "belt": belt_summary,
+    "transmission": transmission_summary,
+    "actuator": actuator_summary,
+    "model_comparison": comparison_summary,
+}
+"""Summary over trials of each result table that has one."""
+REQUIRED = {"model_comparison": SCORE_COLUMNS}
+"""Columns that a table must have to be summarised, where a message should name them."""
+
+
+def fit_belt_trial(trial: Path, parameters: Path, settings: BeltAnalysis, fit: Path, curve: Path) -> None:
+    """Fit one belt trial: its row of `belt.csv` to `fit`, its torque-deflection curve to `curve`."""
+    belt = belt_trial(read_trial(trial), read_parameters(parameters), settings)
+    check_resists(belt.name, "K_s", belt.fit.K_s)
+    write_table(belt_table(belt), fit)
+    write_table(belt_curve(belt), curve)
+
+
+def fit_transmission_trial(trial: Path, settings: SteppedSineAnalysis, output: Path) -> None:
+    """Fit one transmission trial: its rows of `transmission.csv`."""
+    table = transmission_table(stepped_sine_trial(read_trial(trial), settings))
+    check_resists(table["trial"][0], "B_j", table["B_j"][-1])
+    write_table(table, output)
+
+
+def fit_impedance_trial(
+    trial: Path,
+    desired: DesiredImpedance,
+    parameters: Path,
+    settings: SteppedSineAnalysis,
+    fit: Path,
+    phasors: Path,
+    estimators: Path,
+) -> None:
+    """Fit one impedance trial: its rows of `impedance.csv`, `phasors.csv` and `estimators.csv`."""
+    p, stepped = read_parameters(parameters), stepped_sine_trial(read_trial(trial), settings)
+    gains, measured = desired.gains(p), trial_phasors(stepped)
+    table = impedance_table(stepped, measured, joint_admittance(gains.K_1, gains.B_1, p, p.J_j))
+    check_resists(stepped.name, "K", table["K"][-1])
+    predicted = prediction_columns(gains, p, settings.frequencies_hz)
+    write_table(table.with_columns(**desired.columns(), **predicted), fit)
+    write_table(phasor_table(stepped.name, measured).with_columns(**desired.columns()), phasors)
+    write_table(estimator_table(stepped).with_columns(**desired.columns()), estimators)
+
+
+def fit_actuator_trial(trial: Path, settings: ActuatorAnalysis, output: Path) -> None:
+    """Fit one trial of the actuator's bench: its row of `actuator.csv`."""
+    write_table(actuator_table(actuator_trial(read_trial(trial), settings)), output)
+
+
+def summarise_trials(name: str, table: Path, output: Path) -> None:
+    """Mean, scatter and interval over the trials of a result table; `name` is one of `SUMMARIES`."""
+    write_table(SUMMARIES[name](read_table(table, REQUIRED.get(name, ()))), output)
+
+
+def average_over_amplitudes(phasors: Path, output: Path) -> None:
+    """Frequency response of every trial: Y averaged over the amplitudes of `phasors.csv`."""
+    write_table(frequency_response_table(read_table(phasors, ["amplitude_deg", "doubtful"])), output)
+
+
+def compare_belt_models(trials: Sequence[Path], parameters: Path, settings: BeltAnalysis, output: Path) -> None:
+    """Rival models of the belt on each trial, predicted by fits to all the others."""
+    p = read_parameters(parameters)
+    write_table(belt_scores([belt_trial(read_trial(path), p, settings) for path in trials]), output)
+
+
+def compare_transmission_models(
+    trials: Sequence[Path], settings: SteppedSineAnalysis, sign_width: float, output: Path
+) -> None:
+    """Rival models of the transmission on each trial, predicted by fits to all the others."""
+    stepped = [stepped_sine_trial(read_trial(path), settings) for path in trials]
+    write_table(transmission_scores(stepped, sign_width), output)
+
+
+def compare_impedance_models(
+    trial: Path,
+    desired: DesiredImpedance,
+    parameters: Path,
+    settings: SteppedSineAnalysis,
+    sign_width: float,
+    output: Path,
+) -> None:
+    """Eq. 15 and the drivetrain of Eq. 9 on one trial, each amplitude predicted from the others."""
+    stepped = stepped_sine_trial(read_trial(trial), settings)
+    write_table(impedance_scores(stepped, desired, read_parameters(parameters), sign_width), output)
+
+
+def plotted_numbers_fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path) -> None:
+    """The numbers of Fig. 3, from the trials' curves, `belt.csv` and `belt_summary.csv`."""
+    drawn = pl.concat([read_table(path) for path in curves])
+    write_table(belt_figure_points(drawn, read_table(table, ["trial", "doubtful"]), read_table(summary)), output)
+
+
+def plotted_numbers_fig4(
+    trial: Path, fit: Path, settings: SteppedSineAnalysis, choice: TimeSeriesFigure, limits: Doubt, output: Path
+) -> None:
+    """The numbers of Fig. 4: the last seconds of one amplitude, measured and by the best second-order fit.
+
+    `fit` is the trial's own table of fits. By `limits` it says whether the fit of this amplitude is doubtful.
+    """
+    series = amplitude_series(stepped_sine_trial(read_trial(trial), settings), choice.amplitude_deg, choice.duration_s)
+    fits = marked(read_table(fit), limits, "impedance").drop_nulls("amplitude_deg")
+    doubtful = fits.filter((pl.col("amplitude_deg") - choice.amplitude_deg).abs() < 1e-6)["doubtful"][0]
+    write_table(series.with_columns(doubtful=pl.lit(doubtful, pl.String)), output)
+
+
+def plotted_numbers_fig7(
+    table: Path,
+    parameters: Path,
+    choice: FrequencyResponseFigure,
+    weight: Weight,
+    frequencies_hz: Sequence[float],
+    output: Path,
+) -> None:
+    """The numbers of Fig. 7: measured responses of one K_d, B_d, the desired one (Eq. 11), the linear model (Eq. 9)."""
+    responses, p = read_table(table, required=RESPONSE), read_parameters(parameters)
+    measured = responses.filter((pl.col("K_d") == choice.K_d) & (pl.col("B_d") == choice.B_d))
+    if measured.is_empty():
+        raise InputError(
+            f"{table}: no trial with K_d = {choice.K_d:g}, B_d = {choice.B_d:g}; choose another one, or null, for "
+            "figures.frequency_response in the configuration"
+        )
+    controllers = measured["controller"].unique(maintain_order=True)
+    gains = {name + LINEAR_MODEL: select_gains(name, choice.K_d, choice.B_d, p, weight) for name in controllers}
+    f = np.linspace(min(frequencies_hz), max(frequencies_hz), 101)
+    s = np.asarray(2j * np.pi * f, dtype=np.complex128)
+    curves = theoretical_responses(choice.K_d, choice.B_d, gains, p)
+    frames = [response_curve(name, f, Y(s)) for name, Y in curves.items()]
+    write_table(points(measured, pl.concat(frames)), output)

@@ -1,0 +1,140 @@
+"""Comparison of rival models: scores of each model on one record, and which models the records can tell apart."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from osl_analysis.stats.regression import LinearFit, variance_accounted_for
+from osl_analysis.stats.repeats import Repeats, over_repeats
+from osl_analysis.trial import Array
+
+PREFERRED, TIED, WORSE = "preferred", "tied", "worse"
+LARGEST_LAG = 0.1
+"""Largest lag of the residual's autocorrelation, as a share of the samples."""
+ROUNDING = 1e-24
+"""Mean square of the rounding error of an exact fit, as a share of that of y; the error depends on the processor."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """What one model leaves of y."""
+
+    model: str
+    """Its name, M1, M2 ..."""
+    terms: str
+    """The terms that it consists of."""
+    parameters: int
+    """Number of parameters that were fitted. Offset and drift, which every model of y has, do not count."""
+    residual: Array
+    """What the fit to all data leaves, shape (n,) [unit of y]."""
+    held_out_residual: Array
+    """What a fit to other data leaves, shape (n,) [unit of y]."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """The score of one model on one record."""
+
+    model: str
+    """As in `Candidate`."""
+    terms: str
+    """As in `Candidate`."""
+    parameters: int
+    """As in `Candidate`."""
+    vaf: float
+    """Variance accounted for [percent]."""
+    vaf_held_out: float
+    """The same for data that were held out of the fit [percent]."""
+    bic: float
+    """Bayesian information criterion; lower is better."""
+    effective_samples: float
+    """Number of independent samples in the record."""
+    rank: int
+    """Rank by BIC, from 1 on."""
+
+
+def score_models(y: Array, candidates: Sequence[Candidate]) -> list[Score]:
+    """Scores of rival models of the same y (n,), in the order given.
+
+    BIC = m ln(mean squared residual) + p ln m (Schwarz, Ann. Stat. 6, 1978) with the number m of effective samples in
+    place of n. A filtered signal has far fewer independent samples than n; with n, BIC would accept any term that is
+    not exactly 0. All models of y share one m, that of the smallest residual, which contains the least of a model's own
+    error. Residuals below the rounding error count as rounding error: of models that fit exactly, the one with the
+    fewest parameters ranks first.
+    """
+    rounding = max(ROUNDING * float(np.mean(y**2)), np.finfo(float).tiny)
+    power = [max(float(np.mean(c.residual**2)), rounding) for c in candidates]
+    m = effective_samples(candidates[int(np.argmin(power))].residual)
+    bic = [m * np.log(s) + c.parameters * np.log(m) for s, c in zip(power, candidates, strict=True)]
+    return [
+        Score(
+            c.model,
+            c.terms,
+            c.parameters,
+            variance_accounted_for(y, c.residual),
+            variance_accounted_for(y, c.held_out_residual),
+            float(b),
+            m,
+            1 + sum(bool(other < b) for other in bic),
+        )
+        for c, b in zip(candidates, bic, strict=True)
+    ]
+
+
+def effective_samples(residual: Array) -> float:
+    """Number of independent samples whose mean square is as certain as that of these correlated ones (n,).
+
+    n / sum of rho_k^2 over all lags k (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8, 1946). The autocorrelation
+    rho is computed up to a tenth of the record; the squares that it has by chance are subtracted. A residual that does
+    not vary at all (an exact fit) counts as n independent samples.
+    """
+    n, lags = len(residual), int(LARGEST_LAG * len(residual))
+    centred = residual - np.mean(residual)
+    spectrum = np.abs(np.fft.rfft(centred, 2 * n)) ** 2
+    covariance = np.fft.irfft(spectrum)[: lags + 1]
+    if covariance[0] <= n * ROUNDING * float(np.mean(residual**2)):
+        return float(n)
+    rho = covariance / covariance[0]
+    return float(np.clip(n * (1 + 2 * LARGEST_LAG) / (1 + 2 * np.sum(rho[1:] ** 2)), 2.0, n))
+
+
+def held_out_vaf(fit: LinearFit, columns: Mapping[str, Array], y: Array) -> float:
+    """VAF [percent] of a fit on data that it did not use: y (n,) with its columns (n,) each."""
+    return variance_accounted_for(y, y - fit.predicted(columns))
+
+
+def mean_over_trials(values: Array, shared: bool = False) -> Repeats:
+    """Mean of one value per trial (n,) with Student's interval; without an interval for one trial, NaN for none.
+
+    `shared`: each value was computed with a fit to all the other trials. Such values are correlated by 1/n: the
+    variance of their mean is s^2 (1/n + 1/(n - 1)), with the n - 1 degrees of freedom of their standard deviation s
+    (Nadeau and Bengio, Mach. Learn. 52, 2003).
+    """
+    n = len(values)
+    if n < 2:
+        return Repeats(n, float(values[0]) if n else np.nan, *[np.nan] * 4)
+    own = over_repeats(values)
+    wider = float(np.sqrt(1 + n / (n - 1))) if shared else 1.0
+    half = wider * (own.high - own.mean)
+    return replace(own, se=wider * own.se, low=own.mean - half, high=own.mean + half)
+
+
+def loss_behind_best(loss: Array) -> Array:
+    """Each loss (trials, models) minus, in the same trial, the loss of the model with the smallest mean."""
+    return loss - loss[:, [int(np.argmin(loss.mean(axis=0)))]] if len(loss) else loss
+
+
+def rank_words(loss: Array, shared: bool = False) -> list[str | None]:
+    """`PREFERRED`, `TIED` or `WORSE` for each model, from losses (trials, models); the simplest model comes first.
+
+    Smaller losses are better. A model is tied with the best one if the interval of their paired difference contains
+    zero. The first of the tied models is preferred: a more complicated model must show that it is better. None without
+    trials.
+    """
+    if not len(loss):
+        return [None] * loss.shape[1]
+    tied = [not mean_over_trials(behind, shared).low > 0 for behind in loss_behind_best(loss).T]
+    words: list[str | None] = [TIED if as_good else WORSE for as_good in tied]
+    words[tied.index(True)] = PREFERRED
+    return words

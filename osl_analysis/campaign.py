@@ -72,7 +72,7 @@ class Campaign:
         named = {
             "parameters": config.parameters,
             "impedance_trajectory": config.impedance_trajectory,
-            "validation.simulation": config.validation.simulation,
+            "study.simulation": config.study.simulation,
         }
         for field, path in named.items():
             if path is not None and not path.is_file():

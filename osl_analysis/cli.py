@@ -134,7 +134,7 @@ def ingest(
         raise click.UsageError("give --log, --mocap or both")
     row = {
         "trial": output.stem,
-        "experiment": "recording",
+        "experiment": "ingest_only",
         "log": log and str(log),
         "log_source": log_source,
         "mocap": mocap and str(mocap),

@@ -1,7 +1,7 @@
 """The configuration of a campaign: choices with their units, validated when they are read."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -53,7 +53,7 @@ class FigureChoices(Settings):
     midstance_stiffness: Positive | None
 
 
-class ValidationStudy(Settings):
+class StudySettings(Settings):
     """The Monte Carlo study of the estimators: what is simulated how often, and how it is divided into jobs.
 
     `trials` bench trials per experiment, in jobs of `batch`, and `campaigns` of walking with `crossings` perturbed and
@@ -75,8 +75,13 @@ class ValidationStudy(Settings):
     I: Annotated[float, Field(ge=0)]
 
 
+ValidationStudy = StudySettings
+
+
 class Config(Settings):
     """One campaign. Paths are relative to the folder in which the pipeline runs; see `config/config.yaml`."""
+
+    RENAMED: ClassVar = {"gait": "overground", "validation": "study"}
 
     campaign: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
     raw_data: Path
@@ -92,10 +97,10 @@ class Config(Settings):
     impedance_trajectory: Path | None
     gain_weight: WeightSettings
     walking: WalkingAnalysis
-    gait: OvergroundAnalysis
+    overground: OvergroundAnalysis
     quality: QualityRules
     figures: FigureChoices
-    validation: ValidationStudy
+    study: StudySettings
 
 
 def read_section(path: Path, section: str, model: type[Model]) -> Model:

@@ -3,11 +3,13 @@
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Self
 
 import polars as pl
-from pydantic import Field
+from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.errors import InputError
+from osl_analysis.experiments import judged_tables
 from osl_analysis.table import read_table
 from osl_analysis.yaml_settings import Settings
 
@@ -26,15 +28,21 @@ class Doubt(Settings):
 
 
 class DoubtfulFits(Settings):
-    """Limits per table, any numeric column of which can have one."""
+    """Limits per table: `judged_tables` of the experiments can have them, on any numeric column."""
 
-    belt: Doubt = Doubt()
-    transmission: Doubt = Doubt()
-    actuator: Doubt = Doubt()
-    impedance: Doubt = Doubt()
-    estimators: Doubt = Doubt()
-    phasors: Doubt = Doubt()
-    walking: Doubt = Doubt()
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Doubt] = Field(init=False)
+
+    @model_validator(mode="after")
+    def _tables_are_judged(self) -> Self:
+        unknown = [name for name in self.__pydantic_extra__ if name not in judged_tables()]
+        if unknown:
+            raise ValueError(f"unknown table '{unknown[0]}'; limits may stand on {', '.join(judged_tables())}")
+        return self
+
+    def of(self, table: str) -> Doubt:
+        """The limits of a table; none where the configuration has none."""
+        return self.__pydantic_extra__.get(table, Doubt())
 
 
 def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:

@@ -7,19 +7,9 @@ from pathlib import Path
 import pandas as pd
 
 from osl_analysis.errors import InputError
+from osl_analysis.experiments import EXPERIMENTS, RENAMED
 from osl_analysis.quality.names import CHECKS
 
-EXPERIMENTS = {
-    "belt": "input shaft locked, joint moved and back: belt stiffness",
-    "transmission": "motor detached, stepped sine: B_j and J_j",
-    "actuator": "actuator alone, driven at a velocity and a current: k_tau n_m, f_C, f_G, B_m and J_m",
-    "impedance": "stepped sine against the controller: K, B, I and the frequency response",
-    "static": "standing still: rest pose of the marker clusters and the ankle axis",
-    "plate": "platform moved without a foot on it: the force plate's own inertia",
-    "walking": "one crossing of the walkway, perturbed or not",
-    "gait": "overground gait with a reference ankle moment in the file",
-    "recording": "ingested only",
-}
 CONTROLLERS = ("compensated", "uncompensated")
 COLUMNS = {
     "trial": "string", "experiment": "string", "controller": "string", "K_d": "float64", "B_d": "float64",
@@ -78,7 +68,7 @@ def problem_in(row: dict[str, str]) -> str:
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}", row["trial"]):
         return f"trial '{row['trial']}' must be up to 100 letters, digits, '_', '.' and '-': it becomes a file name"
     if row["experiment"] not in EXPERIMENTS:
-        return f"experiment '{row['experiment']}' is none of {', '.join(EXPERIMENTS)}"
+        return unknown_experiment(row["experiment"])
     if row["controller"] and row["controller"] not in CONTROLLERS:
         return f"controller '{row['controller']}' is none of {', '.join(CONTROLLERS)}"
     for column in ("K_d", "B_d"):
@@ -94,10 +84,16 @@ def problem_in(row: dict[str, str]) -> str:
     return problem_with_needs(row)
 
 
+def unknown_experiment(name: str) -> str:
+    """What is wrong with the name of an experiment; the new name where it is an old one."""
+    if name in RENAMED:
+        return f"experiment '{name}' is now called '{RENAMED[name]}'; write '{RENAMED[name]}'"
+    return f"experiment '{name}' is none of {', '.join(EXPERIMENTS)}"
+
+
 def problem_with_needs(row: dict[str, str]) -> str:
     """What a row lacks that its experiment needs; empty if nothing."""
-    needs = {"impedance": ("controller", "K_d", "B_d"), "walking": ("perturbed", "mocap")}
-    for column in needs.get(row["experiment"], ()):
+    for column in EXPERIMENTS[row["experiment"]].sheet:
         if not row[column]:
             return f"{column} is empty; a trial of experiment '{row['experiment']}' needs it"
     if not row["log"] and not row["mocap"]:

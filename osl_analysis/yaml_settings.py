@@ -1,7 +1,8 @@
-"""Reading validated YAML: one place turns a wrong field into one line that names file, field, value, remedy."""
+"""Validated YAML files: a wrong field becomes one line that names file, field, value and remedy."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -10,9 +11,19 @@ from osl_analysis.errors import InputError
 
 
 class Settings(BaseModel):
-    """Base of every validated file: frozen, and a misspelt field is an error."""
+    """Base of every validated file. It cannot be changed once it is read, and an unknown field is an error.
+
+    RENAMED: old names of fields, with the new ones. An old name is refused, and the message names the new one.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    RENAMED: ClassVar[Mapping[str, str]] = {}
+
+    def part(self, base: str) -> dict[str, Any]:
+        """The fields that one of this model's base classes has, as JSON: what a job is given that uses no others."""
+        bases = (model for model in type(self).__mro__ if issubclass(model, Settings))
+        (model,) = (model for model in bases if model.__name__ == base)
+        return self.model_dump(mode="json", include=set(model.model_fields))
 
 
 Model = TypeVar("Model", bound=Settings)
@@ -57,25 +68,55 @@ def validated(content: Any, model: type[Model], path: Path) -> Model:
 
 
 def explain(error: ValidationError, model: type[BaseModel]) -> str:
-    """The first problem of a validation error, as one sentence with field, value and remedy."""
-    first = error.errors()[0]
-    place = ".".join(str(part) for part in first["loc"]) or "the file"
-    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-    if first["type"] == "extra_forbidden":
-        return f"unknown field '{place}'; the known ones are {known_fields(model, first['loc'][:-1])}{more}"
-    if first["type"] == "missing":
-        return f"field '{place}' is missing; add it{more}"
-    reason = first["msg"].removeprefix("Value error, ")
-    nested = isinstance(first["input"], dict | list)
-    return f"{place}: {reason}{more}" if nested else f"{place}: {first['input']!r} is not allowed: {reason}{more}"
+    """The first problem of a validation error, as one sentence with field, value and remedy.
+
+    An old name of a field comes before all other problems: that its new name is missing is no news then.
+    """
+    problems = error.errors()
+    renamed = next(filter(None, (new_name(model, problem["loc"]) for problem in problems)), None)
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    return renamed or described(problems[0], model) + more
 
 
-def known_fields(model: type[BaseModel], path: tuple[int | str, ...]) -> str:
-    """Names of the fields where `path` leads, in words for a message."""
-    for name in path:
+def new_name(model: type[BaseModel], place: Sequence[int | str]) -> str | None:
+    """A sentence with the new name of the field at `place`; None if it was not renamed."""
+    *parents, old = place or ("",)
+    inner = model_at(model, parents)
+    if inner is None or not issubclass(inner, Settings) or old not in inner.RENAMED:
+        return None
+    new = inner.RENAMED[str(old)]
+    return f"field '{dotted(place)}' is now called '{dotted([*parents, new])}'; rename it"
+
+
+def described(problem: Mapping[str, Any], model: type[BaseModel]) -> str:
+    """One problem that pydantic found, as a sentence."""
+    place = dotted(problem["loc"]) or "the file"
+    if problem["type"] == "extra_forbidden":
+        return f"unknown field '{place}'; the known ones are {known_fields(model, problem['loc'][:-1])}"
+    if problem["type"] == "missing":
+        return f"field '{place}' is missing; add it"
+    reason = problem["msg"].removeprefix("Value error, ")
+    nested = isinstance(problem["input"], dict | list | BaseModel)
+    return f"{place}: {reason}" if nested else f"{place}: {problem['input']!r} is not allowed: {reason}"
+
+
+def dotted(place: Sequence[int | str]) -> str:
+    """A place in a file, as in `walking.markers.foot`."""
+    return ".".join(map(str, place))
+
+
+def known_fields(model: type[BaseModel], place: Sequence[int | str]) -> str:
+    """Names of the fields of the model at `place`, for a message."""
+    inner = model_at(model, place)
+    return "those of the shipped files in config/" if inner is None else ", ".join(inner.model_fields)
+
+
+def model_at(model: type[BaseModel], place: Sequence[int | str]) -> type[BaseModel] | None:
+    """The model of the mapping at `place`; None where that is no model, as in a list."""
+    for name in place:
         field = model.model_fields.get(str(name))
         inner = field.annotation if field else None
         if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
-            return "those of the shipped files in config/"
+            return None
         model = inner
-    return ", ".join(model.model_fields)
+    return model

@@ -61,7 +61,7 @@ rule plot_numbers_fig4:
         code=bench_code("bench.impedance"),
         settings=DYNAMOMETER,
         choice=TIME_SERIES and TIME_SERIES.model_dump(mode="json"),
-        limits=CONFIG.doubtful.impedance.model_dump(mode="json"),
+        limits=CONFIG.doubtful.of("impedance").model_dump(mode="json"),
     run:
         jobs.run_job(
             log[0],

@@ -7,10 +7,10 @@ rule compare_ankle_moment:
     output:
         RESULTS / "fits/ankle_moment/{trial}.csv",
     log:
-        RESULTS / "logs/gait/{trial}.log",
+        RESULTS / "logs/overground/{trial}.log",
     params:
         code=jobs.code("commands.overground"),
-        settings=CONFIG.gait.model_dump(mode="json"),
+        settings=CONFIG.overground.model_dump(mode="json"),
     run:
         jobs.run_job(
             log[0],

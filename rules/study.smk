@@ -1,6 +1,6 @@
-"""`snakemake validate`: are the estimators unbiased, efficient, and their intervals honest?"""
+"""`snakemake study`: the Monte Carlo study of bias, efficiency and coverage of the estimators."""
 
-STUDY = CONFIG.validation
+STUDY = CONFIG.study
 STUDIED = (
     "second order",
     "linear drivetrain",
@@ -24,19 +24,19 @@ def batches() -> list[Path]:
     for experiment in STUDIED:
         total, size = COUNTS.get(experiment, (STUDY.trials, STUDY.batch))
         files += [
-            RESULTS / f"validation/batches/{experiment.replace(' ', '_')}_{first}_{min(size, total - first)}.csv"
+            RESULTS / f"study/batches/{experiment.replace(' ', '_')}_{first}_{min(size, total - first)}.csv"
             for first in range(0, total, size)
         ]
     return files
 
 
-rule validation_batch:
+rule study_batch:
     input:
         settings=settings_files(STUDY.simulation),
     output:
-        RESULTS / "validation/batches/{experiment}_{start}_{number}.csv",
+        RESULTS / "study/batches/{experiment}_{start}_{number}.csv",
     log:
-        RESULTS / "logs/validation/{experiment}_{start}_{number}.log",
+        RESULTS / "logs/study/{experiment}_{start}_{number}.log",
     wildcard_constraints:
         experiment="|".join(name.replace(" ", "_") for name in STUDIED),
         start="[0-9]+",
@@ -63,26 +63,26 @@ rule validation_batch:
         )
 
 
-rule validation_table:
+rule study_table:
     input:
         batches=batches(),
     output:
-        RESULTS / "validation/validation.csv",
+        RESULTS / "study/study.csv",
     log:
-        RESULTS / "logs/validation/table.log",
+        RESULTS / "logs/study/table.log",
     params:
         code=jobs.code("commands.study"),
     run:
         jobs.run_job(log[0], "study.summarise", batches=[Path(p) for p in input.batches], output=Path(output[0]))
 
 
-rule validation_figure:
+rule study_figure:
     input:
-        RESULTS / "validation/validation.csv",
+        RESULTS / "study/study.csv",
     output:
-        expand(RESULTS / "validation/validation.{suffix}", suffix=SUFFIXES),
+        expand(RESULTS / "study/study.{suffix}", suffix=SUFFIXES),
     log:
-        RESULTS / "logs/validation/figure.log",
+        RESULTS / "logs/study/figure.log",
     params:
         code=jobs.code("figures.study"),
     run:
@@ -95,7 +95,7 @@ rule validation_figure:
         )
 
 
-rule validate:
+rule study:
     input:
-        RESULTS / "validation/validation.csv",
-        expand(RESULTS / "validation/validation.{suffix}", suffix=SUFFIXES),
+        RESULTS / "study/study.csv",
+        expand(RESULTS / "study/study.{suffix}", suffix=SUFFIXES),

@@ -10,7 +10,7 @@ FILLED_BY = {  # table: the trials whose fits are its rows
     "model_comparison": comparisons(),
     "estimators": CAMPAIGN.trials("impedance"),
     "walking": CAMPAIGN.crossings(perturbed=True),
-    "ankle_moment": CAMPAIGN.trials("gait"),
+    "ankle_moment": CAMPAIGN.trials("overground"),
     "quality": CAMPAIGN.trials(),
 }
 SUMMARISED = ("belt", "transmission", "actuator", "model_comparison")

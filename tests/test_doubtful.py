@@ -78,7 +78,7 @@ def test_a_limit_on_what_is_no_column_of_numbers_is_one_line_that_names_it(colum
 
 def test_a_table_without_limits_of_its_own_is_refused_by_name(tmp_path):
     (tmp_path / "c.yaml").write_text(yaml.safe_dump({"doubtful": {"belts": {"below": {"VAF": 1}}}}))
-    with pytest.raises(InputError, match=r"unknown field 'belts'; the known ones are belt, transmission"):
+    with pytest.raises(InputError, match=r"unknown table 'belts'; limits may stand on belt, transmission"):
         read_section(tmp_path / "c.yaml", "doubtful", DoubtfulFits)
 
 

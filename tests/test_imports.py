@@ -11,13 +11,13 @@ MAY_IMPORT = {
     "model": COMMON | {"model", "parameters"},
     "simulator": COMMON
     | {"simulator", "model", "parameters", "columns", "sheet", "yaml_settings", "files"}
-    | {"trajectory"},
+    | {"trajectory", "experiments"},
     "formats": COMMON | {"formats"},
     "ingest": COMMON | {"ingest", "formats", "columns", "yaml_settings"},
     "stats": COMMON | {"stats", "signals"},
     "bench": COMMON | {"bench", "stats", "second_order", "signals", "model", "parameters", "yaml_settings", "doubtful"},
     "walking": COMMON | {"walking", "stats", "second_order", "signals", "columns", "yaml_settings"},
-    "quality": COMMON | {"quality", "yaml_settings"},
+    "quality": COMMON | {"quality", "yaml_settings", "experiments"},
     "figures": COMMON | {"figures"},
 }
 

@@ -193,7 +193,7 @@ def test_the_plate_at_minus_713_n_of_a_real_recording_is_caught() -> None:
     if not path.is_file():
         pytest.skip("no real data")
     recording = read_c3d_capture(path, C3dSource(format="c3d"))
-    found = findings(recording.samples, "recording")
+    found = findings(recording.samples, "ingest_only")
     assert found["unzeroed_plate"].value == pytest.approx(702, abs=1)  # its quietest; its median is 713 N
     assert "plate1 -702.0 N" in found["unzeroed_plate"].remark
     assert "unzeroed_plate" in failed(found)

@@ -34,7 +34,7 @@ def _repository(monkeypatch):
 
 
 def choices(**changes):
-    study = ValidationStudy.model_validate(CONFIG["validation"] | SMALL | changes)
+    study = ValidationStudy.model_validate(CONFIG["study"] | SMALL | changes)
     dynamometer = DynamometerAnalysis.model_validate(CONFIG["dynamometer"] | {"frequencies_hz": [2, 4]})
     return study, dynamometer, WalkingAnalysis.model_validate(CONFIG["walking"])
 

@@ -246,8 +246,8 @@ def test_a_misspelt_field_is_one_line_that_names_it(workspace):
         ),
         ({"parameters": "nowhere.yaml"}, r"nowhere\.yaml: no such file; correct parameters in the configuration$"),
         (
-            {"validation": {"simulation": "nowhere.yaml"}},
-            r"nowhere\.yaml: no such file; correct validation\.simulation",
+            {"study": {"simulation": "nowhere.yaml"}},
+            r"nowhere\.yaml: no such file; correct study\.simulation",
         ),
     ],
 )

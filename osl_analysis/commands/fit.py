@@ -49,19 +49,19 @@ def fit_dynamometer_trial(
     canonical = read_trial(trial)
     if model == "belt":
         belt = belt_trial(canonical, read_parameters(parameters), settings)
-        return FittedTrial(marked(belt_table(belt), limits.belt, model), series_table(*belt_series(belt)))
+        return FittedTrial(marked(belt_table(belt), limits.of("belt"), model), series_table(*belt_series(belt)))
     stepped = stepped_sine_trial(canonical, settings)
     if model == "transmission":
-        table = marked(transmission_table(stepped), limits.transmission, model)
+        table = marked(transmission_table(stepped), limits.of("transmission"), model)
         return FittedTrial(table, series_table(*transmission_series(stepped)))
-    table = marked(impedance_table(stepped, trial_phasors(stepped)), limits.impedance, model)
+    table = marked(impedance_table(stepped, trial_phasors(stepped)), limits.of("impedance"), model)
     return FittedTrial(table, series_table(*impedance_series(stepped)))
 
 
 def fit_actuator_bench_trial(trial: Path, settings: ActuatorAnalysis, limits: DoubtfulFits) -> FittedTrial:
     """Fit an ingested trial of the actuator's bench; raises as `fit_dynamometer_trial`."""
     actuator = actuator_trial(read_trial(trial), settings)
-    table = marked(actuator_table(actuator), limits.actuator, "actuator")
+    table = marked(actuator_table(actuator), limits.of("actuator"), "actuator")
     return FittedTrial(table, series_table(actuator.time, actuator.torque, actuator.modelled))
 
 

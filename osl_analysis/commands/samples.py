@@ -97,7 +97,7 @@ def capture_says(path: Path, name: str, rules: QualityRules) -> Iterator[str]:
 def failures(recording: Recording, rules: QualityRules) -> Iterator[str]:
     """The checks that a recording does not pass, with value, threshold and remark."""
     trial = Trial("sample", recording.samples, dict(recording.facts))
-    for name, finding in examine(trial, "recording", Commanded((), (), 1)).items():
+    for name, finding in examine(trial, "ingest_only", Commanded((), (), 1)).items():
         limit, unit = rules.rule(name).limit, CHECKS[name].unit
         if finding.value is not None and fails(name, finding.value, limit):
             yield f"{name}: {finding.value:.4g} {unit}, threshold {limit:g} ({finding.remark})"

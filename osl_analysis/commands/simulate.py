@@ -8,6 +8,7 @@ from typing import Any
 import pandas as pd
 
 from osl_analysis.errors import InputError
+from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.files import atomic_path
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.simulator import messages
@@ -17,7 +18,6 @@ from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.yaml_settings import read_yaml
 
 TRUTH = "truth"
-BENCH_EXPERIMENTS = ("belt", "transmission", "impedance")
 
 
 def check_folder(folder: Path) -> None:
@@ -117,7 +117,7 @@ def record_trial(
     row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, campaign_folder: Path
 ) -> None:
     """Simulate the trial of one row and let its recorders write."""
-    if row["experiment"] in BENCH_EXPERIMENTS:
+    if EXPERIMENTS[row["experiment"]].log == "dynamometer":
         record_bench_trial(row, settings, p, campaign_folder)
     elif row["experiment"] == "actuator":
         record_actuator_trial(row, settings, p, campaign_folder)

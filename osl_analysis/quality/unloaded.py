@@ -3,12 +3,11 @@
 import numpy as np
 import polars as pl
 
+from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.quality.channels import signal, step_of
 from osl_analysis.quality.finding import Finding, not_applicable
 from osl_analysis.trial import Array
 
-BENCH = ("belt", "transmission", "impedance")
-STEPPED_ON_AND_OFF = ("plate", "walking", "gait")  # experiments in which every plate is bare at some time
 WINDOW = 0.2  # s
 QUIET = 20.0  # N, largest scatter in a window that a resting plate has
 AT_REST = 0.02  # of the angle's range, that the joint may creep
@@ -17,7 +16,7 @@ LEAST_REST = 0.2  # s
 
 def check_load_cell(samples: pl.DataFrame, experiment: str) -> Finding:
     """Size of the mean torque [N*m] before the joint first moves, on the dynamometer."""
-    if experiment not in BENCH or not {"theta", "torque"} <= set(samples.columns):
+    if EXPERIMENTS[experiment].torque != "torque" or not {"theta", "torque"} <= set(samples.columns):
         return not_applicable("no torque on a dynamometer")
     rows = samples.select("time", "theta", "torque").drop_nulls()
     time, theta, torque = (rows[c].to_numpy() for c in rows.columns)
@@ -40,7 +39,7 @@ def check_plates(samples: pl.DataFrame, experiment: str) -> Finding:
     told = {
         plate: level
         for plate, level in levels.items()
-        if level is not None and (level < QUIET or experiment in STEPPED_ON_AND_OFF)
+        if level is not None and (level < QUIET or EXPERIMENTS[experiment].bare_plate)
     }
     if not told:
         return not_applicable("no plate" if not columns else "the plates are never at rest, or loaded throughout")

@@ -4,6 +4,7 @@ from collections.abc import Collection
 
 import polars as pl
 
+from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.quality import channels, history, sampling, unloaded
 from osl_analysis.quality.finding import Finding, not_applicable
 from osl_analysis.quality.names import CHECKS
@@ -11,7 +12,6 @@ from osl_analysis.quality.protocol import Commanded, check_protocol
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.trial import Trial
 
-STEPPED_SINE = ("transmission", "impedance")
 ROUNDING = 1e-9  # of a threshold: 100 Hz from stamps is 99.999 999 999 97 Hz
 ACCEPTED = "accepted in the sheet"
 
@@ -19,7 +19,7 @@ ACCEPTED = "accepted in the sheet"
 def examine(trial: Trial, experiment: str, commanded: Commanded) -> dict[str, Finding]:
     """What every check of `CHECKS` finds in a trial; `commanded` is what a stepped-sine experiment should follow."""
     samples, steps = trial.samples, sampling.sampling_steps(trial.samples)
-    stepped = experiment in STEPPED_SINE and "theta" in samples.columns
+    stepped = EXPERIMENTS[experiment].stepped_sine and "theta" in samples.columns
     return {
         "rate": sampling.check_rate(steps),
         "jitter": sampling.check_jitter(steps),

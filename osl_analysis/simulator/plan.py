@@ -5,6 +5,7 @@ import itertools
 import pandas as pd
 
 from osl_analysis.errors import InputError
+from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.sheet import COLUMNS
 from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
@@ -29,13 +30,13 @@ def plan_trials(settings: SimulationSettings) -> pd.DataFrame:
 
 
 def bench_plan(settings: SimulationSettings) -> list[PlannedRow]:
-    """The trials on the dynamometer."""
+    """The trials on the benches."""
     wanted = settings.experiments
-    rows = [bench_row(name, "belt") for name in numbered("belt", wanted.belt, 2)]
-    rows += [bench_row(name, "transmission") for name in numbered("transmission", wanted.transmission, 1)]
-    rows += [actuator_row(name) for name in numbered("actuator", wanted.actuator, 1)]
+    rows = [planned_row(name, "belt") for name in numbered("belt", wanted.belt, 2)]
+    rows += [planned_row(name, "transmission") for name in numbered("transmission", wanted.transmission, 1)]
+    rows += [planned_row(name, "actuator") for name in numbered("actuator", wanted.actuator, 1)]
     for controller, K_d, B_d in itertools.product(wanted.controllers, wanted.K_d, wanted.B_d):
-        row = bench_row(f"impedance_K{K_d:g}_B{B_d:.1f}_{controller}", "impedance")
+        row = planned_row(f"impedance_K{K_d:g}_B{B_d:.1f}_{controller}", "impedance")
         rows.append(row | {"controller": controller, "K_d": K_d, "B_d": B_d})
     return rows
 
@@ -43,30 +44,20 @@ def bench_plan(settings: SimulationSettings) -> list[PlannedRow]:
 def laboratory_plan(settings: SimulationSettings) -> list[PlannedRow]:
     """The trials in the gait laboratory; the leg logs while it walks."""
     wanted = settings.experiments
-    rows = [laboratory_row(name, "static") for name in numbered("static", wanted.static, 1)]
-    rows += [laboratory_row(name, "plate") for name in numbered("plate", wanted.plate, 2)]
+    rows = [planned_row(name, "static") for name in numbered("static", wanted.static, 1)]
+    rows += [planned_row(name, "plate") for name in numbered("plate", wanted.plate, 2)]
     for name in numbered("walking", wanted.walking, 2):
         perturbed = stream(settings.seed, name, "perturbed").random() < wanted.perturbed_share
-        leg = {"log": f"leg/{name}.mcap", "log_source": "leg", "perturbed": bool(perturbed)}
-        rows.append(laboratory_row(name, "walking") | leg)
+        rows.append(planned_row(name, "walking") | {"perturbed": bool(perturbed)})
     return rows
 
 
-def bench_row(trial: str, experiment: str) -> PlannedRow:
-    return {
-        "trial": trial,
-        "experiment": experiment,
-        "log": f"dynamometer/{trial}.mcap",
-        "log_source": "dynamometer",
-    }
-
-
-def actuator_row(trial: str) -> PlannedRow:
-    return {"trial": trial, "experiment": "actuator", "log": f"actuator/{trial}.mcap", "log_source": "actuator"}
-
-
-def laboratory_row(trial: str, experiment: str) -> PlannedRow:
-    return {"trial": trial, "experiment": experiment, "mocap": f"vicon/{trial}.c3d", "mocap_source": "vicon"}
+def planned_row(trial: str, experiment: str) -> PlannedRow:
+    """One row of the sheet, with the files that the simulator records in this experiment."""
+    facts = EXPERIMENTS[experiment]
+    files = facts.simulated_files(trial)
+    sources = {f"{role}_source": getattr(facts, role) for role in files}
+    return {"trial": trial, "experiment": experiment, **files, **sources}
 
 
 def numbered(stem: str, count: int, digits: int) -> list[str]:

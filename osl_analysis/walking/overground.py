@@ -98,8 +98,8 @@ def body_mass(trial: Trial, configured: float | None) -> float:
     mass = configured or recorded
     if not mass:
         raise InputError(
-            f"trial {trial.name}: the recording states no body mass, found {recorded!r}; set gait.body_mass_kg in the "
-            "configuration"
+            f"trial {trial.name}: the recording states no body mass, found {recorded!r}; set "
+            "overground.body_mass_kg in the configuration"
         )
     return float(mass)
 

@@ -1,0 +1,179 @@
+"""The experiments: one table of facts, which sheet, quality control, simulator, rules and command line ask.
+
+A new experiment is an entry here, its fit (`bench/` or `walking/`), its job (`commands/`), its limits
+(`config/config.yaml`) and its test. No other list of experiments stands anywhere.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+PROTOCOL = ("amplitudes_deg", "frequencies_hz", "cycles")
+"""Fields of `dynamometer` in the configuration: what a stepped sine should follow."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A result table `tables/<name>.csv` with rows of every trial of an experiment.
+
+    judged: its fits have limits under `doubtful.<name>` in the configuration.
+    derived: tables that are computed from this one alone, each with its job, `module.function` of `commands`.
+    perturbed_only: only the perturbed crossings have rows.
+    published: False if the files of the single trials are used but never gathered in one table.
+    """
+
+    name: str
+    judged: bool = True
+    derived: Mapping[str, str] = field(default_factory=dict)
+    perturbed_only: bool = False
+    published: bool = True
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The job that fits one trial; it writes a file per table of the experiment.
+
+    job: `module.function` of `commands`.
+    settings: per argument of the job, the section of the configuration and the settings model with the fields that the
+        job uses (the section's own, or one of its base classes). A change of other fields does not run the job again.
+    parameters: the job reads the parameter file of the device.
+    sheet: columns of the trial's row in the sample sheet that the job uses.
+    """
+
+    job: str
+    settings: Mapping[str, tuple[str, str]]
+    parameters: bool = False
+    sheet: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What the pipeline knows of one kind of trial.
+
+    description: one line for people.
+    place: where it is recorded; None for a trial that is ingested only.
+    motion, torque: the columns of the trial with the measured motion and torque, where every trial has them.
+    signals: the other columns that the analysis reads; markers and plates have names of the laboratory's own.
+    sheet: columns of the sample sheet that its trials must fill, besides the files.
+    stepped_sine: the motion follows the stepped-sine protocol of `dynamometer`.
+    bare_plate: every force plate is unloaded at some time.
+    log, mocap: source files of what the simulator records; None where it records no such file.
+    tables: the result tables with rows of every trial; the fit writes them in this order.
+    further_tables: result tables that rules of their own make from all trials together.
+    fit: the job that fits one trial; None where rules of its own do so.
+    """
+
+    description: str
+    place: Literal["bench", "walkway"] | None
+    motion: str | None = None
+    torque: str | None = None
+    signals: tuple[str, ...] = ()
+    sheet: tuple[str, ...] = ()
+    stepped_sine: bool = False
+    bare_plate: bool = False
+    log: str | None = None
+    mocap: str | None = None
+    tables: tuple[Table, ...] = ()
+    further_tables: tuple[str, ...] = ()
+    fit: Fit | None = None
+
+    def simulated_files(self, trial: str) -> dict[str, str]:
+        """What the simulator records of a trial: the files by their column of the sheet, `log` or `mocap`."""
+        files = {"log": f"{self.log}/{trial}.mcap", "mocap": f"{self.mocap}/{trial}.c3d"}
+        return {role: file for role, file in files.items() if getattr(self, role) is not None}
+
+
+EXPERIMENTS: dict[str, Experiment] = {
+    "belt": Experiment(
+        "input shaft locked, joint moved and back: belt stiffness",
+        place="bench",
+        motion="theta",
+        torque="torque",
+        signals=("theta_m",),
+        log="dynamometer",
+        tables=(
+            Table("belt", derived={"belt_summary": "belt.summarise"}),
+            Table("belt_curves", judged=False, published=False),
+        ),
+        fit=Fit(
+            "belt.fit_trial",
+            {"settings": ("dynamometer", "BeltAnalysis")},
+            parameters=True,
+        ),
+    ),
+    "transmission": Experiment(
+        "motor detached, stepped sine: B_j and J_j",
+        place="bench",
+        motion="theta",
+        torque="torque",
+        stepped_sine=True,
+        log="dynamometer",
+        tables=(Table("transmission", derived={"transmission_summary": "transmission.summarise"}),),
+        fit=Fit("transmission.fit_trial", {"settings": ("dynamometer", "SteppedSineAnalysis")}),
+    ),
+    "actuator": Experiment(
+        "actuator alone, driven at a velocity and a current: k_tau n_m, f_C, f_G, B_m and J_m",
+        place="bench",
+        motion="theta_m",
+        torque="torque_m",
+        signals=("current",),
+        log="actuator",
+        tables=(Table("actuator", derived={"actuator_summary": "actuator.summarise"}),),
+        fit=Fit("actuator.fit_trial", {"settings": ("actuator", "ActuatorAnalysis")}),
+    ),
+    "impedance": Experiment(
+        "stepped sine against the controller: K, B, I and the frequency response",
+        place="bench",
+        motion="theta",
+        torque="torque",
+        sheet=("controller", "K_d", "B_d"),
+        stepped_sine=True,
+        log="dynamometer",
+        tables=(
+            Table("impedance"),
+            Table("phasors", derived={"frequency_response": "response.frequency_response"}),
+            Table("estimators"),
+        ),
+        fit=Fit(
+            "impedance.fit_trial",
+            {"settings": ("dynamometer", "SteppedSineAnalysis"), "weight": ("gain_weight", "WeightSettings")},
+            parameters=True,
+            sheet=("controller", "K_d", "B_d"),
+        ),
+    ),
+    "static": Experiment(
+        "standing still: rest pose of the marker clusters and the ankle axis", place="walkway", mocap="vicon"
+    ),
+    "plate": Experiment(
+        "platform moved without a foot on it: the force plate's own inertia",
+        place="walkway",
+        bare_plate=True,
+        mocap="vicon",
+    ),
+    "walking": Experiment(
+        "one crossing of the walkway, perturbed or not",
+        place="walkway",
+        sheet=("perturbed", "mocap"),
+        bare_plate=True,
+        log="leg",
+        mocap="vicon",
+        tables=(Table("walking", perturbed_only=True),),
+        further_tables=("walking_summary", "walking_crossings", "walking_excluded", "hinge", "plate"),
+    ),
+    "overground": Experiment(
+        "overground gait with a reference ankle moment in the file",
+        place="walkway",
+        bare_plate=True,
+        tables=(Table("ankle_moment", judged=False),),
+        fit=Fit("overground.compare", {"settings": ("overground", "GaitAnalysis")}),
+    ),
+    "ingest_only": Experiment("any recording: ingested and checked, not analysed", place=None),
+}
+
+RENAMED = {"gait": "overground", "recording": "ingest_only"}
+"""Old names of experiments, with the new ones: the sheet refuses the old and names the new."""
+
+
+def judged_tables() -> tuple[str, ...]:
+    """The tables whose fits have limits under `doubtful` in the configuration."""
+    return tuple(table.name for facts in EXPERIMENTS.values() for table in facts.tables if table.judged)

@@ -120,12 +120,15 @@ CENTRE = np.array([0.012, -0.1, 0.095])
 ANATOMICAL = StaticCalibration({}, {}, {}, np.array([0.02, -0.1, 0.09]), np.array([0.0, 1.0, 0.0]))
 
 
-def hinged_motion(across: float = 0.0, noise: float = 0.0, size: float = 0.3) -> tuple[Poses, Poses]:
-    """A shank that wanders through the room, a foot hinged to it about AXIS through CENTRE, which twists `across`."""
+def hinged_motion(
+    across: float = 0.0, noise: float = 0.0, size: float = 0.3, upward: float = 0.0
+) -> tuple[Poses, Poses]:
+    """A shank that wanders through the room, a foot hinged to it about AXIS through CENTRE, which yields about the
+    axes forward and upward by the amplitudes `across` and `upward` [rad]."""
     t, random = np.arange(400) / 100, np.random.default_rng(5)
     shank = Rotation.from_rotvec(np.column_stack([0.1 * np.sin(t), 0.4 * np.sin(2 * t), 0.2 * t]))
     joint = Rotation.from_rotvec(np.outer(-size * np.sin(5 * t), AXIS)) * Rotation.from_rotvec(
-        np.outer(across * np.sin(11 * t), [1.0, 0.0, 0.0])
+        np.column_stack([across * np.sin(11 * t), 0 * t, upward * np.sin(8 * t)])
     )
     shift = np.column_stack([t, 0.02 * np.sin(t), 0.01 * np.cos(3 * t)])
     at_shank = shank.as_matrix() @ (SHANK - CENTRE).T
@@ -159,6 +162,12 @@ def test_the_functional_hinge_stands_noise_gaps_and_a_joint_that_yields() -> Non
     assert np.linalg.norm(np.cross(found.centre - CENTRE, AXIS)) < 1e-3
     assert found.off_axis == pytest.approx(0.01 / np.sqrt(2), rel=0.2)
     assert found.frames == 370
+
+
+def test_the_rotation_across_the_hinge_is_that_about_both_other_axes() -> None:
+    """Amplitudes of 0.04 and 0.03 rad about two axes are 0.05 rad together, 0.05/sqrt(2) RMS."""
+    hinge = functional_hinge([hinged_motion(across=0.04, upward=0.03)], ANATOMICAL)
+    assert hinge.off_axis == pytest.approx(0.05 / np.sqrt(2), rel=0.05)
 
 
 def test_a_joint_that_hardly_turned_has_no_functional_axis() -> None:

@@ -1,6 +1,7 @@
 """What a perturbation adds to gait is isolated at the same phase, and its impedance is the one that made it."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -311,6 +312,23 @@ def test_the_errors_of_gait_are_what_each_unperturbed_crossing_would_do_in_the_r
         change = [getattr(again, q) - getattr(fit, q) for q in "KBI"]
         largest = 0.1 * np.abs(errors).max(axis=0)
         np.testing.assert_allclose(change / largest, 0.1 * errors[j] / largest, rtol=0.1, atol=0.1)
+
+
+def test_the_variance_of_a_single_perturbation_is_right_on_average() -> None:
+    """A perturbed and two unperturbed crossings that each err by the same small torque up or down, in all eight
+    combinations: the errors' mean square is the mean of the variances that the fits state. It counts the perturbed
+    crossing's own error and, as half of it, that of the mean of two. To first order, hence the small torque."""
+    squares, variances = [], []
+    for signs in product((-1, 1), repeat=3):
+        walked, *others = (
+            replace(c, torque=c.torque + 0.1 * sign * np.sin(2 * np.pi * 3 * c.time))
+            for c, sign in zip((crossing("p", onset=0.6), crossing("u0"), crossing("u1")), signs, strict=True)
+        )
+        fit = fit_response(respond(walked, unperturbed_gait(others, 2)))
+        exact = fit_response(respond(crossing("p", onset=0.6), unperturbed_gait([crossing("u0"), crossing("u1")], 2)))
+        squares.append((fit.K - exact.K) ** 2)
+        variances.append(fit.fit.se("K") ** 2)
+    assert np.mean(variances) == pytest.approx(np.mean(squares), rel=0.01)
 
 
 def test_the_interval_of_a_single_perturbation_covers_what_gait_does_to_it() -> None:

@@ -50,8 +50,8 @@ def test_the_angle_is_the_twist_about_a_skew_axis_wherever_the_leg_is() -> None:
     shank = Rotation.random(11, rng=np.random.default_rng(3))
     foot = shank * Rotation.from_rotvec(-theta[:, None] * axis)
     still = np.zeros((11, 3))
-    found = ankle_angle(pose(foot.as_matrix(), still), pose(shank.as_matrix(), still), axis)
-    np.testing.assert_allclose(found, theta, atol=1e-12)
+    angle = ankle_angle(pose(foot.as_matrix(), still), pose(shank.as_matrix(), still), axis)
+    np.testing.assert_allclose(angle, theta, atol=1e-12)
 
 
 def test_what_a_soft_joint_adds_across_the_axis_does_not_leak_into_the_angle() -> None:
@@ -90,9 +90,9 @@ def test_the_calibrated_axis_points_to_the_left_for_either_leg(side: Literal["le
         name: {f"{key}{k}": np.tile(p, (5, 1)) for k, p in enumerate(CLUSTERS[key])}
         for name, key in (("foot", "FOOT"), ("shank", "SHANK"), ("platform", "PLAT"))
     }
-    found = calibrate_static(clusters, medial, lateral, side)
-    np.testing.assert_allclose(found.ankle_axis, LEFT, atol=1e-12)
-    np.testing.assert_allclose(found.ankle_centre, ANKLE, atol=1e-12)
+    static = calibrate_static(clusters, medial, lateral, side)
+    np.testing.assert_allclose(static.ankle_axis, LEFT, atol=1e-12)
+    np.testing.assert_allclose(static.ankle_centre, ANKLE, atol=1e-12)
 
 
 def test_the_ankle_moves_with_foot_and_shank() -> None:
@@ -130,8 +130,8 @@ def test_a_hanging_foot_needs_its_weight_and_its_inertia() -> None:
     R = about_y(phi)
     motion = body_motion(time, pose(R, np.zeros((300, 3))), com)
     n = np.ones((300, 1))
-    found = foot_torque(motion, 0 * motion.point, n * LEFT, body)
+    torque = foot_torque(motion, 0 * motion.point, n * LEFT, body)
     about_ankle = 0.007 + 1.2 * (com @ com)
     x = np.cos(phi) * com[0] + np.sin(phi) * com[2]
     expected = about_ankle * alpha - 1.2 * 9.80665 * x
-    np.testing.assert_allclose(found[6:-6], expected[6:-6], atol=1e-5)
+    np.testing.assert_allclose(torque[6:-6], expected[6:-6], atol=1e-5)

@@ -27,21 +27,21 @@ def tracks() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def test_recovers_the_pose_that_moved_the_markers() -> None:
     observed, R, path = tracks()
-    found = cluster_poses(FOOT, observed)
-    np.testing.assert_allclose(found.rotation, R, atol=1e-12)
-    np.testing.assert_allclose(found.points(np.zeros((1, 3)))[:, 0], path, atol=1e-12)
-    assert found.residual.max() < 1e-12
+    poses = cluster_poses(FOOT, observed)
+    np.testing.assert_allclose(poses.rotation, R, atol=1e-12)
+    np.testing.assert_allclose(poses.points(np.zeros((1, 3)))[:, 0], path, atol=1e-12)
+    assert poses.residual.max() < 1e-12
 
 
 def test_a_hidden_marker_of_four_changes_nothing() -> None:
     observed, R, _ = tracks()
     observed[50:80, 2] = np.nan
     observed[70:90, 0, 1] = np.nan  # one coordinate is enough; frames 70-79 keep two markers only
-    found = cluster_poses(FOOT, observed)
+    poses = cluster_poses(FOOT, observed)
     lost = np.zeros(len(TIME), dtype=bool)
     lost[70:80] = True
-    np.testing.assert_allclose(found.rotation[~lost], R[~lost], atol=1e-12)
-    assert np.isnan(found.position[lost]).all()
+    np.testing.assert_allclose(poses.rotation[~lost], R[~lost], atol=1e-12)
+    assert np.isnan(poses.position[lost]).all()
 
 
 def test_no_pose_from_three_markers_on_a_line() -> None:
@@ -52,34 +52,34 @@ def test_no_pose_from_three_markers_on_a_line() -> None:
 
 def test_a_mirrored_cluster_is_a_misfit_and_not_a_reflection() -> None:
     mirrored = FOOT * [1, -1, 1]
-    found = cluster_poses(FOOT, mirrored[None])
-    assert np.linalg.det(found.rotation[0]) == pytest.approx(1)
-    assert found.residual[0] > 5e-3
+    poses = cluster_poses(FOOT, mirrored[None])
+    assert np.linalg.det(poses.rotation[0]) == pytest.approx(1)
+    assert poses.residual[0] > 5e-3
 
 
 def test_swapped_markers_are_refused_by_their_residual() -> None:
     observed, _, _ = tracks()
     observed[10] = observed[10, [1, 0, 2, 3]]
-    found = cluster_poses(FOOT, observed, largest_residual=0.005)
-    assert list(np.flatnonzero(~found.seen())) == [10]
+    poses = cluster_poses(FOOT, observed, largest_residual=0.005)
+    assert list(np.flatnonzero(~poses.seen())) == [10]
 
 
 def test_residual_is_the_rms_distance() -> None:
     noise = 1e-3 * np.random.default_rng(1).standard_normal((2000, 4, 3))
-    found = cluster_poses(FOOT, FOOT + noise)
+    poses = cluster_poses(FOOT, FOOT + noise)
     # 12 coordinates, 6 of them taken by the pose: 3 (12 - 6)/12 of the variance of one remain per marker
-    assert np.sqrt(np.mean(found.residual**2)) == pytest.approx(1e-3 * np.sqrt(1.5), rel=0.03)
+    assert np.sqrt(np.mean(poses.residual**2)) == pytest.approx(1e-3 * np.sqrt(1.5), rel=0.03)
 
 
 def test_short_interior_gaps_are_bridged_and_flagged_the_others_stay() -> None:
     observed, R, path = tracks()
     observed[:4], observed[60:66], observed[100:130], observed[-3:] = np.nan, np.nan, np.nan, np.nan
-    found = bridge_gaps(TIME, cluster_poses(FOOT, observed), longest=0.03)
-    assert list(np.flatnonzero(found.bridged)) == list(range(60, 66))
-    assert list(np.flatnonzero(~found.seen())) == [0, 1, 2, 3, *range(100, 130), 237, 238, 239]
+    bridged_poses = bridge_gaps(TIME, cluster_poses(FOOT, observed), longest=0.03)
+    assert list(np.flatnonzero(bridged_poses.bridged)) == list(range(60, 66))
+    assert list(np.flatnonzero(~bridged_poses.seen())) == [0, 1, 2, 3, *range(100, 130), 237, 238, 239]
     # slerp over 7 frames errs by (7/300)^2/8 * 0.4 * 7^2 = 1.3 mrad where the turn accelerates most
-    np.testing.assert_allclose(found.rotation[60:66], R[60:66], atol=1.3e-3)
-    np.testing.assert_allclose(found.points(np.zeros((1, 3)))[60:66, 0], path[60:66], atol=2e-4)
+    np.testing.assert_allclose(bridged_poses.rotation[60:66], R[60:66], atol=1.3e-3)
+    np.testing.assert_allclose(bridged_poses.points(np.zeros((1, 3)))[60:66, 0], path[60:66], atol=2e-4)
 
 
 def test_a_gap_of_exactly_the_longest_duration_is_bridged() -> None:
@@ -92,11 +92,13 @@ def test_a_gap_of_exactly_the_longest_duration_is_bridged() -> None:
 def test_smoothing_leaves_slow_motion_alone_and_stays_rigid() -> None:
     observed, R, _ = tracks()
     noisy = observed + 2e-4 * np.random.default_rng(2).standard_normal(observed.shape)
-    found = filtered_poses(cluster_poses(FOOT, noisy), FOOT, LowPass(20.0), RATE)
+    filtered = filtered_poses(cluster_poses(FOOT, noisy), FOOT, LowPass(20.0), RATE)
     inside = slice(30, -30)
     raw = cluster_poses(FOOT, noisy)
-    assert np.abs(found.rotation - R)[inside].max() < 0.6 * np.abs(raw.rotation - R)[inside].max()
-    np.testing.assert_allclose(np.einsum("nij,nkj->nik", found.rotation, found.rotation)[5], np.eye(3), atol=1e-12)
+    assert np.abs(filtered.rotation - R)[inside].max() < 0.6 * np.abs(raw.rotation - R)[inside].max()
+    np.testing.assert_allclose(
+        np.einsum("nij,nkj->nik", filtered.rotation, filtered.rotation)[5], np.eye(3), atol=1e-12
+    )
 
 
 def test_a_body_that_turns_about_a_fixed_axis_has_the_textbook_velocity_and_acceleration() -> None:

@@ -192,9 +192,9 @@ def test_with_all_imperfections_the_rendered_stiffness_comes_out_to_five_percent
 
 
 def test_the_truth_is_in_the_bootstrap_interval(real: Session) -> None:
-    found = real.estimate("K", "ensemble")
-    assert found["low"] < real.rendered("K") < found["high"]
-    assert 1 < found["se"] < 10
+    K_ensemble = real.estimate("K", "ensemble")
+    assert K_ensemble["low"] < real.rendered("K") < K_ensemble["high"]
+    assert 1 < K_ensemble["se"] < 10
 
 
 def test_the_plate_and_its_lag_are_the_simulated_ones(real: Session) -> None:
@@ -233,7 +233,7 @@ def test_the_tables_have_what_figures_and_summary_read(real: Session) -> None:
 def test_a_longer_filter_leaves_the_stiffness_alone(real: Session, tmp_path: Path) -> None:
     """Angle and torque lose the same, so that what relates them stays; 15 Hz instead of 20 Hz."""
     name = real.perturbed[1]
-    found = []
+    stiffnesses = []
     for cutoff in (15, 20):
         chosen = settings(cutoff_hz=cutoff, foot=FOOT)
         for trial in (name, *real.unperturbed):
@@ -242,8 +242,8 @@ def test_a_longer_filter_leaves_the_stiffness_alone(real: Session, tmp_path: Pat
         gait, unperturbed = tmp_path / "gait.parquet", [tmp_path / f"{t}.parquet" for t in real.unperturbed]
         average_unperturbed(unperturbed, real.selection, chosen, gait)
         fit_perturbation(tmp_path / f"{name}.parquet", real.selection, gait, chosen, tmp_path / "fit.csv")
-        found.append(read_table(tmp_path / "fit.csv")["K"][0])
-    assert found[0] == pytest.approx(found[1], rel=0.03)
+        stiffnesses.append(read_table(tmp_path / "fit.csv")["K"][0])
+    assert stiffnesses[0] == pytest.approx(stiffnesses[1], rel=0.03)
 
 
 def test_without_imperfections_measured_angle_and_torque_fit_as_the_exact_ones_do_to_numerical_precision(
@@ -253,10 +253,10 @@ def test_without_imperfections_measured_angle_and_torque_fit_as_the_exact_ones_d
     K, B and I of Eq. 15 depend on the filter. The exact curves through the same filter give the same numbers, but for
     the file's single precision and a low-pass of products that is not the product of low-passes."""
     crossings = [read_crossing(ideal.crossing(n)) for n in (*ideal.perturbed, *ideal.unperturbed)]
-    found, exact = (fits_of(c) for c in (crossings, [exact_crossing(ideal, c) for c in crossings]))
-    np.testing.assert_allclose(found[:, 0], exact[:, 0], rtol=2e-4)
-    np.testing.assert_allclose(found[:, 1], exact[:, 1], rtol=1e-3)
-    np.testing.assert_allclose(found[:, 2], exact[:, 2], atol=1e-4)
+    measured, exact = (fits_of(c) for c in (crossings, [exact_crossing(ideal, c) for c in crossings]))
+    np.testing.assert_allclose(measured[:, 0], exact[:, 0], rtol=2e-4)
+    np.testing.assert_allclose(measured[:, 1], exact[:, 1], rtol=1e-3)
+    np.testing.assert_allclose(measured[:, 2], exact[:, 2], atol=1e-4)
 
 
 def exact_crossing(session: Session, crossing: Crossing) -> Crossing:
@@ -354,10 +354,10 @@ def test_a_plate_that_was_not_zeroed_changes_nothing(ideal: Session, tmp_path: P
     off = [pl.col("plate1_force_z") + 60, pl.col("plate1_moment_y") - 7, pl.col("plate1_force_x") - 20]
     write_trial(Trial(name, trial.samples.with_columns(off), trial.provenance), tmp_path / "t.parquet")
     analyse(tmp_path / "t.parquet", ideal.calibration, ideal.plate, True, settings(), output)
-    whole, found = read_crossing(ideal.crossing(name)), read_crossing(output)
-    assert found.stance.heel_strike == pytest.approx(whole.stance.heel_strike, abs=1e-6)
-    np.testing.assert_allclose(found.torque, whole.torque, atol=1e-6)
-    assert found.quality.zero == pytest.approx(60, abs=1e-4)
+    whole, shifted = read_crossing(ideal.crossing(name)), read_crossing(output)
+    assert shifted.stance.heel_strike == pytest.approx(whole.stance.heel_strike, abs=1e-6)
+    np.testing.assert_allclose(shifted.torque, whole.torque, atol=1e-6)
+    assert shifted.quality.zero == pytest.approx(60, abs=1e-4)
 
 
 def saturate(trial: Trial, limit: float) -> Trial:
@@ -455,9 +455,9 @@ def refused(output: Path, reason: str) -> Iterator[None]:
     """The crossing is refused for a reason like this, with a warning, and its file says so."""
     with pytest.warns(UserWarning, match=reason):
         yield
-    found = read_crossing_file(output)
-    assert isinstance(found, RefusedCrossing)
-    assert re.search(reason, found.reason)
+    crossing = read_crossing_file(output)
+    assert isinstance(crossing, RefusedCrossing)
+    assert re.search(reason, crossing.reason)
     with pytest.raises(InputError, match="was refused"):
         read_crossing(output)
 

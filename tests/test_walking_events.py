@@ -88,10 +88,10 @@ def test_noise_of_the_markers_moves_the_onset_of_a_soft_start_by_an_eighth_of_th
 def test_onset_shifts_with_time_and_does_not_depend_on_the_size_of_the_turn() -> None:
     x = np.clip((TIME - 1.2) / 0.075, 0, 1)
     soft = 5 * DEG * x**3 * (10 - 15 * x + 6 * x**2)
-    found = find_onset(TIME, soft, DEG)
-    assert found is not None
-    assert find_onset(TIME + 7.5, soft, DEG) == pytest.approx(found + 7.5, abs=1e-9)
-    assert find_onset(TIME, 1.7 * soft, 1.7 * DEG) == pytest.approx(found, abs=1e-9)
+    onset = find_onset(TIME, soft, DEG)
+    assert onset is not None
+    assert find_onset(TIME + 7.5, soft, DEG) == pytest.approx(onset + 7.5, abs=1e-9)
+    assert find_onset(TIME, 1.7 * soft, 1.7 * DEG) == pytest.approx(onset, abs=1e-9)
 
 
 def test_hidden_frames_do_not_move_the_onset() -> None:

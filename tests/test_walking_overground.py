@@ -42,13 +42,13 @@ def gait_trial(side: str = "left", over: float = 0.0) -> Trial:
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_the_moment_of_a_known_load_and_its_ratio_to_the_reference(side: str) -> None:
-    (found,) = compare_moments(gait_trial(side), MASS, 50.0)
-    assert (found.side, found.plate) == (side, 1)
-    assert found.slope == pytest.approx(1.05, abs=1e-3)
-    assert found.correlation == pytest.approx(1, abs=1e-5)
-    assert found.moment[found.peak] == pytest.approx(0.12 * 800 / MASS, rel=2e-3)
+    (comparison,) = compare_moments(gait_trial(side), MASS, 50.0)
+    assert (comparison.side, comparison.plate) == (side, 1)
+    assert comparison.slope == pytest.approx(1.05, abs=1e-3)
+    assert comparison.correlation == pytest.approx(1, abs=1e-5)
+    assert comparison.moment[comparison.peak] == pytest.approx(0.12 * 800 / MASS, rel=2e-3)
     # loaded above 50 N from 0.50625 to 1.49375 s
-    assert len(found.time) == pytest.approx(0.9875 * RATE, abs=1)
+    assert len(comparison.time) == pytest.approx(0.9875 * RATE, abs=1)
 
 
 def test_a_foot_beside_the_plate_is_not_compared() -> None:
@@ -88,16 +88,16 @@ def test_agrees_with_plug_in_gait_as_the_published_reference_does(tmp_path: Path
     ingest_trial(row, REAL / "c3d", ROOT / "config/sources", tmp_path / "pig.parquet")
     compare_ankle_moment(tmp_path / "pig.parquet", OvergroundAnalysis(load_on_n=50), tmp_path / "pig.csv")
     reference = pl.read_csv(REAL / "reference/ankle_moment.csv").sort("side", "plate")
-    found = read_table(tmp_path / "pig.csv").sort("side", "plate")
-    assert found["plate"].to_list() == (reference["plate"] + 1).to_list()
-    assert found["body_mass_kg"].to_list() == reference["mass_kg"].to_list()
-    assert found["frames"].to_list() == reference["n_frames"].to_list()
-    assert (found["correlation"] > -reference["corr"]).all()
-    assert (found["correlation"] > 0.998).all()
-    np.testing.assert_allclose(found["slope"], -reference["slope"], rtol=0.01)
-    np.testing.assert_allclose(found["reference_peak"] * 1e3, reference["pig_peak_Nmm_per_kg"], rtol=1e-5)
+    table = read_table(tmp_path / "pig.csv").sort("side", "plate")
+    assert table["plate"].to_list() == (reference["plate"] + 1).to_list()
+    assert table["body_mass_kg"].to_list() == reference["mass_kg"].to_list()
+    assert table["frames"].to_list() == reference["n_frames"].to_list()
+    assert (table["correlation"] > -reference["corr"]).all()
+    assert (table["correlation"] > 0.998).all()
+    np.testing.assert_allclose(table["slope"], -reference["slope"], rtol=0.01)
+    np.testing.assert_allclose(table["reference_peak"] * 1e3, reference["pig_peak_Nmm_per_kg"], rtol=1e-5)
     np.testing.assert_allclose(
-        found["moment_at_peak"] * 1e3, reference["own_quasistatic_at_peak_Nmm_per_kg"], rtol=0.01
+        table["moment_at_peak"] * 1e3, reference["own_quasistatic_at_peak_Nmm_per_kg"], rtol=0.01
     )
 
 
@@ -113,10 +113,10 @@ def test_agrees_with_plug_in_gait_within_six_percent_of_its_peaks(tmp_path: Path
     row = {"trial": "pig", "mocap": "btk_PiG_Motion3_FF.c3d", "mocap_source": "plug_in_gait"}
     ingest_trial(row, REAL / "c3d", ROOT / "config/sources", tmp_path / "pig.parquet")
     compare_ankle_moment(tmp_path / "pig.parquet", OvergroundAnalysis(load_on_n=20), tmp_path / "pig.csv")
-    found = read_table(tmp_path / "pig.csv")
-    assert len(found) >= 2
-    assert (found["correlation"] > 0.99).all()
-    np.testing.assert_allclose(found["moment_at_peak"], found["reference_peak"], rtol=0.06)
+    table = read_table(tmp_path / "pig.csv")
+    assert len(table) >= 2
+    assert (table["correlation"] > 0.99).all()
+    np.testing.assert_allclose(table["moment_at_peak"], table["reference_peak"], rtol=0.06)
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the recordings of others are not here")

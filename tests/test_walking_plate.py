@@ -3,7 +3,9 @@
 import numpy as np
 import polars as pl
 import pytest
+from scipy.spatial.transform import Rotation
 from walking_synthetic import (
+    CORNERS,
     PLATE_RATE,
     PLATFORM,
     RATE,
@@ -21,7 +23,15 @@ from osl_analysis.errors import InputError
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import static_calibration
 from osl_analysis.walking.cluster import BodyMotion
-from osl_analysis.walking.plate import PlateWrench, RecordedWrench, in_laboratory, rotation_from_rest
+from osl_analysis.walking.plate import (
+    PlateWrench,
+    RecordedWrench,
+    check_range,
+    in_laboratory,
+    plate_axes,
+    rotation_from_rest,
+    unloaded_zero,
+)
 from osl_analysis.walking.plate_inertia import PARAMETERS, identify_plate_inertia, regressors
 from osl_analysis.walking.plate_model import identify_plate_model
 
@@ -87,17 +97,17 @@ def test_the_regressors_are_newton_and_euler() -> None:
 
 
 def test_recovers_all_ten_parameters_where_all_axes_turn() -> None:
-    found = identify_plate_inertia([plate_motion(about, 0.15, 0.04) for about in range(3)])
-    np.testing.assert_allclose(found.parameters, TRUE, rtol=1e-7, atol=1e-9)
-    assert found.rms_before[1] > 1
-    assert found.rms_after.max() < 1e-8
+    inertia = identify_plate_inertia([plate_motion(about, 0.15, 0.04) for about in range(3)])
+    np.testing.assert_allclose(inertia.parameters, TRUE, rtol=1e-7, atol=1e-9)
+    assert inertia.rms_before[1] > 1
+    assert inertia.rms_after.max() < 1e-8
 
 
 def test_an_axis_that_does_not_turn_has_no_inertia_and_the_rest_is_right() -> None:
-    found = identify_plate_inertia([plate_motion(1, 0.09, 0.03)])
+    inertia = identify_plate_inertia([plate_motion(1, 0.09, 0.03)])
     shown = np.array([name not in ("I_xx", "I_zz", "I_xz") for name in PARAMETERS])
-    np.testing.assert_allclose(found.parameters[shown], TRUE[shown], rtol=1e-7, atol=1e-9)
-    assert (found.parameters[~shown] == 0).all()
+    np.testing.assert_allclose(inertia.parameters[shown], TRUE[shown], rtol=1e-7, atol=1e-9)
+    assert (inertia.parameters[~shown] == 0).all()
 
 
 def test_each_recording_may_have_its_own_zero() -> None:
@@ -120,8 +130,8 @@ def test_standard_errors_cover_white_noise() -> None:
             )
             for m, w in pair
         ]
-        found = identify_plate_inertia(noisy)
-        scores.append((found.parameters - TRUE) / found.standard_errors)
+        inertia = identify_plate_inertia(noisy)
+        scores.append((inertia.parameters - TRUE) / inertia.standard_errors)
     # 400 scores of unit variance: their RMS lies within 0.85-1.2 even with the few that Newey and West misjudge
     assert 0.8 < np.sqrt(np.mean(np.square(scores))) < 1.3
 
@@ -134,9 +144,9 @@ def test_no_recordings_are_refused() -> None:
 def test_a_wrench_is_brought_to_the_markers_frames_without_delay() -> None:
     fast, slow = np.arange(4500) / PLATE_RATE, np.arange(900) / RATE
     tone = np.sin(2 * np.pi * 15 * fast)[:, None] * [1.0, 2.0, 3.0]
-    found = RecordedWrench(fast, PlateWrench(tone, tone)).at(slow)
+    sampled = RecordedWrench(fast, PlateWrench(tone, tone)).at(slow)
     expected = np.sin(2 * np.pi * 15 * slow)[:, None] * [1.0, 2.0, 3.0]
-    np.testing.assert_allclose(found.force[60:-60], expected[60:-60], atol=1e-4)
+    np.testing.assert_allclose(sampled.force[60:-60], expected[60:-60], atol=1e-4)
 
 
 def test_what_is_faster_than_the_markers_does_not_fold_into_the_signal() -> None:
@@ -149,8 +159,8 @@ def test_what_is_faster_than_the_markers_does_not_fold_into_the_signal() -> None
 def test_a_late_plate_is_read_later() -> None:
     fast, slow = np.arange(4500) / PLATE_RATE, np.arange(900) / RATE
     late = np.sin(2 * np.pi * 8 * (fast - 0.0021))[:, None] * np.ones(3)
-    found = RecordedWrench(fast, PlateWrench(late, late)).at(slow, lag=0.0021)
-    np.testing.assert_allclose(found.moment[60:-60, 0], np.sin(2 * np.pi * 8 * slow)[60:-60], atol=1e-5)
+    sampled = RecordedWrench(fast, PlateWrench(late, late)).at(slow, lag=0.0021)
+    np.testing.assert_allclose(sampled.moment[60:-60, 0], np.sin(2 * np.pi * 8 * slow)[60:-60], atol=1e-5)
 
 
 def test_platform_rotation_is_signed_and_positive_at_its_excursion() -> None:
@@ -284,3 +294,57 @@ def test_a_platform_hidden_at_rest_or_for_two_frames_does_no_harm() -> None:
 def test_an_unknown_plate_is_named() -> None:
     with pytest.raises(InputError, match=r"trial plate_1: no column 'plate2_force_x'"):
         identify_plate_model([unloaded("plate_1")], CALIBRATION, settings(plate=2))
+
+
+# Zero and range
+
+TIME = np.arange(3 * PLATE_RATE) / PLATE_RATE
+
+
+def stepped(offset: float, limit: float = np.inf, noise: float = 0.4) -> PlateWrench:
+    """A step of 0.7 s and 800 N from 1 s on; afterwards the tilted plate reads 5 N more, with
+    half the noise. Fz is cut off at a limit."""
+    load = 800 * np.sin(np.pi * np.clip((TIME - 1) / 0.7, 0, 1)) + 5.0 * (TIME > 1.75)
+    calmer = np.where(TIME > 1.75, 0.5, 1.0)[:, None] * noise
+    force = np.outer(load, [0.1, 0.0, 1.0]) + offset + calmer * np.random.default_rng(2).standard_normal((len(TIME), 3))
+    force[:, 2] = np.minimum(force[:, 2], limit)
+    return PlateWrench(force, 0.02 * offset + np.outer(load, [0.0, -0.1, 0.0]))
+
+
+@pytest.mark.parametrize("offset", [0.0, 12.0, -60.0])
+def test_the_zero_is_read_before_the_foot_comes_not_after_the_platform_tilted(offset: float) -> None:
+    """0.2 s of noise of 0.4 N: the mean's standard deviation is 0.02 N."""
+    zero = unloaded_zero(RecordedWrench(TIME, stepped(offset)), 0.2, 100)
+    np.testing.assert_allclose(zero.force[0], offset, atol=0.1)
+    np.testing.assert_allclose(zero.moment[0], 0.02 * offset, atol=1e-9)
+
+
+def test_a_plate_that_is_far_off_zero_is_refused_with_its_reading() -> None:
+    with pytest.raises(InputError, match="reads -713 N with nobody on it, expected less than 100 N"):
+        unloaded_zero(RecordedWrench(TIME, stepped(-713.0)), 0.2, 100)
+
+
+def test_a_record_that_starts_under_load_has_no_zero() -> None:
+    late = RecordedWrench(TIME[2000:], stepped(0.0)[2000:])
+    with pytest.raises(InputError, match=r"loaded within 0\.2 s of the record's start"):
+        unloaded_zero(late, 0.2, 100)
+
+
+def test_a_plate_at_its_limit_is_refused_and_one_that_peaks_is_not() -> None:
+    axes = plate_axes(np.array(CORNERS))
+    check_range(TIME, stepped(0.0).force, axes, 30)
+    with pytest.raises(InputError, match=r"Fz stays at 600 N for \d+ ms .* reached its limit"):
+        check_range(TIME, stepped(0.0, limit=600).force, axes, 30)
+    check_range(TIME, stepped(0.0, noise=0.0).force[:1400], axes, 30)  # an unloaded plate may well read one value
+
+
+def test_a_limit_shows_in_the_axes_of_a_plate_that_stands_askew() -> None:
+    """Turned by 20 degrees: Fx of the plate is a mixture in the laboratory, and neither of its parts is flat."""
+    turn = Rotation.from_euler("z", 20, degrees=True).as_matrix()
+    own = stepped(0.0).force @ np.diag([4.0, 1.0, 1.0])
+    own[:, 0] = np.minimum(own[:, 0], 250.0)
+    axes = plate_axes(np.array(CORNERS) @ turn.T)
+    np.testing.assert_allclose(np.abs(axes.T @ turn), np.abs(plate_axes(np.array(CORNERS))), atol=1e-12)
+    check_range(TIME, own @ turn.T, np.eye(3), 30)
+    with pytest.raises(InputError, match="stays at 250 N"):
+        check_range(TIME, own @ turn.T, axes, 30)

@@ -27,6 +27,7 @@ from osl_analysis.walking.response_fit import (
     gait_errors,
     jackknife_covariance,
     plate_errors,
+    response_lag,
 )
 from osl_analysis.walking.settings import Timing
 from osl_analysis.walking.unperturbed import PHASES, UnperturbedGait, unperturbed_gait
@@ -370,3 +371,15 @@ def test_responses_from_different_unperturbed_gait_are_refused() -> None:
     first, second = respond(crossing("p0", 0.6), mean_gait(3)), respond(crossing("p1", 0.6), mean_gait(4))
     with pytest.raises(InputError, match=r"trial p1: \d+ samples from 4 unperturbed .* trial p0 has \d+ from 3"):
         ensemble_response([first, second])
+
+
+# The lag of the torque
+
+
+def test_the_lag_of_a_second_order_response_comes_out_within_its_standard_error() -> None:
+    response = respond(crossing("p", 0.6, impedance=(340.0, 5.0, 0.2)), mean_gait())
+    for lag in (-0.003, 0.0, 0.004):
+        moved = np.interp(response.time - lag, response.time, response.torque)
+        delay = response_lag(replace(response, torque=moved))
+        assert delay is not None
+        assert delay.lag == pytest.approx(lag, abs=5e-4)

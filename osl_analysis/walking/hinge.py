@@ -87,7 +87,30 @@ def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: Sta
             f"foot and shank are seen together in {len(foot)} frames, expected 3 or more; "
             "fill the gaps in Nexus, or set hinge to anatomical"
         )
-    vectors = rotation_vectors(foot, shank)
+    directions, size = principal_rotations(rotation_vectors(foot, shank))
+    axis = directions[0] * np.sign(directions[0] @ calibration.ankle_axis)
+    centre, gap = common_point(feet, shanks, calibration.ankle_centre)
+    aside = np.cross(calibration.ankle_centre - centre, axis)
+    return Hinge(
+        axis=axis,
+        centre=centre,
+        excursion=float(size[0]),
+        off_axis=float(np.hypot(size[1], size[2])),
+        gap=gap,
+        angle=float(np.arccos(np.clip(axis @ calibration.ankle_axis, -1, 1))),
+        distance=float(np.linalg.norm(aside)),
+        frames=len(foot),
+    )
+
+
+def principal_rotations(vectors: Array) -> tuple[Array, Array]:
+    """Principal directions (3, 3), as rows, of rotation vectors (n, 3) [rad], and the RMS rotation (3,) about each.
+
+    Raises
+    ------
+    InputError
+        The largest is too small to determine an axis.
+    """
     _, size, directions = np.linalg.svd(vectors, full_matrices=False)
     size = size / np.sqrt(len(vectors))
     if size[0] < LEAST_EXCURSION:
@@ -95,12 +118,7 @@ def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: Sta
             f"the ankle turned by {np.rad2deg(size[0]):.1f} deg RMS, expected {np.rad2deg(LEAST_EXCURSION):.0f} deg or "
             "more for a functional axis; record a range-of-motion trial, or set hinge to anatomical"
         )
-    axis = directions[0] * np.sign(directions[0] @ calibration.ankle_axis)
-    centre, gap = common_point(feet, shanks, calibration.ankle_centre)
-    aside = np.cross(calibration.ankle_centre - centre, axis)
-    angle = float(np.arccos(np.clip(axis @ calibration.ankle_axis, -1, 1)))
-    off_axis = float(np.hypot(size[1], size[2]))
-    return Hinge(axis, centre, float(size[0]), off_axis, gap, angle, float(np.linalg.norm(aside)), len(vectors))
+    return directions, size
 
 
 def rotation_vectors(foot: Array, shank: Array) -> Array:

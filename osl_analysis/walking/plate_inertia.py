@@ -1,4 +1,4 @@
-"""The force plate's own inertia: identified on a plate that moves unloaded, then removed from every wrench.
+"""The force plate's own inertia and its lag: identified on a plate that moves unloaded, then removed from every wrench.
 
 What the sensors read of the plate itself is linear in its inertial parameters. In axes that turn with the plate, with
 the weight at rest removed by the zero,
@@ -7,6 +7,9 @@ the weight at rest removed by the zero,
 
 where m is the mass, mc mass times centre of mass, I the inertia about the plate's centre, a the acceleration of that
 centre, w the angular velocity and z the angular acceleration.
+
+A lag d of the torque behind the angle changes the damping by -K d and leaves the VAF as it is, so that the walking data
+themselves do not show it. The unloaded plate does: its inertial force must peak when its acceleration does.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,6 +31,11 @@ EXCITED = 0.1
 """Part of the largest RMS angular acceleration from which on an axis counts as excited."""
 LEVER = 0.1
 """Weight [m] of forces beside moments: the lever of a force about the ankle is about the ankle's height."""
+LARGEST_PLATE_LAG_S = 0.012
+PLATE_LAG_STEP_S = 0.002
+"""Lags that are tried [s]; between them a parabola is exact to 1 % for motions below 20 Hz."""
+LIGHT = 0.1
+"""RMS [N*m] of an unloaded wrench, forces with their lever, below which a plate is too light to show its lag."""
 
 
 @dataclass(frozen=True)
@@ -157,3 +165,31 @@ def rms(values: Array) -> Array:
 def weighted_square(size: Array) -> float:
     """Sum of squares [N^2*m^2] of RMS forces and moments (6,), forces with the lever of the identification."""
     return float(np.sum((size[:3] * LEVER) ** 2) + np.sum(size[3:] ** 2))
+
+
+def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], PlateWrench], smooth: Callable[[Array], Array]) -> float:
+    """Lag [s] of the plate behind the markers in one unloaded recording, positive if the plate is late.
+
+    `wrench_at` gives the wrench read a lag [s] later, through the low-pass `smooth`, which the motion did not pass. The
+    lag minimises the misfit of `identify_plate_inertia`. It is NaN if the plate is too light to show it.
+
+    Raises
+    ------
+    InputError
+        No lag that is tried explains the wrench: the recorders are not synchronised.
+    """
+    lags = np.arange(-LARGEST_PLATE_LAG_S, LARGEST_PLATE_LAG_S + PLATE_LAG_STEP_S / 2, PLATE_LAG_STEP_S)
+    readings = [wrench_at(float(lag)) for lag in lags]
+    misfit = [weighted_square(identify_plate_inertia([(motion, w)], smooth).rms_after) for w in readings]
+    best = int(np.argmin(misfit))
+    size = weighted_square(rms(centred(readings[best].components())))
+    if size < LIGHT**2:
+        return float("nan")
+    if misfit[best] > 0.5 * size or best in (0, len(lags) - 1):
+        raise InputError(
+            f"the unloaded plate's wrench does not follow its motion within {LARGEST_PLATE_LAG_S * 1e3:g} ms; "
+            "synchronise the recorders, check the platform's markers and the plate's channels, or set "
+            "correct_plate_lag to false"
+        )
+    before, least, after = misfit[best - 1 : best + 2]
+    return float(lags[best] + 0.5 * PLATE_LAG_STEP_S * (before - after) / (before - 2 * least + after))

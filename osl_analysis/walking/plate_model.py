@@ -1,11 +1,7 @@
-"""The plate's model from trials with nobody on the platform: its inertia, and its lag behind the markers.
-
-A lag d of the torque against the angle changes the damping by -K d and leaves the VAF as it is, so that the walking
-data themselves do not show it. The unloaded plate does: its inertial force must peak when its acceleration does.
-"""
+"""The plate's model from trials with nobody on the platform: its inertia, and its lag behind the markers."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,24 +21,12 @@ from osl_analysis.walking.cluster import (
     segment_poses,
 )
 from osl_analysis.walking.plate import PlateWrench, RecordedWrench, plate_centre, recorded_wrench, rotation_from_rest
-from osl_analysis.walking.plate_inertia import (
-    COMPONENTS,
-    PlateInertia,
-    centred,
-    identify_plate_inertia,
-    rms,
-    weighted_square,
-)
+from osl_analysis.walking.plate_inertia import COMPONENTS, PlateInertia, identify_plate_inertia, plate_lag
 from osl_analysis.walking.settings import WalkingAnalysis
 
 FEWEST_FRAMES = 10
 HIDDEN_TURN = np.deg2rad(0.2)
 """Rotation [rad] of the platform behind hidden markers from which on it counts; at rest, noise gives 0.03 deg."""
-LARGEST_PLATE_LAG_S = 0.012
-PLATE_LAG_STEP_S = 0.002
-"""Lags that are tried [s]; between them a parabola is exact to 1 % for motions below 20 Hz."""
-LIGHT = 0.1
-"""RMS [N*m] of an unloaded wrench, forces with their lever, below which a plate is too light to show its lag."""
 
 
 @dataclass(frozen=True)
@@ -161,30 +145,48 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: W
     names = settings.markers.platform
     time, poses = segment_poses(trial, names, calibration.platform, settings)
     recorded = recorded_wrench(trial, settings.plate)
-    load = float(np.median(np.abs(recorded.wrench.force[:, 2])))
-    if load > settings.largest_zero_n:
-        raise InputError(
-            f"trial {trial.name}: the plate carries {load:.0f} N, expected nobody on it; zero the plate, or correct "
-            "this trial's experiment, 'plate', in the sheet"
-        )
+    check_unloaded(trial.name, recorded, settings.largest_zero_n)
     rows = longest_run(poses.seen())
     if rows.stop - rows.start < FEWEST_FRAMES:
         raise InputError(
-            f"trial {trial.name}: markers {', '.join(names)} are not seen together; record the trial again"
+            f"trial {trial.name}: markers {', '.join(names)} are seen together in {rows.stop - rows.start} frames in a "
+            f"row, expected {FEWEST_FRAMES} or more; fill the gaps in Nexus, or record the trial again"
         )
     reference = reference_positions(calibration.platform, names, trial.name)
     filtered = filtered_poses(poses[rows], reference, settings.low_pass, sampling_rate(time))
     motion = body_motion(time[rows], filtered, plate_centre(trial, settings.plate))
-    turned = float(np.rad2deg(np.max(rotation_from_rest(poses[rows]))))
-    still = turned < settings.perturbation_deg
-    if still and poses.seen().all():
-        raise InputError(
-            f"trial {trial.name}: the platform turns by {turned:.2f} deg only, expected {settings.perturbation_deg:g} "
-            "deg or more; record a perturbation with nobody on it"
-        )
-    hidden = still or hidden_turn(time, poses, settings.longest_fitted_gap_s) > HIDDEN_TURN
+    hidden = turned_while_hidden(trial.name, time, poses, settings)
     filters = settings.low_pass, settings.plate_low_pass
     return UnloadedRecording(trial.name, time, rows, motion, recorded, *filters, hidden)
+
+
+def check_unloaded(name: str, recorded: RecordedWrench, largest: float) -> None:
+    """Refuse a plate whose vertical force is more than `largest` [N] in most of the recording."""
+    load = float(np.median(np.abs(recorded.wrench.force[:, 2])))
+    if load > largest:
+        raise InputError(
+            f"trial {name}: the plate carries {load:.0f} N, expected nobody on it and at most {largest:g} N; zero the "
+            "plate and record again, or correct the experiment of this trial in the sheet, which is 'plate'"
+        )
+
+
+def turned_while_hidden(name: str, time: Array, poses: Poses, settings: WalkingAnalysis) -> bool:
+    """Whether the platform turned while its markers were hidden.
+
+    Raises
+    ------
+    InputError
+        The markers were always seen, and the platform did not turn.
+    """
+    turned = float(np.rad2deg(np.max(rotation_from_rest(poses[longest_run(poses.seen())]))))
+    if turned >= settings.perturbation_deg:
+        return bool(hidden_turn(time, poses, settings.longest_fitted_gap_s) > HIDDEN_TURN)
+    if poses.seen().all():
+        raise InputError(
+            f"trial {name}: the platform turns by {turned:.2f} deg only, expected {settings.perturbation_deg:g} deg or "
+            "more; record a perturbation with nobody on it"
+        )
+    return True
 
 
 def hidden_turn(time: Array, poses: Poses, longest: float) -> float:
@@ -203,34 +205,6 @@ def trial_lag(recording: UnloadedRecording) -> float:
         return plate_lag(recording.motion, recording.wrench_at, recording.smooth)
     except InputError as error:
         raise InputError(f"trial {recording.name}: {error}") from error
-
-
-def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], PlateWrench], smooth: Callable[[Array], Array]) -> float:
-    """Lag [s] of the plate behind the markers in one unloaded recording, positive if the plate is late.
-
-    `wrench_at` gives the wrench read a lag [s] later, through the low-pass `smooth`, which the motion did not pass. The
-    lag minimises the misfit of `identify_plate_inertia`. It is NaN if the plate is too light to show it.
-
-    Raises
-    ------
-    InputError
-        No lag that is tried explains the wrench: the recorders are not synchronised.
-    """
-    lags = np.arange(-LARGEST_PLATE_LAG_S, LARGEST_PLATE_LAG_S + PLATE_LAG_STEP_S / 2, PLATE_LAG_STEP_S)
-    readings = [wrench_at(float(lag)) for lag in lags]
-    misfit = [weighted_square(identify_plate_inertia([(motion, w)], smooth).rms_after) for w in readings]
-    best = int(np.argmin(misfit))
-    size = weighted_square(rms(centred(readings[best].components())))
-    if size < LIGHT**2:
-        return float("nan")
-    if misfit[best] > 0.5 * size or best in (0, len(lags) - 1):
-        raise InputError(
-            f"the unloaded plate's wrench does not follow its motion within {LARGEST_PLATE_LAG_S * 1e3:g} ms; "
-            "synchronise the recorders, check the platform's markers and the plate's channels, or set "
-            "correct_plate_lag to false"
-        )
-    before, least, after = misfit[best - 1 : best + 2]
-    return float(lags[best] + 0.5 * PLATE_LAG_STEP_S * (before - after) / (before - 2 * least + after))
 
 
 def plate_table(model: PlateModel) -> pl.DataFrame:

@@ -12,6 +12,7 @@ import os
 import time
 import traceback
 from collections import defaultdict
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -113,16 +114,45 @@ def time_table() -> str:
 
 
 @cache
-def code(*modules: str, job: str | None = None) -> str:
+def code(*modules: str) -> str:
     """Fingerprint of the source of modules under `osl_analysis`, and of all modules of ours that they import.
 
     Snakemake does not see a change in an imported module. As a parameter of a rule, the fingerprint makes a changed
-    estimator rerun the jobs that use it, and no others. Of `job`, a module with the jobs of several experiments, only
-    its own file counts: name the modules that this job calls.
+    estimator rerun the jobs that use it, and no others.
     """
-    files = {path for module in modules for path in sources(f"osl_analysis.{module}")}
-    files |= {path for path in [module_file(f"osl_analysis.{job}")] if job and path}
+    return fingerprint({path for module in modules for path in sources(f"osl_analysis.{module}")})
+
+
+@cache
+def code_of(command: str) -> str:
+    """The same for a command, `module.function` under `osl_analysis.commands`.
+
+    Beside the module's own file, only what the function uses counts: a module has the jobs of several experiments.
+    """
+    module, _, function = command.partition(".")
+    return fingerprint(job_sources(f"osl_analysis.commands.{module}", function))
+
+
+def fingerprint(files: Iterable[Path]) -> str:
+    """Digest of the content of source files."""
     return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(files))).hexdigest()[:16]
+
+
+def job_sources(module: str, function: str) -> set[Path]:
+    """The file of a module, and the files behind the imported names that one of its functions uses."""
+    path = module_file(module)
+    top = ast.parse(path.read_text(encoding="utf-8")).body if path else []
+    defined = {getattr(node, "name", ""): node for node in top}
+    if path is None or function not in defined:
+        raise JobError(f"no function {function} in {module}; correct the name of the job in the rules")
+    used, waiting = set[str](), {function}
+    while waiting:
+        used |= waiting
+        inside = [ast.walk(defined[name]) for name in waiting if name in defined]
+        waiting = {node.id for nodes in inside for node in nodes if isinstance(node, ast.Name)} - used
+    imports = [(node.module, alias.name) for node in top if isinstance(node, ast.ImportFrom) for alias in node.names]
+    names = [f"{source}{end}" for source, name in imports if name in used for end in ("", f".{name}")]
+    return {path, *(file for name in names if name.startswith("osl_analysis.") for file in sources(name))}
 
 
 def sources(module: str) -> list[Path]:

@@ -9,7 +9,7 @@ rule fit_actuator_trial:
     log:
         RESULTS / "logs/actuator/{trial}.log",
     params:
-        code=bench_code("bench.actuator"),
+        code=jobs.code_of("bench.fit_actuator_trial"),
         settings=CONFIG.actuator.model_dump(mode="json"),
     run:
         jobs.run_job(
@@ -17,5 +17,5 @@ rule fit_actuator_trial:
             "bench.fit_actuator_trial",
             trial=Path(input.trial),
             settings=ActuatorAnalysis.model_validate(params.settings),
-            output=Path(output[0]),
+            tables={"actuator": Path(output[0])},
         )

@@ -14,11 +14,6 @@ def gain_weight(params) -> Weight:
     return WeightSettings.model_validate(params.weight).weight
 
 
-def bench_code(*modules: str) -> str:
-    """Fingerprint of a job in commands/bench.py that calls these modules."""
-    return jobs.code(*modules, "table", "trial_file", job="commands.bench")
-
-
 rule fit_belt_trial:
     input:
         trial=RESULTS / "trials/{trial}.parquet",
@@ -29,7 +24,7 @@ rule fit_belt_trial:
     log:
         RESULTS / "logs/belt/{trial}.log",
     params:
-        code=bench_code("bench.belt"),
+        code=jobs.code_of("bench.fit_belt_trial"),
         settings=DYNAMOMETER,
     run:
         jobs.run_job(
@@ -38,8 +33,7 @@ rule fit_belt_trial:
             trial=Path(input.trial),
             parameters=Path(input.parameters),
             settings=dynamometer_settings(params),
-            fit=Path(output.fit),
-            curve=Path(output.curve),
+            tables={"belt": Path(output.fit), "belt_curves": Path(output.curve)},
         )
 
 
@@ -51,7 +45,7 @@ rule fit_transmission_trial:
     log:
         RESULTS / "logs/transmission/{trial}.log",
     params:
-        code=bench_code("bench.transmission"),
+        code=jobs.code_of("bench.fit_transmission_trial"),
         settings=DYNAMOMETER,
     run:
         jobs.run_job(
@@ -59,7 +53,7 @@ rule fit_transmission_trial:
             "bench.fit_transmission_trial",
             trial=Path(input.trial),
             settings=dynamometer_settings(params),
-            output=Path(output[0]),
+            tables={"transmission": Path(output[0])},
         )
 
 
@@ -74,7 +68,7 @@ rule fit_impedance_trial:
     log:
         RESULTS / "logs/impedance/{trial}.log",
     params:
-        code=bench_code("bench.impedance", "bench.estimators"),
+        code=jobs.code_of("bench.fit_impedance_trial"),
         settings=DYNAMOMETER,
         weight=WEIGHT,
         row=lambda wildcards: {key: CAMPAIGN.row(wildcards.trial)[key] for key in ("controller", "K_d", "B_d")},
@@ -85,10 +79,13 @@ rule fit_impedance_trial:
             trial=Path(input.trial),
             parameters=Path(input.parameters),
             settings=dynamometer_settings(params),
-            desired=DesiredImpedance(weight=gain_weight(params), **params.row),
-            fit=Path(output.fit),
-            phasors=Path(output.phasors),
-            estimators=Path(output.estimators),
+            condition=DesiredImpedance(**params.row),
+            weight=gain_weight(params),
+            tables={
+                "impedance": Path(output.fit),
+                "phasors": Path(output.phasors),
+                "estimators": Path(output.estimators),
+            },
         )
 
 
@@ -100,6 +97,6 @@ rule frequency_response:
     log:
         RESULTS / "logs/tables/frequency_response.log",
     params:
-        code=bench_code("bench.frequency_response"),
+        code=jobs.code_of("bench.average_over_amplitudes"),
     run:
-        jobs.run_job(log[0], "bench.average_over_amplitudes", phasors=Path(input.phasors), output=Path(output[0]))
+        jobs.run_job(log[0], "bench.average_over_amplitudes", table=Path(input.phasors), output=Path(output[0]))

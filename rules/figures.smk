@@ -36,7 +36,7 @@ rule plot_numbers_fig3:
     log:
         RESULTS / "logs/figures/fig3_numbers.log",
     params:
-        code=bench_code("bench.belt"),
+        code=jobs.code_of("bench.plotted_numbers_fig3"),
     run:
         jobs.run_job(
             log[0],
@@ -58,7 +58,7 @@ rule plot_numbers_fig4:
     log:
         RESULTS / "logs/figures/fig4_numbers.log",
     params:
-        code=bench_code("bench.impedance"),
+        code=jobs.code_of("bench.plotted_numbers_fig4"),
         settings=DYNAMOMETER,
         choice=TIME_SERIES and TIME_SERIES.model_dump(mode="json"),
         limits=CONFIG.doubtful.of("impedance").model_dump(mode="json"),
@@ -108,7 +108,7 @@ rule plot_numbers_fig7:
     log:
         RESULTS / "logs/figures/fig7_numbers.log",
     params:
-        code=bench_code("bench.frequency_response", "figures.fig7"),
+        code=jobs.code_of("bench.plotted_numbers_fig7"),
         weight=WEIGHT,
         choice=RESPONSE and RESPONSE.model_dump(mode="json"),
         frequencies_hz=CONFIG.dynamometer.frequencies_hz,

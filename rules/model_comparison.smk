@@ -28,7 +28,7 @@ rule compare_belt_models:
     log:
         RESULTS / "logs/model_comparison/belt_trials.log",
     params:
-        code=bench_code("bench.model_comparison"),
+        code=jobs.code_of("bench.compare_belt_models"),
         settings=DYNAMOMETER,
     run:
         jobs.run_job(
@@ -50,7 +50,7 @@ rule compare_transmission_models:
     log:
         RESULTS / "logs/model_comparison/transmission_trials.log",
     params:
-        code=bench_code("bench.model_comparison"),
+        code=jobs.code_of("bench.compare_transmission_models"),
         settings=DYNAMOMETER,
         sign_width=CONFIG.model_comparison.sign_width,
     run:
@@ -75,7 +75,7 @@ rule compare_impedance_models:
     wildcard_constraints:
         trial=CAMPAIGN.pattern("impedance"),
     params:
-        code=bench_code("bench.model_comparison"),
+        code=jobs.code_of("bench.compare_impedance_models"),
         settings=DYNAMOMETER,
         weight=WEIGHT,
         sign_width=CONFIG.model_comparison.sign_width,
@@ -87,7 +87,8 @@ rule compare_impedance_models:
             trial=Path(input.trial),
             parameters=Path(input.parameters),
             settings=dynamometer_settings(params),
-            desired=DesiredImpedance(weight=gain_weight(params), **params.row),
+            condition=DesiredImpedance(**params.row),
+            weight=gain_weight(params),
             sign_width=params.sign_width,
             output=Path(output[0]),
         )

@@ -81,12 +81,11 @@ rule summary_table:
     wildcard_constraints:
         table="|".join(SUMMARISED),
     params:
-        code=lambda wildcards: bench_code(f"bench.{wildcards.table}"),
+        code=lambda wildcards: jobs.code_of(f"bench.summarise_{wildcards.table}"),
     run:
         jobs.run_job(
             log[0],
-            "bench.summarise_trials",
-            name=wildcards.table,
+            f"bench.summarise_{wildcards.table}",
             table=Path(input.table),
             output=Path(output[0]),
         )

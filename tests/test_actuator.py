@@ -15,7 +15,7 @@ from osl_analysis.bench.actuator import PARAMETERS, ActuatorSignals, actuator_co
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.cli import main
 from osl_analysis.columns import COLUMNS
-from osl_analysis.commands.bench import fit_actuator_trial, summarise_trials
+from osl_analysis.commands.bench import fit_actuator_trial, summarise_actuator
 from osl_analysis.commands.fit import fit_actuator_bench_trial
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.simulate import simulate_trial
@@ -208,7 +208,7 @@ def test_from_log_to_headline_numbers(tmp_path, campaign):
         simulate_trial(campaign, tmp_path, name)
         row = {"trial": name, "experiment": "actuator", "log": f"actuator/{name}.mcap", "log_source": "actuator"}
         ingest_trial(row, tmp_path, Path("config/sources"), tmp_path / f"{name}.parquet")
-        fit_actuator_trial(tmp_path / f"{name}.parquet", analysis, tmp_path / f"{name}.csv")
+        fit_actuator_trial(tmp_path / f"{name}.parquet", analysis, {"actuator": tmp_path / f"{name}.csv"})
     assert set(read_trial(tmp_path / "actuator_1.parquet").samples.columns) == {
         "time",
         "theta_m",
@@ -218,7 +218,7 @@ def test_from_log_to_headline_numbers(tmp_path, campaign):
     table = pl.concat([read_table(tmp_path / f"actuator_{i}.csv") for i in (1, 2)])
     table.write_csv(tmp_path / "actuator.csv")
     assert table["VAF"].min() > 99.9
-    summarise_trials("actuator", tmp_path / "actuator.csv", tmp_path / "summary.csv")
+    summarise_actuator(tmp_path / "actuator.csv", tmp_path / "summary.csv")
     found = {h.name: h for h in headline_numbers({"actuator_summary": read_table(tmp_path / "summary.csv")})}
     assert set(found) == set(TRUE)
     assert found["k_tau_n_m"].value == pytest.approx(TRUE["k_tau_n_m"], rel=0.01)
@@ -313,8 +313,9 @@ def test_an_error_names_the_trial(tmp_path, campaign):
     simulate_trial(campaign, tmp_path, "actuator_1")
     row = {"trial": "a", "experiment": "actuator", "log": "actuator/actuator_1.mcap", "log_source": "actuator"}
     ingest_trial(row, tmp_path, Path("config/sources"), tmp_path / "a.parquet")
+    tables = {"actuator": tmp_path / "a.csv"}
     with pytest.raises(InputError, match=r"^trial a: the actuator is faster than 99 rad/s in 0 of"):
-        fit_actuator_trial(tmp_path / "a.parquet", analysis.model_copy(update={"slowest": 99}), tmp_path / "a.csv")
+        fit_actuator_trial(tmp_path / "a.parquet", analysis.model_copy(update={"slowest": 99}), tables)
     assert not (tmp_path / "a.csv").exists()
 
 

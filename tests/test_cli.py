@@ -110,11 +110,11 @@ def test_ingest_says_that_a_log_has_lost_its_end(folder, tmp_path):
 def test_an_estimator_that_cannot_take_a_filter_near_the_sampling_rate_says_so_in_its_row(folder, tmp_path, cutoff_hz):
     settings = read_section(folder / "config.yaml", "dynamometer", DynamometerAnalysis)
     wide = settings.model_copy(update={"cutoff_hz": cutoff_hz})
-    outputs = [tmp_path / name for name in ("fit.csv", "phasors.csv", "estimators.csv")]
+    tables = {name: tmp_path / f"{name}.csv" for name in ("impedance", "phasors", "estimators")}
     device = ROOT / "config/parameters/default.yaml"
-    desired = DesiredImpedance("compensated", 300.0, 5.0, PAPER_WEIGHT)
-    fit_impedance_trial(folder / f"{TRIAL}.parquet", desired, device, wide, *outputs)
-    rows = {row["estimator"]: row for row in read_table(outputs[2]).to_dicts()}
+    condition = DesiredImpedance("compensated", 300.0, 5.0)
+    fit_impedance_trial(folder / f"{TRIAL}.parquet", device, condition, PAPER_WEIGHT, wide, tables)
+    rows = {row["estimator"]: row for row in read_table(tables["estimators"]).to_dicts()}
     refused = rows.pop("Savitzky-Golay")
     assert re.search(rf"{cutoff_hz} Hz has .* lower .* to 250 Hz", refused["excluded"])
     assert refused["K"] is None

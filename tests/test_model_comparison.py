@@ -123,7 +123,7 @@ def stepped_trial(controller, *off, p=DEFAULT, believed=None):
     starts = [500 + i * round(1000 * (BLOCK + 0.5)) for i in range(3)]
     parts = [slice(start, start + round(1000 * BLOCK), 11) for start in starts]
     gains = select_gains(controller, 300.0, 5.0, believed)
-    trial = DrivetrainTrial(log.joint_angle, motion, torque, parts, 1000.0, LOW_PASS, gains, believed, 0.05)
+    trial = DrivetrainTrial("made", log.joint_angle, motion, torque, parts, 1000.0, LOW_PASS, gains, believed, 0.05)
     return trial, [impedance_fold(motion[part], torque[part]) for part in parts]
 
 
@@ -303,8 +303,9 @@ def test_tables_name_experiment_trial_and_model(tmp_path, analysis):
     assert table.filter(pl.col("rank") == 1)["terms"].to_list() == ["K_s + T_h"] * 2
     name = "impedance_K300_B5.0_uncompensated"
     path = write_log(simulated(name, found, DEFAULT), name, tmp_path)
-    desired = DesiredImpedance("uncompensated", 300.0, 5.0, Weight(1, 3))
-    compare_impedance_models(path, desired, DEFAULT_FILE, analysis, 0.05, tmp_path / "impedance.csv")
+    condition = DesiredImpedance("uncompensated", 300.0, 5.0)
+    output = tmp_path / "impedance.csv"
+    compare_impedance_models(path, DEFAULT_FILE, condition, Weight(1, 3), analysis, 0.05, output)
     table = pl.read_csv(tmp_path / "impedance.csv")
     assert table["experiment"].to_list() == ["impedance"] * 4
     assert table["model"].to_list() == ["M1", "M2", "M3", "M4"]

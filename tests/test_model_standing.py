@@ -5,7 +5,7 @@ import polars as pl
 import pytest
 from scipy.stats import t as student
 
-from osl_analysis.commands.bench import summarise_trials
+from osl_analysis.commands.bench import summarise_model_comparison
 from osl_analysis.stats.comparison import mean_over_trials, rank_words
 from osl_analysis.table import write_table
 
@@ -89,7 +89,7 @@ def score_table():
 
 def test_the_summary_has_a_row_per_model_with_its_difference_to_the_drafts(tmp_path):
     write_table(score_table(), tmp_path / "scores.csv")
-    summarise_trials("model_comparison", tmp_path / "scores.csv", tmp_path / "summary.csv")
+    summarise_model_comparison(tmp_path / "scores.csv", tmp_path / "summary.csv")
     rows = pl.read_csv(tmp_path / "summary.csv").to_dicts()
     assert [(r["experiment"], r["controller"], r["model"], r["trials"]) for r in rows] == [
         ("belt", None, "M1", 3),
@@ -115,7 +115,7 @@ def test_the_summary_has_a_row_per_model_with_its_difference_to_the_drafts(tmp_p
 def test_a_single_trial_is_summarised_without_intervals(tmp_path):
     alone = score_table().filter(pl.col("trial") == "belt_1").with_columns(VAF_held_out=pl.lit(float("nan")))
     write_table(alone, tmp_path / "scores.csv")
-    summarise_trials("model_comparison", tmp_path / "scores.csv", tmp_path / "summary.csv")
+    summarise_model_comparison(tmp_path / "scores.csv", tmp_path / "summary.csv")
     rows = pl.read_csv(tmp_path / "summary.csv").to_dicts()
     assert [(r["VAF_held_out"], r["BIC_change"], r["BIC_change_low"]) for r in rows] == [
         (None, 0.0, None),

@@ -14,7 +14,7 @@ import yaml
 from conftest import ROOT
 
 from osl_analysis.figures import FIGURES
-from osl_analysis.workflow import code, sources
+from osl_analysis.workflow import code_of, job_sources
 
 TRIAL = "impedance_K300_B5.0_compensated"
 PROTOCOL = {"frequencies_hz": [2, 5], "cycles": 5, "amplitudes_deg": [2, 4]}
@@ -320,7 +320,7 @@ def test_a_broken_log_fails_alone_and_an_excluded_trial_is_left_out_by_name(tmp_
 
 
 def test_fingerprint_follows_imports_downwards_only():
-    fit = {path.name for path in sources("osl_analysis.bench.transmission")}
+    fit = {path.name for path in job_sources("osl_analysis.commands.bench", "fit_transmission_trial")}
     assert {"transmission.py", "regression.py", "signals.py"} <= fit
     assert not {"belt.py", "c3d_file.py", "drivetrain_kernel.py", "impedance.py", "estimators.py"} & fit
-    assert code("bench.transmission") != code("bench.belt")
+    assert code_of("bench.fit_transmission_trial") != code_of("bench.fit_belt_trial")

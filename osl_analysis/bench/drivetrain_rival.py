@@ -28,6 +28,8 @@ STEP = 1e-2
 class DrivetrainTrial:
     """One trial for the drivetrain model; signals have shape (n,)."""
 
+    name: str
+    """Name of the trial."""
     theta: Array
     """Raw joint angle [rad]."""
     motion: Motion

@@ -21,7 +21,7 @@ from osl_analysis.trial import Array
 
 @dataclass(frozen=True)
 class DesiredImpedance:
-    """What the leg was asked to render in a trial, and how its gains were selected."""
+    """What the leg was asked to render in a trial."""
 
     controller: str
     """`compensated` or `uncompensated`."""
@@ -29,12 +29,10 @@ class DesiredImpedance:
     """Desired stiffness [N*m/rad]."""
     B_d: float
     """Desired damping [N*m*s/rad]."""
-    weight: Weight
-    """W of Eq. 14, with which compensated gains were selected."""
 
-    def gains(self, p: DrivetrainParameters) -> Gains:
-        """The control gains for a device with these parameters; raises as `select_gains`."""
-        return select_gains(self.controller, self.K_d, self.B_d, p, self.weight)
+    def gains(self, p: DrivetrainParameters, weight: Weight) -> Gains:
+        """The control gains of a device with these parameters, selected with W of Eq. 14; raises as `select_gains`."""
+        return select_gains(self.controller, self.K_d, self.B_d, p, weight)
 
     def columns(self) -> dict[str, pl.Expr]:
         """`controller`, `K_d` and `B_d` as constant columns of a table."""

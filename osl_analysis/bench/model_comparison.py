@@ -7,7 +7,6 @@ import polars as pl
 
 from osl_analysis.bench.belt import BeltTrial
 from osl_analysis.bench.drivetrain_rival import DrivetrainTrial, drivetrain_candidates
-from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.linear_rivals import (
     BELT_MODELS,
     SECOND_ORDER_MODELS,
@@ -21,6 +20,7 @@ from osl_analysis.bench.linear_rivals import (
     transmission_fold,
 )
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
+from osl_analysis.model.compensator import Gains
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.stats.comparison import Score, loss_behind_best, mean_over_trials, rank_words, score_models
 from osl_analysis.trial import Array
@@ -53,26 +53,28 @@ def whole_transmission_fold(trial: SteppedSineTrial, sign_width: float) -> Fold:
     return transmission_fold(trial.motion[rows], direction[rows], trial.filtered_torque[rows])
 
 
-def impedance_scores(
-    trial: SteppedSineTrial, desired: DesiredImpedance, p: DrivetrainParameters, sign_width: float
-) -> pl.DataFrame:
-    """The same for one trial against the controller: Eq. 15 and the drivetrain of Eq. 9, by amplitude."""
-    amplitudes = thinned_amplitudes(trial)
-    folds = [impedance_fold(trial.motion[rows], trial.filtered_torque[rows]) for rows in amplitudes]
-    drivetrain = DrivetrainTrial(
+def drivetrain_of(trial: SteppedSineTrial, gains: Gains, p: DrivetrainParameters, sign_width: float) -> DrivetrainTrial:
+    """One trial against the controller, thinned, for the drivetrain model with the gains that the leg was given."""
+    return DrivetrainTrial(
+        name=trial.name,
         theta=trial.theta,
         motion=trial.motion,
         torque=trial.filtered_torque,
-        amplitude_rows=amplitudes,
+        amplitude_rows=thinned_amplitudes(trial),
         rate_hz=trial.rate_hz,
         low_pass=trial.low_pass,
-        gains=desired.gains(p),
+        gains=gains,
         p=p,
         sign_width=sign_width,
     )
+
+
+def impedance_scores(trial: DrivetrainTrial, controller: str) -> pl.DataFrame:
+    """The same for one trial against the controller: Eq. 15 and the drivetrain of Eq. 9, by amplitude."""
+    folds = [impedance_fold(trial.motion[rows], trial.torque[rows]) for rows in trial.amplitude_rows]
     linear = [held_out_by_amplitude(folds, model, terms) for model, terms in SECOND_ORDER_MODELS.items()]
-    scores = score_models(np.concatenate([f.torque for f in folds]), [*linear, *drivetrain_candidates(drivetrain)])
-    return score_table("impedance", trial.name, scores, desired.controller)
+    scores = score_models(np.concatenate([f.torque for f in folds]), [*linear, *drivetrain_candidates(trial)])
+    return score_table("impedance", trial.name, scores, controller)
 
 
 def thinned_amplitudes(trial: SteppedSineTrial) -> list[slice]:

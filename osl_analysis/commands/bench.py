@@ -1,6 +1,6 @@
 """Jobs of the benches: read trials and tables, call the experiment in `bench/`, write its tables."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from osl_analysis.bench.model_comparison import (
     SCORE_COLUMNS,
     belt_scores,
     comparison_summary,
+    drivetrain_of,
     impedance_scores,
     transmission_scores,
 )
@@ -38,65 +39,72 @@ from osl_analysis.parameters import read_parameters
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial_file import read_trial
 
-SUMMARIES: dict[str, Callable[[pl.DataFrame], pl.DataFrame]] = {
-    "belt": belt_summary,
-    "transmission": transmission_summary,
-    "actuator": actuator_summary,
-    "model_comparison": comparison_summary,
-}
-"""Summary over trials of each result table that has one."""
-REQUIRED = {"model_comparison": SCORE_COLUMNS}
-"""Columns that a table must have to be summarised, where a message should name them."""
 
-
-def fit_belt_trial(trial: Path, parameters: Path, settings: BeltAnalysis, fit: Path, curve: Path) -> None:
-    """Fit one belt trial: its row of `belt.csv` to `fit`, its torque-deflection curve to `curve`."""
+def fit_belt_trial(trial: Path, parameters: Path, settings: BeltAnalysis, tables: Mapping[str, Path]) -> None:
+    """Fit one belt trial: its rows of the tables `belt` and `belt_curves` (torque against deflection)."""
     belt = belt_trial(read_trial(trial), read_parameters(parameters), settings)
     check_resists(belt.name, "K_s", belt.fit.K_s)
-    write_table(belt_table(belt), fit)
-    write_table(belt_curve(belt), curve)
+    write_table(belt_table(belt), tables["belt"])
+    write_table(belt_curve(belt), tables["belt_curves"])
 
 
-def fit_transmission_trial(trial: Path, settings: SteppedSineAnalysis, output: Path) -> None:
-    """Fit one transmission trial: its rows of `transmission.csv`."""
+def fit_transmission_trial(trial: Path, settings: SteppedSineAnalysis, tables: Mapping[str, Path]) -> None:
+    """Fit one transmission trial: its rows of the table `transmission`."""
     table = transmission_table(stepped_sine_trial(read_trial(trial), settings))
     check_resists(table["trial"][0], "B_j", table["B_j"][-1])
-    write_table(table, output)
+    write_table(table, tables["transmission"])
 
 
 def fit_impedance_trial(
     trial: Path,
-    desired: DesiredImpedance,
     parameters: Path,
+    condition: DesiredImpedance,
+    weight: Weight,
     settings: SteppedSineAnalysis,
-    fit: Path,
-    phasors: Path,
-    estimators: Path,
+    tables: Mapping[str, Path],
 ) -> None:
-    """Fit one impedance trial: its rows of `impedance.csv`, `phasors.csv` and `estimators.csv`."""
+    """Fit one impedance trial: its rows of the tables `impedance`, `phasors` and `estimators`.
+
+    `condition` is what the trial was asked to render, `weight` is W of Eq. 14 with which its gains were selected.
+    """
     p, stepped = read_parameters(parameters), stepped_sine_trial(read_trial(trial), settings)
-    gains, measured = desired.gains(p), trial_phasors(stepped)
-    table = impedance_table(stepped, measured, joint_admittance(gains.K_1, gains.B_1, p, p.J_j))
+    gains, phasors = condition.gains(p, weight), trial_phasors(stepped)
+    table = impedance_table(stepped, phasors, joint_admittance(gains.K_1, gains.B_1, p, p.J_j))
     check_resists(stepped.name, "K", table["K"][-1])
     predicted = prediction_columns(gains, p, settings.frequencies_hz)
-    write_table(table.with_columns(**desired.columns(), **predicted), fit)
-    write_table(phasor_table(stepped.name, measured).with_columns(**desired.columns()), phasors)
-    write_table(estimator_table(stepped).with_columns(**desired.columns()), estimators)
+    write_table(table.with_columns(**condition.columns(), **predicted), tables["impedance"])
+    write_table(phasor_table(stepped.name, phasors).with_columns(**condition.columns()), tables["phasors"])
+    write_table(estimator_table(stepped).with_columns(**condition.columns()), tables["estimators"])
 
 
-def fit_actuator_trial(trial: Path, settings: ActuatorAnalysis, output: Path) -> None:
-    """Fit one trial of the actuator's bench: its row of `actuator.csv`."""
-    write_table(actuator_table(actuator_trial(read_trial(trial), settings)), output)
+def fit_actuator_trial(trial: Path, settings: ActuatorAnalysis, tables: Mapping[str, Path]) -> None:
+    """Fit one trial of the actuator's bench: its row of the table `actuator`."""
+    write_table(actuator_table(actuator_trial(read_trial(trial), settings)), tables["actuator"])
 
 
-def summarise_trials(name: str, table: Path, output: Path) -> None:
-    """Mean, scatter and interval over the trials of a result table; `name` is one of `SUMMARIES`."""
-    write_table(SUMMARIES[name](read_table(table, REQUIRED.get(name, ()))), output)
+def summarise_belt(table: Path, output: Path) -> None:
+    """Mean, scatter and interval over the trials of `belt.csv`."""
+    write_table(belt_summary(read_table(table)), output)
 
 
-def average_over_amplitudes(phasors: Path, output: Path) -> None:
+def summarise_transmission(table: Path, output: Path) -> None:
+    """Mean, scatter and interval over the trials of `transmission.csv`."""
+    write_table(transmission_summary(read_table(table)), output)
+
+
+def summarise_actuator(table: Path, output: Path) -> None:
+    """Mean, scatter and interval over the trials of `actuator.csv`."""
+    write_table(actuator_summary(read_table(table)), output)
+
+
+def summarise_model_comparison(table: Path, output: Path) -> None:
+    """Standing of the rival models over the trials of `model_comparison.csv`."""
+    write_table(comparison_summary(read_table(table, required=SCORE_COLUMNS)), output)
+
+
+def average_over_amplitudes(table: Path, output: Path) -> None:
     """Frequency response of every trial: Y averaged over the amplitudes of `phasors.csv`."""
-    write_table(frequency_response_table(read_table(phasors, ["amplitude_deg", "doubtful"])), output)
+    write_table(frequency_response_table(read_table(table, ["amplitude_deg", "doubtful"])), output)
 
 
 def compare_belt_models(trials: Sequence[Path], parameters: Path, settings: BeltAnalysis, output: Path) -> None:
@@ -115,15 +123,21 @@ def compare_transmission_models(
 
 def compare_impedance_models(
     trial: Path,
-    desired: DesiredImpedance,
     parameters: Path,
+    condition: DesiredImpedance,
+    weight: Weight,
     settings: SteppedSineAnalysis,
     sign_width: float,
     output: Path,
 ) -> None:
-    """Eq. 15 and the drivetrain of Eq. 9 on one trial, each amplitude predicted from the others."""
-    stepped = stepped_sine_trial(read_trial(trial), settings)
-    write_table(impedance_scores(stepped, desired, read_parameters(parameters), sign_width), output)
+    """Eq. 15 and the drivetrain of Eq. 9 on one trial, each amplitude predicted from the others.
+
+    `condition` and `weight` as in `fit_impedance_trial`; the drivetrain smooths the sign of the velocity over
+    `sign_width` [rad/s].
+    """
+    p, stepped = read_parameters(parameters), stepped_sine_trial(read_trial(trial), settings)
+    drivetrain = drivetrain_of(stepped, condition.gains(p, weight), p, sign_width)
+    write_table(impedance_scores(drivetrain, condition.controller), output)
 
 
 def plotted_numbers_fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path) -> None:

@@ -198,6 +198,17 @@ def test_the_belt_trial_loads_the_belt_by_its_own_stiffness_with_the_actuator_lo
     assert 1e-4 < abs(stiffness[0] / stiffness[1] - 1) < 0.06
 
 
+def test_the_joint_of_a_belt_trial_has_its_damping_and_inertia():
+    """Two joints that differ by 2 N*m*s/rad and 1 kg*m^2 differ in torque by that damping and that inertia alone."""
+    settings = settings_from(TINY, only=("dynamometer_bandwidth",))
+    light, heavy = (simulate("belt_01", settings, p)[0] for p in (P, replace(P, B_j=P.B_j + 2, J_j=P.J_j + 1)))
+    theta, inside = light.joint_angle, slice(300, 2700)
+    omega = np.gradient(theta, 1e-3)
+    alpha = np.gradient(omega, 1e-3)
+    extra = light.load_cell_torque - heavy.load_cell_torque
+    assert regress(extra[inside], omega[inside], alpha[inside]) == pytest.approx([2, 1], rel=1e-3)
+
+
 def test_belt_scatter_stays_out_of_the_other_experiments():
     settings = settings_from(TINY)
     for trial in ("transmission_1", "impedance_K300_B5.0_compensated"):

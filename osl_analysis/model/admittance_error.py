@@ -1,13 +1,14 @@
 """The squared norm of Eq. 14 as a function of the damping gain, with its first two derivatives, exactly.
 
-With x = B_m + B_1, K_1 from Eq. 13 and Y = N/D (Eq. 9),
+In the letters of `drivetrain.joint_admittance`, with Q = B_d s + K_d and K_1 from Eq. 13,
 
-    W (Y - Y_d) = b(s; x)/a(s; x),   a = W_den D Q,   b = W_num (N Q - D),   Q = B_d s + K_d,
+    W (Y - Y_d) = b(s; x)/a(s; x),   a = W_den D Q,   b = W_num (N Q - D).
 
-where a and b are affine in x. Astrom's recursion (Introduction to Stochastic Control Theory, 1970, ch. 5) turns
-the norm into a sum of squares over the rows of a's Routh table. Here it carries derivatives along. Nothing is
-subtracted that is nearly equal: N Q - D is formed without its constant term, which Eq. 12 cancels, and B_d = 0 needs
-no case of its own, although it takes a's leading coefficient away.
+Both a and b are affine in x = B_m + B_1. Astrom's recursion (Introduction to Stochastic Control Theory, 1970, ch. 5)
+turns the norm into a sum of squares over the rows of a's Routh table. The recursion here carries derivatives along.
+
+No nearly equal numbers are subtracted: N Q - D = N (Q - P) + c, and its constant term, which Eq. 12 makes 0, is left
+out. B_d = 0 takes a's leading coefficient away and needs no case of its own.
 """
 
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ from osl_analysis.trial import Array
 
 HIGHEST_ORDER = 10
 SLOWEST_HZ, FASTEST_HZ = 1e-3, 1e4
-"""Ends of the cut-off of W: what lies beyond weighs a joint that never moves, or nothing at all."""
+"""Limits of the cut-off of W: a lower one weighs a joint that never moves, a higher one weighs no error."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +42,11 @@ class Weight:
     def __post_init__(self) -> None:
         if self.order not in range(1, HIGHEST_ORDER + 1):
             raise UnreachableImpedanceError(
-                f"W of order {self.order} cannot weigh the error of Eq. 14; use a whole number, 1 to {HIGHEST_ORDER}"
+                f"the weight W of Eq. 14 has order {self.order}; use a whole number from 1 to {HIGHEST_ORDER}"
             )
         if not SLOWEST_HZ <= self.cutoff_hz <= FASTEST_HZ:
             raise UnreachableImpedanceError(
-                f"W cannot have its cut-off at {self.cutoff_hz:g} Hz; give one from {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
+                f"the weight W of Eq. 14 has the cut-off {self.cutoff_hz:g} Hz; use {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
             )
 
     def polynomials(self) -> tuple[float, Array]:
@@ -56,7 +57,7 @@ class Weight:
 
 @dataclass(frozen=True)
 class AdmittanceError:
-    """Coefficients of a = a0 + x a1, b = b0 + x b1, shape (powers, pairs), highest power first, s in rad/s."""
+    """Coefficients of a = a0 + x a1 and b = b0 + x b1, shape (powers, pairs), highest power first, s in rad/s."""
 
     a0: Array
     a1: Array
@@ -82,7 +83,7 @@ class AdmittanceError:
 
 @dataclass(frozen=True)
 class Jet:
-    """A function of x by its value and first two derivatives; arithmetic is the product and the quotient rule."""
+    """A function of x: its value and first two derivatives. Arithmetic follows the product and the quotient rule."""
 
     value: Array
     slope: Array
@@ -106,13 +107,13 @@ class Jet:
 
 
 def half_square_over(beta: Jet, alpha: Jet) -> Jet:
-    """beta^2/(2 alpha), one row's part of the norm; nothing where b lacks the power, also where a does (B_d = 0)."""
+    """beta^2/(2 alpha), one row's part of the norm: 0 where b lacks the power, also where a lacks it (B_d = 0)."""
     divisor = Jet(np.where(beta.value == 0, 1.0, alpha.value), alpha.slope, alpha.curvature)
     return beta * beta / (divisor + divisor)
 
 
 def next_rows(a: list[Jet], b: list[Jet], alpha: Jet, beta: Jet) -> tuple[list[Jet], list[Jet]]:
-    """The next rows of Astrom's two tables: the first coefficient gone, every second one reduced."""
+    """The next rows of Astrom's two tables: without the first coefficient, and with every second one reduced."""
     shorter_a, shorter_b = a[1:], b[1:]
     for i in range(1, len(shorter_b), 2):
         shorter_a[i] = shorter_a[i] - alpha * a[i + 2]
@@ -131,20 +132,21 @@ def admittance_error(
     K_1 = K_d * p.K_s / (p.n_T**2 * (p.K_s - K_d))
     gain, W = weight.polynomials()
     zero, one = np.zeros_like(K_d), np.ones_like(K_d)
-    joint = [J_j * one] * bool(J_j) + [p.B_j * one, p.K_s * one]
-    desired = [zero] * bool(J_j) + [B_d, K_d]
-    difference = [d - j for d, j in zip(desired, joint, strict=True)]
-    motor, damper = [p.J_m * one, zero, K_1 + p.K_s / p.n_T**2], [one, zero]
-    D0, b0 = polymul(motor, joint), polymul(motor, difference)
-    D0[-1], b0[-1] = K_1 * p.K_s, zero
-    lag = polymul([B_d, K_d], [w * one for w in W])
-    a0, a1 = polymul(D0, lag), polymul(polymul(damper, joint), lag)
-    b1 = polymul(damper, difference)
+    N0, N1 = [p.J_m * one, zero, K_1 + p.K_s / p.n_T**2], [one, zero]  # N = N0 + x N1
+    P = [J_j * one] * bool(J_j) + [p.B_j * one, p.K_s * one]
+    Q = [zero] * bool(J_j) + [B_d, K_d]
+    difference = [q - j for q, j in zip(Q, P, strict=True)]
+    D0, b0 = polynomial_product(N0, P), polynomial_product(N0, difference)
+    D0[-1], b0[-1] = K_1 * p.K_s, zero  # kappa K_s - c, and kappa (K_d - K_s) + c = 0 (Eq. 12)
+    fixed = polynomial_product([B_d, K_d], [w * one for w in W])
+    a0 = polynomial_product(D0, fixed)
+    a1 = polynomial_product(polynomial_product(N1, P), fixed)
+    b1 = polynomial_product(N1, difference)
     n = len(a0) - 1
     return AdmittanceError(stack(a0, n + 1), stack(a1, n + 1), gain * stack(b0, n), gain * stack(b1, n))
 
 
-def polymul(u: list[Array], v: list[Array]) -> list[Array]:
+def polynomial_product(u: list[Array], v: list[Array]) -> list[Array]:
     """Product of two polynomials whose coefficients are arrays."""
     out = [np.zeros_like(u[0])] * (len(u) + len(v) - 1)
     for i, ui in enumerate(u):
@@ -154,5 +156,5 @@ def polymul(u: list[Array], v: list[Array]) -> list[Array]:
 
 
 def stack(coefficients: list[Array], count: int) -> Array:
-    """Coefficients as rows, with zeros for the higher powers up to `count` rows."""
+    """Coefficients as `count` rows; missing higher powers are rows of zeros."""
     return np.vstack([np.zeros((count - len(coefficients), len(coefficients[0]))), coefficients])

@@ -13,12 +13,22 @@ from osl_analysis.trial import Array
 
 PAPER_WEIGHT = Weight(cutoff_hz=1.0, order=3)
 SMALLEST, LARGEST = 1e-9, 1e6
-"""Of a desired stiffness [N*m/rad] and a damping [N*m*s/rad] that is not 0: no joint's is smaller or larger."""
+"""Limits of a desired stiffness [N*m/rad], and of a desired damping [N*m*s/rad] that is not 0."""
 
 
 @dataclass(frozen=True)
 class Gains:
-    """Control gains at the actuator's output: K_1 [N*m/rad], B_1 [N*m*s/rad]; whether friction is cancelled."""
+    """Control gains at the actuator's output.
+
+    Attributes
+    ----------
+    K_1
+        Stiffness gain [N*m/rad].
+    B_1
+        Damping gain [N*m*s/rad].
+    cancels_friction
+        Whether the controller adds the friction term of Eq. 5.
+    """
 
     K_1: float
     B_1: float
@@ -26,7 +36,7 @@ class Gains:
 
 
 def motor_current(u: ArrayLike, direction: ArrayLike, p: DrivetrainParameters) -> Array:
-    """Current I_q [A] that makes the actuator's torque u [N*m]: Eq. 5 solved for I_q, which stands on both sides.
+    """Current I_q [A] that makes the actuator's torque u [N*m]: Eq. 5, which has I_q on both sides, solved for I_q.
 
     `direction` is the smoothed sign of the *measured* actuator velocity, between -1 and 1 (`smooth_sign`).
     With r = u + s f_C: I_q = r/(k_tau n_m - s f_G) if r >= 0, else r/(k_tau n_m + s f_G).
@@ -37,7 +47,7 @@ def motor_current(u: ArrayLike, direction: ArrayLike, p: DrivetrainParameters) -
 
 
 def smooth_sign(omega_m: ArrayLike, width: float) -> Array:
-    """tanh(omega_m/width): the sign of a velocity [rad/s], smooth over `width` [rad/s] so that it can't chatter."""
+    """tanh(omega_m/width): the sign of a velocity [rad/s], smoothed over `width` [rad/s] so that it cannot chatter."""
     return np.tanh(np.asarray(omega_m) / width)
 
 
@@ -47,8 +57,8 @@ def check_request(K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> No
     Raises
     ------
     UnreachableImpedanceError
-        A K_d is not between 0 and K_s (in series with the belt no positive K_1 renders it), or a B_d is negative
-        or not finite, or one is of an absurd size. The message names the nearest request that can be met.
+        A K_d is not between 0 and K_s: the belt is in series, so no positive K_1 renders it. Or a B_d is negative or
+        not finite. Or one lies outside `SMALLEST` to `LARGEST`. The message names what can be asked for.
     """
     for value in np.ravel(np.asarray(K_d, dtype=float)):
         if not 0 < value < p.K_s:
@@ -90,27 +100,27 @@ def compensated_gains(K_d: float, B_d: float, p: DrivetrainParameters, weight: W
     Raises
     ------
     UnreachableImpedanceError
-        As `check_request`, or the error falls without end as B_1 grows.
+        As `check_request`, or the error of Eq. 14 falls for ever as B_1 grows.
     """
     check_request(K_d, B_d, p)
-    found = optimal_damping([K_d], [B_d], p, weight)
-    if found.unbounded[0]:
+    damping = optimal_damping([K_d], [B_d], p, weight)
+    if damping.unbounded[0]:
         raise UnreachableImpedanceError(
             f"no B_1 is best for K_d = {K_d:g} N*m/rad, B_d = {B_d:g} N*m*s/rad: with W up to {weight.cutoff_hz:g} Hz "
             "the error of Eq. 14 falls until the motor is locked; lower the cut-off of W"
         )
-    return Gains(float(stiffness_gain(K_d, p)), float(found.B_1[0]), cancels_friction=True)
+    return Gains(float(stiffness_gain(K_d, p)), float(damping.B_1[0]), cancels_friction=True)
 
 
 def uncompensated_gains(K_d: float, B_d: float, p: DrivetrainParameters) -> Gains:
-    """Gains that neglect the drivetrain's dynamics: K_d/n_T^2, B_d/n_T^2 and no friction term."""
+    """Gains that neglect the drivetrain's dynamics: K_1 = K_d/n_T^2, B_1 = B_d/n_T^2, no friction term."""
     return Gains(K_d / p.n_T**2, B_d / p.n_T**2, cancels_friction=False)
 
 
 def select_gains(
     controller: str, K_d: float, B_d: float, p: DrivetrainParameters, weight: Weight = PAPER_WEIGHT
 ) -> Gains:
-    """The gains of a `compensated` or an `uncompensated` trial; raises as `compensated_gains`."""
+    """The gains of a `compensated` or an `uncompensated` trial. Raises as `compensated_gains`."""
     if controller == "uncompensated":
         return uncompensated_gains(K_d, B_d, p)
     return compensated_gains(K_d, B_d, p, weight)

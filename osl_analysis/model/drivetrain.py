@@ -1,6 +1,6 @@
 """The drivetrain: actuator (Eqs. 1-2), belt transmission (Eqs. 3-4), joint admittance (Eqs. 8-11).
 
-Signs are the paper's in here, except where a function says *resisting*: that is minus the paper's τ_j.
+Signs are the paper's, except where a function says *resisting*: a resisting torque is minus the paper's tau_j.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class RationalFunction:
 def motor_friction(direction: ArrayLike, current: ArrayLike, p: DrivetrainParameters) -> Array:
     """Coulomb and gear friction f [N*m] at the actuator's output (Eq. 2).
 
-    `direction` is sign(omega_m), or a smooth stand-in between -1 and 1; `current` is I_q [A].
+    `direction` is the sign of omega_m, or a smooth substitute between -1 and 1. `current` is I_q [A].
     """
     return np.asarray(np.asarray(direction) * (p.f_C + p.f_G * np.abs(current)))
 
@@ -62,17 +62,24 @@ def resisting_torque(theta_s: ArrayLike, omega: ArrayLike, alpha: ArrayLike, p: 
 
 
 def desired_admittance(K_d: float, B_d: float) -> RationalFunction:
-    """Y_d = 1 / (B_d s + K_d) [rad/(N*m)] (Eq. 11); a corner beyond 1e9 rad/s counts as none."""
+    """Y_d = 1/Q = 1/(B_d s + K_d) [rad/(N*m)] (Eq. 11). A damping whose corner lies beyond 1e9 rad/s counts as 0."""
     return RationalFunction(np.array([1.0]), np.array([B_d, K_d] if B_d > 1e-9 * K_d else [K_d]))
 
 
 def joint_admittance(K_1: float, B_1: float, p: DrivetrainParameters, J_j: float = 0.0) -> RationalFunction:
-    """Closed-loop integral admittance Y = theta_j/tau [rad/(N*m)] for gains K_1, B_1 (Eqs. 9-10).
+    """Closed-loop integral admittance Y = theta_j/tau [rad/(N*m)] for gains K_1 and B_1 (Eqs. 9-10).
 
-    The paper drops J_j; pass `J_j=p.J_j` for the joint as it is, whose denominator has one power more.
+    Y = N/D with
+
+        N = J_m s^2 + x s + kappa      the actuator under control, x = B_m + B_1, kappa = K_1 + K_s/n_T^2
+        P = J_j s^2 + B_j s + K_s      the joint that the belt holds
+        D = N P - c                    c = (K_s/n_T)^2
+
+    This is the package's statement of Eq. 9: the other modules use its letters. The paper drops J_j. Pass
+    `J_j=p.J_j` for the joint as it is, whose denominator has one power more.
     """
-    M = np.array([p.J_m, p.B_m + B_1, K_1 + p.K_s / p.n_T**2])
-    joint = np.array([J_j, p.B_j, p.K_s])
-    denominator = np.convolve(M, joint)
-    denominator[-1] -= p.K_s**2 / p.n_T**2
-    return RationalFunction(M, denominator if J_j else denominator[1:])
+    N = np.array([p.J_m, p.B_m + B_1, K_1 + p.K_s / p.n_T**2])
+    P = np.array([J_j, p.B_j, p.K_s])
+    D = np.convolve(N, P)
+    D[-1] -= p.K_s**2 / p.n_T**2
+    return RationalFunction(N, D if J_j else D[1:])

@@ -1,7 +1,9 @@
 """The drivetrain of Eq. 9 with its friction, in time: belt torque for a measured joint angle and given gains.
 
-Between samples the linear part is exact for an angle that is linear there; friction is one torque per step, as much as
-stops the actuator and no more than its limit. Compiled functions stand in one file: see `compiled`.
+The linear part is N(s) theta_m = K_s/n_T theta with N of `drivetrain.joint_admittance`. Between samples it is solved
+exactly for an angle that is linear there. Friction is one torque per step: as much as stops the actuator, and no more
+than its limit. The compiler's cache does not see changes in other files, so all compiled functions stand in this one.
+That is why Eq. 5 is repeated here in scalars (`compensator.motor_current` states it for arrays).
 """
 
 from collections.abc import Callable
@@ -13,6 +15,7 @@ from numba import njit
 from scipy.linalg import expm
 
 from osl_analysis.model.compensator import Gains
+from osl_analysis.model.drivetrain import belt_deflection, belt_torque
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
 
@@ -22,14 +25,42 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Friction:
-    """Friction of the actuator over what the parameters say, and the width [rad/s] of the sign that cancels it."""
+    """Size of the actuator's friction, and how the controller smooths the sign of the velocity.
+
+    Attributes
+    ----------
+    scale
+        True friction as a multiple of what the parameter file says.
+    sign_width
+        Velocity [rad/s] over which the controller smooths the sign.
+    """
 
     scale: float
     sign_width: float
 
 
 class Loop(NamedTuple):
-    """Gains, motor and friction in SI units; `limit` is the true friction over the one that the controller believes."""
+    """Gains, motor and friction in SI units, as the compiled loop wants them.
+
+    Attributes
+    ----------
+    K_1, B_1
+        Control gains [N*m/rad], [N*m*s/rad] at the actuator's output.
+    torque_constant
+        k_tau n_m [N*m/A].
+    f_C, f_G
+        Coulomb friction [N*m] and gear friction [N*m/A] that the controller believes in.
+    limit
+        True friction as a multiple of what the controller believes in.
+    cancels
+        Whether the controller cancels friction.
+    sign_width
+        Velocity [rad/s] over which the controller smooths the sign.
+    n_T
+        Ratio of the belt.
+    K_s2
+        Quadratic stiffness [N*m/rad^2] of the belt.
+    """
 
     K_1: float
     B_1: float
@@ -44,7 +75,7 @@ class Loop(NamedTuple):
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """The function, compiled on its first call and kept on disk, where changes in other files go unseen."""
+    """The function, compiled on its first call. The result is kept on disk."""
     return cast(Callable[P, R], njit(cache=True, error_model="numpy")(function))
 
 
@@ -61,12 +92,11 @@ def belt_response(theta: Array, rate_hz: float, gains: Gains, p: DrivetrainParam
     )  # fmt: skip
     start = p.K_s / p.n_T * theta[0] / (gains.K_1 + p.K_s / p.n_T**2)
     theta_m = actuator_path(np.ascontiguousarray(theta, dtype=float), float(start), transition, push, loop)
-    theta_s = theta - theta_m / p.n_T
-    return np.asarray(p.K_s * theta_s + p.K_s2 * theta_s * np.abs(theta_s))
+    return belt_torque(belt_deflection(theta, theta_m, p), p)
 
 
 def discretised(gains: Gains, p: DrivetrainParameters, rate_hz: float) -> tuple[Array, Array]:
-    """J_m theta_m'' + (B_m + B_1) theta_m' + (K_1 + K_s/n_T^2) theta_m = K_s/n_T theta + e over one sample.
+    """The solution of N(s) theta_m = K_s/n_T theta + e over one sample, e a torque [N*m] constant in between.
 
     The next state (theta_m, omega_m) is transition (2, 4) @ (theta_m, omega_m, theta, next theta) + push (2,) e.
     """
@@ -81,7 +111,7 @@ def discretised(gains: Gains, p: DrivetrainParameters, rate_hz: float) -> tuple[
 
 @compiled
 def feedforward(u: float, direction: float, loop: Loop) -> float:
-    """Current [A] for an actuator torque u [N*m] (Eq. 5 in closed form); direction 0 ignores friction."""
+    """Current [A] for an actuator torque u [N*m] (Eq. 5 in closed form). A direction of 0 ignores friction."""
     r = u + direction * loop.f_C
     side = direction if r >= 0.0 else -direction
     return r / (loop.torque_constant - side * loop.f_G)

@@ -10,21 +10,32 @@ from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
 
 LOWEST, HIGHEST = 1e-9, 1e9
-"""Ends of the search, as multiples of the actuator's own scale of damping, (K_1 J_m)^1/2."""
+"""Ends of the search for x = B_m + B_1, as multiples of the actuator's own scale of damping, (K_1 J_m)^1/2."""
 POINTS = 73
-"""Points of the search, a factor of 1.8 apart; `certificate.py` counts what lies between them."""
+"""Points of the search, a factor of 1.8 apart. `certificate.py` counts the minima without a grid."""
 REFINEMENTS = 60
+"""Largest number of Newton steps."""
 PAIRS_AT_ONCE = 2000
+"""Pairs that share one block of memory."""
 
 
 @dataclass(frozen=True)
 class OptimalDamping:
-    """The best damping gain of each pair, shape (pairs,).
+    """The best damping gain of each pair, shape (pairs,) each.
 
-    `B_1` [N*m*s/rad] and `error`, the norm of Eq. 14 [rad/(N*m)/s^1/2]. `minima` counts the local minima that are
-    stable. Where none is the global one, the error falls towards an end of the stable range: towards
-    B_m + B_1 = 0 (`at_lower_bound`: the joint alone damps more than was asked for; B_1 is the last stable value)
-    or without end (`unbounded`: a locked motor would be best; B_1 is infinite).
+    Attributes
+    ----------
+    B_1
+        Damping gain [N*m*s/rad] at the global minimum of Eq. 14.
+    error
+        The norm of Eq. 14 there [rad/(N*m)/s^1/2].
+    minima
+        Number of stable local minima.
+    at_lower_bound
+        The error falls towards B_m + B_1 = 0: the joint alone damps more than was asked for. `B_1` is then the last
+        stable value of the search.
+    unbounded
+        The error falls for ever as B_1 grows: a locked motor would be best. `B_1` is then infinite.
     """
 
     B_1: Array
@@ -39,22 +50,25 @@ def optimal_damping(
 ) -> OptimalDamping:
     """Minimise ||W (Y - Y_d)||_2 over B_1 with B_m + B_1 > 0 (Eq. 14), for K_d, B_d of shape (pairs,).
 
-    The slope of the squared norm is exact (`admittance_error`). Its changes of sign on a logarithmic grid bracket
-    the stationary points, which Newton's method within the bracket refines to rounding. The requests are taken
-    to be possible; `compensator.check_request` refuses the others.
+    The slope of the squared norm is exact (`admittance_error`). Its changes of sign on a logarithmic grid bracket the
+    stationary points. Newton's method within each bracket refines them to rounding. The function does not check the
+    requests; `compensator.check_request` refuses impossible ones.
     """
     K_d, B_d = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (K_d, B_d)))
     error = admittance_error(K_d, B_d, p, weight, J_j)
     scale = np.sqrt(K_d * p.K_s / (p.n_T**2 * (p.K_s - K_d)) * p.J_m)
     blocks = [slice(i, i + PAIRS_AT_ONCE) for i in range(0, len(K_d), PAIRS_AT_ONCE)]
-    found = [best_of(error.pairs(block), scale[block]) for block in blocks]
-    x, J, minima, end = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    best = [best_of(error.pairs(block), scale[block]) for block in blocks]
+    x, J, minima, end = (np.concatenate(parts) for parts in zip(*best, strict=True))
     unbounded = end > 0
     return OptimalDamping(np.where(unbounded, np.inf, x - p.B_m), np.sqrt(J), minima, end < 0, unbounded)
 
 
 def best_of(error: AdmittanceError, scale: Array) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.int64]]:
-    """x = B_m + B_1 of the lowest squared norm J, J itself, the number of minima, and at which end (-1, 1) it lies."""
+    """x = B_m + B_1 of the lowest squared norm J, J itself, the number of minima, and the end where it lies.
+
+    The end is -1 for the lower end of the search, 1 for the upper end and 0 in between.
+    """
     grid = np.geomspace(LOWEST, HIGHEST, POINTS)
     slopes = np.array([error.squared(scale * g).slope for g in grid])
     k, pair = np.nonzero((slopes[:-1] < 0) & (slopes[1:] >= 0))
@@ -73,7 +87,10 @@ def best_of(error: AdmittanceError, scale: Array) -> tuple[Array, Array, NDArray
 
 
 def refined(error: AdmittanceError, low: Array, high: Array) -> Array:
-    """The root of the slope between `low` (slope < 0) and `high`: Newton in log x, bisection where that leaves."""
+    """The root of the slope between `low` (slope < 0) and `high`: Newton's method in log x.
+
+    A step that would leave the bracket is replaced by a bisection.
+    """
     x = np.sqrt(low * high)
     for _ in range(REFINEMENTS):
         J = error.squared(x)

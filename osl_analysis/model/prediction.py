@@ -1,4 +1,4 @@
-"""What linear theory says that a fit of Eq. 15 will find for given gains."""
+"""The impedance that linear theory predicts for a fit of Eq. 15 with given gains."""
 
 from collections.abc import Sequence
 
@@ -14,8 +14,8 @@ def predicted_impedance(
 ) -> tuple[float, float, float]:
     """K [N*m/rad], B [N*m*s/rad], I [kg*m^2] that least squares finds in a stepped sine on the linear drivetrain.
 
-    With equally many cycles of one amplitude at each frequency f, a sample's weight is the duration, so the
-    residual of 1/Y against K + j w B - w^2 I is weighted by 1/f. Friction is not in it.
+    A stepped sine has equally many cycles at each frequency f, so it spends 1/f of its samples there. The residual of
+    1/Y against K + j w B - w^2 I is weighted accordingly. Friction is not included.
     """
     w = 2 * np.pi * np.asarray(frequencies_hz, dtype=float)
     Z = 1 / joint_admittance(gains.K_1, gains.B_1, p, p.J_j)(1j * w)

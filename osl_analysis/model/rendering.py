@@ -1,9 +1,9 @@
-"""What the linear joint does with given gains: stability, passivity, and up to where it is what was asked for.
+"""What the linear joint does with given gains: stability, passivity, and the range in which it renders the request.
 
-The joint's dynamic stiffness is Z = 1/Y = P - c/M with P = J_j s^2 + B_j s + K_s, M = J_m s^2 + x s + kappa,
-x = B_m + B_1, kappa = K_1 + K_s/n_T^2 and c = (K_s/n_T)^2 (Eqs. 7-9). Arrays of gains have shape (pairs,).
+The joint's dynamic stiffness is Z = 1/Y = P - c/N, in the letters of `drivetrain.joint_admittance`. Arrays of gains
+have shape (pairs,).
 
-Passivity needs no test. At s = j w the joint takes in energy at the rate of Im Z = w (B_j + c x/|M|^2), positive for
+Passivity needs no test. At s = j w the joint takes in energy at the rate of Im Z = w (B_j + c x/|N|^2), positive for
 every x > 0: whatever gain Eq. 14 selects, the rendered impedance is passive.
 """
 
@@ -17,19 +17,25 @@ from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
 
 TOLERANCE = 0.1
-"""How far |Z - Z_d| may be from |Z_d|, as a share of it, for the rendered impedance to count as the desired one."""
+"""Largest |Z - Z_d|/|Z_d| at which the rendered impedance counts as the desired one."""
 
 
 @dataclass(frozen=True)
 class Rendering:
-    """Properties of the rendered impedance, shape (pairs,).
+    """Properties of the rendered impedance, shape (pairs,) each.
 
-    `decay_rate` [1/s]: how fast the slowest mode of the free joint dies, negative if it is unstable.
-    `delay_margin` [s]: the delay in the control loop that makes the actuator unstable while the joint is held; infinite
-    where no delay does.
-    `positive_real`: whether Re Y >= 0 at every frequency, so that Y itself, and not only s Y, is positive real; this
-    can only hold where J_j is neglected, as the paper does.
-    `faithful_to_hz`: up to which frequency Z stays within 10 % of Z_d; infinite where it never leaves.
+    Attributes
+    ----------
+    decay_rate
+        Decay rate [1/s] of the slowest mode of the free joint. It is negative where the joint is unstable.
+    delay_margin
+        Delay [s] in the control loop that makes the actuator unstable while the joint is held. It is infinite where
+        no delay does.
+    positive_real
+        Whether Re Y >= 0 at every frequency, so that Y itself, and not only s Y, is positive real. This can only hold
+        where J_j is neglected, as the paper does.
+    faithful_to_hz
+        Frequency [Hz] up to which Z stays within 10 % of Z_d. It is infinite where Z never leaves this range.
     """
 
     decay_rate: Array
@@ -81,7 +87,7 @@ def positive_real(K_1: Array, B_1: Array, p: DrivetrainParameters) -> NDArray[np
 
 
 def faithful_frequency(K_1: Array, B_1: Array, K_d: Array, B_d: Array, p: DrivetrainParameters, J_j: float) -> Array:
-    """First frequency [Hz] at which |Z - Z_d| = 0.1 |Z_d|: a root of a polynomial in w^2; infinite if there is none."""
+    """First frequency [Hz] at which |Z - Z_d| = 0.1 |Z_d|, a root of a polynomial in w^2. Infinite without a root."""
     frequency = np.full(K_1.shape, np.inf)
     for i, (k, b, stiffness, damping) in enumerate(zip(K_1, B_1, K_d, B_d, strict=True)):
         Y = joint_admittance(k, b, p, J_j)

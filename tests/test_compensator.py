@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from osl_analysis.errors import UnreachableImpedanceError
 from osl_analysis.model.compensator import compensated_gains, stiffness_gain, uncompensated_gains
 from osl_analysis.model.drivetrain import joint_admittance
-from osl_analysis.model.prediction import predicted_impedance
+from osl_analysis.model.rendering import predicted_impedance
 
 TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)
 

@@ -12,7 +12,7 @@ from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.errors import InputError
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import Gains, select_gains
-from osl_analysis.model.prediction import predicted_impedance
+from osl_analysis.model.rendering import predicted_impedance
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import fit_impedance, impedance_columns
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row

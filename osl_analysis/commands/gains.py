@@ -19,8 +19,7 @@ from osl_analysis.model.certificate import Certificate, certify
 from osl_analysis.model.compensator import PAPER_WEIGHT, Gains, check_request, stiffness_gain
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
 from osl_analysis.model.gain_selection import optimal_damping
-from osl_analysis.model.prediction import predicted_impedance
-from osl_analysis.model.rendering import rendering
+from osl_analysis.model.rendering import predicted_impedance, rendering
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.table import finite_or_null, write_table
 from osl_analysis.trajectory import read_impedance_trajectory

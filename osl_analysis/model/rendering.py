@@ -1,4 +1,4 @@
-"""What the linear joint does with given gains: stability, passivity, and the range in which it renders the request.
+"""What the linear joint does with given gains: stability, passivity, range of frequencies, and predicted K, B, I.
 
 The joint's dynamic stiffness is Z = 1/Y = P - c/N, in the letters of `drivetrain.joint_admittance`. Arrays of gains
 have shape (pairs,).
@@ -7,11 +7,13 @@ Passivity needs no test. At s = j w the joint takes in energy at the rate of Im 
 every x > 0: whatever gain Eq. 14 selects, the rendered impedance is passive.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
@@ -106,3 +108,20 @@ def magnitude_squared(polynomial: Array) -> Array:
     ascending = polynomial[::-1]
     even = np.convolve(ascending, ascending * (-1.0) ** np.arange(len(ascending)))[::2]
     return np.asarray((even * (-1.0) ** np.arange(len(even)))[::-1])
+
+
+def predicted_impedance(
+    gains: Gains, p: DrivetrainParameters, frequencies_hz: Sequence[float]
+) -> tuple[float, float, float]:
+    """K [N*m/rad], B [N*m*s/rad], I [kg*m^2] that least squares finds in a stepped sine on the linear drivetrain.
+
+    A stepped sine has equally many cycles at each frequency f, so it spends 1/f of its samples there. The residual of
+    1/Y against K + j w B - w^2 I is weighted accordingly. Friction is not included.
+    """
+    w = 2 * np.pi * np.asarray(frequencies_hz, dtype=float)
+    Z = 1 / joint_admittance(gains.K_1, gains.B_1, p, p.J_j)(1j * w)
+    weight = 1 / np.sqrt(w)
+    storage = np.column_stack([np.ones_like(w), -(w**2)])
+    (K, I), *_ = np.linalg.lstsq(storage * weight[:, None], Z.real * weight, rcond=None)
+    B = np.sum(weight**2 * w * Z.imag) / np.sum(weight**2 * w**2)
+    return float(K), float(B), float(I)

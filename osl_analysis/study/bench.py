@@ -14,7 +14,7 @@ from osl_analysis.bench.stepped_sine import RawSignals, drift_rate, without_drif
 from osl_analysis.bench.transmission import fit_transmission
 from osl_analysis.config import ValidationStudy
 from osl_analysis.model.compensator import compensated_gains
-from osl_analysis.model.prediction import predicted_impedance
+from osl_analysis.model.rendering import predicted_impedance
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import impedance_columns, impedance_torque
 from osl_analysis.signals import LowPass, Motion, filtered_motion

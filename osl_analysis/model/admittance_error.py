@@ -46,7 +46,7 @@ class Weight:
             )
         if not SLOWEST_HZ <= self.cutoff_hz <= FASTEST_HZ:
             raise UnreachableImpedanceError(
-                f"the weight W of Eq. 14 has the cut-off {self.cutoff_hz:g} Hz; use {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
+                f"the weight W has its cut-off at {self.cutoff_hz:g} Hz; use {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
             )
 
     def polynomials(self) -> tuple[float, Array]:

@@ -1,10 +1,10 @@
 """A long run of damaged logs through the reader: no crash, no hang, no unbounded memory, no value that was not written.
 
 Run from the repository: `python benchmarks/fuzz_mcap.py [minutes] [seed]`, 1 minute and seed 0 unless told. The suite
-runs 150 such files in `tests/test_ingest_damage.py`; run this after every change to the reader, for an hour before a
-release. Each file is a valid log (CDR, protobuf or JSON; zstd, lz4 or no compression; with and without chunks, index
-and checksums) that is then damaged in up to eight places: flipped, overwritten, cut out, inserted, repeated, swapped,
-truncated, with absurd lengths where lengths stand.
+runs 150 such files in `tests/test_formats_mcap_damage.py`; run this after every change to the reader, for an hour
+before a release. Each file is a valid log (CDR, protobuf or JSON; zstd, lz4 or no compression; with and without
+chunks, index and checksums) that is then damaged in up to eight places: flipped, overwritten, cut out, inserted,
+repeated, swapped, truncated, with absurd lengths where lengths stand.
 
 A reader that raises anything but `InputError`, or takes more than 5 s or 100 MB for a file of some kB, ends the run,
 and leaves the file as `fuzz_failure.mcap`. Where a checksum covers the messages every value that was read is compared

@@ -1,23 +1,34 @@
 """Inspect: what a file holds is listed, a draft becomes a source file, and nothing reaches the terminal raw."""
 
+import json
+import struct
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+import zstandard
 from c3d_builder import REAL_DATA, write_c3d
 from click.testing import CliRunner
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message_factory import GetMessageClass
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
+from mcap_builder import stamped, write_log
 
 from osl_analysis.cli import main
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
+from osl_analysis.formats.mcap.walk import CHUNK_HEAD, MAGIC, RECORD
 from osl_analysis.ingest.csv_log import read_csv_log
 from osl_analysis.ingest.csv_source import CsvSource
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.known_formats import read_source
+from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 
 NASTY = 'a\x1b[2J": {x\n# y\u202eb'
 LATIN = NASTY.replace("\u202e", "\x9b")
@@ -51,6 +62,123 @@ def test_an_mcap_file_lists_fields_rates_and_gaps(tmp_path: Path) -> None:
     assert "json           /text a.b" in text
     assert "/text c[0]" in text
     assert "messages: 100" in text
+
+
+JOINTS = """\
+std_msgs/Header header
+string[] name
+float64[] position
+float64[] effort
+float32[3] bias
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+"""
+
+
+def test_joints_are_listed_by_name_with_types_and_lengths_and_a_draft_reads_one(tmp_path: Path) -> None:
+    names, log = ["knee", "left ankle"], []
+    for i in range(20):
+        joints = {"name": names, "position": [0.1 * i, 0.2 * i], "effort": [], "bias": [1.0, 2.0, 3.0]}
+        log.append(stamped(i * 10_000_000, **joints))
+    path = write_log(tmp_path / "a.mcap", log, JOINTS, "sensor_msgs/msg/JointState", "/joints")
+    overview = inspect_file(path)
+    assert [(channel.address["field"], channel.type) for channel in overview.channels] == [
+        ("position[name=knee]", "float64[2]"),
+        ("position[name=left ankle]", "float64[2]"),
+        ("effort[0]", "float64[0]"),
+        ("bias[0]", "float32[3]"),
+    ]
+    assert "/joints position[name=left ankle]  20 samples at 100 Hz; float64[2]" in overview_text(overview)
+    kept = [line for line in draft_source(overview, "a.mcap").splitlines() if "NAME_" not in line or "NAME_2" in line]
+    (tmp_path / "a.yaml").write_text("\n".join(kept).replace("NAME_2", "theta").replace("UNKNOWN", "rad"))
+    source = read_source(tmp_path / "a.yaml")
+    assert isinstance(source, McapSource)
+    np.testing.assert_array_equal(read_mcap_log(path, source).samples["theta"], 0.2 * np.arange(20))
+
+
+def test_fields_of_protobuf_are_listed_with_their_types_as_are_those_that_are_not_written(tmp_path: Path) -> None:
+    file = FileDescriptorProto(name="a.proto", package="lab", syntax="proto3")
+    kinds = FieldDescriptorProto
+    leg = file.message_type.add(name="Leg")
+    repeated = kinds.LABEL_REPEATED
+    for number, (name, kind, label) in enumerate(
+        [
+            ("angle", kinds.TYPE_DOUBLE, kinds.LABEL_OPTIONAL),
+            ("count", kinds.TYPE_SINT32, kinds.LABEL_OPTIONAL),
+            ("joint", kinds.TYPE_STRING, repeated),
+            ("torque", kinds.TYPE_FLOAT, repeated),
+            ("ticks", kinds.TYPE_UINT64, repeated),
+        ],
+        start=1,
+    ):
+        leg.field.add(name=name, number=number, type=kind, label=label)
+    made = GetMessageClass(DescriptorPool().AddSerializedFile(file.SerializeToString()).message_types_by_name["Leg"])
+    message = made(angle=1.5, joint=["knee", "ankle"], torque=[1.0, 2.0], ticks=[5, 300, 7])
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("lab.Leg", "protobuf", FileDescriptorSet(file=[file]).SerializeToString())
+        for topic, count in (("/leg", 3), ("/idle", 0)):
+            channel = writer.register_channel(topic, "protobuf", schema)
+            for i in range(count):
+                writer.add_message(channel, i * 1000, message.SerializeToString(), i * 1000)
+        writer.finish()
+    channels = inspect_file(tmp_path / "a.mcap").channels
+    fields = {(c.address["topic"], c.address["field"]): c.type for c in channels}
+    assert fields == {
+        ("/leg", "angle"): "float64",
+        ("/leg", "count"): "int32",
+        ("/leg", "torque[joint=knee]"): "float32[2]",
+        ("/leg", "torque[joint=ankle]"): "float32[2]",
+        ("/leg", "ticks[0]"): "uint64[3]",
+        ("/idle", "angle"): "float64",
+        ("/idle", "count"): "int32",
+    }
+
+
+def test_elements_of_a_json_array_are_listed_by_the_names_beside_it(tmp_path: Path) -> None:
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        channel = writer.register_channel("/leg", "json", 0)
+        content = {"state": {"name": ["knee", "ankle"], "position": [1.5, 2.5]}, "parts": [{"on": True}, {"on": False}]}
+        writer.add_message(channel, 0, json.dumps(content).encode(), 0)
+        writer.finish()
+    channels = inspect_file(tmp_path / "a.mcap").channels
+    assert [(channel.address["field"], channel.type) for channel in channels] == [
+        ("state.position[name=knee]", "float64[2]"),
+        ("state.position[name=ankle]", "float64[2]"),
+        ("parts[0].on", "bool"),
+    ]
+
+
+def test_lost_messages_and_missing_checksums_are_counted(tmp_path: Path) -> None:
+    path = write_mcap(tmp_path / "a.mcap")
+    whole = bytearray(path.read_bytes())
+    whole[700] ^= 0xFF
+    path.write_bytes(whole)
+    overview = inspect_file(path)
+    lost = int(overview.facts["messages lost"])
+    assert 0 < lost == 100 - int(overview.facts["messages"])
+    assert overview.facts["checksums"] == "checked"
+    write_log(path, [stamped(i, angle=0.0, torque=0.0, sync=False) for i in range(9)], enable_crcs=False)
+    overview = inspect_file(path)
+    assert overview.facts["checksums"] == "absent"
+    assert "not verifiable: no checksum covers 9 of 9 messages" in overview.remarks
+
+
+def test_a_chunk_that_declares_more_than_memory_holds_is_not_unpacked(tmp_path: Path) -> None:
+    body = zstandard.ZstdCompressor(write_content_size=False).compress(bytes(1 << 28))
+    head = CHUNK_HEAD.pack(0, 0, 1 << 40, 0, 4) + b"zstd" + struct.pack("<Q", len(body))
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(MAGIC + RECORD.pack(Opcode.CHUNK, len(head) + len(body)) + head + body)
+    tracemalloc.start()
+    overview = inspect_file(path)
+    assert tracemalloc.get_traced_memory()[1] < 50e6
+    tracemalloc.stop()
+    assert any("bytes, more than the 268435456 that are unpacked" in remark for remark in overview.remarks)
 
 
 def test_damage_of_an_mcap_file_is_listed_and_the_rest_too(tmp_path: Path) -> None:

@@ -203,10 +203,10 @@ def parameter_value(data: bytes, position: int, processor: str, name: str) -> Ar
 def text_values(content: bytes, length: int) -> list[str]:
     """Strings of equal length, stripped; in UTF-8, or in Latin-1 where they are not."""
     parts = [content[i : i + length] for i in range(0, len(content), length or 1)]
-    return [decoded_text(part).strip(" \0") for part in parts]
+    return [text_of(part).strip(" \0") for part in parts]
 
 
-def decoded_text(text: bytes) -> str:
+def text_of(text: bytes) -> str:
     try:
         return text.decode("utf-8")
     except UnicodeDecodeError:

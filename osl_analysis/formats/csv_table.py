@@ -118,7 +118,7 @@ def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
         units, rows = ([*rows[0][1], *units[len(rows[0][1]) :]], rows[1:])
     if not rows:
         raise InputError(f"{path}: no rows of data; record it again or exclude the trial in the sheet")
-    rows = [(line, trimmed(cells, len(names))) for line, cells in rows]
+    rows = [(line, unpadded(cells, len(names))) for line, cells in rows]
     rows, columns_from, notes = fitting_rows(path, rows, len(names), layout)
     if not rows:
         raise InputError(
@@ -141,7 +141,7 @@ def header_of(path: Path, rows: Rows, comments: Lines, delimiter: str, layout: C
         return [str(i + 1) for i in range(len(first))]
     if all(is_number_cell(cell.replace(",", ".")) for cell in first if cell):
         raise InputError(f"{path}: line {line} holds numbers, not the columns' names; write header: none")
-    return trimmed(first, 0)
+    return unpadded(first, 0)
 
 
 def is_number_cell(cell: str) -> bool:
@@ -152,7 +152,7 @@ def is_number_cell(cell: str) -> bool:
     return True
 
 
-def trimmed(cells: list[str], width: int) -> list[str]:
+def unpadded(cells: list[str], width: int) -> list[str]:
     """Cells without the empty ones beyond `width`: writers pad lines."""
     end = len(cells)
     while end > width and not cells[end - 1]:

@@ -29,13 +29,13 @@ def read_lines(path: Path) -> Lines:
     InputError
         The file holds zero bytes and so is no text.
     """
-    text = decoded(path.read_bytes())
+    text = decoded_text(path.read_bytes())
     if "\0" in text:
         raise InputError(f"{path}: not a text file; check the path and the source's format")
     return list(enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1))
 
 
-def decoded(data: bytes) -> str:
+def decoded_text(data: bytes) -> str:
     """Text in UTF-8, UTF-16 with its mark, or else Windows' western code page."""
     if data[:2] in UTF_16_MARKS:
         return data.decode("utf-16", errors="replace")

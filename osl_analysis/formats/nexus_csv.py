@@ -13,7 +13,7 @@ from osl_analysis.errors import InputError, listing
 from osl_analysis.formats.csv_text import (
     Rows,
     UnreadableCellError,
-    decoded,
+    decoded_text,
     delimiter_of,
     is_text,
     number,
@@ -103,7 +103,7 @@ class NexusSection:
 
 def is_nexus(begin: bytes) -> bool:
     """Whether a file that begins with these bytes is an export of Nexus: it has the header of a section."""
-    lines = decoded(begin).casefold().replace('"', "").splitlines() if is_text(begin) else []
+    lines = decoded_text(begin).casefold().replace('"', "").splitlines() if is_text(begin) else []
     return any(line.startswith(HEADER[0]) and HEADER[1] in line for line in lines)
 
 
@@ -130,7 +130,7 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
         )
     found: dict[str, NexusSection] = {}
     for start, end in zip(starts, [*starts[1:], len(rows)], strict=True):
-        section = section_of(path, rows[start:end], decimal)
+        section = nexus_section(path, rows[start:end], decimal)
         if section.title in found:
             raise InputError(f"{path}: line {rows[start][0]}: section {section.title} stands twice; export one of each")
         found[section.title] = section
@@ -144,7 +144,7 @@ def begins(rows: Rows, place: int) -> bool:
     return alone and tuple(cell.casefold() for cell in header[:2]) == HEADER
 
 
-def section_of(path: Path, rows: Rows, decimal: str) -> NexusSection:
+def nexus_section(path: Path, rows: Rows, decimal: str) -> NexusSection:
     """A section from its title on."""
     (line, title), (_, rate), (_, names), (_, header) = rows[:4]
     samples = rows[5:]

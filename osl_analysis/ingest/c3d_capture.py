@@ -32,7 +32,9 @@ def read_c3d_capture(path: Path, source: C3dSource) -> Recording:
 def c3d_capture(recording: C3DRecording, source: C3dSource) -> Capture:
     """What the source file asks for, as the file has it."""
     header, plates = recording.header, plate_loads(recording, source)
-    markers = [marker_track(recording, label, source.unit_of_length(recording)) for label in labels(recording, source)]
+    markers = [
+        c3d_track(recording, label, source.unit_of_length(recording)) for label in c3d_markers(recording, source)
+    ]
     analogs = {column: analog_channel(recording, analog.channel) for column, analog in source.analogs.items()}
     return Capture(
         frames=header.frames,
@@ -51,7 +53,7 @@ def c3d_capture(recording: C3DRecording, source: C3dSource) -> Capture:
     )
 
 
-def labels(recording: C3DRecording, source: C3dSource) -> tuple[str, ...]:
+def c3d_markers(recording: C3DRecording, source: C3dSource) -> tuple[str, ...]:
     """Labels of the markers to read; "all" excludes model outputs and what has no label."""
     if source.markers != "all":
         return source.markers
@@ -59,7 +61,7 @@ def labels(recording: C3DRecording, source: C3dSource) -> tuple[str, ...]:
     return tuple(label for label in recording.point_labels if is_labelled(label) and label not in outputs)
 
 
-def marker_track(recording: C3DRecording, label: str, unit: str) -> MarkerTrack:
+def c3d_track(recording: C3DRecording, label: str, unit: str) -> MarkerTrack:
     """One marker by its label."""
     place = place_of(label, recording.point_labels, "marker")
     return MarkerTrack(label, label, recording.points[:, place], unit)

@@ -38,11 +38,11 @@ def overview_of(recording: C3DRecording) -> Overview:
         "vertical on screen": "".join(header.texts("POINT:Y_SCREEN")[:1]) or "not said",
         "software": " ".join(header.texts("MANUFACTURER:SOFTWARE")) or "not said",
     }
-    channels = [*point_channels(recording), *analog_channels(recording), *recorded_plates(recording)]
+    channels = [*recorded_points(recording), *recorded_analogs(recording), *recorded_plates(recording)]
     return Overview("c3d", facts, channels, list(c3d_oddities(recording)))
 
 
-def point_channels(recording: C3DRecording) -> Iterator[RecordedChannel]:
+def recorded_points(recording: C3DRecording) -> Iterator[RecordedChannel]:
     """Markers, and the model outputs that are stored like them."""
     header, outputs = recording.header, recording.model_outputs
     for place, label in enumerate(recording.point_labels[: header.points]):
@@ -54,7 +54,7 @@ def point_channels(recording: C3DRecording) -> Iterator[RecordedChannel]:
         yield RecordedChannel(kind, {"label": label}, unit, int(seen.sum()), header.rate, note, missing=missing)
 
 
-def analog_channels(recording: C3DRecording) -> Iterator[RecordedChannel]:
+def recorded_analogs(recording: C3DRecording) -> Iterator[RecordedChannel]:
     """Analog channels with their range."""
     header = recording.header
     rate = header.rate * header.samples_per_frame

@@ -7,7 +7,7 @@ from pathlib import Path
 import polars as pl
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.csv_table import is_number_cell, trimmed
+from osl_analysis.formats.csv_table import is_number_cell, unpadded
 from osl_analysis.formats.csv_text import Rows, delimiter_of, name_and_unit, read_lines, split_rows
 from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_of, rate_of
 
@@ -33,9 +33,9 @@ def inspect_csv(path: Path) -> Overview:
     if not rows:
         raise InputError(f"{path}: holds no rows; check that it is a recording")
     headed = not all(is_number_cell(cell.replace(",", ".")) for cell in rows[0][1] if cell)
-    first = trimmed(rows[0][1], 0)
+    first = unpadded(rows[0][1], 0)
     names = first if headed else [str(place + 1) for place in range(len(first))]
-    body = [(line, trimmed(cells, len(names))) for line, cells in (rows[1:] if headed else rows)]
+    body = [(line, unpadded(cells, len(names))) for line, cells in (rows[1:] if headed else rows)]
     facts = {"rows": str(len(body)), "delimiter": repr(delimiter), "header": "yes" if headed else "none"}
     facts |= {f"comment {i + 1}": text.strip() for i, text in enumerate(comments[:20])}
     settings: dict[str, object] = {"clock": "master", "delimiter": NAMES.get(delimiter, delimiter)}

@@ -53,7 +53,7 @@ class KnownFormat:
         return issubclass(self.source, CaptureSource)
 
 
-FORMATS = {  # in the order in which they are recognised: what is any other text is CSV
+FORMATS = {
     "mcap": KnownFormat(
         lambda begin: begin[: len(MAGIC)] == MAGIC, (".mcap",), McapSource, read_mcap_log, inspect_mcap
     ),
@@ -61,6 +61,8 @@ FORMATS = {  # in the order in which they are recognised: what is any other text
     "nexus_csv": KnownFormat(is_nexus, (), NexusSource, read_nexus_capture, inspect_nexus),
     "csv": KnownFormat(is_text, (".csv",), CsvSource, read_csv_log, inspect_csv),
 }
+ANY_TEXT = "csv"
+"""What text is of which neither content nor name says more."""
 NOT_READ = {
     ".bag": "a ROS 1 bag",
     ".db3": "a ROS 2 bag in SQLite",
@@ -112,10 +114,9 @@ def recognise(path: Path) -> str:
         raise InputError(f"{path}: {NOT_READ[suffix]}, which is not read yet; convert it to MCAP, C3D or CSV")
     with path.open("rb") as file:
         begin = file.read(FIRST_BYTES)
-    by_content = next((name for name, known in FORMATS.items() if known.begins(begin)), "")
-    if by_content not in ("", "csv"):
-        return by_content
-    by_suffix = next((name for name, known in FORMATS.items() if suffix in known.suffixes), by_content)
-    if not by_suffix:
+    by_content = [name for name, known in FORMATS.items() if known.begins(begin)]
+    by_suffix = [name for name, known in FORMATS.items() if suffix in known.suffixes]
+    candidates = [*(name for name in by_content if name != ANY_TEXT), *by_suffix, *by_content]
+    if not candidates:
         raise InputError(f"{path}: neither MCAP, C3D nor text (it begins with {begin[:8]!r}); convert it")
-    return by_suffix
+    return candidates[0]

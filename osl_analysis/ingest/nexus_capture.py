@@ -85,7 +85,7 @@ def read_nexus_capture(path: Path, source: NexusSource) -> Recording:
 
 def nexus_capture(sections: Sections, source: NexusSource) -> Capture:
     """What the source file asks for, as the file has it."""
-    markers = [marker_track(sections, label) for label in labels(sections, source)]
+    markers = [nexus_track(sections, label) for label in nexus_markers(sections, source)]
     outputs = {
         column: section_of(sections, "Model Outputs").column(output.label, output.component)[0]
         for column, output in source.outputs.items()
@@ -127,7 +127,7 @@ def section_of(sections: Sections, title: str) -> NexusSection:
     return sections[title]
 
 
-def labels(sections: Sections, source: NexusSource) -> tuple[str, ...]:
+def nexus_markers(sections: Sections, source: NexusSource) -> tuple[str, ...]:
     """Labels of the markers to read; "all" excludes `*1`, a subject alone (`Anna:`) and nothing."""
     if source.markers != "all":
         return source.markers
@@ -135,7 +135,7 @@ def labels(sections: Sections, source: NexusSource) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for name in names if is_labelled(without_subject(name))))
 
 
-def marker_track(sections: Sections, label: str) -> MarkerTrack:
+def nexus_track(sections: Sections, label: str) -> MarkerTrack:
     """One marker by its label; it was not seen where the cells are empty, or at the exact origin."""
     columns = [section_of(sections, "Trajectories").column(label, axis) for axis in AXES]
     positions = np.column_stack([values for values, _ in columns])

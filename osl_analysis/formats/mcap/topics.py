@@ -102,13 +102,13 @@ def decode_topics(
     for reader in readers.values():
         by_topic[reader.channel.topic].append(reader)
         note_misfits(file, reader)
-    found = {topic: decoded(file, topic, by_topic[topic], paths) for topic, paths in wanted.items()}
-    for topic, one in found.items():
+    by_name = {topic: decoded_topic(file, topic, by_topic[topic], paths) for topic, paths in wanted.items()}
+    for topic, one in by_name.items():
         for path in wanted[topic]:
             if path not in {*optional, *either} and not one.present[path].any():
                 names = names_of_fields(by_topic[topic][0])
                 raise InputError(f"topic '{topic}' has no field '{path}'; it has {names}")
-    return found
+    return by_name
 
 
 def note_misfits(file: McapFile, reader: ChannelReader) -> None:
@@ -121,7 +121,7 @@ def note_misfits(file: McapFile, reader: ChannelReader) -> None:
         )
 
 
-def decoded(file: McapFile, topic: str, readers: Sequence[ChannelReader], paths: Sequence[str]) -> Decoded:
+def decoded_topic(file: McapFile, topic: str, readers: Sequence[ChannelReader], paths: Sequence[str]) -> Decoded:
     """What the readers of a topic's channels have read, as one."""
     if topic not in {channel.topic for channel in file.channels.values()}:
         topics = sorted({channel.topic for channel in file.channels.values()})

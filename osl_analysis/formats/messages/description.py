@@ -52,7 +52,7 @@ def describe_walk(walk: MessageWalk) -> list[FieldDescription]:
         array = element["array"] if element else path
         length = int(element["index"]) + 1 if element else leaf.count
         if not LATER_ELEMENT.search(array):
-            found[array] = FieldDescription(array, type_of(leaf), length, labels(array, length, texts))
+            found[array] = FieldDescription(array, type_of(leaf), length, array_labels(array, length, texts))
     return list(found.values())
 
 
@@ -62,7 +62,7 @@ def type_of(leaf: AnyLeaf) -> str:
     return np.dtype(kind).name
 
 
-def labels(path: str, length: int | None, texts: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+def array_labels(path: str, length: int | None, texts: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
     """Labels of an array's elements, from an array of as many different texts beside it in the message."""
     parent = path.rpartition(".")[0]
     for array, names in texts.items():
@@ -92,7 +92,7 @@ def described_value(value: Any, path: str, texts: Mapping[str, Sequence[str]]) -
         for name, one in inner.items():
             yield from described_value(one, name, beside)
     elif is_array_of(value, int | float):
-        yield FieldDescription(path, np.dtype(type(value[0])).name, len(value), labels(path, len(value), texts))
+        yield FieldDescription(path, np.dtype(type(value[0])).name, len(value), array_labels(path, len(value), texts))
     elif isinstance(value, list):
         yield from described_value(value[0], f"{path}[0]", {}) if value else ()
     elif isinstance(value, int | float):

@@ -1,0 +1,160 @@
+"""Known formats: one table leads to everything; a mistake in a source file is refused by field, with the remedy."""
+
+import json
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import polars as pl
+import pytest
+import yaml
+
+from osl_analysis.commands.ingest import ingest_trial
+from osl_analysis.commands.inspect import inspect_file
+from osl_analysis.commands.samples import row_of
+from osl_analysis.config import read_section
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.known_formats import FORMATS, KnownFormat, read_source, recognise
+from osl_analysis.ingest.overview import Overview, RecordedChannel
+from osl_analysis.ingest.recording import Recording
+from osl_analysis.ingest.source_fields import Conversion, LogSource
+from osl_analysis.quality.settings import QualityRules
+from osl_analysis.trial_file import read_trial
+
+ROOT = Path(__file__).parents[1]
+SHIPPED = sorted((ROOT / "config" / "sources").glob("*.yaml"))
+LOG = {
+    "format": "mcap",
+    "time": {"source": "header"},
+    "channels": {"theta": {"topic": "/lab", "field": "angle", "unit": "deg"}},
+}
+CAPTURE = {"format": "c3d"}
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_every_shipped_source_file_is_valid(path: Path) -> None:
+    assert read_source(path).format in FORMATS
+
+
+def refused(tmp_path: Path, content: object) -> str:
+    path = tmp_path / "source.yaml"
+    path.write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError) as caught:
+        read_source(path)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    return message
+
+
+def test_an_unknown_column_is_refused_with_the_known_ones(tmp_path: Path) -> None:
+    channels = {"thetta": {"topic": "/lab", "field": "angle", "unit": "deg"}}
+    assert "'thetta' is no canonical column; the columns are theta, theta_m" in refused(
+        tmp_path, {**LOG, "channels": channels}
+    )
+
+
+def test_a_unit_that_cannot_become_the_columns_is_refused(tmp_path: Path) -> None:
+    channels = {"torque": {"topic": "/lab", "field": "t", "unit": "deg"}}
+    assert "torque: unit 'deg' measures [rad]" in refused(tmp_path, {**LOG, "channels": channels})
+
+
+def test_time_is_not_a_channel(tmp_path: Path) -> None:
+    channels = {"time": {"topic": "/lab", "field": "t", "unit": "s"}}
+    assert "time is no channel" in refused(tmp_path, {**LOG, "channels": channels})
+
+
+def test_a_misspelt_field_is_refused(tmp_path: Path) -> None:
+    assert "unknown field 'chanels'" in refused(tmp_path, {**LOG, "chanels": {}})
+
+
+def test_an_unknown_format_is_refused(tmp_path: Path) -> None:
+    assert "format: 'xlsx' is not allowed" in refused(tmp_path, {"format": "xlsx"})
+
+
+def test_a_sign_is_one_or_minus_one(tmp_path: Path) -> None:
+    channels = {"theta": {"topic": "/lab", "field": "angle", "unit": "deg", "sign": 0}}
+    assert "sign" in refused(tmp_path, {**LOG, "channels": channels})
+
+
+def test_a_clock_to_be_aligned_needs_the_sync_column(tmp_path: Path) -> None:
+    assert "needs the column sync" in refused(tmp_path, {**LOG, "clock": "sync"})
+
+
+def test_plates_are_all_none_or_a_list(tmp_path: Path) -> None:
+    assert "plates: 'first' is not allowed: write all, none or a list" in refused(
+        tmp_path, {**CAPTURE, "plates": "first"}
+    )
+
+
+def test_plate_units_must_measure_force_and_moment(tmp_path: Path) -> None:
+    units = {"force": "N", "moment": "mm"}
+    assert "unit 'mm' measures [m]" in refused(tmp_path, {**CAPTURE, "plate_units": units})
+
+
+def test_a_model_output_needs_a_unit_of_its_column(tmp_path: Path) -> None:
+    output = {"label": "LAnkleMoment", "component": "x", "unit": "N*mm"}
+    outputs = {"reference_ankle_moment_left": output}
+    assert "unit 'N*mm' measures [N*m]" in refused(tmp_path, {**CAPTURE, "outputs": outputs})
+
+
+class ToyChannel(Conversion):
+    key: str
+
+
+class ToySource(LogSource):
+    format: Literal["toy"]
+    channels: dict[str, ToyChannel]
+
+
+def read_toy(path: Path, source: ToySource) -> Recording:
+    content = json.loads(path.read_bytes().removeprefix(b"TOY1"))
+    columns = {name: one.to_si(np.array(content[one.key]), "rad") for name, one in source.channels.items()}
+    time = np.arange(len(content["angle"])) / 100
+    return Recording(pl.DataFrame({"time": time, **columns}), {n: c.origin(n) for n, c in source.channels.items()})
+
+
+def inspect_toy(path: Path) -> Overview:
+    content = json.loads(path.read_bytes().removeprefix(b"TOY1"))
+    return Overview("toy", {"rows": "3"}, [RecordedChannel("column", {"key": key}) for key in content])
+
+
+def test_an_entry_in_the_table_makes_a_format_known_to_ingest_inspect_draft_and_samples(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A new format touches its decoder in formats/, its source file and overview in ingest/, the table and a test."""
+    toy = KnownFormat(lambda begin: begin.startswith(b"TOY1"), (".toy",), ToySource, read_toy, inspect_toy)
+    monkeypatch.setitem(FORMATS, "toy", toy)
+    (tmp_path / "a.dat").write_bytes(b'TOY1{"angle": [0, 90, 180]}')
+    drafted = draft_source(inspect_file(tmp_path / "a.dat"), "a.dat")
+    (tmp_path / "toy.yaml").write_text(drafted.replace("NAME_1", "theta").replace('UNKNOWN"', 'deg"'))
+    row = {"trial": "a", "log": "a.dat", "log_source": "toy"}
+    ingest_trial(row, tmp_path, tmp_path, tmp_path / "a.parquet")
+    theta = read_trial(tmp_path / "a.parquet").samples["theta"]
+    np.testing.assert_allclose(theta, [0, np.pi / 2, np.pi])
+    rules = read_section(ROOT / "config/config.yaml", "quality", QualityRules)
+    assert row_of(tmp_path / "a.dat", rules) == ("toy", "rows: 3\n1 x column", "")
+
+
+def test_a_file_is_recognised_by_its_content_and_where_that_says_nothing_by_its_name(tmp_path: Path) -> None:
+    named = {"a.c3d": b"no C3D file", "a.mcap": b"text", "a.csv": b"a,b\n1,2\n", "a.log": b"a,b\n1,2\n"}
+    for name, content in named.items():
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / "b.csv").write_bytes(b"\x89MCAP0\r\n" + bytes(100))
+    (tmp_path / "c.csv").write_text('Trajectories\n100\n,,A,,\n"Frame","Sub Frame",X,Y,Z\n,,mm,mm,mm\n1,0,1,2,3\n')
+    recognised = {path.name: recognise(path) for path in tmp_path.iterdir()}
+    assert recognised == {
+        "a.c3d": "c3d",
+        "a.mcap": "mcap",
+        "a.csv": "csv",
+        "a.log": "csv",
+        "b.csv": "mcap",
+        "c.csv": "nexus_csv",
+    }
+
+
+def test_a_recording_of_a_format_that_is_not_read_yet_is_refused_by_its_name(tmp_path: Path) -> None:
+    (tmp_path / "a.trc").write_text("PathFileType\t4\n")
+    with pytest.raises(InputError, match="a TRC file, which is not read yet; convert it to MCAP, C3D or CSV"):
+        inspect_file(tmp_path / "a.trc")

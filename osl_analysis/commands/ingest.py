@@ -4,65 +4,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.errors import InputError
-from osl_analysis.ingest.assemble import assemble, identity
-from osl_analysis.ingest.known_formats import FORMATS, Source, read_source
-from osl_analysis.ingest.source_fields import CaptureSource, LogSource
+from osl_analysis.ingest.raw_files import recorded_trial
 from osl_analysis.trial_file import write_trial
 
 
 def ingest_trial(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path, output: Path) -> None:
-    """Read the files of one row, relative to `raw_folder`, and write the trial as Parquet to `output`.
-
-    `row` has the sheet's columns (`sheet.py`); an absent or missing value (None, NA) is as good as an empty one.
+    """Read the files of one row of the sheet, relative to `raw_folder`, and write the trial as Parquet to `output`.
 
     Raises
     ------
     InputError
-        A file is missing, empty or not what its source file says, or the recordings do not fit together; nothing
-        is written then.
+        A file is missing, empty or not what its source file says, or the recordings do not fit together; nothing is
+        written then.
     """
-    name = text(row, "trial")
-    files = {role: text(row, role) for role in ("log", "mocap") if text(row, role)}
-    if not files:
-        raise InputError(f"trial {name}: the sheet names no file; fill in log or mocap, or exclude the trial")
-    recordings, identities, shared = {}, {}, None
-    for role, given in files.items():
-        path, source = raw_folder / given, text(row, f"{role}_source")
-        if not source:
-            raise InputError(f"trial {name}: {role}_source is empty; name the file in {sources_folder} for {given}")
-        check_file(path)
-        described = read_source(sources_folder / f"{source}.yaml")
-        if len(files) == 2:
-            check_alignment(described, sources_folder / f"{source}.yaml")
-        recordings[role] = FORMATS[described.format].read(path, described)
-        shared = described.shared if isinstance(described, CaptureSource) else shared
-        identities[role] = identity(path, given, source)
-    try:
-        trial = assemble(name, recordings, identities, shared)
-    except InputError as error:
-        raise InputError(f"trial {name} ({', '.join(files.values())}): {error}") from error
-    write_trial(trial, output)
-
-
-def check_alignment(source: Source, source_path: Path) -> None:
-    """Refuse a log beside motion capture of which the source file does not say how their clocks are aligned."""
-    if isinstance(source, LogSource) and source.clock == "master":
-        raise InputError(
-            f"{source_path}: clock: {source.clock}, but the trial has motion capture too; write clock: sync and map "
-            "the column sync (or clock: shared, with `shared` in motion capture's source file)"
-        )
-
-
-def check_file(path: Path) -> None:
-    """Refuse a file that is missing or empty."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; correct the sample sheet, or copy the file there")
-    if path.stat().st_size == 0:
-        raise InputError(f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet")
-
-
-def text(row: Mapping[str, Any], column: str) -> str:
-    """A value of the sheet as text; whatever is no text counts as empty."""
-    value = row.get(column)
-    return value.strip() if isinstance(value, str) else ""
+    write_trial(recorded_trial(row, raw_folder, sources_folder), output)

@@ -5,10 +5,10 @@ What files say of themselves is untrusted: it is escaped where it is printed.
 
 from pathlib import Path
 
-from osl_analysis.commands.ingest import check_file
 from osl_analysis.errors import printable
 from osl_analysis.ingest.known_formats import FORMATS, recognise
 from osl_analysis.ingest.overview import Overview, RecordedChannel
+from osl_analysis.ingest.raw_files import check_file
 
 LONGEST = 60  # characters of a name that are printed
 

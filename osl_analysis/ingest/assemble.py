@@ -1,10 +1,8 @@
 """One or two recordings of a trial to its canonical samples, with the provenance of every column."""
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import polars as pl
@@ -86,10 +84,3 @@ def merged(log: Recording, mocap: Recording, fit: ClockFit) -> pl.DataFrame:
 def nanoseconds(column: str) -> pl.Expr:
     """Times [s] in whole nanoseconds, which unlike floats can be joined on."""
     return (pl.col(column) / NANOSECOND).round().cast(pl.Int64)
-
-
-def identity(path: Path, given: str, source: str) -> dict[str, Any]:
-    """What identifies a raw file: its name in the sheet, size and SHA-256, and the source file that describes it."""
-    with path.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-    return {"path": given, "bytes": path.stat().st_size, "sha256": digest, "source": source}

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.ingest.assemble import assemble, identity
-from osl_analysis.ingest.known_formats import FORMATS, read_source
+from osl_analysis.ingest.raw_files import recorded_trial
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import ImpedanceFit
 from osl_analysis.simulator.c3d_recorder import write_c3d
@@ -139,10 +138,8 @@ def calibrated(laboratory: Laboratory, folder: Path, sources: Path) -> RecordedL
 
 def ingested(name: str, folder: Path, sources: Path) -> Trial:
     """The trial that `vicon/<name>.c3d` in a folder holds."""
-    path = folder / "vicon" / f"{name}.c3d"
-    source = read_source(sources / "vicon.yaml")
-    recording = FORMATS[source.format].read(path, source)
-    return assemble(name, {"mocap": recording}, {"mocap": identity(path, f"vicon/{name}.c3d", "vicon")})
+    row = {"trial": name, "mocap": f"vicon/{name}.c3d", "mocap_source": "vicon"}
+    return recorded_trial(row, folder, sources)
 
 
 def weighed_foot(gait: WalkingSettings) -> FootSettings | None:

@@ -253,7 +253,7 @@ def test_messages_that_do_not_fit_their_schema_are_lost(tmp_path: Path) -> None:
     samples, damage = read(tmp_path, content[:frame_id] + b"\xff\xff" + content[frame_id + 2 :])
     assert len(samples) == MESSAGES - 1
     assert (damage["complete"], damage["messages_lost"]) == (False, 1)
-    assert "1 of 60 messages of topic '/lab' are left out: a message of" in damage["remarks"][0]
+    assert "1 of 60 messages of topic '/lab' are lost: a message of" in damage["remarks"][0]
 
 
 @pytest.mark.parametrize("content", [b"", bytes(300), MAGIC, MAGIC * 2, MAGIC + b"\xff" * 99])

@@ -201,7 +201,7 @@ def test_a_message_that_google_refuses_is_left_out_and_reported(tmp_path: Path) 
     recording = read_mcap_log(path, source(theta="one_double").model_copy(update={"largest_loss": 0.5}))
     assert len(recording.samples) == 2
     assert recording.facts["damage"]["messages_lost"] == 1
-    with pytest.raises(InputError, match="1 of 3 messages of topic '/lab' are left out: a message of"):
+    with pytest.raises(InputError, match="1 of 3 messages of topic '/lab' are lost: a message of"):
         read_mcap_log(path, source(theta="one_double"))
 
 

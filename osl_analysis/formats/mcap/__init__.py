@@ -1,1 +1,1 @@
-"""MCAP: where the messages of a log stand, whatever has become of the file."""
+"""MCAP: finds the messages of a log, also in a file that is damaged or was never finished."""

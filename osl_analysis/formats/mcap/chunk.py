@@ -1,4 +1,4 @@
-"""One chunk of an MCAP file: its bytes, within bounds and against its checksum, and its messages."""
+"""One chunk of an MCAP file: unpacked within limits, checked against its checksum, and split into messages."""
 
 import struct
 import zlib
@@ -23,30 +23,33 @@ from osl_analysis.formats.mcap.walk import (
 from osl_analysis.formats.messages.leaves import Indices
 
 LARGEST_CHUNK = 256 << 20
-"""Bytes that a compressed chunk may declare; recorders write 1 to 8 MB, what declares more is damaged or a bomb."""
+"""Bytes that a compressed chunk may declare. Recorders write 1 to 8 MB; what declares more is damaged or malicious."""
 
 
 class DamagedChunkError(Exception):
-    """The chunk cannot be read, or is not what was written."""
+    """The chunk cannot be read, or does not hold what was written. The message completes the sentence "it ..."."""
 
 
 @dataclass(frozen=True)
 class MessageBlock:
-    """Messages of a chunk or of a stretch without chunks, (n,): channels, log times [ns] and where payloads stand.
-
-    `others` are the schemas and channels among them.
-    """
+    """The messages of one chunk, or of one stretch of a file without chunks, (n,) each."""
 
     buffer: bytes | mmap
+    """The bytes that hold the messages."""
     channel: NDArray[np.uint16]
+    """Number of each message's channel."""
     log_time: Indices
+    """When each message was logged [ns]."""
     starts: Indices
+    """Where each payload begins in the buffer [bytes]."""
     lengths: Indices
+    """Length of each payload [bytes]."""
     others: list[tuple[int, int, int]]
+    """Opcode, start and end of the schemas and channels among the messages."""
 
 
 def block_of(buffer: Buffer, walk: RecordWalk) -> MessageBlock:
-    """The messages at which a walk came past."""
+    """The messages that a walk through the buffer found."""
     heads = message_heads(buffer, walk.messages) if walk.heads is None else walk.heads
     lengths = heads["length"].astype(np.int64) - (MESSAGE.itemsize - 9)
     channel, log_time = heads["channel"].astype(np.uint16), heads["log_time"].astype(np.int64)
@@ -54,12 +57,14 @@ def block_of(buffer: Buffer, walk: RecordWalk) -> MessageBlock:
 
 
 def read_chunk(data: Buffer, start: int, end: int, indexes: list[tuple[int, int]]) -> tuple[MessageBlock, bool, bool]:
-    """The messages of the chunk whose content stands in `data`; whether a checksum covers them, and the index is right.
+    """The messages of a chunk, whether a checksum covers them, and whether the index is right.
+
+    `start` and `end` are those of the chunk record's content in `data`, `indexes` those of its message index records.
 
     Raises
     ------
     DamagedChunkError
-        Unknown compression, more bytes than may be, not the bytes or the records that were written.
+        Unknown compression, more bytes than are unpacked, a wrong checksum, or bytes that are not records.
     """
     _, _, size, crc, name_length = CHUNK_HEAD.unpack_from(data, start)
     body = start + CHUNK_HEAD.size + name_length + 8
@@ -90,7 +95,7 @@ def unpacked(name: bytes, body: bytes, size: int) -> bytes:
 
 
 def decompressed(name: bytes, body: bytes, size: int) -> bytes:
-    """Decompress, to no more than a byte above the declared size whatever the stream itself says."""
+    """Decompress, but never to more than one byte beyond the declared size, whatever the stream itself declares."""
     if name == b"":
         return body
     if name == b"zstd":

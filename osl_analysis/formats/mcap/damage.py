@@ -1,4 +1,4 @@
-"""What a log has lost: counted while it is read, reported in the trial's provenance under `damage`."""
+"""What a log has lost: counted while it is read, and reported in the trial's provenance under `damage`."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -8,40 +8,48 @@ MOST_REMARKS = 20
 
 @dataclass
 class Damage:
-    """The tally of one file.
-
-    `finished`: the recorder closed the file. `gaps`: some of it cannot be read, of the summary too.
-    `declared_messages` and `declared_chunks` are what the summary says of the whole file, None without a summary
-    that can be trusted. `verified` of the messages read are covered by a checksum that was right, `misfits` of them
-    do not fit their own schema. `uncounted`: something was lost of which the file does not say how many messages it
-    held.
-    """
+    """The counts of one file."""
 
     finished: bool = False
+    """The recorder closed the file."""
     gaps: bool = False
+    """Some part of the file cannot be read; the summary counts as a part."""
     declared_messages: int | None = None
+    """Messages in the file according to its summary; None without a summary that can be trusted."""
     declared_chunks: int | None = None
+    """Chunks in the file according to its summary; None as above."""
     messages: int = 0
+    """Messages that were read."""
     verified: int = 0
+    """Messages that were read and are covered by a checksum that was right."""
     misfits: int = 0
+    """Messages that were read and do not fit their own schema; they count as lost."""
     chunks: int = 0
+    """Chunks that were read."""
     chunks_lost: int = 0
+    """Chunks that were found and could not be read."""
     messages_counted_lost: int = 0
+    """Lost messages, as far as an index tells how many there were."""
     uncounted: bool = False
+    """Something was lost, and no index tells how many messages it held."""
     bytes: int = 0
+    """Bytes of the file's data section."""
     bytes_lost: int = 0
+    """Bytes of the data section that could not be read."""
     remarks: list[str] = field(default_factory=list)
+    """What is wrong with the file, a sentence each."""
     more_remarks: int = 0
+    """Remarks beyond the first ones, which are counted only."""
 
     def remark(self, text: str) -> None:
-        """Note what is not as it should be; a file damaged everywhere does not fill the report."""
+        """Add a remark; a file that is damaged everywhere does not fill the report."""
         if len(self.remarks) < MOST_REMARKS:
             self.remarks.append(text)
         else:
             self.more_remarks += 1
 
     def lose(self, remark: str, size: int, messages: int | None, chunks: int) -> None:
-        """A stretch of `size` bytes is lost, with as many `messages`, None if that is not known."""
+        """Count a lost stretch: its bytes, its messages (None if their number is not known) and its chunks."""
         self.remark(remark)
         self.chunks_lost += chunks
         self.bytes_lost += size
@@ -49,7 +57,7 @@ class Damage:
         self.messages_counted_lost += messages or 0
 
     def messages_lost(self) -> int | None:
-        """Lost messages of all topics; None where neither summary nor index tells."""
+        """Lost messages of all topics; None where neither the summary nor an index tells."""
         if self.declared_messages is not None:
             return max(0, self.declared_messages - self.messages) + self.misfits
         return None if self.uncounted else self.messages_counted_lost + self.misfits
@@ -62,11 +70,11 @@ class Damage:
         return min(1.0, self.bytes_lost / max(1, self.bytes) + self.misfits / max(1, self.messages))
 
     def all_chunks_lost(self) -> int:
-        """Lost chunks; more than were seen damaged where the summary declares more."""
+        """Lost chunks; where the summary declares more chunks than were found, the difference counts too."""
         return max(self.chunks_lost, (self.declared_chunks or 0) - self.chunks)
 
     def crc(self) -> str:
-        """Whether checksums cover what was read."""
+        """Whether checksums cover what was read: checked, mixed or absent."""
         if self.verified == self.messages and self.messages:
             return "checked"
         return "mixed" if self.verified else "absent"
@@ -89,10 +97,10 @@ class Damage:
         }
 
     def all_remarks(self) -> list[str]:
-        """What was noted, with what follows from the whole file."""
+        """The remarks, with those that follow from the counts of the whole file."""
         remarks = list(self.remarks)
         if self.more_remarks:
-            remarks.append(f"and {self.more_remarks} more of the kind")
+            remarks.append(f"and {self.more_remarks} more remarks")
         if self.declared_messages is not None and self.declared_messages != self.messages:
             remarks.append(f"it declares {self.declared_messages} messages and holds {self.messages}")
         if self.crc() != "checked" and self.messages:

@@ -1,4 +1,4 @@
-"""MCAP files down to where their messages stand, a chunk at a time: every intact chunk, whatever became of the rest."""
+"""MCAP files, read a chunk at a time: every intact chunk is read, whatever happened to the others."""
 
 import mmap
 from collections.abc import Iterator
@@ -20,20 +20,23 @@ from osl_analysis.formats.mcap.walk import MAGIC, Buffer, index_offsets
 
 @dataclass
 class McapFile:
-    """A file of which the top level was scanned.
-
-    `channels` and `schemas` are those of the summary until the blocks are read, and `damage` is then complete.
-    """
+    """A file whose top level was scanned; `blocks` reads its messages."""
 
     path: Path
+    """Where the file is."""
     data: Buffer
+    """Its bytes."""
     scan: Scan
+    """Where its chunks are."""
     channels: dict[int, Channel] = field(default_factory=dict)
+    """Channels by number; complete once the blocks are read."""
     schemas: dict[int, Schema] = field(default_factory=dict)
+    """Schemas by number; complete once the blocks are read."""
     damage: Damage = field(default_factory=Damage)
+    """What is lost; complete once the blocks are read."""
 
     def blocks(self) -> Iterator[MessageBlock]:
-        """The messages of every intact chunk, and those outside of chunks, in the order of the file; once."""
+        """The messages of every intact chunk, and those outside of chunks, in the order of the file. Call it once."""
         if self.scan.finished and not self.scan.summary_damaged:  # a wrong schema would be wrong values
             self.adopt(self.data, self.scan.in_summary, trusted=False)
         begin_report(self.damage, self.scan)
@@ -46,8 +49,8 @@ class McapFile:
     def block(self, section: FileSection) -> MessageBlock | None:
         """The messages of a section; None if they are lost."""
         if "lost" in section.kind:
-            what = f"{section.end - section.start} bytes from byte {section.start} are no sound records"
-            self.lose(section, f"{what}: {'a damaged chunk' if 'chunk' in section.kind else 'of what is not known'}")
+            what = f"{section.end - section.start} bytes from byte {section.start} on are not readable records"
+            self.lose(section, f"{what}: {'a damaged chunk' if 'chunk' in section.kind else 'it is not known of what'}")
             return None
         whole = self.scan.data_crc == "right"
         if section.walk is not None:
@@ -71,14 +74,15 @@ class McapFile:
         return block
 
     def untrusted(self) -> bool:
-        """Whether there is damage of which nothing says where it is."""
+        """Whether the checksum of the whole file is wrong and nothing shows where the damage is."""
         return self.scan.data_crc == "wrong" and not any("lost" in section.kind for section in self.scan.sections)
 
     def lose(self, section: FileSection, remark: str, messages: int | None = None) -> None:
-        lose(self.damage, self.data, section, remark, messages)
+        """Count a section as lost."""
+        lose_section(self.damage, self.data, section, remark, messages)
 
     def declared(self, block: MessageBlock) -> MessageBlock:
-        """The block without messages of channels that are not declared: nothing says what they are."""
+        """The block without messages of undeclared channels: nothing says what they hold."""
         known = np.zeros(1 << 16, bool)
         known[list(self.channels)] = True
         known = known[block.channel]
@@ -93,7 +97,7 @@ class McapFile:
         return replace(block, channel=channel, log_time=log_time, starts=starts, lengths=lengths)
 
     def adopt(self, buffer: Buffer, records: list[tuple[int, int, int]], *, trusted: bool) -> None:
-        """Take in schemas and channels; the first that has a number keeps it, unless the new one can be trusted."""
+        """Store schemas and channels by number; a later one replaces an earlier one only if it can be trusted."""
         for opcode, start, end in records:
             stream = ReadDataStream(BytesIO(buffer[start:end]))
             try:
@@ -108,7 +112,7 @@ class McapFile:
 
 
 def begin_report(damage: Damage, scan: Scan) -> None:
-    """What the scan of the top level tells."""
+    """Report what the scan of the top level found."""
     damage.finished = scan.finished
     damage.gaps = scan.summary_damaged or any("lost" in section.kind for section in scan.sections)
     damage.bytes = scan.data_end - len(MAGIC)
@@ -122,8 +126,8 @@ def begin_report(damage: Damage, scan: Scan) -> None:
         damage.remark("the checksum of the data section does not match")
 
 
-def lose(damage: Damage, data: Buffer, section: FileSection, remark: str, messages: int | None) -> None:
-    """Count a section as lost, with the messages that its index tells of."""
+def lose_section(damage: Damage, data: Buffer, section: FileSection, remark: str, messages: int | None) -> None:
+    """Count a section as lost, with as many messages as its index lists."""
     size = section.end - section.start
     if messages is None and section.indexes:
         messages = index_offsets(data, section.indexes).size
@@ -140,7 +144,7 @@ def read_mcap(path: Path) -> McapFile:
     """
     with path.open("rb") as file:
         if path.stat().st_size == 0:
-            raise InputError(f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet")
+            raise InputError(f"{path}: the file is empty; copy or record it again, or exclude the trial")
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     opened = McapFile(path, data, Scan())
     if data[:8] != MAGIC and (len(data) < 64 or data[-8:] != MAGIC):

@@ -1,6 +1,6 @@
-"""The top level of an MCAP file, from the front and past damage: where its chunks are, and what is lost between.
+"""The top level of an MCAP file, scanned from the front and past damage: where its chunks are, and what is lost.
 
-The summary is never needed to find them, so that the file of a recorder that was killed takes the same path.
+The summary at the end is not needed, so that the file of a recorder that was killed is read in the same way.
 """
 
 import re
@@ -34,111 +34,119 @@ MOST_CANDIDATES = 500_000  # to look at when searching for where to resume: a se
 
 @dataclass
 class FileSection:
-    """A chunk (`start` and `end` of its content), loose messages outside of chunks, or a stretch that is lost.
-
-    `walk` is where the loose messages stand; `indexes` are the message index records that follow a chunk. What is
-    lost may be no chunk; `harmless` if it is sure to have held no message.
-    """
+    """One part of a file's data section."""
 
     kind: Literal["chunk", "loose", "lost chunk", "lost"]
+    """A chunk, loose messages outside of chunks, a chunk that is lost, or lost bytes of which nothing is known."""
     start: int
+    """First byte: of the content of a chunk, else of the section."""
     end: int
+    """The byte after the last one."""
     walk: RecordWalk | None = None
+    """Where the loose messages stand."""
     indexes: list[tuple[int, int]] = field(default_factory=list)
+    """Start and end of the message index records that follow a chunk."""
     harmless: bool = False
+    """Lost, but it held no message."""
 
 
 @dataclass
 class Scan:
-    """What was found; `data_crc` is None if the data section has no checksum.
-
-    `in_summary` are the summary's schemas and channels, `declared` how many messages and chunks it says there are.
-    """
+    """What was found at the top level of a file."""
 
     sections: list[FileSection] = field(default_factory=list)
+    """The parts of the data section, in order."""
     in_summary: list[tuple[int, int, int]] = field(default_factory=list)
+    """Opcode, start and end of the summary's schemas and channels."""
     data_end: int = 0
+    """Where the data section ends [bytes]."""
     data_crc: Literal["right", "wrong"] | None = None
+    """The checksum of the data section; None if there is none."""
     declared: tuple[int, int] | None = None
+    """How many messages and chunks the file has, according to its summary."""
     finished: bool = False
+    """The file ends with a footer and the magic."""
     chunked: bool = False
+    """The file has chunks."""
     summary_damaged: bool = False
+    """The summary cannot be trusted."""
     candidates: int = MOST_CANDIDATES
+    """How many more places may be tried when searching for the next sound record."""
 
 
 def scan_file(data: Buffer) -> Scan:
-    """All of a file, whose first bytes are its magic."""
-    found, position = Scan(), len(MAGIC)
-    while position < len(data) and not found.finished:
-        position = step(found, data, position)
-    found.data_end = found.data_end or len(data)
-    return found
+    """Scan a whole file, whose first bytes are its magic."""
+    scan, position = Scan(), len(MAGIC)
+    while position < len(data) and not scan.finished:
+        position = scan_record(scan, data, position)
+    scan.data_end = scan.data_end or len(data)
+    return scan
 
 
-def step(found: Scan, data: Buffer, position: int) -> int:
-    """Take in what stands at `position`; where to go on."""
+def scan_record(scan: Scan, data: Buffer, position: int) -> int:
+    """Take in the record at `position`; returns the position of the next one."""
     start = position + RECORD.size
     if start > len(data):
-        return lost(found, data, position)
+        return take_lost(scan, data, position)
     opcode, length = record_header(data, position)
     end = start + length
-    if end <= len(data) and not found.data_end and record_follows(data, end):
+    if end <= len(data) and not scan.data_end and record_follows(data, end):
         if opcode != Opcode.CHUNK and is_chunk(data, start, end):
-            found.sections.append(FileSection("lost chunk", position, end))
+            scan.sections.append(FileSection("lost chunk", position, end))
             return end
-        if found.chunked and is_message_index(data, start, end):
+        if scan.chunked and is_message_index(data, start, end):
             opcode = Opcode.MESSAGE_INDEX  # a flipped opcode would make it a message
     if opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
         walk = walk_records(data, position, len(data), MOST_MESSAGES)
         if walk.end > position:
-            loose(found, position, walk)
+            take_loose(scan, position, walk)
             return walk.end
-    if end > len(data) or not sound(data, opcode, start, end):
-        return lost(found, data, position)
-    take(found, data, opcode, start, end)
+    if end > len(data) or not is_sound(data, opcode, start, end):
+        return take_lost(scan, data, position)
+    take_record(scan, data, opcode, start, end)
     return end
 
 
-def loose(found: Scan, position: int, walk: RecordWalk) -> None:
-    """Records outside of chunks; after the data's end they are the summary's."""
-    if found.data_end:
-        found.in_summary += walk.others
+def take_loose(scan: Scan, position: int, walk: RecordWalk) -> None:
+    """Take in records outside of chunks; after the end of the data they belong to the summary."""
+    if scan.data_end:
+        scan.in_summary += walk.others
     else:
-        found.sections.append(FileSection("loose", position, walk.end, walk))
+        scan.sections.append(FileSection("loose", position, walk.end, walk))
 
 
-def take(found: Scan, data: Buffer, opcode: int, start: int, end: int) -> None:
+def take_record(scan: Scan, data: Buffer, opcode: int, start: int, end: int) -> None:
     """Take in one sound record."""
     if opcode == Opcode.CHUNK:
-        if found.data_end:  # there is no chunk after the data's end: it was none
-            found.data_end, found.data_crc, found.summary_damaged = 0, None, True
-        found.chunked = True
-        found.sections.append(FileSection("chunk", start, end))
-    elif opcode == Opcode.MESSAGE_INDEX and not found.data_end:
-        of_chunk = next((section for section in reversed(found.sections) if "chunk" in section.kind), None)
+        if scan.data_end:  # there is no chunk after the data's end: it was none
+            scan.data_end, scan.data_crc, scan.summary_damaged = 0, None, True
+        scan.chunked = True
+        scan.sections.append(FileSection("chunk", start, end))
+    elif opcode == Opcode.MESSAGE_INDEX and not scan.data_end:
+        of_chunk = next((section for section in reversed(scan.sections) if "chunk" in section.kind), None)
         if of_chunk:
             of_chunk.indexes.append((start, end))
-    elif opcode == Opcode.DATA_END and not found.data_end:
-        found.data_end = start - RECORD.size
+    elif opcode == Opcode.DATA_END and not scan.data_end:
+        scan.data_end = start - RECORD.size
         (expected,) = struct.unpack_from("<I", data, start)
         if expected:
-            found.data_crc = "right" if crc_of(data, 0, found.data_end) == expected else "wrong"
+            scan.data_crc = "right" if crc_of(data, 0, scan.data_end) == expected else "wrong"
     elif opcode == Opcode.STATISTICS:
-        found.declared = STATISTICS.unpack_from(data, start)
+        scan.declared = STATISTICS.unpack_from(data, start)
     elif opcode == Opcode.FOOTER:
-        found.finished = len(data) - end == len(MAGIC) and data[end:] == MAGIC
-        check_summary(found, data, start)
+        scan.finished = len(data) - end == len(MAGIC) and data[end:] == MAGIC
+        check_summary(scan, data, start)
 
 
-def check_summary(found: Scan, data: Buffer, start: int) -> None:
-    """Check the summary against its checksum (0 means that there is none); a damaged one declares nothing."""
+def check_summary(scan: Scan, data: Buffer, start: int) -> None:
+    """Check the summary against its checksum, where 0 means that it has none; ignore what a damaged one declares."""
     summary, _, expected = struct.unpack_from("<QQI", data, start)
     if expected and (summary > start or crc_of(data, summary or start - RECORD.size, start + 16) != expected):
-        found.declared, found.summary_damaged = None, True
+        scan.declared, scan.summary_damaged = None, True
 
 
 def crc_of(data: Buffer, start: int, end: int) -> int:
-    """CRC-32 of a stretch, taken in pieces: a slice of a mapped file is a copy."""
+    """CRC-32 of a stretch, computed piece by piece because a slice of a mapped file is a copy."""
     crc = 0
     for position in range(start, end, 1 << 20):
         crc = zlib.crc32(data[position : min(position + (1 << 20), end)], crc)
@@ -151,39 +159,39 @@ def record_header(data: Buffer, position: int) -> tuple[int, int]:
     return opcode, length
 
 
-def lost(found: Scan, data: Buffer, position: int) -> int:
-    """Note that nothing can be read at `position`; where the next sound record is, or the file's end.
+def take_lost(scan: Scan, data: Buffer, position: int) -> int:
+    """Note that nothing can be read at `position`; returns where the next sound record or the end of the file is.
 
-    Where there are chunks, none of the messages found between them counts: they stand in a damaged chunk, of
-    which the checksum cannot be checked.
+    In a file with chunks, messages found outside of them are not used: they belong to a damaged chunk, whose checksum
+    cannot be checked.
     """
-    resume = resume_at(found, data, position + 1, TO_RESUME_AT)
-    found.chunked |= data[position] == Opcode.CHUNK or (resume < len(data) and data[resume] in OF_CHUNKS)
-    if not found.chunked:
-        resume = resume_at(found, data, position + 1, TO_RESUME_AT_UNCHUNKED)
-    if found.data_end:
-        found.summary_damaged = True
+    resume = resume_at(scan, data, position + 1, TO_RESUME_AT)
+    scan.chunked |= data[position] == Opcode.CHUNK or (resume < len(data) and data[resume] in OF_CHUNKS)
+    if not scan.chunked:
+        resume = resume_at(scan, data, position + 1, TO_RESUME_AT_UNCHUNKED)
+    if scan.data_end:
+        scan.summary_damaged = True
     elif data[position] == Opcode.CHUNK:
-        found.sections.append(FileSection("lost chunk", position, resume))
+        scan.sections.append(FileSection("lost chunk", position, resume))
     else:
-        found.sections.append(FileSection("lost", position, resume, harmless=data[position] == Opcode.MESSAGE_INDEX))
+        scan.sections.append(FileSection("lost", position, resume, harmless=data[position] == Opcode.MESSAGE_INDEX))
     return resume
 
 
-def resume_at(found: Scan, data: Buffer, begin: int, pattern: re.Pattern[bytes]) -> int:
-    """The next sound record of a kind that is worth going on at, or the end of the file."""
-    while found.candidates and (match := pattern.search(data, begin)):
-        found.candidates -= 1
+def resume_at(scan: Scan, data: Buffer, begin: int, pattern: re.Pattern[bytes]) -> int:
+    """Where the next sound record begins at which the scan can go on, or the end of the file."""
+    while scan.candidates and (match := pattern.search(data, begin)):
+        scan.candidates -= 1
         opcode, length = record_header(data, match.start())
         start = match.start() + RECORD.size
-        if start + length <= len(data) and sound(data, opcode, start, start + length):
+        if start + length <= len(data) and is_sound(data, opcode, start, start + length):
             return match.start()
         begin = match.start() + 1
     return len(data)
 
 
-def sound(data: Buffer, opcode: int, start: int, end: int) -> bool:
-    """Whether the content of a record is what its opcode promises; where that tells little, what follows must."""
+def is_sound(data: Buffer, opcode: int, start: int, end: int) -> bool:
+    """Whether the content of a record fits its opcode; where the content tells little, a record must follow."""
     if opcode == Opcode.CHUNK:
         return is_chunk(data, start, end)
     if opcode == Opcode.MESSAGE_INDEX:
@@ -196,5 +204,5 @@ def sound(data: Buffer, opcode: int, start: int, end: int) -> bool:
 
 
 def record_follows(data: Buffer, end: int) -> bool:
-    """Whether a record, or nothing, follows."""
+    """Whether a record, or the end of the file, follows."""
     return end == len(data) or data[end] in NUMBERED or data[end] >= PRIVATE

@@ -1,4 +1,4 @@
-"""Fields of MCAP topics, decoded: whatever the encoding, shapes, channels and file order of their messages."""
+"""Fields of MCAP topics, decoded from messages of any encoding, shape, channel and order in the file."""
 
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
@@ -25,33 +25,37 @@ ENCODINGS = (("cdr", "ros2msg"), ("protobuf", "protobuf"))  # of messages and th
 
 @dataclass(frozen=True)
 class Decoded:
-    """Messages in order of log time [ns]: each field's values, in its own number type, and whether it was there.
-
-    Every array has shape (n,). `how` says for the provenance what decoded the messages.
-    """
+    """The messages of one topic, in order of log time; every array has shape (n,)."""
 
     log_time: Indices
+    """When each message was logged [ns]."""
     values: dict[str, NDArray[Any]]
+    """Numbers by path of the field, in the type of the message."""
     present: dict[str, NDArray[np.bool_]]
+    """Whether the message has the field, by path."""
     how: list[dict[str, Any]] = field(default_factory=list)
+    """What decoded the messages of each channel, for the provenance."""
 
 
 @dataclass
 class ChannelReader:
-    """One channel's reader, and what it has read: (log time, place in the file, values) of messages of one shape.
-
-    `first` is its first message, to tell its fields from.
-    """
+    """One channel's reader, and what it has read so far."""
 
     channel: Channel
+    """Topic and encoding."""
     schema: Schema | None
+    """What describes the messages."""
     reader: Reader
+    """Reads the wanted fields."""
     parts: list[tuple[Indices, Indices, Values]] = field(default_factory=list)
+    """Log times [ns], places in the file and values of batches of messages."""
     first: bytes = b""
+    """The first message, to list its fields."""
     messages: int = 0
+    """Messages so far."""
 
     def add(self, block: MessageBlock, chosen: Indices, before: int) -> None:
-        """Read the chosen messages of a block that begins after `before` messages of the file."""
+        """Read the chosen messages of a block; `before` messages of the file precede the block."""
         starts, lengths = block.starts[chosen], block.lengths[chosen]
         if not self.messages:
             self.first = block.buffer[int(starts[0]) : int(starts[0] + lengths[0])]
@@ -79,14 +83,14 @@ def decode_topics(
     optional: Collection[str] = (),
     either: Collection[str] = (),
 ) -> dict[str, Decoded]:
-    """The fields that are wanted of each topic, from all its channels; the file is gone through once.
+    """The wanted fields of each topic, from all its channels, in one pass through the file.
 
-    Any of the `optional` fields may be absent, and so may those of `either`, which say the same in different ways.
+    Fields of `optional` may be absent, and so may those of `either`, which say the same in different spellings.
 
     Raises
     ------
     InputError
-        A topic or a field is not there, a topic has no messages, or none of them can be decoded.
+        A topic or a field is missing, a topic has no messages, or none of them can be decoded.
     """
     readers: dict[int, ChannelReader] = {}
     before = 0
@@ -112,17 +116,17 @@ def decode_topics(
 
 
 def note_misfits(file: McapFile, reader: ChannelReader) -> None:
-    """Messages that do not fit their schema are lost."""
+    """Count the messages that do not fit their schema as lost."""
     if reader.reader.misfits:
         file.damage.misfits += reader.reader.misfits
         file.damage.remark(
-            f"{reader.reader.misfits} of {reader.messages} messages of topic '{reader.channel.topic}' are left out: "
+            f"{reader.reader.misfits} of {reader.messages} messages of topic '{reader.channel.topic}' are lost: "
             f"{reader.reader.misfit}"
         )
 
 
 def decoded_topic(file: McapFile, topic: str, readers: Sequence[ChannelReader], paths: Sequence[str]) -> Decoded:
-    """What the readers of a topic's channels have read, as one."""
+    """The messages of one topic, from the readers of its channels."""
     if topic not in {channel.topic for channel in file.channels.values()}:
         topics = sorted({channel.topic for channel in file.channels.values()})
         raise InputError(f"no topic '{topic}'; the file has {', '.join(topics) or 'none'}")
@@ -146,7 +150,7 @@ def decoded_topic(file: McapFile, topic: str, readers: Sequence[ChannelReader], 
 def joined_field(
     parts: Sequence[tuple[Indices, Indices, Values]], path: str, order: Indices | None
 ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """One field of all messages, and whether it was there."""
+    """One field of all messages, and whether each message has it."""
     sizes = [times.size for times, _, _ in parts]
     has = [path in values for _, _, values in parts]
     if not any(has):
@@ -186,7 +190,7 @@ def names_of_fields(one: ChannelReader) -> str:
 
 
 def reader_of(file: McapFile, number: int, paths: Sequence[str], either: Collection[str]) -> ChannelReader:
-    """What reads the messages of a channel.
+    """A reader for the messages of a channel.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The records of MCAP, one after the other: what a header says, and where the messages of a buffer stand."""
+"""The records of MCAP, one after the other: their headers, and where the messages of a buffer stand."""
 
 import struct
 from array import array
@@ -31,19 +31,23 @@ Buffer = bytes | mmap
 
 @dataclass
 class RecordWalk:
-    """Starts of message records in a buffer, (opcode, start, end) of the content of others, and the walk's end.
-
-    `heads` are those of the messages, where the walk has looked at them all at once.
-    """
+    """What a walk through the records of a buffer found."""
 
     messages: Indices
+    """Where the message records begin [bytes]."""
     others: list[tuple[int, int, int]] = field(default_factory=list)
+    """Opcode, start and end of the content of schema and channel records."""
     end: int = 0
+    """Where the walk ended [bytes]: the end of the buffer, or the first bytes that are no record."""
     heads: NDArray[Any] | None = None
+    """Heads of the message records, where the walk read them all at once."""
 
 
 def walk_records(buffer: Buffer, begin: int, end: int, most: int) -> RecordWalk:
-    """Walk schema, channel and message records, `most` messages at most, up to the first record that is none."""
+    """Walk from record to record, up to `most` messages or to the first bytes that are no such record.
+
+    Schema, channel and message records are expected.
+    """
     messages, others, position = array("q"), [], begin
     unpack, last = RECORD.unpack_from, end - RECORD.size
     while position <= last and len(messages) < most:
@@ -62,9 +66,9 @@ def walk_records(buffer: Buffer, begin: int, end: int, most: int) -> RecordWalk:
 
 
 def walk_by_index(buffer: Buffer, offsets: Indices) -> RecordWalk | None:
-    """The same walk over all of the buffer, from where an index says that the messages are.
+    """The same walk over the whole buffer, by the offsets of its messages that an index gives.
 
-    None unless messages and the records between them tile the buffer, in which case the index was right.
+    None if the index is wrong: messages and the records between them must fill the buffer without a gap.
     """
     size = len(buffer)
     if offsets.size == 0 or offsets.min() < 0 or offsets.max() > size - MESSAGE.itemsize:
@@ -94,7 +98,7 @@ def message_heads(buffer: Buffer, starts: Indices) -> NDArray[Any]:
 
 
 def is_chunk(data: Buffer, start: int, end: int) -> bool:
-    """Whether the content of a record is a chunk's, whatever its opcode: its two lengths agree."""
+    """Whether the content of a record is that of a chunk, whatever its opcode: its two lengths agree."""
     if end - start < CHUNK_HEAD.size + 8:
         return False
     name = CHUNK_HEAD.unpack_from(data, start)[4]
@@ -105,7 +109,7 @@ def is_chunk(data: Buffer, start: int, end: int) -> bool:
 
 
 def is_message_index(data: Buffer, start: int, end: int) -> bool:
-    """Whether the content of a record is a message index: entries of 16 bytes, as many as it says."""
+    """Whether the content of a record is a message index: its length is that of the entries that it declares."""
     if end - start < INDEX_HEAD.size:
         return False
     size = INDEX_HEAD.unpack_from(data, start)[1]
@@ -113,7 +117,7 @@ def is_message_index(data: Buffer, start: int, end: int) -> bool:
 
 
 def index_offsets(data: Buffer, indexes: Sequence[tuple[int, int]]) -> Indices:
-    """Offsets of a chunk's messages, from its message index records, in the index' order."""
+    """Offsets of a chunk's messages in its content, from its message index records, in their order."""
     entries = [
         np.frombuffer(data[start + INDEX_HEAD.size : end], INDEX_ENTRY)["offset"].astype(np.int64)
         for start, end in indexes

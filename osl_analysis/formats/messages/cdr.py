@@ -1,6 +1,6 @@
-"""ROS 2 messages in CDR: the walk through one message that finds where its numbers stand.
+"""ROS 2 messages in CDR: the walk through one message, which finds where its numbers are.
 
-Its guards are the lengths of the strings and sequences in it.
+The guards are the lengths of its strings and sequences.
 """
 
 import struct
@@ -24,17 +24,21 @@ EMPTY = b"\0\1\0\0" + bytes(1 << 16)  # every number 0, every string and sequenc
 
 @dataclass
 class CdrWalk(MessageWalk):
-    """The walk through one message; `order` is its byte order, `visits` how many messages within it were entered."""
+    """The walk through one message in CDR."""
 
     definitions: Definitions = field(default_factory=dict)
+    """Fields of every message type."""
     order: str = "<"
+    """Byte order, as `struct` spells it."""
     visits: int = 0
+    """Messages within the message that were entered so far."""
 
     def align(self, size: int) -> None:
+        """Go on to the next multiple of `size` bytes."""
         self.position += (HEADER - self.position) % size
 
     def length(self) -> int:
-        """Read the length of a string or a sequence, and guard it."""
+        """Read the length of a string or a sequence; its bytes become guards."""
         self.align(4)
         try:
             (value,) = struct.unpack_from(f"{self.order}I", self.payload, self.position)
@@ -45,7 +49,7 @@ class CdrWalk(MessageWalk):
         return int(value)
 
     def message(self, name: str, prefix: str) -> None:
-        """Walk the fields of the message type `name`; IDL gives a message without fields one byte."""
+        """Walk the fields of the message type `name`; a message without fields takes one byte."""
         fields = self.definitions[name]
         self.position += not fields
         self.visits += 1
@@ -61,11 +65,13 @@ class CdrWalk(MessageWalk):
                 self.messages(item, path)
 
     def count(self, item: MessageField) -> int:
+        """How many elements a field has; 1 if it is no array."""
         if item.array == "sequence":
             return self.length()
         return 1 if item.array is None else item.array
 
     def strings(self, item: MessageField, path: str) -> None:
+        """Walk over a string or an array of strings."""
         for index in self.plausible(self.count(item), 4):
             length = self.length()
             if item.array is not None:
@@ -73,6 +79,7 @@ class CdrWalk(MessageWalk):
             self.position += length
 
     def numbers(self, item: MessageField, path: str) -> None:
+        """Note a number or an array of numbers."""
         count, kind = self.count(item), PRIMITIVES[item.type]
         size = np.dtype(kind).itemsize
         if count:
@@ -83,13 +90,14 @@ class CdrWalk(MessageWalk):
             raise cdr_misfit(self.payload)
 
     def messages(self, item: MessageField, path: str) -> None:
+        """Walk through a message or an array of messages."""
         if item.type == "wstring":
             raise InputError(f"field '{path}' is a wstring, which has no portable encoding; record it as string")
         for index in self.plausible(self.count(item), 1):
             self.message(item.type, f"{path}." if item.array is None else f"{path}[{index}].")
 
     def plausible(self, count: int, smallest: int) -> range:
-        """Indices of a sequence; a damaged length would otherwise be a loop without end."""
+        """Indices of a sequence; refuse a damaged length, which would make a loop without end."""
         if count * smallest > len(self.payload) - self.position + HEADER:
             raise cdr_misfit(self.payload)
         return range(count)
@@ -114,11 +122,12 @@ def layout_of(definitions: Definitions, name: str, payload: bytes) -> CdrWalk:
 
 
 def cdr_misfit(payload: bytes) -> InputError:
+    """The error for a message that ends too early."""
     return InputError(f"a message of {len(payload)} bytes is too short for its schema; the schema is not its own")
 
 
 def cdr_reader(schema: Schema, paths: Sequence[str]) -> ByShape:
-    """What reads the fields at `paths` of messages of a schema in ros2msg.
+    """A reader of the fields at `paths`, for messages of a schema in ros2msg.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""JSON messages to columns: a chunk's messages are parsed at once by polars, in the types that the wanted fields have.
+"""JSON messages to columns: polars parses all messages of a chunk at once, with the types of the wanted fields.
 
-polars is strict about the types it is given: a number that does not fit them is an error, upon which the types are
-found anew; messages that have no common types are read one by one.
+polars refuses a number that does not fit its type. The types are then inferred again; messages that have no types in
+common are read one by one.
 """
 
 import json
@@ -34,38 +34,42 @@ class NoTypesError(ValueError):
 
 @dataclass
 class ByText:
-    """Reads JSON messages; `types` are those of the wanted fields that were seen so far, `kinds` each field's own.
-
-    The fields of `either` say the same in different ways: once one was seen, the others are not looked for.
-    """
+    """Reads JSON messages."""
 
     paths: Sequence[str]
+    """Paths of the fields to read."""
     either: Collection[str] = ()
+    """Fields that say the same in different spellings: once one was seen, the others are not looked for."""
     types: Types = field(default_factory=dict)
+    """Types of the top-level fields that lead to the wanted ones, as far as they were seen."""
     kinds: dict[str, Any] = field(default_factory=dict)
+    """Type of each wanted field that was seen, by path."""
     read_alone: int = 0
+    """Messages that were read one by one."""
     misfits: int = 0
+    """Messages that are not JSON."""
     misfit: str = ""
+    """What is wrong with the first of these."""
 
     def read(self, buffer: bytes | mmap, starts: Indices, lengths: Indices) -> Iterator[tuple[Indices, Values]]:
-        """Which of the messages, and the fields that they have; misfits are left out, and counted."""
+        """Batches of messages: their places among `starts`, and their numbers by path; misfits are only counted."""
         stops = (starts + lengths).tolist()
         texts = [buffer[start:stop] for start, stop in zip(starts.tolist(), stops, strict=True)]
         try:
             columns = self.at_once(texts)
-            for rows, values in alike(columns, len(texts)):
+            for rows, values in batches_alike(columns, len(texts)):
                 yield rows, {path: self.in_kind(path, numbers) for path, numbers in values.items()}
         except ERRORS:
             yield from self.one_by_one(texts)
 
     def at_once(self, texts: Sequence[bytes]) -> dict[str, pl.Series]:
-        """The wanted fields that there are, null where a message lacks one."""
+        """The wanted fields that exist, null where a message lacks one."""
         json.loads(texts[0], object_pairs_hook=unrepeated)
         frame = self.of_known_types(texts)
         return self.of_new_types(texts) if frame is None else self.fields_in(frame)
 
     def of_new_types(self, texts: Sequence[bytes]) -> dict[str, pl.Series]:
-        """The fields, in the types that these messages have in common, which become the known ones."""
+        """The fields, in the types that these messages have in common; these become the known types."""
         inferred = pl.read_ndjson(BytesIO(in_lines(texts)), infer_schema_length=None)
         if inferred.height != len(texts):
             raise NoTypesError("a message is empty")
@@ -76,18 +80,18 @@ class ByText:
         return self.fields_in(inferred.select(pl.col(name).cast(kind) for name, kind in self.types.items()))
 
     def of_known_types(self, texts: Sequence[bytes]) -> pl.DataFrame | None:
-        """The messages in the types that are known; None if they are not enough, or do not hold any more."""
+        """The messages parsed with the known types; None if fields are missing in these, or a number does not fit."""
         if not self.types or self.may_know_more(texts):
             return None
         has_arrays = any("[" in path for path in self.paths)
         with suppress(*ERRORS):
-            frame = strictly(texts, self.types) if has_arrays else as_floats(texts, self.types)
+            frame = as_typed(texts, self.types) if has_arrays else as_floats(texts, self.types)
             if frame.height == len(texts) and (has_arrays or self.is_exact(frame)):
                 return frame
         return None
 
     def may_know_more(self, texts: Sequence[bytes]) -> bool:
-        """Whether the messages name a field that was not seen so far."""
+        """Whether the messages may hold a wanted field that was not seen so far."""
         unseen = set(self.paths) - set(self.kinds)
         if not unseen.issuperset(self.either):
             unseen.difference_update(self.either)
@@ -101,44 +105,45 @@ class ByText:
         return not any((np.abs(column.drop_nulls().to_numpy()) >= EXACT).any() for column in whole)
 
     def in_kind(self, path: str, numbers: NDArray[Any]) -> NDArray[Any]:
-        """Integers that were read as float64 as such again; joined with others they would be rounded."""
+        """Integers that were read as float64, as integers again; joined with larger ones they would be rounded."""
         if self.kinds[path] != pl.Int64 or numbers.dtype == np.int64:
             return numbers
         whole = numbers.astype(np.int64)
         return whole if (whole == numbers).all() else numbers
 
     def fields_in(self, frame: pl.DataFrame) -> dict[str, pl.Series]:
-        """The fields that are known."""
+        """The wanted fields that were seen so far, from a parsed chunk."""
         return {path: field_in(frame, steps_of(path)) for path in self.kinds}
 
     def one_by_one(self, texts: Sequence[bytes]) -> Iterator[tuple[Indices, Values]]:
-        which, found = [], []
+        """Reads messages that have no types in common."""
+        places, messages = [], []
         for row, text in enumerate(texts):
             try:
-                found.append(numbers_of(text, self.paths))
-                which.append(row)
+                messages.append(numbers_of(text, self.paths))
+                places.append(row)
             except (ValueError, RecursionError) as error:
                 self.misfits += 1
-                self.misfit = self.misfit or f"a message of {len(text)} bytes is no JSON: {error}"
-        self.read_alone += len(found)
-        yield from batches(which, found)
+                self.misfit = self.misfit or f"a message of {len(text)} bytes is not JSON: {error}"
+        self.read_alone += len(messages)
+        yield from batches(places, messages)
 
 
-def strictly(texts: Sequence[bytes], types: Types) -> pl.DataFrame:
-    """The fields of messages; a value of another type is an error."""
+def as_typed(texts: Sequence[bytes], types: Types) -> pl.DataFrame:
+    """The fields of messages; a value of another type raises an error."""
     return pl.read_ndjson(BytesIO(in_lines(texts)), schema=types)
 
 
 def as_floats(texts: Sequence[bytes], types: Types) -> pl.DataFrame:
-    """The fields of messages without arrays, all numbers as float64: twice as fast, and into that nothing is cut."""
-    decoded = pl.Series(texts).cast(pl.String).str.json_decode(pl.Struct(floats(types)))
+    """The fields of messages without arrays, all numbers as float64: twice as fast, and no number is cut off."""
+    decoded = pl.Series(texts).cast(pl.String).str.json_decode(pl.Struct(as_float_types(types)))
     return decoded.struct.unnest()
 
 
-def floats(types: Types) -> Types:
+def as_float_types(types: Types) -> Types:
     """The types with float64 for integers."""
     return {
-        name: pl.Struct(floats({one.name: one.dtype for one in kind.fields}))  # type: ignore[misc]
+        name: pl.Struct(as_float_types({one.name: one.dtype for one in kind.fields}))  # type: ignore[misc]
         if isinstance(kind, pl.Struct)
         else pl.Float64()
         if kind == pl.Int64
@@ -161,15 +166,15 @@ def numbers_of(text: bytes, paths: Sequence[str]) -> Numbers:
 
 
 def in_lines(texts: Sequence[bytes]) -> bytes:
-    """The messages, one a line; a line's end within a message can only be a blank."""
+    """The messages, one per line; a line break within a message can be replaced by a blank."""
     joined = b"\n".join(texts)
     if joined.count(b"\n") == len(texts) - 1:
         return joined
     return b"\n".join(text.replace(b"\n", b" ") for text in texts)
 
 
-def alike(columns: Mapping[str, pl.Series], count: int) -> Iterator[tuple[Indices, Values]]:
-    """Columns with nulls in batches of messages that have the same fields."""
+def batches_alike(columns: Mapping[str, pl.Series], count: int) -> Iterator[tuple[Indices, Values]]:
+    """Batches of messages that have the same fields, from columns with nulls."""
     if not any(column.null_count() for column in columns.values()):
         yield np.arange(count), {path: column.to_numpy() for path, column in columns.items()}
         return
@@ -186,7 +191,7 @@ def steps_of(path: str) -> tuple[Step, ...]:
     """Names and indices on the way to a field."""
     parts = [part for part in PART.finditer(path) if part[0] != "."]
     if any(part["names"] for part in parts):
-        raise NoTypesError("an element chosen by name has to be looked for in each message")
+        raise NoTypesError("an element that is chosen by name must be searched in each message")
     return tuple(part["name"] if part["name"] is not None else int(part["index"]) for part in parts)
 
 
@@ -196,7 +201,7 @@ def last_name(steps: Sequence[Step]) -> bytes:
 
 
 def unrepeated(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    """An object; of a field that is written twice polars takes the first and Python the last: leave it to Python."""
+    """An object, unless a field is written twice: polars would take the first value and Python takes the last."""
     if len(dict(pairs)) < len(pairs):
         raise NoTypesError("a field is written twice")
     return dict(pairs)

@@ -12,7 +12,7 @@ Indices = NDArray[np.int64]
 
 
 def byte_rows(buffer: bytes | mmap, starts: Indices, length: int) -> Bytes:
-    """The `length` bytes from each start, shape (starts, length), through one overlapping view of the buffer."""
+    """The `length` bytes from each start on, shape (starts, length), copied through one overlapping view."""
     if length == 0 or starts.size == 0:
         return np.empty((starts.size, length), np.uint8)
     windows = np.ndarray((len(buffer) - length + 1,), f"V{length}", buffer, 0, (1,))
@@ -20,12 +20,12 @@ def byte_rows(buffer: bytes | mmap, starts: Indices, length: int) -> Bytes:
 
 
 def value_at(rows: Bytes, offset: int, kind: np.dtype[Any]) -> NDArray[Any]:
-    """What stands at `offset` in each of the messages, a view."""
+    """The numbers at `offset` in each of the messages, (messages,), as a view."""
     return np.ndarray((len(rows),), kind, rows, offset, (rows.shape[1],)) if len(rows) else np.empty(0, kind)
 
 
 def distinct(values: NDArray[Any]) -> list[int]:
-    """The different ones of whole numbers, most often a single one."""
+    """The different values among whole numbers; fast where all are equal, as they mostly are."""
     if values.size and (values == values[0]).all():
         return [int(values[0])]
     return [int(value) for value in np.unique(values)]
@@ -33,11 +33,14 @@ def distinct(values: NDArray[Any]) -> list[int]:
 
 @dataclass(frozen=True)
 class Leaf:
-    """Where a number, or an array of `count` numbers, stands in a message; `dtype` carries the byte order."""
+    """A number, or an array of numbers, of fixed size."""
 
     offset: int
+    """First byte in the message."""
     dtype: str
+    """Type of the number in numpy's spelling, with its byte order; `?` for a bool."""
     count: int | None = None
+    """Length of the array; None for a single number."""
 
     def read(self, rows: Bytes) -> NDArray[Any]:
         """Its values in messages of one shape, `rows` of shape (messages, length)."""
@@ -48,12 +51,16 @@ class Leaf:
 
 @dataclass(frozen=True)
 class Varint:
-    """A number in as many bytes as it takes, seven bits in each, the least first; `kind` names what they mean."""
+    """A protobuf number of variable size: seven bits in each byte, the least significant first."""
 
     offset: int
+    """First byte in the message."""
     size: int
+    """Number of bytes."""
     kind: str
+    """Type of the number in numpy's spelling; `zigzag` before it where the sign is in the lowest bit."""
     count: None = None
+    """It is a single number."""
 
     def read(self, rows: Bytes) -> NDArray[Any]:
         """Its values in messages of one shape."""
@@ -69,10 +76,12 @@ class Varint:
 
 @dataclass(frozen=True)
 class Constant:
-    """A number that is not written because it is its type's zero."""
+    """A protobuf number that is not written because it is zero."""
 
     dtype: str
+    """Type of the number in numpy's spelling."""
     count: None = None
+    """It is a single number."""
 
     def read(self, rows: Bytes) -> NDArray[Any]:
         """Zeros."""

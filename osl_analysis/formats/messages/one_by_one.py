@@ -1,4 +1,4 @@
-"""Numbers out of messages that a library decoded, one by one: for what cannot be read all at once."""
+"""Numbers of messages that a library decodes one by one, for messages that cannot be read all at once."""
 
 import re
 from collections import defaultdict
@@ -17,13 +17,13 @@ PART = re.compile(r"(?P<name>[^.\[\]]+)|\[(?P<index>\d+)\]|\[(?P<names>\w+)=(?P<
 
 
 def numbers_at(message: Any, paths: Sequence[str]) -> Numbers:
-    """The fields that one message has."""
+    """The numbers at those of the paths that the message has."""
     found = {path: number_at(message, path) for path in paths}
     return {path: value for path, value in found.items() if value is not None}
 
 
 def batches(which: Sequence[int], messages: Sequence[Numbers]) -> Iterator[tuple[Indices, Values]]:
-    """Messages that were read one by one, in batches of those that have the same fields."""
+    """Messages that were read one by one, in batches with the same fields; `which` are their places."""
     alike: dict[tuple[str, ...], list[int]] = defaultdict(list)
     for row, message in enumerate(messages):
         alike[tuple(message)].append(row)
@@ -33,7 +33,7 @@ def batches(which: Sequence[int], messages: Sequence[Numbers]) -> Iterator[tuple
 
 
 def as_array(numbers: Sequence[float | bool]) -> NDArray[Any]:
-    """Numbers in a type that holds them all; integers beyond 64 bits become floats."""
+    """Numbers in one type that holds them all; integers beyond 64 bits become floats."""
     values = np.array(numbers)
     return values.astype(np.float64) if values.dtype == object else values
 
@@ -53,7 +53,7 @@ def number_at(message: Any, path: str) -> float | bool | None:
 
 
 def element(values: Any, index: int) -> Any:
-    """One element of an array, None where it does not reach so far."""
+    """One element of an array; None where the array is too short."""
     is_array = hasattr(values, "__getitem__") and not isinstance(values, str | bytes | Mapping)
     return values[index] if is_array and 0 <= index < len(values) else None
 

@@ -1,6 +1,6 @@
-"""Protobuf messages: the walk through one message that finds where its numbers stand, by its descriptor.
+"""Protobuf messages: the walk through one message, which finds where its numbers are, by its descriptor.
 
-Its guards are tags, lengths, and where varints end. What a template cannot hold is left to google.protobuf: groups,
+The guards are tags, lengths, and the ends of varints. What no template can describe is left to google.protobuf: groups,
 arrays in pieces, enumerations that refuse unknown values.
 """
 
@@ -29,18 +29,20 @@ MOST_LEAVES = 4096
 
 
 class NoTemplateError(InputError):
-    """The message may be well, but is not for a template."""
+    """The message may be sound, but no template can describe it."""
 
 
 @dataclass
 class ProtobufWalk(MessageWalk):
-    """The walk through one message; `counts` are the elements so far of its arrays."""
+    """The walk through one protobuf message."""
 
     wanted: frozenset[str] = frozenset()
+    """Paths of the fields that will be read."""
     counts: Counter[str] = field(default_factory=Counter)
+    """Elements so far of each array, by path."""
 
     def varint(self, end: int, guards: list[int]) -> tuple[int, int]:
-        """Value and size of the varint at the position; its bytes join `guards`."""
+        """Value and size of the varint at the position; the offsets of its bytes are added to `guards`."""
         value, start = 0, self.position
         for i in range(10):
             if start + i >= end:
@@ -62,9 +64,11 @@ class ProtobufWalk(MessageWalk):
         return extent
 
     def message(self, kind: Descriptor, end: int, prefix: str, depth: int = 0) -> None:
-        """Walk the fields of a message up to `end`; what is not written has its type's zero, unless it is optional."""
+        """Walk the fields of a message up to `end`; a field that is not written is zero, unless it is optional."""
         if depth > DEEPEST or len(self.leaves) > MOST_LEAVES:
-            raise NoTemplateError(f"a message of {len(self.payload)} bytes is nested or long beyond a template")
+            raise NoTemplateError(
+                f"a message of {len(self.payload)} bytes is nested too deeply or too long for a template"
+            )
         for item in kind.fields:
             if not item.is_repeated and not item.has_presence and item.type in FIXED | VARINTS:
                 self.leaves.setdefault(prefix + item.name, Constant(dtype_of(item)))
@@ -78,15 +82,15 @@ class ProtobufWalk(MessageWalk):
             self.one_field(item, wire, end, prefix, depth)
 
     def one_of(self, item: FieldDescriptor | None, prefix: str) -> None:
-        """Of a oneof the last one that is written holds."""
+        """Of the fields of a `oneof` the last one that is written counts: no template can describe that."""
         others = item.containing_oneof.fields if item is not None and item.containing_oneof else ()
         taken = tuple(prefix + other.name for other in others if item is None or other.number != item.number)
         for path in self.leaves if taken else ():
             if path in taken or path.startswith(tuple(f"{one}." for one in taken)):
-                raise NoTemplateError(f"field '{path}' is written and taken back")
+                raise NoTemplateError(f"field '{path}' of a oneof is written and then replaced")
 
     def one_field(self, item: FieldDescriptor | None, wire: int, end: int, prefix: str, depth: int) -> None:
-        """Walk over one field's value, and note it if it is one that the descriptor knows."""
+        """Walk over the value of one field, and note it if the descriptor knows the field."""
         kind = item.type if item is not None else 0
         if wire == VARINT:
             start = self.position
@@ -103,7 +107,7 @@ class ProtobufWalk(MessageWalk):
             if item is not None:
                 self.of_length(item, extent, prefix, depth)
         else:
-            raise NoTemplateError(f"a group, or a tag that is none, in a message of {len(self.payload)} bytes")
+            raise NoTemplateError(f"a group, or an invalid tag, in a message of {len(self.payload)} bytes")
 
     def of_length(self, item: FieldDescriptor, extent: range, prefix: str, depth: int) -> None:
         """A string, a message or a packed array."""
@@ -132,7 +136,7 @@ class ProtobufWalk(MessageWalk):
         self.leaves[path] = Leaf(extent.start, dtype, count)
 
     def note(self, item: FieldDescriptor, prefix: str, leaf: Leaf | Varint) -> None:
-        """A number's place; the last one written holds, but in arrays each has its own."""
+        """Note where a number is; of a field that is written twice the last value counts."""
         path = prefix + item.name
         if path in self.leaves and item.is_repeated:
             raise NoTemplateError(f"array '{path}' is written in pieces")
@@ -142,7 +146,7 @@ class ProtobufWalk(MessageWalk):
             raise NoTemplateError(f"enumeration '{path}' may refuse its value")
         self.leaves[path] = leaf
         if len(self.leaves) > MOST_LEAVES:
-            raise NoTemplateError(f"array '{path}' is long beyond a template")
+            raise NoTemplateError(f"array '{path}' is too long for a template")
 
     def element(self, path: str) -> str:
         """Path of the next element of an array."""
@@ -151,16 +155,17 @@ class ProtobufWalk(MessageWalk):
 
 
 def dtype_of(item: FieldDescriptor) -> str:
-    """numpy type of a number that is not written."""
+    """Type, in numpy's spelling, of a number that is not written."""
     return FIXED.get(item.type) or VARINTS[item.type].removeprefix("zigzag")
 
 
 def protobuf_misfit(payload: bytes) -> InputError:
+    """The error for a message that does not fit its schema."""
     return InputError(f"a message of {len(payload)} bytes is not what its schema says, or is damaged")
 
 
 def protobuf_reader(schema: Schema, paths: Sequence[str]) -> ByShape:
-    """What reads the fields at `paths` of messages of a schema, which is a FileDescriptorSet.
+    """A reader of the fields at `paths`, for messages of a schema, which is a FileDescriptorSet.
 
     Raises
     ------
@@ -182,14 +187,14 @@ def protobuf_reader(schema: Schema, paths: Sequence[str]) -> ByShape:
 
 
 def decoder(schema: Schema):  # type: ignore[no-untyped-def]
-    """google.protobuf's decoder for a schema, and an empty message."""
+    """The decoder of google.protobuf for a schema, and an empty message."""
     try:
         decode = DecoderFactory().decoder_for("protobuf", schema)
         if decode is None:
             raise TypeError(f"its encoding is '{schema.encoding}'")
         empty: Message = decode(b"")
     except (McapError, DecodeError, TypeError, KeyError, ValueError, RecursionError) as error:
-        raise InputError(f"schema {schema.name}: not to be read: {' '.join(str(error).split())}") from error
+        raise InputError(f"schema {schema.name}: cannot be read: {' '.join(str(error).split())}") from error
 
     def checked(payload: bytes) -> Message:
         try:

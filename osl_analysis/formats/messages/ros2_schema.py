@@ -21,11 +21,14 @@ CONSTANT = re.compile(r"\s*=")
 
 @dataclass(frozen=True)
 class MessageField:
-    """One field: its type is a primitive, a string or `package/Name`; `array` is a fixed size or "sequence"."""
+    """One field of a message type."""
 
     name: str
+    """Name of the field."""
     type: str
+    """A primitive, a string or `package/Name`."""
     array: int | Literal["sequence"] | None = None
+    """Length of an array of fixed size, "sequence" where the length is in the message, None for no array."""
 
 
 Definitions = dict[str, list[MessageField]]
@@ -47,7 +50,7 @@ def parse_schema(name: str, text: str) -> Definitions:
     for part in parts:
         head = HEAD.match(part)
         if not head:
-            raise InputError(f"schema {name}: no line 'MSG: package/Name' after a separator")
+            raise InputError(f"schema {name}: a line 'MSG: package/Name' is missing after a separator")
         full_name = short_name(head.group(1))
         definitions[full_name] = list(parse_fields(full_name, part[head.end() :]))
     for full_name, fields in definitions.items():
@@ -58,7 +61,7 @@ def parse_schema(name: str, text: str) -> Definitions:
 
 
 def parse_fields(full_name: str, body: str) -> Iterator[MessageField]:
-    """The fields of one definition; comments, constants and default values are passed over."""
+    """The fields of one definition, without comments, constants and default values."""
     for raw in body.splitlines():
         line = raw.split("#")[0].strip()
         match = FIELD.match(line)
@@ -69,14 +72,14 @@ def parse_fields(full_name: str, body: str) -> Iterator[MessageField]:
 
 
 def array_of(match: re.Match[str]) -> int | Literal["sequence"] | None:
-    """Fixed size of a field's array, "sequence" where its length stands in the message, None for no array."""
+    """`MessageField.array` of a field."""
     if match["array"] is None:
         return None
     return int(match["size"]) if match["size"] and not match["bound"] else "sequence"
 
 
 def full_type(name: str, inside: str) -> str:
-    """The type's key in the definitions; a bare name means the package of the message that it stands in."""
+    """The key of a type in the definitions; a bare name belongs to the package of the message that uses it."""
     if name in PRIMITIVES or name in STRINGS:
         return name
     return short_name(name) if "/" in name else f"{inside.split('/')[0]}/{name}"

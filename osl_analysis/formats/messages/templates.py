@@ -1,7 +1,7 @@
 """Messages of one shape, read at once: offsets are learned from one message and hold for all that share its shape.
 
-A message's *shape* is its length together with what its guard bytes say (lengths, tags, and whether a varint goes
-on): messages that share these share every field's offset.
+A message's *shape* is its length together with its guard bytes: lengths of arrays and strings, protobuf's tags, and
+whether a varint continues. In messages of equal shape every field has the same offset.
 """
 
 import re
@@ -20,31 +20,35 @@ from osl_analysis.formats.messages.one_by_one import Numbers, Values, batches
 
 INDEXED = re.compile(r"(?P<array>.+)\[(?P<index>\d+)\]")
 NAMED = re.compile(r"(?P<parent>.*\.)?(?P<array>\w+)\[(?P<names>\w+)=(?P<name>[^\]]+)\]")
-MOST_SHAPES = 200  # of one channel and length; whoever varies more is read message by message
+MOST_SHAPES = 200  # of one channel and message length; what varies more is read message by message
 
 
 @dataclass
 class MessageWalk:
-    """The walk through one message: what was found so far.
-
-    `texts` are the extents of the strings in arrays of strings, `guards` the offsets of the bytes that another
-    message must share to be read by this shape, `continued` those of which the highest bit must be the same.
-    """
+    """The walk through one message, which finds where its numbers are."""
 
     payload: bytes
+    """The message."""
     position: int = 0
+    """Where the walk is [bytes]."""
     leaves: dict[str, AnyLeaf] = field(default_factory=dict)
+    """The numbers found so far, by path."""
     texts: dict[str, range] = field(default_factory=dict)
+    """Extents of the strings in arrays of strings, by path."""
     guards: list[int] = field(default_factory=list)
+    """Offsets of the bytes that another message must share to have the same shape."""
     continued: list[int] = field(default_factory=list)
+    """Offsets of the bytes whose highest bit another message must share."""
 
 
 @dataclass(frozen=True)
 class Template:
-    """Leaves by path, and what says that they stand there: (offset, type, mask, expected) of words in the message."""
+    """How to read the wanted numbers of all messages of one shape."""
 
     leaves: dict[str, AnyLeaf]
+    """The numbers, by path."""
     words: tuple[tuple[int, np.dtype[Any], Any, Any], ...]
+    """Offset, type, mask and expected value of the guarded words, which a message of the shape must have."""
 
     def fits(self, rows: Bytes) -> NDArray[np.bool_]:
         """Which of the messages have this shape, (messages,)."""
@@ -59,7 +63,7 @@ class Template:
 
 
 def template_of(walk: MessageWalk, paths: Sequence[str]) -> Template:
-    """What reads the fields at `paths`, as far as the shape has them."""
+    """A template that reads the fields at `paths`, as far as the message has them."""
     leaves = {path: leaf for path in paths if (leaf := leaf_at(walk, path))}
     mask = np.zeros(len(walk.payload), np.uint8)
     mask[walk.continued] = 0x80
@@ -68,7 +72,7 @@ def template_of(walk: MessageWalk, paths: Sequence[str]) -> Template:
 
 
 def guarding_words(mask: Bytes, payload: Bytes) -> Iterator[tuple[int, np.dtype[Any], Any, Any]]:
-    """The guarded bits of a message in words of eight bytes, of one where the message is shorter: fewer to compare."""
+    """The guarded bits of a message, in words of eight bytes (of one byte in a shorter message) to compare fewer."""
     kind = np.dtype("<u8" if mask.size >= 8 else "u1")
     guarded = np.flatnonzero(mask)
     while guarded.size:
@@ -79,10 +83,10 @@ def guarding_words(mask: Bytes, payload: Bytes) -> Iterator[tuple[int, np.dtype[
 
 
 def leaf_at(walk: MessageWalk, path: str) -> AnyLeaf | None:
-    """The single number at `path`; None where this message's arrays do not reach so far, or lack the field.
+    """The single number at `path`; None where the message lacks the field or its array is too short.
 
-    An element is chosen by its index, `position[0]`, or by the name that stands at the same index of a sibling
-    array, `position[name=ankle]`; the names then join the shape's guards.
+    An element is chosen by its index, `position[0]`, or by the name at the same index of an array of names beside it,
+    `position[name=ankle]`. The bytes of these names then become guards.
 
     Raises
     ------
@@ -101,7 +105,7 @@ def leaf_at(walk: MessageWalk, path: str) -> AnyLeaf | None:
 
 
 def index_of_name(walk: MessageWalk, path: str) -> str:
-    """The path with `[names=name]` replaced by the index of that name; guards the names up to and with it."""
+    """The path with `[names=name]` replaced by the index of that name; the names up to that one become guards."""
     match = NAMED.fullmatch(path)
     if not match:
         return path
@@ -117,26 +121,29 @@ def index_of_name(walk: MessageWalk, path: str) -> str:
 
 @dataclass
 class ByShape:
-    """Reads messages by templates, which it learns as it meets new shapes; they hold from chunk to chunk.
-
-    `learn` makes a template of one message; `alone` reads the fields of one message for which no template can be
-    made. Both raise InputError for a message that is not what its schema says.
-    """
+    """Reads binary messages by templates; it learns a template from the first message of each shape."""
 
     learn: Callable[[bytes], Template]
+    """Makes a template of one message; raises InputError if the message does not fit its schema."""
     alone: Callable[[bytes], Numbers]
+    """Reads one message for which no template can be made; raises InputError as above."""
     templates: dict[int, list[Template]] = field(default_factory=lambda: defaultdict(list))
+    """The templates so far, by length of the message."""
     read_alone: int = 0
+    """Messages that were read one by one."""
     misfits: int = 0
+    """Messages that do not fit their schema."""
     misfit: str = ""
+    """What is wrong with the first of these."""
 
     def read(self, buffer: bytes | mmap, starts: Indices, lengths: Indices) -> Iterator[tuple[Indices, Values]]:
-        """Which of the messages, and the fields that they have; misfits are left out, and counted."""
+        """Batches of messages: their places among `starts`, and their numbers by path; misfits are only counted."""
         for length in distinct(lengths):
             (mine,) = np.nonzero(lengths == length)
             yield from self.of_length(mine, byte_rows(buffer, starts[mine], length))
 
     def of_length(self, mine: Indices, rows: Bytes) -> Iterator[tuple[Indices, Values]]:
+        """Reads messages of one length, `rows` of shape (messages, length), whose places are `mine`."""
         templates = self.templates[rows.shape[1]]
         for template in templates:
             same = template.fits(rows)
@@ -165,13 +172,14 @@ class ByShape:
         yield from batches(which, alone)
 
     def learned(self, payload: bytes) -> Template | None:
+        """A template of one message; None if none can be made."""
         try:
             return self.learn(payload)
         except (InputError, RecursionError):
             return None
 
     def one(self, payload: bytes) -> Numbers | None:
-        """The fields of one message, None for a misfit."""
+        """The numbers of one message; None if it does not fit its schema."""
         try:
             numbers = self.alone(payload)
         except (InputError, RecursionError) as error:

@@ -22,10 +22,12 @@ from osl_analysis.walking.crossing import RefusedCrossing
 from osl_analysis.walking.crossing_analysis import analyse_crossing
 from osl_analysis.walking.hinge import hinge_of_trials, hinge_row, with_hinge
 from osl_analysis.walking.plate_model import identify_plate_model, plate_table
-from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.walking.settings import CalibrationSettings, CrossingSettings, PlateModelSettings
 
 
-def calibrate(trial: Path, motion: Sequence[Path], settings: WalkingAnalysis, output: Path, comparison: Path) -> None:
+def calibrate(
+    trial: Path, motion: Sequence[Path], settings: CalibrationSettings, output: Path, comparison: Path
+) -> None:
     """Marker clusters, ankle centre and axis of the static trial, to a JSON file.
 
     `motion` are trials in which the ankle moves. Their functional hinge is compared with the anatomical axis in the
@@ -48,7 +50,7 @@ def calibrate(trial: Path, motion: Sequence[Path], settings: WalkingAnalysis, ou
 
 
 def identify_plate(
-    trials: Sequence[Path], calibration: Path, settings: WalkingAnalysis, output: Path, comparison: Path
+    trials: Sequence[Path], calibration: Path, settings: PlateModelSettings, output: Path, comparison: Path
 ) -> None:
     """The plate's inertia and lag from trials with nobody on it, to a JSON file.
 
@@ -60,7 +62,7 @@ def identify_plate(
 
 
 def analyse(
-    trial: Path, calibration: Path, plate: Path, perturbed: bool, settings: WalkingAnalysis, output: Path
+    trial: Path, calibration: Path, plate: Path, perturbed: bool, settings: CrossingSettings, output: Path
 ) -> None:
     """Angle and torque of one crossing, with its events, to a Parquet file; `perturbed` is what the sheet says.
 

@@ -18,7 +18,13 @@ from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import bootstrap, common_errors, ensemble_response
 from osl_analysis.walking.response import isolate_response
 from osl_analysis.walking.selection import selection_rows
-from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.walking.settings import (
+    EnsembleSettings,
+    ResponseSettings,
+    SelectionSettings,
+    TimingSettings,
+    UnperturbedSettings,
+)
 from osl_analysis.walking.tables import (
     ensemble_rows,
     excluded_crossings,
@@ -30,13 +36,15 @@ from osl_analysis.walking.tables import (
 from osl_analysis.walking.unperturbed import unperturbed_gait
 
 
-def select_crossings(crossings: Sequence[Path], settings: WalkingAnalysis, output: Path) -> None:
+def select_crossings(crossings: Sequence[Path], settings: SelectionSettings, output: Path) -> None:
     """One row per crossing, in the order of the files: its quality and, if it is excluded, the reason."""
     rows = selection_rows(*read_crossing_files(crossings), settings)
     write_table(pl.DataFrame([rows[path.stem] for path in crossings], infer_schema_length=None), output)
 
 
-def average_unperturbed(crossings: Sequence[Path], selection: Path, settings: WalkingAnalysis, output: Path) -> None:
+def average_unperturbed(
+    crossings: Sequence[Path], selection: Path, settings: UnperturbedSettings, output: Path
+) -> None:
     """The unperturbed ones of the crossings on a common grid of stance phase, to a Parquet file.
 
     Crossings that the table `selection`, `walking_crossings.csv`, excludes are not used.
@@ -46,7 +54,7 @@ def average_unperturbed(crossings: Sequence[Path], selection: Path, settings: Wa
 
 
 def fit_perturbation(
-    crossing: Path, selection: Path, unperturbed: Path, settings: WalkingAnalysis, output: Path
+    crossing: Path, selection: Path, unperturbed: Path, settings: ResponseSettings, output: Path
 ) -> None:
     """Fit Eq. 15 to the isolated response of one perturbed crossing: one row of `walking.csv`.
 
@@ -68,7 +76,7 @@ def summarise_perturbations(
     crossings: Sequence[Path],
     selection: Path,
     unperturbed: Path,
-    settings: WalkingAnalysis,
+    settings: EnsembleSettings,
     output: Path,
     responses: Path,
     excluded: Path,
@@ -107,7 +115,7 @@ def plot_walking_page(
     unperturbed: Path,
     responses: Path,
     table: Path,
-    settings: WalkingAnalysis,
+    settings: TimingSettings,
     output: Path,
 ) -> None:
     """Write the numbers that the walking page plots.

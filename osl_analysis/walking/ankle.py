@@ -10,7 +10,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.cluster import GRAVITY, BodyMotion, Poses, axial_vector, marker_tracks, spans_a_plane
 from osl_analysis.walking.plate import PlateWrench
-from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.walking.settings import CalibrationSettings
 
 Side = Literal["left", "right"]
 Vectors = dict[str, Array]
@@ -47,7 +47,7 @@ class FootInertia:
     inertia: float
 
 
-def static_calibration(trial: Trial, settings: WalkingAnalysis) -> StaticCalibration:
+def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCalibration:
     """Calibration from the static trial, with the markers that the settings name."""
     markers = settings.markers
     clusters = {segment: named_tracks(trial, getattr(markers, segment)) for segment in SEGMENTS}

@@ -13,7 +13,7 @@ from osl_analysis.columns import marker_columns
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.walking.settings import MarkerSettings
 
 Mask = NDArray[np.bool_]
 
@@ -78,7 +78,7 @@ def reference_positions(cluster: Mapping[str, Array], names: Sequence[str], tria
 
 
 def segment_poses(
-    trial: Trial, names: Sequence[str], cluster: Mapping[str, Array], settings: WalkingAnalysis
+    trial: Trial, names: Sequence[str], cluster: Mapping[str, Array], settings: MarkerSettings
 ) -> tuple[Array, Poses]:
     """Time (n,) [s] and poses of one cluster, not filtered: short gaps are interpolated, long ones NaN."""
     time, observed = marker_tracks(trial, names)

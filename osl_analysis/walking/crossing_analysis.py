@@ -36,7 +36,7 @@ from osl_analysis.walking.plate import (
     zeroed_wrench,
 )
 from osl_analysis.walking.plate_model import PlateModel
-from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.walking.settings import CrossingSettings
 
 PERTURBED_SEGMENTS = ("foot", "platform")
 """Segments that a perturbation moves. The shank carries the body and moves as in any stance."""
@@ -47,7 +47,7 @@ FOOT_FLAT = (0.15, 0.35)
 
 
 def analyse_crossing(
-    trial: Trial, calibration: StaticCalibration, plate: PlateModel, perturbed: bool, settings: WalkingAnalysis
+    trial: Trial, calibration: StaticCalibration, plate: PlateModel, perturbed: bool, settings: CrossingSettings
 ) -> Crossing:
     """Angle and torque of a crossing; `perturbed` is what the sheet says, checked against the platform's motion.
 
@@ -82,7 +82,7 @@ class RecordedCrossing:
 
     trial: Trial
     calibration: StaticCalibration
-    settings: WalkingAnalysis
+    settings: CrossingSettings
     time: Array
     poses: Mapping[str, Poses]
     plate: RecordedWrench
@@ -91,7 +91,7 @@ class RecordedCrossing:
 
     @classmethod
     def of(
-        cls, trial: Trial, calibration: StaticCalibration, lag: float, settings: WalkingAnalysis
+        cls, trial: Trial, calibration: StaticCalibration, lag: float, settings: CrossingSettings
     ) -> "RecordedCrossing":
         """Poses, wrench and stance of a trial whose plate is late by a lag [s]."""
         poses = {}

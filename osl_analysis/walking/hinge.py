@@ -10,7 +10,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import StaticCalibration
 from osl_analysis.walking.cluster import Poses, segment_poses
-from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.walking.settings import CalibrationSettings
 
 LEAST_EXCURSION = np.deg2rad(5.0)
 """RMS rotation [rad] about an axis below which marker noise determines its direction."""
@@ -43,7 +43,7 @@ class Hinge:
     frames: int
 
 
-def hinge_of_trials(trials: Sequence[Trial], static: StaticCalibration, settings: WalkingAnalysis) -> Hinge:
+def hinge_of_trials(trials: Sequence[Trial], static: StaticCalibration, settings: CalibrationSettings) -> Hinge:
     """The hinge from all trials together; trials whose markers cannot be read are not used.
 
     Raises

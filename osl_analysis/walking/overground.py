@@ -14,7 +14,7 @@ from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import Side, ankle_torque
 from osl_analysis.walking.cluster import marker_tracks
 from osl_analysis.walking.events import Stance, find_stances
-from osl_analysis.walking.plate import PlateWrench, plate_corners, recorded_wrench
+from osl_analysis.walking.plate import PlateWrench, recorded_corners, recorded_wrench
 from osl_analysis.walking.settings import OvergroundAnalysis
 
 SIDES: dict[Side, str] = {"left": "L", "right": "R"}
@@ -161,7 +161,7 @@ def stances_on_plate(trial: Trial, side: Side, plate: int, body_mass: float, loa
     time, points = marker_tracks(trial, [f"{SIDES[side]}TIO", f"{SIDES[side]}TIL"])
     ankle, axis = points[:, 0], points[:, 1] - points[:, 0]
     wrench = recorded_wrench(trial, plate).at(time)
-    corners = plate_corners(trial, plate)
+    corners = recorded_corners(trial, plate)
     moment = moment_per_mass(wrench, corners.mean(axis=0), ankle, axis, body_mass)
     reference = trial.sampled(reference_column(side))[reference_column(side)].to_numpy()
     known = np.isfinite(moment) & np.isfinite(reference) & (wrench.force[:, 2] > load)

@@ -11,7 +11,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, longest_run, sampling_rate
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.cluster import Poses
-from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.walking.settings import CrossingSettings
 
 ANTI_ALIAS = 1 / 3
 """Cut-off of the low-pass before resampling, as a fraction of the marker rate."""
@@ -76,7 +76,7 @@ def recorded_wrench(trial: Trial, plate: int) -> RecordedWrench:
     return RecordedWrench(signals[0], PlateWrench(values[:, :3], values[:, 3:]))
 
 
-def zeroed_wrench(trial: Trial, settings: WalkingAnalysis) -> tuple[RecordedWrench, float | None]:
+def zeroed_wrench(trial: Trial, settings: CrossingSettings) -> tuple[RecordedWrench, float | None]:
     """The plate's wrench without its zero, and the zero's vertical force [N], None if no zero is removed.
 
     Raises
@@ -88,7 +88,7 @@ def zeroed_wrench(trial: Trial, settings: WalkingAnalysis) -> tuple[RecordedWren
     if settings.unloaded_s is not None:
         zero = unloaded_zero(recorded, settings.unloaded_s, settings.largest_zero_n)
         recorded, zero_force = RecordedWrench(recorded.time, recorded.wrench - zero), float(zero.force[0, 2])
-    axes = plate_axes(plate_corners(trial, settings.plate))
+    axes = plate_axes(recorded_corners(trial, settings.plate))
     check_range(recorded.time, recorded.wrench.force, axes, settings.load_on_n)
     return recorded, zero_force
 
@@ -145,7 +145,7 @@ def check_range(time: Array, force: Array, axes: Array, load: float) -> None:
                 )
 
 
-def plate_corners(trial: Trial, plate: int) -> Array:
+def recorded_corners(trial: Trial, plate: int) -> Array:
     """Corners (4, 3) [m] of a plate at rest.
 
     Raises
@@ -166,7 +166,7 @@ def plate_corners(trial: Trial, plate: int) -> Array:
 
 def plate_centre(trial: Trial, plate: int) -> Array:
     """Centre (3,) [m] of a plate's surface at rest, the mean of its corners."""
-    return np.asarray(plate_corners(trial, plate).mean(axis=0))
+    return np.asarray(recorded_corners(trial, plate).mean(axis=0))
 
 
 def plate_axes(corners: Array) -> Array:

@@ -22,7 +22,7 @@ from osl_analysis.walking.cluster import (
 )
 from osl_analysis.walking.plate import PlateWrench, RecordedWrench, plate_centre, recorded_wrench, rotation_from_rest
 from osl_analysis.walking.plate_inertia import COMPONENTS, PlateInertia, identify_plate_inertia, plate_lag
-from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.walking.settings import PlateModelSettings
 
 FEWEST_FRAMES = 10
 HIDDEN_TURN = np.deg2rad(0.2)
@@ -82,7 +82,7 @@ class UnloadedRecording:
 
 
 def identify_plate_model(
-    trials: Sequence[Trial], calibration: StaticCalibration, settings: WalkingAnalysis
+    trials: Sequence[Trial], calibration: StaticCalibration, settings: PlateModelSettings
 ) -> PlateModel:
     """Lag and inertia from unloaded trials: first the lag of each trial, then one inertia from all at the mean lag.
 
@@ -140,7 +140,7 @@ def without_hidden_turns(recordings: Sequence[UnloadedRecording]) -> list[Unload
     return [r for r in recordings if not r.hidden]
 
 
-def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: WalkingAnalysis) -> UnloadedRecording:
+def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: PlateModelSettings) -> UnloadedRecording:
     """The plate's motion over the longest run of frames in which the platform was seen, and its wrench."""
     names = settings.markers.platform
     time, poses = segment_poses(trial, names, calibration.platform, settings)
@@ -170,7 +170,7 @@ def check_unloaded(name: str, recorded: RecordedWrench, largest: float) -> None:
         )
 
 
-def turned_while_hidden(name: str, time: Array, poses: Poses, settings: WalkingAnalysis) -> bool:
+def turned_while_hidden(name: str, time: Array, poses: Poses, settings: PlateModelSettings) -> bool:
     """Whether the platform turned while its markers were hidden.
 
     Raises

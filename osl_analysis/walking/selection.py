@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
-from osl_analysis.walking.settings import OutlierRule, Timing, WalkingAnalysis
+from osl_analysis.walking.settings import OutlierRule, SelectionSettings, Timing
 from osl_analysis.walking.unperturbed import PHASES, signal_at, stance_times
 
 NORMAL_MAD = 1.4826
@@ -40,7 +40,7 @@ class Feature:
 
 
 def selection_rows(
-    crossings: Sequence[Crossing], refused: Sequence[RefusedCrossing], settings: WalkingAnalysis
+    crossings: Sequence[Crossing], refused: Sequence[RefusedCrossing], settings: SelectionSettings
 ) -> dict[str, dict[str, object]]:
     """Rows of `walking_crossings.csv` by crossing: its quality and, if it is excluded, the reason."""
     rule = settings.outliers

@@ -72,75 +72,138 @@ class OutlierRule(Settings):
     the earliest baseline."""
 
 
-class WalkingAnalysis(Settings):
-    """How angle and torque of a crossing are computed, and which part of them is fitted."""
+class MarkerSettings(Settings):
+    """Which markers form the rigid clusters, and when a cluster counts as hidden."""
+
+    markers: Markers
+    """Names of the markers."""
+    longest_gap_s: NotNegative
+    """Longest gap [s] of hidden markers that is interpolated."""
+    largest_residual_mm: Positive
+    """Largest RMS distance [mm] of a cluster's markers from their rigid body; beyond it, a frame counts as hidden."""
+
+
+class WalkingFilter(Settings):
+    """The one zero-phase Butterworth low-pass of markers and wrench."""
 
     cutoff_hz: Positive
-    """Cut-off [Hz] of the one zero-phase low-pass of markers and wrench."""
+    """Cut-off [Hz] of one run of the filter."""
     order: Annotated[int, Field(ge=1, le=10)]
-    """Order of both low-passes."""
-    plate_cutoff_hz: Positive
-    """Cut-off [Hz] of the low-pass with which the inertia of the unloaded plate is identified. Marker noise in an
-    acceleration biases that inertia: 12 kg read 10.8 kg at 20 Hz and 12.0 kg at 8 Hz."""
-    side: Literal["left", "right"]
-    """Side of the subject that wears the prosthesis."""
-    plate: Annotated[int, Field(ge=1)]
-    """Number of the force plate on the platform, counted from 1."""
-    markers: Markers
+    """Order of one run of the filter."""
+
+    @property
+    def low_pass(self) -> LowPass:
+        """The filter itself."""
+        return LowPass(self.cutoff_hz, self.order)
+
+
+class TimingSettings(Settings):
+    """Which samples around the onset of a perturbation are used."""
+
     window_s: Positive
     """Time [s] after the onset that is fitted."""
     baseline_s: Positive
     """Length [s] of the interval before the onset whose mean is the response's zero."""
     guard_s: NotNegative
     """Time [s] between the end of the baseline and the onset: the zero-phase filter spreads the onset into it."""
+
+    @property
+    def timing(self) -> Timing:
+        """Window, baseline and guard."""
+        return Timing(self.window_s, self.baseline_s, self.guard_s)
+
+
+class PlatformSettings(MarkerSettings, WalkingFilter):
+    """The moving platform and its force plate."""
+
+    plate: Annotated[int, Field(ge=1)]
+    """Number of the force plate on the platform, counted from 1."""
+    largest_zero_n: Positive
+    """Largest vertical force [N] of a plate with nobody on it; a plate that reads more is refused."""
+    perturbation_deg: Positive
+    """Rotation [deg] above which the platform has moved."""
+    longest_fitted_gap_s: NotNegative
+    """Longest gap [s] that is interpolated where the motion itself is fitted: after the onset of a perturbation, and
+    while the unloaded platform turns."""
+
+
+class CalibrationSettings(MarkerSettings):
+    """How the ankle's centre and axis are calibrated."""
+
+    side: Literal["left", "right"]
+    """Side of the subject that wears the prosthesis."""
+    hinge: Literal["anatomical", "functional"]
+    """Where the ankle's axis is from: the malleoli in the static trial, or the relative motion of foot and shank."""
+
+
+class PlateModelSettings(PlatformSettings):
+    """How the plate's own inertia and lag are identified."""
+
+    plate_cutoff_hz: Positive
+    """Cut-off [Hz] of the low-pass with which the inertia of the unloaded plate is identified. Marker noise in an
+    acceleration biases that inertia: 12 kg read 10.8 kg at 20 Hz and 12.0 kg at 8 Hz."""
+    correct_plate_lag: bool
+    """Whether the plate's lag is estimated and corrected."""
+
+    @property
+    def plate_low_pass(self) -> LowPass:
+        """The further filter of the identification."""
+        return LowPass(self.plate_cutoff_hz, self.order)
+
+
+class CrossingSettings(PlatformSettings, TimingSettings):
+    """How angle and torque of a crossing are computed."""
+
     load_on_n: Positive
     """Vertical force [N] above which a stance begins."""
     load_off_n: Positive
     """Vertical force [N] below which a stance ends."""
-    unloaded_s: Positive | None
-    """Length [s] of the interval before the step from which the plate's zero is read; null: no zero is removed."""
-    largest_zero_n: Positive
-    """Largest vertical force [N] of a plate with nobody on it; a plate that reads more is refused."""
     shortest_stance_s: Positive
     """Shortest stance [s]; shorter contacts are ignored."""
-    perturbation_deg: Positive
-    """Rotation [deg] above which the platform has moved."""
-    longest_gap_s: NotNegative
-    """Longest gap [s] of hidden markers that is interpolated."""
-    longest_fitted_gap_s: NotNegative
-    """The same [s] where the motion itself is fitted: in the window, and while the unloaded platform turns."""
-    largest_residual_mm: Positive
-    """Largest RMS distance [mm] of a cluster's markers from their rigid body; beyond it, a frame counts as hidden."""
-    fewest_unperturbed: Annotated[int, Field(ge=3)]
-    """Fewest unperturbed crossings from which a mean gait is computed."""
-    hinge: Literal["anatomical", "functional"]
-    """Where the ankle's axis is from: the malleoli in the static trial, or the relative motion of foot and shank."""
-    outliers: OutlierRule | None
-    """Rule by which crossings are excluded; null: none is."""
-    perturbed_stance: StanceSource
-    """Duration that turns a perturbed crossing's time into phase: its own, or the mean of the unperturbed crossings,
-    for perturbations that change the duration of stance."""
-    correct_plate_lag: bool
-    """Whether the plate's lag is estimated and corrected."""
-    bootstrap_samples: Annotated[int, Field(ge=100)]
-    """Number of bootstrap samples of the ensemble."""
+    unloaded_s: Positive | None
+    """Length [s] of the interval before the step from which the plate's zero is read; null: no zero is removed."""
     foot: FootSettings | None = None
     """Inertial parameters of the foot; null: its weight and inertia stay in the torque, so that I includes them."""
 
-    @property
-    def low_pass(self) -> LowPass:
-        """The filter of every signal of a crossing."""
-        return LowPass(self.cutoff_hz, self.order)
 
-    @property
-    def plate_low_pass(self) -> LowPass:
-        """The filter with which the inertia of the unloaded plate is identified."""
-        return LowPass(self.plate_cutoff_hz, self.order)
+class SelectionSettings(TimingSettings):
+    """Which crossings are excluded."""
 
-    @property
-    def timing(self) -> Timing:
-        """Window, baseline and guard of a perturbation."""
-        return Timing(self.window_s, self.baseline_s, self.guard_s)
+    outliers: OutlierRule | None
+    """Rule by which crossings are excluded; null: none is."""
+
+
+class UnperturbedSettings(Settings):
+    """How the mean unperturbed gait is computed."""
+
+    fewest_unperturbed: Annotated[int, Field(ge=3)]
+    """Fewest unperturbed crossings from which a mean gait is computed."""
+
+
+class ResponseSettings(WalkingFilter, TimingSettings):
+    """How a response is isolated and fitted."""
+
+    perturbed_stance: StanceSource
+    """Duration that turns a perturbed crossing's time into phase: its own, or the mean of the unperturbed crossings,
+    for perturbations that change the duration of stance."""
+
+
+class EnsembleSettings(ResponseSettings):
+    """How the ensemble of all responses is fitted."""
+
+    bootstrap_samples: Annotated[int, Field(ge=100)]
+    """Number of bootstrap samples of the ensemble."""
+
+
+class WalkingAnalysis(
+    CalibrationSettings,
+    PlateModelSettings,
+    CrossingSettings,
+    SelectionSettings,
+    UnperturbedSettings,
+    EnsembleSettings,
+):
+    """All choices of the walking analysis. Each job uses one of the groups above."""
 
 
 class OvergroundAnalysis(Settings):

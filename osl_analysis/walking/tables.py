@@ -14,7 +14,7 @@ from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import Bootstrap, EnsembleResponse
 from osl_analysis.walking.response import PerturbationResponse, isolate_response
 from osl_analysis.walking.response_fit import fit_response, offset_comparison, response_lag
-from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.walking.settings import ResponseSettings
 from osl_analysis.walking.unperturbed import PHASES, UnperturbedGait
 
 QUANTITIES = ("K", "B", "I", "VAF")
@@ -25,7 +25,7 @@ PHASE_STEP = 4
 """Every fourth of `PHASES` is plotted: a hundred points of stance are enough for a curve."""
 
 
-def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: WalkingAnalysis) -> dict[str, object]:
+def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: ResponseSettings) -> dict[str, object]:
     """One row of `walking.csv`: the fit of Eq. 15 to the isolated response of one crossing.
 
     Raises

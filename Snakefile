@@ -20,7 +20,7 @@ from osl_analysis.errors import OslAnalysisError
 from osl_analysis.exclusion import exclusion_report, kept
 from osl_analysis.figures import FIGURES, drawn_figures
 from osl_analysis.model.admittance_error import Weight
-from osl_analysis.quality.protocol import Commanded
+from osl_analysis.quality.checks import Commanded
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
 
@@ -33,6 +33,7 @@ try:
     CAMPAIGN = open_campaign(CONFIG, planned_sheet(CONFIG.simulation, CONFIG.sheet) if CONFIG.simulation else None)
     CAMPAIGN.check_files()
     CAMPAIGN.check_figures()
+    CAMPAIGN.check_quality()
     CAMPAIGN.check_walking()
     SIMULATION_FILES = settings_files(CONFIG.simulation) if CONFIG.simulation else []
 except OslAnalysisError as error:

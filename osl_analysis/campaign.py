@@ -10,6 +10,7 @@ import pandas as pd
 
 from osl_analysis.config import Config
 from osl_analysis.errors import InputError
+from osl_analysis.quality.verdict import CHECKS, unknown_check, validate_rules
 from osl_analysis.sheet import read_sheet
 
 RECORDING_COLUMNS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source")
@@ -78,6 +79,14 @@ class Campaign:
             if path is not None and not path.is_file():
                 none = ", or write null for none" if field == "impedance_trajectory" else ""
                 raise InputError(f"{path}: no such file; correct {field} in the configuration{none}")
+
+    def check_quality(self) -> None:
+        """Refuse rules of quality control that do not match its checks, and names under `accept` that are no checks."""
+        validate_rules(self.config.quality)
+        for trial in self.sheet.index:
+            unknown = [name for name in self.accepted(trial) if name not in CHECKS]
+            if unknown:
+                raise InputError(f"{self.config.sheet}: trial '{trial}', accept: {unknown_check(unknown[0])}")
 
     def check_figures(self) -> None:
         """Refuse choices for Figs. 4 and 7 that no trial can serve."""

@@ -17,7 +17,7 @@ MAY_IMPORT = {
     "stats": COMMON | {"stats", "signals"},
     "bench": COMMON | {"bench", "stats", "second_order", "signals", "model", "parameters", "yaml_settings", "doubtful"},
     "walking": COMMON | {"walking", "stats", "second_order", "signals", "columns", "yaml_settings"},
-    "quality": COMMON | {"quality", "yaml_settings", "experiments"},
+    "quality": COMMON | {"quality", "experiments", "signals", "yaml_settings"},
     "figures": COMMON | {"figures"},
 }
 

@@ -1,6 +1,8 @@
 """Quality control: every check sees the fault it is for, and nothing in a sound recording."""
 
+import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,16 +12,17 @@ import yaml
 from c3d_builder import REAL_DATA
 from conftest import ROOT
 
-from osl_analysis.config import read_section
+from osl_analysis.campaign import open_campaign
+from osl_analysis.config import campaign_config, read_section
 from osl_analysis.errors import InputError
+from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.ingest.c3d_capture import read_c3d_capture
 from osl_analysis.ingest.c3d_source import C3dSource
-from osl_analysis.quality.channels import rail
-from osl_analysis.quality.finding import Finding, longest_run
-from osl_analysis.quality.names import CHECKS
-from osl_analysis.quality.protocol import Commanded, sine_runs
+from osl_analysis.quality.channels import length_of_longest, rail
+from osl_analysis.quality.checks import CheckResult, Commanded
+from osl_analysis.quality.protocol import sine_runs
 from osl_analysis.quality.settings import QualityRules
-from osl_analysis.quality.verdict import examine, fails, quality_table
+from osl_analysis.quality.verdict import CHECKS, examine, fails, quality_table, validate_rules
 from osl_analysis.trial import Array, Trial
 
 COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6)
@@ -62,29 +65,29 @@ def every_fifth(values: Array) -> pl.Series:
     return column.scatter(np.arange(values.size) * 5, values)
 
 
-def findings(samples: pl.DataFrame, experiment: str = "impedance", **provenance: Any) -> dict[str, Finding]:
+def results(samples: pl.DataFrame, experiment: str = "impedance", **provenance: Any) -> dict[str, CheckResult]:
     return examine(Trial("t", samples, provenance), experiment, COMMANDED)
 
 
-def failed(found: Mapping[str, Finding]) -> set[str]:
+def failed(found: Mapping[str, CheckResult]) -> set[str]:
     """Names of the checks that the shipped thresholds do not pass."""
-    return {name for name, finding in found.items() if fails(name, finding.value, RULES.rule(name).limit)}
+    return {name for name, result in found.items() if fails(name, result.value, RULES.rule(name).limit)}
 
 
 def test_a_sound_recording_passes_every_check() -> None:
-    assert failed(findings(bench())) == set()
-    assert failed(findings(laboratory(), "walking")) == set()
-    assert set(findings(bench())) == set(CHECKS)
+    assert failed(results(bench())) == set()
+    assert failed(results(laboratory(), "walking")) == set()
+    assert set(results(bench())) == set(CHECKS)
 
 
 def test_a_slow_recorder_is_told_by_its_rate() -> None:
-    found = findings(bench()[::20])
+    found = results(bench()[::20])
     assert found["rate"].value == pytest.approx(50.0)
     assert failed(found) == {"rate"}
 
 
 def test_every_recorders_rate_is_measured_on_its_own() -> None:
-    found = findings(laboratory(), "walking")["rate"]
+    found = results(laboratory(), "walking")["rate"]
     assert found.value == pytest.approx(200.0)
     assert found.remark == "plate1_force_z 1000 Hz, marker_A_x 200 Hz"
 
@@ -92,10 +95,10 @@ def test_every_recorders_rate_is_measured_on_its_own() -> None:
 def test_jitter_is_the_scatter_of_the_steps_and_a_gap_is_not_jitter() -> None:
     samples = bench()
     noise = 0.1 / RATE * np.random.default_rng(2).standard_normal(samples.height)
-    found = findings(samples.with_columns(time=pl.col("time") + pl.Series(noise)))
+    found = results(samples.with_columns(time=pl.col("time") + pl.Series(noise)))
     assert found["jitter"].value == pytest.approx(10 * np.sqrt(2), rel=0.03)  # of two stamps' difference
     assert failed(found) == {"jitter"}
-    late = findings(samples.with_columns(time=pl.col("time") + pl.when(pl.col("time") > 3).then(0.2).otherwise(0)))
+    late = results(samples.with_columns(time=pl.col("time") + pl.when(pl.col("time") > 3).then(0.2).otherwise(0)))
     assert late["gap"].value == pytest.approx(0.2)
     assert late["jitter"].value == pytest.approx(0, abs=1e-6)
     assert failed(late) >= {"gap"}
@@ -104,8 +107,8 @@ def test_jitter_is_the_scatter_of_the_steps_and_a_gap_is_not_jitter() -> None:
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_load_cell_that_rails_is_seen_at_either_end(sign: int) -> None:
     torque = bench()["torque"].to_numpy()
-    found = findings(bench(torque=sign * np.minimum(torque, 15.0)))
-    assert found["saturation"].value == longest_run(torque > 15) > 10
+    found = results(bench(torque=sign * np.minimum(torque, 15.0)))
+    assert found["saturation"].value == length_of_longest(torque > 15) > 10
     assert found["saturation"].remark == "torque"
     assert failed(found) == {"saturation"}
 
@@ -114,13 +117,13 @@ def test_the_length_of_a_rail_is_counted_in_samples() -> None:
     torque = bench()["torque"].to_numpy().copy()
     torque[1000:1009] = 40.0
     torque[1100:1104] = 40.0
-    assert findings(bench(torque=torque))["saturation"].value == 9
+    assert results(bench(torque=torque))["saturation"].value == 9
 
 
 def test_an_unloaded_plate_that_reads_zero_is_neither_railed_nor_stuck() -> None:
     time = np.arange(2000) / RATE
     clipped = 800 * np.clip(np.minimum(time - 0.7, 1.4 - time) / 0.02, 0, 1) * (1 + 0.01 * np.sin(300 * time))
-    assert failed(findings(laboratory(plate1_force_z=clipped), "walking")) == set()
+    assert failed(results(laboratory(plate1_force_z=clipped), "walking")) == set()
 
 
 def test_an_extreme_at_zero_or_where_the_channel_mostly_is_is_no_rail() -> None:
@@ -136,8 +139,8 @@ def test_an_extreme_at_zero_or_where_the_channel_mostly_is_is_no_rail() -> None:
 def test_a_channel_that_repeats_a_value_is_stuck() -> None:
     torque = bench()["torque"].to_numpy().copy()
     torque[2000:2800] = torque[2000]
-    found = findings(bench(torque=torque))
-    assert found["stuck"] == Finding(pytest.approx(0.799), "torque")
+    found = results(bench(torque=torque))
+    assert found["stuck"] == CheckResult(pytest.approx(0.799), "torque")
     assert failed(found) == {"stuck"}
 
 
@@ -145,47 +148,97 @@ def test_an_encoder_that_stands_while_the_joint_is_told_to_move_is_stuck_and_one
     theta = stepped_sine().copy()
     command = theta.copy()
     theta[1000:2000] = theta[1000]
-    found = findings(bench(theta, theta_command=command))
-    assert found["stuck"] == Finding(pytest.approx(1.0, abs=2e-3), "theta")
-    assert findings(bench())["stuck"].value == 0.0  # though the joint rests for half a second
+    found = results(bench(theta, theta_command=command))
+    assert found["stuck"] == CheckResult(pytest.approx(1.0, abs=2e-3), "theta")
+    assert results(bench())["stuck"].value == 0.0  # though the joint rests for half a second
+
+
+@pytest.mark.parametrize("channel", ["torque", "current"])
+@pytest.mark.parametrize("value", [0.0, 3.0])
+def test_a_torque_or_current_that_never_changes_is_stuck_also_at_zero(channel: str, value: float) -> None:
+    dead = bench(**{channel: np.full(stepped_sine().size, value)})
+    found = results(dead)
+    assert found["stuck"] == CheckResult(pytest.approx(dead["time"][-1], abs=2e-3), channel)
+    assert failed(found) == {"stuck"}
+
+
+def test_a_joint_angle_that_never_changes_is_stuck_where_the_joint_should_move_and_not_in_a_static_trial() -> None:
+    still = pl.DataFrame({"time": np.arange(2000) / RATE, "theta": 0.1})
+    for experiment in ("belt", "impedance", "walking"):
+        assert results(still, experiment)["stuck"] == CheckResult(pytest.approx(1.999), "theta")
+    assert results(still, "static")["stuck"].value is None
+    locked = bench().with_columns(theta_m=pl.lit(0.2))
+    assert results(locked, "belt")["stuck"].value == 0.0  # the belt's experiment locks the input shaft
+
+
+def test_a_plate_channel_that_is_zero_throughout_is_stuck_while_the_others_of_its_plate_move() -> None:
+    zero = np.zeros(2000)
+    dead = results(laboratory(plate1_force_x=zero), "walking")
+    assert dead["stuck"] == CheckResult(pytest.approx(1.999), "plate1_force_x")
+    unused = results(laboratory(plate2_force_x=zero, plate2_force_z=zero), "walking")
+    assert unused["stuck"].value == 0.0
+
+
+def actuator_bench(**changed: Array) -> pl.DataFrame:
+    """A sound recording of the actuator's own bench: two seconds of a slow sine."""
+    time, rng = np.arange(2000) / RATE, np.random.default_rng(8)
+    noise = rng.standard_normal((2, time.size))
+    columns = {"theta_m": np.sin(3 * time), "current": 5 * np.sin(3 * time) + 0.01 * noise[0]}
+    return pl.DataFrame({"time": time, **columns, "torque_m": 5 * np.sin(3 * time) + 0.01 * noise[1], **changed})
+
+
+def test_the_actuator_s_torque_is_checked_for_rails_and_for_standing_still() -> None:
+    torque = actuator_bench()["torque_m"].to_numpy()
+    assert failed(results(actuator_bench(), "actuator")) == set()
+    railed = results(actuator_bench(torque_m=np.minimum(torque, 4.0)), "actuator")
+    assert (railed["saturation"].remark, failed(railed)) == ("torque_m", {"saturation"})
+    dead = results(actuator_bench(torque_m=np.zeros(2000)), "actuator")
+    assert (dead["stuck"].remark, failed(dead)) == ("torque_m", {"stuck"})
+
+
+@pytest.mark.parametrize("experiment", [name for name, facts in EXPERIMENTS.items() if facts.torque])
+def test_the_torque_of_every_experiment_that_has_one_is_checked(experiment: str) -> None:
+    torque = EXPERIMENTS[experiment].torque
+    dead = bench().drop("torque").with_columns(pl.lit(0.0).alias(str(torque)))
+    assert results(dead, experiment)["stuck"].remark == torque
 
 
 @pytest.mark.parametrize("turn", [2 * np.pi, -2 * np.pi, 360.0])
 def test_jumps_by_a_turn_are_counted(turn: float) -> None:
     theta = stepped_sine() + turn * (np.arange(stepped_sine().size) > 2000) * (np.arange(stepped_sine().size) < 2500)
-    assert findings(bench(theta))["encoder_wrap"] == Finding(2.0, "theta")
+    assert results(bench(theta))["encoder_wrap"] == CheckResult(2.0, "theta")
 
 
 def test_a_load_cell_that_was_not_zeroed_is_told_by_its_rest() -> None:
-    found = findings(bench(torque=bench()["torque"].to_numpy() - 8.0))
+    found = results(bench(torque=bench()["torque"].to_numpy() - 8.0))
     assert found["unzeroed_load_cell"].value == pytest.approx(7.5, abs=0.05)
     assert failed(found) == {"unzeroed_load_cell"}
 
 
 def test_the_rest_ends_where_the_joint_first_moves() -> None:
     theta = np.radians(5) * np.clip((np.arange(4000) - 1000) / 2000, 0, 1)
-    found = findings(bench(theta), "belt")["unzeroed_load_cell"]
+    found = results(bench(theta), "belt")["unzeroed_load_cell"]
     assert found.value == pytest.approx(0.5, abs=0.05)
     assert "over the first 1.04 s" in found.remark
 
 
 def test_a_recording_that_begins_in_motion_has_no_rest_to_judge() -> None:
-    assert findings(bench()[500:])["unzeroed_load_cell"].value is None
+    assert results(bench()[500:])["unzeroed_load_cell"].value is None
 
 
 @pytest.mark.parametrize("offset", [-100.0, 60.0])
 def test_a_plate_that_was_not_zeroed_is_told_by_its_bare_level(offset: float) -> None:
     force = laboratory()["plate1_force_z"].to_numpy() + offset
-    found = findings(laboratory(plate1_force_z=force), "walking")
+    found = results(laboratory(plate1_force_z=force), "walking")
     assert found["unzeroed_plate"].value == pytest.approx(abs(offset + 2), abs=0.5)
     assert failed(found) == {"unzeroed_plate"}
 
 
 def test_somebody_who_stands_on_a_plate_all_the_time_is_no_offset() -> None:
     force = 800 + np.random.default_rng(1).standard_normal(2000)
-    assert findings(laboratory(plate1_force_z=force), "static")["unzeroed_plate"].value is None
-    assert failed(findings(laboratory(plate1_force_z=force), "walking")) == {"unzeroed_plate"}
-    assert failed(findings(laboratory(plate1_force_z=-force), "static")) == {"unzeroed_plate"}
+    assert results(laboratory(plate1_force_z=force), "static")["unzeroed_plate"].value is None
+    assert failed(results(laboratory(plate1_force_z=force), "walking")) == {"unzeroed_plate"}
+    assert failed(results(laboratory(plate1_force_z=-force), "static")) == {"unzeroed_plate"}
 
 
 def test_the_plate_at_minus_713_n_of_a_real_recording_is_caught() -> None:
@@ -193,7 +246,7 @@ def test_the_plate_at_minus_713_n_of_a_real_recording_is_caught() -> None:
     if not path.is_file():
         pytest.skip("no real data")
     recording = read_c3d_capture(path, C3dSource(format="c3d"))
-    found = findings(recording.samples, "ingest_only")
+    found = results(recording.samples, "ingest_only")
     assert found["unzeroed_plate"].value == pytest.approx(702, abs=1)  # its quietest; its median is 713 N
     assert "plate1 -702.0 N" in found["unzeroed_plate"].remark
     assert "unzeroed_plate" in failed(found)
@@ -204,21 +257,21 @@ def test_a_hidden_marker_is_told_by_its_longest_gap_between_sightings() -> None:
     seen[:40] = np.nan  # before it was first seen: no gap
     seen[100:160] = np.nan
     seen[200:210] = np.nan
-    found = findings(laboratory(marker_A_x=every_fifth(seen)), "walking")
-    assert found["marker_gap"] == Finding(pytest.approx(60 / 200), "A; 1 of 1 markers")
-    never = findings(laboratory(marker_A_x=every_fifth(np.full(400, np.nan))), "walking")
+    found = results(laboratory(marker_A_x=every_fifth(seen)), "walking")
+    assert found["marker_gap"] == CheckResult(pytest.approx(60 / 200), "A; 1 of 1 markers")
+    never = results(laboratory(marker_A_x=every_fifth(np.full(400, np.nan))), "walking")
     assert never["marker_gap"].value == pytest.approx(1.995)
 
 
 def test_clocks_that_fit_badly_and_a_damaged_log_are_told_from_the_provenance() -> None:
     clock = {"offset": 0.0, "drift": 5e-5, "drift_error": 1e-6, "residual": 2.5e-3, "edges": 20, "left_out": 1}
     damage = {"complete": False, "crc": "checked", "chunks_lost": 2, "messages_lost": 130, "share_lost": 0.04}
-    found = findings(bench(), clock=clock, damage=damage | {"remarks": ["chunk 3: checksum"]})
-    assert failed(found) == {"clock_residual", "damage", "unfinished"}
+    found = results(bench(), clock=clock, damage=damage | {"remarks": ["chunk 3: checksum"]})
+    assert failed(found) == {"clock_residual", "damage", "truncated"}
     assert found["clock_residual"].remark.startswith("drift 50.0 +- 1.0 ppm; 20 matched and 1 left out by edges")
     assert found["damage"].value == pytest.approx(4.0)
     assert "130 messages lost; the file is not complete; CRC checked; chunk 3" in found["damage"].remark
-    assert findings(bench())["damage"] == Finding(None, "not applicable: no damage report")
+    assert results(bench())["damage"] == CheckResult(None, "not applicable: no damage report")
 
 
 def test_what_the_joint_really_did_is_found_without_the_configuration() -> None:
@@ -242,17 +295,21 @@ def test_what_the_joint_really_did_is_found_without_the_configuration() -> None:
 def test_the_protocol_in_the_log_is_held_against_the_configured_one(
     really: Commanded, missing: int, remark: str
 ) -> None:
-    found = findings(bench(stepped_sine(really)))["protocol"]
+    found = results(bench(stepped_sine(really)))["protocol"]
     assert found.value == missing
     assert remark in found.remark
 
 
 def test_a_joint_that_never_moved_lacks_the_whole_protocol() -> None:
-    assert findings(bench(np.zeros(5000)))["protocol"].value == 4
+    assert results(bench(np.zeros(5000)))["protocol"].value == 4
 
 
 def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_name() -> None:
-    found = {"gap": Finding(0.2, "theta"), "unzeroed_plate": Finding(700.0, "plate1 -700 N"), "rate": Finding(None)}
+    found = {
+        "gap": CheckResult(0.2, "theta"),
+        "unzeroed_plate": CheckResult(700.0, "plate1 -700 N"),
+        "rate": CheckResult(None),
+    }
     table = quality_table("w", found, RULES, ())
     assert table["verdict"].to_list() == ["flag", "exclude", "pass"]
     assert table.columns == ["trial", "check", "value", "unit", "threshold", "verdict", "remark"]
@@ -266,11 +323,11 @@ def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_nam
 @pytest.mark.parametrize("experiment", ["impedance", "walking"])
 def test_a_trial_of_few_rows_or_empty_columns_is_judged_without_an_error(rows: int, experiment: str) -> None:
     samples = bench()[:rows].with_columns(plate1_force_z=pl.lit(None, pl.Float64), marker_A_x=pl.lit(np.nan))
-    found = findings(samples, experiment)
+    found = results(samples, experiment)
     assert set(found) == set(CHECKS)
     assert all(f.value is None or np.isfinite(f.value) for f in found.values())
     assert quality_table("t", found, RULES, ()).height == len(CHECKS)
-    no_theta = findings(
+    no_theta = results(
         samples.with_columns(theta=pl.lit(None, pl.Float64), torque=pl.lit(None, pl.Float64)), experiment
     )
     assert quality_table("t", no_theta, RULES, ()).height == len(CHECKS)
@@ -284,10 +341,33 @@ def test_a_value_at_its_threshold_passes_and_no_number_fails(name: str, value: f
     assert fails(name, value, RULES.rule(name).limit) is failing
 
 
+def rules_with(**changed: Any) -> QualityRules:
+    """The shipped rules, with some changed, added, or None: taken out."""
+    content = yaml.safe_load((ROOT / "config/config.yaml").read_text())["quality"] | changed
+    return QualityRules.model_validate({name: rule for name, rule in content.items() if rule})
+
+
 @pytest.mark.parametrize("threshold", ["20", "20 kN", "much N", "-1 N", "nan N", "inf N"])
-def test_a_threshold_without_its_unit_is_refused(threshold: str, tmp_path) -> None:
+def test_a_threshold_without_its_unit_is_refused(threshold: str) -> None:
+    message = f"quality.unzeroed_plate: threshold '{threshold}' must be a number from 0 and its unit, as in '1 N'"
+    with pytest.raises(InputError, match=re.escape(message)):
+        validate_rules(rules_with(unzeroed_plate={"threshold": threshold, "on_failure": "flag"}))
+
+
+def test_rules_and_checks_are_the_same_list_and_an_old_name_is_refused_with_the_new_one() -> None:
+    rule = {"threshold": "0 logs", "on_failure": "flag"}
+    validate_rules(RULES)
+    with pytest.raises(InputError, match="quality: no rule for the check 'gap'"):
+        validate_rules(rules_with(gap=None))
+    with pytest.raises(InputError, match="'gaps' is no quality check; the checks are rate, jitter, gap"):
+        validate_rules(rules_with(gaps=rule))
+    with pytest.raises(InputError, match="the check 'unfinished' is now called 'truncated'"):
+        validate_rules(rules_with(unfinished=rule))
+
+
+def test_the_sheet_may_accept_only_checks_that_there_are(tmp_path: Path) -> None:
+    (tmp_path / "trials.csv").write_text("trial,experiment,log,log_source,accept\nb,belt,b.mcap,dynamometer,gap gaps\n")
     content = yaml.safe_load((ROOT / "config/config.yaml").read_text())
-    content["quality"]["unzeroed_plate"]["threshold"] = threshold
-    (tmp_path / "config.yaml").write_text(yaml.safe_dump(content))
-    with pytest.raises(InputError, match=f"threshold '{threshold}' of unzeroed_plate must be a number and its unit"):
-        read_section(tmp_path / "config.yaml", "quality", QualityRules)
+    config = campaign_config(content | {"sheet": tmp_path / "trials.csv", "simulation": None}, "config.yaml")
+    with pytest.raises(InputError, match="trial 'b', accept: 'gaps' is no quality check; the checks are rate, jitter"):
+        open_campaign(config, None).check_quality()

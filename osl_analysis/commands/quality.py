@@ -5,7 +5,7 @@ from pathlib import Path
 
 import polars as pl
 
-from osl_analysis.quality.protocol import Commanded
+from osl_analysis.quality.checks import Commanded
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.quality.verdict import examine, quality_table
 from osl_analysis.table import read_table, write_table

@@ -11,10 +11,9 @@ from osl_analysis.files import atomic_path
 from osl_analysis.ingest.known_formats import FORMATS, NOT_READ
 from osl_analysis.ingest.overview import Overview
 from osl_analysis.ingest.recording import Recording
-from osl_analysis.quality.names import CHECKS
-from osl_analysis.quality.protocol import Commanded
+from osl_analysis.quality.checks import Commanded
 from osl_analysis.quality.settings import QualityRules
-from osl_analysis.quality.verdict import examine, fails
+from osl_analysis.quality.verdict import CHECKS, examine, fails, validate_rules
 from osl_analysis.trial import Trial
 
 SUFFIXES = (*NOT_READ, *(suffix for known in FORMATS.values() for suffix in known.suffixes))
@@ -36,6 +35,7 @@ def samples_table(folder: Path, rules: QualityRules) -> str:
     InputError
         The folder has no recordings.
     """
+    validate_rules(rules)
     paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES)
     if not paths:
         raise InputError(f"{folder}: no recordings below it ({', '.join(SUFFIXES)}); name another folder")

@@ -1,108 +1,236 @@
-"""Channels that rail, stick, wrap or vanish."""
+"""Channels that rail, stick, wrap or vanish, and sensors that do not read zero when nothing loads them."""
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
-from osl_analysis.quality.finding import Finding, longest_run, worst
+from osl_analysis.experiments import EXPERIMENTS, Experiment
+from osl_analysis.quality.checks import Check, CheckResult, Examined, channel, not_applicable, worst
+from osl_analysis.signals import longest_run, runs
 from osl_analysis.trial import Array
 
-NEAR = 0.05  # of a channel's range: an extreme so close to zero is an unloaded sensor, not a rail
-AWAY = 0.25  # of a channel's range, that a rail lies from where the channel mostly is
-MOVES = 0.2  # of the reference's range, by which the joint should have moved
-ANGLES = ("theta", "theta_m", "theta_command")
-TURNS = (2 * np.pi, 360.0)  # a turn, and a turn in degrees that the source file calls radians
-TURN_TOLERANCE = 0.1
+NOISY = {"current"} | {facts.torque for facts in EXPERIMENTS.values() if facts.torque}
+"""Channels, besides those of the plates, whose noise changes every sample of a sound recording."""
+NEAR = 0.05  # of a channel's range: an extreme this close to zero is an unloaded sensor and no rail
+AWAY = 0.25  # of a channel's range: an extreme this close to the median is where the channel mostly is and no rail
+MOVES = 0.2  # of the reference's range: while it changes by more, the joint should have moved
+TURNS = (2 * np.pi, 360.0)  # one turn, and one turn in degrees that the source file calls radians
+TURN_TOLERANCE = 0.1  # of a turn
+WINDOW = 0.2  # s, in which the level of a plate is read
+QUIET = 20.0  # N, largest standard deviation in a window of a plate at rest
+AT_REST = 0.02  # of the angle's range, by which a joint at rest may creep
+LEAST_REST = 0.2  # s, shortest rest from which a load cell is judged
 NO_ANALOG = "no torque, current or plate"
+NO_DYNAMOMETER = "no torque on a dynamometer"
+NO_PLATE, NEVER_BARE = "no plate", "the plates are never at rest, or loaded throughout"
 
 
-def analog_channels(samples: pl.DataFrame) -> dict[str, tuple[Array, Array]]:
-    """Time [s] and values of the channels that have noise: torque, current, plates."""
-    columns = [c for c in samples.columns if c in ("torque", "current") or c.startswith("plate")]
-    return {column: signal(samples, column) for column in columns}
+def noisy_channels(samples: pl.DataFrame) -> dict[str, tuple[Array, Array]]:
+    """Time [s] and values of torque, current and plates, where they were sampled."""
+    columns = [c for c in samples.columns if c in NOISY or c.startswith("plate")]
+    return {column: channel(samples, column) for column in columns}
 
 
-def signal(samples: pl.DataFrame, column: str) -> tuple[Array, Array]:
-    """Time [s] and values of one column, where it was sampled."""
-    rows = samples.select("time", column).drop_nulls()
-    return rows["time"].to_numpy(), rows[column].to_numpy()
-
-
-def check_saturation(samples: pl.DataFrame) -> Finding:
-    """Longest run [samples] of a noisy channel at its lowest or highest value, away from zero and from its median."""
-    return worst({name: rail(x) for name, (_, x) in analog_channels(samples).items() if x.size}, NO_ANALOG)
+def measure_saturation(examined: Examined) -> CheckResult:
+    """Longest run [samples] of a noisy channel at its lowest or highest value."""
+    channels = noisy_channels(examined.samples)
+    return worst({name: rail(values) for name, (_, values) in channels.items() if values.size}, NO_ANALOG)
 
 
 def rail(values: Array) -> int:
-    """Longest run at an extreme, (n,); a single sample there is what every noisy channel has."""
+    """Longest run [samples] at an extreme that lies away from zero and from the median; values (n,).
+
+    Every noisy channel has one sample at its extreme.
+    """
     low, high = float(values.min()), float(values.max())
     span, middle = high - low, float(np.median(values))
     extremes = [e for e in (low, high) if abs(e) > NEAR * span and abs(e - middle) > AWAY * span]
-    return max((longest_run(values == e) for e in extremes), default=0)
+    return max((length_of_longest(values == e) for e in extremes), default=0)
 
 
-def check_stuck(samples: pl.DataFrame) -> Finding:
-    """Longest time [s] that a noisy channel repeats one value, or that the joint's angle stands while it should move.
+def measure_stuck(examined: Examined) -> CheckResult:
+    """Longest time [s] that a noisy channel repeats one value, or that an angle stands while it should change."""
+    channels = noisy_channels(examined.samples)
+    plates = {name: x for name, x in channels.items() if name.startswith("plate")}
+    times = {name: held(*x) for name, x in channels.items()}
+    times |= {
+        name: duration(time) if dead(name, plates) else held_loaded(time, x) for name, (time, x) in plates.items()
+    }
+    return worst(times | standing_angles(examined), NO_ANALOG)
 
-    A plate that reads exactly zero is unloaded or unused: Nexus writes such.
+
+def held(time: Array, values: Array) -> float:
+    """Longest time [s] of one value, (n,) each."""
+    return length_of_longest(np.diff(values) == 0) * median_step(time)
+
+
+def held_loaded(time: Array, values: Array) -> float:
+    """Longest time [s] that a plate's channel repeats a value other than 0, (n,) each: Nexus writes 0 without load."""
+    return length_of_longest((np.diff(values) == 0) & (values[1:] != 0)) * median_step(time)
+
+
+def dead(name: str, plates: dict[str, tuple[Array, Array]]) -> bool:
+    """Whether a plate's channel is exactly 0 throughout while another of the same plate is not.
+
+    A plate all of whose channels are 0 is unused.
     """
-    found = {name: held(*channel, zero=name.startswith("plate")) for name, channel in analog_channels(samples).items()}
+    plate = name.partition("_")[0]
+    silent = {other for other, (_, values) in plates.items() if not values.any()}
+    return name in silent and any(other.partition("_")[0] == plate for other in plates.keys() - silent)
+
+
+def standing_angles(examined: Examined) -> dict[str, float]:
+    """Longest time [s] that an angle stands: all the time if it never changes, else while its reference changes.
+
+    The reference of the joint's angle is its command, or else the torque.
+    """
+    samples, times = examined.samples, {}
     reference = next((c for c in ("theta_command", "torque") if c in samples.columns), None)
     if reference and "theta" in samples.columns:
         rows = samples.select("time", "theta", reference).drop_nulls()
-        found["theta"] = standing(*(rows[c].to_numpy() for c in rows.columns))
-    return worst(found, NO_ANALOG)
+        times["theta"] = standing(*(rows[c].to_numpy() for c in rows.columns))
+    angle = moving_angle(examined.experiment)
+    if angle in samples.columns:
+        time, values = channel(samples, angle)
+        if values.size and not np.ptp(values):
+            times[angle] = duration(time)
+    return times
 
 
-def held(time: Array, values: Array, zero: bool) -> float:
-    """Longest time [s] of one value, (n,) each; `zero`: that value may be 0."""
-    same = (np.diff(values) == 0) & ~((values[1:] == 0) & zero)
-    return longest_run(same) * step_of(time)
+def moving_angle(experiment: Experiment) -> str:
+    """The angle that changes in every trial of the experiment; empty where the joint may rest throughout.
+
+    The joint rests in static and plate trials, which have no result tables.
+    """
+    return experiment.motion or ("theta" if experiment.tables else "")
 
 
 def standing(time: Array, theta: Array, reference: Array) -> float:
-    """Longest time [s] that theta repeats one value while the reference goes through a part of its range."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], (np.diff(theta) == 0).astype(np.int8), [0]])))
+    """Longest time [s] that theta repeats one value while the reference goes through a part of its range, (n,) each."""
     least = MOVES * float(np.ptp(reference)) if reference.size else 0.0
-    runs = [
-        float(time[stop] - time[start])
-        for start, stop in zip(edges[::2], edges[1::2], strict=True)
-        if np.ptp(reference[start : stop + 1]) > least
-    ]
-    return max(runs, default=0.0)
+    stands = [run for run in runs(np.diff(theta) == 0) if np.ptp(reference[run.start : run.stop + 1]) > least]
+    return max((float(time[run.stop] - time[run.start]) for run in stands), default=0.0)
 
 
-def step_of(time: Array) -> float:
+def length_of_longest(true: NDArray[np.bool_]) -> int:
+    """Number of samples in the longest run of true ones, (n,)."""
+    run = longest_run(true)
+    return int(run.stop - run.start)
+
+
+def median_step(time: Array) -> float:
     """Median step [s]; 0 for a single sample."""
     return float(np.median(np.diff(time))) if time.size > 1 else 0.0
 
 
-def check_encoder_wrap(samples: pl.DataFrame) -> Finding:
-    """Steps of an angle by about a turn."""
-    found = {}
-    for column in ANGLES:
-        if column in samples.columns:
-            _, angle = signal(samples, column)
+def duration(time: Array) -> float:
+    """From the first to the last sample [s]; 0 without samples."""
+    return float(np.ptp(time)) if time.size else 0.0
+
+
+def measure_unzeroed_load_cell(examined: Examined) -> CheckResult:
+    """Size of the mean torque [N*m] before the dynamometer first moves the joint."""
+    if not {"theta", "torque"} <= set(examined.samples.columns):
+        return not_applicable(NO_DYNAMOMETER)
+    rows = examined.samples.select("time", "theta", "torque").drop_nulls()
+    time, angle, torque = (rows[c].to_numpy() for c in rows.columns)
+    moved = abs(angle - angle[:1]) > AT_REST * np.ptp(angle) if angle.size else np.zeros(0, bool)
+    rest = int(np.argmax(moved)) if moved.any() else angle.size
+    if rest < 2 or time[rest - 1] - time[0] < LEAST_REST:
+        return not_applicable("the recording begins while the joint moves")
+    mean = float(torque[:rest].mean())
+    return CheckResult(abs(mean), f"{mean:.3g} N*m over the first {time[rest - 1] - time[0]:.2f} s")
+
+
+def measure_unzeroed_plate(examined: Examined) -> CheckResult:
+    """Largest size of the level [N] of a bare plate.
+
+    A negative level is an error whatever stands on the plate. A positive one counts if it is below what a resting plate
+    may scatter, or in experiments in which every plate is bare at some time.
+    """
+    columns = [c for c in examined.samples.columns if c.startswith("plate") and c.endswith("_force_z")]
+    levels = {c.removesuffix("_force_z"): bare_level(*channel(examined.samples, c)) for c in columns}
+    counted = {
+        plate: level
+        for plate, level in levels.items()
+        if level is not None and (level < QUIET or examined.experiment.bare_plate)
+    }
+    if not counted:
+        return not_applicable(NEVER_BARE if columns else NO_PLATE)
+    remarks = [f"{plate} {level:.1f} N" for plate, level in counted.items()]
+    remarks += [f"{plate} is never at rest, or loaded throughout" for plate in levels if plate not in counted]
+    return CheckResult(max(abs(level) for level in counted.values()), ", ".join(remarks))
+
+
+def bare_level(time: Array, force: Array) -> float | None:
+    """Mean [N] of the quiet window nearest to zero, of a vertical force (n,); None where no window is quiet."""
+    length = max(round(WINDOW / median_step(time)), 1) if time.size > 1 else 1
+    if force.size < length:
+        return None
+    windows = force[: force.size // length * length].reshape(-1, length)
+    quiet = windows[windows.std(axis=1) < QUIET].mean(axis=1)
+    return float(quiet[np.argmin(abs(quiet))]) if quiet.size else None
+
+
+def measure_encoder_wrap(examined: Examined) -> CheckResult:
+    """Number of steps of an angle by about a turn."""
+    jumps: dict[str, float] = {}
+    for column in ("theta", "theta_m", "theta_command"):
+        if column in examined.samples.columns:
+            _, angle = channel(examined.samples, column)
             jump = abs(np.diff(angle))
-            found[column] = float(sum((abs(jump / turn - 1) < TURN_TOLERANCE).sum() for turn in TURNS))
-    return worst(found, "no angle")
+            jumps[column] = float(sum((abs(jump / turn - 1) < TURN_TOLERANCE).sum() for turn in TURNS))
+    return worst(jumps, "no angle")
 
 
-def check_marker_gap(samples: pl.DataFrame) -> Finding:
-    """Longest time [s] that a marker was hidden between two sightings; all the time, if it was never seen."""
-    found = {}
-    for column in samples.columns:
+def measure_marker_gap(examined: Examined) -> CheckResult:
+    """Longest time [s] that a marker was hidden; the remark counts the markers with gaps."""
+    gaps = {}
+    for column in examined.samples.columns:
         if column.startswith("marker_") and column.endswith("_x"):
-            time, x = signal(samples, column)
-            found[column.removeprefix("marker_").removesuffix("_x")] = hidden(time, ~np.isnan(x))
-    finding = worst(found, "no markers")
-    with_gaps = sum(gap > 0 for gap in found.values())
-    return Finding(finding.value, f"{finding.remark}; {with_gaps} of {len(found)} markers") if with_gaps else finding
+            time, x = channel(examined.samples, column)
+            gaps[column.removeprefix("marker_").removesuffix("_x")] = hidden(time, ~np.isnan(x))
+    result = worst(gaps, "no markers")
+    with_gaps = sum(gap > 0 for gap in gaps.values())
+    return CheckResult(result.value, f"{result.remark}; {with_gaps} of {len(gaps)} markers") if with_gaps else result
 
 
-def hidden(time: Array, seen: np.ndarray) -> float:
-    """Longest time [s] beyond one step between two sightings, (n,) each."""
+def hidden(time: Array, seen: NDArray[np.bool_]) -> float:
+    """Longest time [s] between two sightings, beyond one step, (n,) each; all the time if it was never seen."""
     if not seen.any():
-        return float(np.ptp(time)) if time.size else 0.0
+        return duration(time)
     gaps = np.diff(time[seen])
-    longest = float(gaps.max(initial=0.0)) - step_of(time)
-    return longest if longest > 0.5 * step_of(time) else 0.0
+    longest = float(gaps.max(initial=0.0)) - median_step(time)
+    return longest if longest > 0.5 * median_step(time) else 0.0
+
+
+CHECKS = (
+    Check(
+        "saturation",
+        "samples",
+        "above",
+        "longest run at an extreme of torque, current, plate force or moment",
+        measure_saturation,
+    ),
+    Check(
+        "stuck",
+        "s",
+        "above",
+        "longest time that a noisy channel repeats one value, or that an angle stands while it should change",
+        measure_stuck,
+    ),
+    Check(
+        "unzeroed_load_cell",
+        "N*m",
+        "above",
+        "size of the torque before the joint first moves",
+        measure_unzeroed_load_cell,
+        applies_to=lambda experiment: experiment.motion == "theta",
+        otherwise=NO_DYNAMOMETER,
+    ),
+    Check("unzeroed_plate", "N", "above", "size of the vertical force of a bare plate", measure_unzeroed_plate),
+    Check("encoder_wrap", "jumps", "above", "steps of an angle by about 2 pi, or by 360", measure_encoder_wrap),
+    Check(
+        "marker_gap", "s", "above", "longest time that a marker was hidden between two sightings", measure_marker_gap
+    ),
+)

@@ -1,39 +1,30 @@
-"""Which amplitudes and frequencies really are in a stepped-sine log, whatever the configuration says."""
+"""Which amplitudes and frequencies a stepped-sine recording holds, found without the configuration."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from osl_analysis.quality.finding import Finding
+from osl_analysis.quality.checks import Check, CheckResult, Examined, channel, not_applicable
 from osl_analysis.trial import Array
 
-DEAD_BAND = 0.1  # of the largest amplitude, that an angle must pass to have changed sides
-SAME_FREQUENCY, SAME_AMPLITUDE = 0.08, 0.15  # within one run of cycles
-FREQUENCY_TOLERANCE, AMPLITUDE_TOLERANCE = 0.05, 0.25  # against what was commanded
-AT_THE_ENDS = 2  # cycles that begin or end in a rest and are not seen whole
-FEWEST = 3  # cycles that make a run of something that was not commanded
-
-
-@dataclass(frozen=True)
-class Commanded:
-    """Amplitudes [deg], each at every frequency [Hz] for so many cycles."""
-
-    amplitudes_deg: Sequence[float]
-    frequencies_hz: Sequence[float]
-    cycles: int
+DEAD_BAND = 0.1  # of the largest angle: the angle has changed its sign when it is beyond
+SAME_FREQUENCY, SAME_AMPLITUDE = 0.08, 0.15  # relative difference of cycles that count as one run
+FREQUENCY_TOLERANCE, AMPLITUDE_TOLERANCE = 0.05, 0.25  # relative difference of a run from the command that it follows
+AT_THE_ENDS = 2  # cycles at the ends of a rest, which are not seen whole
+FEWEST = 3  # cycles of a run that was not commanded and is reported
+NO_STEPPED_SINE = "no stepped sine"
 
 
 @dataclass(frozen=True)
 class Run:
-    """Consecutive cycles of one frequency [Hz] and amplitude [deg]."""
+    """Consecutive cycles of one frequency and amplitude."""
 
     amplitude_deg: float
     frequency_hz: float
     cycles: int
 
     def is_at(self, amplitude_deg: float, frequency_hz: float, tolerance: float = FREQUENCY_TOLERANCE) -> bool:
-        """Whether this is what was commanded; `tolerance` of the frequency."""
+        """Whether the run has this amplitude and frequency; `tolerance` is the relative one of the frequency."""
         return (
             abs(self.frequency_hz / frequency_hz - 1) < tolerance
             and abs(self.amplitude_deg / amplitude_deg - 1) < AMPLITUDE_TOLERANCE
@@ -43,30 +34,39 @@ class Run:
         return f"{self.amplitude_deg:.2g} deg at {self.frequency_hz:.3g} Hz ({self.cycles} cycles)"
 
 
-def check_protocol(time: Array, theta: Array, commanded: Commanded) -> Finding:
-    """Number of commanded pairs that are not in the angle [rad] at times [s], (n,) each, for as many cycles.
+def measure_protocol(examined: Examined) -> CheckResult:
+    """Number of commanded segments that the joint did not follow.
 
-    Cycles at the ends of a rest may be unseen; one more than was commanded is one that a fit would not know of.
+    A segment is one amplitude at one frequency for the commanded number of cycles. Two cycles fewer are no failure:
+    those at the ends of a rest may be unseen. One cycle more is a failure: the fits would not know of it.
     """
-    runs = sine_runs(time, theta)
+    if "theta" not in examined.samples.columns:
+        return not_applicable(NO_STEPPED_SINE)
+    commanded, found = examined.commanded, sine_runs(*channel(examined.samples, "theta"))
     pairs = [(a, f) for a in commanded.amplitudes_deg for f in commanded.frequencies_hz]
-    needed = max(commanded.cycles - AT_THE_ENDS, 1)
-    missing = [(a, f) for a, f in pairs if not any(run.is_at(a, f) and run.cycles >= needed for run in runs)]
-    besides = [run for run in runs if run.cycles >= FEWEST and not any(run.is_at(a, f) for a, f in pairs)]
-    longer = [
-        run
-        for run in runs
-        if run.cycles > commanded.cycles * sum(run.is_at(a, f, SAME_FREQUENCY) for a, f in pairs) > 0
-    ]
-    said = [f"missing {a:g} deg at {f:g} Hz" for a, f in missing]
-    said += [f"{run}, commanded are {commanded.cycles}" for run in longer]
-    said += [f"besides {run}" for run in besides]
-    said = said or [f"{len(pairs)} commanded pairs of amplitude and frequency found"]
-    return Finding(float(len(missing) + len(longer)), "; ".join(said))
+    missing = [pair for pair in pairs if not is_followed(pair, found, commanded.cycles)]
+    longer = [run for run in found if is_too_long(run, pairs, commanded.cycles)]
+    besides = [run for run in found if run.cycles >= FEWEST and not any(run.is_at(a, f) for a, f in pairs)]
+    remarks = [f"missing {a:g} deg at {f:g} Hz" for a, f in missing]
+    remarks += [f"{run}, commanded are {commanded.cycles}" for run in longer]
+    remarks += [f"besides {run}" for run in besides]
+    remarks = remarks or [f"{len(pairs)} commanded pairs of amplitude and frequency found"]
+    return CheckResult(float(len(missing) + len(longer)), "; ".join(remarks))
+
+
+def is_followed(pair: tuple[float, float], found: list[Run], cycles: int) -> bool:
+    """Whether one of the runs has this amplitude [deg] and frequency [Hz] for nearly all cycles."""
+    return any(run.is_at(*pair) and run.cycles >= max(cycles - AT_THE_ENDS, 1) for run in found)
+
+
+def is_too_long(run: Run, pairs: list[tuple[float, float]], cycles: int) -> bool:
+    """Whether a run has more cycles than all commanded segments of its amplitude and frequency together."""
+    segments = sum(run.is_at(a, f, SAME_FREQUENCY) for a, f in pairs)
+    return segments > 0 and run.cycles > cycles * segments
 
 
 def sine_runs(time: Array, theta: Array) -> list[Run]:
-    """The cycles of an angle [rad] at times [s], (n,) each, consecutive ones of one kind together."""
+    """The cycles of an angle [rad] at times [s], (n,) each; consecutive ones that are alike are one run."""
     frequencies, amplitudes = cycles_of(time, theta)
     runs: list[Run] = []
     start = 0
@@ -83,7 +83,7 @@ def sine_runs(time: Array, theta: Array) -> list[Run]:
 
 
 def cycles_of(time: Array, theta: Array) -> tuple[Array, Array]:
-    """Frequency [Hz] and amplitude [deg] of each cycle from one upward passage of the middle to the next."""
+    """Frequency [Hz] and amplitude [deg] of each cycle, from one upward crossing of the median angle to the next."""
     x = theta - np.median(theta) if theta.size else theta
     certain = np.flatnonzero(abs(x) > DEAD_BAND * abs(x).max(initial=0.0))
     up = (x[certain[1:]] > 0) & (x[certain[:-1]] < 0)
@@ -93,3 +93,16 @@ def cycles_of(time: Array, theta: Array) -> tuple[Array, Array]:
     crossing = time[before] - x[before] * (time[after] - time[before]) / (x[after] - x[before])
     height = np.maximum.reduceat(x, before)[:-1] - np.minimum.reduceat(x, before)[:-1]
     return 1 / np.diff(crossing), np.rad2deg(height / 2)
+
+
+CHECKS = (
+    Check(
+        "protocol",
+        "segments",
+        "above",
+        "commanded pairs of amplitude and frequency that the joint did not follow",
+        measure_protocol,
+        applies_to=lambda experiment: experiment.stepped_sine,
+        otherwise=NO_STEPPED_SINE,
+    ),
+)

@@ -1,21 +1,20 @@
-"""Thresholds of quality control, and what a failed check does; they stand under `quality` in the configuration."""
+"""The section `quality` of the configuration: the threshold of each check, and what a failure does."""
 
-from typing import Literal
+from collections.abc import Mapping
+from typing import ClassVar, Literal
 
-from pydantic import model_validator
+from pydantic import ConfigDict, Field
 
-from osl_analysis.quality.names import CHECKS
 from osl_analysis.yaml_settings import Settings
 
 
 class Rule(Settings):
-    """A threshold with its unit, as in `20 N`, and what happens to a trial beyond it.
-
-    `flag` says so in the table, `exclude` leaves the trial out of every table and figure too.
-    """
+    """The threshold of one check, and what happens to a trial beyond it."""
 
     threshold: str
+    """Number and unit, as in `20 N`."""
     on_failure: Literal["flag", "exclude"]
+    """`flag` says so in the table of quality; `exclude` keeps the trial out of every other table and figure, too."""
 
     @property
     def limit(self) -> float:
@@ -24,42 +23,17 @@ class Rule(Settings):
 
 
 class QualityRules(Settings):
-    """A rule per check of `names.CHECKS`."""
+    """A rule per check, under the check's name; `verdict.validate_rules` compares them with the table of checks."""
 
-    rate: Rule
-    jitter: Rule
-    gap: Rule
-    saturation: Rule
-    stuck: Rule
-    unzeroed_load_cell: Rule
-    unzeroed_plate: Rule
-    encoder_wrap: Rule
-    marker_gap: Rule
-    clock_residual: Rule
-    damage: Rule
-    unfinished: Rule
-    protocol: Rule
+    model_config = ConfigDict(extra="allow")
+    RENAMED: ClassVar[Mapping[str, str]] = {"unfinished": "truncated"}
+    __pydantic_extra__: dict[str, Rule] = Field(init=False)
 
-    @model_validator(mode="after")
-    def _units(self) -> "QualityRules":
-        for name, check in CHECKS.items():
-            threshold = self.rule(name).threshold
-            number, _, unit = threshold.partition(" ")
-            if unit.strip() != check.unit or not is_number(number):
-                raise ValueError(
-                    f"threshold '{threshold}' of {name} must be a number and its unit, as in '1 {check.unit}'"
-                )
-        return self
-
-    def rule(self, name: str) -> Rule:
+    def rule(self, check: str) -> Rule:
         """The rule of a check."""
-        found: Rule = getattr(self, name)
-        return found
+        return self.by_check[check]
 
-
-def is_number(text: str) -> bool:
-    """Whether the text is a number from 0 up."""
-    try:
-        return 0 <= float(text) < float("inf")
-    except ValueError:
-        return False
+    @property
+    def by_check(self) -> dict[str, Rule]:
+        """The rules by the name of their check."""
+        return self.__pydantic_extra__

@@ -1,46 +1,72 @@
-"""A trial's quality as rows of a table: each check, what it found, and what follows."""
+"""The table of checks, and a trial's quality as rows of a table: what each check measured, and what follows."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import polars as pl
 
+from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.quality import channels, history, sampling, unloaded
-from osl_analysis.quality.finding import Finding, not_applicable
-from osl_analysis.quality.names import CHECKS
-from osl_analysis.quality.protocol import Commanded, check_protocol
-from osl_analysis.quality.settings import QualityRules
+from osl_analysis.quality import channels, protocol, recording
+from osl_analysis.quality.checks import Check, CheckResult, Commanded, Examined
+from osl_analysis.quality.settings import QualityRules, Rule
 from osl_analysis.trial import Trial
 
+CHECKS: dict[str, Check] = {
+    check.name: check
+    for check in (*recording.SAMPLING_CHECKS, *channels.CHECKS, *recording.LOG_CHECKS, *protocol.CHECKS)
+}
+"""Every check by name. A new one is its function with its entry in one of these modules, its rule under `quality` in
+config/config.yaml, and its test."""
 ROUNDING = 1e-9  # of a threshold: 100 Hz from stamps is 99.999 999 999 97 Hz
 ACCEPTED = "accepted in the sheet"
 
 
-def examine(trial: Trial, experiment: str, commanded: Commanded) -> dict[str, Finding]:
-    """What every check of `CHECKS` finds in a trial; `commanded` is what a stepped-sine experiment should follow."""
-    samples, steps = trial.samples, sampling.sampling_steps(trial.samples)
-    stepped = EXPERIMENTS[experiment].stepped_sine and "theta" in samples.columns
-    return {
-        "rate": sampling.check_rate(steps),
-        "jitter": sampling.check_jitter(steps),
-        "gap": sampling.check_gap(steps),
-        "saturation": channels.check_saturation(samples),
-        "stuck": channels.check_stuck(samples),
-        "unzeroed_load_cell": unloaded.check_load_cell(samples, experiment),
-        "unzeroed_plate": unloaded.check_plates(samples, experiment),
-        "encoder_wrap": channels.check_encoder_wrap(samples),
-        "marker_gap": channels.check_marker_gap(samples),
-        "clock_residual": history.check_clock(trial),
-        "damage": history.check_damage(trial),
-        "unfinished": history.check_unfinished(trial),
-        "protocol": check_protocol(*channels.signal(samples, "theta"), commanded)
-        if stepped
-        else not_applicable("no stepped sine"),
-    }
+def validate_rules(rules: QualityRules) -> None:
+    """Refuse rules that do not match the table of checks.
+
+    Raises
+    ------
+    InputError
+        A check has no rule, a rule no check, or a threshold is not a number from 0 in the unit of its check.
+    """
+    for name in rules.by_check:
+        if name not in CHECKS:
+            raise InputError(f"configuration, quality: {unknown_check(name)}")
+    for name, check in CHECKS.items():
+        if name not in rules.by_check:
+            raise InputError(f"configuration, quality: no rule for the check '{name}'; add it as in config/config.yaml")
+        threshold = rules.rule(name).threshold
+        number, _, unit = threshold.partition(" ")
+        if unit.strip() != check.unit or not is_size(number):
+            raise InputError(
+                f"configuration, quality.{name}: threshold '{threshold}' must be a number from 0 and its unit, "
+                f"as in '1 {check.unit}'"
+            )
+
+
+def unknown_check(name: str) -> str:
+    """What is wrong with the name of a check; the new name where it is an old one."""
+    if name in QualityRules.RENAMED:
+        return f"the check '{name}' is now called '{QualityRules.RENAMED[name]}'; rename it"
+    return f"'{name}' is no quality check; the checks are {', '.join(CHECKS)}"
+
+
+def is_size(text: str) -> bool:
+    """Whether the text is a finite number from 0 up."""
+    try:
+        return 0 <= float(text) < float("inf")
+    except ValueError:
+        return False
+
+
+def examine(trial: Trial, experiment: str, commanded: Commanded) -> dict[str, CheckResult]:
+    """The result of every check on a trial, by name; `commanded` is the protocol of stepped-sine experiments."""
+    examined = Examined(trial, EXPERIMENTS[experiment], commanded)
+    return {name: check.result(examined) for name, check in CHECKS.items()}
 
 
 def fails(name: str, value: float | None, limit: float) -> bool:
-    """Whether a value is on the wrong side of its threshold by more than rounding; what is no number is."""
+    """Whether a value is beyond its threshold by more than rounding; NaN fails, None (not applicable) does not."""
     if value is None:
         return False
     slack = ROUNDING * limit
@@ -48,18 +74,26 @@ def fails(name: str, value: float | None, limit: float) -> bool:
 
 
 def quality_table(
-    trial: str, findings: dict[str, Finding], rules: QualityRules, accept: Collection[str]
+    trial: str, results: Mapping[str, CheckResult], rules: QualityRules, accept: Collection[str]
 ) -> pl.DataFrame:
     """A row per check: trial, check, value, unit, threshold, verdict (pass, flag, exclude), remark.
 
     `accept` names checks whose failure the sample sheet accepts.
     """
-    rows = []
-    for name, finding in findings.items():
-        rule, failed = rules.rule(name), fails(name, finding.value, rules.rule(name).limit)
-        accepted = failed and name in accept
-        remark = "; ".join(filter(None, [ACCEPTED if accepted else "", finding.remark]))
-        verdict = rule.on_failure if failed and not accepted else "pass"
-        found = {"trial": trial, "check": name, "value": finding.value, "unit": CHECKS[name].unit}
-        rows.append({**found, "threshold": rule.limit, "verdict": verdict, "remark": remark})
+    rows = [
+        {"trial": trial, "check": name, **judged(name, result, rules.rule(name), name in accept)}
+        for name, result in results.items()
+    ]
     return pl.DataFrame(rows, schema_overrides={"value": pl.Float64, "threshold": pl.Float64})
+
+
+def judged(name: str, result: CheckResult, rule: Rule, accepted: bool) -> dict[str, float | str | None]:
+    """The result of one check with its unit, threshold, verdict and remark."""
+    failed = fails(name, result.value, rule.limit)
+    return {
+        "value": result.value,
+        "unit": CHECKS[name].unit,
+        "threshold": rule.limit,
+        "verdict": rule.on_failure if failed and not accepted else "pass",
+        "remark": "; ".join(filter(None, [ACCEPTED if failed and accepted else "", result.remark])),
+    }

@@ -1,0 +1,108 @@
+"""A check of quality control: what it is called, what it measures, and on which trials."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.experiments import Experiment
+from osl_analysis.trial import Array, Trial
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """What a check measured on one trial."""
+
+    value: float | None
+    """In the check's unit; None where the check does not apply."""
+    remark: str = ""
+    """Which channel it was, or why the check does not apply."""
+
+
+@dataclass(frozen=True)
+class Commanded:
+    """The stepped sine that the configuration commands: each amplitude at every frequency."""
+
+    amplitudes_deg: Sequence[float]
+    frequencies_hz: Sequence[float]
+    cycles: int
+    """Cycles of one amplitude at one frequency."""
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A trial under examination."""
+
+    trial: Trial
+    experiment: Experiment
+    """The facts of the trial's experiment."""
+    commanded: Commanded
+    """What the joint was told to do, in an experiment with stepped sines."""
+
+    @property
+    def samples(self) -> pl.DataFrame:
+        """The samples of the trial."""
+        return self.trial.samples
+
+    @cached_property
+    def steps(self) -> dict[str, Array]:
+        """Sampling steps [s], (n - 1,) each. Channels that were sampled at the same times stand under the first."""
+        time, steps, seen = self.samples["time"].to_numpy(), {}, set()
+        for column in self.samples.columns:
+            present = self.samples[column].is_not_null().to_numpy()
+            if column == "time" or present.sum() < 3 or (pattern := present.tobytes()) in seen:
+                continue
+            seen.add(pattern)
+            steps[column] = np.diff(time[present])
+        return steps
+
+
+def every_experiment(experiment: Experiment) -> bool:
+    """Whether a check applies to this experiment: to all."""
+    return True
+
+
+@dataclass(frozen=True)
+class Check:
+    """One check of quality control."""
+
+    name: str
+    """Its key under `quality` in the configuration, and under `accept` in the sample sheet."""
+    unit: str
+    """Unit of its value and of its threshold."""
+    fails: Literal["above", "below"]
+    """The side of the threshold on which a value fails."""
+    meaning: str
+    """What its value is."""
+    measure: Callable[[Examined], CheckResult]
+    """The function that measures it."""
+    applies_to: Callable[[Experiment], bool] = every_experiment
+    """Whether it is measured on the trials of an experiment."""
+    otherwise: str = ""
+    """Remark on the trials of the other experiments."""
+
+    def result(self, examined: Examined) -> CheckResult:
+        """What the check measures on a trial."""
+        return self.measure(examined) if self.applies_to(examined.experiment) else not_applicable(self.otherwise)
+
+
+def not_applicable(reason: str) -> CheckResult:
+    """The result of a check that does not apply to a trial."""
+    return CheckResult(None, f"not applicable: {reason}")
+
+
+def worst(values: Mapping[str, float], reason: str) -> CheckResult:
+    """The largest of the channels' values, with its channel; `reason`: why there are no channels, if there are none."""
+    if not values:
+        return not_applicable(reason)
+    name = max(values, key=lambda channel: values[channel])
+    return CheckResult(float(values[name]), name if values[name] else "")
+
+
+def channel(samples: pl.DataFrame, column: str) -> tuple[Array, Array]:
+    """Time [s] and values of one column, (n,) each, where it was sampled."""
+    rows = samples.select("time", column).drop_nulls()
+    return rows["time"].to_numpy(), rows[column].to_numpy()

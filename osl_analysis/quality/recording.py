@@ -1,0 +1,97 @@
+"""How regularly a trial was sampled, and what ingest reported of its clocks and of damage to its log."""
+
+from typing import Any
+
+import numpy as np
+
+from osl_analysis.quality.checks import Check, CheckResult, Examined, not_applicable, worst
+from osl_analysis.trial import Trial
+
+GAP = 1.5  # median steps; a longer step is a gap and does not count as jitter
+TOO_FEW = "no channel has three samples"
+NO_REPORT = "no damage report"
+
+
+def measure_rate(examined: Examined) -> CheckResult:
+    """Lowest median sampling rate [Hz]; the remark has the rate of every recorder."""
+    if not examined.steps:
+        return not_applicable(TOO_FEW)
+    rates = {column: 1 / float(np.median(step)) for column, step in examined.steps.items()}
+    return CheckResult(min(rates.values()), ", ".join(f"{column} {rate:.6g} Hz" for column, rate in rates.items()))
+
+
+def measure_jitter(examined: Examined) -> CheckResult:
+    """Largest RMS deviation [%] of a recorder's sampling steps from their median."""
+    jitter = {}
+    for column, step in examined.steps.items():
+        relative = step / np.median(step)
+        regular = relative[relative < GAP]
+        jitter[column] = 100 * float(np.sqrt(((regular - 1) ** 2).mean()))
+    return worst(jitter, TOO_FEW)
+
+
+def measure_gap(examined: Examined) -> CheckResult:
+    """Longest time [s] without a sample, beyond the median step; 0 where no sample is missing."""
+    gaps = {}
+    for column, step in examined.steps.items():
+        usual = float(np.median(step))
+        gaps[column] = float(step.max()) - usual if step.max() > GAP * usual else 0.0
+    return worst(gaps, TOO_FEW)
+
+
+def measure_clock(examined: Examined) -> CheckResult:
+    """RMS residual [s] of the fit of the log's clock; the remark has its drift and its matched edges."""
+    clock = examined.trial.provenance.get("clock")
+    if not clock:
+        return not_applicable("one clock")
+    ppm, error = 1e6 * clock["drift"], 1e6 * clock["drift_error"]
+    outside = f"{clock.get('rows_before', 0)} and {clock.get('rows_after', 0)} rows of the log before and after"
+    matched = f"{clock['edges']} matched and {clock['left_out']} left out by {clock.get('method', 'edges')}"
+    return CheckResult(clock["residual"], f"drift {ppm:.1f} +- {error:.1f} ppm; {matched}; {outside} motion capture")
+
+
+def measure_damage(examined: Examined) -> CheckResult:
+    """Share of the log [%] that was lost to damage; the remark has ingest's report."""
+    damage = damage_report(examined.trial)
+    if not damage:
+        return not_applicable(NO_REPORT)
+    lost = [f"{damage[key]} {key.replace('_', ' ')}" for key in ("chunks_lost", "messages_lost") if damage.get(key)]
+    ending = [] if damage.get("complete", True) else ["the file is not complete"]
+    checksum = [f"CRC {damage['crc']}"] if damage.get("crc") else []
+    remarks = damage.get("remarks") or []
+    remarks = [remarks] if isinstance(remarks, str) else [str(remark) for remark in remarks]
+    return CheckResult(100 * float(damage.get("share_lost") or 0.0), "; ".join([*lost, *ending, *checksum, *remarks]))
+
+
+def measure_truncation(examined: Examined) -> CheckResult:
+    """1 if the end of the log is missing, as after a crash, else 0.
+
+    The share that was lost does not count what a crash kept from being written.
+    """
+    damage = damage_report(examined.trial)
+    if not damage:
+        return not_applicable(NO_REPORT)
+    if damage.get("complete", True):
+        return CheckResult(0.0)
+    return CheckResult(1.0, "no end: see whether the trial lasts as long as it should")
+
+
+def damage_report(trial: Trial) -> dict[str, Any]:
+    """Ingest's report of damage to the log; empty where it wrote none."""
+    return dict(trial.provenance.get("damage") or trial.provenance.get("log", {}).get("damage") or {})
+
+
+SAMPLING_CHECKS = (
+    Check("rate", "Hz", "below", "lowest median sampling rate of the channels", measure_rate),
+    Check(
+        "jitter", "%", "above", "RMS deviation of the sampling steps from their median, without gaps", measure_jitter
+    ),
+    Check("gap", "s", "above", "longest time without a sample, beyond one step", measure_gap),
+)
+LOG_CHECKS = (
+    Check(
+        "clock_residual", "s", "above", "RMS residual of the fit of the log's clock to motion capture's", measure_clock
+    ),
+    Check("damage", "%", "above", "share of the log that could not be recovered", measure_damage),
+    Check("truncated", "logs", "above", "logs without their end; how much is missing is not known", measure_truncation),
+)

@@ -266,6 +266,19 @@ def samples(folder: Path, output: Path | None, config_path: Path) -> None:
         click.echo(f"wrote {output}")
 
 
+@main.command("describe-tables", epilog="Example: osl-analysis describe-tables --output docs/tables.md")
+@click.option("--output", type=FILE, help="Write the page to this file instead of printing it.")
+def describe_tables(output: Path | None) -> None:
+    """Say what every column of every result table and every entry of the summary means, with its unit, as Markdown."""
+    from osl_analysis.commands.describe_tables import page, write_page
+
+    if output is None:
+        click.echo(page("osl-analysis describe-tables"))
+    else:
+        write_page(output, f"osl-analysis describe-tables --output {output}")
+        click.echo(f"wrote {output}")
+
+
 @main.command(epilog="Example: osl-analysis results --summary results/summary.json")
 @click.option(
     "--summary",

@@ -184,10 +184,12 @@ rule headline_numbers:
         RESULTS / "logs/summary.log",
     params:
         code=jobs.code("commands.summarise"),
+        campaign=CONFIG.campaign,
     run:
         jobs.run_job(
             log[0],
             "summarise.write_summary",
+            campaign=params.campaign,
             table_paths={Path(p).stem: Path(p) for p in input.tables},
             summary_json=Path(output.summary),
             numbers_tex=Path(output.macros),

@@ -10,7 +10,18 @@ from osl_analysis.commands import walking
 from osl_analysis.commands.summarise import format_results_table, read_summary, write_summary
 from osl_analysis.errors import InputError
 from osl_analysis.figures import fig9
-from osl_analysis.summary.headlines import BOOTSTRAP, ENSEMBLE, FIT, PAIRED, RANGE, STUDENT, Headline, headline_numbers
+from osl_analysis.summary.headlines import (
+    BOOTSTRAP,
+    ENSEMBLE,
+    FIT,
+    JUDGED_TABLES,
+    PAIRED,
+    RANGE,
+    STUDENT,
+    Headline,
+    headline_numbers,
+)
+from osl_analysis.summary.labels import all_labels
 from osl_analysis.summary.text import decimals, to_json, to_tex, told_apart
 from osl_analysis.table import write_table
 
@@ -105,14 +116,14 @@ def test_the_example_of_fig4_has_the_interval_of_its_fit():
 
 def test_the_example_says_how_far_the_single_amplitudes_spread_and_is_rounded_to_that():
     headlines = headline_numbers(all_tables())
-    K = json.loads(to_json(headlines))["K_example_compensated"]
+    K = json.loads(to_json("made", headlines))["numbers"]["K_example_compensated"]
     assert (K["amplitudes_low"], K["amplitudes_high"]) == pytest.approx((300.96, 304.06))
-    assert "amplitudes_low" not in json.loads(to_json(headlines))["K_s"]
-    tex = to_tex(headlines)
+    assert "amplitudes_low" not in json.loads(to_json("made", headlines))["numbers"]["K_s"]
+    tex = to_tex("made", headlines)
     assert r"\oslCompensatedExampleStiffness}{303.0}" in tex
     assert r"\oslCompensatedExampleStiffnessAmplitudesLow}{301.0}" in tex
     assert r"\oslCompensatedExampleStiffnessAmplitudesHigh}{304.1}" in tex
-    said = format_results_table(json.loads(to_json(headlines)))
+    said = format_results_table(json.loads(to_json("made", headlines)))
     assert f"299.0 to 307.5, {FIT}; single amplitudes 301.0 to 304.1" in said
 
 
@@ -122,9 +133,15 @@ def test_doubtful_fits_are_counted_by_table_and_rows_without_a_fit_are_none():
     assert (found["doubtful_walking"].value, found["doubtful_walking"].n) == (0, 2)
     assert "doubtful_belt" not in found
     assert "| doubtful fits in impedance.csv, whose column says why | 2 fits |  | 6 |  |" in format_results_table(
-        json.loads(to_json(list(found.values())))
+        json.loads(to_json("made", list(found.values())))
     )
-    assert r"\newcommand{\oslDoubtfulImpedance}{2}%" in to_tex(list(found.values()))
+    assert r"\newcommand{\oslDoubtfulImpedance}{2}%" in to_tex("made", list(found.values()))
+
+
+def test_every_headline_number_has_its_label_in_the_list_that_the_data_dictionary_prints():
+    labels = {label.name for label in all_labels(JUDGED_TABLES)}
+    assert set(by_name(all_tables())) <= labels
+    assert {"doubtful_belt", "drivetrain_VAF_gain_compensated", "B_example_uncompensated"} <= labels
 
 
 def test_a_repeated_example_becomes_the_mean_with_its_range():
@@ -182,7 +199,7 @@ def test_a_mean_that_is_nan_is_refused_by_quantity():
 
 
 def test_json_keeps_full_precision_and_null_where_there_is_nothing():
-    content = json.loads(to_json(headline_numbers(all_tables())))
+    content = json.loads(to_json("made", headline_numbers(all_tables())))["numbers"]
     assert content["K_s"]["value"] == 686.2
     assert content["K_s"]["unit"] == "N*m/rad"
     assert content["K_error_uncompensated"]["low"] is None
@@ -193,13 +210,13 @@ def test_json_keeps_full_precision_and_null_where_there_is_nothing():
 def test_every_line_of_the_macros_is_a_comment_or_one_definition_that_latex_accepts():
     number = r"-?\d+(\.\d+)?(\\times 10\^\{-\d+\})?"
     definition = rf"\\newcommand\{{\\[A-Za-z]+\}}\{{({number}|\\ensuremath\{{{number}\}})\}}% [ -~]*"
-    lines = to_tex(headline_numbers(all_tables())).splitlines()
+    lines = to_tex("made", headline_numbers(all_tables())).splitlines()
     assert len(lines) > 40
     assert all(re.fullmatch(rf"%.*|{definition}", line) for line in lines)
 
 
 def test_macros_are_unique_and_have_low_and_high_only_where_there_is_an_interval():
-    names = re.findall(r"newcommand\{\\(\w+)\}", to_tex(headline_numbers(all_tables())))
+    names = re.findall(r"newcommand\{\\(\w+)\}", to_tex("made", headline_numbers(all_tables())))
     assert len(set(names)) == len(names)
     assert {"oslBeltStiffness", "oslBeltStiffnessLow", "oslBeltStiffnessHigh"} <= set(names)
     assert "oslUncompensatedStiffnessError" in names
@@ -225,11 +242,11 @@ def number(value, low, high, interval=STUDENT):
     ],
 )
 def test_values_are_rounded_to_two_digits_of_half_the_interval_or_to_three_digits(value, low, high, text):
-    assert rf"\oslX}}{{{text}}}%" in to_tex([number(value, low, high)])
+    assert rf"\oslX}}{{{text}}}%" in to_tex("made", [number(value, low, high)])
 
 
 def test_a_range_over_trials_does_not_blunt_the_mean():
-    assert r"\oslX}{95.8}%" in to_tex([number(95.84, 74.0, 99.2, RANGE)])
+    assert r"\oslX}{95.8}%" in to_tex("made", [number(95.84, 74.0, 99.2, RANGE)])
 
 
 def test_rounding_errors_of_equal_values_do_not_count_as_an_interval():
@@ -243,22 +260,25 @@ def test_files_are_written_from_the_tables_that_exist_and_read_back(tmp_path):
     for name, table in all_tables().items():
         paths[name] = tmp_path / f"{name}.csv"
         write_table(table, paths[name])
-    write_summary(paths | {"gains": tmp_path / "not_read.csv"}, tmp_path / "summary.json", tmp_path / "numbers.tex")
+    write_summary(
+        "made", paths | {"gains": tmp_path / "not_read.csv"}, tmp_path / "summary.json", tmp_path / "numbers.tex"
+    )
     summary = read_summary(tmp_path / "summary.json")
-    assert summary == json.loads(to_json(headline_numbers(all_tables())))
-    assert (tmp_path / "numbers.tex").read_text() == to_tex(headline_numbers(all_tables()))
+    assert summary == json.loads(to_json("made", headline_numbers(all_tables())))
+    assert (tmp_path / "numbers.tex").read_text() == to_tex("made", headline_numbers(all_tables()))
 
 
 def test_a_table_without_a_column_stops_the_summary_and_nothing_is_written(tmp_path):
     write_table(summary_rows(K_s=686.2).drop("low"), tmp_path / "belt.csv")
     with pytest.raises(InputError, match=r"belt\.csv: no column 'low'"):
-        write_summary({"belt_summary": tmp_path / "belt.csv"}, tmp_path / "s.json", tmp_path / "n.tex")
+        write_summary("made", {"belt_summary": tmp_path / "belt.csv"}, tmp_path / "s.json", tmp_path / "n.tex")
     assert [path.name for path in tmp_path.iterdir()] == ["belt.csv"]
 
 
 NUMBER = (
+    '{"campaign": "made", "numbers": '
     '{"K_s": {"value": 1.5, "unit": "", "low": null, "high": null, "interval": null, "n": 3, "draft": null, '
-    '"meaning": "x"}}'
+    '"meaning": "x"}}}'
 )
 
 
@@ -269,11 +289,12 @@ NUMBER = (
         ("{", "not a summary"),
         ("3", "not a summary"),
         ("[[1, 2]]", "not a summary"),
-        ('{"K_s": 3}', "'K_s': .*3 is not allowed"),
-        ('{"K_s": {"value": 3}}', "'K_s': field 'unit' is missing"),
-        (NUMBER.replace("1.5", '"much"'), "'K_s': value: 'much' is not allowed"),
-        (NUMBER.replace("1.5", "NaN"), "'K_s': value: nan is not allowed"),
-        (NUMBER.replace('"n": 3', '"n": null'), "'K_s': n: None is not allowed"),
+        ('{"campaign": "made"}', "field 'numbers' is missing"),
+        ('{"campaign": "made", "numbers": {"K_s": 3}}', r"numbers\.K_s: .*3 is not allowed"),
+        ('{"campaign": "made", "numbers": {"K_s": {"value": 3}}}', r"field 'numbers\.K_s\.unit' is missing"),
+        (NUMBER.replace("1.5", '"much"'), r"numbers\.K_s\.value: 'much' is not allowed"),
+        (NUMBER.replace("1.5", "NaN"), r"numbers\.K_s\.value: nan is not allowed"),
+        (NUMBER.replace('"n": 3', '"n": null'), r"numbers\.K_s\.n: None is not allowed"),
         ("[" * 100_000, "not a summary"),
     ],
 )
@@ -285,8 +306,10 @@ def test_a_missing_or_broken_summary_is_refused(tmp_path, content, message):
 
 
 def test_the_table_for_people_has_a_row_per_number_and_no_stray_bars():
-    table = format_results_table(json.loads(to_json(headline_numbers(all_tables()))))
+    table = format_results_table(json.loads(to_json("made", headline_numbers(all_tables()))))
     lines = table.splitlines()
+    assert lines[0] == "Campaign made"
+    lines = lines[2:]
     assert len(lines) == 2 + len(headline_numbers(all_tables()))
     assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {6}
     interval = "679.3 to 693.1, 95 % of the mean (Student)"

@@ -13,7 +13,11 @@ import pytest
 import yaml
 from conftest import ROOT
 
+from osl_analysis.commands.describe_tables import SUMMARY_FIELDS
+from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
+from osl_analysis.summary.headlines import JUDGED_TABLES
+from osl_analysis.summary.labels import all_labels
 from osl_analysis.workflow import code_of, job_sources
 
 TRIAL = "impedance_K300_B5.0_compensated"
@@ -92,7 +96,9 @@ def test_every_figure_table_and_headline_number_is_there(workspace):
     results = workspace.folder / "results"
     figures = {path.name for path in (results / "figures").iterdir()}
     assert figures == {f"{name}.{suffix}" for name in FIGURES for suffix in ("csv", "pdf", "svg", "png")}
-    assert {"K_s", "B_j", "k_tau_n_m", "walking_K"} <= set(json.loads((results / "summary.json").read_text()))
+    summary = json.loads((results / "summary.json").read_text())
+    assert summary["campaign"] == "small"
+    assert {"K_s", "B_j", "k_tau_n_m", "walking_K"} <= set(summary["numbers"])
     assert "\\newcommand" in (results / "numbers.tex").read_text()
     assert len(pl.read_csv(results / "tables/walking_crossings.csv")) == 8
     assert {"walking_excluded.csv", "hinge.csv", "plate.csv"} <= {path.name for path in (results / "tables").iterdir()}
@@ -109,6 +115,29 @@ def test_every_figure_table_and_headline_number_is_there(workspace):
         assert "doubtful" in pl.read_csv(results / f"tables/{name}.csv").columns
     estimators = pl.read_csv(results / "tables/estimators.csv")
     assert estimators.filter(pl.col("trial") == TRIAL)["K"].to_list() == pytest.approx([300] * 5, rel=0.03)
+
+
+def test_every_column_is_in_the_data_dictionary_and_the_dictionary_has_no_other(workspace):
+    """A campaign without overground trials, whose table is held by test_dictionary.py, as is the study's."""
+    results, written = workspace.folder / "results", {}
+    for path in results.rglob("*.csv"):
+        (table,) = [t for t in described_tables() if t.describes(str(path.relative_to(results)))]
+        header = path.read_text().splitlines()[0].split(",")
+        assert [name for name in header if name not in table.columns] == [], f"describe these columns of {path.name}"
+        written[table.place] = written.get(table.place, set()) | set(header)
+    described = {t.place: set(t.columns) for t in described_tables()}
+    assert described.keys() - written.keys() == {"tables/ankle_moment", "study/study"}
+    without_hinge = {"tables/hinge": {"reason"}}
+    assert {place: described[place] - columns for place, columns in written.items() if described[place] - columns} == (
+        without_hinge
+    )
+
+
+def test_every_number_of_the_summary_is_in_the_data_dictionary(workspace):
+    numbers = json.loads((workspace.folder / "results/summary.json").read_text())["numbers"]
+    assert set(numbers) <= {label.name for label in all_labels(JUDGED_TABLES)}
+    fields = set(re.findall(r"`(\w+)`", " ".join(SUMMARY_FIELDS)))
+    assert set.union(*(set(number) for number in numbers.values())) == fields
 
 
 def truth(workspace, trial):
@@ -194,7 +223,7 @@ def test_a_changed_limit_marks_the_table_and_what_shows_it_anew_and_fits_nothing
     assert "Rule: fit_" not in said
     reasons = pl.read_csv(workspace.folder / "results/tables/belt.csv")["doubtful"]
     assert reasons.str.contains("^samples .* is above 10$").all()
-    summary = json.loads((workspace.folder / "results/summary.json").read_text())
+    summary = json.loads((workspace.folder / "results/summary.json").read_text())["numbers"]
     assert (summary["doubtful_belt"]["value"], summary["doubtful_belt"]["n"]) == (2, 2)
     workspace.configure({"doubtful": {"belt": {"above": {"sample": 10}}}})
     result = workspace.run("reproduce-all")

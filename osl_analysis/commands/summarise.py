@@ -15,8 +15,10 @@ from osl_analysis.yaml_settings import Settings, validated
 REMEDY = "delete it and run `snakemake reproduce-all`"
 
 
-def write_summary(table_paths: Mapping[str, Path], summary_json: Path, numbers_tex: Path) -> None:
-    """Write headline numbers from the tables that the campaign has, named as in `summary.TABLES` (others are ignored).
+def write_summary(campaign: str, table_paths: Mapping[str, Path], summary_json: Path, numbers_tex: Path) -> None:
+    """Write headline numbers of a campaign from the tables that it has, by their names.
+
+    Tables without headline numbers are ignored (those with some stand in `headlines.TABLES`).
 
     Raises
     ------
@@ -26,8 +28,8 @@ def write_summary(table_paths: Mapping[str, Path], summary_json: Path, numbers_t
     tables = {name: read_table(path, required=TABLES[name]) for name, path in table_paths.items() if name in TABLES}
     headlines = headline_numbers(tables)
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
-        json_path.write_text(to_json(headlines), encoding="utf-8")
-        tex_path.write_text(to_tex(headlines), encoding="utf-8")
+        json_path.write_text(to_json(campaign, headlines), encoding="utf-8")
+        tex_path.write_text(to_tex(campaign, headlines), encoding="utf-8")
 
 
 class Number(Settings):
@@ -45,7 +47,14 @@ class Number(Settings):
     amplitudes_high: float | None = None
 
 
-def read_summary(summary_json: Path) -> dict[str, dict[str, Any]]:
+class Summary(Settings):
+    """The summary of a campaign."""
+
+    campaign: str
+    numbers: dict[str, Number]
+
+
+def read_summary(summary_json: Path) -> dict[str, Any]:
     """The summary that `write_summary` wrote.
 
     Raises
@@ -61,14 +70,13 @@ def read_summary(summary_json: Path) -> dict[str, dict[str, Any]]:
         raise InputError(f"{summary_json}: not a summary ({error}); {REMEDY}") from error
     if not isinstance(content, dict):
         raise InputError(f"{summary_json}: not a summary (it holds no names); {REMEDY}")
-    for name, number in content.items():
-        try:
-            validated(number, Number, Path(f"{summary_json}, '{name}'"))
-        except InputError as error:
-            raise InputError(f"{error}; {REMEDY}") from error
+    try:
+        validated(content, Summary, summary_json)
+    except InputError as error:
+        raise InputError(f"{error}; {REMEDY}") from error
     return content
 
 
-def format_results_table(summary: Mapping[str, Mapping[str, Any]]) -> str:
-    """Markdown table of a summary: quantity, value, interval, n and the draft's value."""
-    return to_markdown(summary)
+def format_results_table(summary: Mapping[str, Any]) -> str:
+    """The campaign's name and a Markdown table of its numbers: quantity, value, interval, n and the draft's value."""
+    return f"Campaign {summary['campaign']}\n\n{to_markdown(summary['numbers'])}"

@@ -1,4 +1,4 @@
-"""Headline numbers of a campaign: each with unit, interval and the value that the paper's draft prints."""
+"""Headline numbers of a campaign, computed from its result tables, each with its interval."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -9,6 +9,21 @@ import polars as pl
 
 from osl_analysis.doubtful import doubtful_count
 from osl_analysis.errors import InputError
+from osl_analysis.summary.labels import (
+    ACTUATOR_LABELS,
+    BELT_LABELS,
+    CONTROLLERS,
+    EXAMPLE_B_D,
+    EXAMPLE_K_D,
+    TRANSMISSION_LABELS,
+    TRANSMISSION_VAF,
+    WALKING_LABELS,
+    WALKING_VAF,
+    Label,
+    doubtful_label,
+    impedance_labels,
+    model_gain_labels,
+)
 from osl_analysis.trial import Array
 
 STUDENT = "95 % of the mean (Student)"
@@ -17,19 +32,18 @@ BOOTSTRAP = "95 % (bootstrap over crossings and trials of the unloaded plate)"
 PAIRED = "95 % of the mean difference of the same trials (Student)"
 RANGE = "lowest to highest"
 COUNT = "count"
-EXAMPLE_K_D, EXAMPLE_B_D = 300.0, 5.0
-"""The impedance of Fig. 4 [N*m/rad, N*m*s/rad], whose estimates are headline numbers."""
 ENSEMBLE = "ensemble"
 """Estimator of the walking summary that is the headline: its bias shrinks with the number of crossings, that of the
-mean over perturbations does not (docs/validation.md)."""
+mean over perturbations does not."""
 
+SUMMARY_COLUMNS = ("quantity", "n", "mean", "low", "high")
 TABLES = {
     "belt": ("doubtful",),
-    "belt_summary": ("quantity", "n", "mean", "low", "high"),
-    "transmission_summary": ("quantity", "n", "mean", "low", "high"),
+    "belt_summary": SUMMARY_COLUMNS,
+    "transmission_summary": SUMMARY_COLUMNS,
     "transmission": ("amplitude_deg", "VAF", "doubtful"),
     "actuator": ("doubtful",),
-    "actuator_summary": ("quantity", "n", "mean", "low", "high"),
+    "actuator_summary": SUMMARY_COLUMNS,
     "impedance": (
         "controller", "K_d", "B_d", "amplitude_deg", "K", "K_low", "K_high", "K_amplitudes_low", "K_amplitudes_high",
         "B", "B_low", "B_high", "B_amplitudes_low", "B_amplitudes_high", "VAF", "doubtful",
@@ -42,78 +56,35 @@ TABLES = {
     "walking": ("VAF", "doubtful"),
 }  # fmt: skip
 """The tables that hold headline numbers, and the columns that are read."""
+JUDGED_TABLES = tuple(name for name, columns in TABLES.items() if "doubtful" in columns)
+"""The tables whose doubtful fits are counted."""
 
 
 @dataclass(frozen=True)
-class Label:
-    """What a number is called (`macro`: in LaTeX, letters only), its unit, the draft's value, and what it means."""
+class Interval:
+    """Bounds of a number, in its unit."""
 
-    name: str
-    unit: str
-    draft: float | None
-    macro: str
-    meaning: str
+    low: float | None
+    high: float | None
+    kind: str
 
 
 @dataclass(frozen=True)
 class Headline(Label):
-    """A number with the bounds of its interval; `interval` says of what kind, `n` from how many trials or fits.
-
-    `amplitudes_low` and `amplitudes_high`: from where to where the fits to single amplitudes read it.
-    """
+    """A headline number."""
 
     value: float
+    """In `unit`."""
     low: float | None
     high: float | None
     interval: str | None
+    """What kind of interval it is; None if there is none."""
     n: int
+    """Number of trials or fits behind it."""
     amplitudes_low: float | None = None
+    """Lowest result of the fits to single amplitudes; None if there are none."""
     amplitudes_high: float | None = None
-
-
-BELT = {"K_s": Label("K_s", "N*m/rad", 685.6, "BeltStiffness", "belt stiffness while loading, mean of trials")}
-TRANSMISSION = {
-    "B_j": Label("B_j", "N*m*s/rad", 0.452, "JointDamping", "damping of the transmission, mean of trials"),
-    "J_j": Label("J_j", "kg*m^2", 5.0e-3, "JointInertia", "inertia of the transmission, mean of trials"),
-}
-TRANSMISSION_VAF = Label(
-    "transmission_VAF", "%", 99.1, "TransmissionVAF", "VAF of the transmission model, mean of trials"
-)
-ACTUATOR = {
-    "k_tau_n_m": Label("k_tau_n_m", "N*m/A", 113.3e-3 * 9, "TorqueConstant", "torque per current, mean of trials"),
-    "f_C": Label("f_C", "N*m", 0.377, "CoulombFriction", "Coulomb friction of the actuator, mean of trials"),
-    "f_G": Label("f_G", "N*m/A", 89.6e-3, "GearFriction", "gear friction of the actuator, mean of trials"),
-    "B_m": Label("B_m", "N*m*s/rad", 5.6e-3, "MotorDamping", "damping of the actuator, mean of trials"),
-    "J_m": Label("J_m", "kg*m^2", 9.211e-3, "MotorInertia", "inertia of the actuator, mean of trials"),
-}
-WALKING = {
-    "K": Label(
-        "walking_K", "N*m/rad", 340.0, "WalkingStiffness", "ankle stiffness while walking, fit to the mean response"
-    ),
-    "B": Label(
-        "walking_B", "N*m*s/rad", None, "WalkingDamping", "ankle damping while walking, fit to the mean response"
-    ),
-    "I": Label("walking_I", "kg*m^2", None, "WalkingInertia", "ankle inertia while walking, fit to the mean response"),
-}
-BELT_GAIN = "held-out VAF of the quadratic belt with hysteresis less the linear belt's, mean of trials"
-COULOMB_GAIN = "held-out VAF of the transmission with Coulomb friction less that without, mean of trials"
-DRIVETRAIN_GAIN = "held-out VAF of Eq. 9 with friction less Eq. 15's, mean of trials"
-MODEL_GAINS: dict[tuple[str, str | None, str], Label] = {
-    ("belt", None, "M4"): Label("belt_VAF_gain", "%", None, "BeltVAFGain", BELT_GAIN),
-    ("transmission", None, "M2"): Label("coulomb_VAF_gain", "%", None, "CoulombVAFGain", COULOMB_GAIN),
-    **{
-        ("impedance", controller, "M3"): Label(
-            f"drivetrain_VAF_gain_{controller}",
-            "%",
-            None,
-            f"{controller.capitalize()}DrivetrainVAFGain",
-            f"{DRIVETRAIN_GAIN}, {controller}",
-        )
-        for controller in ("compensated", "uncompensated")
-    },
-}
-"""By experiment, controller and model of the comparison's summary."""
-WALKING_VAF = Label("walking_VAF", "%", None, "WalkingVAF", "VAF of the walking fits, mean of perturbations")
+    """Highest result of the fits to single amplitudes; None if there are none."""
 
 
 def headline_numbers(tables: Mapping[str, pl.DataFrame]) -> list[Headline]:
@@ -124,34 +95,65 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame]) -> list[Headline]:
     InputError
         A summary table has no finite mean for a quantity that it lists.
     """
-    found: list[Headline] = []
-    if "belt_summary" in tables:
-        found += means(tables["belt_summary"], BELT)
-    if "transmission_summary" in tables:
-        found += means(tables["transmission_summary"], TRANSMISSION)
-    if "transmission" in tables:
-        found += over_fits(TRANSMISSION_VAF, over_all_amplitudes(tables["transmission"])["VAF"], np.mean)
-    if "actuator_summary" in tables:
-        found += means(tables["actuator_summary"], ACTUATOR)
-    if "impedance" in tables:
-        for controller in ("compensated", "uncompensated"):
-            found += impedance_headlines(controller, tables["impedance"])
-    if "model_comparison_summary" in tables:
-        found += model_gains(tables["model_comparison_summary"])
-    if "walking_summary" in tables:
-        walked = tables["walking_summary"].filter(pl.col("estimator") == ENSEMBLE)
-        found += means(walked, WALKING, BOOTSTRAP)
-    if "walking" in tables:
-        found += over_fits(WALKING_VAF, tables["walking"]["VAF"], np.mean)
-    return found + [doubtful_fits(name, table) for name, table in tables.items() if "doubtful" in TABLES[name]]
+    numbers = [number for name, of_table in HEADLINES if name in tables for number in of_table(tables[name])]
+    return numbers + [doubtful_fits(name, table) for name, table in tables.items() if name in JUDGED_TABLES]
+
+
+def transmission_headlines(table: pl.DataFrame) -> list[Headline]:
+    """VAF of the transmission model over trials."""
+    return over_fits(TRANSMISSION_VAF, over_all_amplitudes(table)["VAF"], np.mean)
+
+
+def walking_summary_headlines(table: pl.DataFrame) -> list[Headline]:
+    """The ensemble's K, B and I."""
+    return summary_means(table.filter(pl.col("estimator") == ENSEMBLE), WALKING_LABELS, BOOTSTRAP)
+
+
+def impedance_headlines(impedance: pl.DataFrame) -> list[Headline]:
+    """Per controller VAF over trials and amplitudes, errors of K and B over trials, and the example of Fig. 4."""
+    return [number for controller in CONTROLLERS for number in controller_headlines(controller, impedance)]
+
+
+def controller_headlines(controller: str, impedance: pl.DataFrame) -> list[Headline]:
+    """The numbers of the rendered impedance with one controller."""
+    fits, labels = impedance.filter(pl.col("controller") == controller), impedance_labels(controller)
+    trials, vaf = over_all_amplitudes(fits), fits.filter(pl.col("amplitude_deg").is_not_null())["VAF"]
+    return [
+        *over_fits(labels["VAF_median"], vaf, np.median),
+        *over_fits(labels["VAF_mean"], vaf, np.mean),
+        *over_fits(labels["K_error"], 100 * (trials["K"] / trials["K_d"] - 1).abs(), np.mean),
+        *over_fits(labels["B_error"], (trials["B"] - trials["B_d"]).abs(), np.mean),
+        *example_headlines("K", labels["K_example"], trials),
+        *example_headlines("B", labels["B_example"], trials),
+    ]
+
+
+def example_headlines(symbol: str, label: Label, trials: pl.DataFrame) -> list[Headline]:
+    """K or B of the trial that Fig. 4 shows; the mean over its repeats, if there are several."""
+    rows = trials.filter((pl.col("K_d") == EXAMPLE_K_D) & (pl.col("B_d") == EXAMPLE_B_D))
+    if len(rows) != 1:
+        return over_fits(label, rows[symbol], np.mean)
+    value, low, high = rows.select(symbol, f"{symbol}_low", f"{symbol}_high").row(0)
+    lowest, highest = rows.select(f"{symbol}_amplitudes_low", f"{symbol}_amplitudes_high").row(0)
+    number = headline(label, value, 1, Interval(low, high, FIT))
+    return [replace(number, amplitudes_low=lowest, amplitudes_high=highest)]
+
+
+def model_gain_headlines(table: pl.DataFrame) -> list[Headline]:
+    """What rival models gain over the draft's in VAF on held-out data, of the comparisons that have a mean."""
+    numbers, labels = [], model_gain_labels()
+    for row in table.drop_nulls("VAF_gain").iter_rows(named=True):
+        label = labels.get((row["experiment"], row["controller"], row["model"]))
+        if label is not None:
+            interval = Interval(row["VAF_gain_low"], row["VAF_gain_high"], PAIRED)
+            numbers.append(headline(label, row["VAF_gain"], int(row["trials"]), interval))
+    return numbers
 
 
 def doubtful_fits(name: str, table: pl.DataFrame) -> Headline:
-    """How many fits of a table are doubtful; `n` how many there are."""
+    """How many fits of a table are doubtful; `n` is how many there are."""
     doubtful, n = doubtful_count(table)
-    meaning = f"doubtful fits in {name}.csv, whose column says why"
-    label = Label(f"doubtful_{name}", "fits", None, f"Doubtful{name.capitalize()}", meaning)
-    return Headline(**asdict(label), value=doubtful, low=None, high=None, interval=COUNT, n=n)
+    return Headline(**asdict(doubtful_label(name)), value=doubtful, low=None, high=None, interval=COUNT, n=n)
 
 
 def over_all_amplitudes(table: pl.DataFrame) -> pl.DataFrame:
@@ -159,10 +161,10 @@ def over_all_amplitudes(table: pl.DataFrame) -> pl.DataFrame:
     return table.filter(pl.col("amplitude_deg").is_null())
 
 
-def means(table: pl.DataFrame, labels: Mapping[str, Label], interval: str = STUDENT) -> list[Headline]:
-    """Means over repeats with their intervals, of the labelled quantities that a summary table lists."""
+def summary_means(table: pl.DataFrame, labels: Mapping[str, Label], interval: str = STUDENT) -> list[Headline]:
+    """The labelled quantities that a summary table lists, with their intervals."""
     rows = {row["quantity"]: row for row in table.iter_rows(named=True)}
-    found = []
+    numbers = []
     for quantity, label in labels.items():
         if quantity not in rows:
             continue
@@ -171,56 +173,8 @@ def means(table: pl.DataFrame, labels: Mapping[str, Label], interval: str = STUD
             raise InputError(
                 f"summary table: the mean of '{quantity}' is {mean}; look for a fit without a result in its trials"
             )
-        found.append(headline(label, mean, low, high, interval, int(n)))
-    return found
-
-
-def impedance_headlines(controller: str, impedance: pl.DataFrame) -> list[Headline]:
-    """VAF over trials and amplitudes, errors of K and B over trials, and the example of Fig. 4, for one controller."""
-    fits = impedance.filter(pl.col("controller") == controller)
-    trials = over_all_amplitudes(fits)
-    vaf = fits.filter(pl.col("amplitude_deg").is_not_null())["VAF"]
-    K_error = 100 * (trials["K"] / trials["K_d"] - 1).abs()
-    B_error = (trials["B"] - trials["B_d"]).abs()
-
-    def label(name: str, unit: str, macro: str, meaning: str) -> Label:
-        return Label(f"{name}_{controller}", unit, None, controller.capitalize() + macro, f"{meaning}, {controller}")
-
-    return [
-        *over_fits(label("VAF_median", "%", "VAFMedian", "median VAF of trials and amplitudes"), vaf, np.median),
-        *over_fits(label("VAF_mean", "%", "VAFMean", "mean VAF of trials and amplitudes"), vaf, np.mean),
-        *over_fits(label("K_error", "%", "StiffnessError", "mean |K/K_d - 1| of trials"), K_error, np.mean),
-        *over_fits(label("B_error", "N*m*s/rad", "DampingError", "mean |B - B_d| of trials"), B_error, np.mean),
-        *example_headlines(controller, trials),
-    ]
-
-
-def example_headlines(controller: str, trials: pl.DataFrame) -> list[Headline]:
-    """K and B of the trial that Fig. 4 shows; over repeats of it, their mean."""
-    rows = trials.filter((pl.col("K_d") == EXAMPLE_K_D) & (pl.col("B_d") == EXAMPLE_B_D))
-    found = []
-    for symbol, word, unit in (("K", "Stiffness", "N*m/rad"), ("B", "Damping", "N*m*s/rad")):
-        meaning = f"{symbol} for K_d = {EXAMPLE_K_D:g}, B_d = {EXAMPLE_B_D:g}, {controller}"
-        label = Label(f"{symbol}_example_{controller}", unit, None, f"{controller.capitalize()}Example{word}", meaning)
-        if len(rows) == 1:
-            value, low, high = rows.select(symbol, f"{symbol}_low", f"{symbol}_high").row(0)
-            lowest, highest = rows.select(f"{symbol}_amplitudes_low", f"{symbol}_amplitudes_high").row(0)
-            number = headline(label, value, low, high, FIT, 1)
-            found.append(replace(number, amplitudes_low=lowest, amplitudes_high=highest))
-        else:
-            found += over_fits(label, rows[symbol], np.mean)
-    return found
-
-
-def model_gains(table: pl.DataFrame) -> list[Headline]:
-    """What the draft's models lose in VAF on data held out, of the comparisons that have a mean."""
-    found = []
-    for row in table.drop_nulls("VAF_gain").iter_rows(named=True):
-        label = MODEL_GAINS.get((row["experiment"], row["controller"], row["model"]))
-        if label is not None:
-            bounds = row["VAF_gain_low"], row["VAF_gain_high"]
-            found.append(headline(label, row["VAF_gain"], *bounds, PAIRED, int(row["trials"])))
-    return found
+        numbers.append(headline(label, mean, int(n), Interval(low, high, interval)))
+    return numbers
 
 
 def over_fits(label: Label, values: pl.Series, middle: Callable[[Array], np.floating]) -> list[Headline]:
@@ -229,11 +183,24 @@ def over_fits(label: Label, values: pl.Series, middle: Callable[[Array], np.floa
     if not len(finite):
         return []
     low, high = (float(finite.min()), float(finite.max())) if len(finite) > 1 else (None, None)
-    return [headline(label, float(middle(finite)), low, high, RANGE, len(finite))]
+    return [headline(label, float(middle(finite)), len(finite), Interval(low, high, RANGE))]
 
 
-def headline(label: Label, value: float, low: float | None, high: float | None, interval: str, n: int) -> Headline:
-    """A number without an interval where a bound is missing (a single trial has no scatter)."""
-    if low is None or high is None or not (math.isfinite(low) and math.isfinite(high)):
+def headline(label: Label, value: float, n: int, interval: Interval) -> Headline:
+    """A number, without an interval where a bound is missing (a single trial has no scatter)."""
+    if interval.low is None or interval.high is None or not np.isfinite([interval.low, interval.high]).all():
         return Headline(**asdict(label), value=value, low=None, high=None, interval=None, n=n)
-    return Headline(**asdict(label), value=value, low=low, high=high, interval=interval, n=n)
+    return Headline(**asdict(label), value=value, low=interval.low, high=interval.high, interval=interval.kind, n=n)
+
+
+HEADLINES: tuple[tuple[str, Callable[[pl.DataFrame], list[Headline]]], ...] = (
+    ("belt_summary", lambda table: summary_means(table, BELT_LABELS)),
+    ("transmission_summary", lambda table: summary_means(table, TRANSMISSION_LABELS)),
+    ("transmission", transmission_headlines),
+    ("actuator_summary", lambda table: summary_means(table, ACTUATOR_LABELS)),
+    ("impedance", impedance_headlines),
+    ("model_comparison_summary", model_gain_headlines),
+    ("walking_summary", walking_summary_headlines),
+    ("walking", lambda table: over_fits(WALKING_VAF, table["VAF"], np.mean)),
+)
+"""The tables with headline numbers, and what computes these, in the order of the summary."""

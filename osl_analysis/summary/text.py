@@ -12,29 +12,29 @@ AMPLITUDES = ("amplitudes_low", "amplitudes_high")
 KEPT = ("value", "unit", "low", "high", "interval", "n", "draft", "meaning")
 MACRO_PREFIX = "osl"
 ROUNDING = 1e-9
-"""An interval narrower than this part of its value is no more than rounding."""
+"""Relative width of an interval that counts as rounding."""
 SMALLEST_PLAIN = 1e-4
 """Numbers smaller than this are written with a power of ten."""
 
 
-def to_json(headlines: Sequence[Headline]) -> str:
-    """One object by name, in full precision; null where there is no interval or the draft has no value.
+def to_json(campaign: str, headlines: Sequence[Headline]) -> str:
+    """The name of the campaign, and under `numbers` an object per headline number, in full precision.
 
-    The range over single amplitudes stands only with numbers that have one.
+    Null where there is no interval or the draft has no value; only numbers with a range over single amplitudes have it.
     """
-    content = {
+    numbers = {
         h.name: {key: getattr(h, key) for key in (*KEPT, *(AMPLITUDES if h.amplitudes_low is not None else ()))}
         for h in headlines
     }
-    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps({"campaign": campaign, "numbers": numbers}, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def to_tex(headlines: Sequence[Headline]) -> str:
+def to_tex(campaign: str, headlines: Sequence[Headline]) -> str:
     r"""Macros such as `\oslBeltStiffness`, with `Low` and `High` where there is an interval, rounded, without unit.
 
     Each line ends in a comment, so that reading the file puts no space into the text.
     """
-    lines = ["% Headline numbers, written by osl-analysis; \\input this file and use the macros."]
+    lines = [f"% Headline numbers of campaign {campaign}, by osl-analysis; \\input this file and use the macros."]
     for h in headlines:
         digits = decimals(h.value, *rounded_by(asdict(h)))
         finer = told_apart(h.low, h.high, digits)
@@ -53,10 +53,10 @@ def to_tex(headlines: Sequence[Headline]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def to_markdown(summary: Mapping[str, Mapping[str, Any]]) -> str:
-    """Table of a summary in the form that `to_json` writes."""
+def to_markdown(numbers: Mapping[str, Mapping[str, Any]]) -> str:
+    """Table of the numbers of a summary, in the form that `to_json` writes."""
     lines = ["| quantity | value | interval | n | draft |", "| --- | --- | --- | --- | --- |"]
-    for number in summary.values():
+    for number in numbers.values():
         digits = decimals(number["value"], *rounded_by(number))
         value = f"{plain(number['value'], digits)} {number['unit']}"
         interval, draft = "", "" if number["draft"] is None else f"{number['draft']:g}"
@@ -72,19 +72,20 @@ def to_markdown(summary: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, str | None]:
-    """Bounds that say how many digits of a number mean something, and their kind: the amplitudes', where it has some.
+    """Bounds that decide to how many digits a number is rounded, and their kind.
 
-    Noise may leave a number five digits of which amplitudes share three.
+    These are the range over single amplitudes where there is one, else the interval: noise may leave five digits
+    where the amplitudes agree in three.
     """
     low, high = (number.get(key) for key in AMPLITUDES)
     return (number["low"], number["high"], number["interval"]) if low is None else (low, high, None)
 
 
 def decimals(value: float, low: float | None, high: float | None, interval: str | None) -> int:
-    """Decimal places that leave two digits of the interval's half width.
+    """Decimal places with which a number is written.
 
-    Three digits of the number itself where there is no interval, or a range, which says nothing of its precision, or
-    more until the ends of the range differ; none of a count.
+    They leave two digits of half the interval. A number without an interval has three digits; so has one with a range,
+    which says nothing of its precision, or more until the ends of the range differ. A count has no decimals.
     """
     if interval == COUNT:
         return 0
@@ -96,7 +97,7 @@ def decimals(value: float, low: float | None, high: float | None, interval: str 
 
 
 def told_apart(low: float | None, high: float | None, digits: int) -> int:
-    """Decimal places, `digits` or more, with which two bounds read differently, if they are two."""
+    """Decimal places, `digits` or more, with which two different bounds read differently."""
     if low is None or high is None or abs(high - low) <= ROUNDING * max(abs(low), abs(high)):
         return digits
     while plain(low, digits) == plain(high, digits):

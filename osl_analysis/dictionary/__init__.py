@@ -1,0 +1,91 @@
+"""The data dictionary: meaning and unit of every column of every table that the pipeline writes.
+
+The descriptions stand in the YAML files beside this module: a section per table, in it a line per column,
+`name: unit | meaning`. Three short forms keep them true and short:
+
+* `K, _se, _low: N*m/rad | ...` describes K, K_se and K_low; what the endings mean stands in `shared.yaml`;
+* `cov K B I:` describes the covariances cov_K_B, cov_K_I and cov_B_I, whose units are the products of the columns';
+* `include GROUP:` takes a group of columns, and a name without a description a column, from `shared.yaml`.
+
+A new column is a line here beside the code that makes it; a test fails where one is missing.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+FILES = ("bench", "walking", "campaign", "figures")
+"""The YAML files with tables, in the order of the page."""
+
+
+@dataclass(frozen=True)
+class DescribedColumn:
+    """One column of a table."""
+
+    name: str
+    unit: str
+    """SI unit; 1 for a number without one, count, text, or what else the values are."""
+    meaning: str
+
+
+@dataclass(frozen=True)
+class DescribedTable:
+    """One kind of table."""
+
+    place: str
+    """Path below `results/` without the suffix .csv; * stands for the name of a trial."""
+    also: str
+    """Path of the tables of single trials that it gathers, with the same columns; empty if there are none."""
+    rows: str
+    """What a row is."""
+    columns: Mapping[str, DescribedColumn]
+
+    def describes(self, path: str) -> bool:
+        """Whether the file `path` below `results/` is such a table."""
+        return any(place and Path(path).match(f"{place}.csv") for place in (self.place, self.also))
+
+
+@cache
+def described_tables() -> tuple[DescribedTable, ...]:
+    """Every table of the dictionary."""
+    return tuple(table for name in FILES for table in tables_of(read_file(name)))
+
+
+@cache
+def read_file(name: str) -> Mapping[str, Any]:
+    """One YAML file of the dictionary."""
+    content: Mapping[str, Any] = yaml.safe_load(Path(__file__).with_name(f"{name}.yaml").read_text(encoding="utf-8"))
+    return content
+
+
+def tables_of(content: Mapping[str, Any]) -> Iterator[DescribedTable]:
+    """The tables of one YAML file."""
+    for place, table in content.items():
+        described: dict[str, DescribedColumn] = {}
+        for key, text in table["columns"].items():
+            described |= {column.name: column for column in columns_of(key, text, described)}
+        yield DescribedTable(place, table.get("also", ""), table["rows"], described)
+
+
+def columns_of(key: str, text: str | None, before: Mapping[str, DescribedColumn]) -> Iterator[DescribedColumn]:
+    """The columns that one line of the dictionary describes; `before` are those of the same table above it."""
+    shared = read_file("shared")
+    word, _, rest = key.partition(" ")
+    if word == "include":
+        for name, described in shared["groups"][rest].items():
+            yield from columns_of(name, described, before)
+    elif word == "cov":
+        for a, b in combinations(rest.split(), 2):
+            unit = f"({before[a].unit}) * ({before[b].unit})"
+            yield DescribedColumn(f"cov_{a}_{b}", unit, f"covariance of the estimates {a} and {b}")
+    else:
+        name, *endings = key.split(", ")
+        unit, meaning = (text or shared["columns"][name]).split(" | ")
+        yield DescribedColumn(name, unit, meaning)
+        for ending in endings:
+            yield DescribedColumn(name + ending, unit, shared["endings"][ending].replace("NAME", name))

@@ -1,0 +1,64 @@
+"""The data dictionary: every column has a unit and a meaning, and the page in docs/ is the one that the code makes."""
+
+from dataclasses import fields
+
+import numpy as np
+import polars as pl
+import pytest
+from conftest import ROOT
+
+from osl_analysis.commands.describe_tables import page
+from osl_analysis.commands.overground import comparison_row
+from osl_analysis.commands.study import KEYS
+from osl_analysis.dictionary import columns_of, described_tables
+from osl_analysis.study.performance import Performance
+from osl_analysis.walking.events import Stance
+from osl_analysis.walking.overground import MomentComparison
+
+COMMAND = "osl-analysis describe-tables --output docs/tables.md"
+
+
+def described(place):
+    (table,) = [table for table in described_tables() if table.place == place]
+    return table.columns
+
+
+def test_the_page_of_the_documentation_is_the_one_that_the_command_makes():
+    assert (ROOT / "docs/tables.md").read_text(encoding="utf-8") == page(COMMAND), f"run `{COMMAND}`"
+
+
+@pytest.mark.parametrize("table", described_tables(), ids=lambda table: table.place)
+def test_every_description_has_a_unit_and_a_sentence_that_a_table_of_the_page_can_hold(table):
+    assert table.rows
+    for column in table.columns.values():
+        assert column.unit.strip(), column.name
+        assert len(column.meaning) > 10, column.name
+        assert column.meaning == column.meaning.strip().removesuffix("."), column.name
+
+
+def test_endings_covariances_and_shared_columns_are_written_out():
+    columns = described("tables/impedance")
+    assert columns["K_se"].unit == "N*m/rad"
+    assert columns["K_se"].meaning == "standard error of K"
+    assert columns["cov_K_B"].unit == "(N*m/rad) * (N*m*s/rad)"
+    assert {"cov_K_I", "cov_B_I", "VAF", "controller", "trial", "I_amplitudes_high"} <= set(columns)
+    assert "cov_B_K" not in columns
+    (column,) = columns_of("x", "m | a length", {})
+    assert (column.name, column.unit, column.meaning) == ("x", "m", "a length")
+
+
+def test_the_study_s_table_is_described():
+    assert set(described("study/study")) == {*KEYS, *(field.name for field in fields(Performance)), "model_error"}
+
+
+def test_the_table_of_overground_trials_is_described():
+    time = np.arange(3.0)
+    row = comparison_row(MomentComparison("left", 1, Stance(0.0, 1.0), time, time, time))
+    assert set(described("tables/ankle_moment")) == {"trial", "body_mass_kg", *row}
+
+
+def test_a_table_of_a_single_trial_is_described_by_the_table_that_gathers_it():
+    (table,) = [t for t in described_tables() if t.describes("fits/walking/walking_01.csv")]
+    assert table.place == "tables/walking"
+    assert not any(t.describes("fits/unknown/walking_01.csv") for t in described_tables())
+    assert pl.Series([t.place for t in described_tables()]).is_unique().all()

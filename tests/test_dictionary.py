@@ -12,6 +12,7 @@ from osl_analysis.commands.overground import comparison_row
 from osl_analysis.commands.study import KEYS
 from osl_analysis.dictionary import columns_of, described_tables
 from osl_analysis.study.performance import Performance
+from osl_analysis.table import TEXT_COLUMNS
 from osl_analysis.walking.events import Stance
 from osl_analysis.walking.overground import MomentComparison
 
@@ -55,6 +56,11 @@ def test_the_table_of_overground_trials_is_described():
     time = np.arange(3.0)
     row = comparison_row(MomentComparison("left", 1, Stance(0.0, 1.0), time, time, time))
     assert set(described("tables/ankle_moment")) == {"trial", "body_mass_kg", *row}
+
+
+def test_columns_that_are_read_as_text_are_described_as_text():
+    text = {column.name for table in described_tables() for column in table.columns.values() if column.unit == "text"}
+    assert set(TEXT_COLUMNS) <= text
 
 
 def test_a_table_of_a_single_trial_is_described_by_the_table_that_gathers_it():

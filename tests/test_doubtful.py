@@ -62,6 +62,13 @@ def test_a_fit_is_doubtful_for_every_limit_that_it_passes_and_says_which():
     assert doubts({"VAF": float("nan")}, {}, {"VAF": 90}) == "VAF is not a number"
 
 
+def test_a_lower_limit_is_on_the_value_and_an_upper_one_on_its_size():
+    assert doubts({"VAF": -200.0}, {}, {"VAF": 90}) == "VAF -200 is below 90"
+    assert doubts({"VAF_held_out": -95.0, "lag": -95.0}, {"lag": 90}, {"VAF_held_out": 90}) == (
+        "lag -95 is above 90; VAF_held_out -95 is below 90"
+    )
+
+
 def test_any_numeric_column_of_any_table_can_have_a_limit_and_null_takes_it_out():
     table = fits(VAF=[80.0, 99.0], samples=[10, 1000])
     limits = Doubt(above={"samples": 500}, below={"VAF": 90})

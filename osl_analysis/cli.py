@@ -237,7 +237,7 @@ def gains(
     if (trajectory is None) == (stiffness is None or damping is None):
         raise click.UsageError("give --stiffness and --damping, or --trajectory")
     request = command.Request(stiffness or [], damping or [], trajectory, weight_hz, weight_order)
-    table = command.selected_gains(request, parameters)
+    table = command.requested_gains(request, parameters)
     if output is not None:
         command.write_gains(table, output)
     if plot is not None:

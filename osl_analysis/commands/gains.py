@@ -102,7 +102,7 @@ class Request:
         return self.trajectory is None and len(self.stiffness) == len(self.damping) == 1
 
 
-def selected_gains(request: Request, parameters: Path) -> pl.DataFrame:
+def requested_gains(request: Request, parameters: Path) -> pl.DataFrame:
     """The table of gains for a request.
 
     Raises

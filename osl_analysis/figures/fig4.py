@@ -1,4 +1,4 @@
-"""Fig. 4: ten seconds of a dynamometer trial, measured and as the best second-order system has it."""
+"""Fig. 4: ten seconds of a dynamometer trial, measured and modelled by the best second-order system."""
 
 import polars as pl
 from matplotlib.figure import Figure
@@ -10,11 +10,10 @@ COLUMNS = ("time", "theta_deg", "torque", "torque_model", "doubtful")
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """Angle above, torque below with the fit dashed magenta, as fits are in Fig. 3.
+    """Angle above, torque below with the fit dashed magenta, as in Fig. 3.
 
     The draft calls this line blue in its caption and magenta in its text. Rows in order of time: `time` [s] from
-    0, `theta_deg` [deg], `torque` and `torque_model` [N*m], and why the fit is `doubtful`, which the
-    legend then says.
+    0, `theta_deg` [deg], `torque` and `torque_model` [N*m], and `doubtful`. The legend says if the fit is doubtful.
     """
     figure, (angle, torque) = panels(DOUBLE_COLUMN, 2.8, rows=2)
     angle.plot(table["time"], table["theta_deg"], color=BLACK, linewidth=0.9)

@@ -1,4 +1,4 @@
-"""Fig. 5: observed stiffness and damping against what was asked for."""
+"""Fig. 5: estimated stiffness and damping against the desired ones."""
 
 import numpy as np
 import polars as pl
@@ -22,19 +22,19 @@ TABLE_COLUMNS = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "K", "K_l
 WHERE_THEY_ARE = (
     "K_amplitudes_low", "K_amplitudes_high", "B_amplitudes_low", "B_amplitudes_high", "K_predicted", "B_predicted",
 )  # fmt: skip
-"""Columns that it takes where the table has them, and where not are null."""
+"""Columns that `points` takes if the table has them; they are null if not."""
 COLUMNS = (
     "trial", "controller", "K_d", "B_d", "K", "K_low", "K_high", "B", "B_low", "B_high", *WHERE_THEY_ARE, "doubtful",
 )  # fmt: skip
 
 BESIDE = 0.022
-"""Distance between trials that were asked for the same, as a part of the axis: their bars do not run together."""
+"""Distance between trials of one desired value, as a share of the axis: their bars do not overlap."""
 
 
 def points(impedance: pl.DataFrame) -> pl.DataFrame:
-    """One row per trial: its fit over all amplitudes, with 95 % intervals and the range over single amplitudes.
+    """One row per trial: its fit to all amplitudes, with 95 % intervals and the range over single amplitudes.
 
-    `doubtful` says why a fit is, where it is.
+    `doubtful` says why the fit is doubtful.
 
     Raises
     ------
@@ -58,15 +58,14 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
 def draw(table: pl.DataFrame) -> Figure:
     """(a) stiffness, (b) damping: a marker per trial's fit to all amplitudes, the identity dashed.
 
-    A thin bar spans the fits to single amplitudes, a thick one the 95 % interval of noise; the legend says so, or that
-    the markers hide them. Markers are open and trials that were asked for the same stand side by side, less than a
-    marker apart, so that trials with equal results show. Where linear theory predicts the
-    result of the trial's gains, a dash of the same colour marks the prediction. A dot in the marker: the fit is
-    doubtful, and the table says why.
+    A thin bar is the range of the fits to single amplitudes, a thick bar the 95 % interval of noise. The legend names
+    the bars, or says that the markers hide them. Markers are open, and trials of one desired value stand side by side,
+    less than a marker apart, so that equal results can be seen. A dash of the same colour is the prediction of linear
+    theory for the trial's gains. A dot in the marker marks a doubtful fit.
     """
     figure, (stiffness, damping) = panels(SINGLE_COLUMN, 2.5, columns=2)
-    draw_panel(stiffness, table, "K")
-    draw_panel(damping, table, "B")
+    draw_quantity(stiffness, table, "K")
+    draw_quantity(damping, table, "B")
     stiffness.set_xlabel("Desired $K_d$ (N·m/rad)")
     stiffness.set_ylabel(r"Stiffness $\hat{K}$ (N·m/rad)")
     damping.set_xlabel("Desired $B_d$ (N·m·s/rad)")
@@ -78,7 +77,7 @@ def draw(table: pl.DataFrame) -> Figure:
     return figure
 
 
-def draw_panel(ax: Axes, table: pl.DataFrame, symbol: str) -> None:
+def draw_quantity(ax: Axes, table: pl.DataFrame, symbol: str) -> None:
     """One quantity, `K` or `B`, against its desired value."""
     desired = f"{symbol}_d"
     table = table.with_columns(x=side_by_side(table, desired, "B_d" if symbol == "K" else "K_d"))
@@ -108,7 +107,7 @@ def draw_panel(ax: Axes, table: pl.DataFrame, symbol: str) -> None:
 
 
 def side_by_side(table: pl.DataFrame, desired: str, other: str) -> pl.Series:
-    """Where trials stand that were asked for the same in one respect: in the order of the other, close about it."""
+    """Places of the trials on the axis of one desired value; trials that share it stand in the order of the other."""
     levels = table[other].unique().sort().to_list()
     place = np.array([levels.index(value) for value in table[other]]) - (len(levels) - 1) / 2
     values = table[desired].to_numpy()

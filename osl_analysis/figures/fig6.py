@@ -32,7 +32,7 @@ TICKS = (-900, 0, 50, 80, 90, 95, 98, 99, 99.5, 99.8, 99.9, 99.95, 99.98, 99.99,
 
 
 def vaf_scale(vaf: Array) -> Array:
-    """Height of a VAF [percent] on the axis: minus the logarithm of the variance that is left over."""
+    """Height of a VAF [percent] on the axis: minus the logarithm of the variance that the fit leaves."""
     return np.asarray(-np.log10(100 - np.minimum(vaf, LARGEST_VAF)))
 
 
@@ -49,10 +49,10 @@ def axis_limits(vaf: Array) -> tuple[float, float]:
 
 
 def swarm_positions(values: Array, width: float) -> Array:
-    """Sideways offsets (n,) at which points of diameter `width` at heights `values` (n,) do not overlap.
+    """Sideways offsets (n,) at which points of diameter `width` at heights `values` (n,) do not overlap; in one unit.
 
-    Both in one unit. From the lowest value up, each point takes the place nearest to the middle that those
-    below it leave free, the right one of two equal ones in turn with the left.
+    From the lowest value up, each point takes the free place that is nearest to the middle. Of two equally near places
+    it takes the right and the left one in turn.
     """
     offsets = np.zeros(len(values))
     order = np.argsort(values, kind="stable")
@@ -70,7 +70,7 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
     """One row per trial and amplitude, with its place `x` in the swarm, 0 to 1 across the panel.
 
     `x_centre` is the middle of the controller's swarm, `median_VAF` [percent] its median. Fits without a VAF
-    (a constant torque) are left out.
+    (a constant torque) have no row.
 
     Raises
     ------
@@ -99,9 +99,9 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """A swarm per controller with its median as a black bar; the axis is logarithmic in the variance left over.
+    """A swarm per controller with its median as a black bar.
 
-    A light dot in the marker: the fit is doubtful, and the table says why.
+    The axis is logarithmic in the variance that the fit leaves. A light dot in the marker marks a doubtful fit.
     """
     figure = Figure(figsize=(SINGLE_COLUMN, HEIGHT))
     left, bottom, width, height = PANEL

@@ -1,4 +1,4 @@
-"""Fig. 7: frequency response of the joint, observed beside desired."""
+"""Fig. 7: observed and desired frequency response of the joint."""
 
 import numpy as np
 import polars as pl
@@ -37,7 +37,7 @@ NICE = (1, 1.5, 2, 3, 4, 5, 6, 8)
 
 
 def points(response: pl.DataFrame, curves: pl.DataFrame) -> pl.DataFrame:
-    """Observed points of one desired impedance with 95 % intervals and the amplitudes' range, then the curves.
+    """Observed points of one desired impedance with 95 % intervals and the range over amplitudes, then the curves.
 
     `response` has the columns `RESPONSE`; `curves` has `CURVES`, its conditions being `desired` and, where there
     is a prediction, the controller's name + `LINEAR_MODEL`. Magnitudes in rad/(N*m), phases in degrees.
@@ -74,8 +74,8 @@ def response_curve(condition: str, frequency_hz: np.ndarray, Y: np.ndarray) -> p
 def draw(table: pl.DataFrame) -> Figure:
     """(a) magnitude, (b) phase: markers observed, black line desired, thin lines predicted.
 
-    A thin bar spans the amplitudes of which a marker is the mean, a thick one the 95 % interval of noise; a light dot
-    in the marker says that the fit at one amplitude or more is doubtful.
+    A marker is the mean over amplitudes. A thin bar is their range, a thick bar the 95 % interval of noise. A light
+    dot in the marker says that the phasor of at least one amplitude is doubtful.
     """
     figure, (magnitude, phase) = panels(SINGLE_COLUMN, 3.4, rows=2)
     for ax, column, bounds in ((magnitude, "magnitude", "magnitude"), (phase, "phase_deg", "phase")):

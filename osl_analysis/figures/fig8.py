@@ -10,7 +10,7 @@ TABLE_COLUMNS = COLUMNS = ("phase", "K_d", "B_d", "K_1_joint", "B_1_joint")
 
 
 def points(gains: pl.DataFrame) -> pl.DataFrame:
-    """Desired impedance and gains, these times the square of the belt's ratio, over `phase` (0 to 1 of the gait)."""
+    """Desired impedance, and gains times the square of the belt's ratio, over `phase` (0 to 1) of the gait cycle."""
     return gains.select(COLUMNS)
 
 

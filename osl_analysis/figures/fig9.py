@@ -18,14 +18,14 @@ LABELS = {
 PER_PERTURBATION, ENSEMBLE = "mean of perturbations", "ensemble"
 """Estimators whose mean and scatter, and whose interval, are drawn."""
 BAR, BESIDE = 0.0, 0.65
-"""Where a bar stands, and the ensemble's estimate."""
+"""Places of the bar and of the ensemble's estimate on the axis."""
 
 
 def points(walking_summary: pl.DataFrame, commanded_K: float | None = None) -> pl.DataFrame:
-    """Mean and SD over the perturbations of K, B and I, the ensemble's estimate with its 95 % interval, and the
-    commanded stiffness [N*m/rad] if it is known.
+    """A row for each of K, B and I: mean and SD over the perturbations, the ensemble's estimate with its 95 % interval.
 
-    `n_doubtful`: in how many of the perturbations the fit is doubtful.
+    `commanded_K` [N*m/rad] is the stiffness that the walking controller commands, if it is known. `n_doubtful` is the
+    number of perturbations whose fit is doubtful.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def draw_bar(ax: Axes, mean: float, sd: float | None) -> None:
 
 
 def draw_ensemble(ax: Axes, value: float, low: float, high: float) -> None:
-    """The fit to the mean response, with its interval: of percentiles, which the estimate may lie outside of."""
+    """The fit to the mean response, with its interval. Its bounds are percentiles: the estimate may lie outside."""
     label, middle = "Fit of mean response, 95 %", (low + high) / 2
     ax.errorbar([BESIDE], [middle], yerr=[(high - low) / 2], fmt="none", color=PURPLE, linewidth=0.8, capsize=2)
     ax.plot([BESIDE], [value], "D", color=PURPLE, markersize=2.8, label=label)

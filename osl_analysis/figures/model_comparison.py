@@ -1,4 +1,4 @@
-"""Rival models of belt, transmission and rendered impedance: what they leave of the torque of data held out."""
+"""Rival models of belt, transmission and rendered impedance: how much of held-out torque they do not account for."""
 
 import numpy as np
 import polars as pl
@@ -17,14 +17,14 @@ MODELS = {
         {"M1": "Eq. 15", "M2": "Eq. 9", "M3": "Eq. 9,\nfriction", "M4": "Eq. 9,\nfriction,\n3 fitted"},
     ),
 }
-"""Per experiment its name, and those of its models, the draft's first."""
+"""Names of each experiment and of its models, the draft's model first."""
 REPEATS = Look(GREY, "o", 2.6, "Repeat")
 SMALLEST = 1e-6
-"""Percent of the variance that is drawn where less is left."""
+"""Smallest share [percent] of the variance that is drawn; smaller ones are drawn there."""
 
 
 def points(scores: pl.DataFrame) -> pl.DataFrame:
-    """One row per trial and model that was predicted from other data.
+    """One row per trial and model that was fitted to other data than those it predicts.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def points(scores: pl.DataFrame) -> pl.DataFrame:
 def draw(table: pl.DataFrame) -> Figure:
     """A panel per experiment, the draft's model on the left: each line is a trial, each bar the geometric mean.
 
-    The axes are logarithmic in the share of the torque's variance that a model leaves of data held out.
+    The axes are logarithmic in the share of the variance of held-out torque that a model does not account for.
     """
     present = [experiment for experiment in MODELS if experiment in table["experiment"]]
     shares = [len(MODELS[experiment][1]) for experiment in present]
@@ -67,7 +67,7 @@ def draw(table: pl.DataFrame) -> Figure:
 
 
 def draw_trials(ax: Axes, rows: pl.DataFrame, models: list[str], shift: float, look: Look) -> None:
-    """The trials of one condition, beside the models' ticks by `shift`."""
+    """The trials of one condition, shifted by `shift` from the ticks of the models."""
     x = np.arange(len(models)) + shift
     wide = rows.pivot("model", index="trial", values="VAF_held_out").select(models).to_numpy()
     left = np.maximum(100 - wide, SMALLEST)

@@ -1,4 +1,4 @@
-"""The validation study: bias, error over the Cramer-Rao bound, and coverage, per experiment and estimator."""
+"""The Monte Carlo study: bias, error over the Cramer-Rao bound, and coverage, per experiment and estimator."""
 
 from collections.abc import Sequence
 
@@ -18,7 +18,7 @@ LOOKS = {"K": (ORANGE, "o"), "B": (PURPLE, "D"), "I": (BLACK, "s"), "f_C": (GREY
 SAME_AS = {"K_s": "K", "B_j": "B", "J_j": "I", "k_tau_n_m": "K", "B_m": "B", "J_m": "I"}
 SAME_AS |= {"magnitude": "K", "phase": "B"}
 PLACES = {"K": -0.22, "B": 0.0, "I": 0.22, "f_C": -0.11, "f_G": 0.11}
-"""How far below its row's line each marker stands."""
+"""Distance of each marker below the line of its row."""
 LIMITS = {"bias": (-1.2, 1.2), "rmse_over_bound": (0.8, 1.6), "coverage": (80.0, 101.0)}
 AIMS = {"bias": (-0.2, 0.2), "rmse_over_bound": (0.0, 1.15), "coverage": (93.0, 97.0)}
 LABELS = {
@@ -26,26 +26,24 @@ LABELS = {
     "rmse_over_bound": "RMSE / Cramér–Rao bound",
     "coverage": "Coverage of 95 % intervals (%)",
 }
-
-
 SHORT = {"unperturbed crossings": "gait", "unperturbed crossings + plate trials": "gait + plate"}
-"""How a long kind of interval is called in the margin."""
+"""Short names of long kinds of interval, for the margin."""
 Key = tuple[str, ...]
 
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """A row per experiment, estimator and interval under the experiment's name, a marker per quantity with two Monte
-    Carlo errors either way.
+    """A row per experiment, estimator and interval, a marker per quantity with two Monte Carlo errors on either side.
 
-    Stiffnesses look alike, dampings and inertias too; the torque constant and the magnitude of a response look like a
-    stiffness, its phase like a damping. The aim is shaded; what lies outside a panel stands open at its edge.
+    All stiffnesses have one marker, and so have dampings and inertias. The torque constant and the magnitude of a
+    response have that of a stiffness, the phase that of a damping. The aim is shaded. An open marker at the edge of a
+    panel lies outside.
     """
     keys = headed(table.select("experiment", "estimator", "interval_method").unique(maintain_order=True))
     figure, axes = panels(DOUBLE_COLUMN, 0.9 + 0.155 * len(keys), columns=3)
     table = table.with_columns(pl.col("coverage") * 100, pl.col("coverage_mc") * 100)
     for ax, column in zip(axes, LABELS, strict=True):
-        draw_panel(ax, table, keys, column)
+        draw_measure(ax, table, keys, column)
         ax.set_yticks(range(len(keys)), [])
     axes[0].set_yticklabels([label(key) for key in keys])
     for text, key in zip(axes[0].get_yticklabels(), keys, strict=True):
@@ -56,7 +54,7 @@ def draw(table: pl.DataFrame) -> Figure:
 
 
 def headed(rows: pl.DataFrame) -> list[Key]:
-    """Experiment, estimator and interval of each row, ahead of each experiment's first row its name alone."""
+    """Experiment, estimator and interval of each row, and before the first row of an experiment its name alone."""
     keys: list[Key] = []
     for key in rows.rows():
         if not keys or keys[-1][0] != key[0]:
@@ -66,12 +64,12 @@ def headed(rows: pl.DataFrame) -> list[Key]:
 
 
 def label(key: Key) -> str:
-    """What stands beside a row."""
+    """Text in the margin beside a row."""
     return key[0] if len(key) == 1 else f"{key[1]}, {SHORT.get(key[2], key[2])}"
 
 
-def draw_panel(ax: Axes, table: pl.DataFrame, keys: Sequence[Key], column: str) -> None:
-    """One measure of all rows."""
+def draw_measure(ax: Axes, table: pl.DataFrame, keys: Sequence[Key], column: str) -> None:
+    """One measure, for all rows."""
     low, high = LIMITS[column]
     ax.axvspan(max(AIMS[column][0], low), AIMS[column][1], color="#E8E8E8", linewidth=0)
     places = {key: place for place, key in enumerate(keys)}

@@ -1,4 +1,4 @@
-"""What all figures share: page, lettering, colours and markers, and panels ready to draw in."""
+"""What all figures share: page size, lettering, colours, markers, and panels."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,17 +17,17 @@ SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.16
 
 BLACK, WHITE, GREY, MAGENTA = "#000000", "#FFFFFF", "#6E6E6E", "#C2127F"
 ORANGE, PALE_ORANGE, PURPLE = "#E66100", "#F5C09A", "#5D3A9B"
-"""Told apart by every common kind of colour vision, and in greyscale by lightness (58 against 32 of 100)."""
+"""Orange and purple differ for every common kind of colour vision, and in greyscale by lightness (58 and 32 of 100)."""
 
 LIGHT_DOT = Line2D([], [], linestyle="", marker="o", color=GREY, mfc=WHITE, markersize=3, mew=1.2, label="Doubtful fit")
 """For the legend of filled markers with a light dot."""
 THIN, THICK = 0.7, 1.8
 """Widths [pt] of bars over amplitudes, and of intervals."""
 DOTTED = (0, (1, 1.5))
-"""Lines of what is doubtful."""
+"""Line style of doubtful fits."""
 
 IS_DOUBTFUL = pl.col("doubtful").fill_null("") != ""
-"""Rows whose fit passes a limit of the configuration."""
+"""Rows whose fit is doubtful: a number is beyond a limit of the configuration."""
 
 PAPER: dict[Any, Any] = {
     "font.family": "STIXGeneral",  # Times-like, and shipped with matplotlib: the same on every machine
@@ -99,7 +99,7 @@ def panels(
 ) -> tuple[Figure, list[Axes]]:
     """A figure of the given size [in] and its panels, row by row, lettered (a), (b) ... if there are several.
 
-    With `shares` of the width, one per column, the panels of a row have one vertical axis.
+    `shares` are the relative widths of the columns; the panels of a row then share their vertical axis.
     """
     figure = Figure(figsize=(width, height), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, sharex=rows > 1, sharey=bool(shares), width_ratios=shares)
@@ -117,7 +117,7 @@ def light_dots(ax: Axes, x: pl.Series, y: pl.Series) -> None:
 
 
 def draw_spread(ax: Axes, rows: pl.DataFrame, x: str, quantity: str, colour: str) -> None:
-    """Thin bars over single amplitudes, thick ones for the interval of noise, where the table has their ends.
+    """Thin bars for the range over single amplitudes, thick bars for the interval of noise, where the table has them.
 
     Columns `<quantity>_amplitudes_low` and `_high`, `<quantity>_low` and `_high`.
     """
@@ -125,12 +125,12 @@ def draw_spread(ax: Axes, rows: pl.DataFrame, x: str, quantity: str, colour: str
         (f"{quantity}_amplitudes_low", f"{quantity}_amplitudes_high", THIN),
         (f"{quantity}_low", f"{quantity}_high", THICK),
     ):
-        found = rows.drop_nulls([low, high])
-        ax.vlines(found[x], found[low], found[high], color=colour, linewidth=width)
+        complete = rows.drop_nulls([low, high])
+        ax.vlines(complete[x], complete[low], complete[high], color=colour, linewidth=width)
 
 
 def spread_entries(panels: Mapping[Axes, str], table: pl.DataFrame) -> tuple[list[Line2D], str]:
-    """What the bars of `draw_spread` are: handles for the legend, and a remark where a kind of bar cannot be seen.
+    """Legend of the bars of `draw_spread`: handles, and a remark where the bars are too short to be seen.
 
     `panels` are the axes with the quantity that each shows.
     """

@@ -10,7 +10,7 @@ COLUMNS = ("time", "torque", "torque_model")
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """Torque [N*m] over time [s] above, what the model leaves of it below."""
+    """Torque [N*m] over time [s] above, residual of the model below."""
     figure, (torque, residual) = panels(DOUBLE_COLUMN, 3.4, rows=2)
     torque.plot(table["time"], table["torque"], color=BLACK, linewidth=0.8, label="Measured")
     torque.plot(table["time"], table["torque_model"], "--", color="#0072B2", linewidth=0.8, label="Fitted model")

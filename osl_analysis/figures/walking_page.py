@@ -1,4 +1,4 @@
-"""The walking page: how the responses behind Fig. 9 come out of perturbed and unperturbed crossings."""
+"""The walking page: how the responses of Fig. 9 follow from perturbed and unperturbed crossings."""
 
 import polars as pl
 from matplotlib.axes import Axes
@@ -24,10 +24,11 @@ AFTER_ONSET = "Time from the platform’s onset (ms)"
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """(a) angle and (b) torque over stance, mean and SD of both kinds of crossings, the fitted window shaded;
-    (c) isolated angle and (d) torque of every perturbation, their mean, and the fit of Eq. 15 to the mean.
+    """Over stance (a) angle and (b) torque, over time (c) isolated angle and (d) isolated torque.
 
-    Perturbations whose own fit is doubtful are dotted."""
+    (a) and (b) show mean and SD of unperturbed and perturbed crossings, (c) and (d) every perturbation, their mean, and
+    the fit of Eq. 15 to the mean. The fitted window is shaded. Perturbations with a doubtful fit are dotted.
+    """
     figure = Figure(figsize=(DOUBLE_COLUMN, 4.4), layout="constrained")
     axes = figure.subplots(2, 2)
     for ax, letter in zip(axes.ravel(), "abcd", strict=True):

@@ -204,7 +204,7 @@ def hidden(time: Array, seen: NDArray[np.bool_]) -> float:
     return longest if longest > 0.5 * median_step(time) else 0.0
 
 
-CHECKS = (
+CHANNEL_CHECKS = (
     Check(
         "saturation",
         "samples",

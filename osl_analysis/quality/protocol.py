@@ -67,7 +67,7 @@ def is_too_long(run: Run, pairs: list[tuple[float, float]], cycles: int) -> bool
 
 def sine_runs(time: Array, theta: Array) -> list[Run]:
     """The cycles of an angle [rad] at times [s], (n,) each; consecutive ones that are alike are one run."""
-    frequencies, amplitudes = cycles_of(time, theta)
+    frequencies, amplitudes = measured_cycles(time, theta)
     runs: list[Run] = []
     start = 0
     for stop in range(1, frequencies.size + 1):
@@ -82,7 +82,7 @@ def sine_runs(time: Array, theta: Array) -> list[Run]:
     return runs
 
 
-def cycles_of(time: Array, theta: Array) -> tuple[Array, Array]:
+def measured_cycles(time: Array, theta: Array) -> tuple[Array, Array]:
     """Frequency [Hz] and amplitude [deg] of each cycle, from one upward crossing of the median angle to the next."""
     x = theta - np.median(theta) if theta.size else theta
     certain = np.flatnonzero(abs(x) > DEAD_BAND * abs(x).max(initial=0.0))
@@ -95,7 +95,7 @@ def cycles_of(time: Array, theta: Array) -> tuple[Array, Array]:
     return 1 / np.diff(crossing), np.rad2deg(height / 2)
 
 
-CHECKS = (
+PROTOCOL_CHECKS = (
     Check(
         "protocol",
         "segments",

@@ -13,7 +13,12 @@ from osl_analysis.trial import Trial
 
 CHECKS: dict[str, Check] = {
     check.name: check
-    for check in (*recording.SAMPLING_CHECKS, *channels.CHECKS, *recording.LOG_CHECKS, *protocol.CHECKS)
+    for check in (
+        *recording.SAMPLING_CHECKS,
+        *channels.CHANNEL_CHECKS,
+        *recording.LOG_CHECKS,
+        *protocol.PROTOCOL_CHECKS,
+    )
 }
 """Every check by name. A new one is its function with its entry in one of these modules, its rule under `quality` in
 config/config.yaml, and its test."""

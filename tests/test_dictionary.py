@@ -8,13 +8,15 @@ import pytest
 from conftest import ROOT
 
 from osl_analysis.commands.describe_tables import page
-from osl_analysis.commands.overground import comparison_row
 from osl_analysis.commands.study import KEYS
 from osl_analysis.dictionary import columns_of, described_tables
 from osl_analysis.study.performance import Performance
 from osl_analysis.table import TEXT_COLUMNS
+from osl_analysis.trial import Trial
+from osl_analysis.walking import overground
 from osl_analysis.walking.events import Stance
 from osl_analysis.walking.overground import MomentComparison
+from osl_analysis.walking.settings import OvergroundAnalysis
 
 COMMAND = "osl-analysis describe-tables --output docs/tables.md"
 
@@ -52,10 +54,13 @@ def test_the_study_s_table_is_described():
     assert set(described("study/study")) == {*KEYS, *(field.name for field in fields(Performance)), "model_error"}
 
 
-def test_the_table_of_overground_trials_is_described():
+def test_the_table_of_overground_trials_is_described(monkeypatch):
     time = np.arange(3.0)
-    row = comparison_row(MomentComparison("left", 1, Stance(0.0, 1.0), time, time, time))
-    assert set(described("tables/ankle_moment")) == {"trial", "body_mass_kg", *row}
+    comparison = MomentComparison("left", 1, Stance(0.0, 1.0), time, time, time)
+    monkeypatch.setattr(overground, "compare_moments", lambda *_: [comparison])
+    settings = OvergroundAnalysis(load_on_n=50, body_mass_kg=70)
+    (row,) = overground.overground_rows(Trial("t", pl.DataFrame({"time": time})), settings)
+    assert set(described("tables/ankle_moment")) == set(row)
 
 
 def test_columns_that_are_read_as_text_are_described_as_text():

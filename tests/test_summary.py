@@ -6,7 +6,6 @@ import re
 import polars as pl
 import pytest
 
-from osl_analysis.commands import walking
 from osl_analysis.commands.summarise import format_results_table, read_summary, write_summary
 from osl_analysis.errors import InputError
 from osl_analysis.figures import fig9
@@ -24,6 +23,7 @@ from osl_analysis.summary.headlines import (
 from osl_analysis.summary.labels import all_labels
 from osl_analysis.summary.text import decimals, to_json, to_tex, told_apart
 from osl_analysis.table import write_table
+from osl_analysis.walking import tables as walking
 
 
 def summary_rows(**means):
@@ -166,7 +166,7 @@ def test_walking_takes_the_ensemble_not_the_mean_of_perturbations():
     assert found.interval == BOOTSTRAP
 
 
-def test_the_walking_command_figure_9_and_the_summary_mean_the_same_estimators():
+def test_the_walking_tables_figure_9_and_the_summary_mean_the_same_estimators():
     assert walking.MEAN == fig9.PER_PERTURBATION
     assert walking.ENSEMBLE == fig9.ENSEMBLE == ENSEMBLE
 

@@ -92,11 +92,11 @@ EXPERIMENTS: dict[str, Experiment] = {
         signals=("theta_m",),
         log="dynamometer",
         tables=(
-            Table("belt", derived={"belt_summary": "belt.summarise"}),
+            Table("belt", derived={"belt_summary": "bench.summarise_belt"}),
             Table("belt_curves", judged=False, published=False),
         ),
         fit=Fit(
-            "belt.fit_trial",
+            "bench.fit_belt_trial",
             {"settings": ("dynamometer", "BeltAnalysis")},
             parameters=True,
         ),
@@ -108,8 +108,8 @@ EXPERIMENTS: dict[str, Experiment] = {
         torque="torque",
         stepped_sine=True,
         log="dynamometer",
-        tables=(Table("transmission", derived={"transmission_summary": "transmission.summarise"}),),
-        fit=Fit("transmission.fit_trial", {"settings": ("dynamometer", "SteppedSineAnalysis")}),
+        tables=(Table("transmission", derived={"transmission_summary": "bench.summarise_transmission"}),),
+        fit=Fit("bench.fit_transmission_trial", {"settings": ("dynamometer", "SteppedSineAnalysis")}),
     ),
     "actuator": Experiment(
         "actuator alone, driven at a velocity and a current: k_tau n_m, f_C, f_G, B_m and J_m",
@@ -118,8 +118,8 @@ EXPERIMENTS: dict[str, Experiment] = {
         torque="torque_m",
         signals=("current",),
         log="actuator",
-        tables=(Table("actuator", derived={"actuator_summary": "actuator.summarise"}),),
-        fit=Fit("actuator.fit_trial", {"settings": ("actuator", "ActuatorAnalysis")}),
+        tables=(Table("actuator", derived={"actuator_summary": "bench.summarise_actuator"}),),
+        fit=Fit("bench.fit_actuator_trial", {"settings": ("actuator", "ActuatorAnalysis")}),
     ),
     "impedance": Experiment(
         "stepped sine against the controller: K, B, I and the frequency response",
@@ -131,11 +131,11 @@ EXPERIMENTS: dict[str, Experiment] = {
         log="dynamometer",
         tables=(
             Table("impedance"),
-            Table("phasors", derived={"frequency_response": "response.frequency_response"}),
+            Table("phasors", derived={"frequency_response": "bench.average_over_amplitudes"}),
             Table("estimators"),
         ),
         fit=Fit(
-            "impedance.fit_trial",
+            "bench.fit_impedance_trial",
             {"settings": ("dynamometer", "SteppedSineAnalysis"), "weight": ("gain_weight", "WeightSettings")},
             parameters=True,
             sheet=("controller", "K_d", "B_d"),

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import settings
 
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
-from osl_analysis.signals import Motion
+from osl_analysis.signals import LowPass, Motion
+from osl_analysis.trial import Array
 
 ROOT = Path(__file__).parents[1]
 
@@ -27,3 +28,8 @@ def multisine(*frequencies_hz: float, amplitude: float = 0.1, duration: float = 
     phase = w * t + np.arange(len(frequencies_hz))[:, None]
     theta, omega, alpha = np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)
     return Motion(*(amplitude * x.sum(axis=0) for x in (theta, omega, alpha)))
+
+
+def filtered_noise(rng: np.random.Generator, n: int = 3000, size: float = 0.05) -> Array:
+    """White noise of standard deviation `size` at 1000 Hz through the 15 Hz low-pass, shape (n,), without its edges."""
+    return LowPass(15)(size * rng.standard_normal(n + 1000), 1000.0)[500:-500]

@@ -1,25 +1,27 @@
-"""What a single slow motion can tell: noise about a richer model, how long it lasts, and a drift that nothing shows."""
+"""A single slow motion: noise about a richer model, how long it lasts, and a drift that no residual shows."""
 
 import numpy as np
 import pytest
 import statsmodels.api as sm
+from conftest import filtered_noise
 
-from osl_analysis.bench.belt import fit_belt_stiffness
 from osl_analysis.signals import LowPass
-from osl_analysis.stats.covariance import FILTER_SPAN, ResidualCorrelation, correlation_samples
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.slow_motion import fit_slow_motion, memory_samples
 
 N, RATE = 3000, 1000.0
+
+
 LOW_PASS = LowPass(15)
+
+
 EVERY = LOW_PASS.independent_samples(RATE)
+
+
 RAMP = {"slope": (1 - np.cos(np.pi * np.arange(N) / N)) / 2, "offset": np.ones(N)}
+
+
 BUMP = {"bump": np.gradient(RAMP["slope"])}
-
-
-def filtered_noise(rng, size=0.05, n=N):
-    """White noise of standard deviation `size` through the filter, without its edges."""
-    return LOW_PASS(size * rng.standard_normal(n + 1000), RATE)[500:-500]
 
 
 def test_half_a_period_of_the_cutoff_in_samples():
@@ -106,43 +108,3 @@ def test_filtered_noise_is_worth_as_many_samples_as_its_bandwidth_says():
 def test_an_unfiltered_ar1_is_worth_its_long_run_variance():
     noise = np.convolve(np.random.default_rng(17).standard_normal(200_000), 0.8 ** np.arange(100), "valid")
     assert memory_samples(noise, 1) == pytest.approx((1 + 0.8) / (1 - 0.8), rel=0.05)
-
-
-def test_filtered_noise_is_not_given_a_memory_of_seconds_and_what_lasts_longer_is():
-    """Andrews sample by sample takes 30 ms behind a 15 Hz filter for 2.5 s; a residual of 1 s keeps its window."""
-    rng = np.random.default_rng(18)
-    noise = filtered_noise(rng, n=60_000)
-    assert correlation_samples(noise) > 1500
-    assert correlation_samples(noise, EVERY) == FILTER_SPAN * EVERY
-    lasting = np.convolve(rng.standard_normal(61_000), 0.999 ** np.arange(3000), "same")[:60_000]
-    assert correlation_samples(lasting, EVERY) > 4 * FILTER_SPAN * EVERY
-    assert correlation_samples(noise[:800], EVERY) == 100
-
-
-def test_what_a_fit_of_slow_columns_takes_from_the_sums_of_its_scores_is_given_back():
-    """Seven tones below 1.5 Hz behind 15 Hz: their variance in 300 seeded records, which counting samples misses."""
-    rng, time, variances = np.random.default_rng(20), np.arange(6000) / RATE, []
-    columns = {f"{f}": np.sin(2 * np.pi * f / 6 * time) for f in range(1, 8)}
-    for _ in range(300):
-        fits = [linear_fit(filtered_noise(rng, n=6000), columns, ResidualCorrelation(every=EVERY))]
-        fits += [linear_fit(fits[0].residual, columns, ResidualCorrelation(lags=FILTER_SPAN * EVERY))]
-        variances.append([fit.covariance[3, 3] for fit in fits])
-    slow, fast = np.mean(variances, axis=0) / (0.05**2 * 2 / 6000)
-    assert slow == pytest.approx(1, abs=0.1)
-    assert fast < 0.8
-
-
-def test_belt_intervals_hold_what_noise_and_drift_make_of_the_slope_and_not_damping_or_curvature():
-    rest, way = np.zeros(1500), 0.0873 * (1 - np.cos(np.linspace(0, np.pi, 3500))) / 2
-    theta_s = np.concatenate([rest, way, way[::-1], rest])
-    torque = 685.6 * theta_s + 300 * theta_s * np.abs(theta_s) + 452 * np.gradient(theta_s)
-    noise = filtered_noise(np.random.default_rng(19), n=len(theta_s))
-    noisy = fit_belt_stiffness(theta_s, torque + noise, EVERY)
-    alone = fit_belt_stiffness(theta_s, 685.6 * theta_s + noise, EVERY)
-    drifting = fit_belt_stiffness(theta_s, torque + noise, EVERY, 0.05 / 60 / RATE)
-    for name in ("loading", "unloading"):
-        assert getattr(noisy, name).se("K_s") == pytest.approx(getattr(alone, name).se("K_s"), rel=1e-6)
-        added = getattr(drifting, name).se("K_s") ** 2 - getattr(noisy, name).se("K_s") ** 2
-        assert np.sqrt(added) == pytest.approx(0.0259, rel=0.03)
-    assert noisy.quadratic.se("K_s2") == pytest.approx(alone.quadratic.se("K_s2"), rel=1e-6)
-    assert drifting.quadratic.interval_method == "noise + drift"

@@ -1,4 +1,4 @@
-"""The model that made the data is found: on data held out where its terms matter, by BIC where they are not there."""
+"""The model that made the data is found: on data held out, and by BIC where its terms are not needed."""
 
 from dataclasses import replace
 
@@ -6,6 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT, multisine
+from scipy.stats import t as student
 
 from osl_analysis.bench.drivetrain_rival import DrivetrainTrial, drivetrain_candidates, fitted_drivetrain
 from osl_analysis.bench.impedance import DesiredImpedance
@@ -20,7 +21,12 @@ from osl_analysis.bench.linear_rivals import (
     transmission_fold,
 )
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.commands.bench import compare_belt_models, compare_impedance_models, compare_transmission_models
+from osl_analysis.commands.bench import (
+    compare_belt_models,
+    compare_impedance_models,
+    compare_transmission_models,
+    summarise_model_comparison,
+)
 from osl_analysis.commands.simulate import planned_row
 from osl_analysis.errors import InputError
 from osl_analysis.model.admittance_error import Weight
@@ -29,16 +35,27 @@ from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
 from osl_analysis.simulator.settings import SimulationSettings, SteppedSineSchedule
-from osl_analysis.stats.comparison import Candidate, effective_samples, score_models
+from osl_analysis.stats.comparison import score_models
+from osl_analysis.table import write_table
 from osl_analysis.trial import Trial
 from osl_analysis.trial_file import write_trial
 from osl_analysis.yaml_settings import read_yaml
 
 TINY = ROOT / "tests/tiny_simulation.yaml"
+
+
 DEFAULT_FILE = ROOT / "config/parameters/default.yaml"
+
+
 DEFAULT = read_parameters(DEFAULT_FILE)
+
+
 QUADRATIC = read_parameters(ROOT / "config/parameters/osl-v2-published.yaml")
+
+
 LOW_PASS = LowPass(15)
+
+
 BLOCK = 3 * (1 / 2 + 1 / 5)
 
 
@@ -205,46 +222,6 @@ def test_eq_15_is_held_out_by_amplitude():
     assert np.std(candidate.residual[:900]) == pytest.approx(10 * np.std(folds[0].columns["K"]), rel=1e-6)
 
 
-def test_effective_samples_are_those_of_theory():
-    """White noise has n; AR(1) has n (1 - r^2)/(1 + r^2) (Bayley and Hammersley): within 10 % for 20 000 samples."""
-    rng = np.random.default_rng(4)
-    white = rng.standard_normal(20_000)
-    assert effective_samples(white) == pytest.approx(20_000, rel=0.1)
-    r, correlated = 0.9, np.zeros(20_000)
-    for i in range(1, 20_000):
-        correlated[i] = r * correlated[i - 1] + white[i]
-    assert effective_samples(correlated) == pytest.approx(20_000 * (1 - r**2) / (1 + r**2), rel=0.1)
-    band = LOW_PASS(white, 1000.0)
-    assert effective_samples(band) == pytest.approx(20_000 * 2 * 15 / 1000, rel=0.15)
-    thinned = effective_samples(band[::11])
-    assert thinned == pytest.approx(effective_samples(band), rel=0.15), "thinning a filtered signal loses nothing"
-
-
-def test_a_residual_that_does_not_vary_has_as_many_effective_samples_as_samples():
-    assert effective_samples(np.zeros(50)) == effective_samples(np.full(50, 0.3)) == 50
-
-
-@pytest.mark.parametrize("size", [0.0, 1e-15])
-def test_of_models_that_fit_exactly_the_one_with_fewest_parameters_ranks_first(size):
-    """Whether rounding leaves zeros or 1e-15 N*m depends on the processor; the ranks must not."""
-    rng = np.random.default_rng(8)
-    torque, nothing = rng.standard_normal(500), size * rng.standard_normal(500)
-    scores = score_models(torque, [Candidate("", "", p, nothing, nothing) for p in (3, 2)])
-    assert [s.rank for s in scores] == [2, 1]
-    assert np.isfinite([s.bic for s in scores]).all()
-
-
-def test_bic_charges_a_parameter_the_logarithm_of_the_effective_samples():
-    rng = np.random.default_rng(5)
-    torque, left = rng.standard_normal(500), 0.1 * rng.standard_normal(500)
-    few, many = (Candidate("", "", p, left, left) for p in (2, 5))
-    scores = score_models(torque, [few, many])
-    m = scores[0].effective_samples
-    assert scores[1].bic - scores[0].bic == pytest.approx(3 * np.log(m))
-    assert scores[0].bic == pytest.approx(m * np.log(np.mean(left**2)) + 2 * np.log(m))
-    assert [s.rank for s in scores] == [1, 2]
-
-
 def test_bic_rejects_a_needless_term_as_often_as_it_should_though_samples_are_correlated():
     """chi2(1) > ln m in 1 to 5 % of trials for m of 50 to 600: at most 10 of 100 here, 60 if all samples counted."""
     rng, needless, n = np.random.default_rng(6), 0, 8000
@@ -317,3 +294,59 @@ def test_tables_name_experiment_trial_and_model(tmp_path, analysis):
     table = pl.read_csv(tmp_path / "transmission.csv")
     assert table.filter(pl.col("rank") == 1)["terms"].to_list() == ["B_j + J_j"] * 2
     assert table["VAF_held_out"].min() > 99
+
+
+def score_table():
+    """Three belts, of which a term takes 0.04, 0.03 and 0.05 of the variance; two trials of each controller."""
+    rows = []
+    for trial, vaf, gain in (("belt_1", 99.90, 0.04), ("belt_2", 99.92, 0.03), ("belt_3", 99.91, 0.05)):
+        rows += [
+            ("belt", trial, None, "M1", "K_s", 1, vaf, -100.0),
+            ("belt", trial, None, "M2", "K_s + T_h", 2, vaf + gain, -300.0),
+        ]
+    for controller, vaf in (("compensated", 99.0), ("uncompensated", 90.0)):
+        for k in (1, 2):
+            name = f"{controller}_{k}"
+            rows += [
+                ("impedance", name, controller, "M1", "K + B + I", 3, vaf, 10.0 * k),
+                ("impedance", name, controller, "M2", "Eq. 9", 0, vaf, 10.0 * k + 4),
+            ]
+    names = ("experiment", "trial", "controller", "model", "terms", "parameters", "VAF_held_out", "BIC")
+    return pl.DataFrame(rows, schema=names, orient="row", infer_schema_length=None)
+
+
+def test_the_summary_has_a_row_per_model_with_its_difference_to_the_drafts(tmp_path):
+    write_table(score_table(), tmp_path / "scores.csv")
+    summarise_model_comparison(tmp_path / "scores.csv", tmp_path / "summary.csv")
+    rows = pl.read_csv(tmp_path / "summary.csv").to_dicts()
+    assert [(r["experiment"], r["controller"], r["model"], r["trials"]) for r in rows] == [
+        ("belt", None, "M1", 3),
+        ("belt", None, "M2", 3),
+        ("impedance", "compensated", "M1", 2),
+        ("impedance", "compensated", "M2", 2),
+        ("impedance", "uncompensated", "M1", 2),
+        ("impedance", "uncompensated", "M2", 2),
+    ]
+    linear, hysteresis, *_ = rows
+    half = student.ppf(0.975, 2) * np.sqrt(1e-4 / 3 + 1e-4 / 2)
+    assert hysteresis["VAF_gain"] == pytest.approx(0.04)
+    assert hysteresis["VAF_gain_high"] - 0.04 == pytest.approx(half)
+    left = [0.06 / 0.10, 0.05 / 0.08, 0.04 / 0.09]
+    assert hysteresis["unexplained_ratio"] == pytest.approx(np.prod(left) ** (1 / 3))
+    assert (linear["VAF_gain"], linear["unexplained_ratio"]) == (0, 1)
+    assert linear["VAF_behind"] == pytest.approx(0.04)
+    assert (hysteresis["BIC_change"], linear["BIC_behind"]) == (-200, 200)
+    assert [(r["by_VAF"], r["by_BIC"]) for r in rows[:2]] == [("worse", "worse"), ("preferred", "preferred")]
+    assert [(r["by_VAF"], r["by_BIC"]) for r in rows[2:4]] == [("preferred", "preferred"), ("tied", "worse")]
+
+
+def test_a_single_trial_is_summarised_without_intervals(tmp_path):
+    alone = score_table().filter(pl.col("trial") == "belt_1").with_columns(VAF_held_out=pl.lit(float("nan")))
+    write_table(alone, tmp_path / "scores.csv")
+    summarise_model_comparison(tmp_path / "scores.csv", tmp_path / "summary.csv")
+    rows = pl.read_csv(tmp_path / "summary.csv").to_dicts()
+    assert [(r["VAF_held_out"], r["BIC_change"], r["BIC_change_low"]) for r in rows] == [
+        (None, 0.0, None),
+        (None, -200.0, None),
+    ]
+    assert [(r["by_VAF"], r["by_BIC"]) for r in rows] == [(None, "preferred"), (None, "tied")]

@@ -12,7 +12,11 @@ from osl_analysis.bench.stepped_sine import drift_rate, stepped_sine_trial
 from osl_analysis.trial import Trial
 
 RATE = 500.0
+
+
 SEGMENTS = [Segment(0.1, 2.0, 250, 2750, 10), Segment(0.1, 4.0, 2750, 4000, 10)]
+
+
 TIME = np.arange(4500) / RATE
 
 

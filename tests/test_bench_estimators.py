@@ -1,31 +1,29 @@
-"""Estimators side by side, and what makes a fit doubtful."""
+"""Estimators of Eq. 15 side by side."""
 
 import numpy as np
+import polars as pl
 import pytest
-from conftest import multisine
+from bench_synthetic import second_order, stepped_sine
 from scipy.signal import lfilter
 from statsmodels.tsa.ar_model import AutoReg
 
-from osl_analysis.bench.diagnostics import (
-    nonlinearity,
-    torque_lag,
-)
 from osl_analysis.bench.estimators import (
     ESTIMATORS,
     CovarianceChoice,
     autoregression,
+    estimator_table,
     modulating_function,
 )
 from osl_analysis.bench.protocol import Block, SteppedSineProtocol, block_segments, settled
 from osl_analysis.bench.stepped_sine import RawSignals
 from osl_analysis.errors import InputError
-from osl_analysis.second_order import impedance_columns, impedance_torque
+from osl_analysis.second_order import impedance_torque
 from osl_analysis.signals import LowPass, Motion
-from osl_analysis.stats.comparison import held_out_vaf
-from osl_analysis.stats.regression import linear_fit
-from osl_analysis.stats.sinusoid import fit_sinusoid
+from osl_analysis.stats.covariance import FILTER_SPAN, correlation_samples
 
 RATE, LOW_PASS = 500.0, LowPass(15)
+
+
 PROTOCOL = SteppedSineProtocol((0.1,), (1.0, 3.0, 5.0), 9)
 
 
@@ -92,42 +90,28 @@ def test_pieces_of_a_series_are_not_joined_by_the_whitening_filter():
     assert autoregression([series[:1500], series[1500:]], 1)[1] == pytest.approx(-0.9, abs=0.05)
 
 
-def test_a_lag_is_told_from_coulomb_friction_by_the_linear_model():
-    frequency, theta = np.tile([1.0, 2, 3, 4, 5], 3), np.repeat([0.03, 0.07, 0.1], 5)
-    s = 2j * np.pi * frequency
-    expected = 300 + 5 * s + 0.05 * s**2
-    friction = 4j * 0.1 / (np.pi * theta)
-    measured = (expected + friction) * np.exp(-s * 2e-3)
-    lag = torque_lag(frequency, theta, measured, expected)
-    assert lag.lag == pytest.approx(2e-3, rel=0.02)
-    assert abs(torque_lag(frequency, theta, expected + friction, expected).lag) < 1e-4
+def test_without_cycles_noise_counts_as_independent_only_half_a_period_of_the_cutoff_apart():
+    """White noise behind 15 Hz has the shortest window, eight half periods; sample by sample it would be far longer."""
+    fit = ESTIMATORS["filtered"](record(np.random.default_rng(6), torque_noise=0.5), LOW_PASS, CovarianceChoice(False))
+    assert fit.correlation_samples == FILTER_SPAN * LOW_PASS.independent_samples(RATE)
+    assert correlation_samples(fit.residual) > 3 * fit.correlation_samples
 
 
-def test_harmonics_of_coulomb_friction_give_its_size_and_what_it_adds_to_the_damping():
-    t, w, A, T_C = np.arange(0, 10, 1e-3), 2 * np.pi, 0.1, 0.4
-    omega = A * w * np.cos(w * t)
-    torque = 200 * A * np.sin(w * t) + 3 * omega + T_C * np.sign(omega)
-    phasor = fit_sinusoid(t, torque, 1.0)
-    found = nonlinearity(np.array([1.0]), np.array([A]), phasor.amplitudes[None])
-    assert found.coulomb == pytest.approx(T_C, rel=0.01)
-    fitted = linear_fit(torque, {"K": A * np.sin(w * t), "B": omega})
-    assert found.coulomb_damping == pytest.approx(fitted["B"] - 3, rel=0.02)
-    assert found.odd == pytest.approx(4 * T_C / np.pi * np.hypot(1 / 3, 1 / 5) / phasor.amplitudes[0], rel=0.01)
-    assert found.even < 0.01
+def test_the_whitening_estimator_fits_four_samples_per_period_of_the_cutoff():
+    """One in eight at 500 Hz; the whitening filter of order 8 uses up the first eight of each segment."""
+    raw = record(np.random.default_rng(7), torque_noise=0.5)
+    fit = ESTIMATORS["whitened"](raw, LOW_PASS, CovarianceChoice())
+    assert fit.samples == sum(-(-(s.stop - s.start) // 8) - 8 for s in raw.segments)
+    assert fit["K"] == pytest.approx(200, abs=4 * fit.se("K"))
 
 
-def test_estimates_that_lean_on_one_another_show_in_their_correlation():
-    motion = multisine(2.0, 2.4)
-    near = linear_fit(motion.theta + np.random.default_rng(5).standard_normal(5000), impedance_columns(motion))
-    wide = multisine(0.5, 5.0)
-    apart = linear_fit(wide.theta + np.random.default_rng(5).standard_normal(5000), impedance_columns(wide))
-    assert near.largest_correlation > 0.95 > apart.largest_correlation
-
-
-def test_held_out_vaf_is_that_of_the_other_data():
-    motion = multisine(1.0, 3.0)
-    fit = linear_fit(impedance_torque(100, 2, 0.1, motion), impedance_columns(motion))
-    other = multisine(1.0, 3.0, amplitude=0.2)
-    torque = impedance_torque(100, 2, 0.1, other)
-    assert held_out_vaf(fit, impedance_columns(other), torque) == pytest.approx(100)
-    assert held_out_vaf(fit, impedance_columns(other), 2 * torque) == pytest.approx(75)
+def test_an_estimator_that_thins_its_rows_has_its_times_told_in_seconds_all_the_same():
+    """The whitening estimator keeps one row in eight; what is left of white noise is white for both."""
+    table = estimator_table(stepped_sine(second_order, noise=0.5))
+    filtered, whitened = (
+        table.row(by_predicate=pl.col("estimator") == name, named=True) for name in ("filtered", "whitened")
+    )
+    assert whitened["samples"] < filtered["samples"] / 7
+    lag = whitened["correlation_s"] * RATE / 8
+    assert lag == pytest.approx(round(lag), abs=0.05 * lag)
+    assert min(filtered["ljung_box_p"], whitened["ljung_box_p"]) > 0.01

@@ -1,17 +1,25 @@
-"""The regression under every fit: exact recovery, honest errors, refusal, and a second library's opinion."""
+"""The regression under every fit: exact recovery, intervals that cover, and columns that cannot be told apart."""
 
 import numpy as np
 import pytest
 import statsmodels.api as sm
+from conftest import multisine
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import t as student
+from statsmodels.sandbox.regression.gmm import IV2SLS
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.stats.covariance import correlation_samples, moving_sums
+from osl_analysis.second_order import impedance_columns
+from osl_analysis.stats.covariance import Cycles, ResidualCorrelation, correlation_samples, moving_sums
 from osl_analysis.stats.regression import linear_fit, variance_accounted_for
 
 RNG_SEED = 20
+
+
 T = np.linspace(0, 10, 2000, endpoint=False)
+
+
 COLUMNS = {"a": np.sin(T), "b": np.cos(3 * T), "offset": np.ones_like(T)}
 
 
@@ -106,3 +114,46 @@ def test_unusable_input_is_named(y, columns, message):
 def test_a_column_of_zeros_is_refused_by_name():
     with pytest.raises(IdentifiabilityError, match="'b' cannot be estimated"):
         linear_fit(np.sin(T), {"a": np.sin(T), "b": np.zeros_like(T)})
+
+
+CYCLE, COUNT = 50, 24
+
+
+def repeated(rng, noise=0.3):
+    """A friction-like residual that every cycle repeats, different in the two strata, and white noise."""
+    n = CYCLE * COUNT
+    t = np.arange(n) / CYCLE
+    columns = {"a": np.sin(2 * np.pi * t), "b": np.cos(2 * np.pi * t), "offset": np.ones(n)}
+    friction = np.sign(columns["b"]) * np.where(t < COUNT / 2, 1.0, 2.0)
+    cycles = Cycles(np.arange(COUNT) * CYCLE, np.repeat([0, 1], COUNT // 2))
+    return 3 * columns["a"] + friction + noise * rng.standard_normal(n), columns, cycles
+
+
+def test_the_interval_is_students():
+    y, columns, cycles = repeated(np.random.default_rng(8))
+    fit = linear_fit(y, columns, ResidualCorrelation(cycles))
+    low, high = fit.interval("b")
+    half = student.ppf(0.975, fit.degrees_of_freedom[1]) * fit.se("b")
+    assert (low, high) == pytest.approx((fit["b"] - half, fit["b"] + half))
+    assert fit.cov("a", "b") == fit.covariance[0, 1]
+
+
+def test_instruments_see_through_noise_in_a_column_as_statsmodels_does():
+    rng = np.random.default_rng(9)
+    clean = np.sin(np.arange(4000) / 30)
+    y = 5 * clean + 0.1 * rng.standard_normal(4000)
+    noisy, one = clean + 0.5 * rng.standard_normal(4000), np.ones(4000)
+    columns, instruments = {"K": noisy, "offset": one}, {"K": clean, "offset": one}
+    fit = linear_fit(y, columns, instruments=instruments)
+    other = IV2SLS(y, np.column_stack([noisy, one]), np.column_stack([clean, one])).fit()
+    assert fit.estimates == pytest.approx(other.params, rel=1e-8)
+    assert fit["K"] == pytest.approx(5, abs=4 * fit.se("K"))
+    assert linear_fit(y, columns)["K"] < 3.7
+
+
+def test_estimates_that_lean_on_one_another_show_in_their_correlation():
+    motion = multisine(2.0, 2.4)
+    near = linear_fit(motion.theta + np.random.default_rng(5).standard_normal(5000), impedance_columns(motion))
+    wide = multisine(0.5, 5.0)
+    apart = linear_fit(wide.theta + np.random.default_rng(5).standard_normal(5000), impedance_columns(wide))
+    assert near.largest_correlation > 0.95 > apart.largest_correlation

@@ -1,0 +1,84 @@
+"""Belt stiffness: recovery, refusals, intervals, and what a straight line lacks."""
+
+import numpy as np
+import pytest
+from bench_synthetic import LOW_PASS, RATE
+from conftest import filtered_noise
+from hypothesis import given
+from hypothesis import strategies as st
+
+from osl_analysis.bench.belt import BeltTrial, belt_table, fit_belt_stiffness
+from osl_analysis.errors import InputError
+
+
+def belt_cycle(K_s=685.6, K_s2=0.0, coulomb=0.0, peak=0.0873):
+    rest, way = np.zeros(200), peak * (1 - np.cos(np.linspace(0, np.pi, 1500))) / 2
+    theta_s = np.concatenate([rest, way, way[::-1], rest])
+    direction = np.concatenate([0 * rest, 0 * way + 1, 0 * way - 1, 0 * rest])
+    return theta_s, K_s * theta_s + K_s2 * theta_s * np.abs(theta_s) + coulomb * direction + 2.0
+
+
+@given(st.floats(100, 2000), st.sampled_from([-1, 1]))
+def test_recovers_the_stiffness_of_the_belt_in_both_directions(K_s, sign):
+    theta_s, torque = belt_cycle(K_s)
+    assert fit_belt_stiffness(sign * theta_s, sign * torque).K_s == pytest.approx(K_s, rel=1e-8)
+
+
+def test_belt_loop_encloses_the_work_of_its_friction():
+    theta_s, torque = belt_cycle(coulomb=0.5)
+    assert fit_belt_stiffness(theta_s, torque).hysteresis_area == pytest.approx(2 * 0.5 * 0.0873, rel=1e-3)
+
+
+def test_belt_refuses_a_joint_that_hardly_moved_and_a_record_that_ends_loaded():
+    theta_s, torque = belt_cycle()
+    with pytest.raises(InputError, match=r"deflects by 0\.050 deg"):
+        fit_belt_stiffness(theta_s / 100, torque)
+    with pytest.raises(InputError, match="ends while the belt is still loaded"):
+        fit_belt_stiffness(theta_s[:2000], torque[:2000])
+
+
+def test_belt_refuses_a_motion_that_goes_there_and_back_more_than_once():
+    once, torque = belt_cycle()
+    with pytest.raises(InputError, match="no single loading"):
+        fit_belt_stiffness(np.concatenate([0.9 * once, once]), np.concatenate([torque, torque]))
+
+
+def test_quadratic_belt_is_recovered_where_the_line_is_not():
+    fit = fit_belt_stiffness(*belt_cycle(K_s=876, K_s2=14913))
+    assert (fit.quadratic["K_s"], fit.quadratic["K_s2"]) == pytest.approx((876, 14913), rel=1e-6)
+    assert fit.K_s > 1500
+
+
+def test_belt_intervals_hold_what_noise_and_drift_make_of_the_slope_and_not_damping_or_curvature():
+    every = LOW_PASS.independent_samples(1000)
+    rest, way = np.zeros(1500), 0.0873 * (1 - np.cos(np.linspace(0, np.pi, 3500))) / 2
+    theta_s = np.concatenate([rest, way, way[::-1], rest])
+    torque = 685.6 * theta_s + 300 * theta_s * np.abs(theta_s) + 452 * np.gradient(theta_s)
+    noise = filtered_noise(np.random.default_rng(19), n=len(theta_s))
+    noisy = fit_belt_stiffness(theta_s, torque + noise, every)
+    alone = fit_belt_stiffness(theta_s, 685.6 * theta_s + noise, every)
+    drifting = fit_belt_stiffness(theta_s, torque + noise, every, 0.05 / 60 / 1000)
+    for name in ("loading", "unloading"):
+        assert getattr(noisy, name).se("K_s") == pytest.approx(getattr(alone, name).se("K_s"), rel=1e-6)
+        added = getattr(drifting, name).se("K_s") ** 2 - getattr(noisy, name).se("K_s") ** 2
+        assert np.sqrt(added) == pytest.approx(0.0259, rel=0.03)
+    assert noisy.quadratic.se("K_s2") == pytest.approx(alone.quadratic.se("K_s2"), rel=1e-6)
+    assert drifting.quadratic.interval_method == "noise + drift"
+
+
+def test_a_belt_tells_what_a_straight_line_leaves_out():
+    """Energy lost to friction of 0.5 N*m over the elastic one; slope of 876 theta + 14913 theta |theta| at the peak."""
+    peak = 0.0873
+    way = peak * (1 - np.cos(np.linspace(0, np.pi, 1500))) / 2
+    theta_s = np.concatenate([np.zeros(200), way, way[::-1], np.zeros(200)])
+    direction = np.concatenate([np.zeros(200), np.ones(1500), -np.ones(1500), np.zeros(200)])
+    time = np.arange(len(theta_s)) / RATE
+
+    def row(torque):
+        return belt_table(
+            BeltTrial("b", time, RATE, LOW_PASS, theta_s, torque, fit_belt_stiffness(theta_s, torque))
+        ).row(0, named=True)
+
+    assert row(685 * theta_s + 0.5 * direction)["energy_lost"] == pytest.approx(2 * 0.5 / (685 * peak / 2), rel=1e-3)
+    stiffening = row(876 * theta_s + 14913 * theta_s * np.abs(theta_s))["stiffening"]
+    assert stiffening == pytest.approx(2 * 14913 * peak / 876, rel=1e-6)

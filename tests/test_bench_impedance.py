@@ -1,0 +1,73 @@
+"""The rendered impedance: rows by amplitude, and the numbers of Fig. 4."""
+
+import numpy as np
+import polars as pl
+from bench_synthetic import PROTOCOL, RATE, second_order, stepped_sine
+
+from osl_analysis.bench.frequency_response import trial_phasors
+from osl_analysis.bench.impedance import impedance_table
+from osl_analysis.bench.protocol import SteppedSineProtocol
+from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.commands.bench import plotted_numbers_fig4
+from osl_analysis.commands.fit import estimates_text
+from osl_analysis.config import TimeSeriesFigure
+from osl_analysis.doubtful import Doubt
+from osl_analysis.table import read_table, write_table
+from osl_analysis.trial import Trial
+from osl_analysis.trial_file import write_trial
+
+
+def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_read():
+    """K falls from the small amplitude to the large one as Coulomb friction's share does in K theta^3."""
+    record = stepped_sine(lambda m: second_order(m) + 2e3 * m.theta**3)
+    table = impedance_table(record, trial_phasors(record))
+    small, large, both = table.to_dicts()
+    assert small["K"] + 3 < both["K"] < large["K"]
+    for name in "KBI":
+        low, high = sorted((small[name], large[name]))
+        assert (both[f"{name}_amplitudes_low"], both[f"{name}_amplitudes_high"]) == (low, high)
+        assert small[f"{name}_amplitudes_low"] is None
+    assert f"single amplitudes {small['K']:.5g} to {large['K']:.5g}" in estimates_text(table)
+    assert estimates_text(table).count("single amplitudes") == 3
+
+
+def test_one_amplitude_has_no_range():
+    record = stepped_sine(second_order, protocol=SteppedSineProtocol((0.1,), PROTOCOL.frequencies_hz, 9))
+    table = impedance_table(record, trial_phasors(record))
+    assert table["K_amplitudes_low"].to_list() == table["K_amplitudes_high"].to_list() == [None, None]
+
+
+def test_fig4_says_whether_the_fit_of_the_amplitude_that_it_shows_is_doubtful(tmp_path):
+    record = stepped_sine(second_order)
+    samples = pl.DataFrame({"time": record.time, "theta": record.theta, "torque": record.torque})
+    write_trial(Trial("made", samples), tmp_path / "made.parquet")
+    degrees = [round(float(np.rad2deg(a)), 9) for a in PROTOCOL.amplitudes]
+    settings = DynamometerAnalysis(
+        cutoff_hz=15, order=4, amplitudes_deg=degrees, frequencies_hz=PROTOCOL.frequencies_hz, cycles=9, settle_cycles=2
+    )
+    table = impedance_table(record, trial_phasors(record))
+    write_table(table.with_columns(VAF=pl.Series([99.0, 80.0, 80.0])), tmp_path / "fit.csv")
+    for amplitude, reason in zip(degrees, ("", "VAF 80 is below 90"), strict=True):
+        choice = TimeSeriesFigure(K_d=1, B_d=1, controller="compensated", amplitude_deg=amplitude, duration_s=1)
+        limits = Doubt(below={"VAF": 90})
+        plotted_numbers_fig4(
+            tmp_path / "made.parquet", tmp_path / "fit.csv", settings, choice, limits, tmp_path / "fig4.csv"
+        )
+        assert set(read_table(tmp_path / "fig4.csv")["doubtful"]) == {reason}
+
+
+def test_fig4_shows_an_amplitude_that_the_protocol_has_twice(tmp_path):
+    protocol = SteppedSineProtocol((0.05, 0.05), PROTOCOL.frequencies_hz, 9)
+    record, degrees = stepped_sine(second_order, protocol=protocol), float(np.rad2deg(0.05))
+    samples = pl.DataFrame({"time": record.time, "theta": record.theta, "torque": record.torque})
+    write_trial(Trial("made", samples), tmp_path / "made.parquet")
+    write_table(impedance_table(record, trial_phasors(record)), tmp_path / "fit.csv")
+    settings = DynamometerAnalysis(
+        cutoff_hz=15, order=4, amplitudes_deg=(degrees, degrees), frequencies_hz=PROTOCOL.frequencies_hz, cycles=9,
+        settle_cycles=2,
+    )  # fmt: skip
+    choice = TimeSeriesFigure(K_d=1, B_d=1, controller="compensated", amplitude_deg=degrees, duration_s=1)
+    plotted_numbers_fig4(
+        tmp_path / "made.parquet", tmp_path / "fit.csv", settings, choice, Doubt(), tmp_path / "fig4.csv"
+    )
+    assert len(read_table(tmp_path / "fig4.csv")) == RATE

@@ -12,12 +12,16 @@ import yaml
 from c3d_builder import REAL_DATA
 from conftest import ROOT
 
+from osl_analysis.bench.actuator import actuator_trial
+from osl_analysis.bench.belt import belt_trial
+from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.campaign import open_campaign
 from osl_analysis.config import campaign_config, read_section
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.ingest.c3d_capture import read_c3d_capture
 from osl_analysis.ingest.c3d_source import C3dSource
+from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.quality.channels import length_of_longest, rail
 from osl_analysis.quality.checks import CheckResult, Commanded
 from osl_analysis.quality.protocol import sine_runs
@@ -201,6 +205,22 @@ def test_the_torque_of_every_experiment_that_has_one_is_checked(experiment: str)
     torque = EXPERIMENTS[experiment].torque
     dead = bench().drop("torque").with_columns(pl.lit(0.0).alias(str(torque)))
     assert results(dead, experiment)["stuck"].remark == torque
+
+
+@pytest.mark.parametrize("level", [0.0, 3.0])
+def test_the_fits_of_belt_and_actuator_refuse_a_dead_load_cell_by_trial_and_channel(
+    level: float, parameters: DrivetrainParameters
+) -> None:
+    time = np.arange(3000) / RATE
+    moved, dead = 0.0873 * np.sin(np.pi * time / 3), np.full(3000, level)
+    belt = pl.DataFrame({"time": time, "theta": moved, "theta_m": 0.0, "torque": dead})
+    dynamometer = read_section(ROOT / "config/config.yaml", "dynamometer", DynamometerAnalysis)
+    with pytest.raises(InputError, match=f"trial made: torque stays at {level:g} throughout; check its sensor"):
+        belt_trial(Trial("made", belt), parameters, dynamometer)
+    actuator = pl.DataFrame({"time": time, "theta_m": 9 * moved, "current": moved, "torque_m": dead})
+    settings = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
+    with pytest.raises(InputError, match=f"trial made: torque_m stays at {level:g} throughout; check its sensor"):
+        actuator_trial(Trial("made", actuator), settings)
 
 
 @pytest.mark.parametrize("turn", [2 * np.pi, -2 * np.pi, 360.0])

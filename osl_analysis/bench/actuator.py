@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.diagnostics import summary_of_trials
+from osl_analysis.bench.diagnostics import check_changes, summary_of_trials
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass, differentiate, sampling_rate
@@ -70,6 +70,7 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> ActuatorTrial:
     motion = next((name for name in ("theta_m", "omega_m") if name in trial.samples.columns), "theta_m")
     time, moved, current, torque_m = trial.signals(motion, "current", "torque_m")
     try:
+        check_changes("torque_m", torque_m)
         signals = ActuatorSignals(time, moved, current, torque_m, is_velocity=motion == "omega_m")
         columns, torque = actuator_columns(signals, settings.low_pass, settings.sign_width)
         fit = fit_actuator(columns, torque, sampling_rate(time), settings.low_pass, settings.slowest)

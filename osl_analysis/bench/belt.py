@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.diagnostics import summary_of_trials
+from osl_analysis.bench.diagnostics import check_changes, summary_of_trials
 from osl_analysis.bench.settings import BeltAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.model.drivetrain import belt_deflection
@@ -75,6 +75,7 @@ def belt_trial(trial: Trial, p: DrivetrainParameters, settings: BeltAnalysis) ->
     low_pass = settings.low_pass
     try:
         rate = sampling_rate(time)
+        check_changes("torque", measured)
         theta_s, torque = low_pass(belt_deflection(theta, theta_m, p), rate), low_pass(measured, rate)
         every, drift = low_pass.independent_samples(rate), settings.load_cell_drift / 60 / rate
         fit = fit_belt_stiffness(theta_s, torque, every, drift)

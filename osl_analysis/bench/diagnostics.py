@@ -132,6 +132,21 @@ def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.Data
     return summary_table(table, quantities).with_columns(**counted)
 
 
+def check_changes(column: str, values: Array) -> None:
+    """Refuse a signal (n,) that never changes, as that of a dead sensor.
+
+    Raises
+    ------
+    InputError
+        Every value is the same; the message names the column.
+    """
+    if not np.ptp(values):
+        raise InputError(
+            f"{column} stays at {values[0]:g} throughout; check its sensor and its channel in the source file, or "
+            "exclude the trial"
+        )
+
+
 def check_resists(trial: str, symbol: str, value: float) -> None:
     """Refuse a negative estimate of what can only resist motion: belt stiffness, joint damping, a rendered stiffness.
 

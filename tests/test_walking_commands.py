@@ -336,7 +336,7 @@ def test_without_a_motion_the_anatomical_axis_stays_and_the_functional_one_is_re
         calibrate(real.trial("static_1"), [], settings(hinge="functional"), *outputs)
 
 
-def test_the_table_of_the_plate_shows_what_its_removal_is_worth(real: Session) -> None:
+def test_the_table_of_the_plate_shows_what_its_removal_changes(real: Session) -> None:
     table = read_table(real.folder / "plate.csv", ["rms_before", "rms_after", "left_percent", "lag_s", "lag_se_s"])
     sagittal = table.filter(pl.col("component").is_in(["F_x", "F_z", "M_y"]))
     assert (sagittal["left_percent"] < 10).all()

@@ -73,7 +73,7 @@ def test_a_trial_without_reference_says_which_column_to_map() -> None:
 def test_the_table_takes_the_configured_mass_and_asks_for_one_that_nobody_states(tmp_path: Path) -> None:
     write_trial(gait_trial(), tmp_path / "trial.parquet")
     output = tmp_path / "moment.csv"
-    with pytest.raises(InputError, match=r"states no body mass, found None; set gait\.body_mass_kg"):
+    with pytest.raises(InputError, match=r"states no body mass, found None; set overground\.body_mass_kg"):
         compare_ankle_moment(tmp_path / "trial.parquet", OvergroundAnalysis(load_on_n=50), output)
     assert not output.exists()
     compare_ankle_moment(tmp_path / "trial.parquet", OvergroundAnalysis(load_on_n=50, body_mass_kg=2 * MASS), output)
@@ -122,7 +122,7 @@ def test_agrees_with_plug_in_gait_within_six_percent_of_its_peaks(tmp_path: Path
 @pytest.mark.skipif(not REAL.is_dir(), reason="the recordings of others are not here")
 def test_a_plate_that_was_never_zeroed_is_caught_by_its_number_and_reading(tmp_path: Path) -> None:
     path = ingested("qtm_JH_01_300_1200_plate_offset.c3d", tmp_path)
-    with pytest.raises(InputError, match=r"force plate 1 reads -713 N in most of the record"):
+    with pytest.raises(InputError, match=r"force plate 1 reads -713 N in most of the recording"):
         compare_ankle_moment(path, OvergroundAnalysis(load_on_n=50, body_mass_kg=70), tmp_path / "out.csv")
     assert not (tmp_path / "out.csv").exists()
 

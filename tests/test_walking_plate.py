@@ -276,7 +276,7 @@ def test_an_unloaded_trial_whose_turn_was_hidden_is_excluded_by_name() -> None:
 
 
 def test_a_turn_hidden_for_longer_than_gaps_are_bridged_excludes_its_trial_only() -> None:
-    """From before the ramp until the platform is back: the longest stretch that was seen does not turn."""
+    """From before the ramp until the platform is back: the longest run of frames that was seen does not turn."""
     blind = hidden_for(unloaded("plate_2", lag=0.0015), 0.8, 1.6)
     with pytest.warns(
         UserWarning, match="trial plate_2: excluded from the plate.s model: the platform turned while its markers"
@@ -326,7 +326,7 @@ def test_a_plate_that_is_far_off_zero_is_refused_with_its_reading() -> None:
 
 def test_a_record_that_starts_under_load_has_no_zero() -> None:
     late = RecordedWrench(TIME[2000:], stepped(0.0)[2000:])
-    with pytest.raises(InputError, match=r"loaded within 0\.2 s of the record's start"):
+    with pytest.raises(InputError, match=r"loaded within 0\.2 s of the recording's start"):
         unloaded_zero(late, 0.2, 100)
 
 

@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.stats import norm, t
-from walking_synthetic import RATE, bump
+from walking_synthetic import RATE, SETTINGS, bump
 
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass, differentiate
@@ -29,8 +30,9 @@ from osl_analysis.walking.response_fit import (
     plate_errors,
     response_lag,
 )
-from osl_analysis.walking.settings import Timing
+from osl_analysis.walking.settings import Timing, WalkingAnalysis
 from osl_analysis.walking.unperturbed import PHASES, UnperturbedGait, unperturbed_gait
+from osl_analysis.yaml_settings import validated
 
 K, B, I = 340.0, 5.0, 0.03
 TIMING = Timing(window=0.1, baseline=0.06, guard=0.04)
@@ -165,6 +167,11 @@ def test_the_unperturbed_stance_stands_in_for_one_that_the_perturbation_lengthen
     assert abs(own.K / K - 1) > 0.02
 
 
+def test_the_old_word_for_the_unperturbed_stance_is_refused_with_the_new_one() -> None:
+    with pytest.raises(InputError, match=r"perturbed_stance: 'normal' is not allowed: .*'own' or 'unperturbed'"):
+        validated(SETTINGS | {"perturbed_stance": "normal"}, WalkingAnalysis, Path("config.yaml"))
+
+
 def test_unperturbed_gait_is_kept_at_the_same_phases_for_every_pace() -> None:
     gait = mean_gait()
     assert gait.stance == pytest.approx([0.68, 0.70, 0.72, 0.74])
@@ -178,7 +185,7 @@ def test_too_few_unperturbed_crossings_are_refused() -> None:
 
 
 def test_a_crossing_without_onset_is_refused_by_name() -> None:
-    with pytest.raises(InputError, match="trial u7: no perturbation"):
+    with pytest.raises(InputError, match="trial u7: no onset"):
         respond(crossing("u7"), mean_gait())
 
 
@@ -223,7 +230,7 @@ def test_the_ensemble_recovers_the_impedance() -> None:
 
 
 def test_the_bootstrap_spreads_as_the_ensemble_does_when_everything_is_drawn_again() -> None:
-    """Two perturbations' worth of chance, and the unperturbed mean's that all of them share."""
+    """The scatter between perturbations, and the error of the mean unperturbed gait, which all of them share."""
     responses = several(12, noise=2.0)
     drawn = bootstrap(responses, 400)
     ensemble = ensemble_response(responses).fit
@@ -363,7 +370,7 @@ def test_the_mean_response_has_less_noise_than_each() -> None:
 
 
 def test_one_perturbation_is_no_ensemble() -> None:
-    with pytest.raises(InputError, match="1 perturbation cannot give an ensemble"):
+    with pytest.raises(InputError, match="perturbations in the ensemble: 1, expected 2"):
         ensemble_response(several(1, 0.0))
 
 

@@ -81,7 +81,8 @@ def calibrate_static(clusters: dict[str, Vectors], medial: Array, lateral: Array
     for segment, markers in means.items():
         if not spans_a_plane(np.array(list(markers.values()))):
             raise InputError(
-                f"the {segment} markers {', '.join(markers)} lie on a line or are fewer than three; use others"
+                f"the {segment} markers {', '.join(markers)} lie on a line or are fewer than three, expected three or "
+                "more that span a plane; name others under `markers` in the configuration"
             )
     inner, outer = mean_position("medial ankle", medial), mean_position("lateral ankle", lateral)
     across = inner - outer if side == "right" else outer - inner

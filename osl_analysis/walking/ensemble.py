@@ -85,7 +85,7 @@ def ensemble_response(responses: Sequence[PerturbationResponse]) -> EnsembleResp
 def check_alike(responses: Sequence[PerturbationResponse]) -> None:
     """Refuse responses that cannot be averaged."""
     if len(responses) < 2:
-        raise InputError(f"{len(responses)} perturbation cannot give an ensemble; record at least two")
+        raise InputError(f"perturbations in the ensemble: {len(responses)}, expected 2 or more; record more")
     first = responses[0]
     for r in responses[1:]:
         shapes = r.thetas.shape, r.plate_errors.shape

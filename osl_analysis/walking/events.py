@@ -81,7 +81,7 @@ def only_stance(stances: list[Stance]) -> Stance:
         times = ", ".join(f"{s.heel_strike:.3f}-{s.toe_off:.3f} s" for s in stances) or "none"
         raise InputError(
             f"one stance on the plate is expected, found {times}; check the plate's number, zero and load thresholds, "
-            "cut the record to one crossing, or exclude it in the sheet"
+            "cut the recording to one crossing, or exclude it in the sheet"
         )
     return stances[0]
 
@@ -108,7 +108,7 @@ def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
     resting = (time >= time[first] - 2 * REST_S) & (time < time[first] - REST_S)
     if not resting.any():
         raise InputError(
-            f"the platform turns at {time[first]:.3f} s, within {2 * REST_S:g} s of the record's start; record its "
+            f"the platform turns at {time[first]:.3f} s, within {2 * REST_S:g} s of the recording's start; record its "
             "rest before, or exclude the trial"
         )
     turned, noise = rotation - float(np.mean(rotation[resting])), float(np.std(rotation[resting]))

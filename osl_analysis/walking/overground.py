@@ -145,8 +145,8 @@ def check_no_downward_force(trial: Trial, largest_zero: float) -> None:
         reading = float(np.median(recorded_wrench(trial, number).wrench.force[:, 2]))
         if reading < -largest_zero:
             raise InputError(
-                f"trial {trial.name}: force plate {number} reads {reading:.0f} N in most of the record, expected more "
-                f"than {-largest_zero:g} N, because a foot cannot pull: the plate was not zeroed, has reached its "
+                f"trial {trial.name}: force plate {number} reads {reading:.0f} N in most of the recording, expected "
+                f"more than {-largest_zero:g} N, because a foot cannot pull: the plate was not zeroed, has reached its "
                 "limit, or has the other sign; record again, or remove the plate from `plates` in the source file"
             )
 

@@ -109,8 +109,8 @@ def unloaded_zero(recorded: RecordedWrench, duration: float, largest: float) -> 
     before = vertical[: int(np.argmax(vertical)) + 1]
     if len(before) < length:
         raise InputError(
-            f"the plate is loaded within {duration:g} s of the record's start, so that its zero cannot be read; record "
-            "earlier, or set unloaded_s to null"
+            f"the plate is loaded within {duration:g} s of the recording's start, so that its zero cannot be read; "
+            "start to record earlier, or set unloaded_s to null"
         )
     windows = np.lib.stride_tricks.sliding_window_view(before - before[0], length)
     start = int(np.argmin(np.var(windows, axis=1)))

@@ -75,7 +75,9 @@ def isolate_response(
         The crossing has no onset, or baseline or window leave the stance.
     """
     if crossing.onset is None:
-        raise InputError(f"trial {crossing.name}: no perturbation in it; mark it as unperturbed in the sheet")
+        raise InputError(
+            f"trial {crossing.name}: no onset, expected a perturbed crossing; mark it as unperturbed in the sheet"
+        )
     stance = crossing.stance.duration if perturbed_stance == "own" else float(np.mean(gait.stance))
     time = response_times(sampling_rate(crossing.time), timing)
     phase = (crossing.onset + time - crossing.stance.heel_strike) / stance

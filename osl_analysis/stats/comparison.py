@@ -1,4 +1,4 @@
-"""Comparison of rival models: scores of each model on one record, and which models the records can tell apart."""
+"""Comparison of rival models: scores of each model on one trial, and which models the trials can tell apart."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -34,7 +34,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Score:
-    """The score of one model on one record."""
+    """The score of one model on one trial."""
 
     model: str
     """As in `Candidate`."""
@@ -49,7 +49,7 @@ class Score:
     bic: float
     """Bayesian information criterion; lower is better."""
     effective_samples: float
-    """Number of independent samples in the record."""
+    """Number of independent samples among those of the trial."""
     rank: int
     """Rank by BIC, from 1 on."""
 
@@ -86,7 +86,7 @@ def effective_samples(residual: Array) -> float:
     """Number of independent samples whose mean square is as certain as that of these correlated ones (n,).
 
     n / sum of rho_k^2 over all lags k (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8, 1946). The autocorrelation
-    rho is computed up to a tenth of the record; the squares that it has by chance are subtracted. A residual that does
+    rho is computed up to a tenth of the samples; the squares that it has by chance are subtracted. A residual that does
     not vary at all (an exact fit) counts as n independent samples.
     """
     n, lags = len(residual), int(LARGEST_LAG * len(residual))

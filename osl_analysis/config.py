@@ -75,9 +75,6 @@ class StudySettings(Settings):
     I: Annotated[float, Field(ge=0)]
 
 
-ValidationStudy = StudySettings
-
-
 class Config(Settings):
     """One campaign. Paths are relative to the folder in which the pipeline runs; see `config/config.yaml`."""
 

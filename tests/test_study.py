@@ -1,5 +1,7 @@
 """The study of the estimators: small, seeded, from the simulator to the figure, with nothing on disk between."""
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
@@ -7,9 +9,10 @@ import yaml
 from conftest import ROOT
 
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.commands import study as study_jobs
 from osl_analysis.commands.figure import draw_figure
-from osl_analysis.commands.study import EXPERIMENTS, WALKING, bench_rows, run_batch, summarise
-from osl_analysis.config import ValidationStudy
+from osl_analysis.commands.study import run_batch, summarise
+from osl_analysis.config import StudySettings
 from osl_analysis.errors import InputError
 from osl_analysis.figures import study as study_figure
 from osl_analysis.parameters import read_parameters
@@ -18,6 +21,8 @@ from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.study import walking as study_of_walking
 from osl_analysis.study.actuator import actuator
+from osl_analysis.study.batch import BENCH, WALKING
+from osl_analysis.study.trials import StudyInputs, trial_rows
 from osl_analysis.table import read_table
 from osl_analysis.walking.settings import WalkingAnalysis
 from osl_analysis.yaml_settings import read_yaml
@@ -34,20 +39,25 @@ def _repository(monkeypatch):
 
 
 def choices(**changes):
-    study = ValidationStudy.model_validate(CONFIG["study"] | SMALL | changes)
+    study = StudySettings.model_validate(CONFIG["study"] | SMALL | changes)
     dynamometer = DynamometerAnalysis.model_validate(CONFIG["dynamometer"] | {"frequencies_hz": [2, 4]})
     return study, dynamometer, WalkingAnalysis.model_validate(CONFIG["walking"])
 
 
-def bench(experiment):
-    study, dynamometer, _ = choices()
+def inputs(**changes):
+    study, dynamometer, walking = choices(**changes)
     settings = read_yaml(study.simulation, SimulationSettings)
-    return EXPERIMENTS[experiment](study, settings, read_parameters(settings.parameters), dynamometer)
+    p = read_parameters(settings.parameters)
+    return StudyInputs(study, settings, None, p, dynamometer, ACTUATOR, walking, SOURCES)
+
+
+def bench(experiment):
+    return BENCH[experiment](inputs())
 
 
 def rows(experiment, trials):
     table = pl.DataFrame(
-        bench_rows(bench(experiment), [f"{experiment}_{i}" for i in range(trials)], LowPass(15)),
+        trial_rows(bench(experiment), [f"{experiment}_{i}" for i in range(trials)], LowPass(15)),
         infer_schema_length=None,
     )
     return table.with_columns(error=pl.col("value") - pl.col("truth"))
@@ -118,11 +128,9 @@ def test_the_bound_of_repeats_is_that_of_one_trial_over_the_root_of_their_number
 
 def test_the_actuator_is_near_what_made_its_torque_and_says_how_near():
     """40 seeded trials of five nearly independent estimates: a ratio of 1 +- 3/sqrt(400)."""
-    settings = read_yaml(choices()[0].simulation, SimulationSettings)
-    p = read_parameters(settings.parameters)
-    experiment = actuator(settings, p, ACTUATOR)
+    p, experiment = inputs().p, bench("actuator")
     assert experiment.exact["k_tau_n_m"] == p.k_tau * p.n_m
-    table = pl.DataFrame(bench_rows(experiment, [f"a_{i}" for i in range(40)], LowPass(15)))
+    table = pl.DataFrame(trial_rows(experiment, [f"a_{i}" for i in range(40)], LowPass(15)))
     table = table.with_columns(error=pl.col("value") - pl.col("truth"))
     for size in ("bound", "se"):
         ratio = float(np.sqrt(((table["error"] / table[size]) ** 2).mean()))
@@ -144,9 +152,9 @@ def test_magnitude_and_phase_of_a_response_are_as_precise_as_they_say_and_as_the
 
 
 def test_an_actuator_without_a_schedule_is_refused():
-    settings = read_yaml(choices()[0].simulation, SimulationSettings).model_copy(update={"actuator": None})
+    without = inputs().simulation.model_copy(update={"actuator": None})
     with pytest.raises(InputError, match="no 'actuator' schedule"):
-        actuator(settings, read_parameters(settings.parameters), ACTUATOR)
+        actuator(replace(inputs(), simulation=without))
 
 
 def batch(experiment, first, count, output, **changes):
@@ -205,7 +213,7 @@ def test_walking_without_gait_scatter_and_noise_has_no_error(monkeypatch, tmp_pa
             return found.model_copy(update={"effects": found.effects.without(*off)})
         return found
 
-    monkeypatch.setattr(study_of_walking, "read_yaml", ideal)
+    monkeypatch.setattr(study_jobs, "read_yaml", ideal)
     for experiment, close in zip(WALKING, (1e-4, 3e-3), strict=True):
         table = campaign(experiment, tmp_path)
         inertia = pl.col("quantity") == "I"
@@ -213,7 +221,7 @@ def test_walking_without_gait_scatter_and_noise_has_no_error(monkeypatch, tmp_pa
         np.testing.assert_allclose(*table.filter(inertia).select("value", "truth"), atol=1e-3)
 
 
-def test_crossings_that_are_refused_are_left_out_and_all_of_them_is_an_error_that_says_why():
+def test_crossings_that_are_refused_are_excluded_and_all_of_them_is_an_error_that_says_why():
     def odd(name):
         if int(name) % 2 == 0:
             raise InputError(f"crossing {name} is refused")

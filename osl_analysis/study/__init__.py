@@ -1,1 +1,1 @@
-"""The Monte Carlo study: are the estimators unbiased, efficient, and their intervals honest?"""
+"""The Monte Carlo study: bias and efficiency of the estimators, and coverage of their intervals."""

@@ -1,4 +1,4 @@
-"""The actuator's own bench in the validation study: one true motion, current and torque, and noisy sensors."""
+"""The actuator's own bench in the study: one true motion, current and torque, read by noisy sensors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -10,15 +10,14 @@ from osl_analysis.bench.estimators import DEFAULT
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.model.drivetrain import actuator_torque
-from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.actuator_bench import ActuatorLog, current_schedule, recorded_actuator, turning
 from osl_analysis.simulator.dynamometer import moved
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.study.bench import Estimates, estimates_of, torque_noise
 from osl_analysis.study.performance import regression_bound
+from osl_analysis.study.trials import Estimates, StudyInputs, estimates_of, torque_noise
 from osl_analysis.trial import Array
 
 SENSORS = (
@@ -29,7 +28,25 @@ SENSORS = (
 
 @dataclass(frozen=True)
 class ActuatorExperiment:
-    """True motion, current [A] and torque [N*m] of every trial, and the parameters that made them."""
+    """The actuator's bench: what every trial repeats, and how it is analysed.
+
+    Attributes
+    ----------
+    motion
+        True motion of the actuator's output.
+    current
+        True q-axis current [A], shape (n,).
+    torque
+        True torque [N*m] at the actuator's output, shape (n,).
+    settings
+        The simulated campaign.
+    analysis
+        Settings of the fit.
+    exact
+        Parameters that made the torque, by quantity.
+    names
+        Quantities that are estimated.
+    """
 
     motion: JointMotion
     current: Array
@@ -41,11 +58,11 @@ class ActuatorExperiment:
 
     @property
     def theory(self) -> Mapping[str, float]:
-        """The torque is exactly of the fitted form."""
+        """The parameters that made the torque: the fitted model is exact."""
         return self.exact
 
     def log(self, trial: str, ideal: bool = False) -> ActuatorLog:
-        """What the sensors make of one trial, the encoder's zero being anywhere between two of its steps."""
+        """The log of one trial. The encoder's zero lies anywhere between two of its steps."""
         settings = self.settings
         if ideal:
             settings = settings.model_copy(update={"effects": settings.effects.without(*SENSORS)})
@@ -54,7 +71,7 @@ class ActuatorExperiment:
         return recorded_actuator(trial, motion, self.current, self.torque, settings)[0]
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
-        """Those of the pipeline's fit."""
+        """The estimates of the pipeline's fit."""
         log, chosen = self.log(trial, ideal), self.analysis
         signals = ActuatorSignals(log.time, log.actuator_angle, log.motor_current, log.output_torque)
         columns, torque = actuator_columns(signals, low_pass, chosen.sign_width)
@@ -62,7 +79,7 @@ class ActuatorExperiment:
         yield DEFAULT, fit.interval_method, estimates_of(fit, self.names)
 
     def bounds(self) -> dict[str, float]:
-        """Cramer-Rao bound of the torque's noise where the fit looks: less than what noisy columns allow."""
+        """Cramer-Rao bound of the torque's noise in the fitted rows. Noise in the columns would raise it a little."""
         rate, omega = self.settings.dynamometer.rate_hz, self.motion.omega
         edge = int(np.ceil(EDGE_PERIODS * rate / self.analysis.cutoff_hz))
         rows = np.flatnonzero(np.abs(omega) > self.analysis.slowest)
@@ -81,19 +98,23 @@ class ActuatorExperiment:
         return regression_bound(fitted, *torque_noise(self.settings, time[rows]))
 
 
-def actuator(settings: SimulationSettings, p: DrivetrainParameters, analysis: ActuatorAnalysis) -> ActuatorExperiment:
-    """The campaign's schedule, with everything that the settings switch on.
+def actuator(inputs: StudyInputs) -> ActuatorExperiment:
+    """The campaign's schedule, with every effect of the simulation settings.
 
     Raises
     ------
     InputError
         The settings have no schedule.
     """
+    settings, p = inputs.simulation, inputs.p
     if settings.actuator is None:
-        raise InputError("the study's simulation settings have no 'actuator' schedule; add one as in the default's")
+        raise InputError(
+            f"{inputs.study.simulation}: has no 'actuator' schedule, which the study needs; add one as in "
+            "config/simulation/default.yaml"
+        )
     rate, friction = settings.dynamometer.rate_hz, settings.effects.friction.value
     _, motion = moved(turning(settings.actuator, rate), settings)
     current, true = current_schedule(settings.actuator, rate), replace(p, f_C=friction * p.f_C, f_G=friction * p.f_G)
     torque = actuator_torque(current, motion.omega, motion.alpha, true)
     exact = {"k_tau_n_m": p.k_tau * p.n_m, "f_C": true.f_C, "f_G": true.f_G, "B_m": p.B_m, "J_m": p.J_m}
-    return ActuatorExperiment(motion, current, torque, settings, analysis, exact)
+    return ActuatorExperiment(motion, current, torque, settings, inputs.actuator, exact)

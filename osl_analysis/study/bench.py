@@ -1,21 +1,17 @@
-"""The bench of the validation study: a true motion and response that every trial repeats, and noisy sensors."""
+"""The dynamometer in the study: one true motion and response that every trial repeats, read by noisy sensors."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
 from osl_analysis.bench.belt import fit_belt_stiffness
 from osl_analysis.bench.estimators import DEFAULT, ESTIMATORS, CovarianceChoice
 from osl_analysis.bench.protocol import SteppedSineProtocol, find_blocks, repeated_cycles, rows_of, settled
-from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import RawSignals, drift_rate, without_drift
 from osl_analysis.bench.transmission import fit_transmission
-from osl_analysis.config import ValidationStudy
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.model.rendering import predicted_impedance
-from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import impedance_columns, impedance_torque
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.simulator.dynamometer import (
@@ -33,6 +29,7 @@ from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.stats.covariance import ResidualCorrelation
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.study.performance import regression_bound
+from osl_analysis.study.trials import Estimates, StudyInputs, estimates_of, torque_noise
 from osl_analysis.trial import Array
 
 SENSORS = (
@@ -44,61 +41,39 @@ COVARIANCES = {
     "HAC": CovarianceChoice(cycles=False),
     "HAC, 1 s": CovarianceChoice(cycles=False, lags=1000),
 }
+"""Covariances that the study compares for the default estimator."""
 QUANTITIES = ("K", "B", "I")
 Fitter = Callable[["Bench", RawSignals, LowPass], Iterator[tuple[str, str, LinearFit]]]
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A value, its standard error, and its 95 % interval from `low` to `high`, in the unit of the quantity."""
-
-    value: float
-    se: float
-    low: float
-    high: float
-
-
-Estimates = Iterator[tuple[str, str, Mapping[str, Estimate]]]
-"""Of one trial: estimator, kind of interval, and its estimates by quantity."""
-
-
-class Experiment(Protocol):
-    """What the study repeats: estimates of a trial, whose name decides its noise, and what they are held against.
-
-    `exact` are the parameters that made the trial, where the model is exact, `theory` what linear theory predicts,
-    `bounds` no unbiased estimate's standard deviation can be below.
-    """
-
-    @property
-    def exact(self) -> Mapping[str, float]: ...
-
-    @property
-    def theory(self) -> Mapping[str, float]: ...
-
-    def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates: ...
-
-    def bounds(self) -> Mapping[str, float]: ...
-
-
-def estimates_of(fit: LinearFit, names: tuple[str, ...]) -> dict[str, Estimate]:
-    """The named estimates of a fit."""
-    return {name: Estimate(fit[name], fit.se(name), *fit.interval(name)) for name in names}
-
-
-def torque_noise(settings: SimulationSettings, time: Array) -> tuple[float, Array]:
-    """Standard deviation [N*m] of the load cell's white noise, rounding counted in, and of its drift at `time` [s]."""
-    effects = settings.effects
-    white = float(np.hypot(effects.load_cell_noise.value, effects.load_cell_quantisation.value / np.sqrt(12)))
-    return white, effects.load_cell_drift.value / 60 * time
 
 
 @dataclass(frozen=True)
 class Bench:
     """One experiment: the true motion and response, which every trial repeats, and the sensors that read them.
 
-    `fit` yields estimator, kind of interval and fit of a record; `exact` the parameters that made the torque, where
-    it is exactly of the fitted form; `theory` what linear theory predicts, `names` what is estimated.
-    `load_cell_drift` [N*m/min] is what the analysis takes it for.
+    Attributes
+    ----------
+    command
+        Commanded angle [rad], shape (n,).
+    motion
+        True motion of the joint.
+    response
+        True response of the joint to this motion.
+    settings
+        The simulated campaign, with the study's short protocol.
+    protocol
+        Where the stepped sine has its amplitudes and frequencies. None for the belt's ramp.
+    settle_cycles
+        Cycles at the beginning of each frequency that are not fitted.
+    load_cell_drift
+        Standard deviation of the load cell's drift [N*m/min] that the analysis assumes.
+    names
+        Quantities that are estimated.
+    fit
+        Yields estimator, kind of interval and fit of a record.
+    exact
+        Parameters that made the torque, by quantity, where the fitted model is exact. Else empty.
+    theory
+        What linear theory predicts, by quantity.
     """
 
     command: Array
@@ -114,7 +89,7 @@ class Bench:
     theory: dict[str, float]
 
     def record(self, trial: str, ideal: bool = False) -> RawSignals:
-        """What the sensors make of one trial, the encoder's zero being anywhere between two of its steps."""
+        """The signals of one trial. The encoder's zero lies anywhere between two of its steps."""
         settings = self.settings
         if ideal:
             settings = settings.model_copy(update={"effects": settings.effects.without(*SENSORS)})
@@ -129,7 +104,7 @@ class Bench:
         return RawSignals(time, log.joint_angle, log.commanded_angle, torque, settings.dynamometer.rate_hz, segments)
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
-        """Every estimator's, from noisy or ideal sensors."""
+        """The estimates of every estimator, from noisy or ideal sensors."""
         for name, method, fit in self.fit(self, self.record(trial, ideal), low_pass):
             yield name, method, estimates_of(fit, self.names)
 
@@ -148,7 +123,7 @@ class Bench:
 
 
 def impedance_fits(bench: Bench, record: RawSignals, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
-    """Every estimator with the spread of cycles, the default one with HAC too."""
+    """K, B and I of every estimator with the covariance of cycles, and of the default one with HAC too."""
     for name, estimator in ESTIMATORS.items():
         for method, covariance in COVARIANCES.items():
             if method == "cycles" or name == DEFAULT:
@@ -156,7 +131,7 @@ def impedance_fits(bench: Bench, record: RawSignals, low_pass: LowPass) -> Itera
 
 
 def transmission_fits(bench: Bench, record: RawSignals, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
-    """B_j and J_j."""
+    """B_j and J_j of a transmission trial."""
     motion, torque = filtered_motion(record.time, record.theta, record.torque, low_pass)
     rows = rows_of(record.segments)
     yield (
@@ -167,85 +142,86 @@ def transmission_fits(bench: Bench, record: RawSignals, low_pass: LowPass) -> It
 
 
 def belt_fits(bench: Bench, record: RawSignals, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
-    """Loading slope; nothing repeats within a trial."""
+    """K_s, the slope while loading. Nothing repeats within a trial."""
     theta, torque = (low_pass(signal, record.rate_hz) for signal in (record.theta, record.torque))
     every, drift = low_pass.independent_samples(record.rate_hz), bench.load_cell_drift / 60 / record.rate_hz
     fit = fit_belt_stiffness(theta, torque, every, drift).loading
     yield DEFAULT, fit.interval_method, fit
 
 
-def sine_bench(study: ValidationStudy, settings: SimulationSettings, analysis: DynamometerAnalysis) -> Bench:
-    """The study's stepped sine, and as yet nothing that answers it."""
+def sine_bench(inputs: StudyInputs) -> Bench:
+    """The study's stepped sine, with a joint that does not resist."""
+    study, analysis = inputs.study, inputs.dynamometer
     short = {
         "cycles": study.cycles,
         "amplitudes_deg": study.amplitudes_deg,
         "frequencies_hz": analysis.frequencies_hz,
     }
-    settings = settings.model_copy(update={"protocol": settings.protocol.model_copy(update=short)})
-    command, motion = moved(stepped_sine(settings.protocol, settings.dynamometer.rate_hz), settings)
-    protocol = SteppedSineProtocol(tuple(np.deg2rad(study.amplitudes_deg)), analysis.frequencies_hz, study.cycles)
+    schedule = inputs.simulation.protocol.model_copy(update=short)
+    settings = inputs.simulation.model_copy(update={"protocol": schedule})
+    command, motion = moved(stepped_sine(schedule, settings.dynamometer.rate_hz), settings)
     still = np.zeros_like(motion.theta)
-    nothing = BenchResponse(still, still, still)
-    settle, drift = analysis.settle_cycles, analysis.load_cell_drift
-    return Bench(command, motion, nothing, settings, protocol, settle, drift, QUANTITIES, impedance_fits, {}, {})
+    return Bench(
+        command=command,
+        motion=motion,
+        response=BenchResponse(still, still, still),
+        settings=settings,
+        protocol=SteppedSineProtocol(tuple(np.deg2rad(study.amplitudes_deg)), analysis.frequencies_hz, study.cycles),
+        settle_cycles=analysis.settle_cycles,
+        load_cell_drift=analysis.load_cell_drift,
+        names=QUANTITIES,
+        fit=impedance_fits,
+        exact={},
+        theory={},
+    )
 
 
-def second_order(
-    study: ValidationStudy, settings: SimulationSettings, p: DrivetrainParameters, analysis: DynamometerAnalysis
-) -> Bench:
+def second_order(inputs: StudyInputs) -> Bench:
     """A joint that is exactly Eq. 15."""
-    bench = sine_bench(study, settings, analysis)
+    bench, study = sine_bench(inputs), inputs.study
     motion = Motion(bench.motion.theta, bench.motion.omega, bench.motion.alpha)
     torque = impedance_torque(study.K_d, study.B_d, study.I, motion)
     exact = {"K": study.K_d, "B": study.B_d, "I": study.I}
     return replace(bench, response=replace(bench.response, torque=torque), exact=exact, theory=exact)
 
 
-def drivetrain(
-    study: ValidationStudy, settings: SimulationSettings, p: DrivetrainParameters, analysis: DynamometerAnalysis
-) -> Bench:
-    """The compensated joint with everything that the settings switch on."""
-    bench = sine_bench(study, settings, analysis)
-    gains = compensated_gains(study.K_d, study.B_d, p)
-    effects, rate = drivetrain_effects(bench.settings), settings.dynamometer.rate_hz
+def drivetrain(inputs: StudyInputs) -> Bench:
+    """The joint of a compensated controller, with every effect of the simulation settings."""
+    bench, p = sine_bench(inputs), inputs.p
+    gains = compensated_gains(inputs.study.K_d, inputs.study.B_d, p)
+    effects, rate = drivetrain_effects(bench.settings), bench.settings.dynamometer.rate_hz
     response = simulate_impedance(rate, bench.motion, gains, effects, p)
-    theory = dict(zip(QUANTITIES, predicted_impedance(gains, p, analysis.frequencies_hz), strict=True))
-    return replace(bench, response=response, theory=theory)
+    predicted = predicted_impedance(gains, p, inputs.dynamometer.frequencies_hz)
+    return replace(bench, response=response, theory=dict(zip(QUANTITIES, predicted, strict=True)))
 
 
-def linear_drivetrain(
-    study: ValidationStudy, settings: SimulationSettings, p: DrivetrainParameters, analysis: DynamometerAnalysis
-) -> Bench:
-    """The same without friction and hysteresis."""
-    effects = settings.effects.without("friction", "belt_hysteresis")
-    return drivetrain(study, settings.model_copy(update={"effects": effects}), p, analysis)
+def linear_drivetrain(inputs: StudyInputs) -> Bench:
+    """The joint of a compensated controller, without friction and hysteresis."""
+    effects = inputs.simulation.effects.without("friction", "belt_hysteresis")
+    return drivetrain(replace(inputs, simulation=inputs.simulation.model_copy(update={"effects": effects})))
 
 
-def transmission(
-    study: ValidationStudy, settings: SimulationSettings, p: DrivetrainParameters, analysis: DynamometerAnalysis
-) -> Bench:
+def transmission(inputs: StudyInputs) -> Bench:
     """The joint with the motor detached."""
-    bench = sine_bench(study, settings, analysis)
-    exact = {"B_j": p.B_j, "J_j": p.J_j}
-    response = simulate_transmission(bench.motion, p)
+    bench, exact = sine_bench(inputs), {"B_j": inputs.p.B_j, "J_j": inputs.p.J_j}
+    response = simulate_transmission(bench.motion, inputs.p)
     return replace(bench, response=response, names=tuple(exact), fit=transmission_fits, exact=exact, theory=exact)
 
 
-def belt(
-    study: ValidationStudy, settings: SimulationSettings, p: DrivetrainParameters, analysis: DynamometerAnalysis
-) -> Bench:
-    """The locked actuator's belt, with its hysteresis."""
+def belt(inputs: StudyInputs) -> Bench:
+    """The belt of a locked actuator, with its hysteresis."""
+    settings = inputs.simulation
     command, motion = moved(there_and_back(settings.belt, settings.dynamometer.rate_hz), settings)
-    response = simulate_belt(motion, drivetrain_effects(settings), p)
-    drift = analysis.load_cell_drift
-    return Bench(command, motion, response, settings, None, 0, drift, ("K_s",), belt_fits, {}, {"K_s": p.K_s})
-
-
-Builder = Callable[[ValidationStudy, SimulationSettings, DrivetrainParameters, DynamometerAnalysis], Bench]
-BENCHES: dict[str, Builder] = {
-    "second order": second_order,
-    "linear drivetrain": linear_drivetrain,
-    "drivetrain": drivetrain,
-    "transmission": transmission,
-    "belt": belt,
-}
+    return Bench(
+        command=command,
+        motion=motion,
+        response=simulate_belt(motion, drivetrain_effects(settings), inputs.p),
+        settings=settings,
+        protocol=None,
+        settle_cycles=0,
+        load_cell_drift=inputs.dynamometer.load_cell_drift,
+        names=("K_s",),
+        fit=belt_fits,
+        exact={},
+        theory={"K_s": inputs.p.K_s},
+    )

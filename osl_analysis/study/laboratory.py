@@ -1,4 +1,4 @@
-"""The laboratory of the validation study: crossings whose truth is known, from sensors or from recorded files."""
+"""The gait laboratory in the study: crossings whose truth is known, from sensors or from recorded files."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -30,16 +30,27 @@ from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
 from osl_analysis.walking.unperturbed import unperturbed_gait
 
 LEVER_M = 0.1
-"""Between the middle of a cluster and its markers, and from the plate to the ankle: turns noise into angle, moment."""
+"""Distance from the middle of a cluster to its markers, and from the plate to the ankle. It turns noise of markers into
+noise of the angle, and noise of forces into noise of the moment."""
 UNCHECKED = CrossingQuality(residuals={}, zero=None, placement=(0.0, 0.0), encoder=None)
-"""Of a crossing that no markers and no plate recorded."""
+"""Quality of a crossing that no markers and no plate recorded."""
 PLATE_TRIALS = 6
+"""Trials of the unloaded plate in a recorded campaign."""
 
 
 @dataclass(frozen=True)
-class Perturbed:
-    """A perturbed crossing as it is analysed, and its impedance: the estimator's answer to the perturbation alone,
-    through ideal sensors, and what the leg rendered."""
+class PerturbedCrossing:
+    """A perturbed crossing as it is analysed, and the truth about its impedance.
+
+    Attributes
+    ----------
+    crossing
+        The crossing through the sensors.
+    exact
+        The same estimator's fit to the perturbation alone, through ideal sensors.
+    rendered
+        The impedance that the leg rendered, by name.
+    """
 
     crossing: Crossing
     exact: ImpedanceFit
@@ -47,8 +58,20 @@ class Perturbed:
 
 
 @dataclass(frozen=True)
-class Laboratory:
-    """What makes a crossing, and how it is analysed."""
+class StudyLaboratory:
+    """The settings that make a crossing, and those that analyse it.
+
+    Attributes
+    ----------
+    settings
+        The simulated campaign.
+    gait
+        The simulated gait laboratory.
+    p
+        The parameters of the leg.
+    analysis
+        Settings of the walking analysis.
+    """
 
     settings: SimulationSettings
     gait: WalkingSettings
@@ -59,17 +82,20 @@ class Laboratory:
         """An unperturbed crossing through the sensors."""
         return self.seen(name, self.walk(name, False), noisy=True)
 
-    def perturbed(self, name: str) -> Perturbed:
-        """A perturbed crossing through the sensors, and the truth: the simulator can walk it without perturbation."""
-        calm, walked = self.walk(name, False), self.walk(name, True)
-        alone = unperturbed_gait([self.seen(name, calm, noisy=False)], 1)
+    def perturbed(self, name: str) -> PerturbedCrossing:
+        """A perturbed crossing through the sensors, and its truth.
+
+        The simulator walks the same crossing without the perturbation too. The difference is the perturbation alone.
+        """
+        unperturbed, walked = self.walk(name, False), self.walk(name, True)
+        alone = unperturbed_gait([self.seen(name, unperturbed, noisy=False)], 1)
         walked_ideally, analysis = self.seen(name, walked, noisy=False), self.analysis
         ideal = isolate_response(walked_ideally, alone, analysis.timing, analysis.perturbed_stance)
         exact = fit_without_offset(ideal.fitted_motion, ideal.fitted_torque)
-        return Perturbed(self.seen(name, walked, noisy=True), exact, rendered_impedance(walked, calm))
+        return PerturbedCrossing(self.seen(name, walked, noisy=True), exact, rendered_impedance(walked, unperturbed))
 
     def walk(self, name: str, perturbed: bool) -> SimulatedCrossing:
-        """One crossing; its name decides what is drawn, perturbed or not."""
+        """One crossing. Its name decides what is drawn, with and without the perturbation."""
         time = motion_grid(self.gait)
         step, effects = draw_step(name, self.settings.seed, time, self.gait), drivetrain_effects(self.settings)
         return simulate_crossing(time, step, perturbed, True, self.gait, effects, self.p)
@@ -98,10 +124,19 @@ class Laboratory:
 
 
 @dataclass(frozen=True)
-class RecordedLaboratory(Laboratory):
-    """The same, but a noisy crossing is recorded by markers and plate, written as C3D, ingested and analysed.
+class RecordedLaboratory(StudyLaboratory):
+    """A laboratory whose noisy crossings are recorded by markers and plate, written as C3D, ingested and analysed.
 
-    `folder` holds the campaign's files, `sources` the source files.
+    Attributes
+    ----------
+    folder
+        Folder of the campaign's files.
+    sources
+        Folder of the source files.
+    calibration
+        Result of the static trial.
+    plate
+        Model of the plate, from the trials of the unloaded plate.
     """
 
     folder: Path
@@ -110,7 +145,7 @@ class RecordedLaboratory(Laboratory):
     plate: PlateModel
 
     def seen(self, name: str, walked: SimulatedCrossing, noisy: bool) -> Crossing:
-        """As `Laboratory.seen`; a noisy crossing comes from files."""
+        """As `StudyLaboratory.seen`. A noisy crossing comes from files."""
         if not noisy:
             return super().seen(name, walked, noisy)
         recording = vicon_recording(name, self.settings.seed, scene_of(walked, self.gait), self.gait)
@@ -119,10 +154,10 @@ class RecordedLaboratory(Laboratory):
         return analyse_crossing(trial, self.calibration, self.plate, perturbed, self.analysis)
 
 
-def calibrated(laboratory: Laboratory, folder: Path, sources: Path) -> RecordedLaboratory:
-    """A session whose crossings are recorded in `folder`, after its static trial and those of the unloaded plate.
+def calibrated(laboratory: StudyLaboratory, folder: Path, sources: Path) -> RecordedLaboratory:
+    """A laboratory that records in `folder`, after its static trial and its trials of the unloaded plate.
 
-    The foot is weighed: its inertia would count as the ankle's.
+    The foot is weighed. Its inertia would else count as the ankle's.
     """
     settings, gait, p = laboratory.settings, laboratory.gait, laboratory.p
     analysis = laboratory.analysis.model_copy(update={"foot": weighed_foot(gait)})
@@ -137,13 +172,13 @@ def calibrated(laboratory: Laboratory, folder: Path, sources: Path) -> RecordedL
 
 
 def ingested(name: str, folder: Path, sources: Path) -> Trial:
-    """The trial that `vicon/<name>.c3d` in a folder holds."""
+    """The trial of the capture `vicon/<name>.c3d` in a folder."""
     row = {"trial": name, "mocap": f"vicon/{name}.c3d", "mocap_source": "vicon"}
     return recorded_trial(row, folder, sources)
 
 
 def weighed_foot(gait: WalkingSettings) -> FootSettings | None:
-    """The simulated foot, as a laboratory would weigh it; None where it weighs nothing."""
+    """The simulated foot as a laboratory would weigh it. None where it has no mass."""
     mass = gait.effects.foot_inertia.value
     if mass == 0:
         return None

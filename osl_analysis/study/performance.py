@@ -1,18 +1,37 @@
-"""Is an interval honest? Bias, error against the Cramer-Rao bound and coverage over simulated trials."""
+"""How good estimates and intervals are over simulated trials: bias, error over the Cramer-Rao bound, and coverage."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.trial import Array
 
+KEYS = ("experiment", "estimator", "interval_method", "quantity")
+"""Columns that the rows of one performance have in common."""
+
 
 @dataclass(frozen=True)
 class Performance:
-    """Over n trials: bias in standard deviations of the estimate, RMSE in the estimate's unit and over the bound,
-    stated over true standard error, share of intervals that hold the truth; each with its Monte Carlo error."""
+    """Performance of an estimator over n simulated trials. Names in `_mc` are Monte Carlo standard errors.
+
+    Attributes
+    ----------
+    n
+        Number of trials.
+    bias, bias_mc
+        Mean error over the standard deviation of the estimates.
+    rmse
+        Root mean square error, in the unit of the estimate.
+    rmse_over_bound, rmse_over_bound_mc
+        Root mean square error over the Cramer-Rao bound.
+    se_over_sd
+        Stated standard error (root mean square) over the standard deviation of the estimates.
+    coverage, coverage_mc
+        Share of the 95 % intervals that hold the truth.
+    """
 
     n: int
     bias: float
@@ -26,7 +45,10 @@ class Performance:
 
 
 def performance(error: Array, se: Array, covered: NDArray[np.bool_], bound: Array) -> Performance:
-    """From errors (n,) about the truth, stated standard errors, whether the interval held it, and the bound's root."""
+    """Performance from errors about the truth, stated standard errors, coverage and bounds, shape (n,) each.
+
+    `covered` says whether the interval held the truth. `bound` is the smallest possible standard error.
+    """
     n, sd = len(error), float(np.std(error, ddof=1))
     ratio = float(np.sqrt(np.mean((error / bound) ** 2)))
     kurtosis = float(np.mean(error**4) / np.mean(error**2) ** 2)
@@ -45,12 +67,12 @@ def performance(error: Array, se: Array, covered: NDArray[np.bool_], bound: Arra
 
 
 def regression_bound(columns: Mapping[str, Array], noise: float, drift: Array | None = None) -> dict[str, float]:
-    """Smallest standard error of any unbiased estimate of y = X b + e, for exactly known columns (n,) each.
+    """Smallest standard error of any unbiased estimate of y = X b + e, for exactly known columns, shape (n,) each.
 
-    e is Gaussian: white of standard deviation `noise`, plus a chance multiple of the standard deviation `drift` (n,),
-    as a drift in time is. Cramer and Rao: cov(b) >= (X' V^-1 X)^-1 with V = noise^2 I + drift drift', whose inverse is
-    Sherman and Morrison's. A filter that passes the columns leaves it as it is: per frequency the information is
-    |H X|^2/(|H|^2 noise^2), and H cancels.
+    The error e is Gaussian. It is white with standard deviation `noise`, plus a random multiple of `drift`, shape (n,),
+    which is the standard deviation of a drift in time. Cramer and Rao: cov(b) >= (X' V^-1 X)^-1 with
+    V = noise^2 1 + drift drift'. Its inverse is Sherman and Morrison's. A filter that passes the columns does not
+    change the bound: per frequency the information is |H X|^2/(|H|^2 noise^2), and H cancels.
     """
     X = np.column_stack(list(columns.values()))
     drift = np.zeros(len(X)) if drift is None else drift
@@ -58,3 +80,17 @@ def regression_bound(columns: Mapping[str, Array], noise: float, drift: Array | 
     information = (X.T @ X - np.outer(seen, seen) / (noise**2 + drift @ drift)) / noise**2
     covariance = np.linalg.inv(information)
     return dict(zip(columns, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+
+
+def performance_table(estimates: pl.DataFrame) -> pl.DataFrame:
+    """Performance for each experiment, estimator, kind of interval and quantity, from a row per estimate."""
+    rows = []
+    for key, group in estimates.group_by(KEYS, maintain_order=True):
+        value, truth, low, high, se, bound = (
+            group[name].cast(pl.Float64).fill_null(np.nan).to_numpy()
+            for name in ("value", "truth", "low", "high", "se", "bound")
+        )
+        judged = performance(value - truth, se, (low <= truth) & (truth <= high), bound)
+        model_error = group["model_error"].cast(pl.Float64).mean()
+        rows.append({**dict(zip(KEYS, key, strict=True)), **asdict(judged), "model_error": model_error})
+    return pl.DataFrame(rows, infer_schema_length=None).fill_nan(None)

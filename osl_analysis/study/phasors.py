@@ -1,70 +1,68 @@
-"""The frequency response in the validation study: magnitude and phase of Y at each frequency, by sinusoid fits."""
+"""The frequency response in the study: magnitude and phase of Y at each frequency, from sinusoid fits."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from osl_analysis.bench.frequency_response import SegmentPhasors, segment_phasors
-from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.config import ValidationStudy
-from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
-from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.stats.complex_estimate import polar_row
-from osl_analysis.study.bench import Bench, Estimate, Estimates, drivetrain, torque_noise
+from osl_analysis.study.bench import Bench, drivetrain
+from osl_analysis.study.trials import Estimate, Estimates, StudyInputs, torque_noise
 
 
 @dataclass(frozen=True)
 class ResponseBench:
-    """The integral admittance Y = theta/torque of a bench at the frequencies of its protocol, at its one amplitude.
+    """The integral admittance Y = theta/torque of a bench, at one amplitude and each frequency of its protocol.
 
-    Quantities have the frequency in their names: `magnitude, 2 Hz` [rad/(N*m)] and `phase, 2 Hz` [deg].
+    The quantities have the frequency in their names: `magnitude, 2 Hz` [rad/(N*m)] and `phase, 2 Hz` [deg].
     """
 
     bench: Bench
 
     @property
     def exact(self) -> Mapping[str, float]:
-        """Nothing: what a drivetrain with friction answers is found through ideal sensors."""
+        """Empty: the truth about a drivetrain with friction is found through ideal sensors."""
         return {}
 
     @property
     def theory(self) -> Mapping[str, float]:
-        """Nothing."""
+        """Empty: linear theory predicts no drivetrain with friction."""
         return {}
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
-        """Of raw signals; each frequency is a row of its own, as if it were an estimator."""
-        for found in self.phasors(trial, ideal):
-            f, row = found.frequency_hz, polar_row(found.admittance)
+        """The estimates from raw signals. Each frequency has a row of its own, as an estimator has."""
+        for segment in self.phasors(trial, ideal):
+            f, row = segment.frequency_hz, polar_row(segment.admittance)
             parts = {"magnitude": "", "phase": "_deg"}
-            yield f"sinusoid, {f:g} Hz", found.torque.interval_method, {
+            yield f"sinusoid, {f:g} Hz", segment.torque.interval_method, {
                 f"{part}, {f:g} Hz": Estimate(*(row[f"{part}{end}{unit}"] for end in ("", "_se", "_low", "_high")))
                 for part, unit in parts.items()
             }  # fmt: skip
 
     def phasors(self, trial: str, ideal: bool) -> list[SegmentPhasors]:
-        """Of each settled segment."""
+        """Phasors of each settled segment of a trial."""
         record = self.bench.record(trial, ideal)
         return [segment_phasors(record.time, record.theta, record.torque, segment) for segment in record.segments]
 
     def bounds(self) -> dict[str, float]:
-        """From the bound of a phasor in white noise, 2 sigma^2/N per quadrature (Rife and Boorstyn, IEEE Trans. Inf.
-        Theory 20, 1974): relative to the torque's amplitude that of the magnitude, and in radian that of the phase."""
+        """Bounds from that of a phasor in white noise, 2 sigma^2/N per quadrature.
+
+        Relative to the torque's amplitude it is the bound of the magnitude, and in radian that of the phase (Rife and
+        Boorstyn, IEEE Trans. Inf. Theory 20, 1974).
+        """
         white, _ = torque_noise(self.bench.settings, np.zeros(1))
-        segments, found = self.bench.record("ideal", ideal=True).segments, {}
+        segments, bounds = self.bench.record("ideal", ideal=True).segments, {}
         for segment, phasors in zip(segments, self.phasors("ideal", ideal=True), strict=True):
             f, torque = segment.frequency_hz, abs(phasors.torque.value)
             relative = white * float(np.sqrt(2 / (segment.stop - segment.start))) / torque
-            found[f"magnitude, {f:g} Hz"] = abs(phasors.theta.value) / torque * relative
-            found[f"phase, {f:g} Hz"] = float(np.rad2deg(relative))
-        return found
+            bounds[f"magnitude, {f:g} Hz"] = abs(phasors.theta.value) / torque * relative
+            bounds[f"phase, {f:g} Hz"] = float(np.rad2deg(relative))
+        return bounds
 
 
-def frequency_response(
-    study: ValidationStudy, settings: SimulationSettings, p: DrivetrainParameters, analysis: DynamometerAnalysis
-) -> ResponseBench:
-    """Of the compensated drivetrain at the first of the study's amplitudes."""
-    single = study.model_copy(update={"amplitudes_deg": study.amplitudes_deg[:1]})
-    return ResponseBench(drivetrain(single, settings, p, analysis))
+def response_bench(inputs: StudyInputs) -> ResponseBench:
+    """The compensated drivetrain at the first of the study's amplitudes."""
+    single = inputs.study.model_copy(update={"amplitudes_deg": inputs.study.amplitudes_deg[:1]})
+    return ResponseBench(drivetrain(replace(inputs, study=single)))

@@ -1,25 +1,31 @@
-"""The bench of the validation study, repeated: means over as many trials as a campaign has, with Student's interval."""
+"""Repeated bench trials in the study: the mean over as many trials as a campaign has, with Student's interval."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.config import ValidationStudy
-from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.dynamometer import drivetrain_effects, scatter, simulate_belt
-from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.stats.repeats import over_repeats
-from osl_analysis.study.bench import Bench, Estimate, Estimates, belt, transmission
+from osl_analysis.study.bench import Bench, belt, transmission
+from osl_analysis.study.trials import Estimate, Estimates, StudyInputs
 
 
 @dataclass(frozen=True)
 class RepeatedBench:
-    """`count` trials of a `nominal` bench with one estimator; `bench_of` a trial is what that trial finds.
+    """A bench with one estimator, of which the mean over several trials is estimated.
 
-    From trial to trial the quantities scatter by the standard deviations `scatter`, each in its unit.
+    Attributes
+    ----------
+    nominal
+        The bench without scatter from trial to trial.
+    count
+        Number of trials in a mean.
+    bench_of
+        The bench that a trial of this name finds.
+    scatter
+        Standard deviation from trial to trial, by quantity, in the unit of the quantity.
     """
 
     nominal: Bench
@@ -29,54 +35,50 @@ class RepeatedBench:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """As of one trial."""
+        """The quantities of one trial."""
         return self.nominal.names
 
     @property
     def exact(self) -> Mapping[str, float]:
-        """As of one trial."""
+        """The parameters that made one trial."""
         return self.nominal.exact
 
     @property
     def theory(self) -> Mapping[str, float]:
-        """As of one trial."""
+        """What linear theory predicts for one trial."""
         return self.nominal.theory
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
-        """The mean of the trials; through ideal sensors that of the nominal bench."""
+        """The mean over the trials. Through ideal sensors it is the estimate of the nominal bench."""
         if ideal:
-            yield from (
-                (name, "Student", found) for name, _, found in self.nominal.estimates(trial, low_pass, ideal=True)
-            )
+            for name, _, estimates in self.nominal.estimates(trial, low_pass, ideal=True):
+                yield name, "Student", estimates
             return
         singles = [f"{trial}_{i}" for i in range(self.count)]
-        found = [next(iter(self.bench_of(single).estimates(single, low_pass))) for single in singles]
-        means = {name: over_repeats([each[name].value for _, _, each in found]) for name in self.names}
-        yield found[0][0], "Student", {name: Estimate(m.mean, m.se, m.low, m.high) for name, m in means.items()}
+        each = [next(iter(self.bench_of(single).estimates(single, low_pass))) for single in singles]
+        means = {name: over_repeats([estimates[name].value for _, _, estimates in each]) for name in self.names}
+        yield each[0][0], "Student", {name: Estimate(m.mean, m.se, m.low, m.high) for name, m in means.items()}
 
     def bounds(self) -> dict[str, float]:
-        """That of one trial and the scatter, over the root of their number."""
+        """The bound of one trial and the scatter, over the root of the number of trials."""
         single = self.nominal.bounds()
         return {n: float(np.hypot(single[n], self.scatter.get(n, 0.0)) / np.sqrt(self.count)) for n in self.names}
 
 
-def repeated_belt(
-    study: ValidationStudy, settings: SimulationSettings, p: DrivetrainParameters, analysis: DynamometerAnalysis
-) -> RepeatedBench:
-    """The campaign's belt trials, each with a belt that scatters."""
-    nominal = belt(study, settings, p, analysis)
+def repeated_belt(inputs: StudyInputs) -> RepeatedBench:
+    """The campaign's belt trials. K_s scatters from trial to trial."""
+    nominal, settings, p = belt(inputs), inputs.simulation, inputs.p
 
     def scattered(trial: str) -> Bench:
-        stiffness = replace(p, K_s=p.K_s * scatter(trial, settings))
-        return replace(nominal, response=simulate_belt(nominal.motion, drivetrain_effects(settings), stiffness))
+        """The bench with the belt of one trial."""
+        own = replace(p, K_s=p.K_s * scatter(trial, settings))
+        return replace(nominal, response=simulate_belt(nominal.motion, drivetrain_effects(settings), own))
 
     deviation = {"K_s": p.K_s * settings.effects.belt_scatter.value}
     return RepeatedBench(nominal, settings.experiments.belt, scattered, deviation)
 
 
-def repeated_transmission(
-    study: ValidationStudy, settings: SimulationSettings, p: DrivetrainParameters, analysis: DynamometerAnalysis
-) -> RepeatedBench:
-    """The campaign's transmission trials; nothing but noise scatters them."""
-    nominal = transmission(study, settings, p, analysis)
-    return RepeatedBench(nominal, settings.experiments.transmission, lambda _: nominal, {})
+def repeated_transmission(inputs: StudyInputs) -> RepeatedBench:
+    """The campaign's transmission trials. They differ in their noise alone."""
+    nominal = transmission(inputs)
+    return RepeatedBench(nominal, inputs.simulation.experiments.transmission, lambda _: nominal, {})

@@ -9,11 +9,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Column:
-    """One canonical column: its symbol in the paper, its SI unit and what a positive value means."""
+    """One canonical column."""
 
     symbol: str
+    """Its symbol in the paper; empty where the paper has none."""
     unit: str
+    """Its SI unit."""
     meaning: str
+    """What it is, and what a positive value means."""
 
 
 COLUMNS: dict[str, Column] = {

@@ -127,7 +127,7 @@ def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_s
     write_c3d(tmp_path / "vicon.c3d", seen[::-1], rate=300.0)
     (tmp_path / "out" / "walk_1.parquet").unlink()
     (tmp_path / "out").rmdir()
-    assert "cross-correlation of 'theta' and the angle at marker M2 is no way out" in refused(tmp_path)
+    assert "cross-correlation of 'theta' and the angle at marker M2 does not align them either" in refused(tmp_path)
 
 
 def test_the_angle_at_a_marker_is_that_between_the_other_two_where_all_are_seen() -> None:

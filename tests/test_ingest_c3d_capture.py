@@ -185,7 +185,7 @@ def test_every_processors_numbers_are_read(tmp_path: Path, processor: int, integ
 @pytest.mark.parametrize("name", ["POINT__USED", "ANALOG__USED"])
 def test_counts_that_contradict_the_header_are_refused(tmp_path: Path, name: str) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), analogs(), **{name: np.array([9])})
-    assert f"{name.replace('__', ':')} 9" in refused(path)
+    assert f"{name.replace('__', ':')} is 9" in refused(path)
 
 
 @pytest.mark.parametrize(

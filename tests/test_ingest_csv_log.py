@@ -125,13 +125,13 @@ def test_the_source_files_unit_wins_over_the_files_and_says_so(tmp_path: Path) -
         (LOG.partition("\n")[2], {}, "line 1 holds numbers, not the columns' names; write header: none"),
         (LOG.replace("angle", "winkel"), {}, "column 'angle' is not there; the file has t, winkel, load"),
         (LOG.replace("load", "angle"), {}, "column 'angle' stands 2 times"),
-        (LOG.replace("90", "fault"), {}, "line 3, column 'angle': 'fault' is no number"),
-        (LOG.replace("90", "1e999"), {}, "line 3, column 'angle': '1e999' is no number"),
-        (LOG.replace("90", "inf"), {}, "line 3, column 'angle': 'inf' is no number"),
-        (LOG.replace("90", "9_0"), {}, "line 3, column 'angle': '9_0' is no number"),
+        (LOG.replace("90", "fault"), {}, "line 3, column 'angle': 'fault' is not a number"),
+        (LOG.replace("90", "1e999"), {}, "line 3, column 'angle': '1e999' is not a number"),
+        (LOG.replace("90", "inf"), {}, "line 3, column 'angle': 'inf' is not a number"),
+        (LOG.replace("90", "9_0"), {}, "line 3, column 'angle': '9_0' is not a number"),
         (LOG.replace("10.5", "10.0"), {}, "time goes from 0.000000 s to 0.000000 s"),
         (LOG.replace("10.5", ""), {}, "line 3: no time in column 't'"),
-        (LOG.replace("90", ""), {}, "column 'angle' is missing in 1 of 3 rows, first in line 3; more than the 1.0%"),
+        (LOG.replace("90", ""), {}, "column 'angle' is missing in 1 of 3 rows, first in line 3; at most 1.0% may be"),
         (LOG.replace("90,2", "90,2,7"), {}, "line 3 has 4 cells under 3 names, and 1 of 3 rows do not fit"),
         (LOG.replace("90,2", "90"), {}, "line 3 has 2 cells under 3 names"),
         (LOG.replace("90", '"90'), {}, "line 3: a quote is not closed"),
@@ -167,7 +167,7 @@ def test_a_variable_that_the_logger_dropped_is_missing_from_there_on_and_the_oth
     recording = read(tmp_path, DROPPED, source(missing=["ERROR"], most_missing=0.8, ragged="dropped_variable"))
     np.testing.assert_allclose(recording.samples["torque"], [5, 6, 7, 8, 9])
     assert recording.samples["theta"].is_nan().to_list() == [False, True, True, True, True]
-    assert recording.warnings[0] == "log.csv: from line 5 on, columns 2 are left out"
+    assert recording.warnings[0] == "log.csv: from line 5 on, columns 2 are missing"
 
 
 @pytest.mark.parametrize(
@@ -181,7 +181,7 @@ def test_a_variable_that_the_logger_dropped_is_missing_from_there_on_and_the_oth
 )
 def test_a_row_whose_columns_nothing_tells_is_refused_by_its_line(tmp_path: Path, text: str) -> None:
     message = refused(tmp_path, text, source(missing=["ERROR"], most_missing=1.0, ragged="dropped_variable"))
-    assert "nothing tells which column was dropped" in message
+    assert "it is unknown which column was omitted" in message
     assert f"line {6 if '4,9,9' in text else 5} has" in message
 
 
@@ -194,13 +194,13 @@ def test_stray_rows_are_skipped_and_counted_where_the_source_allows_it(tmp_path:
     text = LOG.replace("10.5,90,2", "10.2,1,2,3,4\n10.5,90,2")
     recording = read(tmp_path, text, source(ragged="skip", most_missing=0.3))
     assert_log(recording)
-    assert recording.warnings == ["log.csv: 1 of 4 rows do not fit the header and are left out"]
+    assert recording.warnings == ["log.csv: 1 of 4 rows do not fit the header and were skipped"]
 
 
 def test_a_last_line_that_is_cut_off_is_left_out_with_a_warning(tmp_path: Path) -> None:
     recording = read(tmp_path, LOG + "11.5,17")
     assert_log(recording)
-    assert recording.warnings == ["log.csv: the last line, 5, is cut off and left out"]
+    assert recording.warnings == ["log.csv: the last line, 5, is cut off and was skipped"]
 
 
 def test_the_comment_lines_of_a_bench_are_kept_in_the_provenance(tmp_path: Path) -> None:

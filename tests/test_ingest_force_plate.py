@@ -205,7 +205,7 @@ def test_a_calibration_matrix_is_read_in_the_order_that_the_file_names(tmp_path:
 
 def test_a_plate_whose_channels_are_not_in_the_file_is_refused_and_can_be_left_out(tmp_path: Path) -> None:
     path = plate_file(tmp_path / "a.c3d", FORCE_PLATFORM__CHANNEL=np.arange(3, 9)[:, None])
-    with pytest.raises(InputError, match=r"plate 1 of type 2 needs 6 channels.* leave it out under `plates`"):
+    with pytest.raises(InputError, match=r"plate 1 of type 2 needs 6 channels.* list the other plates under `plates`"):
         wrench_of(path)
     assert read_c3d_capture(path, C3dSource(format="c3d", plates="none")).facts["plates"] == []
 

@@ -111,7 +111,7 @@ def test_a_stamp_that_is_no_time_is_refused(tmp_path: Path) -> None:
     log = [(0, {"header": {"stamp": {"sec": 5.5, "nanosec": 0.0}}, "angle": 0.0, "torque": 0.0})]
     schema = SAMPLE.split("bool")[0] + HEADER.replace("int32 sec", "float64 sec").replace("uint32 nano", "float64 nano")
     schema = schema.replace("builtin_interfaces/Time", "lab_msgs/Time").replace("string frame_id\n", "")
-    with pytest.raises(InputError, match=r"header.stamp.sec is 5.5 in message 1, which is no time"):
+    with pytest.raises(InputError, match=r"header.stamp.sec is 5.5 in message 1, which is not a time"):
         read_mcap_log(write_log(tmp_path / "log.mcap", log, schema), source())
 
 

@@ -1,10 +1,9 @@
 """A motion capture recording in C3D: points and analog samples.
 
-The data section is one table of numbers, a row per frame, and numpy reads it as that. `ezc3d` would read it too, and
-misplaces every frame where ANALOG:RATE and the header disagree, drops frames beyond 65535, takes the absolute value
-of a negative OFFSET, returns fewer frames for a truncated file without a word, cannot read MIPS and crashes on
-damaged headers, so that it would have to be fenced off in a process of its own. It and `c3d` are the tests' second
-and third opinion.
+The data section is one table of numbers with a row per frame, which numpy reads. `ezc3d` is not used for reading: it
+misplaces every frame where ANALOG:RATE and the header disagree, drops frames beyond 65535, takes the absolute value of
+a negative OFFSET, returns fewer frames of a truncated file without an error, cannot read MIPS, and crashes on damaged
+headers. Tests compare this reader with `ezc3d` and `c3d`.
 """
 
 from dataclasses import dataclass
@@ -20,28 +19,30 @@ from osl_analysis.trial import Array
 
 @dataclass(frozen=True)
 class C3DRecording:
-    """What a C3D file holds, in the file's own units; frame 0 and analog sample 0 are at 0 s.
-
-    `points` has shape (frames, points, 3), NaN where a point was not seen; `analogs` (samples, channels), with
-    `header.samples_per_frame` samples per frame.
-    """
+    """What a C3D file holds, in the file's own units; frame 0 and analog sample 0 are at 0 s."""
 
     path: Path
+    """Where the file is."""
     header: C3DHeader
+    """Counts and parameters."""
     points: Array
+    """Positions and model outputs, (frames, points, 3); NaN where a point was not seen."""
     analogs: Array
+    """Analog channels, (samples, channels), with `header.samples_per_frame` samples per frame."""
 
     @property
     def point_labels(self) -> list[str]:
+        """Labels of the points, in the file's order."""
         return self.header.texts("POINT:LABELS")[: self.header.points]
 
     @property
     def analog_labels(self) -> list[str]:
+        """Labels of the analog channels, in the file's order."""
         return self.header.texts("ANALOG:LABELS")[: self.header.channels]
 
     @property
     def model_outputs(self) -> set[str]:
-        """Labels of points that are no positions but angles, forces, moments, powers or scalars."""
+        """Labels of the points that hold angles, forces, moments, powers or scalars instead of positions."""
         groups = self.header.texts("POINT:TYPE_GROUPS")[::2]
         return {label for group in groups for label in self.header.texts(f"POINT:{group.upper()}")}
 
@@ -61,12 +62,14 @@ def read_c3d(path: Path) -> C3DRecording:
     Raises
     ------
     InputError
-        No C3D file, damaged, truncated, or one whose counts contradict each other.
+        The file is not C3D, damaged or truncated, or its counts contradict each other.
     """
     data = path.read_bytes()
     header = parse_file(path, data)
     points, analogs = np.split(frames_of(data, header), [4 * header.points], axis=1)
-    with np.errstate(invalid="ignore", over="ignore"):  # a damaged sample is no number: found where it is used
+    with np.errstate(
+        invalid="ignore", over="ignore"
+    ):  # a damaged sample that is not finite is refused where it is used
         return C3DRecording(
             path,
             header,
@@ -86,7 +89,7 @@ def frames_of(data: bytes, header: C3DHeader) -> NDArray[Any]:
 def positions(points: NDArray[Any], header: C3DHeader) -> Array:
     """Positions (frames, points, 3) in the file's unit, NaN where nothing was seen.
 
-    Writers say so by a negative residual, or by the exact origin; a value that is not finite is no position either.
+    A point was not seen where its residual is negative, its position is exactly the origin, or a value is not finite.
     """
     values = points[:, :, :3].astype(np.float64) * (header.scale if header.integers else 1.0)
     unseen = (points[:, :, 3] < 0) | (values == 0).all(axis=2) | ~np.isfinite(values).all(axis=2)
@@ -95,7 +98,7 @@ def positions(points: NDArray[Any], header: C3DHeader) -> Array:
 
 
 def physical(analogs: NDArray[Any], header: C3DHeader) -> Array:
-    """Analog values (samples, channels): (raw - OFFSET) * SCALE * GEN_SCALE; a channel without them is raw.
+    """Analog values (samples, channels): (raw - OFFSET) * SCALE * GEN_SCALE; without these parameters the raw values.
 
     ANALOG:FORMAT says whether 16-bit samples and offsets are signed.
     """

@@ -1,4 +1,4 @@
-"""The header and the parameters of a C3D file, checked against each other and the file's size before data are read."""
+"""The header and the parameters of a C3D file, checked against each other and against the file's size."""
 
 import math
 import struct
@@ -17,36 +17,44 @@ MOST_FRAMES = 0xFFFF
 PROCESSORS = {84: "Intel", 85: "DEC", 86: "MIPS"}
 ENDIAN = {"Intel": "<", "DEC": "<", "MIPS": ">"}
 SIZES = (-1, 1, 2, 4)  # type of a parameter: text, byte, integer, real
-CONTINUATIONS = ("", *map(str, range(2, 10)))  # a parameter holds 255 values; the next ones follow in NAME2, ...
+CONTINUATIONS = ("", *map(str, range(2, 10)))  # a parameter holds 255 values; more follow in NAME2, NAME3, ...
 
 Parameters = dict[str, "Array | list[str]"]
 
 
 @dataclass(frozen=True)
 class C3DHeader:
-    """What the file declares: counts and places, and the parameters by `GROUP:NAME`.
-
-    Arrays are float64 with the file's dimensions, first index fastest in the file (Fortran order); text is a
-    list of stripped strings. `scale` is the positions' where samples are stored as 16-bit `integers`.
-    """
+    """What a file declares."""
 
     processor: str
+    """Number format of the file: Intel, DEC or MIPS."""
     points: int
+    """Points per frame, model outputs included."""
     first_frame: int
+    """Number of the first frame, as the laboratory counts."""
     frames: int
+    """Number of frames."""
     rate: float
+    """Frames per second [Hz]."""
     samples_per_frame: int
+    """Samples of each analog channel per frame."""
     channels: int
+    """Number of analog channels."""
     data_start: int
+    """Where the data section begins [bytes]."""
     scale: float
+    """Units of length per count where positions are stored as 16-bit integers; negative where they are reals."""
     parameters: Parameters
+    """By `GROUP:NAME` an array of float64 in the file's dimensions (first index fastest) or a list of texts."""
 
     @property
     def integers(self) -> bool:
+        """Whether samples are stored as 16-bit integers."""
         return self.scale > 0
 
     @property
     def frame_bytes(self) -> int:
+        """Size of one frame in the data section [bytes]."""
         return (2 if self.integers else 4) * (4 * self.points + self.channels * self.samples_per_frame)
 
     def table(self, name: str) -> Array:
@@ -75,8 +83,8 @@ def parse_file(path: Path, data: bytes) -> C3DHeader:
     Raises
     ------
     InputError
-        No C3D file, a processor type that is not known, damaged parameters, counts that contradict each other, or
-        fewer frames than declared.
+        The file is not C3D, its processor type is unknown, its parameters are damaged, its counts contradict each
+        other, or it holds fewer frames than it declares.
     """
     if len(data) < 2 * BLOCK or data[1] != KEY:
         raise InputError(
@@ -98,7 +106,7 @@ def parse_file(path: Path, data: bytes) -> C3DHeader:
 
 
 def parse_header(data: bytes, start: int, processor: str) -> C3DHeader:
-    """Header block and parameter section; the latter's rate, scale and long frame counts hold where it has them."""
+    """Header block and parameter section; rate and long frame counts are taken from parameters where they exist."""
     words = np.frombuffer(data[:24], f"{ENDIAN[processor]}u2").astype(int)
     scale, rate = (float(reals(data[begin : begin + 4], processor)[0]) for begin in (12, 20))
     samples_per_frame = max(int(words[9]), 1)
@@ -120,7 +128,7 @@ def parse_header(data: bytes, start: int, processor: str) -> C3DHeader:
 
 
 def long_frames(header: C3DHeader) -> int:
-    """The count of frames where the header's 16 bits cannot hold it; 0 where no parameter says.
+    """The number of frames where the 16 bits of the header cannot hold it; 0 where no parameter gives it.
 
     Vicon and Qualisys write the first and last frame as two 16-bit words, low word first, others POINT:LONG_FRAMES.
     """
@@ -132,11 +140,11 @@ def long_frames(header: C3DHeader) -> int:
 
 
 def check_counts(header: C3DHeader) -> None:
-    """Refuse a header whose counts the parameters contradict: every frame would be read from a wrong place."""
+    """Refuse counts that the parameters contradict: every frame would be read from a wrong place."""
     for group, count in (("POINT", header.points), ("ANALOG", header.channels)):
         used = header.numbers(f"{group}:USED")
         if used.size and used[0] % 65536 != count:
-            raise InputError(f"the header counts {count}, {group}:USED {used[0]:g}")
+            raise InputError(f"the header counts {count}, {group}:USED is {used[0]:g}")
     if header.scale == 0 or not math.isfinite(header.scale):
         raise InputError(f"the scale of the points is {header.scale}")
     if header.data_start < BLOCK:
@@ -144,7 +152,7 @@ def check_counts(header: C3DHeader) -> None:
 
 
 def check_size(path: Path, header: C3DHeader, size: int) -> None:
-    """Refuse what holds no frames, or more or fewer than it declares."""
+    """Refuse a file that holds no frames, or more or fewer frames than it declares."""
     frame = header.frame_bytes
     if header.frames < 1 or frame == 0 or not 0 < header.rate < math.inf:
         raise InputError(
@@ -201,12 +209,13 @@ def parameter_value(data: bytes, position: int, processor: str, name: str) -> Ar
 
 
 def text_values(content: bytes, length: int) -> list[str]:
-    """Strings of equal length, stripped; in UTF-8, or in Latin-1 where they are not."""
+    """Strings of equal length, stripped; in UTF-8, or else in Latin-1."""
     parts = [content[i : i + length] for i in range(0, len(content), length or 1)]
     return [text_of(part).strip(" \0") for part in parts]
 
 
 def text_of(text: bytes) -> str:
+    """Text in UTF-8, or else in Latin-1."""
     try:
         return text.decode("utf-8")
     except UnicodeDecodeError:
@@ -214,7 +223,7 @@ def text_of(text: bytes) -> str:
 
 
 def reals(content: bytes, processor: str) -> NDArray[np.float32]:
-    """32-bit reals; DEC stores the halves swapped and an exponent that is two larger."""
+    """32-bit reals; DEC stores the two halves swapped, and an exponent that is larger by two."""
     if processor != "DEC":
         return np.frombuffer(content, f"{ENDIAN[processor]}f4").astype(np.float32)
     halves = np.frombuffer(content, "<u2").reshape(-1, 2)[:, ::-1]

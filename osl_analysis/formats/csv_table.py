@@ -1,4 +1,4 @@
-"""A CSV log as a table of text cells: names, units, and rows of which each cell's column is known."""
+"""A CSV log as a table of text cells: names, units, and rows whose cells are assigned to columns."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -85,7 +85,7 @@ class CsvTable:
         return places[0]
 
     def cells(self, column: int) -> list[str | None]:
-        """A column's cells; None where the logger had left the column out."""
+        """A column's cells; None in rows in which the logger omitted the column."""
         cells: list[str | None] = []
         ends = [part.first for part in self.columns_from[1:]] + [len(self.rows)]
         for part, end in zip(self.columns_from, ends, strict=True):
@@ -103,7 +103,7 @@ def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
     Raises
     ------
     InputError
-        No rows, a header that is none, or rows of another length than the header where the layout does not allow them.
+        The file has no rows or no header, or rows of another length than the header that the layout does not allow.
     """
     lines = read_lines(path)
     sign = layout.comment
@@ -117,7 +117,7 @@ def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
     if layout.units_row and rows:
         units, rows = ([*rows[0][1], *units[len(rows[0][1]) :]], rows[1:])
     if not rows:
-        raise InputError(f"{path}: no rows of data; record it again or exclude the trial in the sheet")
+        raise InputError(f"{path}: no rows of data; record it again, or exclude the trial")
     rows = [(line, unpadded(cells, len(names))) for line, cells in rows]
     rows, columns_from, notes = fitting_rows(path, rows, len(names), layout)
     if not rows:
@@ -135,7 +135,7 @@ def header_of(path: Path, rows: Rows, comments: Lines, delimiter: str, layout: C
             raise InputError(f"{path}: no line begins with '{layout.comment}'; write header: row or none")
         return named[0][1]
     if not rows:
-        raise InputError(f"{path}: holds no rows; record it again or exclude the trial in the sheet")
+        raise InputError(f"{path}: holds no rows; record it again, or exclude the trial")
     line, first = rows[0]
     if layout.header == "none":
         return [str(i + 1) for i in range(len(first))]
@@ -153,7 +153,7 @@ def is_number_cell(cell: str) -> bool:
 
 
 def unpadded(cells: list[str], width: int) -> list[str]:
-    """Cells without the empty ones beyond `width`: writers pad lines."""
+    """Cells without the empty ones beyond `width`, with which some writers pad lines."""
     end = len(cells)
     while end > width and not cells[end - 1]:
         end -= 1
@@ -161,10 +161,10 @@ def unpadded(cells: list[str], width: int) -> list[str]:
 
 
 def fitting_rows(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows, list[RowColumns], list[str]]:
-    """The rows of which each cell's column is known, those columns, and what was repaired."""
+    """The rows that fit, the column of each of their cells, and what was repaired."""
     notes = []
     if len(rows) > 1 and len(rows[-1][1]) < min(width, len(rows[-2][1])):
-        notes.append(f"{path.name}: the last line, {rows[-1][0]}, is cut off and left out")
+        notes.append(f"{path.name}: the last line, {rows[-1][0]}, is cut off and was skipped")
         rows = rows[:-1]
     if layout.ragged == "dropped_variable":
         columns_from, dropped = dropped_variables(path, rows, width, layout)
@@ -176,7 +176,7 @@ def fitting_rows(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple
             "do not fit; repair the file, or state `ragged` and `most_missing`"
         )
     if odd:
-        notes.append(f"{path.name}: {len(odd)} of {len(rows)} rows do not fit the header and are left out")
+        notes.append(f"{path.name}: {len(odd)} of {len(rows)} rows do not fit the header and were skipped")
     return [row for row in rows if len(row[1]) == width], [RowColumns(0, list(range(width)))], notes
 
 
@@ -186,8 +186,8 @@ def dropped_variables(path: Path, rows: Rows, width: int, layout: CsvLayout) -> 
     Raises
     ------
     InputError
-        A row is longer than the one before it, or shorter by another count than were missing: nothing tells then
-        which column its cells belong to.
+        A row is longer than the one before it, or shorter by another number of cells than were missing: it is then
+        unknown to which columns its cells belong.
     """
     columns_from, notes, columns = [RowColumns(0, list(range(width)))], [], list(range(width))
     for place, (line, cells) in enumerate(rows):
@@ -198,9 +198,9 @@ def dropped_variables(path: Path, rows: Rows, width: int, layout: CsvLayout) -> 
         if len(cells) > len(columns) or len(columns) - len(cells) != len(failed):
             raise InputError(
                 f"{path}: line {line} has {len(cells)} cells where {len(columns)} were, and {len(failed)} were missing "
-                "in the line before: nothing tells which column was dropped; cut the file there"
+                "in the line before: it is unknown which column was omitted; cut the file off there"
             )
         columns = [column for column in columns if column not in failed]
         columns_from.append(RowColumns(place, columns))
-        notes.append(f"{path.name}: from line {line} on, columns {', '.join(str(c + 1) for c in failed)} are left out")
+        notes.append(f"{path.name}: from line {line} on, columns {', '.join(str(c + 1) for c in failed)} are missing")
     return columns_from, notes

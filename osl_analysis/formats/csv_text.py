@@ -1,4 +1,4 @@
-"""Text files to rows of cells, and cells to numbers; what a writer's locale and habits change is settled here."""
+"""Text files to rows of cells, and cells to numbers, whatever the writer's encoding, delimiter and decimal sign."""
 
 import csv
 import re
@@ -14,7 +14,7 @@ from osl_analysis.trial import Array
 
 DELIMITERS = {"tab": "\t", "space": " "}
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
-SNIFFED = 50  # lines that decide upon the delimiter
+SNIFFED = 50  # lines from which the delimiter is inferred
 UNIT = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))", re.DOTALL)
 
 Lines = list[tuple[int, str]]  # number in the file, counted from 1, and text
@@ -27,7 +27,7 @@ def read_lines(path: Path) -> Lines:
     Raises
     ------
     InputError
-        The file holds zero bytes and so is no text.
+        The file holds zero bytes and is therefore not text.
     """
     text = decoded_text(path.read_bytes())
     if "\0" in text:
@@ -51,9 +51,9 @@ def is_text(begin: bytes) -> bool:
 
 
 def delimiter_of(lines: Lines, given: str) -> str:
-    """The delimiter that the source file names, or the first of tab, `;`, `|` and `,` that every line has.
+    """The delimiter that is given, or for `auto` the first of tab, `;`, `|` and `,` that every line has.
 
-    A comma stands last: it may be the decimal sign between the others.
+    The comma comes last because it may be the decimal sign.
     """
     if given != "auto":
         return DELIMITERS.get(given, given)
@@ -63,7 +63,7 @@ def delimiter_of(lines: Lines, given: str) -> str:
 
 
 def split_rows(path: Path, lines: Lines, delimiter: str) -> Rows:
-    """Cells of every line, stripped; blank lines are left out.
+    """Cells of every line, stripped; blank lines are omitted.
 
     Raises
     ------
@@ -89,12 +89,12 @@ def name_and_unit(title: str) -> tuple[str, str]:
 
 
 def numbers(cells: Sequence[str | None], missing: Collection[str], decimal: str) -> tuple[Array, NDArray[np.bool_]]:
-    """Values (n,), NaN where a cell is one of the words in `missing` or None, and where that is so.
+    """Values (n,), and which are missing, (n,): NaN where a cell is None or one of the words in `missing`.
 
     Raises
     ------
     UnreadableCellError
-        A cell is neither; or it is infinite.
+        Another cell is not a finite number.
     """
     text = pl.Series(cells, dtype=pl.String)
     absent = (text.is_null() | text.is_in(list(missing))).to_numpy()
@@ -107,14 +107,14 @@ def numbers(cells: Sequence[str | None], missing: Collection[str], decimal: str)
 
 
 def number(text: str, place: int) -> float:
-    """One cell that the fast path left, such as `+1.5`."""
+    """The number in a cell that polars does not read, such as `+1.5`; `place` is for the error."""
     if re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?", text, re.ASCII) and np.isfinite(float(text)):
         return float(text)
     raise UnreadableCellError(place)
 
 
 class UnreadableCellError(Exception):
-    """A cell, by its place in the column, that is no number."""
+    """A cell, by its place in the column, that is not a number."""
 
     def __init__(self, place: int) -> None:
         super().__init__(place)

@@ -1,6 +1,6 @@
 """The CSV export of Vicon Nexus: sections with a rate, a row of names, a header, a row of units, and samples.
 
-Sections come in any order, with or without the commas that pad every line to the widest; a name stands above the
+Sections come in any order, with or without commas that pad every line to the longest one. A name is written above the
 first of its columns only.
 """
 
@@ -28,18 +28,22 @@ HEADER = ("frame", "sub frame")
 
 @dataclass(frozen=True)
 class NexusSection:
-    """One section: for every column its name (`Anna:LTOE`, `EMG2000 - Voltage`), component and unit.
-
-    `rate` [Hz] is that of the rows, which begin with the numbers of frame and sub frame.
-    """
+    """One section of an export."""
 
     title: str
+    """Devices, Trajectories or Model Outputs."""
     rate: float
+    """Rows per second [Hz]."""
     names: list[str]
+    """Name of every column: `Anna:LTOE`, `EMG2000 - Voltage`."""
     components: list[str]
+    """Component of every column: X, Y, Z, Fx ..."""
     units: list[str]
+    """Unit of every column, as Nexus spells it."""
     rows: Rows
+    """Number of the line in the file, and its cells; the first two are the numbers of frame and sub frame."""
     decimal: str
+    """Decimal sign."""
 
     def place(self, name: str, component: str) -> int:
         """Column of a name, with or without its subject, and component.
@@ -78,7 +82,7 @@ class NexusSection:
         except UnreadableCellError as error:
             raise InputError(
                 f"line {self.rows[error.place][0]}, {self.names[place]} {self.components[place]}: "
-                f"'{cells[error.place][:40]}' is no number; repair it, or state `decimal`"
+                f"'{cells[error.place][:40]}' is not a number; repair it, or state `decimal`"
             ) from error
 
     def counts(self) -> tuple[int, int]:
@@ -87,7 +91,7 @@ class NexusSection:
         Raises
         ------
         InputError
-            Frames or sub frames do not count on; the message names the line.
+            Numbers of frames or sub frames are missing; the message names the line.
         """
         frame, sub = (self.values(place) for place in (0, 1))
         per_frame = float(np.nanmax(sub, initial=0.0)) + 1
@@ -96,7 +100,7 @@ class NexusSection:
             place = int(np.argmin(goes_on))
             raise InputError(
                 f"line {self.rows[place][0]}: frame {frame[place]:g}, sub frame {sub[place]:g} does not follow the "
-                "line before; export the trial again, without leaving frames out"
+                "line before; export the trial again with all its frames"
             )
         return int(frame[0]), int(per_frame)
 
@@ -118,12 +122,12 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
     Raises
     ------
     InputError
-        No export of Nexus, a section without samples, or one that stands twice.
+        The file is not an export of Nexus, a section has no samples, or a section stands twice.
     """
     lines = read_lines(path)
     header = [(n, text) for n, text in lines if text.lstrip('"').casefold().startswith("frame")]
     rows = split_rows(path, lines, delimiter_of(header[:1], delimiter))
-    starts = [i for i in range(len(rows) - 3) if begins(rows, i)]
+    starts = [i for i in range(len(rows) - 3) if section_begins(rows, i)]
     if not starts:
         raise InputError(
             f"{path}: no section of a Nexus export (Devices, Trajectories, ...); check the source's format"
@@ -137,8 +141,8 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
     return found
 
 
-def begins(rows: Rows, place: int) -> bool:
-    """Whether a section begins: a title alone, a number alone, names, and the header."""
+def section_begins(rows: Rows, place: int) -> bool:
+    """Whether a section begins at a row: a title alone, a rate alone, names, and the header."""
     title, rate, header = (rows[place + k][1] for k in (0, 1, 3))
     alone = bool(title[0]) and not any(title[1:]) and not any(rate[1:])
     return alone and tuple(cell.casefold() for cell in header[:2]) == HEADER
@@ -151,16 +155,16 @@ def nexus_section(path: Path, rows: Rows, decimal: str) -> NexusSection:
     try:
         hertz = number(rate[0].replace(",", "."), 0)
     except UnreadableCellError as error:
-        raise InputError(f"{path}: line {line + 1}: '{rate[0][:40]}' is no rate; export the trial again") from error
+        raise InputError(f"{path}: line {line + 1}: '{rate[0][:40]}' is not a rate; export the trial again") from error
     if not samples or not hertz > 0:
         raise InputError(f"{path}: section {title[0][:40]} at {hertz:g} Hz has no samples; leave it out of the export")
     width = max(i + 1 for i, cell in enumerate(header) if cell)
     units = (rows[4][1] + [""] * width)[:width]
-    return NexusSection(title[0], hertz, filled(names, width), header[:width], units, samples, decimal)
+    return NexusSection(title[0], hertz, repeated_names(names, width), header[:width], units, samples, decimal)
 
 
-def filled(names: list[str], width: int) -> list[str]:
-    """Every column's name: the last one that stands above it or to the left."""
+def repeated_names(names: list[str], width: int) -> list[str]:
+    """The name of every column: the one above it, or else the nearest to the left."""
     full: list[str] = []
     for place in range(width):
         here = names[place] if place < len(names) else ""

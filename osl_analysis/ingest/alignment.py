@@ -1,4 +1,4 @@
-"""A log's clock on motion capture's: by sync edges, or else by the course of a signal that both recorded."""
+"""The log's clock aligned to motion capture's, by sync edges or else by a signal that both recorded."""
 
 from collections.abc import Sequence
 
@@ -14,14 +14,15 @@ from osl_analysis.trial import Array
 
 
 def aligned(log: Recording, mocap: Recording, shared: SharedAngle | None) -> tuple[ClockFit, list[str]]:
-    """The clock fit, and a warning where the sync edges had to be replaced.
+    """The clock fit, and a warning if the edges of the sync channels could not be used.
 
-    The replacement is the angle that motion capture's source file names, or the sync voltage itself.
+    What replaces the edges is the correlation of the angle that motion capture's source file names under `shared`, or
+    else of the two sync voltages.
 
     Raises
     ------
     InputError
-        Neither aligns the clocks; the message has both reasons.
+        Neither edges nor correlation align the clocks; the message has both reasons.
     """
     try:
         return fit_clock(edges_of(log, "log"), edges_of(mocap, "motion capture")), []
@@ -35,12 +36,12 @@ def aligned(log: Recording, mocap: Recording, shared: SharedAngle | None) -> tup
         theirs = marker_angle(mocap, shared.markers) if shared else course_of(mocap, "sync", "motion capture")
         fit = correlate_clocks(ours, theirs)
     except InputError as error:
-        raise InputError(f"{refused}; cross-correlation of {what} is no way out: {error}") from error
+        raise InputError(f"{refused}; cross-correlation of {what} does not align them either: {error}") from error
     return fit, [f"clocks aligned by cross-correlation of {what}, because of the sync edges: {refused}"]
 
 
 def course_of(recording: Recording, column: str, who: str) -> Course:
-    """A column over its recorder's time."""
+    """A column over the time of its recorder."""
     if column not in recording.samples.columns:
         raise InputError(f"no column '{column}' from {who}; map the channel in its source file")
     rows = recording.samples.select("time", column).drop_nulls()

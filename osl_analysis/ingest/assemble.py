@@ -1,4 +1,4 @@
-"""One or two recordings of a trial to its canonical samples, with the provenance of every column."""
+"""The recordings of a trial, put together to canonical samples with the provenance of every column."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -15,7 +15,7 @@ from osl_analysis.ingest.source_fields import SharedAngle
 from osl_analysis.trial import Trial
 
 NANOSECOND = 1e-9
-SHARED_FACTS = ("plates", "damage")  # which stand in the provenance under a key of their own
+SHARED_FACTS = ("plates", "damage")  # facts that have a key of their own in the provenance
 
 
 def assemble(
@@ -24,10 +24,11 @@ def assemble(
     files: Mapping[str, Mapping[str, Any]],
     shared: SharedAngle | None = None,
 ) -> Trial:
-    """A trial of a `log`, a `mocap` recording or both; with both, the log's clock is fitted to motion capture.
+    """A trial of the recordings `log`, `mocap` or both; with both, the log's clock is fitted to motion capture's.
 
-    `files` says for each recording which file it is (`identity`). The log's rows before and after motion capture
-    are left out and counted, and its `sync` is dropped for motion capture's once the clocks are fitted.
+    `files` identifies the file of each recording (`identity`), `shared` an angle that aligns the clocks without sync
+    edges. The log's rows before and after motion capture are counted and not used. The column `sync` is motion
+    capture's.
 
     Raises
     ------
@@ -41,7 +42,7 @@ def assemble(
     log, mocap = recordings["log"], recordings["mocap"]
     both = sorted((set(log.columns) & set(mocap.columns)) - {"sync"})
     if both:
-        raise InputError(f"column '{both[0]}' is mapped in log and motion capture; leave it out of one source file")
+        raise InputError(f"column '{both[0]}' is mapped in log and motion capture; remove it from one source file")
     fit, warnings = aligned(log, mocap, shared)
     clock = {**asdict(fit), **rows_outside(log, mocap, fit)}
     warnings = [*provenance["warnings"], *warnings]
@@ -49,7 +50,7 @@ def assemble(
 
 
 def provenance_of(recordings: Mapping[str, Recording], files: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Where every column comes from, and what each recording has to say; a column of both is motion capture's."""
+    """Where every column comes from, and the facts and warnings of each recording."""
     in_order = [(role, recordings[role]) for role in ("log", "mocap") if role in recordings]
     return {
         "software": {"name": "osl-analysis", "version": version("osl-analysis")},
@@ -63,13 +64,13 @@ def provenance_of(recordings: Mapping[str, Recording], files: Mapping[str, Mappi
 
 
 def rows_outside(log: Recording, mocap: Recording, fit: ClockFit) -> dict[str, int]:
-    """How many of the log's rows `merged` leaves out, because they lie before or after motion capture."""
+    """How many rows of the log are before and after motion capture, and so not used by `merged`."""
     time, end = fit.to_master(log.samples["time"].to_numpy()), float(mocap.samples["time"][-1])
     return {"rows_before": int((time < 0.0).sum()), "rows_after": int((time > end).sum())}
 
 
 def merged(log: Recording, mocap: Recording, fit: ClockFit) -> pl.DataFrame:
-    """The rows of both in order of motion capture's time [s]; rows within the same nanosecond become one."""
+    """The rows of both in the order of motion capture's time [s]; rows of the same nanosecond become one row."""
     time = pl.Series("log_time", fit.to_master(log.samples["time"].to_numpy()))
     end = float(mocap.samples["time"][-1])
     own = log.samples.drop("time", "sync", strict=False)
@@ -82,5 +83,5 @@ def merged(log: Recording, mocap: Recording, fit: ClockFit) -> pl.DataFrame:
 
 
 def nanoseconds(column: str) -> pl.Expr:
-    """Times [s] in whole nanoseconds, which unlike floats can be joined on."""
+    """Times [s] as whole nanoseconds, on which tables can be joined; floats would not match."""
     return (pl.col(column) / NANOSECOND).round().cast(pl.Int64)

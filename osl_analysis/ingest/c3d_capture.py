@@ -32,9 +32,7 @@ def read_c3d_capture(path: Path, source: C3dSource) -> Recording:
 def c3d_capture(recording: C3DRecording, source: C3dSource) -> Capture:
     """What the source file asks for, as the file has it."""
     header, plates = recording.header, plate_loads(recording, source)
-    markers = [
-        c3d_track(recording, label, source.unit_of_length(recording)) for label in c3d_markers(recording, source)
-    ]
+    markers = [c3d_track(recording, label, source) for label in c3d_markers(recording, source)]
     analogs = {column: analog_channel(recording, analog.channel) for column, analog in source.analogs.items()}
     return Capture(
         frames=header.frames,
@@ -61,10 +59,10 @@ def c3d_markers(recording: C3DRecording, source: C3dSource) -> tuple[str, ...]:
     return tuple(label for label in recording.point_labels if is_labelled(label) and label not in outputs)
 
 
-def c3d_track(recording: C3DRecording, label: str, unit: str) -> MarkerTrack:
+def c3d_track(recording: C3DRecording, label: str, source: C3dSource) -> MarkerTrack:
     """One marker by its label."""
     place = place_of(label, recording.point_labels, "marker")
-    return MarkerTrack(label, label, recording.points[:, place], unit)
+    return MarkerTrack(label, label, recording.points[:, place], source.unit_of_length(recording))
 
 
 def point(recording: C3DRecording, label: str, component: str) -> Array:

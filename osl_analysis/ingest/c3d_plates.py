@@ -1,7 +1,7 @@
 """The force plates that a C3D file declares, with their channels in SI units.
 
-FORCE_PLATFORM:ZERO, the frames of a baseline to subtract, is applied where the source file asks for it only: most
-files name their first ten frames whether the plates were empty or not.
+FORCE_PLATFORM:ZERO, the frames of a baseline to subtract, is applied only if the source file asks for it: most files
+name their first ten frames there, whether the plates were empty or not.
 """
 
 import numpy as np
@@ -45,7 +45,7 @@ def plates_of(recording: C3DRecording, source: C3dSource) -> list[tuple[ForcePla
             plate = c3d_plate(recording, source, number)
             plates.append((plate, channels_in_si(recording, source, plate)))
         except InputError as error:
-            raise InputError(f"{error} (or leave it out under `plates`)") from error
+            raise InputError(f"{error} (or list the other plates under `plates`)") from error
     return plates
 
 
@@ -97,7 +97,7 @@ def channel_numbers(recording: C3DRecording, plate: ForcePlate) -> list[int]:
 
 
 def channels_in_si(recording: C3DRecording, source: C3dSource, plate: ForcePlate) -> Array:
-    """The plate's samples (samples, channels) in SI units; of type 4 as they are, for its calibration."""
+    """The plate's samples (samples, channels) in SI units; for type 4 as they are, for the calibration."""
     numbers = channel_numbers(recording, plate)
     values = recording.analogs[:, numbers]
     if not np.isfinite(values).all():
@@ -120,7 +120,7 @@ def channels_in_si(recording: C3DRecording, source: C3dSource, plate: ForcePlate
 
 
 def baseline(values: Array, recording: C3DRecording, source: C3dSource) -> Array:
-    """Mean of the channels (samples, channels) over the baseline's frames, (channels,); zero where there is none."""
+    """Mean of the channels (samples, channels) over the frames of the baseline, (channels,); zero without one."""
     frames = baseline_frames(recording, source)
     if frames is None:
         return np.zeros(values.shape[1])
@@ -129,7 +129,7 @@ def baseline(values: Array, recording: C3DRecording, source: C3dSource) -> Array
 
 
 def baseline_frames(recording: C3DRecording, source: C3dSource) -> tuple[int, int] | None:
-    """First and last frame, counted from 1, over which the plates are taken for unloaded."""
+    """First and last frame, counted from 1, in which the plates are assumed to be unloaded; None without a baseline."""
     if source.plate_zero == "none":
         return None
     given = recording.header.numbers("FORCE_PLATFORM:ZERO") if source.plate_zero == "file" else source.plate_zero

@@ -4,6 +4,7 @@ from typing import Any, Literal
 
 from pydantic import Field, PositiveInt, field_validator, model_validator
 
+from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d_file import C3DRecording
 from osl_analysis.ingest.source_fields import CaptureSource, Conversion, all_none_or_list
 from osl_analysis.ingest.units import si_factor
@@ -61,5 +62,16 @@ class C3dSource(CaptureSource):
         return self
 
     def unit_of_length(self, recording: C3DRecording) -> str:
-        """The source file's unit of length, or else the recording's."""
-        return self.point_unit or recording.point_unit()
+        """The source file's unit of length, or else the recording's.
+
+        Raises
+        ------
+        InputError
+            It is empty, unknown or not a length.
+        """
+        unit = self.point_unit or recording.point_unit()
+        try:
+            si_factor(unit, "m")
+        except InputError as error:
+            raise InputError(f"unit of length: {error}, as `point_unit` in the source file") from error
+        return unit

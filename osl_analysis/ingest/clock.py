@@ -1,4 +1,4 @@
-"""One recorder's clock from another's, by the edges of a pulse train that both recorded.
+"""One recorder's clock fitted to another's, by the edges of a pulse train that both recorded.
 
 t_master = offset + (1 + drift) * t_slave
 """
@@ -14,25 +14,28 @@ from osl_analysis.trial import Array
 MINIMUM_EDGES = 6
 TYPICAL_DRIFT = 100e-6  # two crystal clocks against each other, one standard deviation
 LARGEST_DRIFT = 500e-6
-STRETCH = 40  # edges that are matched at once to begin with
+FIRST_EDGES = 40  # edges in the first match
 REJECT = 3.5  # standard deviations beyond which an edge is an outlier
 
 
 @dataclass(frozen=True)
 class ClockFit:
-    """Offset [s] and drift (1) of a slave clock, standard error of the drift (1), RMS of the residuals [s].
-
-    `edges` pairs were used; `left_out` edges of the slave, in the time common to both, fit none of the master's.
-    `method` says what was matched: the edges of a pulse train, or by `correlation` the course of a shared signal.
-    """
+    """A slave clock on a master clock."""
 
     offset: float
+    """Master's time at the slave's time 0 [s]."""
     drift: float
+    """Relative difference of the clocks' rates [1]."""
     drift_error: float
+    """Standard error of the drift [1]."""
     residual: float
+    """RMS of the residuals [s]."""
     edges: int
+    """Pairs of edges that were used; by correlation, sections of the recording."""
     left_out: int
+    """Edges of the slave, during the time that both recorded, that match no edge of the master."""
     method: str = "edges"
+    """What was matched: `edges` of a pulse train, or by `correlation` a signal that both recorded."""
 
     def to_master(self, time: Array) -> Array:
         """Times [s] of the slave on the master's clock [s]."""
@@ -41,18 +44,21 @@ class ClockFit:
 
 @dataclass(frozen=True)
 class Edges:
-    """Times [s] of the level changes of a pulse train and whether they rise, (n,) each; `step` [s] is the sampling."""
+    """The edges of a pulse train."""
 
     time: Array
+    """Times of the edges, (n,) [s]."""
     rising: NDArray[np.bool_]
+    """Whether the level rises, (n,)."""
     step: float
+    """Sampling interval of the recorder [s]."""
 
 
 def find_edges(time: Array, level: Array) -> Edges:
-    """Edges of a two-level signal, at the crossing of its mid-level between two samples.
+    """Edges of a two-level signal: where it crosses its mid-level, interpolated between two samples.
 
-    A change counts once the signal has passed three quarters of its range (a quarter, falling), so that noise at
-    the mid-level does not.
+    A rising edge counts only if the signal then passes three quarters of its range, a falling one if it passes one
+    quarter, so that noise at the mid-level makes no edges.
     """
     low, high = float(level.min()), float(level.max())
     swing = high - low
@@ -68,27 +74,31 @@ def find_edges(time: Array, level: Array) -> Edges:
 
 @dataclass(frozen=True)
 class Line:
-    """A straight line from the slave's time to the master's, see `ClockFit`."""
+    """A straight line from the slave's time to the master's; its fields are those of `ClockFit`."""
 
     offset: float
+    """[s]."""
     drift: float
+    """[1]."""
     drift_error: float
+    """[1]."""
 
     def at(self, time: Array) -> Array:
+        """Times of the slave [s] on the master's clock [s]."""
         return self.offset + (1.0 + self.drift) * time
 
 
 def fit_clock(slave: Edges, master: Edges) -> ClockFit:
-    """Match the edges by the pattern of their intervals and fit offset and drift, without outliers.
+    """Match the edges by the pattern of their intervals, and fit offset and drift without outliers.
 
-    The noise of an edge is its sampling, uniform within a step. A drift beyond what crystals do is held back by a
-    prior of `TYPICAL_DRIFT`, which a long recording overrules and a few edges in a short one cannot.
+    The error of an edge is that of sampling, uniform within one interval. A prior of standard deviation `TYPICAL_DRIFT`
+    keeps the drift plausible in a short recording; in a long one the edges outweigh it.
 
     Raises
     ------
     InputError
-        Fewer than six common edges, a pattern that fits in more than one place (pulses of one period do), or a
-        residual above the coarser recorder's sampling interval.
+        There are fewer than six common edges, the pattern fits in more than one place (as equal pulses do), or the
+        residual exceeds the sampling interval of the slower recorder.
     """
     for edges, who in ((slave, "the log"), (master, "motion capture")):
         if edges.time.size < MINIMUM_EDGES:
@@ -97,7 +107,7 @@ def fit_clock(slave: Edges, master: Edges) -> ClockFit:
                 "or record longer"
             )
     noise = float(np.hypot(slave.step, master.step)) / np.sqrt(12)
-    first, second = extended(slave, master, *common_stretch(slave, master), noise)
+    first, second = extended(slave, master, *first_pairs(slave, master), noise)
     line, used = robust_line(first, second, noise)
     rms = float(np.sqrt(((second - line.at(first))[used] ** 2).mean()))
     limit = max(slave.step, master.step)
@@ -112,14 +122,14 @@ def fit_clock(slave: Edges, master: Edges) -> ClockFit:
     return ClockFit(line.offset, line.drift, line.drift_error, rms, int(used.sum()), left_out)
 
 
-def common_stretch(slave: Edges, master: Edges) -> tuple[Array, Array]:
-    """Times of some edges on both clocks, (n,) each: the stretch of the slave's that fits best into the master's.
+def first_pairs(slave: Edges, master: Edges) -> tuple[Array, Array]:
+    """Times of some edges on both clocks, (n,) each, from the part of the slave's recording that fits best.
 
-    Every pair of edges votes for an offset; in a stretch this short, drift does not smear the votes.
+    Every pair of edges votes for an offset. The part is so short that drift does not spread the votes.
     """
     best, rival, chosen = 0, 0, (slave.time[:0], master.time[:0])
-    for begin in range(0, slave.time.size, STRETCH):
-        time, rising = slave.time[begin : begin + STRETCH], slave.rising[begin : begin + STRETCH]
+    for begin in range(0, slave.time.size, FIRST_EDGES):
+        time, rising = slave.time[begin : begin + FIRST_EDGES], slave.rising[begin : begin + FIRST_EDGES]
         difference = master.time[None, :] - time[:, None]
         same = rising[:, None] == master.rising[None, :]
         width = 2.0 * (slave.step + master.step) + LARGEST_DRIFT * np.ptp(time)
@@ -140,7 +150,7 @@ def common_stretch(slave: Edges, master: Edges) -> tuple[Array, Array]:
 
 
 def extended(slave: Edges, master: Edges, first: Array, second: Array, noise: float) -> tuple[Array, Array]:
-    """Pairs of edges over the whole recording, (n,) each, from those of a stretch: fit, reach twice as far, repeat."""
+    """Pairs of edges over the whole recording, (n,) each: fit a line to those known, reach twice as far, repeat."""
     whole, reach = np.ptp(slave.time), max(np.ptp(first), slave.step)
     while True:
         line, used = robust_line(first, second, noise)
@@ -148,7 +158,7 @@ def extended(slave: Edges, master: Edges, first: Array, second: Array, noise: fl
         near = abs(slave.time - first[used].mean()) <= reach
         tolerance = 2.0 * (slave.step + master.step) + 4.0 * line.drift_error * reach
         pairs = [
-            nearest(line, slave.time[near & (slave.rising == up)], master.time[master.rising == up], tolerance)
+            nearest_edges(line, slave.time[near & (slave.rising == up)], master.time[master.rising == up], tolerance)
             for up in (True, False)
         ]
         first, second = (np.concatenate(column) for column in zip(*pairs, strict=True))
@@ -156,8 +166,8 @@ def extended(slave: Edges, master: Edges, first: Array, second: Array, noise: fl
             return first, second
 
 
-def nearest(line: Line, slave: Array, master: Array, tolerance: float) -> tuple[Array, Array]:
-    """Slave times and the master's nearest to where the line puts them, where these are within the tolerance [s]."""
+def nearest_edges(line: Line, slave: Array, master: Array, tolerance: float) -> tuple[Array, Array]:
+    """Slave times, and the master times nearest to the line's, where they differ by less than the tolerance [s]."""
     if not master.size:
         return slave[:0], master
     expected = line.at(slave)
@@ -171,8 +181,8 @@ def nearest(line: Line, slave: Array, master: Array, tolerance: float) -> tuple[
 def robust_line(first: Array, second: Array, noise: float) -> tuple[Line, NDArray[np.bool_]]:
     """Line through pairs of times (n,), and which of them were used, (n,).
 
-    `noise` [s] is one pair's standard deviation. The differences are fitted, so that large times cost no digits;
-    outliers go by their distance from the median.
+    `noise` [s] is the standard deviation of one pair. The differences of the times are fitted, so that large times lose
+    no digits. Outliers are found by their distance from the median.
     """
     if first.size < MINIMUM_EDGES:
         raise InputError(f"{first.size} sync edges fit together, at least {MINIMUM_EDGES} are needed; record longer")

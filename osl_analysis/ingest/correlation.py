@@ -1,7 +1,7 @@
-"""One recorder's clock from another's by the course of a signal that both recorded, where sync edges are no help.
+"""One recorder's clock fitted to another's by correlating a signal that both recorded, where sync edges cannot be used.
 
-A joint's encoder and the angle between markers, or two sync voltages that hum or drift: anything that goes up and
-down on both clocks alike, whatever its scale, offset and sign.
+The signal can be a joint's encoder and the angle between markers, or two sync voltages with hum or drift. Its scale,
+offset and sign may differ between the recorders.
 """
 
 from dataclasses import dataclass
@@ -13,22 +13,25 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest.clock import LARGEST_DRIFT, MINIMUM_EDGES, ClockFit, robust_line
 from osl_analysis.trial import Array
 
-SECTIONS = 12  # whose lags give the drift
-ALIKE = 0.5  # least correlation of two recordings of one signal
-RIVAL = 0.8  # of the highest peak, beyond which a second one makes it ambiguous
-OVERLAP = 0.5  # least common part, of the shorter recording
-QUIET = 0.05  # of the whole's variance, below which a section says nothing
+SECTIONS = 12  # parts of the recording, whose lags give the drift
+ALIKE = 0.5  # smallest correlation that counts as one signal
+RIVAL = 0.8  # of the highest peak: a second peak above this makes the lag ambiguous
+OVERLAP = 0.5  # smallest common part, as a share of the shorter recording
+QUIET = 0.05  # of the variance of the recording: a section with less is not used
 
 
 @dataclass(frozen=True)
 class Course:
-    """A signal of any unit, (n,), at strictly increasing times [s] of its recorder; `step` [s] is the sampling."""
+    """A signal over the time of its recorder."""
 
     time: Array
+    """Strictly increasing times, (n,) [s]."""
     value: Array
+    """The signal, (n,), in any unit."""
 
     @property
     def step(self) -> float:
+        """Median sampling interval [s]."""
         return float(np.median(np.diff(self.time)))
 
     def on_grid(self, step: float) -> Array:
@@ -39,15 +42,15 @@ class Course:
 
 
 def correlate_clocks(slave: Course, master: Course) -> ClockFit:
-    """Offset from the highest peak of the correlation, drift from the lags of the recording's twelfths.
+    """Offset from the highest peak of the correlation, drift from the lags of twelve sections of the recording.
 
-    `edges` counts the sections used, `left_out` those that were quiet or fit none of the others.
+    In the result `edges` counts the sections that were used, `left_out` those that were quiet or did not fit.
 
     Raises
     ------
     InputError
-        Too short, constant or unlike signals, a second peak within 80 % of the first, movement in fewer than six of
-        twelve sections, or a residual above the coarser recorder's sampling interval.
+        The signals are too short, constant or unlike, a second peak reaches 80 % of the first, fewer than six of the
+        twelve sections have movement, or the residual exceeds the sampling interval of the slower recorder.
     """
     if min(slave.time.size, master.time.size) < 4 * SECTIONS:
         raise InputError(f"fewer than {4 * SECTIONS} samples of the shared signal; record longer")
@@ -66,7 +69,7 @@ def correlate_clocks(slave: Course, master: Course) -> ClockFit:
 
 
 def lag_line(first: Array, second: Array, limit: float, step: float) -> ClockFit:
-    """Line through pairs of times [s], (n,) each; the scatter of a first line is the noise of the second."""
+    """Line through pairs of times [s], (n,) each; the residual of a first fit is the noise of the second."""
     line, used = robust_line(first, second, step)
     for _ in range(2):
         rms = float(np.sqrt(((second - line.at(first))[used] ** 2).mean()))
@@ -81,12 +84,12 @@ def lag_line(first: Array, second: Array, limit: float, step: float) -> ClockFit
 
 
 def whole_lag(ours: Array, theirs: Array) -> int:
-    """Samples by which `theirs` (m,) is behind `ours` (n,), from the whole of both.
+    """Samples by which `theirs` (m,) is behind `ours` (n,), from the whole recordings.
 
     Raises
     ------
     InputError
-        The highest peak is too low, or not alone.
+        The highest peak is too low, or a second one is nearly as high.
     """
     lags, score = correlation_by_lag(ours, theirs)
     best = int(np.argmax(score))
@@ -107,14 +110,14 @@ def whole_lag(ours: Array, theirs: Array) -> int:
 
 
 def correlation_by_lag(ours: Array, theirs: Array) -> tuple[NDArray[np.intp], Array]:
-    """Lags [samples] with enough overlap, and the size of the coefficient of correlation over the overlap at each."""
+    """Lags [samples] with enough overlap, and the absolute correlation coefficient over the overlap at each lag."""
     flipped, one, other = ours[::-1], np.ones(ours.size), np.ones(theirs.size)
     overlap = np.maximum(np.rint(convolved(other, one)), 1)
     sum_ours, sum_theirs = convolved(other, flipped), convolved(theirs, one)
     covariance = convolved(theirs, flipped) - sum_ours * sum_theirs / overlap
     scatter_ours = convolved(other, flipped**2) - sum_ours**2 / overlap
     scatter_theirs = convolved(theirs**2, one) - sum_theirs**2 / overlap
-    # over a quiet overlap a coefficient means nothing: it is weighed against the whole's scatter
+    # over a quiet overlap the coefficient would be noise: its scatter counts as at least QUIET of the whole
     floor_ours, floor_theirs = (max(QUIET * float((x**2).sum()), np.finfo(float).tiny) for x in (ours, theirs))
     scatter = np.maximum(scatter_ours, floor_ours) * np.maximum(scatter_theirs, floor_theirs)
     enough = overlap >= OVERLAP * min(ours.size, theirs.size)
@@ -130,9 +133,9 @@ def convolved(first: Array, second: Array) -> Array:
 
 
 def section_lags(ours: Array, theirs: Array, lag: int) -> tuple[Array, Array]:
-    """Middles of the sections of `ours` and where they lie in `theirs` [samples], (sections,) each; the quiet left out.
+    """Middles of the sections of `ours`, and where they are in `theirs` [samples], (sections,) each.
 
-    The peak of each section is found between samples, by a parabola.
+    Quiet sections are not used. A parabola through three samples gives the peak between samples.
     """
     begin, end = max(0, -lag), min(ours.size, theirs.size - lag)
     length = (end - begin) // SECTIONS
@@ -151,7 +154,7 @@ def section_lags(ours: Array, theirs: Array, lag: int) -> tuple[Array, Array]:
 
 
 def best_shift(part: Array, around: Array) -> float | None:
-    """Where in `around` (n + 2 reach,) the part (n,) fits best [samples]; None where that is at an edge."""
+    """Where in `around` (n + 2 reach,) the part (n,) fits best [samples]; None if that is at its beginning or end."""
     windows = np.lib.stride_tricks.sliding_window_view(around, part.size)
     centred = part - part.mean()
     scatter = np.maximum(windows.std(axis=1), np.finfo(float).tiny)

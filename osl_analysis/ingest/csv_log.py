@@ -26,8 +26,8 @@ def read_csv_log(path: Path, source: CsvSource) -> Recording:
     Raises
     ------
     InputError
-        No such column, a cell that is no number, too many missing, an unknown unit, or time that does not strictly
-        increase.
+        A column is not there, a cell is not a number, too many cells are missing, a unit is unknown, or time does not
+        strictly increase.
     """
     table = read_csv_table(path, source.layout)
     time, start = time_of(table, source)
@@ -52,7 +52,7 @@ def read_csv_log(path: Path, source: CsvSource) -> Recording:
 
 
 def time_of(table: CsvTable, source: CsvSource) -> tuple[Array, float]:
-    """Time [s] of every row from the first on, and what the first row's clock said."""
+    """Time [s] of every row since the first one, and the reading of the clock in the first row."""
     if source.time.rate is not None:
         return np.arange(len(table.rows)) / source.time.rate, 0.0
     place = table.column(str(source.time.column))
@@ -71,12 +71,12 @@ def time_of(table: CsvTable, source: CsvSource) -> tuple[Array, float]:
 
 
 def column_of(table: CsvTable, place: int, source: CsvSource) -> tuple[Array, NDArray[np.bool_]]:
-    """One column's numbers (rows,), NaN where missing, and where that is so.
+    """Numbers of one column, (rows,), NaN where they are missing; and which are missing, (rows,).
 
     Raises
     ------
     InputError
-        A cell is no number.
+        A cell is not a number.
     """
     cells = table.cells(place)
     try:
@@ -84,25 +84,26 @@ def column_of(table: CsvTable, place: int, source: CsvSource) -> tuple[Array, ND
     except UnreadableCellError as error:
         text = str(cells[error.place])
         raise InputError(
-            f"{table.path}: line {table.rows[error.place][0]}, column '{table.names[place]}': '{text[:40]}' is no "
-            f"number; add the word to `missing`, or state `decimal`, `header` or `units_row`"
+            f"{table.path}: line {table.rows[error.place][0]}, column '{table.names[place]}': '{text[:40]}' is not "
+            f"a number; add the word to `missing`, or state `decimal`, `header` or `units_row`"
         ) from error
     return values, absent
 
 
 def missing_in(table: CsvTable, place: int, absent: NDArray[np.bool_], source: CsvSource) -> int:
-    """How many cells of a column are missing; refused where they are too many."""
+    """How many cells of a column are missing; too many are refused."""
     count = int(absent.sum())
     if count > source.most_missing * absent.size:
+        first = table.rows[int(np.argmax(absent))][0]
         raise InputError(
             f"{table.path}: column '{table.names[place]}' is missing in {count} of {absent.size} rows, first in line "
-            f"{table.rows[int(np.argmax(absent))][0]}; more than the {source.most_missing:.1%} of `most_missing`"
+            f"{first}; at most {source.most_missing:.1%} may be: repair the log, or raise `most_missing`"
         )
     return count
 
 
 def csv_warnings(table: CsvTable, source: CsvSource, missing: dict[str, int]) -> list[str]:
-    """What was repaired or missing, and where the file's unit is another than the source file's."""
+    """What was repaired, what is missing, and where the unit of the file differs from that of the source file."""
     name, found = table.path.name, list(table.notes)
     found += [f"{name}: {column} is missing in {n} of {len(table.rows)} rows" for column, n in missing.items() if n]
     for column, channel in source.channels.items():

@@ -1,4 +1,4 @@
-"""What a CSV file holds: a logger's or a bench's table."""
+"""What a log in CSV holds."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -48,12 +48,12 @@ def inspect_csv(path: Path) -> Overview:
 
 
 def clock_of(names: list[str]) -> str | None:
-    """The column that is called like a clock."""
+    """The column whose name is one that loggers give to time; None if there is none."""
     return next((name for name in names if name_and_unit(name)[0].strip().casefold() in CLOCKS), None)
 
 
 def column_channels(names: list[str], rows: Rows) -> Iterator[RecordedChannel]:
-    """Every column with its range, and what in it is no number."""
+    """Every column with its range, and the words in it that are not numbers."""
     for place, title in enumerate(names):
         name, unit = name_and_unit(title)
         cells = pl.Series([cells[place] if place < len(cells) else "" for _, cells in rows], dtype=pl.String)
@@ -70,7 +70,7 @@ def column_channels(names: list[str], rows: Rows) -> Iterator[RecordedChannel]:
 
 
 def odd_rows(rows: Rows, width: int) -> Iterator[str]:
-    """Rows that do not fit the header, by their length."""
+    """Remarks on rows of another length than the header."""
     for length, count in Counter(len(cells) for _, cells in rows).items():
         if length != width:
             first = next(line for line, cells in rows if len(cells) == length)

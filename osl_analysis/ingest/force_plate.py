@@ -1,7 +1,7 @@
 """Force plates of types 1 to 4: from their channels to force and moment on the foot (C3D manual, Kistler).
 
-All quantities SI. The moment is about the centre of the plate's surface and never passes through a centre of
-pressure, except in type 1, which records nothing else; an unloaded plate is as good as a loaded one.
+All quantities are in SI units. The moment is about the centre of the plate's surface. It is not computed from a centre
+of pressure (except for type 1, which records nothing else), so that it is valid for an unloaded plate too.
 """
 
 from dataclasses import dataclass
@@ -16,22 +16,24 @@ CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}
 
 @dataclass(frozen=True)
 class ForcePlate:
-    """One plate: `corners` (4, 3) [m] in the laboratory, `origin` (3,) [m] in the plate's axes as the file has it.
-
-    `calibration` (6, 6) turns the channels of type 4 into [N] and [N*m]. Corners 1 to 4 are those in the
-    quadrants (+x, +y), (-x, +y), (-x, -y), (+x, -y) of the plate's axes; their order in the laboratory is free.
+    """One plate.
 
     Raises
     ------
     InputError
-        The type is not known, the corners span no plane, or a type 3 plate has no distances to its sensors.
+        The type is unknown, the corners span no plane, or a plate of type 3 has no distances to its sensors.
     """
 
     number: int
+    """Counted from 1."""
     type: int
+    """1 to 4, as in the C3D manual."""
     corners: Array
+    """(4, 3) [m], in the laboratory; in the quadrants (+x, +y), (-x, +y), (-x, -y), (+x, -y) of the plate's axes."""
     origin: Array
+    """FORCE_PLATFORM:ORIGIN, (3,) [m], in the plate's axes."""
     calibration: Array | None = None
+    """(6, 6), which turns the channels of type 4 into [N] and [N*m]."""
 
     def __post_init__(self) -> None:
         if self.type not in CHANNELS:
@@ -57,9 +59,9 @@ class ForcePlate:
     def wrench(self, channels: Array) -> tuple[Array, Array]:
         """Force [N] and moment [N*m] about the surface's centre, (n, 3) each, in laboratory axes, on the foot.
 
-        `channels` (n, channels): [N], [N*m] and for type 1 [m]; for type 4 as the calibration expects them. What
-        a file stores is in the plate's axes, whose z points down, and reads negative under load: turned into the
-        laboratory it is the ground's reaction.
+        `channels` (n, channels) are in [N], [N*m] and for type 1 [m]; for type 4 in the units of the calibration.
+        They are in the plate's axes, whose z points down, with a negative Fz under load; in the laboratory's axes this
+        is the ground reaction.
         """
         force, moment = (WRENCH[self.type])(self, channels)
         axes = self.axes()

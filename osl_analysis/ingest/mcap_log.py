@@ -57,14 +57,14 @@ class McapSource(LogSource):
 def read_mcap_log(path: Path, source: McapSource) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first stamp.
 
-    Topics that are sampled at other times than each other keep their own rows, null in the columns of the others:
-    nothing is interpolated or held. What the file has lost is in the facts under `damage` (`damage.py`).
+    Topics with different stamps have rows of their own, null in the columns of the other topics: nothing is
+    interpolated or held. What the file has lost is in the facts under `damage` (`damage.py`).
 
     Raises
     ------
     InputError
-        No such topic or field, an encoding or schema that cannot be read, no messages, more lost than
-        `source.largest_loss`, a value that is not finite, or stamps that are missing, contradict each other or
+        A topic or field is not there or has no messages, its encoding or schema cannot be read, a larger share of the
+        file than `source.largest_loss` is lost, a value is not finite, or stamps are missing, contradict each other or
         go back (`stamps.py`).
     """
     by_topic: dict[str, dict[str, LogChannel]] = defaultdict(dict)
@@ -94,7 +94,7 @@ def read_mcap_log(path: Path, source: McapSource) -> Recording:
 
 
 def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
-    """Tables of different rates in one: a row per stamp of any of them."""
+    """One table with a row per stamp of any of the tables."""
     joined, *others = tables
     for table in others:
         if joined["stamp"].equals(table["stamp"]):
@@ -105,7 +105,7 @@ def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
 
 
 def decode_wanted(file: McapFile, by_topic: dict[str, dict[str, LogChannel]], source: McapSource) -> dict[str, Decoded]:
-    """The fields of each topic, and those of its stamp; refused where too much of the file is lost."""
+    """The fields of each topic and of its stamp; a file that has lost too much is refused."""
     stamps = [name for pair in stamp_fields(source.time.field) for name in pair]
     from_header = source.time.source == "header"
     wanted = {
@@ -115,7 +115,7 @@ def decode_wanted(file: McapFile, by_topic: dict[str, dict[str, LogChannel]], so
     try:
         decoded = decode_topics(file, wanted, either=stamps)
     except InputError as error:
-        check_loss(file, source)  # which is then the reason
+        check_loss(file, source)  # if too much is lost, that is the reason
         if file.damage.remarks:
             raise InputError(f"{error} ({'; '.join(file.damage.all_remarks())})") from error
         raise
@@ -128,15 +128,15 @@ def check_loss(file: McapFile, source: McapSource) -> None:
     share = file.damage.share_lost()
     if share > source.largest_loss:
         raise InputError(
-            f"damaged or incomplete MCAP: {100 * share:.3g} % is lost, {100 * source.largest_loss:.3g} % may be "
-            f"(largest_loss in the source file): {'; '.join(file.damage.all_remarks())}; record again"
+            f"damaged or incomplete MCAP: {100 * share:.3g} % is lost, at most {100 * source.largest_loss:.3g} % may "
+            f"be (largest_loss in the source file): {'; '.join(file.damage.all_remarks())}; record again"
         )
 
 
 def read_topic(
     topic: str, channels: dict[str, LogChannel], decoded: Decoded, source: McapSource
 ) -> tuple[pl.DataFrame, Ordering]:
-    """Stamps [ns] and columns of one topic in order of the stamps, and what it took to bring them there."""
+    """Stamps [ns] and columns of one topic in the order of the stamps, and what it took to sort them."""
     from_header = source.time.source == "header"
     stamp = stamps_of(topic, decoded, source.time.field) if from_header else decoded.log_time
     columns = [canonical_series(column, channel, decoded, stamp) for column, channel in channels.items()]

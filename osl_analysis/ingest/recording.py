@@ -1,4 +1,4 @@
-"""What every reader returns: one recorder's samples in canonical columns, and where they come from."""
+"""What every reader returns: the samples of one recorder in canonical columns, and where they come from."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,16 +13,16 @@ from osl_analysis.trial import Array
 
 @dataclass(frozen=True)
 class Recording:
-    """`samples`: `time` [s] on the recorder's own clock, then canonical columns in SI units, null where not sampled.
-
-    `columns` says for each column which channel it is and how it was converted, `facts` holds what else a reader
-    of the trial may ask (rates, time source, plates), `warnings` what was left to be desired. All is JSON.
-    """
+    """The raw files of one recorder, as read. All but the samples is JSON."""
 
     samples: pl.DataFrame
+    """`time` [s] on the recorder's own clock, and canonical columns in SI units; null where a column has no sample."""
     columns: Mapping[str, Mapping[str, Any]]
+    """By column the channel that it comes from, and how it was converted."""
     facts: Mapping[str, Any] = field(default_factory=dict)
+    """What else a reader of the trial may ask: rates, source of time, plates, damage."""
     warnings: Sequence[str] = ()
+    """What a reader of the trial should know, a sentence each."""
 
 
 def check_finite(what: str, values: Array, time: Array) -> None:

@@ -1,10 +1,10 @@
-"""Time stamps of a topic's messages: where they stand, and in which order the messages come.
+"""Time stamps of a topic's messages: where they are in the message, and the order of the messages by them.
 
-The rule: messages are brought into the order of their stamps, those of equal stamp in the order in which they were
-logged. A stamp may come late by up to `LATEST`; beyond that the clock was set back, which cannot be mended. Messages
-of equal stamp are one sample: what one lacks the other may have, and where they contradict each other the first
-holds. Contradicted messages count as lost, and more than the allowed share is refused, as are more repeated ones
-within one channel: stamps that stand still are none. All of it is reported.
+Messages are sorted by their stamps; those of equal stamp keep the order in which they were logged. A message may come
+late by up to `LATEST`; a larger step back means that the clock was set, and the log is refused. Messages of equal stamp
+become one sample, in which a field that one of them lacks comes from another. Where they contradict each other the
+first one is used, and the others count as lost. More contradictions than the allowed share are refused, and so are more
+repeated stamps within one channel, since such a clock stands still. The counts are reported.
 """
 
 from dataclasses import asdict, dataclass
@@ -18,7 +18,7 @@ from osl_analysis.formats.mcap.topics import Decoded
 from osl_analysis.formats.messages.leaves import Indices
 
 SECOND = 1_000_000_000
-LATEST = SECOND
+LATEST = SECOND  # by which a message may come after one of a later stamp [ns]
 LAST_SECOND = 2**63 // SECOND - 1
 PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
 """How ROS 2, protobuf, Foxglove's JSON and ROS 1 name the parts of a stamp."""
@@ -26,22 +26,25 @@ PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "ns
 
 @dataclass(frozen=True)
 class Ordering:
-    """How many messages came late, were repeated, and contradicted the message with the same stamp."""
+    """What it took to bring the messages of a topic into the order of their stamps."""
 
     late: int
+    """Messages that came after one of a later stamp."""
     repeated: int
+    """Messages that have the stamp of an earlier one."""
     contradicted: int
+    """Messages that have the stamp of an earlier one and other values."""
 
     def report(self) -> dict[str, Any]:
-        """The provenance of one topic."""
+        """The counts, for the provenance."""
         return asdict(self)
 
     def says(self, topic: str) -> list[str]:
-        """What a reader of the trial should know."""
+        """What a reader of the trial should know, a sentence per count that is not zero."""
         counts = {
             "came late and were put in the order of their stamps": self.late,
             "repeat a stamp and were joined to its first": self.repeated - self.contradicted,
-            "contradict an earlier one of the same stamp and were left out": self.contradicted,
+            "contradict an earlier one of the same stamp and are lost": self.contradicted,
         }
         return [f"topic '{topic}': {count} messages {what}" for what, count in counts.items() if count]
 
@@ -57,7 +60,7 @@ def stamps_of(topic: str, decoded: Decoded, field: str) -> Indices:
     Raises
     ------
     InputError
-        There is no such field, a message lacks it, or it is no time.
+        There is no such field, a message lacks it, or it holds no time.
     """
     for seconds, nanoseconds in stamp_fields(field):
         if decoded.present[seconds].any() and decoded.present[nanoseconds].any():
@@ -77,22 +80,24 @@ def stamps_of(topic: str, decoded: Decoded, field: str) -> Indices:
 
 
 def integers(topic: str, path: str, values: np.ndarray[Any, Any], most: int) -> Indices:
-    """Parts of a stamp, which must be whole and within what a clock can show."""
+    """Seconds or nanoseconds of stamps, which must be whole numbers of at most `most`."""
     wrong = (np.abs(values.astype(np.float64)) > most) | (values != np.rint(values))
     if wrong.any():
         row = int(np.argmax(wrong))
-        raise InputError(f"topic '{topic}': {path} is {values[row]} in message {row + 1}, which is no time")
+        raise InputError(
+            f"topic '{topic}': {path} is {values[row]} in message {row + 1}, which is not a time; write source: log"
+        )
     return values.astype(np.int64)
 
 
 def in_order(topic: str, table: pl.DataFrame, channels: int, largest_loss: float) -> tuple[pl.DataFrame, Ordering]:
-    """The topic's rows, in the order in which they were logged, by strictly increasing `stamp` [ns].
+    """The topic's rows, given in the order in which they were logged, sorted by strictly increasing `stamp` [ns].
 
     Raises
     ------
     InputError
-        A stamp goes back beyond `LATEST`, or more of the messages contradict others, or repeat the stamp of
-        their own channel, than the share allowed.
+        A stamp goes back by more than `LATEST`, or a larger share of the messages than allowed contradict others or
+        repeat a stamp of their own channel.
     """
     stamp = table["stamp"].to_numpy()
     behind = np.maximum.accumulate(stamp) - stamp
@@ -121,7 +126,7 @@ def in_order(topic: str, table: pl.DataFrame, channels: int, largest_loss: float
 
 
 def contradictions(table: pl.DataFrame, once: pl.DataFrame) -> int:
-    """Rows that differ from the one row kept for their stamp."""
+    """How many rows differ from the row that is kept for their stamp."""
     columns = [name for name in table.columns if name != "stamp"]
     beside = table.join(once, on="stamp", how="left", suffix=" kept", maintain_order="left")
     differs = [(pl.col(name) != pl.col(f"{name} kept")).fill_null(value=False) for name in columns]

@@ -1,8 +1,7 @@
 """Units as laboratories spell them, and their factors to the canonical SI unit; pint knows the units themselves.
 
-Unit texts come from untrusted files: only names joined by `*` and `/` reach pint, whose parser would otherwise
-evaluate `9**9**9**9` for ever. The registry is built at import, so that jobs forked from a process with this module
-share it.
+Unit texts come from untrusted files. Only names joined by `*` and `/` are given to pint, whose parser would evaluate
+`9**9**9**9` without end. The registry is built at import, so that processes forked later share it.
 """
 
 import re
@@ -30,7 +29,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "N*m/kg": ("N*m/kg", "Nm/kg", "N*mm/kg"),
 }
 
-# what pint calls otherwise, or takes for another unit: `Nm` for a textile count, `nt` for a nanotonne
+# spellings that pint does not know, or reads as another unit: `Nm` as a textile count, `nt` as a nanotonne
 ALIASES = {
     "Nm": "N*m",
     "Nmm": "N*mm",
@@ -48,24 +47,24 @@ ALIASES = {
     "%": "percent",
     "1": "dimensionless",
 }
-# names whose case says nothing, as no prefix could be meant
+# names whose case has no meaning, since they have no prefix that it could distinguish
 WORDS = re.compile(
     r"(milli)?met(er|re)s?|volts?|deg(ree)?s?|rad(ian)?s?|newtons?|amp(ere)?s?|seconds?|revolutions?|rpm", re.IGNORECASE
 )
 NAMES = re.compile(r"[^\W\d_]\w{0,30}|°|%|1")
-SMALLEST, LARGEST = 1e-9, 1e5  # factor of ns, and more than that of N*m/mdeg: beyond lie misspellings (`Mm`, `MN`)
+SMALLEST, LARGEST = 1e-9, 1e5  # factors from ns to N*m/mdeg; others are misspellings such as `Mm` and `MN`
 
 
 def si_factor(unit: str, expected: str) -> float:
     """Factor from `unit` to the SI unit `expected`, a key of `EXAMPLES`.
 
-    A middle dot, a full stop or a blank counts as the multiplication sign, both micro signs as `u`. An angle is a
-    dimension: N*m/rad is no N*m.
+    A middle dot, a full stop or a blank is read as the multiplication sign, both micro signs as `u`. An angle is a
+    dimension: N*m/rad is not N*m.
 
     Raises
     ------
     InputError
-        The unit is empty, unknown, of another dimension or of an absurd size; the message lists what would do.
+        The unit is empty, unknown, of another dimension or of an implausible size; the message lists valid ones.
     """
     advice = ", ".join(EXAMPLES[expected])
     spelling = normalised(unit)
@@ -85,7 +84,7 @@ def si_factor(unit: str, expected: str) -> float:
 
 
 def normalised(unit: str) -> str:
-    """One spelling for the signs that writers vary: `N·mm`, `N.mm` and `N mm` are `N*mm`."""
+    """One spelling for a unit: `N·mm`, `N.mm` and `N mm` become `N*mm`."""
     text = "*".join(unit.strip().strip(".").split())
     for sign in ("·", "⋅", "∙", "."):
         text = text.replace(sign, "*")
@@ -94,7 +93,7 @@ def normalised(unit: str) -> str:
 
 @cache
 def base_units(spelling: str) -> tuple[float, str] | None:
-    """Factor to, and the product of, base units; None for what is no unit."""
+    """Factor to base units, and their product as text; None if the text is not a unit."""
     parts = re.split(r"([*/])", spelling)
     if len(parts) > 15 or not all(NAMES.fullmatch(name) for name in parts[::2]):
         return None

@@ -26,7 +26,8 @@ from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.actuator_bench import current_schedule, simulate_actuator_trial, turning
 from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.summary.headlines import ACTUATOR, headline_numbers
+from osl_analysis.summary.headlines import headline_numbers
+from osl_analysis.summary.labels import ACTUATOR_LABELS
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial
 from osl_analysis.trial_file import read_trial, write_trial
@@ -329,7 +330,7 @@ def test_actuator_trials_without_a_schedule_are_refused(campaign):
 
 def test_the_units_of_the_headlines_are_those_of_the_nomenclature():
     assert COLUMNS["torque_m"].unit == "N*m"
-    assert {name: label.unit for name, label in ACTUATOR.items()} == {
+    assert {name: label.unit for name, label in ACTUATOR_LABELS.items()} == {
         "k_tau_n_m": "N*m/A",
         "f_C": "N*m",
         "f_G": "N*m/A",

@@ -1,6 +1,7 @@
 """The data dictionary: every column has a unit and a meaning, and the page in docs/ is the one that the code makes."""
 
 from dataclasses import fields
+from importlib import import_module
 
 import numpy as np
 import polars as pl
@@ -10,6 +11,7 @@ from conftest import ROOT
 from osl_analysis.commands.describe_tables import page
 from osl_analysis.commands.study import KEYS
 from osl_analysis.dictionary import columns_of, described_tables
+from osl_analysis.figures import FIGURES
 from osl_analysis.study.performance import Performance
 from osl_analysis.table import TEXT_COLUMNS
 from osl_analysis.trial import Trial
@@ -48,6 +50,11 @@ def test_endings_covariances_and_shared_columns_are_written_out():
     assert "cov_B_K" not in columns
     (column,) = columns_of("x", "m | a length", {})
     assert (column.name, column.unit, column.meaning) == ("x", "m", "a length")
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_the_columns_that_a_figure_draws_are_described(name):
+    assert set(import_module(f"osl_analysis.figures.{name}").COLUMNS) <= set(described(f"figures/{name}"))
 
 
 def test_the_study_s_table_is_described():

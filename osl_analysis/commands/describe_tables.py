@@ -13,7 +13,8 @@ INTRODUCTION = """\
 # Tables
 
 Meaning and unit of every column of every table below `results/`, of the checks of quality control, and of every entry
-of `results/summary.json`. Made by `{command}` from `osl_analysis/dictionary/`; do not edit this page.
+of `results/summary.json`. Made by `{command}` from
+`osl_analysis/dictionary/` and `osl_analysis/figures/figures.yaml`; do not edit this page.
 
 Units are SI unless a column's name ends in its unit (`_deg`, `_mm`, `_ms`, `_hz`). `1` is a number without a unit.
 An empty cell is null: there is no value, and the column's meaning says why. Angles are positive in dorsiflexion.

@@ -1,13 +1,13 @@
 """The data dictionary: meaning and unit of every column of every table that the pipeline writes.
 
-The descriptions stand in the YAML files beside this module: a section per table, in it a line per column,
-`name: unit | meaning`. Three short forms keep them true and short:
+The descriptions stand in the YAML files beside this module and in `figures/figures.yaml`: a section per table, in it a
+line per column, `name: unit | meaning`. Three short forms keep them true and short:
 
 * `K, _se, _low: N*m/rad | ...` describes K, K_se and K_low; what the endings mean stands in `shared.yaml`;
 * `cov K B I:` describes the covariances cov_K_B, cov_K_I and cov_B_I, whose units are the products of the columns';
 * `include GROUP:` takes a group of columns, and a name without a description a column, from `shared.yaml`.
 
-A new column is a line here beside the code that makes it; a test fails where one is missing.
+A new column is its line of code and its line here; a test fails where one is missing.
 """
 
 from collections.abc import Iterator, Mapping
@@ -19,7 +19,8 @@ from typing import Any
 
 import yaml
 
-FILES = ("bench", "walking", "campaign", "figures")
+HERE = Path(__file__).parent
+FILES = (*(HERE / f"{name}.yaml" for name in ("bench", "walking", "campaign")), HERE.parent / "figures/figures.yaml")
 """The YAML files with tables, in the order of the page."""
 
 
@@ -53,13 +54,13 @@ class DescribedTable:
 @cache
 def described_tables() -> tuple[DescribedTable, ...]:
     """Every table of the dictionary."""
-    return tuple(table for name in FILES for table in tables_of(read_file(name)))
+    return tuple(table for path in FILES for table in tables_of(read_file(path)))
 
 
 @cache
-def read_file(name: str) -> Mapping[str, Any]:
+def read_file(path: Path) -> Mapping[str, Any]:
     """One YAML file of the dictionary."""
-    content: Mapping[str, Any] = yaml.safe_load(Path(__file__).with_name(f"{name}.yaml").read_text(encoding="utf-8"))
+    content: Mapping[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
     return content
 
 
@@ -74,7 +75,7 @@ def tables_of(content: Mapping[str, Any]) -> Iterator[DescribedTable]:
 
 def columns_of(key: str, text: str | None, before: Mapping[str, DescribedColumn]) -> Iterator[DescribedColumn]:
     """The columns that one line of the dictionary describes; `before` are those of the same table above it."""
-    shared = read_file("shared")
+    shared = read_file(HERE / "shared.yaml")
     word, _, rest = key.partition(" ")
     if word == "include":
         for name, described in shared["groups"][rest].items():

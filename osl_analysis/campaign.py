@@ -10,6 +10,8 @@ import pandas as pd
 
 from osl_analysis.config import Config
 from osl_analysis.errors import InputError
+from osl_analysis.experiments import Table
+from osl_analysis.job_log import plain
 from osl_analysis.quality.verdict import CHECKS, unknown_check, validate_rules
 from osl_analysis.sheet import read_sheet
 
@@ -48,7 +50,7 @@ class Campaign:
         if trial not in self.sheet.index:
             raise InputError(f"{self.config.sheet}: no trial '{trial}'; it has {', '.join(self.sheet.index[:5])}, ...")
         row = self.sheet.loc[trial]
-        return {str(name): None if pd.isna(value) else value for name, value in row.items()}
+        return {str(name): None if pd.isna(value) else plain(value) for name, value in row.items()}
 
     def impedance_trial(self, controller: str, K_d: float, B_d: float) -> str:
         """The first trial of this controller and desired impedance [N*m/rad, N*m*s/rad].
@@ -59,13 +61,26 @@ class Campaign:
             The sheet has none.
         """
         s = self.sheet
-        found = s.index[(s["controller"] == controller) & (s["K_d"] == K_d) & (s["B_d"] == B_d)]
-        if found.empty:
+        trials = s.index[(s["controller"] == controller) & (s["K_d"] == K_d) & (s["B_d"] == B_d)]
+        if trials.empty:
             raise InputError(
                 f"{self.config.sheet}: no {controller} trial with K_d = {K_d:g}, B_d = {B_d:g}; choose another one, or "
                 "null, under `figures` in the configuration"
             )
-        return str(found[0])
+        return str(trials[0])
+
+    def rows_of(self, experiment: str, table: Table) -> list[str]:
+        """Names of the trials of an experiment that have rows in one of its tables."""
+        return self.crossings(perturbed=True) if table.perturbed_only else self.trials(experiment)
+
+    def check(self) -> None:
+        """Refuse a configuration that names a file that is not there, a sheet that cannot serve the figures that are
+        asked for, and walking trials without what their analysis needs.
+        """
+        self.check_files()
+        self.check_figures()
+        self.check_quality()
+        self.check_walking()
 
     def check_files(self) -> None:
         """Refuse a configuration that names a file that is not there; the raw files are for ingest to miss."""
@@ -111,10 +126,10 @@ class Campaign:
             "unperturbed crossings": (len(self.crossings(perturbed=False)), fewest),
             "perturbed crossings": (len(self.crossings(perturbed=True)), 2),
         }
-        for what, (found, least) in needs.items():
-            if found < least:
+        for what, (count, least) in needs.items():
+            if count < least:
                 raise InputError(
-                    f"{self.config.sheet}: {found} {what}, walking needs {least} or more; add them, or exclude the "
+                    f"{self.config.sheet}: {count} {what}, walking needs {least} or more; add them, or exclude the "
                     "walking trials"
                 )
 

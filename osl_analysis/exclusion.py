@@ -1,8 +1,9 @@
-"""Trials that quality control excludes: left out of what is computed over trials, by name and never silently."""
+"""Trials that quality control excludes: they are not used where trials are brought together, and are always named."""
 
 import csv
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any, NoReturn
 
 from osl_analysis.errors import InputError
 
@@ -21,28 +22,39 @@ def excluded(quality: Iterable[Path]) -> dict[str, str]:
     return reasons
 
 
-def kept(files: Iterable[str | Path], quality: Iterable[str | Path]) -> list[Path]:
-    """Of files named after their trials, those whose trial is not excluded.
+def without_excluded(inputs: Mapping[str, Any]) -> dict[str, Any]:
+    """The named inputs of a job without the files of excluded trials; the input `quality` has the verdicts.
+
+    Files that are called like an excluded trial are taken out of every list.
 
     Raises
     ------
     InputError
-        Nothing is left.
+        The input `trial` is excluded, or all trials of the lists are.
     """
-    paths, reasons = [Path(file) for file in files], excluded(Path(path) for path in quality)
-    left = [path for path in paths if path.stem not in reasons]
-    if paths and not left:
-        why = "; ".join(f"{trial} ({reasons[trial]})" for trial in list(reasons)[:3])
-        raise InputError(f"quality control excludes every trial that is needed here: {why}; {REMEDY}")
-    return left
+    quality = [Path(path) for path in inputs.get("quality", ())]
+    judged, reasons = {path.stem for path in quality}, excluded(quality)
+    lists = {name: files for name, files in inputs.items() if isinstance(files, list) and name != "quality"}
+    needed = {Path(file).stem for files in lists.values() for file in files} & judged
+    single = {Path(str(inputs.get("trial"))).stem} & judged
+    if single & set(reasons) or (needed | single and needed | single <= set(reasons)):
+        refuse({trial: reasons[trial] for trial in sorted(single or needed)})
+    kept = {name: [file for file in files if Path(file).stem not in reasons] for name, files in lists.items()}
+    return {name: kept.get(name, value) for name, value in inputs.items() if name != "quality"}
+
+
+def refuse(reasons: Mapping[str, str]) -> NoReturn:
+    """Say that none of the trials is left that a job needs, with the first reasons."""
+    why = "; ".join(f"{trial} ({reason})" for trial, reason in list(reasons.items())[:3])
+    raise InputError(f"quality control excludes every trial that is needed here: {why}; {REMEDY}")
 
 
 def exclusion_report(quality: Iterable[Path], by_sheet: Mapping[str, str]) -> str:
-    """What a user must know at the end of a run, even of one that failed: who was left out, and why; empty if nobody.
+    """Which trials are excluded and why, for the end of a run, even of one that failed; empty if none is.
 
-    Trials whose table was not written are passed over.
+    `by_sheet` has the reasons in the sample sheet. Trials without a quality table are ignored.
     """
     reasons = excluded(path for path in quality if path.is_file())
-    lines = [f"left out of tables and figures by quality control: {trial} ({why})" for trial, why in reasons.items()]
-    stated = [f"left out by the sample sheet: {trial} ({why})" for trial, why in by_sheet.items()]
-    return "\n".join([*stated, *lines, *([f"to change that: {REMEDY}"] if lines else [])])
+    judged = [f"excluded from tables and figures by quality control: {trial} ({why})" for trial, why in reasons.items()]
+    stated = [f"excluded by the sample sheet: {trial} ({why})" for trial, why in by_sheet.items()]
+    return "\n".join([*stated, *judged, *([f"to change that: {REMEDY}"] if judged else [])])

@@ -1,25 +1,28 @@
-"""How the Snakefile runs our commands: each job in a process forked from one that has done the imports.
+"""How the Snakefile runs our commands: each job in a process that is forked from one that has done the imports.
 
-Starting Python with numpy, scipy and polars costs 0.8 s a job; forking a process that has them costs 0.05 s.
-A job is still a process of its own: what it breaks stays in it.
+Starting Python with numpy, scipy and polars costs 0.8 s per job. Forking a process that has them costs 0.05 s, and a
+job still has a process of its own.
 """
 
-import ast
-import hashlib
 import importlib
 import multiprocessing
 import os
 import time
 import traceback
-from collections import defaultdict
-from collections.abc import Iterable
+import warnings
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.errors import OslAnalysisError
+from pydantic import ConfigDict, validate_call
 
-PACKAGE = Path(__file__).parent
+from osl_analysis.errors import OslAnalysisError, printable
+from osl_analysis.exclusion import without_excluded
+from osl_analysis.fingerprint import code, code_of
+from osl_analysis.job_log import JobLog, Outcome, plain, read_log, read_logs, run_report, write_log
+
+__all__ = ["code", "code_of", "report", "run_job"]
 PRELOADED = [
     "snakemake.cli",  # what a job's __main__, the snakemake script, imports before the job begins
     "osl_analysis.commands.bench",
@@ -33,153 +36,93 @@ PRELOADED = [
     "matplotlib.figure",
 ]
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS")
-
-DONE = "done"
-
-seconds_spent: dict[str, float] = defaultdict(float)
-jobs_done: dict[str, int] = defaultdict(int)
-failures: list[str] = []
+FOR_SNAKEMAKE = ("code", "command")
+STARTED = time.time()
+"""When this run began [s]: its report is of the logs that were written since."""
 
 
 class JobError(OslAnalysisError):
-    """A job failed; the message is its one-line reason, or points to the log with the traceback."""
+    """A job failed; the message is the reason, on one line."""
 
 
-def run_job(log: str, command: str, **arguments: Any) -> None:
-    """Call `command`, "module.function" under `osl_analysis.commands`, in a process of its own; waits for it.
+def run_job(log: Any, command: str, input: Any, output: Any, params: Any) -> None:
+    """Run one job in a process of its own, and wait for it.
 
-    The log tells how it ended: `DONE` is the last thing that a job writes, after its results.
+    `command` is "module.function" under `osl_analysis.commands`. `log`, `input`, `output` and `params` are those of the
+    Snakemake rule. The function is called with the names that the rule gives to its inputs, outputs and parameters:
+
+    * an output without a name is called `output`, several `outputs`;
+    * an input without a name is a dependency and not passed on;
+    * files of trials that an input called `quality` excludes are taken out of the other inputs (`without_excluded`);
+    * the parameters `code` and `command` are for the rule alone.
+
+    Every value takes the type that the function's signature gives: a path, a settings model, a dataclass.
 
     Raises
     ------
     JobError
-        The command raised, or its process died.
+        The command raised an error, or its process died.
     """
-    started, path = time.perf_counter(), Path(log)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("")
-    process = fork_server().Process(target=_call, args=(path, command, arguments), daemon=True)
+    path = Path(str(log))
+    request = {"input": named(input), "output": outputs(output), "settings": named(params)}
+    path.unlink(missing_ok=True)
+    process = fork_server().Process(target=_run, args=(path, command, request), daemon=True)
     process.start()
     process.join()
-    name = command.partition(".")[0]
-    seconds_spent[name] += time.perf_counter() - started
-    jobs_done[name] += 1
-    outcome = path.read_text().strip()
-    if outcome != DONE:
-        failures.append(outcome.splitlines()[-1] if outcome else f"{command}: its process died ({process.exitcode})")
-        raise JobError(failures[-1])
+    ended = read_log(path) if path.is_file() else None
+    if ended is None:
+        ended = JobLog(command, "died", error=f"{command}: its process died (exit code {process.exitcode})")
+        write_log(path, ended, request)
+    if ended.outcome != "done":
+        raise JobError(ended.error)
+
+
+def named(items: Any) -> dict[str, Any]:
+    """The named items of a rule's inputs, outputs or parameters, as values that another process can take."""
+    return {str(name): plain(value) for name, value in items.items() if name not in FOR_SNAKEMAKE}
+
+
+def outputs(files: Any) -> dict[str, Any]:
+    """The outputs of a rule by name."""
+    if named(files) or not files:
+        return named(files)
+    return {"output": plain(files[0])} if len(files) == 1 else {"outputs": plain(list(files))}
 
 
 @cache
 def fork_server() -> multiprocessing.context.ForkServerContext:
-    """The process that the jobs fork from; every job computes on one thread, for Snakemake counts cores by jobs."""
+    """The process that the jobs fork from. Each job computes on one thread, because Snakemake counts cores by jobs."""
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(PRELOADED)
     return context
 
 
-def _call(log: Path, command: str, arguments: dict[str, Any]) -> None:
-    """In the job's process: a user's mistake becomes one line of the log, anything else a traceback."""
-    module, _, function = command.partition(".")
-    try:
-        getattr(importlib.import_module(f"osl_analysis.commands.{module}"), function)(**arguments)
-        log.write_text(f"{DONE}\n")
-    except OslAnalysisError as error:
-        log.write_text(f"error: {error}\n")
-    except Exception as error:
-        trace = traceback.format_exc()
-        log.write_text(f"{trace}\nunexpected {type(error).__name__}: {error} (the traceback is in {log})\n")
+def _run(log: Path, command: str, request: Mapping[str, Mapping[str, Any]]) -> None:
+    """In the job's process: call the command and write the log, whatever happens."""
+    start, error, trace = time.perf_counter(), "", ""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("default")
+        try:
+            call(command, request)
+        except OslAnalysisError as refusal:
+            error = str(refusal)
+        except Exception as fault:
+            trace = traceback.format_exc()
+            error = printable(f"unexpected {type(fault).__name__}: {fault} (the traceback is in {log})")
+    warned = dict.fromkeys(printable(str(warning.message)) for warning in caught)
+    outcome: Outcome = "failed" if trace else "refused" if error else "done"
+    write_log(log, JobLog(command, outcome, time.perf_counter() - start, error, tuple(warned), trace), request)
 
 
-def failure_report() -> str:
-    """Why jobs failed, a line each, and what that means for the rest; empty if none did."""
-    if not failures:
-        return ""
-    return "\n".join(
-        [
-            "what failed:",
-            *dict.fromkeys(failures),
-            "tables and figures that need these were not renewed; mend the input, or give a reason under `exclude` in "
-            "the sample sheet, and run again",
-        ]
-    )
+def call(command: str, request: Mapping[str, Mapping[str, Any]]) -> None:
+    """Call a command with what a rule names, every value turned into the type that the command declares."""
+    module, _, name = command.partition(".")
+    function = getattr(importlib.import_module(f"osl_analysis.commands.{module}"), name)
+    convert = validate_call(config=ConfigDict(arbitrary_types_allowed=True))
+    convert(function)(**without_excluded(request["input"]), **request["output"], **request["settings"])
 
 
-def time_table() -> str:
-    """Where the time went: wall time of the jobs of each stage, summed over the cores."""
-    rows = sorted(seconds_spent, key=lambda name: -seconds_spent[name])
-    lines = [f"{name:<16}{jobs_done[name]:>6} jobs{seconds_spent[name]:>9.1f} s" for name in rows]
-    return "\n".join(["where the time went (summed over cores):", *lines])
-
-
-@cache
-def code(*modules: str) -> str:
-    """Fingerprint of the source of modules under `osl_analysis`, and of all modules of ours that they import.
-
-    Snakemake does not see a change in an imported module. As a parameter of a rule, the fingerprint makes a changed
-    estimator rerun the jobs that use it, and no others.
-    """
-    return fingerprint({path for module in modules for path in sources(f"osl_analysis.{module}")})
-
-
-@cache
-def code_of(command: str) -> str:
-    """The same for a command, `module.function` under `osl_analysis.commands`.
-
-    Beside the module's own file, only what the function uses counts: a module has the jobs of several experiments.
-    """
-    module, _, function = command.partition(".")
-    return fingerprint(job_sources(f"osl_analysis.commands.{module}", function))
-
-
-def fingerprint(files: Iterable[Path]) -> str:
-    """Digest of the content of source files."""
-    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(files))).hexdigest()[:16]
-
-
-def job_sources(module: str, function: str) -> set[Path]:
-    """The file of a module, and the files behind the imported names that one of its functions uses."""
-    path = module_file(module)
-    top = ast.parse(path.read_text(encoding="utf-8")).body if path else []
-    defined = {getattr(node, "name", ""): node for node in top}
-    if path is None or function not in defined:
-        raise JobError(f"no function {function} in {module}; correct the name of the job in the rules")
-    used, waiting = set[str](), {function}
-    while waiting:
-        used |= waiting
-        inside = [ast.walk(defined[name]) for name in waiting if name in defined]
-        waiting = {node.id for nodes in inside for node in nodes if isinstance(node, ast.Name)} - used
-    imports = [(node.module, alias.name) for node in top if isinstance(node, ast.ImportFrom) for alias in node.names]
-    names = [f"{source}{end}" for source, name in imports if name in used for end in ("", f".{name}")]
-    return {path, *(file for name in names if name.startswith("osl_analysis.") for file in sources(name))}
-
-
-def sources(module: str) -> list[Path]:
-    """Files of a module of ours and of all of ours that it imports, sorted."""
-    found: set[Path] = set()
-    waiting = [module_file(module)]
-    while waiting:
-        path = waiting.pop()
-        if path is not None and path not in found:
-            found.add(path)
-            waiting += [module_file(name) for name in imported_names(path)]
-    return sorted(found)
-
-
-@cache
-def imported_names(path: Path) -> tuple[str, ...]:
-    """Dotted names of ours that a source file imports, anywhere in it."""
-    names: list[str] = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-    return tuple(name for name in names if name.startswith("osl_analysis."))
-
-
-def module_file(name: str) -> Path | None:
-    """File of a dotted module name of ours; None where the name is not a module."""
-    path = PACKAGE.joinpath(*name.split(".")[1:])
-    return next((p for p in (path.with_suffix(".py"), path / "__init__.py") if p.is_file()), None)
+def report(logs: Path) -> str:
+    """What a user must know at the end of a run: failures, warnings and times, from the logs of the run's jobs."""
+    return run_report(read_logs(logs, STARTED))

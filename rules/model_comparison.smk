@@ -1,21 +1,10 @@
-"""Rival models side by side: repeats held out for belt and transmission, amplitudes for the rendered impedance."""
+"""Rival models side by side: belt and transmission predict other trials, the rendered impedance other amplitudes."""
 
-REPEATED = ("belt", "transmission")
-
-
-def comparisons() -> list[str]:
-    """What is compared: all trials of an experiment together, and each impedance trial that has amplitudes to hold out."""
-    return [f"{experiment}_trials" for experiment in REPEATED if CAMPAIGN.trials(experiment)] + amplitudes_held_out()
-
-
-def amplitudes_held_out() -> list[str]:
-    """The impedance trials, where they have amplitudes to hold out."""
-    return CAMPAIGN.trials("impedance") if len(CONFIG.dynamometer.amplitudes_deg) > 1 else []
-
-
-def held_out() -> bool:
-    """Whether anything at all is predicted from other data."""
-    return bool(amplitudes_held_out()) or any(len(CAMPAIGN.trials(experiment)) > 1 for experiment in REPEATED)
+REPEATS = [name for name in ("belt", "transmission") if CAMPAIGN.trials(name)]
+AMPLITUDES = CAMPAIGN.trials("impedance") if len(CONFIG.dynamometer.amplitudes_deg) > 1 else []
+COMPARISONS = [*(f"{name}_trials" for name in REPEATS), *AMPLITUDES]
+IS_PREDICTED = bool(AMPLITUDES) or any(len(CAMPAIGN.trials(name)) > 1 for name in REPEATS)
+"""Whether any model predicts data that it was not fitted to."""
 
 
 rule compare_belt_models:
@@ -29,16 +18,9 @@ rule compare_belt_models:
         RESULTS / "logs/model_comparison/belt_trials.log",
     params:
         code=jobs.code_of("bench.compare_belt_models"),
-        settings=DYNAMOMETER,
+        settings=CONFIG.dynamometer.part("BeltAnalysis"),
     run:
-        jobs.run_job(
-            log[0],
-            "bench.compare_belt_models",
-            trials=kept(input.trials, input.quality),
-            parameters=Path(input.parameters),
-            settings=dynamometer_settings(params),
-            output=Path(output[0]),
-        )
+        jobs.run_job(log, "bench.compare_belt_models", input, output, params)
 
 
 rule compare_transmission_models:
@@ -51,17 +33,10 @@ rule compare_transmission_models:
         RESULTS / "logs/model_comparison/transmission_trials.log",
     params:
         code=jobs.code_of("bench.compare_transmission_models"),
-        settings=DYNAMOMETER,
+        settings=CONFIG.dynamometer.part("SteppedSineAnalysis"),
         sign_width=CONFIG.model_comparison.sign_width,
     run:
-        jobs.run_job(
-            log[0],
-            "bench.compare_transmission_models",
-            trials=kept(input.trials, input.quality),
-            settings=dynamometer_settings(params),
-            sign_width=params.sign_width,
-            output=Path(output[0]),
-        )
+        jobs.run_job(log, "bench.compare_transmission_models", input, output, params)
 
 
 rule compare_impedance_models:
@@ -76,19 +51,9 @@ rule compare_impedance_models:
         trial=CAMPAIGN.pattern("impedance"),
     params:
         code=jobs.code_of("bench.compare_impedance_models"),
-        settings=DYNAMOMETER,
-        weight=WEIGHT,
+        settings=CONFIG.dynamometer.part("SteppedSineAnalysis"),
+        weight=CONFIG.gain_weight.model_dump(mode="json"),
         sign_width=CONFIG.model_comparison.sign_width,
-        row=lambda wildcards: {key: CAMPAIGN.row(wildcards.trial)[key] for key in ("controller", "K_d", "B_d")},
+        condition=sheet_row("controller", "K_d", "B_d"),
     run:
-        jobs.run_job(
-            log[0],
-            "bench.compare_impedance_models",
-            trial=Path(input.trial),
-            parameters=Path(input.parameters),
-            settings=dynamometer_settings(params),
-            condition=DesiredImpedance(**params.row),
-            weight=gain_weight(params),
-            sign_width=params.sign_width,
-            output=Path(output[0]),
-        )
+        jobs.run_job(log, "bench.compare_impedance_models", input, output, params)

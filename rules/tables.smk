@@ -1,94 +1,74 @@
-"""Fits of single trials -> tidy tables."""
+"""Fits of single trials -> tidy tables over trials -> the headline numbers."""
 
-FILLED_BY = {  # table: the trials whose fits are its rows
-    "belt": CAMPAIGN.trials("belt"),
-    "belt_curves": CAMPAIGN.trials("belt"),
-    "transmission": CAMPAIGN.trials("transmission"),
-    "actuator": CAMPAIGN.trials("actuator"),
-    "impedance": CAMPAIGN.trials("impedance"),
-    "phasors": CAMPAIGN.trials("impedance"),
-    "model_comparison": comparisons(),
-    "estimators": CAMPAIGN.trials("impedance"),
-    "walking": CAMPAIGN.crossings(perturbed=True),
-    "ankle_moment": CAMPAIGN.trials("overground"),
+TABLES = [(name, table) for name, facts in EXPERIMENTS.items() for table in facts.tables]
+PER_TRIAL = {table.name: CAMPAIGN.rows_of(name, table) for name, table in TABLES} | {
+    "model_comparison": COMPARISONS,
     "quality": CAMPAIGN.trials(),
 }
-SUMMARISED = ("belt", "transmission", "actuator", "model_comparison")
+"""Per table, the trials (or comparisons) that have rows in it."""
+UNPUBLISHED = {table.name for name, table in TABLES if not table.published}
+DERIVED = {new: (table.name, job) for name, table in TABLES for new, job in table.derived.items()} | {
+    "model_comparison_summary": ("model_comparison", "bench.summarise_model_comparison")
+}
+"""Per table that is computed from one other table: that table, and the job."""
 
 
-def fitted(*tables: str) -> list[Path]:
-    """The fits of single trials behind these tables, or behind all."""
-    return [path for table in tables or FILLED_BY for path in rows_of(table)]
-
-
-def rows_of(table: str) -> list[Path]:
-    """The files of single trials that a table brings together."""
-    if table == "quality":
-        return checked(FILLED_BY[table])
-    return [RESULTS / f"fits/{table}/{trial}.csv" for trial in FILLED_BY[table]]
+def rows(table: str, trials=None) -> list[Path]:
+    """The files of single trials, or of these trials, behind a table."""
+    folder = RESULTS / ("quality" if table == "quality" else f"fits/{table}")
+    return [folder / f"{trial}.csv" for trial in (PER_TRIAL[table] if trials is None else trials)]
 
 
 def verdicts_on(table: str) -> list[Path]:
-    """What quality control says of a table's trials; its own table leaves none of them out."""
-    return [] if table == "quality" else checked(name for name in FILLED_BY[table] if name in CAMPAIGN.sheet.index)
+    """The verdicts on the trials of a table; the table of the verdicts itself has all trials."""
+    return checked(name for name in PER_TRIAL[table] if name in CAMPAIGN.sheet.index and table != "quality")
 
 
 def result_tables() -> list[Path]:
-    """Every table that the campaign's experiments give."""
-    tables = [table for table, trials in FILLED_BY.items() if trials and table not in ("belt_curves", "quality")]
-    tables += [f"{table}_summary" for table in (*SUMMARISED, "walking") if table in tables]
-    tables += ["walking_crossings", "walking_excluded", "hinge", "plate"] * ("walking" in tables)
-    tables += ["frequency_response"] * ("impedance" in tables)
+    """Every table of results that the campaign's experiments give."""
+    tables = [table for table, trials in PER_TRIAL.items() if trials and table not in {"quality", *UNPUBLISHED}]
+    tables += [table for table, (source, _) in DERIVED.items() if source in tables]
+    tables += [table for name in EXPERIMENTS if CAMPAIGN.trials(name) for table in EXPERIMENTS[name].further_tables]
     tables += ["gains"] * bool(CONFIG.impedance_trajectory)
     return [RESULTS / f"tables/{table}.csv" for table in tables]
 
 
-def doubt_limits(params) -> Doubt | None:
-    """What makes a fit of the table doubtful, as the job's parameters carry it; None for a table that is not judged."""
-    return params.limits and Doubt.model_validate(params.limits)
+def limits_of(table: str):
+    """The limits beyond which a fit of a table is doubtful; None for a table that is not judged."""
+    return CONFIG.doubtful.of(table).model_dump(mode="json") if table in judged_tables() else None
 
 
 rule table:
     input:
-        rows=lambda wildcards: fitted(wildcards.table),
+        rows=lambda wildcards: rows(wildcards.table),
         quality=lambda wildcards: verdicts_on(wildcards.table),
     output:
         RESULTS / "tables/{table}.csv",
     log:
         RESULTS / "logs/tables/{table}.log",
     wildcard_constraints:
-        table="|".join(FILLED_BY),
+        table="|".join(PER_TRIAL),
     params:
-        code=jobs.code("commands.tables"),
-        limits=lambda wildcards: CONFIG.doubtful.model_dump(mode="json").get(wildcards.table),
+        code=jobs.code_of("tables.gather"),
+        limits=lambda wildcards: limits_of(wildcards.table),
     run:
-        jobs.run_job(
-            log[0],
-            "tables.gather",
-            rows=kept(input.rows, input.quality),
-            output=Path(output[0]),
-            limits=doubt_limits(params),
-        )
+        jobs.run_job(log, "tables.gather", input, output, params)
 
 
-rule summary_table:
+rule derived_table:
     input:
-        table=RESULTS / "tables/{table}.csv",
+        table=lambda wildcards: RESULTS / f"tables/{DERIVED[wildcards.derived][0]}.csv",
     output:
-        RESULTS / "tables/{table}_summary.csv",
+        RESULTS / "tables/{derived}.csv",
     log:
-        RESULTS / "logs/tables/{table}_summary.log",
+        RESULTS / "logs/tables/{derived}.log",
     wildcard_constraints:
-        table="|".join(SUMMARISED),
+        derived="|".join(DERIVED),
     params:
-        code=lambda wildcards: jobs.code_of(f"bench.summarise_{wildcards.table}"),
+        command=lambda wildcards: DERIVED[wildcards.derived][1],
+        code=lambda wildcards: jobs.code_of(DERIVED[wildcards.derived][1]),
     run:
-        jobs.run_job(
-            log[0],
-            f"bench.summarise_{wildcards.table}",
-            table=Path(input.table),
-            output=Path(output[0]),
-        )
+        jobs.run_job(log, params.command, input, output, params)
 
 
 rule gains_table:
@@ -100,14 +80,23 @@ rule gains_table:
     log:
         RESULTS / "logs/tables/gains.log",
     params:
-        code=jobs.code("commands.gains"),
-        weight=WEIGHT,
+        code=jobs.code_of("gains.select_trajectory"),
+        weight=CONFIG.gain_weight.model_dump(mode="json"),
     run:
-        jobs.run_job(
-            log[0],
-            "gains.select_trajectory",
-            trajectory=Path(input.trajectory),
-            parameters=Path(input.parameters),
-            weight=gain_weight(params),
-            output=Path(output[0]),
-        )
+        jobs.run_job(log, "gains.select_trajectory", input, output, params)
+
+
+rule headline_numbers:
+    input:
+        tables=result_tables(),
+    output:
+        summary_json=RESULTS / "summary.json",
+        numbers_tex=RESULTS / "numbers.tex",
+    log:
+        RESULTS / "logs/summary.log",
+    params:
+        code=jobs.code("commands.summarise"),
+        campaign=CONFIG.campaign,
+    run:
+        paths = {Path(table).stem: table for table in input.tables}
+        jobs.run_job(log, "summarise.write_summary", {"table_paths": paths}, output, params)

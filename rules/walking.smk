@@ -1,46 +1,29 @@
 """Ankle impedance of a walking person, from perturbed and unperturbed crossings (Fig. 9)."""
 
-WALKING = CONFIG.walking.model_dump(mode="json")
+CALIBRATED_ON = CAMPAIGN.crossings(perturbed=False)[:3]
+"""Crossings that show how foot and shank turn against each other."""
 
 
-def walking_settings(params) -> WalkingAnalysis:
-    """The walking part of the configuration, as the job's parameters carry it."""
-    return WalkingAnalysis.model_validate(params.settings)
-
-
-def crossings(perturbed: bool) -> list[Path]:
-    """The analysed crossings that were perturbed, or those that were not."""
-    return [RESULTS / f"crossings/{trial}.parquet" for trial in CAMPAIGN.crossings(perturbed)]
-
-
-def every_crossing() -> list[Path]:
-    """The analysed crossings, perturbed or not, in the order of the sheet."""
-    return [RESULTS / f"crossings/{trial}.parquet" for trial in CAMPAIGN.trials("walking")]
+def crossings(trials) -> list[Path]:
+    """The analysed crossings of these trials."""
+    return [RESULTS / f"crossings/{trial}.parquet" for trial in trials]
 
 
 rule calibrate_markers:
     input:
-        trial=ingested("static")[:1],
-        motion=[RESULTS / f"trials/{trial}.parquet" for trial in CAMPAIGN.crossings(perturbed=False)[:3]],
-        quality=checked([*CAMPAIGN.trials("static")[:1], *CAMPAIGN.crossings(perturbed=False)[:3]]),
+        trial=lambda wildcards: trial_file(CAMPAIGN.trials("static")[0]),
+        motion=[trial_file(trial) for trial in CALIBRATED_ON],
+        quality=checked([*CAMPAIGN.trials("static")[:1], *CALIBRATED_ON]),
     output:
-        calibration=RESULTS / "fits/calibration.json",
-        hinge=RESULTS / "tables/hinge.csv",
+        output=RESULTS / "fits/calibration.json",
+        comparison=RESULTS / "tables/hinge.csv",
     log:
         RESULTS / "logs/walking/calibration.log",
     params:
-        code=jobs.code("commands.crossing"),
-        settings=WALKING,
+        code=jobs.code_of("crossing.calibrate"),
+        settings=CONFIG.walking.part("CalibrationSettings"),
     run:
-        jobs.run_job(
-            log[0],
-            "crossing.calibrate",
-            trial=kept(input.trial, input.quality)[0],
-            motion=kept([*input.trial, *input.motion], input.quality)[1:],
-            settings=walking_settings(params),
-            output=Path(output.calibration),
-            comparison=Path(output.hinge),
-        )
+        jobs.run_job(log, "crossing.calibrate", input, output, params)
 
 
 rule identify_plate:
@@ -49,23 +32,15 @@ rule identify_plate:
         quality=checked(CAMPAIGN.trials("plate")),
         calibration=RESULTS / "fits/calibration.json",
     output:
-        model=RESULTS / "fits/plate.json",
+        output=RESULTS / "fits/plate.json",
         comparison=RESULTS / "tables/plate.csv",
     log:
         RESULTS / "logs/walking/plate.log",
     params:
-        code=jobs.code("commands.crossing"),
-        settings=WALKING,
+        code=jobs.code_of("crossing.identify_plate"),
+        settings=CONFIG.walking.part("PlateModelSettings"),
     run:
-        jobs.run_job(
-            log[0],
-            "crossing.identify_plate",
-            trials=kept(input.trials, input.quality),
-            calibration=Path(input.calibration),
-            settings=walking_settings(params),
-            output=Path(output.model),
-            comparison=Path(output.comparison),
-        )
+        jobs.run_job(log, "crossing.identify_plate", input, output, params)
 
 
 rule analyse_crossing:
@@ -78,46 +53,31 @@ rule analyse_crossing:
     log:
         RESULTS / "logs/crossings/{trial}.log",
     params:
-        code=jobs.code("commands.crossing"),
-        settings=WALKING,
-        perturbed=lambda wildcards: bool(CAMPAIGN.row(wildcards.trial)["perturbed"]),
+        code=jobs.code_of("crossing.analyse"),
+        settings=CONFIG.walking.part("CrossingSettings"),
+        perturbed=lambda wildcards: CAMPAIGN.row(wildcards.trial)["perturbed"],
     run:
-        jobs.run_job(
-            log[0],
-            "crossing.analyse",
-            trial=Path(input.trial),
-            calibration=Path(input.calibration),
-            plate=Path(input.plate),
-            perturbed=params.perturbed,
-            settings=walking_settings(params),
-            output=Path(output[0]),
-        )
+        jobs.run_job(log, "crossing.analyse", input, output, params)
 
 
 rule select_crossings:
     input:
-        crossings=every_crossing(),
+        crossings=crossings(CAMPAIGN.trials("walking")),
         quality=checked(CAMPAIGN.trials("walking")),
     output:
         RESULTS / "tables/walking_crossings.csv",
     log:
         RESULTS / "logs/walking/selection.log",
     params:
-        code=jobs.code("commands.walking"),
-        settings=WALKING,
+        code=jobs.code_of("walking.select_crossings"),
+        settings=CONFIG.walking.part("SelectionSettings"),
     run:
-        jobs.run_job(
-            log[0],
-            "walking.select_crossings",
-            crossings=kept(input.crossings, input.quality),
-            settings=walking_settings(params),
-            output=Path(output[0]),
-        )
+        jobs.run_job(log, "walking.select_crossings", input, output, params)
 
 
 rule average_unperturbed:
     input:
-        crossings=crossings(perturbed=False),
+        crossings=crossings(CAMPAIGN.crossings(perturbed=False)),
         quality=checked(CAMPAIGN.crossings(perturbed=False)),
         selection=RESULTS / "tables/walking_crossings.csv",
     output:
@@ -125,17 +85,10 @@ rule average_unperturbed:
     log:
         RESULTS / "logs/walking/unperturbed.log",
     params:
-        code=jobs.code("commands.walking"),
-        settings=WALKING,
+        code=jobs.code_of("walking.average_unperturbed"),
+        settings=CONFIG.walking.part("UnperturbedSettings"),
     run:
-        jobs.run_job(
-            log[0],
-            "walking.average_unperturbed",
-            crossings=kept(input.crossings, input.quality),
-            selection=Path(input.selection),
-            settings=walking_settings(params),
-            output=Path(output[0]),
-        )
+        jobs.run_job(log, "walking.average_unperturbed", input, output, params)
 
 
 rule fit_perturbation:
@@ -148,46 +101,27 @@ rule fit_perturbation:
     log:
         RESULTS / "logs/walking/{trial}.log",
     params:
-        code=jobs.code("commands.walking"),
-        settings=WALKING,
+        code=jobs.code_of("walking.fit_perturbation"),
+        settings=CONFIG.walking.part("ResponseSettings"),
     run:
-        jobs.run_job(
-            log[0],
-            "walking.fit_perturbation",
-            crossing=Path(input.crossing),
-            selection=Path(input.selection),
-            unperturbed=Path(input.unperturbed),
-            settings=walking_settings(params),
-            output=Path(output[0]),
-        )
+        jobs.run_job(log, "walking.fit_perturbation", input, output, params)
 
 
 rule summarise_walking:
     input:
         table=RESULTS / "tables/walking.csv",
-        crossings=crossings(perturbed=True),
+        crossings=crossings(CAMPAIGN.crossings(perturbed=True)),
         quality=checked(CAMPAIGN.crossings(perturbed=True)),
         selection=RESULTS / "tables/walking_crossings.csv",
         unperturbed=RESULTS / "fits/unperturbed.parquet",
     output:
-        summary=RESULTS / "tables/walking_summary.csv",
+        output=RESULTS / "tables/walking_summary.csv",
         responses=RESULTS / "tables/walking_responses.csv",
         excluded=RESULTS / "tables/walking_excluded.csv",
     log:
         RESULTS / "logs/walking/summary.log",
     params:
-        code=jobs.code("commands.walking"),
-        settings=WALKING,
+        code=jobs.code_of("walking.summarise_perturbations"),
+        settings=CONFIG.walking.part("EnsembleSettings"),
     run:
-        jobs.run_job(
-            log[0],
-            "walking.summarise_perturbations",
-            table=Path(input.table),
-            crossings=kept(input.crossings, input.quality),
-            selection=Path(input.selection),
-            unperturbed=Path(input.unperturbed),
-            settings=walking_settings(params),
-            output=Path(output.summary),
-            responses=Path(output.responses),
-            excluded=Path(output.excluded),
-        )
+        jobs.run_job(log, "walking.summarise_perturbations", input, output, params)

@@ -11,7 +11,7 @@ from osl_analysis.commands.quality import check_trial, list_excluded
 from osl_analysis.commands.tables import gather
 from osl_analysis.config import read_section
 from osl_analysis.errors import InputError
-from osl_analysis.exclusion import exclusion_report, kept
+from osl_analysis.exclusion import exclusion_report, without_excluded
 from osl_analysis.quality.checks import Commanded
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.table import read_table
@@ -37,7 +37,13 @@ def checked(tmp_path: Path) -> list[Path]:
 
 def test_an_excluded_trial_is_left_out_and_an_accepted_one_is_not(checked: list[Path]) -> None:
     files = [f"fits/{name}.parquet" for name in ("plate_1", "plate_2", "plate_3")]
-    assert kept(files, checked) == [Path("fits/plate_1.parquet"), Path("fits/plate_3.parquet")]
+    inputs = {"trials": files, "table": "tables/plate_2.csv", "quality": list(map(str, checked))}
+    assert without_excluded(inputs) == {"trials": [files[0], files[2]], "table": "tables/plate_2.csv"}
+
+
+def test_a_list_may_become_empty_where_the_trial_itself_is_left(checked: list[Path]) -> None:
+    inputs = {"trial": "trials/plate_1.parquet", "motion": ["trials/plate_2.parquet"], "quality": checked}
+    assert without_excluded(inputs) == {"trial": "trials/plate_1.parquet", "motion": []}
 
 
 def test_who_was_left_out_is_listed_and_told_with_value_threshold_and_remedy(checked: list[Path]) -> None:
@@ -50,7 +56,7 @@ def test_who_was_left_out_is_listed_and_told_with_value_threshold_and_remedy(che
     assert listed.select("trial", "check").rows() == [("plate_2", "unzeroed_plate"), ("b_2", "sample sheet")]
     assert listed["value"][0] == pytest.approx(80, abs=0.5)
     told = exclusion_report([*checked, folder / "missing.csv"], {"b_2": "stumbled"})
-    assert "left out by the sample sheet: b_2 (stumbled)" in told
+    assert "excluded by the sample sheet: b_2 (stumbled)" in told
     assert "plate_2 (unzeroed_plate 80.0" in told or "plate_2 (unzeroed_plate 79.9" in told
     assert "threshold 20" in told
     assert "`accept`" in told
@@ -63,9 +69,12 @@ def test_without_exclusions_nothing_is_told_and_the_list_is_empty(checked: list[
     assert read_table(checked[0].parent / "excluded.csv").is_empty()
 
 
-def test_where_nothing_is_left_the_reason_is_one_line_with_a_remedy(checked: list[Path]) -> None:
+@pytest.mark.parametrize(("name", "files"), [("rows", ["fits/plate_2.csv"]), ("trial", "trials/plate_2.parquet")])
+def test_where_nothing_is_left_the_reason_is_one_line_with_a_remedy(
+    checked: list[Path], name: str, files: str | list[str]
+) -> None:
     with pytest.raises(
         InputError, match=r"excludes every trial .*: plate_2 \(unzeroed_plate .*; record again"
     ) as caught:
-        kept(["trials/plate_2.parquet"], checked)
+        without_excluded({name: files, "quality": checked})
     assert "\n" not in str(caught.value)

@@ -3,7 +3,7 @@
 import pytest
 from conftest import ROOT
 
-from osl_analysis.workflow import imported_names
+from osl_analysis.fingerprint import imported_names
 
 PACKAGE = ROOT / "osl_analysis"
 COMMON = {"errors", "trial"}

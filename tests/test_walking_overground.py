@@ -74,9 +74,11 @@ def test_the_table_takes_the_configured_mass_and_asks_for_one_that_nobody_states
     write_trial(gait_trial(), tmp_path / "trial.parquet")
     output = tmp_path / "moment.csv"
     with pytest.raises(InputError, match=r"states no body mass, found None; set overground\.body_mass_kg"):
-        compare_ankle_moment(tmp_path / "trial.parquet", OvergroundAnalysis(load_on_n=50), output)
+        compare_ankle_moment(tmp_path / "trial.parquet", OvergroundAnalysis(load_on_n=50), {"ankle_moment": output})
     assert not output.exists()
-    compare_ankle_moment(tmp_path / "trial.parquet", OvergroundAnalysis(load_on_n=50, body_mass_kg=2 * MASS), output)
+    compare_ankle_moment(
+        tmp_path / "trial.parquet", OvergroundAnalysis(load_on_n=50, body_mass_kg=2 * MASS), {"ankle_moment": output}
+    )
     assert read_table(output)["slope"][0] == pytest.approx(2.1, abs=3e-3)
 
 
@@ -86,7 +88,9 @@ def test_agrees_with_plug_in_gait_as_the_published_reference_does(tmp_path: Path
     is better (0.999 for 0.996) and slope and peak move by less than 1 %."""
     row = {"trial": "pig", "mocap": "btk_PiG_Motion3_FF.c3d", "mocap_source": "plug_in_gait"}
     ingest_trial(row, REAL / "c3d", ROOT / "config/sources", tmp_path / "pig.parquet")
-    compare_ankle_moment(tmp_path / "pig.parquet", OvergroundAnalysis(load_on_n=50), tmp_path / "pig.csv")
+    compare_ankle_moment(
+        tmp_path / "pig.parquet", OvergroundAnalysis(load_on_n=50), {"ankle_moment": tmp_path / "pig.csv"}
+    )
     reference = pl.read_csv(REAL / "reference/ankle_moment.csv").sort("side", "plate")
     table = read_table(tmp_path / "pig.csv").sort("side", "plate")
     assert table["plate"].to_list() == (reference["plate"] + 1).to_list()
@@ -112,7 +116,9 @@ def ingested(name: str, folder: Path) -> Path:
 def test_agrees_with_plug_in_gait_within_six_percent_of_its_peaks(tmp_path: Path) -> None:
     row = {"trial": "pig", "mocap": "btk_PiG_Motion3_FF.c3d", "mocap_source": "plug_in_gait"}
     ingest_trial(row, REAL / "c3d", ROOT / "config/sources", tmp_path / "pig.parquet")
-    compare_ankle_moment(tmp_path / "pig.parquet", OvergroundAnalysis(load_on_n=20), tmp_path / "pig.csv")
+    compare_ankle_moment(
+        tmp_path / "pig.parquet", OvergroundAnalysis(load_on_n=20), {"ankle_moment": tmp_path / "pig.csv"}
+    )
     table = read_table(tmp_path / "pig.csv")
     assert len(table) >= 2
     assert (table["correlation"] > 0.99).all()
@@ -123,7 +129,9 @@ def test_agrees_with_plug_in_gait_within_six_percent_of_its_peaks(tmp_path: Path
 def test_a_plate_that_was_never_zeroed_is_caught_by_its_number_and_reading(tmp_path: Path) -> None:
     path = ingested("qtm_JH_01_300_1200_plate_offset.c3d", tmp_path)
     with pytest.raises(InputError, match=r"force plate 1 reads -713 N in most of the recording"):
-        compare_ankle_moment(path, OvergroundAnalysis(load_on_n=50, body_mass_kg=70), tmp_path / "out.csv")
+        compare_ankle_moment(
+            path, OvergroundAnalysis(load_on_n=50, body_mass_kg=70), {"ankle_moment": tmp_path / "out.csv"}
+        )
     assert not (tmp_path / "out.csv").exists()
 
 

@@ -16,9 +16,10 @@ from conftest import ROOT
 from osl_analysis.commands.describe_tables import SUMMARY_FIELDS
 from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
+from osl_analysis.fingerprint import code_of, imported_names, job_sources, sources
+from osl_analysis.job_log import read_log
 from osl_analysis.summary.headlines import JUDGED_TABLES
 from osl_analysis.summary.labels import all_labels
-from osl_analysis.workflow import code_of, job_sources
 
 TRIAL = "impedance_K300_B5.0_compensated"
 PROTOCOL = {"frequencies_hz": [2, 5], "cycles": 5, "amplitudes_deg": [2, 4]}
@@ -199,19 +200,26 @@ def test_a_changed_log_reruns_that_trial_and_what_follows(workspace):
     assert planned["ingest"] == 1
     assert planned["fit_belt_trial"] == 1
     assert "fit_impedance_trial" not in planned
-    assert "simulate_dynamometer_trial" not in planned
+    assert "simulate_belt" not in planned
 
 
-def test_a_changed_estimator_reruns_its_fits_and_not_ingest(workspace, tmp_path):
+@pytest.mark.parametrize(
+    ("module", "again", "untouched"),
+    [
+        ("second_order", {"fit_impedance_trial", "fit_perturbation"}, {"fit_actuator_trial"}),
+        ("bench/impedance", {"fit_impedance_trial"}, {"fit_belt_trial", "fit_transmission_trial", "fit_perturbation"}),
+        ("walking/response_fit", {"fit_perturbation"}, {"fit_belt_trial", "fit_impedance_trial", "analyse_crossing"}),
+    ],
+)
+def test_a_changed_estimator_reruns_its_fits_and_not_ingest(workspace, tmp_path, module, again, untouched):
     shutil.copy(ROOT / "Snakefile", tmp_path)
     for folder in ("osl_analysis", "rules", "profiles"):
         shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
-    estimator = tmp_path / "osl_analysis/second_order.py"
+    estimator = tmp_path / f"osl_analysis/{module}.py"
     estimator.write_text(estimator.read_text() + "\n# another estimator\n")
     planned = workspace.planned(source=tmp_path)
-    assert planned["fit_impedance_trial"] == 4
-    assert planned["fit_perturbation"] >= 2
-    assert not {"ingest", "fit_belt_trial", "fit_transmission_trial", "simulate_crossing"} & set(planned)
+    assert again <= set(planned)
+    assert not (untouched | {"ingest", "simulate_walking"}) & set(planned)
 
 
 def test_a_changed_limit_marks_the_table_and_what_shows_it_anew_and_fits_nothing(workspace):
@@ -233,12 +241,34 @@ def test_a_changed_limit_marks_the_table_and_what_shows_it_anew_and_fits_nothing
     assert workspace.run("reproduce-all").returncode == 0
 
 
-def test_a_changed_filter_reruns_the_fits_of_the_bench_only(workspace):
-    workspace.configure({"dynamometer": PROTOCOL | {"cutoff_hz": 20}})
+BENCH = {"fit_belt_trial", "fit_transmission_trial", "fit_impedance_trial"}
+RIVALS = {"compare_belt_models", "compare_transmission_models", "compare_impedance_models"}
+CROSSINGS = {"identify_plate", "analyse_crossing", "select_crossings", "average_unperturbed", "fit_perturbation"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "fits"),
+    [
+        ({"dynamometer": PROTOCOL | {"load_cell_drift": 0.1}}, {"fit_belt_trial", "compare_belt_models"}),
+        ({"dynamometer": PROTOCOL | {"cutoff_hz": 20}}, BENCH | RIVALS),
+        ({"dynamometer": PROTOCOL | {"settle_cycles": 1}}, BENCH | RIVALS - {"fit_belt_trial", "compare_belt_models"}),
+        ({"gain_weight": {"order": 2}}, {"fit_impedance_trial", "compare_impedance_models", "gains_table"}),
+        ({"actuator": {"slowest": 0.6}}, {"fit_actuator_trial"}),
+        ({"model_comparison": {"sign_width": 0.06}}, RIVALS - {"compare_belt_models"}),
+        ({"walking": {"bootstrap_samples": 200}}, {"summarise_walking"}),
+        ({"walking": {"bootstrap_samples": 100, "cutoff_hz": 18}}, CROSSINGS | {"summarise_walking"}),
+        ({"quality": {"gap": {"threshold": "0.06 s"}}}, {"check_quality"}),
+    ],
+)
+def test_a_changed_setting_reruns_the_jobs_that_use_it_and_no_others(workspace, changes, fits):
+    """Beside the tables and figures that bring the fits together."""
+    workspace.configure(changes)
     planned = workspace.planned()
     workspace.configure({})
-    assert planned["fit_impedance_trial"] == 4
-    assert not {"ingest", "analyse_crossing"} & set(planned)
+    assert fits <= set(planned)
+    first = BENCH | RIVALS | CROSSINGS | {"ingest", "check_quality", "calibrate_markers", "fit_actuator_trial"}
+    follows = first - {"check_quality", "ingest"} if "check_quality" in fits else set()
+    assert set(planned) & (first | {"gains_table", "summarise_walking"}) - follows <= fits | {"summarise_walking"}
 
 
 @pytest.mark.parametrize(
@@ -344,8 +374,51 @@ def test_a_broken_log_fails_alone_and_an_excluded_trial_is_left_out_by_name(tmp_
     assert re.search(r"turns at \d\.\d+ s but the sheet says perturbed = false", left_out["reason"])
     assert pl.read_csv(folder / "results/tables/transmission.csv")["trial"].unique().to_list() == [good]
     assert pl.read_csv(folder / "results/tables/transmission_summary.csv")["n"].unique().to_list() == [1]
-    assert re.search(rf"left out of tables and figures by quality control: {bad} \(unzeroed_load_cell", said)
-    assert not re.search(rf"left out .*: {good} ", said)
+    assert re.search(rf"excluded from tables and figures by quality control: {bad} \(unzeroed_load_cell", said)
+    assert not re.search(rf"excluded .*: {good} ", said)
+
+
+def test_the_log_of_a_job_says_what_was_done_with_what_and_how_long_it_took(workspace):
+    path = workspace.folder / "results/logs/belt/belt_01.log"
+    log = yaml.safe_load(path.read_text())
+    assert (log["job"], log["outcome"]) == ("bench.fit_belt_trial", "done")
+    assert 0 < log["seconds"] < 60
+    assert log["input"] == {"trial": "results/trials/belt_01.parquet", "parameters": "config/parameters/default.yaml"}
+    assert log["output"]["tables"]["belt"] == "results/fits/belt/belt_01.csv"
+    assert log["settings"] == {"settings": {"cutoff_hz": 15.0, "order": 4, "load_cell_drift": 0.05}}
+
+
+def test_jobs_that_run_as_processes_of_their_own_leave_the_same_logs(workspace, tmp_path):
+    """As on a cluster: without the profile's threads, each `run:` block is a Snakemake of its own."""
+    fit = workspace.folder / "results/fits/belt/belt_02.csv"
+    fit.unlink()
+    (tmp_path / "profile").mkdir()
+    result = workspace.run("results/fits/belt/belt_02.csv", "--cores", "1", "--workflow-profile", "none")
+    said = result.stdout + result.stderr
+    assert result.returncode == 0, said
+    assert re.search(r"where the time went .*\nbench +1 jobs", said)
+    assert read_log(workspace.folder / "results/logs/belt/belt_02.log").outcome == "done"
+
+
+def test_a_fingerprint_follows_every_form_of_import(tmp_path):
+    source = tmp_path / "module.py"
+    source.write_text(
+        "import osl_analysis.table\nfrom osl_analysis.quality import channels\nfrom osl_analysis.trial import Trial\n"
+        "def late():\n    from osl_analysis import signals\n"
+    )
+    names = set(imported_names(source))
+    assert {
+        "osl_analysis.table",
+        "osl_analysis.quality.channels",
+        "osl_analysis.trial",
+        "osl_analysis.signals",
+    } <= names
+
+
+def test_a_job_s_fingerprint_counts_modules_that_are_imported_from_their_package():
+    """`from osl_analysis.quality import channels`, or its like, stands beneath the command of quality control."""
+    files = {path.relative_to(ROOT / "osl_analysis").as_posix() for path in sources("osl_analysis.commands.quality")}
+    assert {"quality/channels.py", "quality/verdict.py", "experiments.py"} <= files
 
 
 def test_fingerprint_follows_imports_downwards_only():

@@ -25,9 +25,9 @@ def check_trial(
     write_table(quality_table(record.name, examine(record, experiment, commanded), rules, accept), output)
 
 
-def list_excluded(quality: Path, by_sheet: Mapping[str, str], output: Path) -> None:
+def list_excluded(verdicts: Path, by_sheet: Mapping[str, str], output: Path) -> None:
     """The failed checks of a campaign's quality table that exclude a trial, and what the sheet excludes, with why."""
-    failed = read_table(quality).filter(pl.col("verdict") == "exclude").drop("verdict")
+    failed = read_table(verdicts).filter(pl.col("verdict") == "exclude").drop("verdict")
     rows = [{"trial": trial, "check": "sample sheet", "remark": reason} for trial, reason in by_sheet.items()]
     stated = pl.DataFrame(rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String))
     write_table(pl.concat([failed, stated], how="diagonal_relaxed"), output)

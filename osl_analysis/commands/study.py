@@ -24,7 +24,7 @@ from osl_analysis.yaml_settings import read_yaml
 def run_batch(
     experiment: str,
     first: int,
-    count: int,
+    number: int,
     study: StudySettings,
     dynamometer: DynamometerAnalysis,
     actuator_analysis: ActuatorAnalysis,
@@ -32,12 +32,12 @@ def run_batch(
     sources: Path,
     output: Path,
 ) -> None:
-    """Estimates of trials (or campaigns of walking) number `first` to `first + count - 1` of one experiment."""
+    """Estimates of trials (or campaigns of walking) number `first` to `first + number - 1` of one experiment."""
     simulation = read_yaml(study.simulation, SimulationSettings).model_copy(update={"seed": study.seed})
     gait = None if simulation.walking is None else read_yaml(simulation.walking, WalkingSettings)
     p = read_parameters(simulation.parameters)
     inputs = StudyInputs(study, simulation, gait, p, dynamometer, actuator_analysis, walking, sources)
-    rows = batch_rows(experiment, range(first, first + count), inputs)
+    rows = batch_rows(experiment, range(first, first + number), inputs)
     write_table(pl.DataFrame(rows, infer_schema_length=None), output)
 
 

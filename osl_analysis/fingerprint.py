@@ -1,0 +1,81 @@
+"""Fingerprints of source code: which jobs a change of the program runs again.
+
+Snakemake does not see a change in an imported module. As a parameter of a rule, the fingerprint of what its job runs
+makes a changed estimator run the jobs again that use it, and no others.
+"""
+
+import ast
+import hashlib
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+
+PACKAGE = Path(__file__).parent
+
+
+@cache
+def code(*modules: str) -> str:
+    """Fingerprint of modules under `osl_analysis`, and of all modules of ours that they import."""
+    return fingerprint({path for module in modules for path in sources(f"osl_analysis.{module}")})
+
+
+@cache
+def code_of(command: str) -> str:
+    """The same for a command, `module.function` under `osl_analysis.commands`.
+
+    Beside the module's own file, only what the function uses counts: a module has the jobs of several experiments.
+    """
+    module, _, function = command.partition(".")
+    return fingerprint(job_sources(f"osl_analysis.commands.{module}", function))
+
+
+def fingerprint(files: Iterable[Path]) -> str:
+    """Digest of the content of source files."""
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(files))).hexdigest()[:16]
+
+
+def job_sources(module: str, function: str) -> set[Path]:
+    """The file of a module, and the files behind the imported names that one of its functions uses."""
+    path = module_file(module)
+    top = ast.parse(path.read_text(encoding="utf-8")).body if path else []
+    defined = {getattr(node, "name", ""): node for node in top}
+    if path is None or function not in defined:
+        raise ValueError(f"no function {function} in {module}; correct the name of the job in the rules")
+    used, waiting = set[str](), {function}
+    while waiting:
+        used |= waiting
+        inside = [ast.walk(defined[name]) for name in waiting if name in defined]
+        waiting = {node.id for nodes in inside for node in nodes if isinstance(node, ast.Name)} - used
+    imports = [(node.module, alias.name) for node in top if isinstance(node, ast.ImportFrom) for alias in node.names]
+    names = [f"{source}{end}" for source, name in imports if name in used for end in ("", f".{name}")]
+    return {path, *(file for name in names if name.startswith("osl_analysis.") for file in sources(name))}
+
+
+def sources(module: str) -> list[Path]:
+    """Files of a module of ours and of all of ours that it imports, sorted."""
+    files: set[Path] = set()
+    waiting = [module_file(module)]
+    while waiting:
+        path = waiting.pop()
+        if path is not None and path not in files:
+            files.add(path)
+            waiting += [module_file(name) for name in imported_names(path)]
+    return sorted(files)
+
+
+@cache
+def imported_names(path: Path) -> tuple[str, ...]:
+    """Dotted names of ours that a source file imports, anywhere in it."""
+    names: list[str] = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    return tuple(name for name in names if name.startswith("osl_analysis."))
+
+
+def module_file(name: str) -> Path | None:
+    """File of a dotted module name of ours; None where the name is not a module."""
+    path = PACKAGE.joinpath(*name.split(".")[1:])
+    return next((p for p in (path.with_suffix(".py"), path / "__init__.py") if p.is_file()), None)

@@ -1,0 +1,29 @@
+"""Trial -> the tables of its fit, for every experiment whose facts name a job (`osl_analysis/experiments.py`)."""
+
+
+def sheet_row(*columns: str):
+    """These columns of a trial's row, as a parameter of its rule."""
+    return lambda wildcards: {column: CAMPAIGN.row(wildcards.trial)[column] for column in columns}
+
+
+for experiment, facts in EXPERIMENTS.items():
+    if not facts.fit:
+        continue
+
+    rule:
+        name:
+            f"fit_{experiment}_trial"
+        input:
+            **({"parameters": CONFIG.parameters} if facts.fit.parameters else {}),
+            trial=RESULTS / "trials/{trial}.parquet",
+        output:
+            **{table.name: RESULTS / f"fits/{table.name}/{{trial}}.csv" for table in facts.tables},
+        log:
+            RESULTS / f"logs/{experiment}/{{trial}}.log",
+        params:
+            **{name: getattr(CONFIG, section).part(model) for name, (section, model) in facts.fit.settings.items()},
+            **({"condition": sheet_row(*facts.fit.sheet)} if facts.fit.sheet else {}),
+            command=facts.fit.job,
+            code=jobs.code_of(facts.fit.job),
+        run:
+            jobs.run_job(log, params.command, input, {"tables": dict(output.items())}, params)

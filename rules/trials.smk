@@ -1,0 +1,69 @@
+"""Raw log -> trial -> the verdict of quality control on it."""
+
+
+def ingested(*experiments: str) -> list[Path]:
+    """The trials of these experiments, or of all."""
+    return [trial_file(trial) for trial in CAMPAIGN.trials(*experiments)]
+
+
+def trial_file(trial: str) -> Path:
+    """The file of one ingested trial."""
+    return RESULTS / f"trials/{trial}.parquet"
+
+
+def raw_files(wildcards) -> list[Path]:
+    """A trial's logs and source files. A recording that does not exist is left to the job, which names it and fails."""
+    files = [*CAMPAIGN.logs(wildcards.trial), *CAMPAIGN.sources(wildcards.trial)]
+    return [path for path in files if CONFIG.simulation or path.exists()]
+
+
+def checked(trials) -> list[Path]:
+    """The verdicts of quality control on these trials."""
+    return [RESULTS / f"quality/{trial}.csv" for trial in trials]
+
+
+rule ingest:
+    input:
+        raw_files,
+    output:
+        RESULTS / "trials/{trial}.parquet",
+    log:
+        RESULTS / "logs/ingest/{trial}.log",
+    params:
+        code=jobs.code("commands.ingest"),
+        row=lambda wildcards: CAMPAIGN.recording(wildcards.trial),
+        raw_folder=str(RAW),
+        sources_folder=str(CONFIG.sources),
+    run:
+        jobs.run_job(log, "ingest.ingest_trial", input, output, params)
+
+
+rule check_quality:
+    input:
+        trial=RESULTS / "trials/{trial}.parquet",
+    output:
+        RESULTS / "quality/{trial}.csv",
+    log:
+        RESULTS / "logs/quality/{trial}.log",
+    params:
+        code=jobs.code("commands.quality"),
+        rules=CONFIG.quality.model_dump(mode="json"),
+        commanded=CONFIG.dynamometer.model_dump(mode="json", include=set(PROTOCOL)),
+        experiment=lambda wildcards: CAMPAIGN.row(wildcards.trial)["experiment"],
+        accept=lambda wildcards: CAMPAIGN.accepted(wildcards.trial),
+    run:
+        jobs.run_job(log, "quality.check_trial", input, output, params)
+
+
+rule excluded_trials:
+    input:
+        verdicts=RESULTS / "tables/quality.csv",
+    output:
+        RESULTS / "tables/excluded.csv",
+    log:
+        RESULTS / "logs/tables/excluded.log",
+    params:
+        code=jobs.code("commands.quality"),
+        by_sheet=dict(CAMPAIGN.excluded),
+    run:
+        jobs.run_job(log, "quality.list_excluded", input, output, params)

@@ -266,6 +266,19 @@ def test_what_the_plate_s_trials_do_is_linear_in_the_torque() -> None:
         np.testing.assert_allclose([getattr(again, q) - getattr(fit, q) for q in "KBI"], effect, rtol=1e-6)
 
 
+def test_an_error_of_the_plate_enters_the_response_as_it_enters_the_crossings() -> None:
+    """Each crossing has its own: the foot stands elsewhere. The response to crossings that contain it is the same."""
+
+    def erring(c: Crossing, size: float) -> Crossing:
+        return replace(c, plate_errors=size * np.sin(2 * np.pi * 3 * c.time)[None])
+
+    walked, gaits = erring(crossing("p", 0.6), 1.0), [erring(crossing(f"u{k}"), 0.5 + k) for k in range(3)]
+    response = respond(walked, unperturbed_gait(gaits, 3))
+    walked, *gaits = (replace(c, torque=c.torque + c.plate_errors[0]) for c in (walked, *gaits))
+    again = respond(walked, unperturbed_gait(gaits, 3))
+    np.testing.assert_allclose(again.torque, response.torque + response.plate_errors[0], atol=1e-9)
+
+
 def test_the_jackknife_of_means_is_the_variance_of_a_mean() -> None:
     values = np.random.default_rng(3).normal(size=(7, 2))
     without_one = (values.sum(axis=0) - values) / 6

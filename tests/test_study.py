@@ -170,18 +170,18 @@ def test_batches_become_a_table_and_a_figure(tmp_path):
     batch("walking", 1, 1, files[3])
     batch("actuator", 0, 2, files[4])
     assert len(read_table(files[1])["value"].unique()) == 2
-    summarise(files, tmp_path / "validation.csv")
-    table = read_table(tmp_path / "validation.csv")
+    summarise(files, tmp_path / "study.csv")
+    table = read_table(tmp_path / "study.csv")
     assert table.filter(pl.col("experiment") == "belt")["n"].to_list() == [4]
     assert table.filter(pl.col("experiment") == "walking")["n"].to_list() == [2] * 9
-    draw_figure("study", tmp_path / "validation.csv", [tmp_path / "validation.png"])
+    draw_figure("study", tmp_path / "study.csv", [tmp_path / "study.png"])
     figure = study_figure.draw(table)
     names = [text.get_text() for text in figure.axes[0].get_yticklabels()]
     assert names[:2] == ["belt", "filtered, noise + drift"]
     assert [name for name in names if name in set(table["experiment"])] == ["belt", "walking", "actuator"]
     rules = [line.get_ydata()[0] for line in figure.axes[0].lines if set(line.get_xdata()) == {0, 1}]
     assert rules == [names.index(name) - 0.5 for name in ("walking", "actuator")]
-    assert (tmp_path / "validation.png").stat().st_size > 10_000
+    assert (tmp_path / "study.png").stat().st_size > 10_000
 
 
 def campaign(experiment, tmp_path, number=7):

@@ -109,6 +109,7 @@ def fitted_drivetrain(trial: DrivetrainTrial, model: str, terms: str) -> Candida
     lowest = np.array([LEAST_GAIN, trial.least_damping, 0.0])
 
     def left(x: Array) -> Array:
+        """What the model with the three numbers x leaves of the torque of all amplitudes."""
         prediction = trial.predicted(x)
         return np.concatenate([trial.residual(prediction, rows) for rows in trial.amplitude_rows])
 

@@ -41,7 +41,10 @@ def belt_scores(trials: Iterable[BeltTrial]) -> pl.DataFrame:
 
 
 def transmission_scores(trials: Iterable[SteppedSineTrial], sign_width: float) -> pl.DataFrame:
-    """The same for the transmission models; they smooth the sign of the velocity over `sign_width` [rad/s]."""
+    """Rows of `model_comparison.csv`: the transmission models on each trial, predicted by fits to all the others.
+
+    They smooth the sign of the velocity over `sign_width` [rad/s].
+    """
     folds = {trial.name: whole_transmission_fold(trial, sign_width) for trial in trials}
     return scores_by_trial("transmission", folds, TRANSMISSION_MODELS)
 
@@ -70,7 +73,10 @@ def drivetrain_of(trial: SteppedSineTrial, gains: Gains, p: DrivetrainParameters
 
 
 def impedance_scores(trial: DrivetrainTrial, controller: str) -> pl.DataFrame:
-    """The same for one trial against the controller: Eq. 15 and the drivetrain of Eq. 9, by amplitude."""
+    """Rows of `model_comparison.csv` for one trial against the controller: Eq. 15 and the drivetrain of Eq. 9.
+
+    Each amplitude is predicted by fits to the others.
+    """
     folds = [impedance_fold(trial.motion[rows], trial.torque[rows]) for rows in trial.amplitude_rows]
     linear = [held_out_by_amplitude(folds, model, terms) for model, terms in SECOND_ORDER_MODELS.items()]
     scores = score_models(np.concatenate([f.torque for f in folds]), [*linear, *drivetrain_candidates(trial)])

@@ -119,12 +119,11 @@ def unit_block(protocol: SteppedSineProtocol, rate: float) -> Array:
 
 def highest_peaks(matched: Array, count: int, apart: int) -> list[int]:
     """Rows of the `count` highest values that are 98 % of `apart` rows apart or more, in the order of time."""
-    remaining = matched.copy()
+    remaining, clearance = matched.copy(), int(0.98 * apart)
     starts = []
     for _ in range(count):
         best = int(np.argmax(remaining))
         starts.append(best)
-        clearance = int(0.98 * apart)
         remaining[max(best - clearance, 0) : best + clearance] = -np.inf
     return sorted(starts)
 
@@ -158,6 +157,7 @@ def cycles_beyond(theta: Array, segment: Segment, side: int) -> int:
     phasor = 2 * complex(np.mean(theta[inside] * np.exp(-1j * turn * inside)))
 
     def is_sine(rows: NDArray[np.intp]) -> bool:
+        """Whether the angle in these rows is the segment's sine."""
         left = theta[rows] - middle - np.real(phasor * np.exp(1j * turn * rows))
         return float(np.mean(left**2)) < GOES_ON * abs(phasor) ** 2 / 2
 

@@ -48,7 +48,10 @@ class SteppedSineAnalysis(FilterSettings):
     @model_validator(mode="after")
     def _some_cycles_are_settled(self) -> Self:
         if self.settle_cycles >= self.cycles:
-            raise ValueError(f"settle_cycles = {self.settle_cycles} leaves none of {self.cycles} cycles; settle fewer")
+            raise ValueError(
+                f"settle_cycles = {self.settle_cycles} leaves none of {self.cycles} cycles; lower it, at most to "
+                f"{self.cycles - 1}"
+            )
         return self
 
     @property

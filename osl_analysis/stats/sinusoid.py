@@ -66,7 +66,10 @@ def fit_sinusoid(time: Array, signal: Array, frequency_hz: float) -> Phasor:
 def check_sampling(samples: int, step: float, frequency_hz: float) -> None:
     """Refuse less than one cycle, or a step [s] too long for the highest harmonic."""
     if samples * step < 0.99 / frequency_hz:
-        raise InputError(f"less than one cycle at {frequency_hz:g} Hz; record more cycles or settle fewer")
+        raise InputError(
+            f"less than one cycle at {frequency_hz:g} Hz; record more cycles, or lower `settle_cycles` in the "
+            "configuration"
+        )
     if 2 * HARMONICS * frequency_hz * step >= 1:
         raise InputError(
             f"a step of {step * 1e3:.2f} ms is too long for harmonic {HARMONICS} of {frequency_hz:g} Hz; sample faster"

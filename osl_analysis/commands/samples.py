@@ -52,7 +52,8 @@ def row_of(path: Path, rules: QualityRules) -> tuple[str, str, str]:
         overview = inspect_file(path)
     except InputError as error:
         return "", "", f"refused: {error}"
-    holds = topic_lines(overview) if overview.format == "mcap" else kind_lines(overview)
+    has_topics = any("topic" in channel.address for channel in overview.channels)
+    holds = topic_lines(overview) if has_topics else kind_lines(overview)
     judged = capture_says(path, overview.format, rules) if FORMATS[overview.format].is_capture else ()
     return overview.format, "\n".join(holds), "\n".join([*overview.remarks, *judged])
 
@@ -81,8 +82,8 @@ def kind_lines(overview: Overview) -> Iterator[str]:
 
 def capture_says(path: Path, name: str, rules: QualityRules) -> Iterator[str]:
     """What ingest and the quality checks say to all of a capture; where it is refused, to all but its plates."""
-    choices = [{}, {"plates": ()}] if name == "c3d" else [{}]
-    for options in choices:
+    plates = FORMATS[name].source.model_fields.get("plates")
+    for options in [{}, {"plates": "none"}] if plates and plates.default == "all" else [{}]:
         source = FORMATS[name].source.model_validate({"format": name, **options})
         try:
             recording = FORMATS[name].read(path, source)

@@ -145,6 +145,7 @@ def header_of(path: Path, rows: Rows, comments: Lines, delimiter: str, layout: C
 
 
 def is_number_cell(cell: str) -> bool:
+    """Whether a cell holds a number."""
     try:
         number(cell, 0)
     except UnreadableCellError:

@@ -39,7 +39,8 @@ def overview_of(recording: C3DRecording) -> Overview:
         "software": " ".join(header.texts("MANUFACTURER:SOFTWARE")) or "not said",
     }
     channels = [*recorded_points(recording), *recorded_analogs(recording), *recorded_plates(recording)]
-    return Overview("c3d", facts, channels, list(c3d_oddities(recording)))
+    settings = {"plates": "all" if plate_count(recording) else "none"}
+    return Overview("c3d", facts, channels, list(c3d_oddities(recording)), settings)
 
 
 def recorded_points(recording: C3DRecording) -> Iterator[RecordedChannel]:

@@ -39,11 +39,9 @@ def log_lines(overview: Overview) -> list[str]:
 
 
 def capture_lines(overview: Overview) -> list[str]:
-    """Markers and plates as they are; analogs and outputs as comments, for the user to name."""
+    """All markers; analog channels and model outputs as comments, for the user to name."""
     labels = [json.dumps(c.address["label"]) for c in overview.channels if c.kind == "marker"]
     lines = ["markers: all", f"# or some: markers: [{', '.join(dict.fromkeys(labels))}]"]
-    if overview.format == "c3d":
-        lines.append("plates: all" if any(c.kind == "plate" for c in overview.channels) else "plates: none")
     for key, kinds in (("analogs", ("analog", "device")), ("outputs", ("model output",))):
         channels = [c for c in overview.channels if c.kind in kinds]
         lines += [f"# {key}:"] if channels else []

@@ -49,8 +49,10 @@ class McapFile:
     def block(self, section: FileSection) -> MessageBlock | None:
         """The messages of a section; None if they are lost."""
         if "lost" in section.kind:
-            what = f"{section.end - section.start} bytes from byte {section.start} on are not readable records"
-            self.lose(section, f"{what}: {'a damaged chunk' if 'chunk' in section.kind else 'it is not known of what'}")
+            where = f"{section.end - section.start} bytes from byte {section.start} on"
+            self.lose(
+                section, f"{where} are {'a damaged chunk' if 'chunk' in section.kind else 'not a readable record'}"
+            )
             return None
         whole = self.scan.data_crc == "right"
         if section.walk is not None:

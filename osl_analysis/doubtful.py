@@ -1,4 +1,4 @@
-"""Which fits of a table are doubtful, by the limits of the configuration, and how many."""
+"""Doubtful fits: those with a number beyond a limit of the configuration."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -14,21 +14,23 @@ from osl_analysis.table import read_table
 from osl_analysis.yaml_settings import Settings
 
 DOUBTFUL = "doubtful"
-"""Column with the reasons: empty text where there is none, null in a row without a fit."""
+"""Column with the reasons: empty text if the fit is not doubtful, null in a row without a fit."""
 IS_DOUBTFUL = pl.col(DOUBTFUL).fill_null("") != ""
 EXCLUDED = "excluded"
-"""Column that says, in tables that have it, why a row has no fit."""
+"""Column with the reason why a row has no fit, in tables that have such rows; null in rows with a fit."""
 
 
 class Doubt(Settings):
-    """Limits of one table by column: a fit is doubtful `above` one in size, or `below` one. Null: no limit."""
+    """Limits of one table, by column. Null: no limit."""
 
     above: dict[str, float | None] = Field(default_factory=dict)
+    """A fit is doubtful if the size of the number is above this."""
     below: dict[str, float | None] = Field(default_factory=dict)
+    """A fit is doubtful if the number is below this."""
 
 
 class DoubtfulFits(Settings):
-    """Limits per table: `judged_tables` of the experiments can have them, on any numeric column."""
+    """Limits by table. The tables in `judged_tables` of the experiments can have them, on any column of numbers."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, Doubt] = Field(init=False)
@@ -46,12 +48,12 @@ class DoubtfulFits(Settings):
 
 
 def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
-    """The table `name` with the column `DOUBTFUL`: each limit that a fit passes, with its value.
+    """The table `name` with the column `DOUBTFUL`: each number that is beyond its limit, with the limit.
 
     Raises
     ------
     InputError
-        A limit stands on a column that the table does not have, or that holds words; names it and its place.
+        A limit stands on a column that the table does not have, or that holds words; the message names it.
     """
     fitted = pl.col(EXCLUDED).is_null() if EXCLUDED in table.columns else pl.lit(True)
     fits = table.filter(fitted)
@@ -65,7 +67,7 @@ def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
 
 
 def check_limited(table: pl.DataFrame, column: str, place: str) -> None:
-    """Refuse a limit on what is no column of numbers; `place` in the configuration is for the message."""
+    """Refuse a limit on a column that is absent or holds words; `place` is that of the limit in the configuration."""
     if column not in table.columns or not (table[column].dtype.is_numeric() or table[column].dtype == pl.Null):
         known = ", ".join(name for name in table.columns if table[name].dtype.is_numeric())
         raise InputError(
@@ -75,9 +77,9 @@ def check_limited(table: pl.DataFrame, column: str, place: str) -> None:
 
 
 def doubts(row: Mapping[str, object], largest: Mapping[str, float], smallest: Mapping[str, float]) -> str:
-    """Why a row of a table is doubtful: each number that passes its limit, or is none (NaN); empty where none does.
+    """Why a row of a table is doubtful: each number that is beyond its limit or NaN; empty if there is none.
 
-    `largest` limits numbers in size, `smallest` from below. What a row has no number for (null) is not judged.
+    `largest` are upper limits of sizes, `smallest` lower limits of values. A null is not judged.
     """
     reasons = []
     for limits, word in ((largest, "above"), (smallest, "below")):
@@ -93,18 +95,18 @@ def doubts(row: Mapping[str, object], largest: Mapping[str, float], smallest: Ma
 
 
 def doubtful_row(table: pl.DataFrame) -> dict[str, int]:
-    """`n_doubtful` for a row that summarises a table; nothing for one that is not judged."""
+    """`n_doubtful` for a row that summarises a table; empty for a table without the column `DOUBTFUL`."""
     return {"n_doubtful": doubtful_count(table)[0]} if DOUBTFUL in table.columns else {}
 
 
 def doubtful_count(table: pl.DataFrame) -> tuple[int, int]:
-    """How many fits of a table that is judged are doubtful, and how many there are."""
+    """Number of doubtful fits of a table with the column `DOUBTFUL`, and number of its fits."""
     return len(table.filter(IS_DOUBTFUL)), table[DOUBTFUL].count()
 
 
 def doubt_report(tables: Iterable[Path]) -> str:
-    """What a user must know at the end of a run: how many fits of each table are doubtful; empty if none is."""
-    found = {path.stem: read_table(path) for path in tables if path.is_file()}
-    counts = {name: doubtful_count(table) for name, table in found.items() if DOUBTFUL in table.columns}
-    said = [f"{name} {doubtful} of {fits}" for name, (doubtful, fits) in counts.items() if doubtful]
-    return f"doubtful fits (the column `{DOUBTFUL}` of each table says why): {', '.join(said)}" if said else ""
+    """Message for the end of a run: how many fits of each table are doubtful; empty if none is."""
+    written = {path.stem: read_table(path) for path in tables if path.is_file()}
+    counts = {name: doubtful_count(table) for name, table in written.items() if DOUBTFUL in table.columns}
+    parts = [f"{name} {doubtful} of {fits}" for name, (doubtful, fits) in counts.items() if doubtful]
+    return f"doubtful fits (the column `{DOUBTFUL}` of each table says why): {', '.join(parts)}" if parts else ""

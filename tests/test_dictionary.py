@@ -9,10 +9,10 @@ import pytest
 from conftest import ROOT
 
 from osl_analysis.commands.describe_tables import page
-from osl_analysis.commands.study import KEYS
 from osl_analysis.dictionary import columns_of, described_tables
 from osl_analysis.figures import FIGURES
-from osl_analysis.study.performance import Performance
+from osl_analysis.study.performance import performance_table
+from osl_analysis.study.trials import Estimate
 from osl_analysis.table import TEXT_COLUMNS
 from osl_analysis.trial import Trial
 from osl_analysis.walking import overground
@@ -58,7 +58,11 @@ def test_the_columns_that_a_figure_draws_are_described(name):
 
 
 def test_the_study_s_table_is_described():
-    assert set(described("study/study")) == {*KEYS, *(field.name for field in fields(Performance)), "model_error"}
+    batches = described("study/batches/*")
+    assert {field.name for field in fields(Estimate)} < set(batches)
+    numbers = {name: [1.0, 2.0, 4.0] for name in batches} | {"truth": [1.0, 1.0, 1.0]}
+    estimates = pl.DataFrame(numbers | {name: ["x"] * 3 for name, column in batches.items() if column.unit == "text"})
+    assert set(described("study/study")) == set(performance_table(estimates).columns)
 
 
 def test_the_table_of_overground_trials_is_described(monkeypatch):

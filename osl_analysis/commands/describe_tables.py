@@ -6,7 +6,6 @@ from pathlib import Path
 from osl_analysis.dictionary import DescribedTable, described_tables
 from osl_analysis.files import atomic_path
 from osl_analysis.quality.verdict import CHECKS
-from osl_analysis.summary.headlines import JUDGED_TABLES
 from osl_analysis.summary.labels import all_labels
 
 INTRODUCTION = """\
@@ -51,7 +50,7 @@ def checks_section() -> str:
 def summary_section() -> str:
     """The entries of the summary."""
     fields = markdown(("field", "meaning"), SUMMARY_FIELDS.items())
-    rows = ((f"`{label.name}`", label.unit, label.meaning) for label in all_labels(JUDGED_TABLES))
+    rows = ((f"`{label.name}`", label.unit, label.meaning) for label in all_labels())
     entries = markdown(("entry", "unit", "meaning"), rows)
     text = "`campaign` is the name of the campaign. `numbers` has an entry per headline number, with these fields:"
     return f"## `summary.json`\n\n{text}\n\n{fields}\nThe entries:\n\n{entries}"

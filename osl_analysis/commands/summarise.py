@@ -7,7 +7,7 @@ from typing import Any
 
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
-from osl_analysis.summary.headlines import TABLES, headline_numbers
+from osl_analysis.summary.headlines import headline_numbers, needed_columns
 from osl_analysis.summary.text import to_json, to_markdown, to_tex
 from osl_analysis.table import read_table
 from osl_analysis.yaml_settings import Settings, validated
@@ -18,14 +18,15 @@ REMEDY = "delete it and run `snakemake reproduce-all`"
 def write_summary(campaign: str, table_paths: Mapping[str, Path], summary_json: Path, numbers_tex: Path) -> None:
     """Write headline numbers of a campaign from the tables that it has, by their names.
 
-    Tables without headline numbers are ignored (those with some stand in `headlines.TABLES`).
+    Tables without headline numbers and without doubtful fits are ignored.
 
     Raises
     ------
     InputError
         A table is missing, lacks a column, or has no finite mean where it lists one; neither file is written then.
     """
-    tables = {name: read_table(path, required=TABLES[name]) for name, path in table_paths.items() if name in TABLES}
+    needed = {name: needed_columns(name) for name in table_paths}
+    tables = {name: read_table(table_paths[name], required=columns) for name, columns in needed.items() if columns}
     headlines = headline_numbers(tables)
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
         json_path.write_text(to_json(campaign, headlines), encoding="utf-8")

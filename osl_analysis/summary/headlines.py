@@ -7,8 +7,9 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 import polars as pl
 
-from osl_analysis.doubtful import doubtful_count
+from osl_analysis.doubtful import DOUBTFUL, doubtful_count
 from osl_analysis.errors import InputError
+from osl_analysis.experiments import judged_tables
 from osl_analysis.summary.labels import (
     ACTUATOR_LABELS,
     BELT_LABELS,
@@ -38,26 +39,21 @@ mean over perturbations does not."""
 
 SUMMARY_COLUMNS = ("quantity", "n", "mean", "low", "high")
 TABLES = {
-    "belt": ("doubtful",),
     "belt_summary": SUMMARY_COLUMNS,
     "transmission_summary": SUMMARY_COLUMNS,
-    "transmission": ("amplitude_deg", "VAF", "doubtful"),
-    "actuator": ("doubtful",),
+    "transmission": ("amplitude_deg", "VAF"),
     "actuator_summary": SUMMARY_COLUMNS,
     "impedance": (
         "controller", "K_d", "B_d", "amplitude_deg", "K", "K_low", "K_high", "K_amplitudes_low", "K_amplitudes_high",
-        "B", "B_low", "B_high", "B_amplitudes_low", "B_amplitudes_high", "VAF", "doubtful",
+        "B", "B_low", "B_high", "B_amplitudes_low", "B_amplitudes_high", "VAF",
     ),
-    "phasors": ("doubtful",),
     "model_comparison_summary": (
         "experiment", "controller", "model", "trials", "VAF_gain", "VAF_gain_low", "VAF_gain_high",
     ),
     "walking_summary": ("quantity", "estimator", "n", "mean", "low", "high"),
-    "walking": ("VAF", "doubtful"),
+    "walking": ("VAF",),
 }  # fmt: skip
-"""The tables that hold headline numbers, and the columns that are read."""
-JUDGED_TABLES = tuple(name for name, columns in TABLES.items() if "doubtful" in columns)
-"""The tables whose doubtful fits are counted."""
+"""The tables with headline numbers, and the columns that these need."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +83,17 @@ class Headline(Label):
     """Highest result of the fits to single amplitudes; None if there are none."""
 
 
+def needed_columns(table: str) -> tuple[str, ...] | None:
+    """Columns of a result table that the summary needs; None for a table that it does not read.
+
+    Of every table whose fits can be doubtful it counts the doubtful ones.
+    """
+    judged = (DOUBTFUL,) if table in judged_tables() else ()
+    return (*TABLES.get(table, ()), *judged) or None
+
+
 def headline_numbers(tables: Mapping[str, pl.DataFrame]) -> list[Headline]:
-    """Headline numbers of the experiments that the campaign has; `tables` by the names in `TABLES`.
+    """Headline numbers of the experiments that the campaign has; `tables` by name.
 
     Raises
     ------
@@ -96,7 +101,7 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame]) -> list[Headline]:
         A summary table has no finite mean for a quantity that it lists.
     """
     numbers = [number for name, of_table in HEADLINES if name in tables for number in of_table(tables[name])]
-    return numbers + [doubtful_fits(name, table) for name, table in tables.items() if name in JUDGED_TABLES]
+    return numbers + [doubtful_fits(name, table) for name, table in tables.items() if name in judged_tables()]
 
 
 def transmission_headlines(table: pl.DataFrame) -> list[Headline]:

@@ -1,7 +1,8 @@
 """What the headline numbers are called: name, unit, value of the paper's draft, LaTeX macro and meaning."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+
+from osl_analysis.experiments import judged_tables
 
 CONTROLLERS = ("compensated", "uncompensated")
 EXAMPLE_K_D, EXAMPLE_B_D = 300.0, 5.0
@@ -90,8 +91,8 @@ def doubtful_label(table: str) -> Label:
     return Label(f"doubtful_{table}", "fits", None, f"Doubtful{table.capitalize()}", meaning)
 
 
-def all_labels(judged_tables: Sequence[str]) -> list[Label]:
-    """Every number that a summary can have; `judged_tables` are those whose doubtful fits are counted."""
+def all_labels() -> list[Label]:
+    """Every number that a summary can have."""
     return [
         *BELT_LABELS.values(),
         *TRANSMISSION_LABELS.values(),
@@ -101,5 +102,5 @@ def all_labels(judged_tables: Sequence[str]) -> list[Label]:
         *model_gain_labels().values(),
         *WALKING_LABELS.values(),
         WALKING_VAF,
-        *map(doubtful_label, judged_tables),
+        *map(doubtful_label, judged_tables()),
     ]

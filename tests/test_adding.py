@@ -1,0 +1,139 @@
+"""What a new experiment costs: a toy is added to a copy of the project, in at most six files, and goes through all of it."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+import yaml
+from conftest import ROOT
+
+NEW_FILES = {
+    "osl_analysis/bench/holding.py": '''"""A joint that holds still under load: the mean torque."""
+
+import polars as pl
+
+from osl_analysis.bench.settings import FilterSettings
+from osl_analysis.trial import Trial
+
+
+def holding_table(trial: Trial, settings: FilterSettings) -> pl.DataFrame:
+    """One row of `holding.csv`: mean filtered torque [N*m]."""
+    time, _, torque = trial.signals("theta", "torque")
+    filtered = settings.low_pass(torque, 1 / (time[1] - time[0]))
+    return pl.DataFrame([{"trial": trial.name, "mean_torque": float(filtered.mean())}])
+''',
+    "tests/test_bench_holding.py": '"""Its claims."""\n',
+}
+ADDITIONS = {
+    "osl_analysis/experiments.py": (
+        '    "static": Experiment(',
+        """    "holding": Experiment(
+        "a joint that holds still under load",
+        place="bench",
+        motion="theta",
+        torque="torque",
+        tables=(Table("holding", derived={"holding_summary": "bench.summarise_holding"}),),
+        fit=Fit("bench.fit_holding_trial", {"settings": ("dynamometer", "FilterSettings")}),
+    ),
+""",
+    ),
+    "osl_analysis/commands/bench.py": (
+        "def fit_belt_trial(",
+        '''def fit_holding_trial(trial: Path, settings: FilterSettings, tables: Mapping[str, Path]) -> None:
+    """Fit one holding trial."""
+    write_table(holding_table(read_trial(trial), settings), tables["holding"])
+
+
+def summarise_holding(table: Path, output: Path) -> None:
+    """Mean over the trials of `holding.csv`."""
+    write_table(read_table(table).select(pl.col("mean_torque").mean()), output)
+
+
+''',
+    ),
+    "config/config.yaml": ("  belt:\n    above:", "  holding: {above: {mean_torque: 5}}\n"),
+    "osl_analysis/dictionary/bench.yaml": (
+        "tables/belt:",
+        """tables/holding:
+  rows: one per holding trial
+  columns:
+    trial:
+    mean_torque: N*m | mean torque
+    doubtful:
+
+""",
+    ),
+}
+IMPORTS = (
+    "from osl_analysis.bench.holding import holding_table\nfrom osl_analysis.bench.settings import FilterSettings\n"
+)
+TORQUES = {"holding_1": 2.0, "holding_2": 6.0}
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the project with the toy experiment, and a campaign of two of its trials, as CSV logs."""
+    folder = tmp_path_factory.mktemp("project")
+    shutil.copy(ROOT / "Snakefile", folder)
+    for part in ("osl_analysis", "rules", "profiles", "config"):
+        shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__"))
+    for name, text in NEW_FILES.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(text)
+    for name, (place, text) in ADDITIONS.items():
+        before = (folder / name).read_text()
+        assert before.count(place) == 1
+        (folder / name).write_text(before.replace(place, text + place))
+    jobs = folder / "osl_analysis/commands/bench.py"
+    jobs.write_text(jobs.read_text().replace("from pathlib import Path\n", f"from pathlib import Path\n{IMPORTS}", 1))
+    write_campaign(folder)
+    return folder
+
+
+def write_campaign(folder: Path) -> None:
+    """Two logs of 2 s at 500 Hz, the sample sheet and the configuration."""
+    time, noise = np.arange(1000) / 500, np.random.default_rng(1).standard_normal((2, 1000))
+    rows = ["trial,experiment,log,log_source"]
+    for name, torque in TORQUES.items():
+        columns = {"time [s]": time, "joint angle [deg]": 1e-3 * noise[0], "actuator angle [deg]": 1e-3 * noise[0]}
+        columns |= {"load cell torque [N*m]": -torque + 0.01 * noise[1], "motor current [A]": noise[1]}
+        pl.DataFrame(columns).write_csv(folder / f"{name}.csv")
+        rows.append(f"{name},holding,{name}.csv,bench_csv")
+    (folder / "trials.csv").write_text("\n".join(rows) + "\n")
+    ours = {"campaign": "holding", "raw_data": ".", "sheet": "trials.csv", "simulation": None}
+    (folder / "ours.yaml").write_text(yaml.safe_dump(ours | {"impedance_trajectory": None}))
+
+
+def snakemake(project: Path, *arguments: str) -> str:
+    """What Snakemake says when it runs the copy's campaign."""
+    command = [sys.executable, "-m", "snakemake", *arguments, "--configfile", "ours.yaml"]
+    environment = os.environ | {"PYTHONPATH": str(project)}
+    done = subprocess.run(command, cwd=project, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+def test_a_new_experiment_touches_six_files_of_which_two_are_its_own():
+    assert len(NEW_FILES) + len(ADDITIONS) <= 6
+
+
+def test_sheet_rules_and_tables_know_it(project: Path):
+    planned = dict(re.findall(r"^(\w+) +(\d+)$", snakemake(project, "-n", "results/tables/holding_summary.csv"), re.M))
+    assert (planned["ingest"], planned["check_quality"], planned["fit_holding_trial"]) == ("2", "2", "2")
+    snakemake(project, "results/tables/holding_summary.csv", "results/tables/quality.csv")
+    table = pl.read_csv(project / "results/tables/holding.csv")
+    assert table["mean_torque"].to_list() == pytest.approx(list(TORQUES.values()), abs=0.01)
+    assert table["doubtful"].fill_null("").to_list() == ["", "mean_torque 6 is above 5"]
+    assert pl.read_csv(project / "results/tables/holding_summary.csv").item() == pytest.approx(4, abs=0.01)
+
+
+def test_quality_control_looks_at_its_torque(project: Path):
+    checks = pl.read_csv(project / "results/tables/quality.csv").filter(pl.col("check") == "saturation")
+    assert checks["value"].null_count() == 0
+    assert set(checks["trial"]) == set(TORQUES)

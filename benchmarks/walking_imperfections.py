@@ -22,8 +22,7 @@ from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking import simulate_walking_trial
 from osl_analysis.simulator.walking_settings import WalkingEffects, WalkingSettings
 from osl_analysis.study.laboratory import weighed_foot
-from osl_analysis.trial import Array, Trial
-from osl_analysis.trial_file import read_trial
+from osl_analysis.trial import Array, Trial, read_trial
 from osl_analysis.walking.ankle import static_calibration
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.crossing_analysis import analyse_crossing

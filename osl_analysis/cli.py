@@ -125,7 +125,7 @@ def ingest(
 ) -> None:
     """Convert the raw logs of one trial into one canonical Parquet file, with provenance inside."""
     from osl_analysis.commands.ingest import ingest_trial
-    from osl_analysis.trial_file import read_trial
+    from osl_analysis.trial import read_trial
 
     for path, source, option in ((log, log_source, "--log"), (mocap, mocap_source, "--mocap")):
         if (path is None) != (source is None):

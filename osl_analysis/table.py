@@ -55,17 +55,9 @@ def check_column(table: pl.DataFrame, column: str, path: Path) -> None:
         )
     if column not in TEXT_COLUMNS and not table[column].dtype.is_numeric():
         words = table[column].cast(pl.String).drop_nulls()
-        found = next((w for w in words if not is_number(w)), words[0])
-        raise InputError(f"{path}: column '{column}' holds '{found}', expected numbers; correct the entry")
-
-
-def is_number(text: str) -> bool:
-    """Whether Python reads the text as a number."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+        wrong = words.filter(words.cast(pl.Float64, strict=False).is_null())
+        word = wrong[0] if len(wrong) else words[0]
+        raise InputError(f"{path}: column '{column}' holds '{word}', expected numbers; correct the entry")
 
 
 def finite_or_null(row: Mapping[str, object]) -> dict[str, object]:

@@ -1,8 +1,10 @@
-"""A trial: the canonical samples of one recording, checked once, at construction."""
+"""A trial: the canonical samples of one recording, checked when it is made, and its file (Parquet)."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,8 +12,11 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
+from osl_analysis.files import atomic_path
 
 Array = NDArray[np.float64]
+NAME_KEY = "osl_analysis.trial"
+PROVENANCE_KEY = "osl_analysis.provenance"
 LISTED = 6
 """Names that a message shows."""
 
@@ -87,3 +92,31 @@ def check_time(name: str, time: Array) -> None:
             f"{name}: time goes from {time[row]:.6f} s to {time[row + 1]:.6f} s at row {row + 1}; "
             "stamps must strictly increase: check the recorder's clock or the time source in the source file"
         )
+
+
+def write_trial(trial: Trial, path: Path) -> None:
+    """Write the trial whole or not at all; name and provenance (JSON) stand in the file's metadata."""
+    metadata = {NAME_KEY: trial.name, PROVENANCE_KEY: json.dumps(trial.provenance, sort_keys=True)}
+    with atomic_path(path) as temporary:
+        trial.samples.write_parquet(temporary, compression="zstd", metadata=metadata)
+
+
+def read_trial(path: Path) -> Trial:
+    """Read what `write_trial` wrote.
+
+    Raises
+    ------
+    InputError
+        The file is missing, is not Parquet, or is Parquet that ingest did not write.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such trial; ingest it first (osl-analysis ingest)")
+    try:
+        metadata = pl.read_parquet_metadata(path)
+        samples = pl.read_parquet(path)
+    except (pl.exceptions.PolarsError, OSError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"{path}: not a Parquet file ({reason}); ingest the trial again") from error
+    if PROVENANCE_KEY not in metadata:
+        raise InputError(f"{path}: Parquet without provenance; only a file that ingest wrote is a trial")
+    return Trial(metadata[NAME_KEY], samples, json.loads(metadata[PROVENANCE_KEY]))

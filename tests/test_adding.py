@@ -1,4 +1,4 @@
-"""What a new experiment costs: a toy is added to a copy of the project, in at most six files, and goes through all of it."""
+"""A new experiment touches at most six files: a toy is added to a copy of the project and goes through all of it."""
 
 import os
 import re
@@ -70,9 +70,9 @@ def summarise_holding(table: Path, output: Path) -> None:
 """,
     ),
 }
-IMPORTS = (
-    "from osl_analysis.bench.holding import holding_table\nfrom osl_analysis.bench.settings import FilterSettings\n"
-)
+IMPORTS = """from osl_analysis.bench.holding import holding_table
+from osl_analysis.bench.settings import FilterSettings
+"""
 TORQUES = {"holding_1": 2.0, "holding_2": 6.0}
 
 

@@ -29,8 +29,7 @@ from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.summary.headlines import headline_numbers
 from osl_analysis.summary.labels import ACTUATOR_LABELS
 from osl_analysis.table import read_table
-from osl_analysis.trial import Trial
-from osl_analysis.trial_file import read_trial, write_trial
+from osl_analysis.trial import Trial, read_trial, write_trial
 from osl_analysis.yaml_settings import read_yaml
 
 DEFAULT = ROOT / "config/simulation/default.yaml"

@@ -13,8 +13,7 @@ from osl_analysis.commands.fit import estimates_text
 from osl_analysis.config import TimeSeriesFigure
 from osl_analysis.doubtful import Doubt
 from osl_analysis.table import read_table, write_table
-from osl_analysis.trial import Trial
-from osl_analysis.trial_file import write_trial
+from osl_analysis.trial import Trial, write_trial
 
 
 def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_read():

@@ -37,8 +37,7 @@ from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
 from osl_analysis.simulator.settings import SimulationSettings, SteppedSineSchedule
 from osl_analysis.stats.comparison import score_models
 from osl_analysis.table import write_table
-from osl_analysis.trial import Trial
-from osl_analysis.trial_file import write_trial
+from osl_analysis.trial import Trial, write_trial
 from osl_analysis.yaml_settings import read_yaml
 
 TINY = ROOT / "tests/tiny_simulation.yaml"

@@ -15,8 +15,7 @@ from osl_analysis.exclusion import exclusion_report, without_excluded
 from osl_analysis.quality.checks import Commanded
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.table import read_table
-from osl_analysis.trial import Trial
-from osl_analysis.trial_file import write_trial
+from osl_analysis.trial import Trial, write_trial
 
 RULES = read_section(ROOT / "config/config.yaml", "quality", QualityRules)
 

@@ -18,8 +18,7 @@ from osl_analysis.ingest.alignment import marker_angle
 from osl_analysis.ingest.assemble import merged
 from osl_analysis.ingest.clock import ClockFit
 from osl_analysis.ingest.recording import Recording
-from osl_analysis.trial import Trial
-from osl_analysis.trial_file import read_trial, write_trial
+from osl_analysis.trial import Trial, read_trial, write_trial
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
 LEG = {

@@ -13,7 +13,7 @@ from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.known_formats import read_source
 from osl_analysis.ingest.nexus_capture import NexusSource, read_nexus_capture
-from osl_analysis.trial_file import read_trial
+from osl_analysis.trial import read_trial
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
 SAMPLES = sorted((REAL_DATA / "nexus_csv").glob("*.csv"))

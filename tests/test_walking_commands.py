@@ -37,8 +37,7 @@ from osl_analysis.doubtful import Doubt
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.table import read_table
-from osl_analysis.trial import Array, Trial
-from osl_analysis.trial_file import read_trial, write_trial
+from osl_analysis.trial import Array, Trial, read_trial, write_trial
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.response import isolate_response
 from osl_analysis.walking.response_fit import fit_response

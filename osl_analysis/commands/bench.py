@@ -37,7 +37,7 @@ from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.parameters import read_parameters
 from osl_analysis.table import read_table, write_table
-from osl_analysis.trial_file import read_trial
+from osl_analysis.trial import read_trial
 
 
 def fit_belt_trial(trial: Path, parameters: Path, settings: BeltAnalysis, tables: Mapping[str, Path]) -> None:

@@ -16,7 +16,7 @@ from osl_analysis.commands.walking_files import (
 )
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.table import write_table
-from osl_analysis.trial_file import read_trial
+from osl_analysis.trial import read_trial
 from osl_analysis.walking.ankle import static_calibration
 from osl_analysis.walking.crossing import RefusedCrossing
 from osl_analysis.walking.crossing_analysis import analyse_crossing

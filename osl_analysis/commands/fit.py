@@ -16,8 +16,7 @@ from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.transmission import transmission_series, transmission_table
 from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.parameters import read_parameters
-from osl_analysis.trial import Array
-from osl_analysis.trial_file import read_trial
+from osl_analysis.trial import Array, read_trial
 
 UNITS = {
     "K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²", "K_s": "N·m/rad", "B_j": "N·m·s/rad", "J_j": "kg·m²",

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.ingest.raw_files import recorded_trial
-from osl_analysis.trial_file import write_trial
+from osl_analysis.trial import write_trial
 
 
 def ingest_trial(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path, output: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import polars as pl
 
 from osl_analysis.table import write_table
-from osl_analysis.trial_file import read_trial
+from osl_analysis.trial import read_trial
 from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.settings import OvergroundAnalysis
 

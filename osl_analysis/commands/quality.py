@@ -9,7 +9,7 @@ from osl_analysis.quality.checks import Commanded
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.quality.verdict import examine, quality_table
 from osl_analysis.table import read_table, write_table
-from osl_analysis.trial_file import read_trial
+from osl_analysis.trial import read_trial
 
 
 def check_trial(

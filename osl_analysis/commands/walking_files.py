@@ -15,8 +15,7 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
-from osl_analysis.trial import Trial
-from osl_analysis.trial_file import NAME_KEY, PROVENANCE_KEY, read_trial, write_trial
+from osl_analysis.trial import NAME_KEY, PROVENANCE_KEY, Trial, read_trial, write_trial
 from osl_analysis.walking.ankle import SEGMENTS, StaticCalibration
 from osl_analysis.walking.crossing import Crossing, CrossingQuality, RefusedCrossing
 from osl_analysis.walking.encoder import EncoderCheck

@@ -54,25 +54,35 @@ class FigureChoices(Settings):
 
 
 class StudySettings(Settings):
-    """The Monte Carlo study of the estimators: what is simulated how often, and how it is divided into jobs.
+    """The Monte Carlo study of the estimators: what is simulated, how often, and in which jobs.
 
-    `trials` bench trials per experiment, in jobs of `batch`, and `campaigns` of walking with `crossings` perturbed and
-    as many unperturbed crossings each; `recorded` campaigns go through recorded files. Trials have their own short
-    protocol: `amplitudes_deg`, `cycles` at each of the protocol's frequencies.
+    Bench trials of the study have a short protocol of their own, at the frequencies of `dynamometer`.
     """
 
     simulation: Path
+    """Settings of the simulated campaign."""
     seed: Annotated[int, Field(ge=0)]
+    """Seed of every random number."""
     trials: Annotated[int, Field(ge=2)]
+    """Number of trials of each bench experiment."""
     campaigns: Annotated[int, Field(ge=0)]
+    """Number of campaigns of walking."""
     recorded: Annotated[int, Field(ge=0)]
+    """Number of campaigns of walking that go through recorded files."""
     crossings: Annotated[int, Field(ge=3)]
+    """Number of perturbed crossings in a campaign, and of unperturbed ones."""
     batch: Annotated[int, Field(ge=1)]
+    """Number of bench trials in a job."""
     amplitudes_deg: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    """Amplitudes [deg] of the short protocol."""
     cycles: Annotated[int, Field(ge=1)]
+    """Cycles at each frequency of the short protocol."""
     K_d: Positive
+    """Desired stiffness [N*m/rad]."""
     B_d: Annotated[float, Field(ge=0)]
+    """Desired damping [N*m*s/rad]."""
     I: Annotated[float, Field(ge=0)]
+    """Inertia [kg*m^2] of the second-order joint."""
 
 
 class Config(Settings):

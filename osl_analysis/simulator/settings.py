@@ -1,117 +1,49 @@
-"""The simulated campaign as a validated file, like `config/simulation/default.yaml`.
+"""The simulated campaign as a validated file, such as `config/simulation/default.yaml`.
 
-Choices only: the device's physical parameters stand in the parameter file that `parameters` names.
+It holds choices only. The device's physical parameters stand in the parameter file that `parameters` names.
 """
 
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
+from osl_analysis.simulator.effect_settings import Effects, NotNegative, Positive
 from osl_analysis.yaml_settings import Settings
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(ge=0)]
 SAMPLES_PER_CYCLE = 10
-"""Fewest samples of the bench's log in a cycle of the fastest sine that it is to follow."""
+"""Smallest number of samples of the bench's log in a cycle of the fastest sine."""
 LONGEST_DELAY_S = 0.03
-"""Of the control loop: with more, none of the study's impedances is stable (linear theory: 0.4 to 25 ms)."""
-
-
-class Effect(Settings):
-    """One imperfection: whether it acts, its size, and the unit of the size (`on` would be a truth value in YAML)."""
-
-    enabled: bool
-    size: NotNegative
-    unit: str
-
-    @property
-    def value(self) -> float:
-        """The size, or 0 where the effect is off."""
-        return self.size if self.enabled else 0.0
-
-
-def in_unit(unit: str) -> AfterValidator:
-    """A check that an effect's size is given in `unit`."""
-
-    def check(effect: Effect) -> Effect:
-        if effect.unit != unit:
-            raise ValueError(f"its unit must be '{unit}'")
-        return effect
-
-    return AfterValidator(check)
-
-
-def whole_number(effect: Effect) -> Effect:
-    """Refuse a size that is not a whole number."""
-    if effect.size != int(effect.size):
-        raise ValueError("its size must be a whole number")
-    return effect
-
-
-def positive(effect: Effect) -> Effect:
-    """Refuse a size of 0, which would not mean "off"."""
-    if effect.size == 0:
-        raise ValueError("its size must be positive; set enabled: false to switch it off")
-    return effect
-
-
-class Effects(Settings):
-    """Every imperfection of bench, drivetrain and controller; offset, drift and scatter are standard deviations.
-
-    friction: true friction over what the parameter file says and the controller cancels; off: no friction,
-        and none to cancel.
-    control_delay: between a measurement and the current that answers it; size 0 still holds the current
-        between the controller's updates, off is a continuous controller.
-    velocity_filter: cut-off of the low-pass over the differentiated encoder; off: the true velocity.
-    actuator_encoder, joint_encoder: resolution, the first at the actuator's output.
-    load_cell_noise, current_noise: white, of that standard deviation at the log's rate.
-    belt_hysteresis: torque by which loading and unloading differ from the elastic belt.
-    belt_scatter: of K_s from trial to trial in the belt experiment.
-    dynamometer_bandwidth: natural frequency with which the motor follows its command; off: it follows exactly.
-    """
-
-    friction: Annotated[Effect, in_unit("1")]
-    control_delay: Annotated[Effect, in_unit("update"), AfterValidator(whole_number)]
-    velocity_filter: Annotated[Effect, in_unit("Hz"), AfterValidator(positive)]
-    actuator_encoder: Annotated[Effect, in_unit("rad")]
-    joint_encoder: Annotated[Effect, in_unit("rad")]
-    load_cell_noise: Annotated[Effect, in_unit("N*m")]
-    load_cell_offset: Annotated[Effect, in_unit("N*m")]
-    load_cell_drift: Annotated[Effect, in_unit("N*m/min")]
-    load_cell_quantisation: Annotated[Effect, in_unit("N*m")]
-    current_noise: Annotated[Effect, in_unit("A")]
-    current_quantisation: Annotated[Effect, in_unit("A")]
-    belt_hysteresis: Annotated[Effect, in_unit("N*m")]
-    belt_scatter: Annotated[Effect, in_unit("1")]
-    dynamometer_bandwidth: Annotated[Effect, in_unit("Hz"), AfterValidator(positive)]
-
-    def without(self, *names: str) -> "Effects":
-        """These effects with the named ones off, or with all off if none is named."""
-        off = {
-            name: getattr(self, name).model_copy(update={"enabled": False}) for name in names or type(self).model_fields
-        }
-        return self.model_copy(update=off)
+"""Longest delay [s] of the control loop. With a longer one no impedance is stable (linear theory: 0.4 to 25 ms)."""
 
 
 class Experiments(Settings):
-    """How many trials of each kind; an impedance trial per K_d [N*m/rad], B_d [N*m*s/rad] and controller.
+    """How many trials of each experiment are simulated.
 
-    Each of the `walking` crossings is perturbed with likelihood `perturbed_share`; a `plate` trial is a
-    perturbation with nobody on the platform.
+    There is one impedance trial for each stiffness, damping and controller.
     """
 
     belt: Count
+    """Number of belt trials."""
     transmission: Count
+    """Number of transmission trials."""
     actuator: Count = 0
+    """Number of trials of the actuator's own bench."""
     K_d: tuple[Positive, ...]
+    """Desired stiffnesses [N*m/rad] of the impedance trials."""
     B_d: tuple[NotNegative, ...]
+    """Desired dampings [N*m*s/rad] of the impedance trials."""
     controllers: tuple[Literal["compensated", "uncompensated"], ...]
+    """Controllers of the impedance trials."""
     static: Count = 0
+    """Number of static trials."""
     plate: Count = 0
+    """Number of plate trials: a perturbation with nobody on the platform."""
     walking: Count = 0
+    """Number of crossings."""
     perturbed_share: Annotated[float, Field(ge=0, le=1)] = 0.5
+    """Probability that a crossing is perturbed."""
 
     @model_validator(mode="after")
     def _some(self) -> Self:
@@ -123,41 +55,55 @@ class Experiments(Settings):
 
 
 class SteppedSineSchedule(Settings):
-    """At each amplitude [deg] `cycles` whole cycles at each frequency [Hz], then `rest_s` [s]; `lead_s` [s] first."""
+    """The stepped sine: at each amplitude whole cycles at each frequency, then a rest."""
 
     frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    """Frequencies [Hz], in the order in which they follow each other."""
     cycles: Annotated[int, Field(ge=1)]
+    """Number of cycles at each frequency."""
     amplitudes_deg: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    """Amplitudes [deg], in the order in which they follow each other."""
     rest_s: NotNegative
+    """Rest [s] after each amplitude."""
     lead_s: NotNegative
+    """Rest [s] before the first amplitude."""
 
 
 class BeltMotion(Settings):
-    """The joint rests `rest_s` [s], turns by `amplitude_deg` and back in `ramp_s` [s] each, and rests again."""
+    """The motion of the belt experiment: a rest, a turn and back, and a rest."""
 
     amplitude_deg: Positive
+    """Angle [deg] of the turn."""
     ramp_s: Positive
+    """Duration [s] of the turn, and of the return."""
     rest_s: NotNegative
+    """Duration [s] of each rest."""
 
 
 class Tone(Settings):
-    """One sine of a schedule, from phase 0: its frequency [Hz] and its size."""
+    """One sine of a schedule. It starts at phase 0."""
 
     frequency_hz: Positive
+    """Frequency [Hz]."""
     size: Positive
+    """Amplitude, in the unit of the schedule."""
 
 
 class ActuatorBench(Settings):
-    """A bench turns the actuator's output while its current is commanded, for `duration_s` [s]; each a sum of sines.
+    """The schedule of the actuator's own bench, which turns the output while the current is commanded.
 
-    Sizes are rad/s and A; both begin and end in `fade_s` [s]. The frequencies must differ, so that the current both
-    drives and brakes: that is what tells the gear's friction from the torque constant.
+    Velocity and current are sums of sines. Their frequencies must differ, so that the current both drives and brakes:
+    only then can the gear's friction and the torque constant be told apart.
     """
 
     duration_s: Positive
+    """Duration [s] of a trial."""
     fade_s: Positive
+    """Time [s] in which velocity and current fade in and out."""
     velocity: Annotated[tuple[Tone, ...], Field(min_length=1)]
+    """Velocity of the output, sizes in rad/s."""
     current: Annotated[tuple[Tone, ...], Field(min_length=1)]
+    """q-axis current, sizes in A."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -167,23 +113,25 @@ class ActuatorBench(Settings):
 
 
 class Dynamometer(Settings):
-    """Rate [Hz] of the bench's log; damping ratio of the bench's position loop."""
+    """The dynamometer, and the log of every bench."""
 
     rate_hz: Positive
+    """Rate [Hz] of the log."""
     damping_ratio: Positive
+    """Damping ratio of the position loop."""
 
 
 class Drivetrain(Settings):
-    """How the drivetrain is integrated and controlled, and how fast the belt's hysteresis turns round [rad].
-
-    Fine integration steps and controller's updates per sample; `sign_width` [rad/s], over which the controller
-    smooths the sign of the actuator's velocity.
-    """
+    """How the drivetrain is integrated and controlled."""
 
     substeps: Annotated[int, Field(ge=1)]
+    """Integration steps per sample of the log."""
     control_updates: Annotated[int, Field(ge=1)]
+    """Updates of the controller per sample of the log."""
     sign_width: Positive
+    """Velocity [rad/s] of the actuator over which the controller smooths its sign."""
     hysteresis_width: Positive
+    """Deflection [rad] over which the belt's hysteresis turns round."""
 
     @model_validator(mode="after")
     def _even(self) -> Self:
@@ -193,18 +141,28 @@ class Drivetrain(Settings):
 
 
 class SimulationSettings(Settings):
-    """A simulated campaign; `parameters` and `walking` are files, relative to the working directory."""
+    """A simulated campaign. Files are relative to the working directory."""
 
     seed: Annotated[int, Field(ge=0)]
+    """Seed of every random number."""
     parameters: Path
+    """Parameter file of the simulated device."""
     experiments: Experiments
+    """How many trials of each experiment."""
     protocol: SteppedSineSchedule
+    """The stepped sine of transmission and impedance trials."""
     belt: BeltMotion
+    """The motion of belt trials."""
     dynamometer: Dynamometer
+    """The dynamometer."""
     drivetrain: Drivetrain
+    """Integration and control of the drivetrain."""
     effects: Effects
+    """Every imperfection of bench, drivetrain and controller."""
     actuator: ActuatorBench | None = None
+    """The schedule of actuator trials."""
     walking: Path | None = None
+    """Settings file of the gait laboratory."""
 
     @model_validator(mode="after")
     def _actuator_is_described(self) -> Self:

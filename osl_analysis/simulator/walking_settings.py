@@ -1,7 +1,7 @@
-"""The gait laboratory of a simulated campaign as a validated file, like `config/simulation/walking.yaml`.
+"""The gait laboratory of a simulated campaign as a validated file, such as `config/simulation/walking.yaml`.
 
-Choices only: the leg's drivetrain has its parameter file, its controller's imperfections stand in the campaign's
-simulation settings.
+It holds choices only. The leg's drivetrain has its parameter file. The imperfections of its controller stand in the
+campaign's simulation settings.
 """
 
 import math
@@ -10,7 +10,8 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from osl_analysis.simulator.settings import Count, Effect, NotNegative, Positive, in_unit
+from osl_analysis.simulator.effect_settings import Effect, NotNegative, Positive, in_unit
+from osl_analysis.simulator.settings import Count
 from osl_analysis.yaml_settings import Settings
 
 Rate = Annotated[int, Field(ge=1)]
@@ -20,21 +21,27 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class Rates(Settings):
-    """Sampling rates [Hz] of markers, analog channels, the leg's log and the leg's controller.
+    """Sampling rates.
 
-    Motion is computed at their least common multiple, so that markers, analogs and controller sample it exactly;
-    only the leg's log, which runs on its own clock, is interpolated.
+    Motion is computed at the least common multiple of three of them, so that markers, analogs and controller sample it
+    exactly. The leg's log runs on its own clock and is interpolated.
     """
 
     points_hz: Rate
+    """Rate [Hz] of the markers."""
     analogs_hz: Rate
+    """Rate [Hz] of the analog channels."""
     leg_hz: Rate
+    """Rate [Hz] of the leg's log."""
     controller_hz: Rate
+    """Rate [Hz] of the leg's controller."""
 
     @model_validator(mode="after")
     def _c3d_can_hold_them(self) -> Self:
         if self.analogs_hz % self.points_hz:
-            raise ValueError(f"analogs_hz must be a multiple of points_hz ({self.points_hz}): C3D stores no other")
+            raise ValueError(
+                f"analogs_hz must be a multiple of points_hz ({self.points_hz}), not {self.analogs_hz}: C3D needs that"
+            )
         return self
 
     @property
@@ -44,13 +51,18 @@ class Rates(Settings):
 
 
 class Gait(Settings):
-    """Nominal crossing: body mass [kg], heel strike on the platform [s], stance [s], stride [m], one recording [s]."""
+    """The nominal crossing."""
 
     body_mass_kg: Positive
+    """Body mass [kg]."""
     recording_s: Positive
+    """Duration [s] of the recording."""
     heel_strike_s: Positive
+    """Time [s] of the heel strike on the platform."""
     stance_s: Positive
+    """Duration [s] of stance on the platform."""
     stride_m: Positive
+    """Length [m] of a stride."""
 
     @model_validator(mode="after")
     def _step_is_recorded(self) -> Self:
@@ -62,85 +74,100 @@ class Gait(Settings):
 
 
 class Perturbation(Settings):
-    """Dorsiflexion ramp of the platform about a mediolateral axis through the nominal ankle.
-
-    Commanded at a phase of stance drawn evenly from `stance_phase`; the platform follows `latency_s` [s] later and
-    takes `rise_s` [s]. It holds until `hold_s` [s] after toe-off and returns within `return_s` [s].
-    """
+    """Dorsiflexion ramp of the platform about a mediolateral axis through the nominal ankle."""
 
     angle_deg: Positive
+    """Angle [deg] of the ramp."""
     rise_s: Positive
+    """Duration [s] of the ramp."""
     latency_s: NotNegative
+    """Time [s] from the command to the start of the ramp."""
     stance_phase: tuple[Share, Share]
+    """First and last phase of stance at which the ramp is commanded. The phase is drawn evenly from between them."""
     hold_s: NotNegative
+    """Time [s] after toe-off at which the platform starts to return."""
     return_s: Positive
+    """Duration [s] of the return."""
 
 
 class Body(Settings):
-    """Centre of mass [m] and principal radii of gyration [m]; the mass is the size of the effect that shows it."""
+    """The inertia of a body. Its mass is the size of the effect that shows it."""
 
     centre_of_mass_m: Vector
+    """Centre of mass [m] in the body's axes."""
     gyration_m: PositiveVector
+    """Principal radii of gyration [m] about the centre of mass."""
 
 
 class Plate(Body):
-    """The force plate: centre and size [m] of its surface at rest, and how deep its sensor origin lies [m].
-
-    `sensor_offset_m` is where the sensor origin lies from the surface's centre along laboratory x and y; the centre
-    of mass is given from the surface's centre too. `nominal_ankle_m` is above which point of it participants put the
-    ankle: the platform turns about an axis through it. Every `full_motion_every`-th trial without a foot on the
-    plate also shifts it and tilts it about another axis, so that all of its inertia shows; 0: none does.
-    """
+    """The force plate. Its centre of mass is given from the centre of its surface."""
 
     centre_m: Vector
+    """Centre [m] of the surface at rest, in laboratory axes."""
     size_m: tuple[Positive, Positive]
+    """Size [m] of the surface along the plate's x and y."""
     sensor_depth_m: Positive
+    """Depth [m] of the sensor origin below the surface."""
     sensor_offset_m: tuple[float, float]
+    """Sensor origin [m] from the surface's centre, along laboratory x and y."""
     nominal_ankle_m: tuple[float, float]
+    """Point [m] of the surface above which participants put the ankle. The platform turns about an axis through it."""
     full_motion_every: Count
+    """Interval, in plate trials, at which the platform also shifts and tilts about another axis, so that all of its
+    inertia shows. 0: never."""
 
 
 class WalkingEffects(Settings):
-    """Every imperfection of gait and gait laboratory; a scatter, an offset or a noise is a standard deviation.
+    """Every imperfection of gait and gait laboratory.
 
-    heel_strike_scatter, stance_scatter: of time and duration of the step on the platform.
-    angle_scale, angle_wander: of the ankle's angle, as a factor and as a smooth deviation below 4 Hz.
-    force_scale: of each component of the ground reaction.
-    placement_forward, placement_sideways, foot_yaw: of the foot on the platform; the ankle's axis turns with it.
-    shank_yield: share of the perturbation by which the shank gives way within 0.2 s.
-    foot_slip: distance by which the foot slides back during the perturbation.
-    foot_inertia: mass of the foot and shoe below the ankle; off: a foot without mass.
-    plate_inertia: mass of the plate above its sensors; off: the reading is the ground reaction.
-    marker_noise, force_noise, moment_noise: white, each axis.
-    marker_gaps: mean number of hidden stretches per crossing.
-    force_offset, moment_offset: of the plate's zero, constant over a trial.
-    plate_lag: of the plate's channels behind markers, trigger and sync.
-    leg_clock_offset: mean start of the leg's clock before the recording; leg_clock_drift: of its rate.
-    leg_joint_encoder: resolution in bits per turn; the actuator's encoder and current are the campaign's effects.
+    The size of a scatter, an offset or a noise is its standard deviation. The actuator's encoder and current have the
+    imperfections of the campaign.
     """
 
     heel_strike_scatter: Annotated[Effect, in_unit("s")]
+    """Scatter of the time of heel strike on the platform."""
     stance_scatter: Annotated[Effect, in_unit("%")]
+    """Scatter of the duration of stance on the platform."""
     angle_scale: Annotated[Effect, in_unit("%")]
+    """Scatter of a factor of the ankle's angle."""
     angle_wander: Annotated[Effect, in_unit("deg")]
+    """Smooth deviation of the ankle's angle, below 4 Hz."""
     force_scale: Annotated[Effect, in_unit("%")]
+    """Scatter of a factor of each component of the ground reaction."""
     placement_forward: Annotated[Effect, in_unit("mm")]
+    """Scatter of the foot's place on the platform, forward."""
     placement_sideways: Annotated[Effect, in_unit("mm")]
+    """Scatter of the foot's place on the platform, sideways."""
     foot_yaw: Annotated[Effect, in_unit("deg")]
+    """Scatter of the foot's direction on the platform. The ankle's axis turns with it."""
     shank_yield: Annotated[Effect, in_unit("%")]
+    """Share of the perturbation by which the shank gives way within 0.2 s."""
     foot_slip: Annotated[Effect, in_unit("mm")]
+    """Distance by which the foot slides back during the perturbation."""
     foot_inertia: Annotated[Effect, in_unit("kg")]
+    """Mass of the foot and shoe below the ankle. Off: a foot without mass."""
     plate_inertia: Annotated[Effect, in_unit("kg")]
+    """Mass of the plate above its sensors. Off: the reading is the ground reaction."""
     marker_noise: Annotated[Effect, in_unit("mm")]
+    """White noise of the markers, each axis."""
     marker_gaps: Annotated[Effect, in_unit("1/trial")]
+    """Mean number of gaps per trial in which a marker is hidden."""
     force_noise: Annotated[Effect, in_unit("N")]
+    """White noise of the plate's forces, each axis."""
     moment_noise: Annotated[Effect, in_unit("N*m")]
+    """White noise of the plate's moments, each axis."""
     force_offset: Annotated[Effect, in_unit("N")]
+    """Offset of the plate's forces, constant over a trial."""
     moment_offset: Annotated[Effect, in_unit("N*m")]
+    """Offset of the plate's moments, constant over a trial."""
     plate_lag: Annotated[Effect, in_unit("ms")]
+    """Lag of the plate's channels behind markers, trigger and sync."""
     leg_clock_offset: Annotated[Effect, in_unit("s")]
+    """Mean offset of the leg's clock from that of the recording."""
     leg_clock_drift: Annotated[Effect, in_unit("ppm")]
+    """Scatter of the rate of the leg's clock."""
     leg_joint_encoder: Annotated[Effect, in_unit("bit")]
+    """Resolution of the leg's joint encoder, in bits per turn."""
 
     def without(self, *names: str) -> "WalkingEffects":
         """These effects with the named ones off, or with all off if none is named."""
@@ -149,12 +176,19 @@ class WalkingEffects(Settings):
 
 
 class WalkingSettings(Settings):
-    """A simulated gait laboratory; `impedance` is a file, relative to the working directory."""
+    """A simulated gait laboratory."""
 
     impedance: Path
+    """File of the desired impedance over the gait cycle, relative to the working directory."""
     rates: Rates
+    """Sampling rates."""
     gait: Gait
+    """The nominal crossing."""
     perturbation: Perturbation
+    """The ramp of the platform."""
     foot: Body
+    """Inertia of the foot."""
     plate: Plate
+    """The force plate."""
     effects: WalkingEffects
+    """Every imperfection of gait and gait laboratory."""

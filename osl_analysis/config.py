@@ -11,9 +11,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.model.admittance_error import FASTEST_HZ, HIGHEST_ORDER, SLOWEST_HZ, Weight
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
-from osl_analysis.yaml_settings import Model, Settings, read_mapping, validated
-
-Positive = Annotated[float, Field(gt=0)]
+from osl_analysis.yaml_settings import Model, Positive, Settings, read_mapping, validated
 
 
 class WeightSettings(Settings):

@@ -7,9 +7,7 @@ from pydantic import Field, model_validator
 
 from osl_analysis.bench.protocol import SteppedSineProtocol
 from osl_analysis.signals import LowPass
-from osl_analysis.yaml_settings import Settings
-
-Positive = Annotated[float, Field(gt=0)]
+from osl_analysis.yaml_settings import Positive, Settings
 
 
 class FilterSettings(Settings):

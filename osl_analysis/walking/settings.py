@@ -6,9 +6,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from osl_analysis.signals import LowPass
-from osl_analysis.yaml_settings import Settings
+from osl_analysis.yaml_settings import Positive, Settings
 
-Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Cluster = Annotated[tuple[str, ...], Field(min_length=3)]
 StanceSource = Literal["own", "unperturbed"]

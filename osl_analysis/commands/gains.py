@@ -1,4 +1,4 @@
-"""Gain selection for one pair, a grid or a trajectory of desired impedances, with what the joint will then do."""
+"""Gain selection for one pair, a grid or a trajectory of desired impedances, and the behaviour that theory predicts."""
 
 import json
 from collections.abc import Sequence
@@ -25,16 +25,17 @@ from osl_analysis.table import finite_or_null, write_table
 from osl_analysis.trajectory import read_impedance_trajectory
 
 TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)
-"""Frequencies of Section III-B, over which the fit of Eq. 15 is predicted."""
+"""Frequencies of Section III-B, at which the fit of Eq. 15 is predicted."""
 
 
 def gain_table(
     K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters, weight: Weight, frequencies_hz: Sequence[float]
 ) -> pl.DataFrame:
-    """A row per pair K_d [N*m/rad], B_d [N*m*s/rad], arrays of shape (pairs,).
+    """A row per pair K_d [N*m/rad], B_d [N*m*s/rad], arrays of shape (pairs,); docs/tables.md has the columns.
 
-    Gains at the actuator's output and times n_T^2; the norm of Eq. 14; flags of `OptimalDamping`; the fit of Eq. 15
-    that linear theory predicts at `frequencies_hz`; stability, passivity and fidelity of the impedance (`Rendering`).
+    They are the gains at the actuator's output and at the joint (times n_T^2), the norm of Eq. 14, the flags of
+    `OptimalDamping`, the fit of Eq. 15 that linear theory predicts at `frequencies_hz`, and the stability, passivity
+    and fidelity of the impedance (`Rendering`).
 
     Raises
     ------
@@ -43,22 +44,22 @@ def gain_table(
     """
     check_request(K_d, B_d, p)
     K_d, B_d = (np.asarray(v, dtype=float) for v in (K_d, B_d))
-    K_1, found = stiffness_gain(K_d, p), optimal_damping(K_d, B_d, p, weight)
-    table = pl.DataFrame({"K_d": K_d, "B_d": B_d, "K_1": K_1, "B_1": found.B_1})
+    K_1, optimum = stiffness_gain(K_d, p), optimal_damping(K_d, B_d, p, weight)
+    table = pl.DataFrame({"K_d": K_d, "B_d": B_d, "K_1": K_1, "B_1": optimum.B_1})
     return table.with_columns(
         (pl.col("K_1", "B_1") * p.n_T**2).name.suffix("_joint"),
-        error=pl.Series(found.error),
-        minima=pl.Series(found.minima),
-        at_lower_bound=pl.Series(found.at_lower_bound),
-        unbounded=pl.Series(found.unbounded),
-        **behaviour(table, ~found.unbounded, p, frequencies_hz),
+        error=pl.Series(optimum.error),
+        minima=pl.Series(optimum.minima),
+        at_lower_bound=pl.Series(optimum.at_lower_bound),
+        unbounded=pl.Series(optimum.unbounded),
+        **behaviour(table, ~optimum.unbounded, p, frequencies_hz),
     )
 
 
 def behaviour(
     table: pl.DataFrame, finite: NDArray[np.bool_], p: DrivetrainParameters, frequencies_hz: Sequence[float]
 ) -> dict[str, pl.Series]:
-    """What the joint will do with the gains of each row: columns, null where no finite B_1 is best."""
+    """Columns with the behaviour that theory predicts for the gains of each row; null where no finite B_1 is best."""
     rows = table.filter(pl.Series(finite))
     K_1, B_1, K_d, B_d = (rows[name].to_numpy() for name in ("K_1", "B_1", "K_d", "B_d"))
     fits = [predicted_impedance(Gains(k, b, True), p, frequencies_hz) for k, b in zip(K_1, B_1, strict=True)]
@@ -77,28 +78,34 @@ def behaviour(
 
 
 def spread(values: Sequence[float | bool], finite: NDArray[np.bool_]) -> list[float | bool | None]:
-    """Values at the finite rows, None at the others."""
+    """One value per row: the next of `values` in the finite rows, None in the others."""
     rest = iter(values)
     return [next(rest) if known else None for known in finite]
 
 
 @dataclass(frozen=True)
 class Request:
-    """What is wanted: every combination of K_d [N*m/rad] and B_d [N*m*s/rad], or a trajectory file; W of Eq. 14."""
+    """The desired impedances: every combination of stiffness and damping, or a trajectory; and W of Eq. 14."""
 
     stiffness: Sequence[float]
+    """Desired stiffnesses K_d [N*m/rad]."""
     damping: Sequence[float]
+    """Desired dampings B_d [N*m*s/rad]."""
     trajectory: Path | None
+    """File with K_d and B_d over the gait cycle; None: every combination of `stiffness` and `damping`."""
     weight_hz: float = PAPER_WEIGHT.cutoff_hz
+    """Cut-off of W [Hz]."""
     weight_order: int = PAPER_WEIGHT.order
+    """Order of W."""
 
     @property
     def weight(self) -> Weight:
+        """W of Eq. 14."""
         return Weight(self.weight_hz, self.weight_order)
 
     @property
     def single(self) -> bool:
-        """Whether it is one pair, whose minimum is then certified."""
+        """Whether it is one pair. The minimum of one pair is certified."""
         return self.trajectory is None and len(self.stiffness) == len(self.damping) == 1
 
 
@@ -110,7 +117,7 @@ def requested_gains(request: Request, parameters: Path) -> pl.DataFrame:
     InputError
         The parameter or trajectory file is missing or not valid.
     UnreachableImpedanceError
-        No gains render a pair, or W is none.
+        No gains render a pair, or W is not allowed.
     """
     p = read_parameters(parameters)
     if request.trajectory is not None:
@@ -120,7 +127,7 @@ def requested_gains(request: Request, parameters: Path) -> pl.DataFrame:
 
 
 def trajectory_table(trajectory: Path, p: DrivetrainParameters, weight: Weight) -> pl.DataFrame:
-    """The table of every row of a trajectory file, `phase` first; an impossible row is refused with the file's name."""
+    """The table of gains for every row of a trajectory file, `phase` first; a refusal names the file."""
     desired = read_impedance_trajectory(trajectory)
     try:
         table = gain_table(desired.K_d, desired.B_d, p, weight, TESTED_HZ)
@@ -151,12 +158,12 @@ def gains_json(table: pl.DataFrame) -> str:
 
 
 def gains_text(request: Request, table: pl.DataFrame, parameters: Path) -> str:
-    """The table for the eye: one pair in words, with the proof of its minimum; several as columns."""
+    """The table as text: one pair in words, with the proof of its minimum; several pairs in columns."""
     if request.single:
         proof = certify(request.stiffness[0], request.damping[0], read_parameters(parameters), request.weight)
         return pair_text(table.to_dicts()[0], proof)
-    shown = ("phase", "K_d", "B_d", "K_1", "B_1", "error", "K_predicted", "B_predicted", "faithful_to_hz")
-    columns = [c for c in shown if c in table.columns]
+    printed = ("phase", "K_d", "B_d", "K_1", "B_1", "error", "K_predicted", "B_predicted", "faithful_to_hz")
+    columns = [c for c in printed if c in table.columns]
     rows = [columns, *([f"{v:.5g}" for v in row] for row in table.select(columns).rows())]
     return "\n".join("".join(f"{cell:>14}" for cell in row) for row in rows)
 
@@ -170,17 +177,17 @@ def pair_text(row: dict[str, float], proof: Certificate) -> str:
         f"||W (Y - Y_d)||_2 = {row['error']:.4g} rad/(N·m)·s^-1/2; proved: {minima} among the stable gains",
     ]
     if row["at_lower_bound"]:
-        lines.append("warning: the joint alone damps more than was asked for; B_1 is the least that is stable")
+        lines.append("warning: the joint alone damps more than desired; B_1 is the smallest stable gain")
     if row["unbounded"]:
         lines.append("warning: no B_1 is best: the error falls until the motor is locked; lower --weight-hz")
         return "\n".join(lines)
-    found = (
+    prediction = (
         f"K {row['K_predicted']:.4g} N·m/rad, B {row['B_predicted']:.4g} N·m·s/rad, I {row['I_predicted']:.3g} kg·m²"
     )
     return "\n".join(
         [
             *lines,
-            f"a fit over 1 to 5 Hz will find {found} (friction cancelled)",
+            f"a fit over 1 to 5 Hz will find {prediction} (friction cancelled)",
             f"within 10 % of the desired impedance up to {row['faithful_to_hz']:.3g} Hz; passive",
             f"the slowest mode dies with {row['decay_rate']:.3g} 1/s; with the joint held, "
             f"{1e3 * row['delay_margin']:.3g} ms of delay in the loop make it unstable",
@@ -189,7 +196,7 @@ def pair_text(row: dict[str, float], proof: Certificate) -> str:
 
 
 def plot_gains(request: Request, table: pl.DataFrame, parameters: Path, output: Path) -> None:
-    """Draw the response of one pair, the gains of a grid, or those of a trajectory (as Fig. 8)."""
+    """Draw the response of one pair, the gains of a grid, or the gains of a trajectory (as Fig. 8)."""
     if request.single:
         p, row = read_parameters(parameters), table.to_dicts()[0]
         draw_table("fig7", pair_response(row, p), [output])

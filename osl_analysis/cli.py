@@ -1,74 +1,12 @@
 """The command line `osl-analysis`: one trial, or one pair of gains, at a time; `snakemake` runs whole campaigns."""
 
 import json
-import math
-import sys
-import warnings
 from pathlib import Path
-from typing import Any
 
 import click
 
-from osl_analysis.errors import OslAnalysisError
-
-MOST_NUMBERS = 300
-
-
-class NumberList(click.ParamType[list[float]]):
-    """Numbers as 300, as 100,200 or as first:last:step."""
-
-    name = "numbers"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> list[float]:
-        text = str(value)
-        try:
-            numbers = [float(part) for part in text.replace(":", ",").split(",")]
-        except ValueError:
-            self.fail(f"'{text}' is neither a number nor a list like 100,200 or 100:400:50", param, ctx)
-        if ":" not in text:
-            return numbers
-        if (
-            len(numbers) != 3
-            or not all(map(math.isfinite, numbers))
-            or not (numbers[2] > 0 and numbers[1] >= numbers[0])
-        ):
-            self.fail(f"'{text}' is no range; write first:last:step, upwards, with a step above 0", param, ctx)
-        first, last, step = numbers
-        if (last - first) / step > MOST_NUMBERS:
-            self.fail(f"'{text}' is more than {MOST_NUMBERS} numbers; take a longer step", param, ctx)
-        return [first + step * k for k in range(int((last - first) / step + 1e-9) + 1)]
-
-
-FILE = click.Path(path_type=Path)
-NUMBERS = NumberList()
-PARAMETERS = click.option(
-    "--parameters",
-    type=FILE,
-    default=Path("config/parameters/default.yaml"),
-    show_default=True,
-    help="Parameter file of the device.",
-)
-CONFIG = click.option(
-    "--config",
-    "config_path",
-    type=FILE,
-    default=Path("config/config.yaml"),
-    show_default=True,
-    help="Configuration with the filter [Hz] and the stepped-sine protocol [deg, Hz].",
-)
-AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON in SI units instead of a table.")
-
-
-class OneLineErrors(click.Group):
-    """Shows a user's mistake as one line on standard error, exit code 1, and a warning as one line."""
-
-    def invoke(self, ctx: click.Context) -> Any:
-        warnings.showwarning = lambda message, *_, **__: click.echo(f"warning: {message}", err=True)
-        try:
-            return super().invoke(ctx)
-        except OslAnalysisError as error:
-            click.echo(f"error: {error}", err=True)
-            sys.exit(1)
+from osl_analysis.cli_options import AS_JSON, CONFIG, FILE, NUMBERS, PARAMETERS, OneLineErrors
+from osl_analysis.experiments import EXPERIMENTS
 
 
 @click.group(cls=OneLineErrors, context_settings={"help_option_names": ["-h", "--help"]})
@@ -172,7 +110,7 @@ def inspect(file: Path, draft_path: Path | None) -> None:
 @click.argument("trial", type=FILE)
 @click.option(
     "--model",
-    type=click.Choice(["impedance", "transmission", "belt", "actuator"]),
+    type=click.Choice([name for name, facts in EXPERIMENTS.items() if facts.place == "bench"]),
     default="impedance",
     show_default=True,
     help="K, B, I of Eq. 15; B_j, J_j of Eq. 4; the belt stiffness K_s; or the actuator's five of Eqs. 1-2.",
@@ -183,18 +121,13 @@ def inspect(file: Path, draft_path: Path | None) -> None:
 @click.option("--plot", type=FILE, help="Draw measured and modelled torque [N·m] to this file.")
 def fit(trial: Path, model: str, parameters: Path, config_path: Path, as_json: bool, plot: Path | None) -> None:
     """Fit one ingested TRIAL (Parquet) and print the estimates in SI units with 95 % intervals."""
-    from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
-    from osl_analysis.commands.fit import estimates_text, fit_actuator_bench_trial, fit_dynamometer_trial
+    from osl_analysis.commands.fit import estimates_text, fit_one_trial, read_fit_settings
     from osl_analysis.config import read_section
     from osl_analysis.doubtful import DoubtfulFits
     from osl_analysis.table import finite_or_null
 
     limits = read_section(config_path, "doubtful", DoubtfulFits)
-    if model == "actuator":
-        fitted = fit_actuator_bench_trial(trial, read_section(config_path, "actuator", ActuatorAnalysis), limits)
-    else:
-        bench = read_section(config_path, "dynamometer", DynamometerAnalysis)
-        fitted = fit_dynamometer_trial(model, trial, parameters, bench, limits)
+    fitted = fit_one_trial(model, trial, parameters, read_fit_settings(model, config_path), limits)
     if plot is not None:
         from osl_analysis.commands.figure import draw_table
 

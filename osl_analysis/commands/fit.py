@@ -1,6 +1,6 @@
 """One trial fitted for the command line: the estimates, and the torque beside the fitted model's."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,18 +11,24 @@ from osl_analysis.bench.actuator import actuator_table, actuator_trial
 from osl_analysis.bench.belt import belt_series, belt_table, belt_trial
 from osl_analysis.bench.frequency_response import trial_phasors
 from osl_analysis.bench.impedance import impedance_series, impedance_table
-from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, DynamometerAnalysis, SteppedSineAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.transmission import transmission_series, transmission_table
+from osl_analysis.config import read_section
 from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.parameters import read_parameters
-from osl_analysis.trial import Array, read_trial
+from osl_analysis.trial import Array, Trial, read_trial
+from osl_analysis.yaml_settings import Settings
 
 UNITS = {
     "K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²", "K_s": "N·m/rad", "B_j": "N·m·s/rad", "J_j": "kg·m²",
     "T_C": "N·m", "k_tau_n_m": "N·m/A", "f_C": "N·m", "f_G": "N·m/A", "B_m": "N·m·s/rad", "J_m": "kg·m²",
     "offset": "N·m", "drift": "N·m/s",
 }  # fmt: skip
+
+
+Estimated = tuple[pl.DataFrame, tuple[Array, Array, Array]]
+"""A row per fit; time [s], measured and modelled torque [N*m], shape (n,) each."""
 
 
 @dataclass(frozen=True)
@@ -35,33 +41,61 @@ class FittedTrial:
     """Time [s] from the start, measured and modelled torque [N*m] of the fit to all data."""
 
 
-def fit_dynamometer_trial(
-    model: str, trial: Path, parameters: Path, settings: DynamometerAnalysis, limits: DoubtfulFits
+def read_fit_settings(experiment: str, config: Path) -> Settings:
+    """The section of a configuration file that the fit of an experiment uses."""
+    section = SECTIONS[experiment]
+    return read_section(config, *section)
+
+
+def fit_one_trial(
+    experiment: str, trial: Path, parameters: Path, settings: Settings, limits: DoubtfulFits
 ) -> FittedTrial:
-    """Fit an ingested trial with model `belt`, `transmission` or `impedance`.
+    """Fit an ingested trial of one of the `FITS`; `settings` as `read_fit_settings` gives them.
 
     Raises
     ------
     InputError, IdentifiabilityError
         The trial lacks a signal, does not follow the protocol, or cannot identify the model.
     """
-    canonical = read_trial(trial)
-    if model == "belt":
-        belt = belt_trial(canonical, read_parameters(parameters), settings)
-        return FittedTrial(marked(belt_table(belt), limits.of("belt"), model), series_table(*belt_series(belt)))
-    stepped = stepped_sine_trial(canonical, settings)
-    if model == "transmission":
-        table = marked(transmission_table(stepped), limits.of("transmission"), model)
-        return FittedTrial(table, series_table(*transmission_series(stepped)))
-    table = marked(impedance_table(stepped, trial_phasors(stepped)), limits.of("impedance"), model)
-    return FittedTrial(table, series_table(*impedance_series(stepped)))
+    table, series = FITS[experiment](read_trial(trial), parameters, settings)
+    return FittedTrial(marked(table, limits.of(experiment), experiment), series_table(*series))
 
 
-def fit_actuator_bench_trial(trial: Path, settings: ActuatorAnalysis, limits: DoubtfulFits) -> FittedTrial:
-    """Fit an ingested trial of the actuator's bench; raises as `fit_dynamometer_trial`."""
-    actuator = actuator_trial(read_trial(trial), settings)
-    table = marked(actuator_table(actuator), limits.of("actuator"), "actuator")
-    return FittedTrial(table, series_table(actuator.time, actuator.torque, actuator.modelled))
+def fit_belt(trial: Trial, parameters: Path, settings: BeltAnalysis) -> Estimated:
+    """The belt's row, and its series."""
+    belt = belt_trial(trial, read_parameters(parameters), settings)
+    return belt_table(belt), belt_series(belt)
+
+
+def fit_transmission_losses(trial: Trial, _: Path, settings: SteppedSineAnalysis) -> Estimated:
+    """The transmission's rows, and the series of the fit to all amplitudes."""
+    stepped = stepped_sine_trial(trial, settings)
+    return transmission_table(stepped), transmission_series(stepped)
+
+
+def fit_rendered_impedance(trial: Trial, _: Path, settings: SteppedSineAnalysis) -> Estimated:
+    """The rows of Eq. 15, and the series of the fit to all amplitudes."""
+    stepped = stepped_sine_trial(trial, settings)
+    return impedance_table(stepped, trial_phasors(stepped)), impedance_series(stepped)
+
+
+def fit_actuator_bench(trial: Trial, _: Path, settings: ActuatorAnalysis) -> Estimated:
+    """The actuator's row, and its series."""
+    actuator = actuator_trial(trial, settings)
+    return actuator_table(actuator), (actuator.time, actuator.torque, actuator.modelled)
+
+
+FITS: dict[str, Callable[[Trial, Path, Any], Estimated]] = {
+    "belt": fit_belt,
+    "transmission": fit_transmission_losses,
+    "actuator": fit_actuator_bench,
+    "impedance": fit_rendered_impedance,
+}
+"""By experiment: the fit of one trial, from the trial, the parameter file and the settings."""
+SECTIONS: dict[str, tuple[str, type[Settings]]] = dict.fromkeys(FITS, ("dynamometer", DynamometerAnalysis)) | {
+    "actuator": ("actuator", ActuatorAnalysis)
+}
+"""By experiment: the section of the configuration that its fit uses, and the model of that section."""
 
 
 def series_table(time: Array, torque: Array, torque_model: Array) -> pl.DataFrame:

@@ -1,0 +1,71 @@
+"""What the commands of `osl-analysis` share: options, lists of numbers, and how errors are shown."""
+
+import math
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import click
+
+from osl_analysis.errors import OslAnalysisError
+
+MOST_NUMBERS = 300
+"""Numbers that a range may have."""
+
+
+class NumberList(click.ParamType[list[float]]):
+    """Numbers as 300, as 100,200 or as first:last:step."""
+
+    name = "numbers"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> list[float]:
+        text = str(value)
+        try:
+            numbers = [float(part) for part in text.replace(":", ",").split(",")]
+        except ValueError:
+            self.fail(f"'{text}' is neither a number nor a list like 100,200 or 100:400:50", param, ctx)
+        if ":" not in text:
+            return numbers
+        if (
+            len(numbers) != 3
+            or not all(map(math.isfinite, numbers))
+            or not (numbers[2] > 0 and numbers[1] >= numbers[0])
+        ):
+            self.fail(f"'{text}' is no range; write first:last:step, upwards, with a step above 0", param, ctx)
+        first, last, step = numbers
+        if (last - first) / step > MOST_NUMBERS:
+            self.fail(f"'{text}' is more than {MOST_NUMBERS} numbers; take a longer step", param, ctx)
+        return [first + step * k for k in range(int((last - first) / step + 1e-9) + 1)]
+
+
+FILE = click.Path(path_type=Path)
+NUMBERS = NumberList()
+PARAMETERS = click.option(
+    "--parameters",
+    type=FILE,
+    default=Path("config/parameters/default.yaml"),
+    show_default=True,
+    help="Parameter file of the device.",
+)
+CONFIG = click.option(
+    "--config",
+    "config_path",
+    type=FILE,
+    default=Path("config/config.yaml"),
+    show_default=True,
+    help="Configuration with the filter [Hz] and the stepped-sine protocol [deg, Hz].",
+)
+AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON in SI units instead of a table.")
+
+
+class OneLineErrors(click.Group):
+    """Shows a user's mistake as one line on standard error, exit code 1, and a warning as one line."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        warnings.showwarning = lambda message, *_, **__: click.echo(f"warning: {message}", err=True)
+        try:
+            return super().invoke(ctx)
+        except OslAnalysisError as error:
+            click.echo(f"error: {error}", err=True)
+            sys.exit(1)

@@ -15,7 +15,8 @@ from osl_analysis.model.rendering import predicted_impedance
 from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
 from osl_analysis.simulator.joint_motion import JointMotion, position_loop, stepped_sine, there_and_back
-from osl_analysis.simulator.settings import BeltMotion, SimulationSettings, SteppedSineSchedule
+from osl_analysis.simulator.schedules import BeltMotion, SteppedSineSchedule
+from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
 
 ROOT = Path(__file__).parents[1]

@@ -1,7 +1,6 @@
 """Simulate a campaign, or one trial of it, into a raw-data folder."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.files import atomic_path
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
-from osl_analysis.simulator import messages
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
@@ -128,41 +126,27 @@ def record_trial(
 def record_bench_trial(
     row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, campaign_folder: Path
 ) -> None:
-    """A trial of the dynamometer."""
+    """A trial of the dynamometer: the truth first, so that a log never stands without it."""
+    from osl_analysis.simulator.bench_files import write_dynamometer_log
     from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
+    from osl_analysis.simulator.truth_recorder import write_truth
 
     log, truth = simulate_dynamometer_trial(row, settings, p)
-    message = (messages.DYNAMOMETER_SCHEMA, messages.DYNAMOMETER_SAMPLE, messages.DYNAMOMETER_FRAME)
-    record_log(row, campaign_folder, asdict(log), truth, messages.DYNAMOMETER_TOPIC, *message)
+    write_truth(campaign_folder, row["trial"], truth)
+    write_dynamometer_log(campaign_folder / row["log"], log, settings.recorder.torque_node is not None)
 
 
 def record_actuator_trial(
     row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, campaign_folder: Path
 ) -> None:
-    """A trial of the actuator's own bench."""
+    """A trial of the actuator's own bench, in the same order."""
     from osl_analysis.simulator.actuator_bench import simulate_actuator_trial
-
-    log, truth = simulate_actuator_trial(row["trial"], settings, p)
-    message = (messages.ACTUATOR_SCHEMA, messages.ACTUATOR_SAMPLE, messages.ACTUATOR_FRAME)
-    record_log(row, campaign_folder, asdict(log), truth, messages.ACTUATOR_TOPIC, *message)
-
-
-def record_log(
-    row: Mapping[str, Any],
-    campaign_folder: Path,
-    columns: dict[str, Any],
-    truth: Mapping[str, Any],
-    topic: str,
-    schema: str,
-    sample: str,
-    frame: str,
-) -> None:
-    """A bench's log and its truth: the truth first, so that a log never stands without it."""
-    from osl_analysis.simulator.mcap_recorder import write_mcap
+    from osl_analysis.simulator.bench_files import write_actuator_log
     from osl_analysis.simulator.truth_recorder import write_truth
 
+    log, truth = simulate_actuator_trial(row["trial"], settings, p)
     write_truth(campaign_folder, row["trial"], truth)
-    write_mcap(campaign_folder / row["log"], topic, schema, sample, frame, columns.pop("time"), columns)
+    write_actuator_log(campaign_folder / row["log"], log, settings.recorder.torque_node is not None)
 
 
 def record_laboratory_trial(

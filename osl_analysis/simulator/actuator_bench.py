@@ -7,25 +7,28 @@ import numpy as np
 
 from osl_analysis.model.drivetrain import actuator_torque
 from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.simulator.bench_recorder import recorded
 from osl_analysis.simulator.dynamometer import moved
 from osl_analysis.simulator.joint_motion import JointMotion
-from osl_analysis.simulator.sensors import bench_errors, rounded_to, stream
-from osl_analysis.simulator.settings import ActuatorBench, SimulationSettings, Tone
+from osl_analysis.simulator.schedules import ActuatorBench, Tone
+from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.truth_recorder import bench_truth
 from osl_analysis.trial import Array
 
 
 @dataclass(frozen=True)
 class ActuatorLog:
-    """What the bench's recorder writes, shape (n,): time [s], actuator_angle [rad], motor_current [A], torque [N*m].
+    """What the bench's recorder writes: time [s], actuator_angle [rad] and motor_current [A], shape (n,) each.
 
-    output_torque is what the actuator exerts on the bench, the paper's tau_m.
+    output_torque [N*m], shape (m,), is what the actuator exerts on the bench, the paper's tau_m; torque_time [s] are
+    its stamps, the same where one node writes all.
     """
 
     time: Array
     actuator_angle: Array
     motor_current: Array
     output_torque: Array
+    torque_time: Array
 
 
 def simulate_actuator_trial(
@@ -88,16 +91,7 @@ def recorded_actuator(
     trial: str, motion: JointMotion, current: Array, torque: Array, settings: SimulationSettings
 ) -> tuple[ActuatorLog, dict[str, float]]:
     """What the recorder gets, and the numbers that were drawn for this trial."""
-    effects, seed, n = settings.effects, settings.seed, len(torque)
-    elapsed = np.arange(n) / settings.dynamometer.rate_hz
-    drawn = bench_errors(trial, settings)
-    noise = effects.load_cell_noise.value * stream(seed, trial, "load_cell_noise").standard_normal(n)
-    load = torque + drawn["load_cell_offset"] + drawn["load_cell_drift"] * elapsed / 60 + noise
-    ripple = effects.current_noise.value * stream(seed, trial, "current_noise").standard_normal(n)
-    log = ActuatorLog(
-        time=drawn["clock_start_s"] + elapsed,
-        actuator_angle=rounded_to(motion.theta, effects.actuator_encoder.value),
-        motor_current=rounded_to(current + ripple, effects.current_quantisation.value),
-        output_torque=rounded_to(load, effects.load_cell_quantisation.value),
-    )
-    return log, drawn
+    signals = {"actuator_angle": motion.theta, "motor_current": current, "output_torque": torque}
+    nodes, drawn = recorded(trial, signals, settings)
+    channels = {name: values for node in nodes for name, values in node.channels.items()}
+    return ActuatorLog(time=nodes[0].time, torque_time=nodes[-1].time, **channels), drawn

@@ -179,3 +179,51 @@ def belt_path(theta_s: Array, plant: Plant) -> Array:
             z = hysteresis(z, theta_s[i] - theta_s[i - 1], plant.hysteresis_width)
         torque[i] = hysteretic_belt_torque(theta_s[i], z, plant)
     return torque
+
+
+@compiled_kernel
+def torque_through_gap(
+    theta: Array,
+    omega: Array,
+    alpha: Array,
+    joint: tuple[float, float, float],
+    gap: float,
+    sample: float,
+    substeps: int,
+) -> Array:
+    """Torque [N*m] at the samples of a bench that turns a joint (K, B, I) through a gap [rad], shape (n,).
+
+    At an end of the gap the bench pushes the joint and cannot pull it. Inside, the joint moves freely. It meets an end
+    plastically; the blow's impulse is spread over one sample.
+    """
+    K, B, I = joint
+    step, half = sample / substeps, 0.5 * gap
+    torque = np.zeros_like(theta)
+    side, angle, velocity, blow, blows = 0, theta[0], 0.0, 0.0, 0
+    for i in range(len(theta)):
+        for k in range(substeps if i + 1 < len(theta) else 1):
+            part = k / substeps
+            bench = joint_angle(part, i, theta, omega, sample) if k else theta[i]
+            later = i + 1 if k else i
+            speed = omega[i] + part * (omega[later] - omega[i])
+            turning = alpha[i] + part * (alpha[later] - alpha[i])
+            push = 0.0
+            if side != 0:
+                angle, velocity = bench - side * half, speed
+                push = K * angle + B * velocity + I * turning
+                if push * side < 0.0:
+                    side, push = 0, 0.0
+            elif angle <= bench - half or angle >= bench + half:
+                side = 1 if angle <= bench - half else -1
+                blow, blows = I * (speed - velocity) / sample, substeps
+                angle, velocity = bench - side * half, speed
+                push = K * angle + B * velocity + I * turning
+            if blows > 0:
+                push += blow
+                blows -= 1
+            if k == 0:
+                torque[i] = push
+            if side == 0:
+                velocity += -step * (K * angle + B * velocity) / I
+                angle += step * velocity
+    return torque

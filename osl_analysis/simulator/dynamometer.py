@@ -8,6 +8,7 @@ import numpy as np
 
 from osl_analysis.model.compensator import Gains, select_gains
 from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.simulator.bench_recorder import recorded
 from osl_analysis.simulator.drivetrain_sim import (
     ControlCommands,
     DrivetrainEffects,
@@ -15,7 +16,8 @@ from osl_analysis.simulator.drivetrain_sim import (
     simulate_drivetrain,
 )
 from osl_analysis.simulator.joint_motion import JointMotion, position_loop, stepped_sine, there_and_back
-from osl_analysis.simulator.sensors import bench_errors, rounded_to, stream
+from osl_analysis.simulator.second_order_joint import second_order_torque
+from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.truth_recorder import bench_truth
 from osl_analysis.trial import Array
@@ -23,10 +25,12 @@ from osl_analysis.trial import Array
 
 @dataclass(frozen=True)
 class DynamometerLog:
-    """What the dynamometer's recorder writes, shape (n,) each, with its units and its own sign.
+    """What the dynamometer's recorder writes, with its units and its own sign.
 
-    time [s] of the recorder's clock; joint_angle, actuator_angle, commanded_angle [rad]; motor_current [A];
-    load_cell_torque [N*m] is the torque that the joint exerts, the paper's tau_j: *minus* the canonical one.
+    time [s] of the recorder's clock, shape (n,) as every channel but the torque; torque_time [s], shape (m,) as the
+    torque, is the same where one node writes all; joint_angle, actuator_angle, commanded_angle [rad];
+    motor_current [A]; load_cell_torque [N*m] is the torque that the joint exerts, the paper's tau_j: *minus* the
+    canonical one.
     """
 
     time: Array
@@ -35,6 +39,7 @@ class DynamometerLog:
     actuator_angle: Array
     motor_current: Array
     commanded_angle: Array
+    torque_time: Array
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,10 @@ def simulate_dynamometer_trial(
         command, motion = moved(stepped_sine(settings.protocol, settings.dynamometer.rate_hz), settings)
         if row["experiment"] == "transmission":
             response = simulate_transmission(motion, p)
+        elif settings.joint is not None:
+            still = np.zeros_like(motion.theta)
+            torque = second_order_torque(settings.joint, motion, settings.dynamometer.rate_hz)
+            response = BenchResponse(still, still, torque)
         else:
             gains = select_gains(str(row["controller"]), float(row["K_d"]), float(row["B_d"]), p)
             response = simulate_impedance(settings.dynamometer.rate_hz, motion, gains, drivetrain_effects(settings), p)
@@ -128,20 +137,17 @@ def recorded_dynamometer(
     trial: str, command: Array, motion: JointMotion, response: BenchResponse, settings: SimulationSettings
 ) -> tuple[DynamometerLog, dict[str, float]]:
     """What the recorder gets, and the numbers that were drawn for this trial."""
-    effects, seed = settings.effects, settings.seed
-    elapsed = np.arange(len(command)) / settings.dynamometer.rate_hz
-    drawn = bench_errors(trial, settings)
-    noise = stream(seed, trial, "load_cell_noise").standard_normal(len(command))
-    load = drawn["load_cell_offset"] + drawn["load_cell_drift"] * elapsed / 60 - response.torque
-    ripple = stream(seed, trial, "current_noise").standard_normal(len(command))
-    log = DynamometerLog(
-        time=drawn["clock_start_s"] + elapsed,
-        joint_angle=rounded_to(motion.theta, effects.joint_encoder.value),
-        load_cell_torque=rounded_to(load + effects.load_cell_noise.value * noise, effects.load_cell_quantisation.value),
-        actuator_angle=rounded_to(response.theta_m, effects.actuator_encoder.value),
-        motor_current=rounded_to(
-            response.current + effects.current_noise.value * ripple, effects.current_quantisation.value
-        ),
-        commanded_angle=rounded_to(command, effects.joint_encoder.value),
+    mount = settings.effects.mount_stiffness
+    nodes, drawn = recorded(
+        trial,
+        {
+            "joint_angle": motion.theta + response.torque / mount.size if mount.enabled else motion.theta,
+            "actuator_angle": response.theta_m,
+            "motor_current": response.current,
+            "commanded_angle": command,
+            "load_cell_torque": -response.torque,
+        },
+        settings,
     )
-    return log, drawn
+    channels = {name: values for node in nodes for name, values in node.channels.items()}
+    return DynamometerLog(time=nodes[0].time, torque_time=nodes[-1].time, **channels), drawn

@@ -1,55 +1,21 @@
-"""One imperfection of a simulated campaign, and the imperfections of the benches, with their units."""
+"""The imperfections of the simulated benches, their drivetrain and its controller, with their units."""
 
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, model_validator
 
+from osl_analysis.simulator.effect import (
+    Effect,
+    Encoder,
+    Hum,
+    NotNegative,
+    Positive,
+    in_unit,
+    off,
+    positive,
+    whole_number,
+)
 from osl_analysis.yaml_settings import Settings
-
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-
-
-class Effect(Settings):
-    """One imperfection."""
-
-    enabled: bool
-    """Whether the imperfection acts. (`on` would be a truth value in YAML.)"""
-    size: NotNegative
-    """Its size, in `unit`."""
-    unit: str
-    """The unit of the size. It must be the one that the settings expect."""
-
-    @property
-    def value(self) -> float:
-        """The size, or 0 where the effect is off."""
-        return self.size if self.enabled else 0.0
-
-
-def in_unit(unit: str) -> AfterValidator:
-    """A check that an effect's size is given in `unit`."""
-
-    def check(effect: Effect) -> Effect:
-        """Refuse another unit."""
-        if effect.unit != unit:
-            raise ValueError(f"its unit must be '{unit}', not '{effect.unit}'")
-        return effect
-
-    return AfterValidator(check)
-
-
-def whole_number(effect: Effect) -> Effect:
-    """Refuse a size that is not a whole number."""
-    if effect.size != int(effect.size):
-        raise ValueError(f"its size is {effect.size:g}; give a whole number")
-    return effect
-
-
-def positive(effect: Effect) -> Effect:
-    """Refuse a size of 0, which would not switch the effect off."""
-    if effect.size == 0:
-        raise ValueError("its size must be positive; set enabled: false to switch it off")
-    return effect
 
 
 class Effects(Settings):
@@ -62,9 +28,9 @@ class Effects(Settings):
     held between two updates. Off: a continuous controller."""
     velocity_filter: Annotated[Effect, in_unit("Hz"), AfterValidator(positive)]
     """Cut-off of the low-pass over the differentiated encoder. Off: the controller gets the true velocity."""
-    actuator_encoder: Annotated[Effect, in_unit("rad")]
+    actuator_encoder: Annotated[Encoder, in_unit("rad", "bit")]
     """Resolution of the actuator's encoder, at the actuator's output."""
-    joint_encoder: Annotated[Effect, in_unit("rad")]
+    joint_encoder: Annotated[Encoder, in_unit("rad", "bit")]
     """Resolution of the joint's encoder."""
     load_cell_noise: Annotated[Effect, in_unit("N*m")]
     """Standard deviation of the load cell's white noise, at the rate of the log."""
@@ -84,10 +50,44 @@ class Effects(Settings):
     """Standard deviation of K_s from trial to trial in the belt experiment, as a share of K_s."""
     dynamometer_bandwidth: Annotated[Effect, in_unit("Hz"), AfterValidator(positive)]
     """Natural frequency with which the motor follows its command. Off: it follows exactly."""
+    mount_stiffness: Annotated[Effect, in_unit("N*m/rad"), AfterValidator(positive)] = off("N*m/rad", 1.0)
+    """Stiffness of the bench's frame, whose yielding the joint's encoder sees. Off: the frame is rigid."""
+    load_cell_hum: Annotated[Hum, in_unit("N*m")] = Hum(enabled=False, size=0, unit="N*m")
+    """Amplitude of the mains' hum in the load cell's signal."""
+    load_cell_flicker: Annotated[Effect, in_unit("N*m")] = off("N*m")
+    """Standard deviation of the load cell's 1/f noise within each decade of frequency."""
+    encoder_zero: Annotated[Effect, in_unit("step")] = off("step")
+    """Largest distance of the zero of the joint's encoder, drawn for each trial, in steps of the encoder."""
 
     def without(self, *names: str) -> "Effects":
         """These effects with the named ones off, or with all off if none is named."""
-        off = {
+        silent = {
             name: getattr(self, name).model_copy(update={"enabled": False}) for name in names or type(self).model_fields
         }
-        return self.model_copy(update=off)
+        return self.model_copy(update=silent)
+
+
+class SecondOrderJoint(Settings):
+    """A joint that answers exactly by Eq. 15, in place of the drivetrain, and what may spoil that.
+
+    Backlash stands between bench and joint: inside the gap the joint moves freely, and its ends meet plastically.
+    """
+
+    K: Positive
+    """Stiffness [N*m/rad]."""
+    B: NotNegative
+    """Damping [N*m*s/rad]."""
+    I: NotNegative
+    """Inertia [kg*m^2]."""
+    stiffening: Annotated[Effect, in_unit("1/rad^2")] = off("1/rad^2")
+    """The torque of the spring is K theta (1 + size theta^2)."""
+    coulomb: Annotated[Effect, in_unit("N*m")] = off("N*m")
+    """Coulomb friction of the joint."""
+    backlash: Annotated[Effect, in_unit("rad")] = off("rad")
+    """Whole gap between bench and joint."""
+
+    @model_validator(mode="after")
+    def _gap_is_computed_for_a_linear_joint(self) -> Self:
+        if self.backlash.value and not self.I:
+            raise ValueError("backlash needs an inertia I above 0")
+        return self

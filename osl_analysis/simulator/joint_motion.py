@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from osl_analysis.simulator.drivetrain_kernel import compiled_kernel
-from osl_analysis.simulator.settings import BeltMotion, SteppedSineSchedule
+from osl_analysis.simulator.schedules import BeltMotion, SteppedSineSchedule
 from osl_analysis.trial import Array
 
 
@@ -18,24 +18,104 @@ class JointMotion:
     omega: Array
     alpha: Array
 
+    def __add__(self, other: "JointMotion") -> "JointMotion":
+        """The sum of two motions."""
+        return JointMotion(self.theta + other.theta, self.omega + other.omega, self.alpha + other.alpha)
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """The pieces of a stepped sine, (k,) each: start [s], duration [s], angular frequency [rad/s], amplitude [rad]."""
+
+    start: Array
+    duration: Array
+    w: Array
+    amplitude: Array
+
+    @property
+    def end(self) -> float:
+        """End of the last piece [s]."""
+        return float(self.start[-1] + self.duration[-1])
+
+
+def stepped_sine_pieces(protocol: SteppedSineSchedule) -> Pieces:
+    """The rests and frequencies of a stepped sine, by the clock of the log."""
+    between = [protocol.rest_between_s] if protocol.rest_between_s else []
+    duration, frequency = list[float](), list[float]()
+    for f, sine in zip(protocol.frequencies_hz, protocol.durations, strict=True):
+        duration += [sine + 2 * protocol.ramp_s, *between]
+        frequency += [f, *(0.0 for _ in between)]
+    blocks = len(protocol.amplitudes_deg)
+    amplitude = np.repeat(np.deg2rad(protocol.amplitudes_deg), len(duration) + 1)
+    faster = 1 + 1e-6 * protocol.clock_error.value
+    durations = np.concatenate([[protocol.lead_s], np.tile([*duration, protocol.rest_s], blocks)]) / faster
+    w = 2 * np.pi * np.concatenate([[0.0], np.tile([*frequency, 0.0], blocks)]) * faster
+    start = np.concatenate([[0.0], np.cumsum(durations)[:-1]])
+    return Pieces(start, durations, w, np.concatenate([[0.0], amplitude]))
+
 
 def stepped_sine(protocol: SteppedSineSchedule, rate_hz: float) -> JointMotion:
     """The commanded stepped sine from rest, sampled at `rate_hz` [Hz].
 
-    The phase is continuous where the frequency changes and a multiple of 2 pi where the amplitude does, so the
-    angle never jumps. The velocity does, there: a command that is followed exactly has no acceleration for it.
+    The phase is continuous where the frequency changes and a multiple of 2 pi where the amplitude does, so that the
+    angle never jumps, unless a frequency starts as a cosine or does not end with a whole cycle. The velocity jumps
+    there: a command that is followed exactly has no acceleration for it.
     """
-    frequency = np.array([*protocol.frequencies_hz, 0.0])
-    duration = np.array([*(protocol.cycles / f for f in protocol.frequencies_hz), protocol.rest_s])
-    amplitude = np.deg2rad(protocol.amplitudes_deg)
-    rates = 2 * np.pi * np.concatenate([[0.0], np.tile(frequency, len(amplitude))])
-    ends = np.cumsum([protocol.lead_s, *np.tile(duration, len(amplitude))])
-    time = np.arange(round(ends[-1] * rate_hz)) / rate_hz
-    piece = np.minimum(np.searchsorted(ends, time, side="right"), len(ends) - 1)
-    started = np.concatenate([[0.0], ends[:-1]])
-    size = np.concatenate([[0.0], np.repeat(amplitude, len(frequency))])[piece]
-    w, phase = rates[piece], rates[piece] * (time - started[piece])
-    return JointMotion(size * np.sin(phase), size * w * np.cos(phase), -size * w**2 * np.sin(phase))
+    pieces = stepped_sine_pieces(protocol)
+    time = np.arange(round(pieces.end * rate_hz)) / rate_hz
+    k = np.minimum(np.searchsorted(pieces.start, time, side="right") - 1, len(pieces.start) - 1)
+    elapsed, w = time - pieces.start[k], pieces.w[k]
+    size = np.where(w > 0, pieces.amplitude[k], 0.0)
+    envelope = decaying(ramped(size, elapsed, pieces.duration[k], protocol.ramp_s), elapsed, protocol.decay.value)
+    motion = envelope.times(w, w * elapsed + (np.pi / 2 if protocol.start == "cosine" else 0.0))
+    for order, harmonic in ((2, protocol.second_harmonic), (3, protocol.third_harmonic)):
+        if harmonic.enabled:
+            motion = motion + envelope.scaled(harmonic.value).times(order * w, order * w * elapsed)
+    return motion
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """Amplitude (n,) [rad] of a sine, with its first and second derivative."""
+
+    size: Array
+    rate: Array
+    curvature: Array
+
+    def scaled(self, factor: float) -> "Envelope":
+        """The same envelope, larger by a factor."""
+        return Envelope(factor * self.size, factor * self.rate, factor * self.curvature)
+
+    def times(self, w: Array, phase: Array) -> JointMotion:
+        """A sine of this amplitude with its derivatives; w [rad/s] is the derivative of the phase [rad]."""
+        sine, cosine = np.sin(phase), np.cos(phase)
+        return JointMotion(
+            self.size * sine,
+            self.size * w * cosine + self.rate * sine,
+            -self.size * w**2 * sine + 2 * self.rate * w * cosine + self.curvature * sine,
+        )
+
+
+def ramped(size: Array, elapsed: Array, duration: Array, ramp_s: float) -> Envelope:
+    """The amplitude (n,) [rad] that rises and falls as a cosine within `ramp_s` [s] at both ends of its piece."""
+    still = np.zeros_like(size)
+    if not ramp_s:
+        return Envelope(size, still, still)
+    inside, turn = np.clip(np.minimum(elapsed, duration - elapsed), 0, ramp_s), np.pi / ramp_s
+    side, rises = np.where(elapsed < duration / 2, 1.0, -1.0), inside < ramp_s
+    return Envelope(
+        size * 0.5 * (1 - np.cos(turn * inside)),
+        size * 0.5 * turn * np.sin(turn * inside) * side * rises,
+        size * 0.5 * turn**2 * np.cos(turn * inside) * rises,
+    )
+
+
+def decaying(envelope: Envelope, elapsed: Array, rate: float) -> Envelope:
+    """The envelope times exp(-rate t), t being the time [s] since the start of its piece."""
+    if not rate:
+        return envelope
+    left, size, first, second = np.exp(-rate * elapsed), envelope.size, envelope.rate, envelope.curvature
+    return Envelope(left * size, left * (first - rate * size), left * (second - 2 * rate * first + rate**2 * size))
 
 
 def there_and_back(belt: BeltMotion, rate_hz: float) -> JointMotion:

@@ -1,6 +1,7 @@
 """An MCAP recorder as a laboratory's: ROS 2 messages in CDR, one wide topic, zstd chunks with CRCs."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,17 @@ LATENCY_NS = 150_000
 """From a sample's stamp to its arrival at the recorder."""
 
 CDR_TYPES = {"bool": "u1", "uint8": "u1", "int32": "<i4", "uint32": "<u4", "float32": "<f4", "float64": "<f8"}
+
+
+@dataclass(frozen=True)
+class Topic:
+    """The messages of one topic: the schema as ros2msg, time stamps [ns], (n,), and the CDR records, (n,)."""
+
+    name: str
+    schema_name: str
+    schema_text: str
+    stamps: NDArray[np.int64]
+    records: "np.ndarray[tuple[int], np.dtype[np.void]]"
 
 
 def write_mcap(
@@ -39,18 +51,39 @@ def write_mcap(
     InputError
         The schema and the columns do not name the same fields, or a field's type is not a plain scalar.
     """
-    stamps = np.rint(np.asarray(time) * 1e9).astype(np.int64)
+    stamps = nanoseconds(time)
     records = cdr_records(schema_text, schema_name, frame_id, stamps, columns)
-    size, data = records.itemsize, records.tobytes()
+    write_topics(path, [Topic(topic, schema_name, schema_text, stamps, records)])
+
+
+def write_topics(path: Path, topics: Sequence[Topic]) -> None:
+    """Write several topics, their messages in the order in which they arrive. The file appears whole or not at all."""
+    stamps = np.concatenate([topic.stamps for topic in topics])
+    owner = np.repeat(np.arange(len(topics)), [len(topic.stamps) for topic in topics])
+    number = np.concatenate([np.arange(len(topic.stamps)) for topic in topics])
+    order = np.argsort(stamps, kind="stable")
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         writer = Writer(file)
         writer.start(profile="ros2")
-        writer.add_metadata("recording", {"origin": "simulated", "topic": topic, "time": "header stamp"})
-        schema = writer.register_schema(schema_name, "ros2msg", schema_text.encode())
-        channel = writer.register_channel(topic, "cdr", schema)
-        for i, stamp in enumerate(stamps.tolist()):
-            writer.add_message(channel, stamp + LATENCY_NS, data[i * size : (i + 1) * size], stamp, i)
+        names = ", ".join(topic.name for topic in topics)
+        writer.add_metadata("recording", {"origin": "simulated", "topic": names, "time": "header stamp"})
+        channels = [register(writer, topic) for topic in topics]
+        data, size = [topic.records.tobytes() for topic in topics], [topic.records.itemsize for topic in topics]
+        for stamp, k, i in zip(stamps[order].tolist(), owner[order].tolist(), number[order].tolist(), strict=True):
+            message = data[k][i * size[k] : (i + 1) * size[k]]
+            writer.add_message(channels[k], stamp + LATENCY_NS, message, stamp, i)
         writer.finish()  # type: ignore[no-untyped-call]
+
+
+def register(writer: Writer, topic: Topic) -> int:
+    """The id of a topic's channel in a file."""
+    schema = writer.register_schema(topic.schema_name, "ros2msg", topic.schema_text.encode())
+    return writer.register_channel(topic.name, "cdr", schema)
+
+
+def nanoseconds(time: Array) -> NDArray[np.int64]:
+    """Time stamps [s] as whole nanoseconds."""
+    return np.rint(np.asarray(time) * 1e9).astype(np.int64)
 
 
 def cdr_records(
@@ -85,15 +118,23 @@ def field_types(schema_text: str, schema_name: str) -> dict[str, str]:
 
 
 def cdr_layout(types: Mapping[str, str], frame_id_size: int) -> "np.dtype[np.void]":
-    """Record with each member aligned to its own size, counted from after the encapsulation."""
-    members = {
+    """Record of a message with a header and scalars."""
+    return aligned(header_members(frame_id_size) | {f"field.{name}": kind for name, kind in types.items()})
+
+
+def header_members(frame_id_size: int) -> dict[str, str]:
+    """Members of a record up to the end of its header, with their numpy types."""
+    return {
         "encapsulation": "V4", "sec": "<i4", "nanosec": "<u4", "frame_id_length": "<u4", "frame_id": f"S{frame_id_size}"
     }  # fmt: skip
-    members |= {f"field.{name}": kind for name, kind in types.items()}
+
+
+def aligned(members: Mapping[str, str]) -> "np.dtype[np.void]":
+    """Record with each member aligned to its own size, counted from after the encapsulation; text is not aligned."""
     offsets, end = [], 0
-    for name, kind in members.items():
+    for kind in members.values():
         size = np.dtype(kind).itemsize
-        alignment = 1 if name in ("encapsulation", "frame_id") else size
+        alignment = 1 if np.dtype(kind).kind in "SV" else size
         start = end if end == 0 else 4 + -(-(end - 4) // alignment) * alignment
         offsets.append(start)
         end = start + size

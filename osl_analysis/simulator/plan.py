@@ -10,6 +10,9 @@ from osl_analysis.sheet import COLUMNS
 from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
 
+TWO_NODES = "_nodes"
+"""What the name of a bench's source file ends with, where two nodes record."""
+
 PlannedRow = dict[str, object]
 
 
@@ -30,7 +33,7 @@ def plan_trials(settings: SimulationSettings) -> pd.DataFrame:
 
 
 def bench_plan(settings: SimulationSettings) -> list[PlannedRow]:
-    """The trials on the benches."""
+    """The trials on the benches; the source file is another one where two nodes record."""
     wanted = settings.experiments
     rows = [planned_row(name, "belt") for name in numbered("belt", wanted.belt, 2)]
     rows += [planned_row(name, "transmission") for name in numbered("transmission", wanted.transmission, 1)]
@@ -38,6 +41,8 @@ def bench_plan(settings: SimulationSettings) -> list[PlannedRow]:
     for controller, K_d, B_d in itertools.product(wanted.controllers, wanted.K_d, wanted.B_d):
         row = planned_row(f"impedance_K{K_d:g}_B{B_d:.1f}_{controller}", "impedance")
         rows.append(row | {"controller": controller, "K_d": K_d, "B_d": B_d})
+    if settings.recorder.torque_node is not None:
+        rows = [row | {"log_source": f"{row['log_source']}{TWO_NODES}"} for row in rows]
     return rows
 
 

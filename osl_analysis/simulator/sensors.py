@@ -3,9 +3,15 @@
 import zlib
 
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, cont2discrete, lfilter, lfilter_zi
 
+from osl_analysis.simulator.effect import SensorLowPass
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.trial import Array
+
+FINER = 8
+"""Steps per sample with which a sensor's own low-pass is computed, its input being straight between them."""
 
 
 def stream(seed: int, trial: str, effect: str) -> np.random.Generator:
@@ -18,15 +24,43 @@ def stream(seed: int, trial: str, effect: str) -> np.random.Generator:
 
 
 def bench_errors(trial: str, settings: SimulationSettings) -> dict[str, float]:
-    """The errors that one bench trial keeps: clock start [s], load-cell offset [N*m] and drift [N*m/min]."""
+    """The errors that one bench trial keeps: clock start [s], load-cell offset [N*m] and drift [N*m/min].
+
+    With `encoder_zero` on, the zero of the joint's encoder [rad] too.
+    """
     effects, seed = settings.effects, settings.seed
+    zero = effects.encoder_zero.value * effects.joint_encoder.value * stream(seed, trial, "encoder_zero").uniform(-1, 1)
     return {
         "clock_start_s": float(stream(seed, trial, "clock_start").integers(20, 2000)),
         "load_cell_offset": effects.load_cell_offset.value * stream(seed, trial, "load_cell_offset").standard_normal(),
         "load_cell_drift": effects.load_cell_drift.value * stream(seed, trial, "load_cell_drift").standard_normal(),
+        **({"encoder_zero": float(zero)} if effects.encoder_zero.enabled else {}),
     }
 
 
 def rounded_to(signal: Array, step: float) -> Array:
     """The signal rounded to the nearest multiple of `step`, in the signal's unit. A step of 0 rounds nothing."""
     return np.rint(signal / step) * step if step else signal
+
+
+def low_passed(signal: Array, rate_hz: float, low_pass: SensorLowPass) -> Array:
+    """The signal (n,) behind a sensor's causal low-pass, which is at rest at the first value."""
+    fine = np.arange((len(signal) - 1) * FINER + 1) / FINER
+    finer = np.asarray(CubicSpline(np.arange(len(signal)), signal)(fine))
+    analogue = butter(low_pass.order, 2 * np.pi * low_pass.size, analog=True)
+    numerator, below, _ = cont2discrete(analogue, 1 / (FINER * rate_hz), method="foh")
+    above = np.ravel(numerator)
+    slow, _ = lfilter(above, below, finer, zi=lfilter_zi(above, below) * finer[0])
+    return np.asarray(slow[::FINER])
+
+
+def flicker(size: float, n: int, draws: np.random.Generator) -> Array:
+    """1/f noise (n,), even in time, whose standard deviation in a decade of frequency is `size`.
+
+    A power density of size^2/(ln 10 f) has the variance size^2 in each decade, whatever the sampling rate.
+    """
+    line = np.arange(n // 2 + 1)
+    white = draws.standard_normal((2, len(line)))
+    spectrum = size * n / 2 * (white[0] + 1j * white[1]) / np.sqrt(np.log(10) * np.maximum(line, 1))
+    spectrum[0] = 0
+    return np.fft.irfft(spectrum, n)

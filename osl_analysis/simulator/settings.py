@@ -8,7 +8,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from osl_analysis.simulator.effect_settings import Effects, NotNegative, Positive
+from osl_analysis.simulator.effect import NotNegative, Positive
+from osl_analysis.simulator.effect_settings import Effects, SecondOrderJoint
+from osl_analysis.simulator.recorder_settings import RecorderSettings
+from osl_analysis.simulator.schedules import ActuatorBench, BeltMotion, SteppedSineSchedule
 from osl_analysis.yaml_settings import Settings
 
 Count = Annotated[int, Field(ge=0)]
@@ -51,64 +54,6 @@ class Experiments(Settings):
         bench = self.belt + self.transmission + self.actuator + impedance
         if not (bench + self.static + self.plate + self.walking):
             raise ValueError("no trials are planned; ask for at least one")
-        return self
-
-
-class SteppedSineSchedule(Settings):
-    """The stepped sine: at each amplitude whole cycles at each frequency, then a rest."""
-
-    frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
-    """Frequencies [Hz], in the order in which they follow each other."""
-    cycles: Annotated[int, Field(ge=1)]
-    """Number of cycles at each frequency."""
-    amplitudes_deg: Annotated[tuple[Positive, ...], Field(min_length=1)]
-    """Amplitudes [deg], in the order in which they follow each other."""
-    rest_s: NotNegative
-    """Rest [s] after each amplitude."""
-    lead_s: NotNegative
-    """Rest [s] before the first amplitude."""
-
-
-class BeltMotion(Settings):
-    """The motion of the belt experiment: a rest, a turn and back, and a rest."""
-
-    amplitude_deg: Positive
-    """Angle [deg] of the turn."""
-    ramp_s: Positive
-    """Duration [s] of the turn, and of the return."""
-    rest_s: NotNegative
-    """Duration [s] of each rest."""
-
-
-class Tone(Settings):
-    """One sine of a schedule. It starts at phase 0."""
-
-    frequency_hz: Positive
-    """Frequency [Hz]."""
-    size: Positive
-    """Amplitude, in the unit of the schedule."""
-
-
-class ActuatorBench(Settings):
-    """The schedule of the actuator's own bench, which turns the output while the current is commanded.
-
-    Velocity and current are sums of sines. Their frequencies must differ, so that the current both drives and brakes:
-    only then can the gear's friction and the torque constant be told apart.
-    """
-
-    duration_s: Positive
-    """Duration [s] of a trial."""
-    fade_s: Positive
-    """Time [s] in which velocity and current fade in and out."""
-    velocity: Annotated[tuple[Tone, ...], Field(min_length=1)]
-    """Velocity of the output, sizes in rad/s."""
-    current: Annotated[tuple[Tone, ...], Field(min_length=1)]
-    """q-axis current, sizes in A."""
-
-    @model_validator(mode="after")
-    def _fits(self) -> Self:
-        if self.duration_s < 4 * self.fade_s:
-            raise ValueError("duration_s must be at least four times fade_s")
         return self
 
 
@@ -159,6 +104,10 @@ class SimulationSettings(Settings):
     """Integration and control of the drivetrain."""
     effects: Effects
     """Every imperfection of bench, drivetrain and controller."""
+    recorder: RecorderSettings = RecorderSettings()
+    """What recorders and sensors do to the true signals."""
+    joint: SecondOrderJoint | None = None
+    """A joint that answers in every impedance trial in place of the drivetrain."""
     actuator: ActuatorBench | None = None
     """The schedule of actuator trials."""
     walking: Path | None = None

@@ -21,13 +21,15 @@ def bench_truth(
     gains: Gains | None,
     drawn: Mapping[str, float],
 ) -> dict[str, object]:
-    """What made a bench trial: its parameters (with this trial's K_s), gains, effects and `drawn` errors."""
+    """What made a bench trial: its parameters (with this trial's K_s), gains, effects, recorder and `drawn` errors."""
     return {
         "trial": trial,
         "seed": settings.seed,
         "parameters": asdict(p),
         "gains": asdict(gains) if gains else None,
+        "joint": settings.joint.model_dump() if settings.joint else None,
         "effects": settings.effects.model_dump(),
+        "recorder": settings.recorder.model_dump(),
         "drawn": dict(drawn),
     }
 

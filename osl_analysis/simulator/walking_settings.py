@@ -10,7 +10,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from osl_analysis.simulator.effect_settings import Effect, NotNegative, Positive, in_unit
+from osl_analysis.simulator.effect import Effect, NotNegative, Positive, in_unit
 from osl_analysis.simulator.settings import Count
 from osl_analysis.yaml_settings import Settings
 

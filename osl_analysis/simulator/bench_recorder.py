@@ -1,0 +1,170 @@
+"""What recorders do to true signals: when each channel is sampled, what its sensor makes of it, what stamps it gets.
+
+With everything off a channel is sampled at the even instants of the simulation, and the stamps are those.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from osl_analysis.simulator.effect import Scatter
+from osl_analysis.simulator.recorder_settings import NodeSettings
+from osl_analysis.simulator.sensors import bench_errors, flicker, low_passed, rounded_to, stream
+from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.trial import Array
+
+TORQUES = ("load_cell_torque", "output_torque")
+NOISES = {"motor_current": "current_noise", **dict.fromkeys(TORQUES, "load_cell_noise")}
+"""Effect with the white noise of a channel."""
+STEPS = {
+    "joint_angle": "joint_encoder",
+    "commanded_angle": "joint_encoder",
+    "actuator_angle": "actuator_encoder",
+    "motor_current": "current_quantisation",
+    **dict.fromkeys(TORQUES, "load_cell_quantisation"),
+}
+"""Effect with the resolution of a channel."""
+QUEUE_S = 5e-6
+"""Time [s] in which a host stamps one message of several that wait."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What one node writes: its time stamps [s], (n,), and its channels, (n,) each."""
+
+    time: Array
+    channels: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """When a node takes its samples and what it writes of them.
+
+    instants: time [s] of each sample by the bench's clock, from 0.
+    stamps: what the node's clock says of it [s].
+    rows: the samples that are written, in order; a repeated one is a duplicate.
+    """
+
+    instants: Array
+    stamps: Array
+    rows: NDArray[np.intp]
+
+
+def recorded(
+    trial: str, signals: Mapping[str, Array], settings: SimulationSettings
+) -> tuple[tuple[Recording, ...], dict[str, float]]:
+    """What the nodes of a bench write, the torque's own last, and the numbers that were drawn for this trial.
+
+    `signals` are the true ones by channel, (n,) each, at the even instants of the simulation.
+    """
+    recorder, drawn = settings.recorder, bench_errors(trial, settings)
+    torque = {name: values for name, values in signals.items() if name in TORQUES}
+    nodes = [("node", recorder.node, signals)]
+    if recorder.torque_node is not None:
+        others = {name: values for name, values in signals.items() if name not in TORQUES}
+        nodes = [("node", recorder.node, others), ("torque_node", recorder.torque_node, torque)]
+    bench = Bench(trial, settings, drawn)
+    return tuple(bench.recording(*node) for node in nodes), drawn
+
+
+@dataclass(frozen=True)
+class Bench:
+    """One trial on a bench, with the errors that it keeps."""
+
+    trial: str
+    settings: SimulationSettings
+    drawn: Mapping[str, float]
+
+    def recording(self, name: str, node: NodeSettings, signals: Mapping[str, Array]) -> Recording:
+        """What one node writes of its channels."""
+        duration = len(next(iter(signals.values()))) / self.settings.dynamometer.rate_hz
+        sampling = self.sampling(name, node, duration)
+        channels = {channel: self.reading(channel, true, sampling)[sampling.rows] for channel, true in signals.items()}
+        time = self.drawn["clock_start_s"] + sampling.stamps
+        if node.decimals.enabled:
+            time = np.round(time, int(node.decimals.size))
+        return Recording(time[sampling.rows], channels)
+
+    def sampling(self, name: str, node: NodeSettings, duration: float) -> Sampling:
+        """When a node takes its samples within `duration` [s], what its stamps say, and which it writes."""
+        rate = node.rate.value or self.settings.dynamometer.rate_hz
+        instants = np.arange(round(duration * rate)) / rate
+        if node.phase.enabled or node.jitter.enabled:
+            scattered = instants + node.phase.value + self.scatter(f"{name}.jitter", node.jitter, len(instants))
+            scattered.sort()
+            last = duration - 1 / self.settings.dynamometer.rate_hz
+            instants = scattered[(scattered >= 0) & (scattered <= last)]
+        stamps = instants
+        if node.latency.enabled:
+            late = self.scatter(f"{name}.latency", node.latency, len(instants))
+            queue = QUEUE_S * np.arange(len(instants))
+            stamps = np.maximum.accumulate(instants + late - queue) + queue
+        if node.clock_offset.enabled or node.clock_drift.enabled:
+            stamps = node.clock_offset.value + (1 + 1e-6 * node.clock_drift.value) * stamps
+        return Sampling(instants, stamps, self.written(name, node, len(instants)))
+
+    def scatter(self, name: str, effect: Scatter, n: int) -> Array:
+        """A number per sample, (n,) [s], as the effect is distributed; 0 where it is off."""
+        draws = stream(self.settings.seed, self.trial, name)
+        if effect.distribution == "exponential":
+            return effect.value * draws.standard_exponential(n)
+        normal = effect.value * draws.standard_normal(n)
+        return np.abs(normal) if effect.distribution == "half_normal" else normal
+
+    def written(self, name: str, node: NodeSettings, n: int) -> NDArray[np.intp]:
+        """The samples of n that a node writes: without the dropped ones, the duplicated ones twice."""
+        copies, seed = np.ones(n, dtype=np.intp), self.settings.seed
+        if node.duplicated.enabled:
+            copies += stream(seed, self.trial, f"{name}.duplicated").random(n) < node.duplicated.size
+        if node.dropped.enabled:
+            burst = int(node.burst.value) or 1
+            gaps = max(round(node.dropped.size * n / burst), 1)
+            # a gap of its own in each share of the record, so that the gaps do not touch; the ends stay
+            start = (np.arange(gaps) + stream(seed, self.trial, f"{name}.dropped").uniform(0.1, 0.9, gaps)) * n / gaps
+            for first in start.astype(int):
+                copies[max(first, 1) : min(first + burst, n - 1)] = 0
+        return np.repeat(np.arange(n), copies)
+
+    def reading(self, channel: str, true: Array, sampling: Sampling) -> Array:
+        """What the sensor of a channel reads at the sampled instants: dynamics, errors, noise, range and steps."""
+        effects, sensor, n = self.settings.effects, self.settings.recorder.sensor(channel), len(sampling.instants)
+        reading = self.sampled(true, channel, sampling)
+        if channel in TORQUES:
+            reading = reading + self.torque_errors(sampling.instants)
+        if channel in NOISES:
+            noise = stream(self.settings.seed, self.trial, NOISES[channel]).standard_normal(n)
+            reading = reading + getattr(effects, NOISES[channel]).value * noise
+        if channel == "joint_angle" and effects.encoder_zero.enabled:
+            reading = reading + self.drawn["encoder_zero"]
+        if sensor.clipping.enabled:
+            reading = np.clip(reading, -sensor.clipping.size, sensor.clipping.size)
+        if sensor.adc.enabled:
+            reading = rounded_to(reading, 2 * sensor.clipping.size / 2**sensor.adc.size)
+        reading = rounded_to(reading, getattr(effects, STEPS[channel]).value)
+        return reading * sensor.gain.size if sensor.gain.enabled else reading
+
+    def sampled(self, true: Array, channel: str, sampling: Sampling) -> Array:
+        """The true signal through the sensor's low-pass and delay, at the sampled instants."""
+        sensor, rate = self.settings.recorder.sensor(channel), self.settings.dynamometer.rate_hz
+        if sensor.low_pass.enabled:
+            true = low_passed(true, rate, sensor.low_pass)
+        even = np.arange(len(true)) / rate
+        instants = sampling.instants - sensor.delay.value
+        if np.array_equal(instants, even):
+            return true
+        return np.asarray(CubicSpline(even, true)(np.maximum(instants, 0.0)))
+
+    def torque_errors(self, instants: Array) -> Array:
+        """Offset, drift, hum and 1/f noise [N*m] of a torque sensor at the sampled instants [s]."""
+        effects, seed = self.settings.effects, self.settings.seed
+        errors = self.drawn["load_cell_offset"] + self.drawn["load_cell_drift"] * instants / 60
+        hum, size = effects.load_cell_hum, effects.load_cell_flicker.value
+        if hum.enabled:
+            phase = stream(seed, self.trial, "load_cell_hum").uniform(0, 2 * np.pi)
+            errors = errors + hum.size * np.sin(2 * np.pi * hum.frequency_hz * instants + phase)
+        if size:
+            errors = errors + flicker(size, len(instants), stream(seed, self.trial, "load_cell_flicker"))
+        return errors

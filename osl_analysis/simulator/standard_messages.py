@@ -1,0 +1,61 @@
+"""Standard ROS 2 messages of a bench with two nodes: sensor_msgs/JointState and geometry_msgs/WrenchStamped."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from osl_analysis.simulator.mcap_recorder import ENCAPSULATION, Topic, aligned, header_members, nanoseconds
+from osl_analysis.simulator.messages import DEPENDENCIES, SAMPLE_HEADER
+from osl_analysis.trial import Array
+
+RULE = "=" * 80 + "\n"
+JOINT_STATE = "sensor_msgs/msg/JointState"
+JOINT_STATE_TEXT = (
+    f"{SAMPLE_HEADER}\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n" + DEPENDENCIES
+)
+WRENCH = "geometry_msgs/msg/WrenchStamped"
+VECTOR = "float64 x\nfloat64 y\nfloat64 z\n"
+WRENCH_TEXT = (
+    f"{SAMPLE_HEADER}\ngeometry_msgs/Wrench wrench\n{RULE}MSG: geometry_msgs/Wrench\n"
+    f"geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n{RULE}MSG: geometry_msgs/Vector3\n{VECTOR}"
+    + DEPENDENCIES
+)
+
+
+def joint_states(
+    topic: str, frame_id: str, time: Array, position: Mapping[str, Array], effort: Mapping[str, Array]
+) -> Topic:
+    """JointState messages: positions [rad] by joint, (n,) each, and what the effort of some joints holds; else 0."""
+    names = [name.encode() + b"\0" for name in position]
+    members = header_members(len(frame_id) + 1) | {"names": "<u4"}
+    for k, name in enumerate(names):
+        members |= {f"name_length.{k}": "<u4", f"name.{k}": f"S{len(name)}"}
+    for field in ("position", "effort"):
+        # effort comes after the empty list of velocities
+        members |= ({} if field == "position" else {"velocities": "<u4"}) | {f"{field}s": "<u4"}
+        members |= {f"{field}.{joint}": "<f8" for joint in position}
+    records = stamped(members, frame_id, time)
+    for count in ("names", "positions", "efforts"):
+        records[count] = len(names)
+    for k, name in enumerate(names):
+        records[f"name_length.{k}"], records[f"name.{k}"] = len(name), name
+    for joint in position:
+        records[f"position.{joint}"], records[f"effort.{joint}"] = position[joint], effort.get(joint, 0.0)
+    return Topic(topic, JOINT_STATE, JOINT_STATE_TEXT, nanoseconds(time), records)
+
+
+def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> Topic:
+    """WrenchStamped messages with a torque [N*m] about z, (n,), and nothing else."""
+    axes = [f"{vector}.{axis}" for vector in ("force", "torque") for axis in "xyz"]
+    records = stamped(header_members(len(frame_id) + 1) | dict.fromkeys(axes, "<f8"), frame_id, time)
+    records["torque.z"] = torque
+    return Topic(topic, WRENCH, WRENCH_TEXT, nanoseconds(time), records)
+
+
+def stamped(members: Mapping[str, str], frame_id: str, time: Array) -> "np.ndarray[tuple[int], np.dtype[np.void]]":
+    """Records (n,) of which only the header is filled in; padding and all else are zero."""
+    records = np.zeros(len(time), aligned(members))
+    name = frame_id.encode() + b"\0"
+    records["encapsulation"], records["frame_id_length"], records["frame_id"] = ENCAPSULATION, len(name), name
+    records["sec"], records["nanosec"] = np.divmod(nanoseconds(time), 10**9)
+    return records

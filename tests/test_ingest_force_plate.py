@@ -180,6 +180,12 @@ def test_the_plates_geometry_goes_into_the_facts_in_metres(tmp_path: Path) -> No
     assert facts["plates"] == [{"plate": 1, "type": 2, "corners": pytest.approx(np.array(expected))}]
 
 
+def test_corners_of_a_plate_are_in_our_axes_as_its_forces_are(tmp_path: Path) -> None:
+    source = C3dSource(format="c3d", axes=("x", "-z", "y"))
+    (plate,) = read_c3d_capture(plate_file(tmp_path / "a.c3d"), source).facts["plates"]
+    np.testing.assert_allclose(plate["corners"], [[0.6, 0, 0], [0, 0, 0], [0, 0, 0.4], [0.6, 0, 0.4]], atol=1e-12)
+
+
 def test_plate_units_of_the_source_file_override_the_files(tmp_path: Path) -> None:
     path = plate_file(tmp_path / "a.c3d", ANALOG__UNITS=["V"] * 6)
     with pytest.raises(InputError, match=r"a.c3d: analog channel 1: unit 'V' measures \[V\], expected one of N"):

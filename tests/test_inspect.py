@@ -98,6 +98,39 @@ def test_joints_are_listed_by_name_with_types_and_lengths_and_a_draft_reads_one(
     np.testing.assert_array_equal(read_mcap_log(path, source).samples["theta"], 0.2 * np.arange(20))
 
 
+PARTS = """\
+string[] name
+float64[] load
+Part[] parts
+================================================================================
+MSG: lab_msgs/Part
+int16[2] counts
+"""
+
+
+def test_lengths_and_elements_are_those_of_the_first_message_and_labels_need_one_name_each(tmp_path: Path) -> None:
+    first = {"name": ["a", "a", "b"], "load": [1.0, 2.0], "parts": [{"counts": [1, 2]}, {"counts": [3, 4]}]}
+    later = {"name": ["a", "b"], "load": [1.0, 2.0, 3.0], "parts": []}
+    path = write_log(tmp_path / "a.mcap", [(0, first), (1000, later)], PARTS, "lab_msgs/msg/Leg", "/leg", chunk_size=1)
+    channels = inspect_file(path).channels
+    assert [(channel.address["field"], channel.type) for channel in channels] == [
+        ("load[0]", "float64[2]"),
+        ("parts[0].counts[0]", "int16[2]"),
+    ]
+
+
+def test_of_a_topic_whose_first_message_is_damaged_the_schema_tells_the_fields(tmp_path: Path) -> None:
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("lab_msgs/msg/Leg", "ros2msg", PARTS.encode())
+        channel = writer.register_channel("/leg", "cdr", schema)
+        writer.add_message(channel, 0, b"\0\1\0\0\xff\xff\xff\xff", 0)
+        writer.finish()
+    channels = inspect_file(tmp_path / "a.mcap").channels
+    assert [(channel.address["field"], channel.type) for channel in channels] == [("load[0]", "float64[0]")]
+
+
 def test_fields_of_protobuf_are_listed_with_their_types_as_are_those_that_are_not_written(tmp_path: Path) -> None:
     file = FileDescriptorProto(name="a.proto", package="lab", syntax="proto3")
     kinds = FieldDescriptorProto

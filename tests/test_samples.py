@@ -67,6 +67,19 @@ def test_what_is_refused_is_told_with_the_reason_and_without_the_folder(folder: 
     assert str(folder) not in samples_table(folder, RULES)
 
 
+def test_a_capture_whose_plates_are_refused_is_tried_without_them_and_refused_once(tmp_path: Path) -> None:
+    points = np.ones((200, 2, 4)) * [1, 2, 3, 0]
+    plates = {"FORCE_PLATFORM__USED": np.array([1]), "FORCE_PLATFORM__TYPE": np.array([9])}
+    write_c3d(tmp_path / "plate.c3d", points, **plates)
+    write_c3d(tmp_path / "twice.c3d", points, POINT__LABELS=["TOE", "TOE"])
+    said = {file: cells[2].split("<br>") for file, cells in rows(tmp_path).items()}
+    assert said["plate.c3d"][0].startswith("refused: plate 1: FORCE\\_PLATFORM:CORNERS")
+    assert said["plate.c3d"][1] == "ok without plates"
+    assert [line for line in said["twice.c3d"] if "refused" in line] == [
+        "refused: marker 'TOE' stands 2 times; rename them, or list others in the source file"
+    ]
+
+
 def test_text_of_a_file_is_neither_markup_nor_a_line_of_its_own() -> None:
     assert escaped("a|b\n<script>`x`*_[l](u)\x1b") == "a\\|b�&lt;script&gt;\\`x\\`\\*\\_\\[l\\](u)�"
 

@@ -67,8 +67,8 @@ def array_labels(path: str, length: int | None, texts: Mapping[str, Sequence[str
     parent = path.rpartition(".")[0]
     for array, names in texts.items():
         beside, _, name = array.rpartition(".")
-        is_beside = beside == parent and len(names) == length and ARRAY_NAME.fullmatch(name)
-        if is_beside and len(set(names)) == length and all(one and "]" not in one for one in names):
+        is_beside = beside == parent and ARRAY_NAME.fullmatch(name)
+        if is_beside and len(names) == length == len(set(names)) and all(one and "]" not in one for one in names):
             return tuple(f"{name}={one}" for one in names)
     return ()
 

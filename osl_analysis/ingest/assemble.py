@@ -8,7 +8,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.alignment import aligned
+from osl_analysis.ingest.alignment import aligned_clock
 from osl_analysis.ingest.clock import ClockFit
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source_fields import SharedAngle
@@ -43,7 +43,7 @@ def assemble(
     both = sorted((set(log.columns) & set(mocap.columns)) - {"sync"})
     if both:
         raise InputError(f"column '{both[0]}' is mapped in log and motion capture; remove it from one source file")
-    fit, warnings = aligned(log, mocap, shared)
+    fit, warnings = aligned_clock(log, mocap, shared)
     clock = {**asdict(fit), **rows_outside(log, mocap, fit)}
     warnings = [*provenance["warnings"], *warnings]
     return Trial(name, merged(log, mocap, fit), {**provenance, "warnings": warnings, "clock": clock})
@@ -77,11 +77,11 @@ def merged(log: Recording, mocap: Recording, fit: ClockFit) -> pl.DataFrame:
     rows = own.insert_column(0, time).filter(time.is_between(0.0, end))
     if rows.is_empty():
         raise InputError("log and motion capture do not overlap in time; check that they are of the same trial")
-    rows = rows.with_columns(key=nanoseconds("log_time"))
-    joined = mocap.samples.with_columns(key=nanoseconds("time")).join(rows, on="key", how="full", coalesce=True)
+    rows = rows.with_columns(key=whole_nanoseconds("log_time"))
+    joined = mocap.samples.with_columns(key=whole_nanoseconds("time")).join(rows, on="key", how="full", coalesce=True)
     return joined.sort("key").with_columns(time=pl.coalesce("time", "log_time")).drop("key", "log_time")
 
 
-def nanoseconds(column: str) -> pl.Expr:
+def whole_nanoseconds(column: str) -> pl.Expr:
     """Times [s] as whole nanoseconds, on which tables can be joined; floats would not match."""
     return (pl.col(column) / NANOSECOND).round().cast(pl.Int64)

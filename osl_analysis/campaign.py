@@ -20,11 +20,14 @@ RECORDING_COLUMNS = ("trial", "experiment", "log", "log_source", "mocap", "mocap
 
 @dataclass(frozen=True)
 class Campaign:
-    """The configuration's trials; `sheet` is indexed by trial and leaves out the excluded ones, `excluded` has why."""
+    """The trials of a configuration."""
 
     config: Config
+    """The configuration."""
     sheet: pd.DataFrame
+    """Rows of the sample sheet that are not excluded, indexed by trial."""
     excluded: Mapping[str, str]
+    """Reasons of the trials that the sheet excludes, by trial."""
 
     def trials(self, *experiments: str) -> list[str]:
         """Names of the trials of these experiments, or of all, in the order of the sheet."""
@@ -134,7 +137,7 @@ class Campaign:
                 )
 
     def recording(self, trial: str) -> Mapping[str, Any]:
-        """The part of a trial's row that ingest needs: a change of the others does not ask for it again."""
+        """The cells of a trial's row that ingest uses; a change of other cells does not ingest it again."""
         row = self.row(trial)
         return {column: row[column] for column in RECORDING_COLUMNS}
 

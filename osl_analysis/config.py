@@ -15,10 +15,12 @@ from osl_analysis.yaml_settings import Model, Positive, Settings, read_mapping, 
 
 
 class WeightSettings(Settings):
-    """W of Eq. 14, with which the laboratory selected its gains: Butterworth cut-off [Hz] and order."""
+    """W of Eq. 14, the Butterworth low-pass with which the laboratory selected its gains."""
 
     cutoff_hz: Annotated[float, Field(ge=SLOWEST_HZ, le=FASTEST_HZ)]
+    """Cut-off [Hz]."""
     order: Annotated[int, Field(ge=1, le=HIGHEST_ORDER)]
+    """Order."""
 
     @property
     def weight(self) -> Weight:
@@ -27,28 +29,38 @@ class WeightSettings(Settings):
 
 
 class TimeSeriesFigure(Settings):
-    """The trial of Fig. 4, and how many seconds of which amplitude [deg]."""
+    """The part of a trial that Fig. 4 shows."""
 
     K_d: Positive
+    """Desired stiffness of the trial [N*m/rad]."""
     B_d: Annotated[float, Field(ge=0)]
+    """Desired damping of the trial [N*m*s/rad]."""
     controller: Literal["compensated", "uncompensated"]
+    """Controller of the trial."""
     amplitude_deg: Positive
+    """Amplitude of the sines [deg]."""
     duration_s: Positive
+    """Length of the part [s], counted from the end of the block of that amplitude."""
 
 
 class FrequencyResponseFigure(Settings):
-    """The pair of trials of Fig. 7."""
+    """The trials that Fig. 7 shows: all with this desired impedance."""
 
     K_d: Positive
+    """Desired stiffness [N*m/rad]."""
     B_d: Annotated[float, Field(ge=0)]
+    """Desired damping [N*m*s/rad]."""
 
 
 class FigureChoices(Settings):
-    """What Figs. 4, 7 and 9 show, null for none; `midstance_stiffness` [N*m/rad] is the command marked in Fig. 9."""
+    """What the figures show."""
 
     time_series: TimeSeriesFigure | None
+    """The trial of Fig. 4; null: no Fig. 4."""
     frequency_response: FrequencyResponseFigure | None
+    """The trials of Fig. 7; null: no Fig. 7."""
     midstance_stiffness: Positive | None
+    """Stiffness that the walking controller commands in midstance [N*m/rad], marked in Fig. 9; null: no mark."""
 
 
 class StudySettings(Settings):
@@ -89,23 +101,41 @@ class Config(Settings):
     RENAMED: ClassVar = {"gait": "overground", "validation": "study"}
 
     campaign: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
+    """Name of the campaign, which stands in its summary."""
     raw_data: Path
+    """Folder of the recordings."""
     sheet: Path
+    """The sample sheet."""
     results: Path
+    """Folder of the results."""
     simulation: Path | None
+    """Settings of the simulator that makes the recordings; null: they are real."""
     parameters: Path
+    """Parameter file of the device."""
     sources: Path
+    """Folder of the source files."""
     dynamometer: DynamometerAnalysis
+    """Analysis of the trials on the dynamometer."""
     actuator: ActuatorAnalysis
+    """Analysis of the trials on the actuator's own bench."""
     doubtful: DoubtfulFits
+    """Limits beyond which a fit is doubtful, by table."""
     model_comparison: ModelComparison
+    """Comparison of rival models."""
     impedance_trajectory: Path | None
+    """CSV file of the impedance over the gait cycle, for Fig. 8; null: no Fig. 8."""
     gain_weight: WeightSettings
+    """W of Eq. 14."""
     walking: WalkingAnalysis
+    """Analysis of the crossings."""
     overground: OvergroundAnalysis
+    """Comparison of the ankle moment in overground gait."""
     quality: QualityRules
+    """Thresholds of quality control."""
     figures: FigureChoices
+    """What the figures show."""
     study: StudySettings
+    """The Monte Carlo study."""
 
 
 def read_section(path: Path, section: str, model: type[Model]) -> Model:

@@ -1,10 +1,10 @@
-"""What can go wrong, as one family: every message names the cause and the remedy, on one line."""
+"""The errors that a user can do something about: every message is one line with the cause and the remedy."""
 
 from collections.abc import Sequence
 
 
 def printable(text: str) -> str:
-    """Text of a file made fit for a terminal or a log: control characters and line breaks as escapes."""
+    """Text for a terminal or a log: control characters and line breaks are written as escapes."""
     return "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode() for sign in text)
 
 
@@ -15,7 +15,7 @@ def listing(names: Sequence[str], most: int = 40) -> str:
 
 
 class OslAnalysisError(ValueError):
-    """A mistake or a limit that the user can do something about; what a file made the message say is escaped."""
+    """A mistake or a limit that the user can do something about. The message is made printable."""
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))

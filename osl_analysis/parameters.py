@@ -16,7 +16,7 @@ UNITS = {
 }  # fmt: skip
 MUST_BE_POSITIVE = ("k_tau", "n_m", "J_m", "n_T", "K_s")
 SMALLEST, LARGEST = 1e-9, 1e9
-"""Of every parameter, in its unit, unless it is 0: beyond lies no drivetrain but a slip of an exponent."""
+"""Limits of every parameter that is not 0, in its unit: a value beyond them has a wrong exponent."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,8 @@ class DrivetrainParameters:
     def __post_init__(self) -> None:
         if self.f_G >= self.k_tau * self.n_m:
             raise InputError(
-                f"parameter f_G = {self.f_G} N*m/A is not below k_tau n_m = {self.k_tau * self.n_m:g}: friction would "
-                "eat every torque; correct the parameter file"
+                f"parameter f_G = {self.f_G} N*m/A is not below k_tau n_m = {self.k_tau * self.n_m:g}: gear friction "
+                "would exceed the motor's torque; correct the parameter file"
             )
         for name, unit in UNITS.items():
             value = getattr(self, name)

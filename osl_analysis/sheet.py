@@ -19,13 +19,16 @@ REQUIRED = ("trial", "experiment")
 
 
 def read_sheet(path: Path) -> pd.DataFrame:
-    """Read and validate a sample sheet; the index is the trial's name, absent optional columns are NA.
+    """Read and validate a sample sheet. The index is the trial's name; optional columns that are absent are NA.
 
-    Columns: `trial` (letters, digits, _ and -), `experiment` (one of `EXPERIMENTS`), `controller`, `K_d`
-    [N*m/rad], `B_d` [N*m*s/rad], `perturbed` (true/false), `log` and `log_source`, `mocap` and `mocap_source`
-    (a file relative to the campaign's raw data, and the name of a file in `config/sources`), `exclude` (why
-    the trial is left out; empty: it is used), `accept` (names of quality checks, separated by blanks, whose failure
-    neither flags nor excludes the trial).
+    trial: its name, of letters, digits, `_`, `.` and `-`.
+    experiment: one of `EXPERIMENTS`.
+    controller, K_d, B_d: controller and desired impedance [N*m/rad, N*m*s/rad] of an impedance trial.
+    perturbed: true or false, for a crossing.
+    log, mocap: files, relative to the campaign's raw data.
+    log_source, mocap_source: names of the files in `config/sources` that describe them.
+    exclude: the reason why the trial is excluded; empty: it is used.
+    accept: names of quality checks, separated by blanks, whose failure neither flags nor excludes the trial.
 
     Raises
     ------
@@ -74,7 +77,7 @@ def problem_in(row: dict[str, str]) -> str:
         if row[column] and not is_number(row[column]):
             return f"{column} '{row[column]}' is not a number; give it in SI units, without the unit"
     if (row["K_d"] and not float(row["K_d"]) > 0) or (row["B_d"] and not float(row["B_d"]) >= 0):
-        return f"K_d = {row['K_d']}, B_d = {row['B_d']} is no impedance that a joint can render; K_d > 0 and B_d >= 0"
+        return f"K_d = {row['K_d']}, B_d = {row['B_d']} is no impedance of a joint; give K_d > 0 and B_d >= 0"
     if row["perturbed"].lower() not in ("", "true", "false"):
         return f"perturbed '{row['perturbed']}' must be true or false"
     return problem_with_needs(row)

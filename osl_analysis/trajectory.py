@@ -15,15 +15,16 @@ EQUILIBRIUM = "theta_eq_rad"
 
 @dataclass(frozen=True)
 class ImpedanceTrajectory:
-    """Desired K_d [N*m/rad] and B_d [N*m*s/rad] at the joint over the gait cycle, shape (n,), phase from 0 to 1.
-
-    theta_eq [rad] is the equilibrium at the joint; None leaves it to the nominal ankle moment.
-    """
+    """Desired impedance at the joint over the gait cycle."""
 
     phase: Array
+    """Phase of the gait cycle, from 0 to 1, shape (n,)."""
     K_d: Array
+    """Desired stiffness [N*m/rad], shape (n,)."""
     B_d: Array
+    """Desired damping [N*m*s/rad], shape (n,)."""
     theta_eq: Array | None
+    """Equilibrium angle [rad], shape (n,); None: it follows from the nominal ankle moment."""
 
     def at(self, values: Array, c: Array) -> Array:
         """One of the columns at cycle phases c of any cycle, by linear interpolation."""

@@ -205,7 +205,7 @@ def test_a_changed_log_reruns_that_trial_and_what_follows(workspace):
 @pytest.mark.parametrize(
     ("module", "again", "untouched"),
     [
-        ("second_order", {"fit_impedance_trial", "fit_perturbation"}, {"fit_actuator_trial"}),
+        ("second_order", {"fit_impedance_trial", "fit_perturbation"}, {"identify_plate", "analyse_crossing"}),
         ("bench/impedance", {"fit_impedance_trial"}, {"fit_belt_trial", "fit_transmission_trial", "fit_perturbation"}),
         ("walking/response_fit", {"fit_perturbation"}, {"fit_belt_trial", "fit_impedance_trial", "analyse_crossing"}),
     ],
@@ -242,6 +242,7 @@ def test_a_changed_limit_marks_the_table_and_what_shows_it_anew_and_fits_nothing
 
 BENCH = {"fit_belt_trial", "fit_transmission_trial", "fit_impedance_trial"}
 RIVALS = {"compare_belt_models", "compare_transmission_models", "compare_impedance_models"}
+STEPPED_SINE = (BENCH | RIVALS) - {"fit_belt_trial", "compare_belt_models"}
 CROSSINGS = {"identify_plate", "analyse_crossing", "select_crossings", "average_unperturbed", "fit_perturbation"}
 
 
@@ -250,7 +251,10 @@ CROSSINGS = {"identify_plate", "analyse_crossing", "select_crossings", "average_
     [
         ({"dynamometer": PROTOCOL | {"load_cell_drift": 0.1}}, {"fit_belt_trial", "compare_belt_models"}),
         ({"dynamometer": PROTOCOL | {"cutoff_hz": 20}}, BENCH | RIVALS),
-        ({"dynamometer": PROTOCOL | {"settle_cycles": 1}}, BENCH | RIVALS - {"fit_belt_trial", "compare_belt_models"}),
+        (
+            {"dynamometer": PROTOCOL | {"settle_cycles": 1}},
+            (BENCH | RIVALS) - {"fit_belt_trial", "compare_belt_models"},
+        ),
         ({"gain_weight": {"order": 2}}, {"fit_impedance_trial", "compare_impedance_models", "gains_table"}),
         ({"actuator": {"slowest": 0.6}}, {"fit_actuator_trial"}),
         ({"model_comparison": {"sign_width": 0.06}}, RIVALS - {"compare_belt_models"}),

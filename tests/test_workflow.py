@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from osl_analysis.figures import FIGURES
 from osl_analysis.fingerprint import code_of, imported_names, job_sources, sources
 from osl_analysis.job_log import read_log
 from osl_analysis.summary.labels import all_labels
+from osl_analysis.workflow import PRELOADED
 
 TRIAL = "impedance_K300_B5.0_compensated"
 PROTOCOL = {"frequencies_hz": [2, 5], "cycles": 5, "amplitudes_deg": [2, 4]}
@@ -422,6 +424,12 @@ def test_a_job_s_fingerprint_counts_modules_that_are_imported_from_their_package
     """`from osl_analysis.quality import channels`, or its like, stands beneath the command of quality control."""
     files = {path.relative_to(ROOT / "osl_analysis").as_posix() for path in sources("osl_analysis.commands.quality")}
     assert {"quality/channels.py", "quality/verdict.py", "experiments.py"} <= files
+
+
+@pytest.mark.parametrize("module", PRELOADED)
+def test_the_modules_that_jobs_fork_with_exist(module):
+    """The fork server passes over one that does not, and every job would import it anew."""
+    assert find_spec(module) is not None
 
 
 def test_fingerprint_follows_imports_downwards_only():

@@ -6,7 +6,7 @@ Run from the repository: `python benchmarks/simulator.py`. Nothing is written; c
 import time
 from pathlib import Path
 
-from osl_analysis.commands.simulate import planned_row
+from osl_analysis.commands.simulate import row_of_trial
 from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
 from osl_analysis.simulator.settings import SimulationSettings
@@ -20,7 +20,7 @@ REPEATS = 7
 def main() -> None:
     settings = read_yaml(SETTINGS, SimulationSettings)
     p = read_parameters(settings.parameters)
-    row = planned_row(settings, SETTINGS, TRIAL)
+    row = row_of_trial(settings, SETTINGS, TRIAL)
     log, _ = simulate_dynamometer_trial(row, settings, p)
     duration = float(log.time[-1] - log.time[0])
     walls = []

@@ -27,7 +27,7 @@ from osl_analysis.commands.bench import (
     compare_transmission_models,
     summarise_model_comparison,
 )
-from osl_analysis.commands.simulate import planned_row
+from osl_analysis.commands.simulate import row_of_trial
 from osl_analysis.errors import InputError
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import select_gains
@@ -70,7 +70,7 @@ def settings(*off, amplitudes_deg=(4,)):
 
 
 def simulated(trial, found, p):
-    return simulate_dynamometer_trial(planned_row(found, TINY, trial), found, p)[0]
+    return simulate_dynamometer_trial(row_of_trial(found, TINY, trial), found, p)[0]
 
 
 def simulated_belts(p, *off):

@@ -28,10 +28,7 @@ def test_the_dynamometers_log_gives_the_resisting_torque(tmp_path: Path) -> None
     columns = {field: np.float32(np.sin(TIME + i)) for i, field in enumerate(fields)}
     write_mcap(
         tmp_path / "log.mcap",
-        messages.DYNAMOMETER_TOPIC,
-        messages.DYNAMOMETER_SCHEMA,
-        messages.DYNAMOMETER_SAMPLE,
-        messages.DYNAMOMETER_FRAME,
+        messages.DYNAMOMETER,
         TIME,
         columns,
     )
@@ -57,10 +54,7 @@ def test_the_legs_log_gives_its_signals_gains_and_sync(tmp_path: Path) -> None:
     columns["sync"] = np.arange(TIME.size) % 3 == 0
     write_mcap(
         tmp_path / "log.mcap",
-        messages.LEG_TOPIC,
-        messages.LEG_SCHEMA,
-        messages.LEG_SAMPLE,
-        messages.LEG_FRAME,
+        messages.LEG,
         TIME,
         columns,
     )

@@ -9,7 +9,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from osl_analysis.commands.simulate import planned_row, simulate_campaign, simulate_trial
+from osl_analysis.commands.simulate import row_of_trial, simulate_campaign, simulate_trial
 from osl_analysis.model.compensator import Gains
 from osl_analysis.model.rendering import predicted_impedance
 from osl_analysis.parameters import read_parameters
@@ -37,7 +37,7 @@ def settings_from(path, *, without=None, only=None):
 
 
 def simulate(trial, settings, p=P):
-    return simulate_dynamometer_trial(planned_row(settings, Path("settings.yaml"), trial), settings, p)
+    return simulate_dynamometer_trial(row_of_trial(settings, Path("settings.yaml"), trial), settings, p)
 
 
 def regress(y, *columns):

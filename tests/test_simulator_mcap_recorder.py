@@ -28,7 +28,7 @@ def decoded(path):
 @pytest.mark.parametrize("frame_id", ["", "a", "ab", "abc", "abcd", "abcde", "abcdef", "abcdefg"])
 def test_every_field_is_aligned_whatever_the_length_of_the_frame_id(tmp_path, frame_id):
     columns = mixed_columns(5)
-    write_mcap(tmp_path / "a.mcap", "/t", "p/msg/M", MIXED, frame_id, 3.0 + np.arange(5), columns)
+    write_mcap(tmp_path / "a.mcap", messages.LogTopic("/t", "p/msg/M", MIXED, frame_id), 3.0 + np.arange(5), columns)
     _, ros = decoded(tmp_path / "a.mcap")
     assert [m.header.frame_id for m in ros] == [frame_id] * 5
     assert [m.wide for m in ros] == columns["wide"].tolist()
@@ -44,10 +44,7 @@ def test_a_dynamometer_log_of_many_chunks_comes_back_sample_by_sample(tmp_path):
     columns = {name: np.rint(rng.normal(0, 1000, n)) * 2.397e-5 for name in names}
     write_mcap(
         tmp_path / "d.mcap",
-        messages.DYNAMOMETER_TOPIC,
-        messages.DYNAMOMETER_SCHEMA,
-        messages.DYNAMOMETER_SAMPLE,
-        messages.DYNAMOMETER_FRAME,
+        messages.DYNAMOMETER,
         100.0 + np.arange(n) / 1000,
         columns,
     )
@@ -72,10 +69,7 @@ def test_a_leg_log_is_read_with_its_sync_level(tmp_path):
     }
     write_mcap(
         tmp_path / "l.mcap",
-        messages.LEG_TOPIC,
-        messages.LEG_SCHEMA,
-        messages.LEG_SAMPLE,
-        messages.LEG_FRAME,
+        messages.LEG,
         np.array([1.0, 1.002]),
         columns,
     )
@@ -86,7 +80,7 @@ def test_a_leg_log_is_read_with_its_sync_level(tmp_path):
 
 def test_the_file_is_a_ros2_recording_with_metadata_before_data_and_crcs(tmp_path):
     path = tmp_path / "a.mcap"
-    write_mcap(path, "/t", "p/msg/M", MIXED, "f", np.arange(5.0), mixed_columns(5))
+    write_mcap(path, messages.LogTopic("/t", "p/msg/M", MIXED, "f"), np.arange(5.0), mixed_columns(5))
     with path.open("rb") as file:
         reader = make_reader(file)
         summary = reader.get_summary()
@@ -102,7 +96,7 @@ def test_the_file_is_a_ros2_recording_with_metadata_before_data_and_crcs(tmp_pat
 
 
 def test_a_sample_arrives_a_little_after_its_stamp(tmp_path):
-    write_mcap(tmp_path / "a.mcap", "/t", "p/msg/M", MIXED, "f", np.array([0.25]), mixed_columns(1))
+    write_mcap(tmp_path / "a.mcap", messages.LogTopic("/t", "p/msg/M", MIXED, "f"), np.array([0.25]), mixed_columns(1))
     (record,), _ = decoded(tmp_path / "a.mcap")
     assert (record.publish_time, record.log_time) == (250_000_000, 250_000_000 + LATENCY_NS)
 
@@ -117,13 +111,15 @@ def test_a_sample_arrives_a_little_after_its_stamp(tmp_path):
 )
 def test_a_schema_that_does_not_fit_is_refused_and_leaves_no_file(tmp_path, schema, match):
     with pytest.raises(InputError, match=match):
-        write_mcap(tmp_path / "a.mcap", "/t", "p/msg/M", schema, "f", np.arange(5.0), mixed_columns(5))
+        write_mcap(
+            tmp_path / "a.mcap", messages.LogTopic("/t", "p/msg/M", schema, "f"), np.arange(5.0), mixed_columns(5)
+        )
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_recording_that_breaks_off_leaves_the_older_file(tmp_path, monkeypatch):
     path = tmp_path / "a.mcap"
-    write_mcap(path, "/t", "p/msg/M", MIXED, "f", np.arange(5.0), mixed_columns(5))
+    write_mcap(path, messages.LogTopic("/t", "p/msg/M", MIXED, "f"), np.arange(5.0), mixed_columns(5))
     before = path.read_bytes()
 
     def fail(self):
@@ -131,6 +127,6 @@ def test_a_recording_that_breaks_off_leaves_the_older_file(tmp_path, monkeypatch
 
     monkeypatch.setattr("osl_analysis.simulator.mcap_recorder.Writer.finish", fail)
     with pytest.raises(OSError, match="no space"):
-        write_mcap(path, "/t", "p/msg/M", MIXED, "f", np.arange(9.0), mixed_columns(9))
+        write_mcap(path, messages.LogTopic("/t", "p/msg/M", MIXED, "f"), np.arange(9.0), mixed_columns(9))
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]

@@ -37,8 +37,8 @@ def check_folder(folder: Path) -> None:
 def planned_sheet(settings_path: Path, sheet: Path) -> pd.DataFrame | None:
     """The plan of a simulated campaign, or None where the sheet on disk is to be read instead.
 
-    A sheet that is newer than the settings stands, so that trials can be excluded or added by hand; settings that
-    changed since make a new one.
+    A sheet that is newer than the settings is kept, so that trials can be excluded or added by hand. Settings that
+    changed since then make a new one.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def simulate_trial(settings_path: Path, campaign_folder: Path, trial: str) -> No
     check_folder(campaign_folder)
     settings = read_yaml(settings_path, SimulationSettings)
     p = read_parameters(settings.parameters)
-    record_trial(planned_row(settings, settings_path, trial), settings, p, campaign_folder)
+    record_trial(row_of_trial(settings, settings_path, trial), settings, p, campaign_folder)
 
 
 def simulate_campaign(settings_path: Path, campaign_folder: Path) -> None:
@@ -99,7 +99,7 @@ def simulate_campaign(settings_path: Path, campaign_folder: Path) -> None:
         record_trial({str(k): v for k, v in row.items()}, settings, p, campaign_folder)
 
 
-def planned_row(settings: SimulationSettings, settings_path: Path, trial: str) -> dict[str, Any]:
+def row_of_trial(settings: SimulationSettings, settings_path: Path, trial: str) -> dict[str, Any]:
     """The plan's row of one trial."""
     plan = plan_trials(settings)
     rows = plan[plan["trial"] == trial].to_dict("records")
@@ -152,7 +152,7 @@ def record_actuator_trial(
 def record_laboratory_trial(
     row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, campaign_folder: Path
 ) -> None:
-    """A trial of the gait laboratory; its simulator has recorders of its own."""
+    """A trial of the gait laboratory, whose simulator has its own recorders."""
     from osl_analysis.simulator.walking import simulate_walking_trial
 
     if settings.walking is None:

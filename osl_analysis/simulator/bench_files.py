@@ -12,7 +12,7 @@ JOINT_STATES_TOPIC, WRENCH_TOPIC = "/joint_states", "/wrench"
 
 
 def write_dynamometer_log(path: Path, log: DynamometerLog, two_nodes: bool) -> None:
-    """Write what the dynamometer's recorder got; of two nodes the load cell's is the second."""
+    """Write the dynamometer's log. With two nodes, the second one is the load cell's."""
     columns = {
         "joint_angle": log.joint_angle,
         "load_cell_torque": log.load_cell_torque,
@@ -21,8 +21,7 @@ def write_dynamometer_log(path: Path, log: DynamometerLog, two_nodes: bool) -> N
         "commanded_angle": log.commanded_angle,
     }
     if not two_nodes:
-        message = (messages.DYNAMOMETER_SCHEMA, messages.DYNAMOMETER_SAMPLE, messages.DYNAMOMETER_FRAME)
-        write_mcap(path, messages.DYNAMOMETER_TOPIC, *message, log.time, columns)
+        write_mcap(path, messages.DYNAMOMETER, log.time, columns)
         return
     position = {"joint": log.joint_angle, "actuator": log.actuator_angle, "command": log.commanded_angle}
     joints = joint_states(JOINT_STATES_TOPIC, "bench", log.time, position, {"actuator": log.motor_current})
@@ -30,15 +29,14 @@ def write_dynamometer_log(path: Path, log: DynamometerLog, two_nodes: bool) -> N
 
 
 def write_actuator_log(path: Path, log: ActuatorLog, two_nodes: bool) -> None:
-    """Write what the recorder of the actuator's bench got; of two nodes the transducer's is the second."""
+    """Write the log of the actuator's bench. With two nodes, the second one is the transducer's."""
     columns = {
         "actuator_angle": log.actuator_angle,
         "motor_current": log.motor_current,
         "output_torque": log.output_torque,
     }
     if not two_nodes:
-        message = (messages.ACTUATOR_SCHEMA, messages.ACTUATOR_SAMPLE, messages.ACTUATOR_FRAME)
-        write_mcap(path, messages.ACTUATOR_TOPIC, *message, log.time, columns)
+        write_mcap(path, messages.ACTUATOR, log.time, columns)
         return
     joints = joint_states(
         JOINT_STATES_TOPIC, "bench", log.time, {"actuator": log.actuator_angle}, {"actuator": log.motor_current}

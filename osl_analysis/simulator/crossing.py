@@ -1,7 +1,7 @@
 """One crossing of the walkway as rigid-body mechanics: foot, shank and platform, ankle torque, ground reaction.
 
-The foot's path and the ankle's angle are prescribed; the drivetrain answers with a torque, and the ground reaction's
-moment about the ankle is what Newton and Euler then demand of the foot. Axes: x forward, y left, z up, metres.
+The foot's path and the ankle's angle are prescribed. The drivetrain answers with a torque. The moment of the ground
+reaction about the ankle then follows from Newton and Euler for the foot. Axes: x forward, y left, z up, in metres.
 """
 
 from dataclasses import dataclass
@@ -50,20 +50,24 @@ FREE_MOMENT = 0.03
 
 @dataclass(frozen=True)
 class Step:
-    """What is drawn for one crossing, whether it is perturbed or not.
-
-    Times [s]: heel strike, duration of stance, command of the perturbation. Angle: factor and deviation [rad],
-    shape (n,). Factor of each force component, shape (3,). Placement [m] forward and left, and yaw [rad] to the left.
-    """
+    """What is drawn for one crossing, with or without the perturbation."""
 
     heel_strike: float
+    """Time [s] of heel strike."""
     stance: float
+    """Duration [s] of stance."""
     command: float
+    """Time [s] at which the perturbation is commanded."""
     angle_factor: float
+    """Factor of the ankle's angle."""
     wander: Array
+    """Smooth deviation [rad] of the ankle's angle, shape (n,)."""
     force_factor: Array
+    """Factor of each component of the ground reaction, shape (3,)."""
     placement: Array
+    """Deviation [m] of the foot's place forward, to the left and up, shape (3,)."""
     yaw: float
+    """Direction [rad] of the foot, to the left."""
 
     @property
     def toe_off(self) -> float:
@@ -76,17 +80,20 @@ class Step:
         return self.stance / gait.STANCE_FRACTION
 
     def stance_phase(self, time: Array) -> Array:
-        """0 at heel strike, 1 at toe-off, at times [s]; the perturbation does not touch it."""
+        """Phase of stance at times [s]: 0 at heel strike, 1 at toe-off. The perturbation does not change it."""
         return (time - self.heel_strike) / self.stance
 
     def cycle_phase(self, time: Array) -> Array:
-        """0 at the heel strike on the platform, 1 at the next, at times [s]."""
+        """Phase of the gait cycle at times [s]: 0 at the heel strike on the platform, 1 at the next."""
         return (time - self.heel_strike) / self.cycle
 
 
 @dataclass(frozen=True)
 class LegMotion:
-    """Joint angle [rad] with both derivatives, shape (n,), and the poses of foot and shank, origin at the ankle."""
+    """True motion of leg and platform. The poses of foot and shank have their origin at the ankle.
+
+    theta [rad], omega [rad/s] and alpha [rad/s^2] are the joint's angle with its derivatives, shape (n,) each.
+    """
 
     theta: Array
     omega: Array
@@ -98,28 +105,33 @@ class LegMotion:
 
 @dataclass(frozen=True)
 class SimulatedCrossing:
-    """A crossing on the grid of `time` [s], shape (n,).
-
-    `torque` [N*m] is the joint's resisting torque; while 8 % to 92 % of stance it is the drivetrain's
-    (`drivetrain_torque`), outside it goes over to what the swinging foot needs. `reaction` acts on the foot.
-    `drivetrain` and `commands` are at the controller's rate.
-    """
+    """The truth about a crossing."""
 
     time: Array
+    """Time [s], shape (n,), at the rate of the motion."""
     step: Step
+    """What was drawn."""
     motion: LegMotion
+    """Motion of leg and platform."""
     commands: ControlCommands
+    """Commands to the leg's controller, at its own rate."""
     drivetrain: DrivetrainMotion
+    """Motion of the leg's drivetrain, at the controller's rate."""
     drivetrain_torque: Array
+    """Resisting torque [N*m] of the drivetrain, shape (n,)."""
     torque: Array
+    """Resisting torque [N*m] of the joint, shape (n,): the drivetrain's from 8 % to 92 % of stance, and outside of it
+    what the swinging foot needs."""
     reaction: TrueWrench
+    """Ground reaction on the foot."""
 
 
 def draw_step(trial: str, seed: int, time: Array, walking: WalkingSettings) -> Step:
-    """Draw a crossing; each effect has a random stream of its own."""
+    """Draw a crossing. Each effect has its own random stream."""
     effects, nominal = walking.effects, walking.gait
 
     def normal(effect: str, unit: float = 1.0) -> float:
+        """A normal deviate with the effect's standard deviation, in SI units."""
         return unit * float(getattr(effects, effect).value * stream(seed, trial, effect).standard_normal())
 
     stance = nominal.stance_s * (1 + normal("stance_scatter", 0.01))
@@ -139,7 +151,7 @@ def draw_step(trial: str, seed: int, time: Array, walking: WalkingSettings) -> S
 
 
 def wandering(random: np.random.Generator, time: Array) -> Array:
-    """A smooth deviation of unit standard deviation, shape (n,): a few slow waves of random size, pitch and phase."""
+    """A smooth deviation of unit standard deviation, shape (n,): slow waves of random size, frequency and phase."""
     sizes = random.standard_normal(WANDER_WAVES) * np.sqrt(2 / WANDER_WAVES)
     pitches, phases = random.uniform(*WANDER_HZ, WANDER_WAVES), random.uniform(0, 2 * np.pi, WANDER_WAVES)
     return np.asarray(np.cos(2 * np.pi * np.outer(time, pitches) + phases) @ sizes)
@@ -171,8 +183,8 @@ def simulate_crossing(
 def move(time: Array, step: Step, perturbed: bool, walking: WalkingSettings) -> LegMotion:
     """Prescribed motion: the nominal step, what was drawn, and the platform under the foot.
 
-    The shank, which carries the body, hardly follows the platform: the ankle takes up the rotation but for the
-    share that the shank yields. In swing the foot lets go of the platform's angle.
+    The shank carries the body and hardly follows the platform: the ankle takes up the rotation, except for the share
+    by which the shank yields. In swing the foot returns from the platform's angle.
     """
     platform = perturbed_platform(time, step.command, step.toe_off, walking) if perturbed else resting_platform(time)
     rate, c = walking.rates.motion_hz, step.cycle_phase(time)
@@ -199,9 +211,9 @@ def react(
 ) -> tuple[Array, TrueWrench]:
     """The joint's torque [N*m], shape (n,), and the ground reaction at the ankle.
 
-    About the ankle's axis u the foot needs the moment N = u . (dH/dt + r x m (a - g)); the shank gives it +tau
-    (toes down), the ground the rest, N - tau. As the foot is set down and lifted the ground's share fades with its
-    force. Across the axis the ground's moments are small and the hinge carries what is missing.
+    About the ankle's axis u the foot needs the moment N = u . (dH/dt + r x m (a - g)). The shank gives it +tau (toes
+    down), and the ground the rest, N - tau. The ground's part fades with its force as the foot is set down and lifted.
+    Across the axis the ground's moments are small, and the hinge carries the rest.
     """
     foot, mass = motion.foot, walking.gait.body_mass_kg
     forward, axis, upward = (foot.rotation[:, :, i] for i in range(3))

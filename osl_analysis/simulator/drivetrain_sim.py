@@ -21,31 +21,21 @@ LARGEST_ANGLE = 100.0
 
 @dataclass(frozen=True)
 class ControlCommands:
-    """What the controller is told at each of its n samples.
-
-    Stiffness gain K_1 [N*m/rad], damping gain B_1 [N*m*s/rad] and equilibrium theta_eq [rad], all at the
-    *actuator's* output, shape (n,); whether the controller feeds friction forward (Eq. 5).
-    """
+    """Commands to the controller at each of its n samples, at the *actuator's* output."""
 
     K_1: Array
+    """Stiffness gain [N*m/rad], shape (n,)."""
     B_1: Array
+    """Damping gain [N*m*s/rad], shape (n,)."""
     theta_eq: Array
+    """Equilibrium angle [rad], shape (n,)."""
     cancels_friction: bool
+    """Whether the controller adds the friction term of Eq. 5."""
 
 
 @dataclass(frozen=True)
 class DrivetrainEffects:
-    """What separates the real drivetrain and its controller from the linear model.
-
-    `friction_scale` is the true friction over what the parameters say, which is what the controller cancels;
-    without `friction` there is none, the controller knows it, and the loop is linear.
-    The controller updates its current `control_updates` times per sample, evenly, and holds it in between;
-    `substeps` updates are the continuous controller that linear theory describes. `control_delay` counts
-    updates between a measurement and the current that answers it. `encoder_resolution` [rad] is at the
-    actuator's output, 0 is ideal. The controller differentiates the encoder and smooths it by a one-pole
-    low-pass at `velocity_cutoff_hz`; None hands it the true velocity. It takes the sign of that velocity
-    smoothly over `sign_width` [rad/s]. The belt adds a rate-independent torque of up to `hysteresis_torque`
-    [N*m] that turns round over `hysteresis_width` [rad].
+    """The difference between the simulated drivetrain with its controller and the linear model.
 
     Raises
     ------
@@ -54,15 +44,26 @@ class DrivetrainEffects:
     """
 
     friction: bool
+    """Whether there is friction. Without it the controller cancels none, and the loop is linear."""
     control_delay: int
+    """Updates of the controller between a measurement and the current that answers it."""
     encoder_resolution: float
+    """Resolution [rad] of the encoder at the actuator's output. 0: an ideal encoder."""
     velocity_cutoff_hz: float | None
+    """Cut-off [Hz] of the one-pole low-pass over the differentiated encoder. None: the true velocity."""
     sign_width: float
+    """Velocity [rad/s] over which the controller smooths its sign."""
     hysteresis_torque: float
+    """Largest rate-independent torque [N*m] of the belt."""
     hysteresis_width: float
+    """Deflection [rad] over which this torque turns round."""
     friction_scale: float = 1.0
+    """True friction as a multiple of what the parameters say and the controller cancels."""
     substeps: int = 20
+    """Integration steps per sample."""
     control_updates: int = 1
+    """Updates of the controller per sample. The current is held in between. As many as `substeps` make the continuous
+    controller of linear theory."""
 
     def __post_init__(self) -> None:
         if self.control_updates < 1 or self.substeps % self.control_updates:
@@ -135,7 +136,7 @@ def simulate_belt_torque(theta_s: Array, effects: DrivetrainEffects, p: Drivetra
 
 
 def build_plant(rate_hz: float, effects: DrivetrainEffects, p: DrivetrainParameters) -> Plant:
-    """The drivetrain as the kernel wants it."""
+    """The drivetrain in the form of the compiled kernel."""
     scale = effects.friction_scale if effects.friction else 0.0
     return Plant(
         step=1.0 / (rate_hz * effects.substeps),
@@ -156,7 +157,7 @@ def build_plant(rate_hz: float, effects: DrivetrainEffects, p: DrivetrainParamet
 def build_controller(
     rate_hz: float, commands: ControlCommands, effects: DrivetrainEffects, p: DrivetrainParameters
 ) -> Controller:
-    """The controller as the kernel wants it, at the rate at which it updates the current."""
+    """The controller in the form of the compiled kernel, at the rate of its updates."""
     rate, cutoff = float(rate_hz * effects.control_updates), effects.velocity_cutoff_hz
     return Controller(
         every=effects.substeps // effects.control_updates,

@@ -57,6 +57,7 @@ def ground_reaction(p: Array) -> Array:
     """Ground reaction on a right foot in multiples of body weight, laboratory axes, shape (n, 3)."""
 
     def hump(peak: float, width: float) -> Array:
+        """A Gaussian bump of stance phase."""
         return np.exp(-(((p - peak) / width) ** 2))
 
     forward = -0.16 * hump(0.18, 0.10) + 0.18 * hump(0.85, 0.09)

@@ -19,7 +19,7 @@ B_1_GRID = 50
 
 @lru_cache(maxsize=8)
 def compensated_damping(path: Path, p: DrivetrainParameters) -> tuple[Array, Array]:
-    """B_1 [N*m*s/rad] (Eq. 14) on a grid of phases: the search is the expensive part, and B_1 is smooth."""
+    """A grid of phases, and B_1 [N*m*s/rad] (Eq. 14) there. The search is slow and B_1 smooth, so a grid is enough."""
     desired = read_impedance_trajectory(path)
     grid = np.linspace(0.0, 1.0, B_1_GRID + 1)
     K_d, B_d = desired.at(desired.K_d, grid), desired.at(desired.B_d, grid)
@@ -32,7 +32,7 @@ def compensated_damping(path: Path, p: DrivetrainParameters) -> tuple[Array, Arr
 def walking_commands(
     c: Array, cycle_s: float, body_mass: float, path: Path, compensates: bool, p: DrivetrainParameters
 ) -> ControlCommands:
-    """What the actuator is told at cycle phases c, shape (n,), a regular grid of a step that takes `cycle_s` [s].
+    """Commands to the actuator at cycle phases c, shape (n,), a regular grid of a step that takes `cycle_s` [s].
 
     The equilibrium is where K_d and B_d give the nominal ankle moment at the nominal ankle angle.
     """

@@ -18,7 +18,7 @@ from osl_analysis.trial import Array
 
 @dataclass(frozen=True)
 class LegClock:
-    """The leg's clock: its time is offset + (1 + drift) * Vicon's time, both [s]."""
+    """The leg's clock: its time [s] is offset [s] + (1 + drift) * Vicon's time [s]."""
 
     offset: float
     drift: float
@@ -33,7 +33,7 @@ class LegClock:
 
 
 def draw_clock(trial: str, seed: int, walking: WalkingSettings) -> LegClock:
-    """The leg's clock in one trial; its offset is drawn evenly between half and one and a half times its mean."""
+    """The leg's clock in one trial. Its offset is drawn evenly from 0.5 to 1.5 times its mean."""
     effects = walking.effects
     offset = effects.leg_clock_offset.value * stream(seed, trial, "leg_clock_offset").uniform(0.5, 1.5)
     drift = 1e-6 * effects.leg_clock_drift.value * stream(seed, trial, "leg_clock_drift").standard_normal()
@@ -66,13 +66,11 @@ def leg_columns(
 def write_leg_log(
     path: Path, trial: str, crossing: SimulatedCrossing, settings: SimulationSettings, walking: WalkingSettings
 ) -> LegClock:
-    """Write what the leg logs, at whole periods of its own clock, which is returned for the truth."""
+    """Write the leg's log, sampled at whole periods of its own clock. Return this clock, for the truth."""
     clock, rate = draw_clock(trial, settings.seed, walking), walking.rates.leg_hz
     first, last = clock.at(crossing.time[[0, -1]]) * rate
-    # the margin keeps a period that rounding put before the first sample or after the last out of the log
+    # the margin excludes a period that rounding put before the first sample or after the last
     leg_time = np.arange(np.ceil(first + 1e-6), np.floor(last - 1e-6) + 1) / rate
     columns = leg_columns(trial, crossing, clock.inverse(leg_time), settings, walking)
-    write_mcap(
-        path, messages.LEG_TOPIC, messages.LEG_SCHEMA, messages.LEG_SAMPLE, messages.LEG_FRAME, leg_time, columns
-    )
+    write_mcap(path, messages.LEG, leg_time, columns)
     return clock

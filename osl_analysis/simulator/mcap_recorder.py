@@ -10,13 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
+from osl_analysis.simulator.messages import LogTopic
 from osl_analysis.trial import Array
 
 ENCAPSULATION = b"\x00\x01\x00\x00"
-"""CDR, little endian; everything after it is aligned as if it began here."""
+"""CDR, little endian. Everything after it is aligned as if the message began there."""
 
 LATENCY_NS = 150_000
-"""From a sample's stamp to its arrival at the recorder."""
+"""Time [ns] from a sample's stamp to its arrival at the recorder."""
 
 CDR_TYPES = {"bool": "u1", "uint8": "u1", "int32": "<i4", "uint32": "<u4", "float32": "<f4", "float64": "<f8"}
 
@@ -32,19 +33,11 @@ class Topic:
     records: "np.ndarray[tuple[int], np.dtype[np.void]]"
 
 
-def write_mcap(
-    path: Path,
-    topic: str,
-    schema_name: str,
-    schema_text: str,
-    frame_id: str,
-    time: Array,
-    columns: Mapping[str, ArrayLike],
-) -> None:
-    """Write one topic, a message per time stamp [s] (whole nanoseconds from 0 to 2^31 s), shape (n,) each column.
+def write_mcap(path: Path, topic: LogTopic, time: Array, columns: Mapping[str, ArrayLike]) -> None:
+    """Write one topic with a message for each time stamp [s], from 0 to 2^31 s in whole nanoseconds.
 
-    `schema_text` is ros2msg: `std_msgs/Header header` first, then the columns as scalars in any order; they are
-    cast to the types given there. The file appears whole or not at all.
+    The columns have shape (n,) each. They are cast to the types of the topic's schema, which names them after
+    `std_msgs/Header header`, in any order. The file appears whole or not at all.
 
     Raises
     ------
@@ -52,8 +45,8 @@ def write_mcap(
         The schema and the columns do not name the same fields, or a field's type is not a plain scalar.
     """
     stamps = nanoseconds(time)
-    records = cdr_records(schema_text, schema_name, frame_id, stamps, columns)
-    write_topics(path, [Topic(topic, schema_name, schema_text, stamps, records)])
+    records = cdr_records(topic.schema_text, topic.schema_name, topic.frame_id, stamps, columns)
+    write_topics(path, [Topic(topic.name, topic.schema_name, topic.schema_text, stamps, records)])
 
 
 def write_topics(path: Path, topics: Sequence[Topic]) -> None:

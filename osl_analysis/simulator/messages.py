@@ -1,4 +1,21 @@
-"""The ROS 2 messages of the three loggers, as `ros2msg` text with the definitions that they depend on."""
+"""The topics of the three loggers: their ROS 2 messages as `ros2msg` text, with the definitions that they depend on."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class LogTopic:
+    """A topic that a recorder writes."""
+
+    name: str
+    """Name of the topic."""
+    schema_name: str
+    """Name of the message's type."""
+    schema_text: str
+    """Definition of the type, with those that it depends on. It begins with `std_msgs/Header header`."""
+    frame_id: str
+    """Frame in the header of every message."""
+
 
 SAMPLE_HEADER = "std_msgs/Header header"
 
@@ -13,10 +30,9 @@ int32 sec
 uint32 nanosec
 """
 
-DYNAMOMETER_TOPIC = "/dynamometer"
-DYNAMOMETER_FRAME = "dynamometer"
-DYNAMOMETER_SCHEMA = "osl_interfaces/msg/DynamometerSample"
-DYNAMOMETER_SAMPLE = (
+DYNAMOMETER = LogTopic(
+    "/dynamometer",
+    "osl_interfaces/msg/DynamometerSample",
     SAMPLE_HEADER
     + """
 float32 joint_angle       # rad, joint encoder of the dynamometer
@@ -25,26 +41,26 @@ float32 actuator_angle    # rad, at the actuator's output
 float32 motor_current     # A, q-axis
 float32 commanded_angle   # rad, in counts of the joint encoder
 """
-    + DEPENDENCIES
+    + DEPENDENCIES,
+    "dynamometer",
 )
 
-ACTUATOR_TOPIC = "/actuator"
-ACTUATOR_FRAME = "actuator_bench"
-ACTUATOR_SCHEMA = "osl_interfaces/msg/ActuatorSample"
-ACTUATOR_SAMPLE = (
+ACTUATOR = LogTopic(
+    "/actuator",
+    "osl_interfaces/msg/ActuatorSample",
     SAMPLE_HEADER
     + """
 float32 actuator_angle  # rad, at the actuator's output
 float32 motor_current   # A, q-axis
 float32 output_torque   # N*m, exerted by the actuator's output on the bench
 """
-    + DEPENDENCIES
+    + DEPENDENCIES,
+    "actuator_bench",
 )
 
-LEG_TOPIC = "/leg"
-LEG_FRAME = "leg"
-LEG_SCHEMA = "osl_interfaces/msg/LegSample"
-LEG_SAMPLE = (
+LEG = LogTopic(
+    "/leg",
+    "osl_interfaces/msg/LegSample",
     SAMPLE_HEADER
     + """
 float32 joint_angle     # rad
@@ -54,5 +70,6 @@ float32 stiffness_gain  # N*m/rad, K_1 at the actuator's output
 float32 damping_gain    # N*m*s/rad, B_1 at the actuator's output
 bool sync               # level of the synchronisation line
 """
-    + DEPENDENCIES
+    + DEPENDENCIES,
+    "leg",
 )

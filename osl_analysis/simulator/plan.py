@@ -17,7 +17,7 @@ PlannedRow = dict[str, object]
 
 
 def plan_trials(settings: SimulationSettings) -> pd.DataFrame:
-    """One row per trial, in the columns of `sheet.py`; the same settings give the same plan.
+    """One row per trial, in the columns of `sheet.py`. The same settings give the same plan.
 
     A crossing's perturbation depends on the seed and its own name, not on how many crossings there are.
     """
@@ -27,7 +27,7 @@ def plan_trials(settings: SimulationSettings) -> pd.DataFrame:
     if twice:
         raise InputError(
             f"the plan has two trials '{twice}': K_d and B_d of experiments are too close for names of their own; "
-            "leave one out"
+            "remove one of them"
         )
     return pd.DataFrame(rows, columns=list(COLUMNS)).astype(COLUMNS)
 
@@ -47,7 +47,7 @@ def bench_plan(settings: SimulationSettings) -> list[PlannedRow]:
 
 
 def laboratory_plan(settings: SimulationSettings) -> list[PlannedRow]:
-    """The trials in the gait laboratory; the leg logs while it walks."""
+    """The trials in the gait laboratory. Crossings also have the leg's log."""
     wanted = settings.experiments
     rows = [planned_row(name, "static") for name in numbered("static", wanted.static, 1)]
     rows += [planned_row(name, "plate") for name in numbered("plate", wanted.plate, 2)]

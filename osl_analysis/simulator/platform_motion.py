@@ -18,15 +18,16 @@ TILT_RAD = np.radians(2.0)
 
 @dataclass(frozen=True)
 class PlatformMotion:
-    """Dorsiflexion (toes-up) angle [rad], shape (n,), and the pose from where each point is at rest.
-
-    `command` [s] is when the trigger fires and `onset` [s] when the platform starts; None if it stays at rest.
-    """
+    """True motion of the platform."""
 
     angle: Array
+    """Dorsiflexion (toes-up) angle [rad], shape (n,)."""
     pose: Pose
+    """Displacement of the platform from where it is at rest."""
     command: float | None
+    """Time [s] at which the trigger fires. None if the platform stays at rest."""
     onset: float | None
+    """Time [s] at which the platform starts to move. None if it stays at rest."""
 
 
 def pulse(time: Array, start: float, rise: float, back: float, fall: float) -> Array:
@@ -41,7 +42,7 @@ def turned_about(pivot: Array, angle: Array) -> Pose:
 
 
 def nominal_ankle(walking: WalkingSettings) -> Array:
-    """Where the ankle of a nominally placed flat foot is [m], and the platform's axis passes through."""
+    """Position [m] of the ankle of a nominally placed flat foot. The platform's axis passes through it."""
     return np.add(walking.plate.centre_m, [*walking.plate.nominal_ankle_m, ANKLE_HEIGHT])
 
 

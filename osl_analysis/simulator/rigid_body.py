@@ -11,7 +11,7 @@ GRAVITY = np.array([0.0, 0.0, -9.81])
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a body is: rotation (n, 3, 3) from its own axes to the laboratory's, and its origin [m], (n, 3)."""
+    """Pose of a body: rotation (n, 3, 3) from its own axes to the laboratory's, and its origin [m], shape (n, 3)."""
 
     rotation: Array
     origin: Array
@@ -48,7 +48,7 @@ class RigidBody:
     gyration: Array
 
     def support(self, pose: Pose, rate_hz: float) -> TrueWrench:
-        """What must act on the body, besides its weight, for it to move like this.
+        """The wrench that must act on the body, besides its weight, for this motion.
 
         Force m (a - g) and moment dH/dt = I alpha + omega x I omega about the centre of mass, which is the
         wrench's point; shape (n, 3) each.
@@ -63,8 +63,8 @@ class RigidBody:
 def time_derivative(values: Array, rate_hz: float) -> Array:
     """Time derivative along the first axis by fourth-order central differences.
 
-    Meant for smooth simulated curves, never for data. On curves that change over tens of milliseconds the
-    error at 3 kHz is below 1e-6 of the derivative; the two samples at either end are of second order only.
+    Use it for smooth simulated curves, never for data. On curves that change over tens of milliseconds the error at
+    3 kHz is below 1e-6 of the derivative. The two samples at either end are of second order only.
     """
     slope = np.gradient(values, axis=0, edge_order=2)
     inner, outer = values[3:-1] - values[1:-3], values[4:] - values[:-4]

@@ -1,4 +1,4 @@
-"""What Vicon makes of a trial: markers with noise and gaps, force plate, sync and trigger channels."""
+"""What Vicon records of a trial: markers with noise and gaps, force plate, sync and trigger channels."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ SHORT_GAP_S, LONG_GAP_S = (0.007, 0.04), (0.05, 0.2)
 
 @dataclass(frozen=True)
 class SyncLine:
-    """Times [s] at which the synchronisation line changes its level; it is low before the first."""
+    """Times [s] at which the synchronisation line changes its level. The line is low before the first."""
 
     edges: Array
 
@@ -57,7 +57,7 @@ class SyncLine:
 
 
 def draw_sync(trial: str, seed: int, duration: float) -> SyncLine:
-    """An irregular pulse train over a recording [s], which no other stretch of it resembles."""
+    """An irregular pulse train over the duration [s] of a recording. No two parts of it are alike."""
     intervals = stream(seed, trial, "sync").uniform(*SYNC_INTERVAL_S, int(duration / SYNC_INTERVAL_S[0]) + 1)
     edges = np.cumsum(intervals)
     return SyncLine(edges[edges < duration])
@@ -65,16 +65,16 @@ def draw_sync(trial: str, seed: int, duration: float) -> SyncLine:
 
 @dataclass(frozen=True)
 class Scene:
-    """What there is to record, exact and at the motion's rate.
-
-    Marker paths [m], shape (n, 3) each; the platform's pose and the ground reaction on its plate; when the trigger
-    fires [s], None if it does not.
-    """
+    """The exact quantities that Vicon records, at the motion's rate."""
 
     markers: dict[str, Array]
+    """Path [m] of each marker, shape (n, 3)."""
     platform: Pose
+    """Pose of the platform."""
     reaction: TrueWrench
+    """Ground reaction on the plate."""
     command: float | None
+    """Time [s] at which the trigger fires. None if it does not."""
 
 
 def platform_markers(platform: Pose, walking: WalkingSettings) -> dict[str, Array]:
@@ -120,14 +120,14 @@ def vicon_recording(trial: str, seed: int, scene: Scene, walking: WalkingSetting
 
 
 def trigger(time: Array, command: float | None) -> Array:
-    """1 while the trigger is high, 0 else; a platform that rests gets none."""
+    """1 while the trigger is high, else 0. A platform that rests gets no trigger."""
     if command is None:
         return np.zeros_like(time)
     return np.asarray((time >= command) & (time < command + TRIGGER_S), dtype=float)
 
 
 def disturbed_channels(trial: str, seed: int, reading: SensorReading, time: Array, walking: WalkingSettings) -> Array:
-    """The six channels [N, N*mm] at times [s], shape (n, 6): late, off zero and noisy."""
+    """The six channels of the plate [N, N*mm] at times [s], shape (n, 6), with their lag, offset and noise."""
     effects, rate = walking.effects, walking.rates.motion_hz
     late = time - 1e-3 * effects.plate_lag.value
     columns = []

@@ -89,11 +89,11 @@ def record_crossing(row: Mapping[str, object], laboratory: GaitLaboratory, p: Dr
     trial, time, perturbed = str(row["trial"]), motion_grid(walking), bool(row["perturbed"])
     step = draw_step(trial, settings.seed, time, walking)
     compensates, effects = str(row.get("controller")) != "uncompensated", drivetrain_effects(settings)
-    calm = simulate_crossing(time, step, False, compensates, walking, effects, p)
-    walked = simulate_crossing(time, step, True, compensates, walking, effects, p) if perturbed else calm
-    write_curves(laboratory.folder, trial, crossing_curves(walked, calm, walking), analog_stride(walking))
+    unperturbed = simulate_crossing(time, step, False, compensates, walking, effects, p)
+    walked = simulate_crossing(time, step, True, compensates, walking, effects, p) if perturbed else unperturbed
+    write_curves(laboratory.folder, trial, crossing_curves(walked, unperturbed, walking), analog_stride(walking))
     clock = write_leg_log(laboratory.folder / "leg" / f"{trial}.mcap", trial, walked, settings, walking)
-    write_facts(trial, laboratory, crossing_facts(walked, calm, clock))
+    write_facts(trial, laboratory, crossing_facts(walked, unperturbed, clock))
     record_scene(trial, laboratory, scene_of(walked, walking))
 
 
@@ -144,7 +144,7 @@ def write_platform_truth(trial: str, laboratory: GaitLaboratory, time: Array, pl
     write_facts(trial, laboratory, {"command_s": platform.command, "onset_s": platform.onset})
 
 
-def crossing_facts(walked: SimulatedCrossing, calm: SimulatedCrossing, clock: LegClock) -> dict[str, object]:
+def crossing_facts(walked: SimulatedCrossing, unperturbed: SimulatedCrossing, clock: LegClock) -> dict[str, object]:
     """What was drawn for a crossing, and the impedance that the leg rendered in it."""
     step, platform = walked.step, walked.motion.platform
     return {
@@ -156,7 +156,7 @@ def crossing_facts(walked: SimulatedCrossing, calm: SimulatedCrossing, clock: Le
         "foot_yaw_rad": step.yaw,
         "placement_m": step.placement.tolist(),
         "leg_clock": {"offset_s": clock.offset, "drift": clock.drift},
-        **rendered_impedance(walked, calm),
+        **rendered_impedance(walked, unperturbed),
     }
 
 

@@ -43,11 +43,11 @@ COVARIANCES = {
 }
 """Covariances that the study compares for the default estimator."""
 QUANTITIES = ("K", "B", "I")
-Fitter = Callable[["Bench", RawSignals, LowPass], Iterator[tuple[str, str, LinearFit]]]
+Fitter = Callable[["StudyBench", RawSignals, LowPass], Iterator[tuple[str, str, LinearFit]]]
 
 
 @dataclass(frozen=True)
-class Bench:
+class StudyBench:
     """One experiment: the true motion and response, which every trial repeats, and the sensors that read them.
 
     Attributes
@@ -122,7 +122,7 @@ class Bench:
         return regression_bound(columns, *torque_noise(self.settings, record.time[rows]))
 
 
-def impedance_fits(bench: Bench, record: RawSignals, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
+def impedance_fits(bench: StudyBench, record: RawSignals, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
     """K, B and I of every estimator with the covariance of cycles, and of the default one with HAC too."""
     for name, estimator in ESTIMATORS.items():
         for method, covariance in COVARIANCES.items():
@@ -130,7 +130,7 @@ def impedance_fits(bench: Bench, record: RawSignals, low_pass: LowPass) -> Itera
                 yield name, method, estimator(record, low_pass, covariance)
 
 
-def transmission_fits(bench: Bench, record: RawSignals, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
+def transmission_fits(bench: StudyBench, record: RawSignals, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
     """B_j and J_j of a transmission trial."""
     motion, torque = filtered_motion(record.time, record.theta, record.torque, low_pass)
     rows = rows_of(record.segments)
@@ -141,7 +141,7 @@ def transmission_fits(bench: Bench, record: RawSignals, low_pass: LowPass) -> It
     )
 
 
-def belt_fits(bench: Bench, record: RawSignals, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
+def belt_fits(bench: StudyBench, record: RawSignals, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
     """K_s, the slope while loading. Nothing repeats within a trial."""
     theta, torque = (low_pass(signal, record.rate_hz) for signal in (record.theta, record.torque))
     every, drift = low_pass.independent_samples(record.rate_hz), bench.load_cell_drift / 60 / record.rate_hz
@@ -149,7 +149,7 @@ def belt_fits(bench: Bench, record: RawSignals, low_pass: LowPass) -> Iterator[t
     yield DEFAULT, fit.interval_method, fit
 
 
-def sine_bench(inputs: StudyInputs) -> Bench:
+def sine_bench(inputs: StudyInputs) -> StudyBench:
     """The study's stepped sine, with a joint that does not resist."""
     study, analysis = inputs.study, inputs.dynamometer
     short = {
@@ -161,7 +161,7 @@ def sine_bench(inputs: StudyInputs) -> Bench:
     settings = inputs.simulation.model_copy(update={"protocol": schedule})
     command, motion = moved(stepped_sine(schedule, settings.dynamometer.rate_hz), settings)
     still = np.zeros_like(motion.theta)
-    return Bench(
+    return StudyBench(
         command=command,
         motion=motion,
         response=BenchResponse(still, still, still),
@@ -176,7 +176,7 @@ def sine_bench(inputs: StudyInputs) -> Bench:
     )
 
 
-def second_order(inputs: StudyInputs) -> Bench:
+def second_order(inputs: StudyInputs) -> StudyBench:
     """A joint that is exactly Eq. 15."""
     bench, study = sine_bench(inputs), inputs.study
     motion = Motion(bench.motion.theta, bench.motion.omega, bench.motion.alpha)
@@ -185,7 +185,7 @@ def second_order(inputs: StudyInputs) -> Bench:
     return replace(bench, response=replace(bench.response, torque=torque), exact=exact, theory=exact)
 
 
-def drivetrain(inputs: StudyInputs) -> Bench:
+def drivetrain(inputs: StudyInputs) -> StudyBench:
     """The joint of a compensated controller, with every effect of the simulation settings."""
     bench, p = sine_bench(inputs), inputs.p
     gains = compensated_gains(inputs.study.K_d, inputs.study.B_d, p)
@@ -195,24 +195,24 @@ def drivetrain(inputs: StudyInputs) -> Bench:
     return replace(bench, response=response, theory=dict(zip(QUANTITIES, predicted, strict=True)))
 
 
-def linear_drivetrain(inputs: StudyInputs) -> Bench:
+def linear_drivetrain(inputs: StudyInputs) -> StudyBench:
     """The joint of a compensated controller, without friction and hysteresis."""
     effects = inputs.simulation.effects.without("friction", "belt_hysteresis")
     return drivetrain(replace(inputs, simulation=inputs.simulation.model_copy(update={"effects": effects})))
 
 
-def transmission(inputs: StudyInputs) -> Bench:
+def transmission(inputs: StudyInputs) -> StudyBench:
     """The joint with the motor detached."""
     bench, exact = sine_bench(inputs), {"B_j": inputs.p.B_j, "J_j": inputs.p.J_j}
     response = simulate_transmission(bench.motion, inputs.p)
     return replace(bench, response=response, names=tuple(exact), fit=transmission_fits, exact=exact, theory=exact)
 
 
-def belt(inputs: StudyInputs) -> Bench:
+def belt(inputs: StudyInputs) -> StudyBench:
     """The belt of a locked actuator, with its hysteresis."""
     settings = inputs.simulation
     command, motion = moved(there_and_back(settings.belt, settings.dynamometer.rate_hz), settings)
-    return Bench(
+    return StudyBench(
         command=command,
         motion=motion,
         response=simulate_belt(motion, drivetrain_effects(settings), inputs.p),

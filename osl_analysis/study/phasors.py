@@ -8,7 +8,7 @@ import numpy as np
 from osl_analysis.bench.frequency_response import SegmentPhasors, segment_phasors
 from osl_analysis.signals import LowPass
 from osl_analysis.stats.complex_estimate import polar_row
-from osl_analysis.study.bench import Bench, drivetrain
+from osl_analysis.study.bench import StudyBench, drivetrain
 from osl_analysis.study.trials import Estimate, Estimates, StudyInputs, torque_noise
 
 
@@ -19,7 +19,7 @@ class ResponseBench:
     The quantities have the frequency in their names: `magnitude, 2 Hz` [rad/(N*m)] and `phase, 2 Hz` [deg].
     """
 
-    bench: Bench
+    bench: StudyBench
 
     @property
     def exact(self) -> Mapping[str, float]:

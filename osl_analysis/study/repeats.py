@@ -8,7 +8,7 @@ import numpy as np
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.dynamometer import drivetrain_effects, scatter, simulate_belt
 from osl_analysis.stats.repeats import over_repeats
-from osl_analysis.study.bench import Bench, belt, transmission
+from osl_analysis.study.bench import StudyBench, belt, transmission
 from osl_analysis.study.trials import Estimate, Estimates, StudyInputs
 
 
@@ -28,9 +28,9 @@ class RepeatedBench:
         Standard deviation from trial to trial, by quantity, in the unit of the quantity.
     """
 
-    nominal: Bench
+    nominal: StudyBench
     count: int
-    bench_of: Callable[[str], Bench]
+    bench_of: Callable[[str], StudyBench]
     scatter: Mapping[str, float]
 
     @property
@@ -69,7 +69,7 @@ def repeated_belt(inputs: StudyInputs) -> RepeatedBench:
     """The campaign's belt trials. K_s scatters from trial to trial."""
     nominal, settings, p = belt(inputs), inputs.simulation, inputs.p
 
-    def scattered(trial: str) -> Bench:
+    def scattered(trial: str) -> StudyBench:
         """The bench with the belt of one trial."""
         own = replace(p, K_s=p.K_s * scatter(trial, settings))
         return replace(nominal, response=simulate_belt(nominal.motion, drivetrain_effects(settings), own))

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.signal import butter, cont2discrete, lfilter, lfilter_zi
 
-from osl_analysis.simulator.effect import Scatter
+from osl_analysis.simulator.effect import Scatter, SensorLowPass
 from osl_analysis.simulator.recorder_settings import NodeSettings
-from osl_analysis.simulator.sensors import bench_errors, flicker, low_passed, rounded_to, stream
+from osl_analysis.simulator.sensors import bench_errors, flicker, rounded_to, stream
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.trial import Array
 
@@ -29,6 +30,8 @@ STEPS = {
 """Effect with the resolution of a channel."""
 QUEUE_S = 5e-6
 """Time [s] in which a host stamps one message of several that wait."""
+FINER = 8
+"""Steps per sample with which a sensor's own low-pass is computed, its input being straight between them."""
 
 
 @dataclass(frozen=True)
@@ -168,3 +171,14 @@ class Bench:
         if size:
             errors = errors + flicker(size, len(instants), stream(seed, self.trial, "load_cell_flicker"))
         return errors
+
+
+def low_passed(signal: Array, rate_hz: float, low_pass: SensorLowPass) -> Array:
+    """The signal (n,) behind a sensor's causal low-pass, which is at rest at the first value."""
+    fine = np.arange((len(signal) - 1) * FINER + 1) / FINER
+    finer = np.asarray(CubicSpline(np.arange(len(signal)), signal)(fine))
+    analogue = butter(low_pass.order, 2 * np.pi * low_pass.size, analog=True)
+    numerator, below, _ = cont2discrete(analogue, 1 / (FINER * rate_hz), method="foh")
+    above = np.ravel(numerator)
+    slow, _ = lfilter(above, below, finer, zi=lfilter_zi(above, below) * finer[0])
+    return np.asarray(slow[::FINER])

@@ -3,15 +3,9 @@
 import zlib
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.signal import butter, cont2discrete, lfilter, lfilter_zi
 
-from osl_analysis.simulator.effect import SensorLowPass
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.trial import Array
-
-FINER = 8
-"""Steps per sample with which a sensor's own low-pass is computed, its input being straight between them."""
 
 
 def stream(seed: int, trial: str, effect: str) -> np.random.Generator:
@@ -41,17 +35,6 @@ def bench_errors(trial: str, settings: SimulationSettings) -> dict[str, float]:
 def rounded_to(signal: Array, step: float) -> Array:
     """The signal rounded to the nearest multiple of `step`, in the signal's unit. A step of 0 rounds nothing."""
     return np.rint(signal / step) * step if step else signal
-
-
-def low_passed(signal: Array, rate_hz: float, low_pass: SensorLowPass) -> Array:
-    """The signal (n,) behind a sensor's causal low-pass, which is at rest at the first value."""
-    fine = np.arange((len(signal) - 1) * FINER + 1) / FINER
-    finer = np.asarray(CubicSpline(np.arange(len(signal)), signal)(fine))
-    analogue = butter(low_pass.order, 2 * np.pi * low_pass.size, analog=True)
-    numerator, below, _ = cont2discrete(analogue, 1 / (FINER * rate_hz), method="foh")
-    above = np.ravel(numerator)
-    slow, _ = lfilter(above, below, finer, zi=lfilter_zi(above, below) * finer[0])
-    return np.asarray(slow[::FINER])
 
 
 def flicker(size: float, n: int, draws: np.random.Generator) -> Array:

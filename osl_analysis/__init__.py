@@ -1,4 +1,4 @@
-"""From the raw logs of a powered prosthesis to its stiffness, damping and inertia.
+"""From the recordings of a powered prosthesis to its stiffness, damping and inertia.
 
-Data flows one way: raw log (`ingest`) -> trial -> fit (`fits`, `walking`) -> table -> figure (`figures`).
+Data flow one way: recording (`formats`, `ingest`) -> trial -> fit (`bench`, `walking`) -> table -> figure (`figures`).
 """

@@ -5,25 +5,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from osl_analysis.bench.actuator import EDGE_PERIODS, PARAMETERS, ActuatorSignals, actuator_columns, fit_actuator
+from osl_analysis.bench.actuator import EDGE_PERIODS, PARAMETERS, actuator_trial
 from osl_analysis.bench.estimators import DEFAULT
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.model.drivetrain import actuator_torque
 from osl_analysis.signals import LowPass
-from osl_analysis.simulator.actuator_bench import ActuatorLog, current_schedule, recorded_actuator, turning
+from osl_analysis.simulator.actuator_bench import current_schedule, recorded_actuator, turning
 from osl_analysis.simulator.dynamometer import moved
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.study.performance import regression_bound
+from osl_analysis.study.recorded import ideal_sensors, recorded_trial
 from osl_analysis.study.trials import Estimates, StudyInputs, estimates_of, torque_noise
-from osl_analysis.trial import Array
-
-SENSORS = (
-    "load_cell_noise", "load_cell_offset", "load_cell_drift", "load_cell_quantisation", "actuator_encoder",
-    "current_noise", "current_quantisation",
-)  # fmt: skip
+from osl_analysis.trial import Array, Trial
 
 
 @dataclass(frozen=True)
@@ -61,21 +57,18 @@ class ActuatorExperiment:
         """The parameters that made the torque: the fitted model is exact."""
         return self.exact
 
-    def log(self, trial: str, ideal: bool = False) -> ActuatorLog:
-        """The log of one trial. The encoder's zero lies anywhere between two of its steps."""
-        settings = self.settings
-        if ideal:
-            settings = settings.model_copy(update={"effects": settings.effects.without(*SENSORS)})
-        zero = settings.effects.actuator_encoder.value * stream(settings.seed, trial, "encoder_zero").random()
+    def trial(self, name: str, ideal: bool = False) -> Trial:
+        """One trial as ingest would give it. The encoder's zero lies anywhere between two of its steps."""
+        settings = ideal_sensors(self.settings) if ideal else self.settings
+        zero = settings.effects.actuator_encoder.value * stream(settings.seed, name, "encoder_zero").random()
         motion = replace(self.motion, theta=self.motion.theta + zero)
-        return recorded_actuator(trial, motion, self.current, self.torque, settings)[0]
+        log, _ = recorded_actuator(name, motion, self.current, self.torque, settings)
+        actuator = {"theta_m": log.actuator_angle, "current": log.motor_current}
+        return recorded_trial(name, log.time, actuator, log.torque_time, {"torque_m": log.output_torque})
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
         """The estimates of the pipeline's fit."""
-        log, chosen = self.log(trial, ideal), self.analysis
-        signals = ActuatorSignals(log.time, log.actuator_angle, log.motor_current, log.output_torque)
-        columns, torque = actuator_columns(signals, low_pass, chosen.sign_width)
-        fit = fit_actuator(columns, torque, self.settings.dynamometer.rate_hz, low_pass, chosen.slowest)
+        fit = actuator_trial(self.trial(trial, ideal), self.analysis).fit
         yield DEFAULT, fit.interval_method, estimates_of(fit, self.names)
 
     def bounds(self) -> dict[str, float]:

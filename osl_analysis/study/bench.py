@@ -5,15 +5,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from osl_analysis.bench.belt import fit_belt_stiffness
+from osl_analysis.bench.belt import belt_trial
 from osl_analysis.bench.estimators import DEFAULT, ESTIMATORS, CovarianceChoice
-from osl_analysis.bench.protocol import SteppedSineProtocol, find_blocks, repeated_cycles, rows_of, settled
-from osl_analysis.bench.stepped_sine import RawSignals, drift_rate, without_drift
+from osl_analysis.bench.protocol import rows_of
+from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.bench.stepped_sine import RawSignals, stepped_sine_trial
 from osl_analysis.bench.transmission import fit_transmission
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.model.rendering import predicted_impedance
+from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import impedance_columns, impedance_torque
-from osl_analysis.signals import LowPass, Motion, filtered_motion
+from osl_analysis.signals import LowPass, Motion
 from osl_analysis.simulator.dynamometer import (
     BenchResponse,
     drivetrain_effects,
@@ -26,16 +28,12 @@ from osl_analysis.simulator.dynamometer import (
 from osl_analysis.simulator.joint_motion import JointMotion, stepped_sine, there_and_back
 from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.stats.covariance import ResidualCorrelation
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.study.performance import regression_bound
+from osl_analysis.study.recorded import ideal_sensors, recorded_trial
 from osl_analysis.study.trials import Estimates, StudyInputs, estimates_of, torque_noise
-from osl_analysis.trial import Array
+from osl_analysis.trial import Array, Trial
 
-SENSORS = (
-    "load_cell_noise", "load_cell_offset", "load_cell_drift", "load_cell_quantisation", "joint_encoder",
-    "current_noise", "current_quantisation",
-)  # fmt: skip
 COVARIANCES = {
     "cycles": CovarianceChoice(),
     "HAC": CovarianceChoice(cycles=False),
@@ -43,7 +41,7 @@ COVARIANCES = {
 }
 """Covariances that the study compares for the default estimator."""
 QUANTITIES = ("K", "B", "I")
-Fitter = Callable[["StudyBench", RawSignals, LowPass], Iterator[tuple[str, str, LinearFit]]]
+Fitter = Callable[["StudyBench", Trial], Iterator[tuple[str, str, LinearFit]]]
 
 
 @dataclass(frozen=True)
@@ -60,18 +58,16 @@ class StudyBench:
         True response of the joint to this motion.
     settings
         The simulated campaign, with the study's short protocol.
-    protocol
-        Where the stepped sine has its amplitudes and frequencies. None for the belt's ramp.
-    settle_cycles
-        Cycles at the beginning of each frequency that are not fitted.
-    load_cell_drift
-        Standard deviation of the load cell's drift [N*m/min] that the analysis assumes.
+    p
+        Parameters of the device, as the analysis knows them.
+    analysis
+        Settings of the analysis, with the study's short protocol.
     names
         Quantities that are estimated.
     fit
-        Yields estimator, kind of interval and fit of a record.
+        Yields estimator, kind of interval and fit of a trial.
     exact
-        Parameters that made the torque, by quantity, where the fitted model is exact. Else empty.
+        Parameters that made the torque, by quantity, where the joint has such parameters. Else empty.
     theory
         What linear theory predicts, by quantity.
     """
@@ -80,72 +76,64 @@ class StudyBench:
     motion: JointMotion
     response: BenchResponse
     settings: SimulationSettings
-    protocol: SteppedSineProtocol | None
-    settle_cycles: int
-    load_cell_drift: float
+    p: DrivetrainParameters
+    analysis: DynamometerAnalysis
     names: tuple[str, ...]
     fit: Fitter
     exact: dict[str, float]
     theory: dict[str, float]
 
-    def record(self, trial: str, ideal: bool = False) -> RawSignals:
-        """The signals of one trial. The encoder's zero lies anywhere between two of its steps."""
-        settings = self.settings
-        if ideal:
-            settings = settings.model_copy(update={"effects": settings.effects.without(*SENSORS)})
-        zero = settings.effects.joint_encoder.value * stream(settings.seed, trial, "encoder_zero").random()
+    def trial(self, name: str, ideal: bool = False) -> Trial:
+        """One trial as ingest would give it. The encoder's zero lies anywhere between two of its steps."""
+        settings = ideal_sensors(self.settings) if ideal else self.settings
+        zero = settings.effects.joint_encoder.value * stream(settings.seed, name, "encoder_zero").random()
         motion = replace(self.motion, theta=self.motion.theta + zero)
-        log, _ = recorded_dynamometer(trial, self.command, motion, self.response, settings)
-        time = log.time - log.time[0]
-        blocks = find_blocks(time, log.joint_angle, self.protocol) if self.protocol else ()
-        segments = settled(blocks, self.settle_cycles) if blocks else ()
-        torque = -log.load_cell_torque
-        torque = without_drift(time, torque, drift_rate(time, torque, segments))
-        return RawSignals(time, log.joint_angle, log.commanded_angle, torque, settings.dynamometer.rate_hz, segments)
+        log, _ = recorded_dynamometer(name, self.command, motion, self.response, settings)
+        joint = {"theta": log.joint_angle, "theta_m": log.actuator_angle, "theta_command": log.commanded_angle}
+        return recorded_trial(name, log.time, joint, log.torque_time, {"torque": -log.load_cell_torque})
+
+    def record(self, name: str, ideal: bool = False) -> RawSignals:
+        """The signals of one trial of a stepped sine, as the estimators get them."""
+        return stepped_sine_trial(self.trial(name, ideal), self.analysis).raw
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
         """The estimates of every estimator, from noisy or ideal sensors."""
-        for name, method, fit in self.fit(self, self.record(trial, ideal), low_pass):
+        for name, method, fit in self.fit(self, self.trial(trial, ideal)):
             yield name, method, estimates_of(fit, self.names)
 
     def bounds(self) -> dict[str, float]:
         """Cramer-Rao bound of the load cell's noise and drift, for the true motion in the rows that are fitted."""
-        record, motion = self.record("ideal", ideal=True), self.motion
-        if self.protocol:
-            rows = rows_of(record.segments)
+        motion, rate = self.motion, self.settings.dynamometer.rate_hz
+        if self.names != ("K_s",):
+            rows = rows_of(self.record("ideal", ideal=True).segments)
             columns = impedance_columns(Motion(motion.theta[rows], motion.omega[rows], motion.alpha[rows]))
         else:
             rows = np.arange(int(np.argmax(motion.theta > 0.05 * motion.theta.max())), int(np.argmax(motion.theta)) + 1)
             columns = {"K_s": motion.theta[rows], "offset": np.ones(len(rows))}
         if "B_j" in self.names:
             columns = {"B_j": columns["B"], "J_j": columns["I"], "offset": columns["offset"]}
-        return regression_bound(columns, *torque_noise(self.settings, record.time[rows]))
+        return regression_bound(columns, *torque_noise(self.settings, rows / rate))
 
 
-def impedance_fits(bench: StudyBench, record: RawSignals, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
+def impedance_fits(bench: StudyBench, trial: Trial) -> Iterator[tuple[str, str, LinearFit]]:
     """K, B and I of every estimator with the covariance of cycles, and of the default one with HAC too."""
+    record = stepped_sine_trial(trial, bench.analysis).raw
     for name, estimator in ESTIMATORS.items():
         for method, covariance in COVARIANCES.items():
             if method == "cycles" or name == DEFAULT:
-                yield name, method, estimator(record, low_pass, covariance)
+                yield name, method, estimator(record, bench.analysis.low_pass, covariance)
 
 
-def transmission_fits(bench: StudyBench, record: RawSignals, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
+def transmission_fits(bench: StudyBench, trial: Trial) -> Iterator[tuple[str, str, LinearFit]]:
     """B_j and J_j of a transmission trial."""
-    motion, torque = filtered_motion(record.time, record.theta, record.torque, low_pass)
-    rows = rows_of(record.segments)
-    yield (
-        DEFAULT,
-        "cycles",
-        fit_transmission(motion[rows], torque[rows], ResidualCorrelation(repeated_cycles(record.segments))),
-    )
+    stepped = stepped_sine_trial(trial, bench.analysis)
+    *_, (_, motion, torque) = stepped.parts()
+    yield DEFAULT, "cycles", fit_transmission(motion, torque, stepped.residual_correlation(None))
 
 
-def belt_fits(bench: StudyBench, record: RawSignals, low_pass: LowPass) -> Iterator[tuple[str, str, LinearFit]]:
+def belt_fits(bench: StudyBench, trial: Trial) -> Iterator[tuple[str, str, LinearFit]]:
     """K_s, the slope while loading. Nothing repeats within a trial."""
-    theta, torque = (low_pass(signal, record.rate_hz) for signal in (record.theta, record.torque))
-    every, drift = low_pass.independent_samples(record.rate_hz), bench.load_cell_drift / 60 / record.rate_hz
-    fit = fit_belt_stiffness(theta, torque, every, drift).loading
+    fit = belt_trial(trial, bench.p, bench.analysis).fit.loading
     yield DEFAULT, fit.interval_method, fit
 
 
@@ -166,9 +154,8 @@ def sine_bench(inputs: StudyInputs) -> StudyBench:
         motion=motion,
         response=BenchResponse(still, still, still),
         settings=settings,
-        protocol=SteppedSineProtocol(tuple(np.deg2rad(study.amplitudes_deg)), analysis.frequencies_hz, study.cycles),
-        settle_cycles=analysis.settle_cycles,
-        load_cell_drift=analysis.load_cell_drift,
+        p=inputs.p,
+        analysis=analysis.model_copy(update=short),
         names=QUANTITIES,
         fit=impedance_fits,
         exact={},
@@ -217,9 +204,8 @@ def belt(inputs: StudyInputs) -> StudyBench:
         motion=motion,
         response=simulate_belt(motion, drivetrain_effects(settings), inputs.p),
         settings=settings,
-        protocol=None,
-        settle_cycles=0,
-        load_cell_drift=inputs.dynamometer.load_cell_drift,
+        p=inputs.p,
+        analysis=inputs.dynamometer,
         names=("K_s",),
         fit=belt_fits,
         exact={},

@@ -86,11 +86,14 @@ def performance_table(estimates: pl.DataFrame) -> pl.DataFrame:
     """Performance for each experiment, estimator, kind of interval and quantity, from a row per estimate."""
     rows = []
     for key, group in estimates.group_by(KEYS, maintain_order=True):
-        value, truth, low, high, se, bound = (
+        value, truth, model_truth, low, high, se, bound = (
             group[name].cast(pl.Float64).fill_null(np.nan).to_numpy()
-            for name in ("value", "truth", "low", "high", "se", "bound")
+            for name in ("value", "truth", "model_truth", "low", "high", "se", "bound")
         )
         judged = performance(value - truth, se, (low <= truth) & (truth <= high), bound)
-        model_error = group["model_error"].cast(pl.Float64).mean()
-        rows.append({**dict(zip(KEYS, key, strict=True)), **asdict(judged), "model_error": model_error})
+        model = {
+            "model_coverage": float(np.mean((low <= model_truth) & (model_truth <= high))),
+            "model_error": group["model_error"].cast(pl.Float64).mean(),
+        }
+        rows.append({**dict(zip(KEYS, key, strict=True)), **asdict(judged), **model})
     return pl.DataFrame(rows, infer_schema_length=None).fill_nan(None)

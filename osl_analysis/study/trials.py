@@ -80,7 +80,7 @@ class StudiedExperiment(Protocol):
 
     @property
     def exact(self) -> Mapping[str, float]:
-        """The parameters that made the trial, by quantity, where the fitted model is exact. Else empty."""
+        """The parameters that made the trial, by quantity, where the joint has such parameters. Else empty."""
         ...
 
     @property
@@ -112,18 +112,19 @@ def torque_noise(settings: SimulationSettings, time: Array) -> tuple[float, Arra
 def trial_rows(experiment: StudiedExperiment, trials: Sequence[str], low_pass: LowPass) -> list[StudyRow]:
     """Value, truth, interval and bound for every trial, estimator and quantity.
 
-    The study is of noise. The truth is therefore the parameter that made the torque, where the fitted model is exact,
-    and else what the same estimator finds in the same trial through ideal sensors. `model_error` is the truth minus the
-    prediction of linear theory.
+    The truth is the parameter that made the torque, where the joint has such a parameter. `model_truth` is what the
+    same estimator finds in the same trial through ideal sensors; where there is no parameter it is the truth too.
+    `model_error` is `model_truth` minus the prediction of linear theory.
     """
     ideal = {name: estimates for name, _, estimates in experiment.estimates("ideal", low_pass, ideal=True)}
     bounds, rows = experiment.bounds(), []
     for trial in trials:
         for name, method, estimates in experiment.estimates(trial, low_pass):
             for quantity, estimate in estimates.items():
-                truth = experiment.exact.get(quantity, ideal[name][quantity].value)
+                model_truth = ideal[name][quantity].value
+                truth = experiment.exact.get(quantity, model_truth)
                 row: StudyRow = {"trial": trial, "estimator": name, "interval_method": method, "quantity": quantity}
-                error = truth - experiment.theory[quantity] if quantity in experiment.theory else None
-                row |= {**asdict(estimate), "truth": truth}
+                error = model_truth - experiment.theory[quantity] if quantity in experiment.theory else None
+                row |= {**asdict(estimate), "truth": truth, "model_truth": model_truth}
                 rows.append(row | {"bound": bounds[quantity], "model_error": error})
     return rows

@@ -84,7 +84,8 @@ def campaign_rows(number: int, crossings: int, laboratory: StudyLaboratory) -> l
 
 def truth_of(truths: Array, rendered: Array) -> StudyRow:
     """Mean truth of perturbations, shape (n,), and its mean difference from what the leg rendered."""
-    return {"truth": float(np.mean(truths)), "model_error": float(np.mean(truths - rendered))}
+    mean = float(np.mean(truths))
+    return {"truth": mean, "model_truth": mean, "model_error": float(np.mean(truths - rendered))}
 
 
 def fit_row(estimator: str, fit: LinearFit, quantity: str) -> StudyRow:

@@ -1,0 +1,33 @@
+"""Recordings of the study: ideal and real sensors and recorders, and the trial that ingest would make of a log."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.simulator.recorder_settings import RecorderSettings
+from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.trial import Array, Trial
+
+SENSORS = (
+    "load_cell_noise", "load_cell_offset", "load_cell_drift", "load_cell_quantisation", "load_cell_hum",
+    "load_cell_flicker", "joint_encoder", "actuator_encoder", "current_noise", "current_quantisation", "encoder_zero",
+)  # fmt: skip
+"""Effects of sensors, which ideal ones do not have."""
+
+
+def ideal_sensors(settings: SimulationSettings) -> SimulationSettings:
+    """The settings without errors of sensors and recorders."""
+    # the controller sees the actuator's encoder too, but its motion has been simulated before the sensors read it
+    return settings.model_copy(update={"effects": settings.effects.without(*SENSORS), "recorder": RecorderSettings()})
+
+
+def recorded_trial(
+    name: str, time: Array, joint: Mapping[str, Array], torque_time: Array, torque: Mapping[str, Array]
+) -> Trial:
+    """The trial of two recordings with stamps [s] of their own: what moves and the torque, in canonical columns."""
+    samples = pl.DataFrame({"time": time - time[0], **joint})
+    if np.array_equal(time, torque_time):
+        return Trial(name, samples.with_columns(**{column: pl.Series(values) for column, values in torque.items()}))
+    other = pl.DataFrame({"time": torque_time - time[0], **torque})
+    return Trial(name, samples.join(other, on="time", how="full", coalesce=True).sort("time"))

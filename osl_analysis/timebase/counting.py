@@ -1,0 +1,216 @@
+"""Which samples are missing: the place of every sample in the device's own count, from its stamps.
+
+A late sample and a missing one both leave a long step. After a late sample the next ones return to the old level of
+(stamp - count * step); after a missing one they stay a whole step higher. Only the level decides.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter1d, uniform_filter1d
+
+from osl_analysis.errors import InputError
+from osl_analysis.timebase.stream import Stream
+from osl_analysis.trial import Array
+
+Counts = NDArray[np.int64]
+LONG_STEP = 1.5
+"""Step, in usual steps, from which it counts as a gap."""
+SUSPECT = 1.3
+"""Step from which a sample may be missing before it: the sample before the missing one may have been late."""
+BURST = 10
+"""Step from which samples are missing in a burst."""
+BLOCKS = (25, 25, 25, 100, 100)
+"""Samples among which the promptest is sought, to find the usual step: first so few that most blocks miss none."""
+FEWEST_WHOLE = 0.05
+"""Share of the blocks that must lack no sample if the step is to be taken from them."""
+WINDOW = 100
+"""Samples on either side of a long step whose levels are compared; three times the step if that is longer."""
+FEW, TIDY = 20, 0.1
+"""Samples below which the level of an end of the record is believed only if stamps scatter by less than TIDY steps."""
+LATE_SHARE, EVEN_SHARE = 0.03, 0.2
+"""Share of the window below its level: the promptest few where stamps are late, never early; else the lowest fifth."""
+LATE_RATIO = 0.7
+"""Distance of the lowest of 20 stamps to their median over that of the highest, below which they are late, not noisy."""
+NOTICED = 0.3
+"""Change of the level, in steps, below which a count stands without a closer look."""
+PASSES = 4
+CLOCK_JUMP_S = 5e-3
+"""Change of the level that a counter does not confirm, from which the clock is said to jump."""
+
+
+def counted(stream: Stream) -> Counts:
+    """Count of every sample, (n,), from 0, with what is missing left free; the device's counter where there is one.
+
+    Raises
+    ------
+    InputError
+        The counter does not rise, or the clock jumps where the counter says that no sample is missing.
+    """
+    if stream.counter is None:
+        return count_from_stamps(stream.stamps)
+    check_counter(stream, stream.counter)
+    count = np.asarray(stream.counter - stream.counter[0], dtype=np.int64)
+    check_clock_against_counter(stream, count)
+    return count
+
+
+def count_from_stamps(stamps: Array) -> Counts:
+    """Count of every sample, (n,), from its stamp (n,) [s].
+
+    A sample is missing where the level of the stamps changes by a step for good, and only if that lowers the residual
+    of the line through all of them. Every change moves the levels behind it, so that a few passes are made.
+    """
+    place, step = np.arange(len(stamps)), usual_step(stamps)
+    rows = np.flatnonzero(np.diff(stamps) > SUSPECT * step) + 1
+    if not len(rows):
+        return place
+    long = LongSteps(rows, np.diff(stamps)[rows - 1] / step)
+    level, missing = (stamps - stamps[0]) / step - place, np.zeros_like(rows)
+    share = LATE_SHARE if one_sided(level) else EVEN_SHARE
+    for _ in range(PASSES):
+        if not settle(level, long, missing, share):
+            break
+    extra = np.zeros_like(place)
+    extra[rows] = missing
+    return min(place, place + np.cumsum(extra), key=lambda count: spread(stamps, count))
+
+
+@dataclass(frozen=True)
+class LongSteps:
+    """Steps after which samples may be missing: row of the sample behind each, and length in usual steps."""
+
+    rows: Counts
+    length: Array
+
+    @property
+    def most(self) -> Counts:
+        """The most samples that may be missing, at least one; before a burst one may have been late by 0.8 steps."""
+        burst = np.where(self.length > BURST, np.floor(self.length - 0.2), np.rint(self.length) - 1)
+        return np.maximum(burst.astype(np.int64), 1)
+
+    @property
+    def windows(self) -> Counts:
+        """Samples on either side whose levels are compared: a burst of held samples fills a third at most."""
+        return np.maximum(WINDOW, 3 * self.most)
+
+    @property
+    def likely_first(self) -> Counts:
+        """Order of examination: longest first, lest a late sample takes what is missing a few samples further.
+
+        Lengths are told apart by a quarter of a step, up to two steps; what is as long keeps its order in time.
+        """
+        return np.argsort(-np.minimum(np.rint(4 * self.length), 8), kind="stable")
+
+
+def settle(level: Array, long: LongSteps, missing: Counts, share: float) -> bool:
+    """Correct `missing` (steps,) and `level` (n,) [steps] in place until no long step changes the level.
+
+    Returns whether anything changed.
+    """
+    changed, most, windows, order = False, long.most, long.windows, long.likely_first
+    for k in order[suspicious(level, long, share)[order]]:
+        row, window = int(long.rows[k]), int(windows[k])
+        change = level_change(level[max(row - window, 0) : row], level[row : row + window], share)
+        more = min(max(int(missing[k]) + change, 0), int(most[k])) - int(missing[k])
+        if more:
+            level[row:] -= more
+            missing[k] += more
+            changed = True
+    return changed
+
+
+def suspicious(level: Array, long: LongSteps, share: float) -> NDArray[np.bool_]:
+    """Long steps (steps,) that deserve a closer look: a rough level, the lowest or the mean, changes over them."""
+    if share == LATE_SHARE:
+        smooth = minimum_filter1d(level, WINDOW, mode="nearest")
+    else:
+        smooth = uniform_filter1d(level, WINDOW, mode="nearest")
+    half, last = WINDOW // 2, len(level) - 1
+    after, before = np.minimum(long.rows + half, last), np.maximum(long.rows - half, 0)
+    near_an_end = (long.rows < WINDOW) | (long.rows > last - WINDOW)
+    return (np.abs(smooth[after] - smooth[before]) > NOTICED) | (3 * long.most > WINDOW) | near_an_end
+
+
+def level_change(before: Array, after: Array, share: float) -> int:
+    """Whole steps by which the level (window,) changes; none at an end of the record with too few untidy samples."""
+    low, high = lowest(before, share), lowest(after, share)
+    longer, its_level = (before, low) if len(before) > len(after) else (after, high)
+    if min(len(before), len(after)) < FEW and float(np.median(longer)) - its_level > TIDY:
+        return 0
+    return round(high - low)
+
+
+def lowest(level: Array, share: float) -> float:
+    """The level that the given share of the samples lies below."""
+    place = int(share * len(level))
+    return float(np.partition(level, place)[place])
+
+
+def one_sided(level: Array) -> bool:
+    """Whether samples are late and never early: within most blocks the lowest level is nearer to the median."""
+    blocks = level[: len(level) // FEW * FEW].reshape(-1, FEW)
+    low, middle, high = np.min(blocks, axis=1), np.median(blocks, axis=1), np.max(blocks, axis=1)
+    return bool(np.median(middle - low) < LATE_RATIO * np.median(high - middle))
+
+
+def usual_step(stamps: Array) -> float:
+    """Step [s] of a device from its stamps (n,), late and missing samples apart.
+
+    The promptest sample of each block is hardly late; from block to block its level changes by the error of the step,
+    and by whole steps where samples are missing, which are left out.
+    """
+    n = len(stamps)
+    step, usual = first_step(stamps), None
+    for block in (min(size, n // 4) for size in BLOCKS):
+        place = np.arange(n // block * block)
+        prompt = (stamps[: len(place)] - step * place).reshape(-1, block).min(axis=1)
+        change = np.diff(prompt)
+        usual = np.quantile(change, 0.25) if usual is None else 0.0
+        whole = np.abs(change - usual) <= 0.5 * step
+        step += float(np.mean(change[whole])) / block if np.mean(whole) > FEWEST_WHOLE else 0.0
+    return step
+
+
+def first_step(stamps: Array) -> float:
+    """A first step [s] from stamps (n,), rather too short than too long: mean, or the median where that is near it."""
+    mean, median = float(stamps[-1] - stamps[0]) / (len(stamps) - 1), float(np.median(np.diff(stamps)))
+    return min(mean, median) if median > 0.8 * mean else mean
+
+
+def line_slope(count: Counts, stamps: Array) -> float:
+    """Step [s] of the least-squares line through stamps (n,) over their count."""
+    x = count - count.mean()
+    return float(x @ (stamps - stamps.mean()) / (x @ x))
+
+
+def spread(stamps: Array, count: Counts) -> float:
+    """Sum of squares [s^2] of what the line leaves of the stamps (n,)."""
+    x, y = count - count.mean(), stamps - stamps.mean()
+    return float(y @ y - (x @ y) ** 2 / (x @ x))
+
+
+def check_counter(stream: Stream, counter: Counts) -> None:
+    """Refuse a counter that stands still or runs backwards."""
+    step = np.diff(counter)
+    if (step <= 0).any():
+        row = int(np.argmax(step <= 0))
+        raise InputError(
+            f"{stream.name}: the sample counter goes from {counter[row]} to {counter[row + 1]} "
+            f"at {stream.stamps[row + 1]:.6f} s; it must rise: cut the log there, or do not map the counter"
+        )
+
+
+def check_clock_against_counter(stream: Stream, count: Counts) -> None:
+    """Refuse a clock that jumps while the counter runs on."""
+    step = line_slope(count, stream.stamps)
+    level = stream.stamps - stream.stamps[0] - step * count
+    rows = np.flatnonzero(np.abs(np.diff(level)) > max(CLOCK_JUMP_S, LONG_STEP * step)) + 1
+    for row in rows:
+        jump = np.median(level[row : row + WINDOW]) - np.median(level[max(row - WINDOW, 0) : row])
+        if abs(jump) > max(CLOCK_JUMP_S, LONG_STEP * step):
+            raise InputError(
+                f"{stream.name}: the clock jumps by {jump:.2g} s at {stream.stamps[row]:.6f} s, row {row}, "
+                "while the sample counter runs on; cut the log there, or take the device's own clock as time source"
+            )

@@ -1,0 +1,148 @@
+"""Are the stamps true, or does the device sample evenly? The signal itself decides.
+
+With delta the residual of the stamps to their line, a signal x sampled at its true stamps is x(line) + x' delta: sixth
+differences D6 take the smooth motion away and leave D6(x' delta). Of a device that samples evenly they leave nothing.
+The slope g of D6 x on D6(x' delta) is therefore 1 or 0. How one-sided or slow the residual is does not decide: a loop
+that waits for absolute targets is late, never early, and its stamps are true.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+from scipy.signal import savgol_coeffs, savgol_filter
+
+from osl_analysis.timebase.chunks import chunked_slope
+from osl_analysis.timebase.counting import Counts
+from osl_analysis.timebase.device_clock import DeviceClock
+from osl_analysis.timebase.stream import Stream
+from osl_analysis.trial import Array
+
+TRUE_ABOVE, EVEN_BELOW, LARGEST_ERROR = 0.75, 0.25, 0.1
+"""Bounds of g, and of its standard error, from which a signal is firm; 1727 of 1730 cases so decided, none wrongly."""
+NO_MATTER = 0.001
+"""Residual, in steps, below which both answers are the same samples."""
+WANDERS = 0.1
+"""Slow wander of the residual, in steps, from which an undecided stream keeps its stamps."""
+ORDER = 6
+LARGEST_NOISE = 0.2
+"""Share of the slope's mean square that may be noise."""
+SLOPE_S = 0.02
+"""Half the stretch [s] over which the signal's slope is taken."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What one signal says: g, 1 where the stamps are true and 0 where the device is even, and its standard error."""
+
+    g: float
+    se: float
+
+    @property
+    def true(self) -> bool:
+        """Firmly true stamps."""
+        return self.g > TRUE_ABOVE and self.se < LARGEST_ERROR
+
+    @property
+    def even(self) -> bool:
+        """Firmly an even device."""
+        return self.g < EVEN_BELOW and self.se < LARGEST_ERROR
+
+
+@dataclass(frozen=True)
+class Decision:
+    """How the stamps of some signals of a stream are taken.
+
+    signals: their names.
+    even: the device samples evenly (else the stamps are true).
+    firm: stated, or seen in the signals; else the other hypothesis may be right.
+    matters: the two hypotheses differ.
+    why: one sentence for provenance.
+    evidence: g and its error per signal; empty where none was sought.
+    """
+
+    signals: tuple[str, ...]
+    even: bool
+    firm: bool
+    matters: bool
+    why: str
+    evidence: Mapping[str, Evidence]
+
+
+def decide(stream: Stream, clock: DeviceClock) -> list[Decision]:
+    """One decision for all signals of a stream; one for each kind where one signal is firmly true and one firmly even.
+
+    A stated choice stands. A residual that does not matter, below a thousandth of a step, leaves the device even.
+    """
+    names = tuple(stream.signals)
+    if stream.choice != "auto":
+        return [Decision(names, stream.choice == "even", True, True, f"stated: {stream.choice}", {})]
+    if clock.sd < NO_MATTER * clock.step:
+        return [Decision(names, True, True, False, "even: the stamps lie on their line", {})]
+    evidence = {name: evidence_of(values, clock) for name, values in stream.signals.items()}
+    true = [name for name in names if evidence[name].true]
+    even = [name for name in names if evidence[name].even]
+    if true and even:
+        return split(names, even, evidence)
+    return [firm_decision(names, bool(even), evidence) if true or even else open_decision(names, clock, evidence)]
+
+
+def split(names: tuple[str, ...], even: list[str], evidence: Mapping[str, Evidence]) -> list[Decision]:
+    """Two decisions: the signals that are firmly even were held by their own device, all others take the stamps."""
+    others = tuple(name for name in names if name not in even)
+    return [firm_decision(group, taken, evidence) for group, taken in ((others, False), (tuple(even), True))]
+
+
+def firm_decision(names: tuple[str, ...], even: bool, evidence: Mapping[str, Evidence]) -> Decision:
+    """The decision that the signals themselves bear."""
+    said = {name: evidence[name] for name in names}
+    seen = ", ".join(f"{name} g = {e.g:.3f} +- {e.se:.3f}" for name, e in said.items())
+    return Decision(names, even, True, True, f"{'even' if even else 'true'}: {seen}", said)
+
+
+def open_decision(names: tuple[str, ...], clock: DeviceClock, evidence: Mapping[str, Evidence]) -> Decision:
+    """What is done where no signal moves enough to tell: a slow wander is believed, jitter is not."""
+    wanders = clock.wander > WANDERS * clock.step
+    why = f"undecided, {'true' if wanders else 'even'}: the residual wanders by {clock.wander / clock.step:.3f} steps"
+    return Decision(names, not wanders, False, True, why, evidence)
+
+
+def evidence_of(values: Array, clock: DeviceClock) -> Evidence:
+    """g and its standard error of one signal (n,); the error is infinite where the signal hardly moves
+    or the residual has no jitter.
+
+    Slopes come from a cubic over 40 ms, missing samples bridged. The residual's own slow part is taken away first: it
+    leaves nothing in sixth differences but its product with the slope's noise. Rows whose seven neighbours are not all
+    there are left out. A slope of which more than a fifth is noise would pull g towards 0, and says nothing.
+    """
+    smooth = Smoother(clock.count, max(2 * round(SLOPE_S / clock.step) + 1, 7))
+    slope = smooth(values, 1)
+    jitter = (clock.residual - smooth(clock.residual, 0)) / clock.step
+    whole = clock.count[ORDER:] - clock.count[:-ORDER] == ORDER
+    push, seen = np.diff(slope * jitter, ORDER)[whole], np.diff(values, ORDER)[whole]
+    g, se = chunked_slope(push, seen)
+    noise = float(np.sum((seen - g * push) ** 2)) / comb(2 * ORDER, ORDER) / max(len(seen), 1)
+    hardly_moves = noise * smooth.slope_noise > LARGEST_NOISE * float(np.mean(slope**2))
+    if hardly_moves or float(np.std(jitter)) < NO_MATTER:
+        return Evidence(0.0, np.inf)
+    return Evidence(g, se)
+
+
+@dataclass(frozen=True)
+class Smoother:
+    """A cubic through each `window` of evenly counted samples (Savitzky-Golay), missing ones bridged linearly."""
+
+    count: Counts
+    window: int
+
+    def __call__(self, values: Array, order: int) -> Array:
+        """Value (order 0) or slope per step (order 1) at every sample, (n,)."""
+        full = np.interp(np.arange(self.count[-1] + 1), self.count, values)
+        window = min(self.window, (len(full) - 1) // 2 * 2 + 1)
+        return np.asarray(savgol_filter(full, window, 3, deriv=order)[self.count])
+
+    @property
+    def slope_noise(self) -> float:
+        """Variance of the slope per variance of white noise in the samples."""
+        return float(np.sum(savgol_coeffs(self.window, 3, deriv=1) ** 2))

@@ -1,0 +1,107 @@
+"""One uniform grid for all streams of a trial. Filter, differentiate and fit only what stands on it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from osl_analysis.errors import InputError
+from osl_analysis.timebase.gaps import GapLimits, gaps_of, usable_rows
+from osl_analysis.timebase.report import TimebaseReport, report_of
+from osl_analysis.timebase.samples import Samples, Taken, take
+from osl_analysis.timebase.stream import FEWEST_SAMPLES, Stream
+from osl_analysis.trial import Array
+
+ON_GRID = 1e-6
+"""Distance, in steps, at which a sample counts as lying on the grid."""
+
+
+@dataclass(frozen=True)
+class UniformGrid:
+    """Signals of all streams at uniform times.
+
+    time: (m,) [s]. rate_hz: [Hz]. signals: name -> (m,), in the units of the streams.
+    usable: (m,) false where a row lies in or near a marked gap. Filter and differentiate all rows, then drop these.
+    report: what was done, for provenance.
+    """
+
+    time: Array
+    rate_hz: float
+    signals: Mapping[str, Array]
+    usable: NDArray[np.bool_]
+    report: TimebaseReport
+    taken: tuple[Taken, ...]
+    limits: GapLimits
+
+    def other_hypothesis(self, *, firm_too: bool = False) -> "UniformGrid | None":
+        """The grid if the undecided streams were taken the other way; None where none is undecided.
+
+        A fit of both says what the open question is worth. `firm_too` turns every decision that matters, those that
+        the signals settled among them.
+        """
+        turned = [t.decision.matters and (firm_too or not t.decision.firm) for t in self.taken]
+        if not any(turned):
+            return None
+        return on_one_grid([t.other() if turn else t for t, turn in zip(self.taken, turned, strict=True)], self.limits)
+
+
+def one_time_base(streams: Sequence[Stream], limits: GapLimits | None = None) -> UniformGrid:
+    """All signals of a trial on one uniform grid at the fastest stream's rate, over what all streams cover.
+
+    True stamps: cubic spline through the samples at their stamps. Even device: the same at the times of its own clock;
+    where these are the grid, the samples themselves. Nothing is extrapolated.
+
+    Raises
+    ------
+    InputError
+        As `Stream` and `take`; the streams do not overlap; a gap is too long; no row is usable.
+    """
+    return on_one_grid(take(streams), limits or GapLimits())
+
+
+def on_one_grid(taken: Sequence[Taken], limits: GapLimits) -> UniformGrid:
+    """The grid for streams whose decisions stand."""
+    parts = [t.samples() for t in taken]
+    time, rate = grid_times(parts)
+    gaps = [gaps_of(part, time[0], time[-1], limits) for part in parts]
+    usable = usable_rows(time, np.concatenate([g.marked for g in gaps]), limits.margin_s)
+    if not usable.any():
+        raise InputError(
+            f"{parts[0].name}: every row from {round(time[0], 4) + 0.0:.4f} s to "
+            f"{time[-1]:.4f} s lies within {limits.margin_s:.2f} s of a gap longer than "
+            f"{limits.bridged_s * 1e3:g} ms; record again with fewer lost samples"
+        )
+    values = [resampled(part, time) for part in parts]
+    signals = {
+        n: v[:, k] for part, v in zip(parts, values, strict=True) for k, n in enumerate(part.taken.decision.signals)
+    }
+    report = report_of(parts, gaps, time, usable, limits)
+    return UniformGrid(time, rate, signals, usable, report, tuple(taken), limits)
+
+
+def grid_times(parts: Sequence[Samples]) -> tuple[Array, float]:
+    """Uniform times (m,) [s] over the common overlap, and the rate [Hz] of the fastest stream."""
+    late = max(parts, key=lambda part: part.times[0])
+    early = min(parts, key=lambda part: part.times[-1])
+    step = min(part.step for part in parts)
+    first, last = float(late.times[0]), float(early.times[-1])
+    rows = int(np.floor((last - first) / step + ON_GRID)) + 1
+    if rows < FEWEST_SAMPLES:
+        raise InputError(
+            f"{late.name} begins at {first:.4f} s and {early.name} ends at {last:.4f} s: they "
+            f"share {max(rows, 0)} rows, at least {FEWEST_SAMPLES} are needed; "
+            "check that both clocks count from the same time"
+        )
+    return np.asarray(first + step * np.arange(rows), dtype=np.float64), 1 / step
+
+
+def resampled(part: Samples, time: Array) -> Array:
+    """Values (m, signals) at the grid's times (m,) [s]: the samples themselves where they lie on it, else a cubic."""
+    row = int(np.searchsorted(part.times, time[0] - ON_GRID * part.step))
+    there = part.times[row : row + len(time)]
+    if len(there) == len(time) and np.max(np.abs(there - time)) < ON_GRID * part.step:
+        return part.values[row : row + len(time)]
+    inside = np.clip(time, part.times[0], part.times[-1])
+    return np.asarray(CubicSpline(part.times, part.values)(inside))

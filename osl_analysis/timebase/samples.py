@@ -1,0 +1,123 @@
+"""The samples of a stream at the times that its decision gives them: true stamps, or the even clock of the device."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError
+from osl_analysis.timebase.counting import counted
+from osl_analysis.timebase.decision import Decision, decide
+from osl_analysis.timebase.device_clock import DeviceClock, device_clock
+from osl_analysis.timebase.stream import Stream, without_repeats
+from osl_analysis.trial import Array
+
+CLOSE = 0.5
+"""Distance of true stamps, in steps, below which samples are averaged: close knots of a spline amplify noise."""
+COUNTABLE = 0.1
+"""Spread of a host's latency, in steps, from which a missing sample without a counter may be taken for a late one."""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A stream with its clock and the decision how its stamps are taken; `repeated` rows were written twice."""
+
+    stream: Stream
+    clock: DeviceClock
+    decision: Decision
+    repeated: int
+
+    def other(self) -> "Taken":
+        """The same samples under the other hypothesis."""
+        flipped = replace(
+            self.decision, even=not self.decision.even, why=f"the other hypothesis to: {self.decision.why}"
+        )
+        return replace(self, decision=flipped)
+
+    def samples(self) -> "Samples":
+        """The samples at their times; true stamps that lie close are averaged."""
+        values = np.stack([self.stream.signals[name] for name in self.decision.signals], axis=1)
+        if self.decision.even:
+            return Samples(self, self.clock.times(), values, 0)
+        times, averaged = averaged_where_close(self.stream.stamps, values, CLOSE * self.clock.step)
+        return Samples(self, times, averaged, len(values) - len(averaged))
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What the grid is made from: strictly rising times (k,) [s] and values (k, signals); `merged` were averaged."""
+
+    taken: Taken
+    times: Array
+    values: Array
+    merged: int
+
+    @property
+    def name(self) -> str:
+        """Name of the stream, for messages."""
+        return self.taken.stream.name
+
+    @property
+    def step(self) -> float:
+        """Usual step [s]."""
+        return self.taken.clock.step
+
+
+def take(streams: Sequence[Stream]) -> list[Taken]:
+    """The decision for every stream; a stream of two minds becomes two.
+
+    Raises
+    ------
+    InputError
+        As `counted`; or one of several streams has a host's latency *and* missing samples and no counter, so that
+        nothing tells which of its samples is which.
+    """
+    taken = [part for stream in streams for part in take_stream(stream)]
+    if len(taken) > 1:
+        for part in taken:
+            check_countable(part)
+    return taken
+
+
+def take_stream(stream: Stream) -> list[Taken]:
+    """The decision, or the two decisions, for one stream."""
+    fresh = without_repeats(stream)
+    repeated = len(stream.stamps) - len(fresh.stamps)
+    clock = device_clock(fresh.stamps, counted(fresh))
+    decisions = decide(fresh, clock)
+    parts = [fresh] if len(decisions) == 1 else [fresh.only(d.signals) for d in decisions]
+    return [Taken(part, clock, d, repeated) for part, d in zip(parts, decisions, strict=True)]
+
+
+def check_countable(taken: Taken) -> None:
+    """Refuse an even device behind a host that is late and loses samples, where no counter says which."""
+    clock = taken.clock
+    late = clock.usual_spread > COUNTABLE * clock.step
+    if taken.decision.even and late and clock.missing and taken.stream.counter is None:
+        row = int(np.argmax(np.diff(clock.count)))
+        raise InputError(
+            f"{taken.stream.name}: about {clock.missing} samples are missing, the first long gap at "
+            f"{taken.stream.stamps[row]:.4f} s, and the host's stamps are late by "
+            f"{clock.usual_spread * 1e3:.2f} ms (SD) at a step of {clock.step * 1e3:.2f} ms: "
+            "beside another device nothing tells which sample is which; map the device's sample counter, stamp on the device, or record without loss"
+        )
+
+
+def averaged_where_close(stamps: Array, values: Array, closest: float) -> tuple[Array, Array]:
+    """Stamps (n,) [s] and values (n, signals) with samples averaged that lie within `closest` of the first of them."""
+    first = first_of_each(stamps, closest)
+    if len(first) == len(stamps):
+        return stamps, values
+    size = np.diff(np.append(first, len(stamps)))
+    return np.add.reduceat(stamps, first) / size, np.add.reduceat(values, first, axis=0) / size[:, None]
+
+
+def first_of_each(stamps: Array, closest: float) -> NDArray[np.intp]:
+    """Rows that begin a group: every row at least `closest` [s] behind the first row of the group before."""
+    begins = np.concatenate([[True], np.diff(stamps) >= closest])
+    start = 0.0
+    for row in np.flatnonzero(~begins):
+        start = stamps[row - 1] if begins[row - 1] else start
+        begins[row] = stamps[row] - start >= closest
+    return np.flatnonzero(begins)

@@ -1,0 +1,596 @@
+"""One time base: the stamps of real recorders, the truth written by hand, and the joint's K, B, I at the end of it."""
+
+import json
+from collections.abc import Callable
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, sosfiltfilt
+
+from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.signals import Motion
+from osl_analysis.timebase.counting import count_from_stamps
+from osl_analysis.timebase.device_clock import device_clock, lower_edge
+from osl_analysis.timebase.drift import ClockDrift, clock_drift, is_drift_doubtful
+from osl_analysis.timebase.gaps import GapLimits
+from osl_analysis.timebase.grid import UniformGrid, one_time_base
+from osl_analysis.timebase.samples import first_of_each, take
+from osl_analysis.timebase.stream import Stream
+
+JOINT = np.array([300.0, 5.0, 0.02])
+SIZE = np.deg2rad(4.0)
+DURATION = 60.0
+CLOSE_ENOUGH = np.array([0.1, 0.5, 3.0])
+"""Percent of K, B, I within which an independent laboratory wants them."""
+
+# ---- The laboratory: motions with derivatives written by hand, recorders, a plain fit. It shares no code with ours.
+
+
+def sines(t, frequencies=(0.5, 0.9, 1.3, 1.9, 2.3, 3.1), size=SIZE / 3):
+    w = 2 * np.pi * np.asarray(frequencies)[:, None]
+    p = w * t + np.arange(len(frequencies))[:, None] ** 2
+    return tuple(size * x.sum(axis=0) for x in (np.sin(p), w * np.cos(p), -(w**2) * np.sin(p)))
+
+
+def one_sine(t):
+    return sines(t, (1.3,), SIZE)
+
+
+def stepped_sine(t):
+    step = np.minimum(t // 6, 4).astype(int)
+    w = 2 * np.pi * np.array([0.5, 1.0, 2.0, 3.0, 1.0])[step]
+    p, a = w * (t - 6 * step), SIZE * np.array([1.0, 0.5, 1.0, 0.7, 1.0])[step]
+    return a * np.sin(p), a * w * np.cos(p), -a * w**2 * np.sin(p)
+
+
+def ramp(t):
+    return 0.05 * t, np.full_like(t, 0.05), np.zeros_like(t)
+
+
+def torque_of(motion):
+    return JOINT @ np.stack(motion)
+
+
+def rounded_to_bits(x, bits):
+    lsb = 2 * np.pi / 2**bits
+    return np.round(x / lsb) * lsb
+
+
+def clock(rate, duration=DURATION, first=0.0):
+    return first + np.arange(int(duration * rate)) / rate
+
+
+def joint(stamps, taken, **choice):
+    return Stream("encoder", stamps, {"theta": rounded_to_bits(sines(taken)[0], 18)}, **choice)
+
+
+def cell(stamps, taken, random, **choice):
+    return Stream("load cell", stamps, {"torque": noisy(torque_of(sines(taken)), random)}, **choice)
+
+
+def log(stamps, taken, random, **choice):
+    signals = joint(stamps, taken).signals | cell(stamps, taken, random).signals
+    return Stream("log", stamps, signals, **choice)
+
+
+def noisy(x, random, sd=0.05):
+    return x + sd * random.standard_normal(len(x))
+
+
+def waits(t, mean, random):
+    """A host that is late by an exponential wait and hands messages on in order."""
+    return np.maximum.accumulate(t + random.exponential(mean, len(t)))
+
+
+def logger(random, rate=500.0):
+    """A Python loop with absolute targets: late by 0.1 ms or so, sometimes by 4 ms, then it catches up; never early."""
+    t = clock(rate)
+    late = 1.5e-4 * np.abs(random.standard_normal(len(t)))
+    late[random.integers(100, len(t), 15)] += random.uniform(1e-3, 4e-3, 15)
+    return np.maximum.accumulate(t + late) + 1e-9 * np.arange(len(t))
+
+
+def errors_of(grid: UniformGrid, torque="torque"):
+    """Errors of K, B, I [%] of least squares behind a 15 Hz filter, on the usable rows."""
+    sections = butter(4, min(15.0, 0.4 * grid.rate_hz), fs=grid.rate_hz, output="sos")
+    theta, tau = (sosfiltfilt(sections, grid.signals[n], padlen=int(grid.rate_hz / 5)) for n in ("theta", torque))
+    spline = make_interp_spline(grid.time, theta, k=5)
+    rows = grid.usable & (grid.time > grid.time[0] + 0.2) & (grid.time < grid.time[-1] - 0.2)
+    columns = np.stack([theta, spline(grid.time, 1), spline(grid.time, 2), np.ones_like(theta)], axis=1)
+    return 100 * (np.linalg.lstsq(columns[rows], tau[rows], rcond=None)[0][:3] / JOINT - 1)
+
+
+def assert_recovers_the_joint(grid):
+    assert (np.abs(errors_of(grid)) < CLOSE_ENOUGH).all(), errors_of(grid)
+
+
+# ---- Interpolation
+
+
+@pytest.mark.parametrize(("rate", "largest"), [(100.0, 2.6e-5), (300.0, 3.2e-7), (1000.0, 2.6e-9)])
+def test_a_5_hz_sine_comes_to_the_grid_with_the_error_that_the_report_states(rate, largest):
+    t = clock(rate, 10.0)
+    wave = Stream("wave", t, {"wave": np.sin(10 * np.pi * t)})
+    other = Stream("other", t + 0.5 / rate, {"other": t})
+    grid = one_time_base([wave, other])
+    inner = slice(20, -20)
+    error = np.max(np.abs(grid.signals["wave"] - np.sin(10 * np.pi * grid.time))[inner])
+    assert error == pytest.approx(largest, rel=0.05)
+    assert grid.report.streams[0].error == pytest.approx(largest, rel=0.06)
+    assert error < 1e-4
+
+
+def test_even_samples_of_one_device_stay_as_they_are_to_the_bit():
+    t, random = clock(1000.0), np.random.default_rng(0)
+    recorded = log(t, t, random)
+    grid = one_time_base([recorded])
+    for name, values in recorded.signals.items():
+        assert np.array_equal(grid.signals[name], values)
+    assert grid.time == pytest.approx(t, abs=1e-12)
+    assert grid.usable.all()
+
+
+def test_the_grid_covers_what_all_streams_share_and_not_a_step_more():
+    a, b = clock(100.0, 20.0), clock(33.0, 18.0, first=1.003)
+    grid = one_time_base([Stream("a", a, {"a": 2 * a}), Stream("b", b, {"b": 3 * b})])
+    assert grid.rate_hz == pytest.approx(100.0)
+    assert grid.time[0] == pytest.approx(b[0], abs=1e-9)
+    assert b[-1] - 0.01 < grid.time[-1] <= b[-1] + 1e-9
+    assert grid.signals["a"] == pytest.approx(2 * grid.time, abs=1e-9)
+    assert grid.signals["b"] == pytest.approx(3 * grid.time, abs=1e-9)
+
+
+# ---- Are the stamps true?
+
+
+MOTIONS: dict[str, Callable] = {"multisine": sines, "sine": one_sine, "stepped": stepped_sine, "ramp": ramp}
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_no_case_is_decided_wrongly_over_bits_jitter_and_lateness(motion):
+    random, firm = np.random.default_rng(len(motion)), 0
+    for bits, jitter, late, even in product((12, 14, 18), (1e-6, 10e-6, 100e-6, 300e-6), (False, True), (False, True)):
+        t = clock(1000.0, 15.0)
+        stamps = waits(t, jitter, random) if late else np.sort(t + jitter * random.standard_normal(len(t)))
+        taken = t if even else stamps
+        (part,) = take([Stream("x", stamps, {"x": rounded_to_bits(MOTIONS[motion](taken)[0], bits)})])
+        said = part.decision.evidence.get("x")
+        if said is not None and (said.true or said.even):
+            firm += 1
+            assert part.decision.even == even, (bits, jitter, late, said)
+    assert firm >= 12
+
+
+@pytest.mark.parametrize("even", [False, True])
+def test_18_bits_decide_10_microseconds(even):
+    t, random = clock(1000.0), np.random.default_rng(3)
+    stamps = t + 1e-5 * random.standard_normal(len(t))
+    (part,) = take([joint(stamps, t if even else stamps)])
+    assert part.decision.firm
+    assert part.decision.even is even
+    assert part.decision.evidence["theta"].g == pytest.approx(0.0 if even else 1.0, abs=0.1)
+
+
+def test_a_python_loop_with_absolute_targets_is_late_and_never_early_and_yet_its_stamps_are_true():
+    random = np.random.default_rng(4)
+    stamps = logger(random)
+    grid = one_time_base([log(stamps, stamps, random)])
+    (said,) = grid.report.streams
+    assert not said.even
+    assert said.firm
+    assert said.skew > 3
+    assert said.g["theta"] == pytest.approx(1.0, abs=4 * said.g_se["theta"])
+    assert said.merged > 5
+    assert_recovers_the_joint(grid)
+
+
+def test_channels_that_share_stamps_share_the_decision_of_the_one_that_knows():
+    t, random = clock(1000.0), np.random.default_rng(5)
+    stamps = t + 2e-5 * random.standard_normal(len(t))
+    (said,) = one_time_base(
+        [Stream("log", stamps, joint(stamps, stamps).signals | {"rest": noisy(0 * t, random)})]
+    ).report.streams
+    assert said.signals == ("theta", "rest")
+    assert not said.even
+    assert not 0.75 < said.g["rest"] or said.g_se["rest"] is None or said.g_se["rest"] > 0.1
+
+
+def test_channels_firmly_true_and_firmly_even_are_taken_apart():
+    t, random = clock(1000.0), np.random.default_rng(6)
+    stamps = np.sort(t + 2e-4 * random.standard_normal(len(t)))
+    grid = one_time_base([Stream("log", stamps, joint(t, t).signals | cell(stamps, stamps, random).signals)])
+    assert {s.signals: s.even for s in grid.report.streams} == {("torque",): False, ("theta",): True}
+    assert [s.name for s in grid.report.streams] == ["log [torque]", "log [theta]"]
+    assert_recovers_the_joint(grid)
+
+
+def test_a_resting_or_slow_signal_decides_nothing_and_jitter_is_then_not_believed():
+    t, random = clock(500.0), np.random.default_rng(7)
+    stamps = np.sort(t + 2e-4 * random.standard_normal(len(t)))
+    slow = rounded_to_bits(0.05 * np.sin(0.2 * np.pi * t), 14)
+    grid = one_time_base([Stream("belt", stamps, {"angle": slow, "rest": noisy(0 * t, random)})])
+    (said,) = grid.report.streams
+    assert (said.even, said.firm, said.missing) == (True, False, 0)
+    assert said.why.startswith("undecided, even: the residual wanders by 0.0")
+    assert grid.signals["angle"] == pytest.approx(slow, abs=1e-12)
+    dead = one_time_base([Stream("dead", stamps, {"zero": 0 * t})]).report.streams[0]
+    assert (dead.g["zero"], dead.g_se["zero"], dead.firm) == (0.0, None, False)
+
+
+def test_a_slow_wander_is_believed_where_the_signal_cannot_tell():
+    t, random = clock(100.0), np.random.default_rng(8)
+    stamps = t + 0.02 * np.sin(2 * np.pi * t / 30)
+    (said,) = one_time_base([Stream("rest", stamps, {"x": noisy(0 * t, random)})]).report.streams
+    assert (said.even, said.firm) == (False, False)
+
+
+@pytest.mark.parametrize("truth", ["even", "exact"])
+def test_a_stated_choice_stands_against_the_evidence(truth):
+    t, random = clock(500.0), np.random.default_rng(9)
+    stamps = np.sort(t + 1e-4 * random.standard_normal(len(t)))
+    other = "exact" if truth == "even" else "even"
+    (said,) = one_time_base([log(stamps, t if truth == "even" else stamps, random, choice=other)]).report.streams
+    assert (said.even, said.firm, said.why, said.g) == (other == "even", True, f"stated: {other}", {})
+
+
+def test_the_other_hypothesis_is_the_grid_of_the_other_choice():
+    t, random = clock(500.0), np.random.default_rng(10)
+    stamps = np.sort(t + 1e-4 * random.standard_normal(len(t)))
+    recorded = log(stamps, stamps, random)
+    grid = one_time_base([recorded])
+    assert grid.other_hypothesis() is None
+    other = grid.other_hypothesis(firm_too=True)
+    stated = one_time_base([Stream("log", stamps, recorded.signals, choice="even")])
+    assert np.array_equal(other.signals["theta"], stated.signals["theta"])
+    assert other.report.streams[0].even
+    assert "other hypothesis to: true" in other.report.streams[0].why
+    resting = one_time_base([Stream("rest", stamps, {"x": 0 * t})])
+    assert resting.other_hypothesis().report.streams[0].even is False
+
+
+# ---- Recordings as recorders make them
+
+
+@pytest.mark.parametrize("jitter", [1e-6, 5e-6, 20e-6, 50e-6, 300e-6])
+def test_true_jitter_costs_nothing(jitter):
+    t, random = clock(1000.0), np.random.default_rng(20)
+    stamps = np.sort(t + jitter * random.standard_normal(len(t)))
+    assert_recovers_the_joint(one_time_base([log(stamps, stamps, random)]))
+
+
+@pytest.mark.parametrize(("rate", "decimals"), [(300.0, 4), (1024.0, 4), (333.0, 3), (1024.0, 3), (100.0, 3)])
+def test_printed_decimals_cost_nothing(rate, decimals):
+    t, random = clock(rate), np.random.default_rng(21)
+    grid = one_time_base([log(np.round(t, decimals), t, random)])
+    (said,) = grid.report.streams
+    assert (said.even, said.missing) == (True, 0)
+    assert grid.rate_hz == pytest.approx(rate, rel=1e-5)
+    assert_recovers_the_joint(grid)
+
+
+@pytest.mark.parametrize("wait", [0.2e-3, 0.5e-3, 2e-3])
+def test_host_latency_on_one_node_is_taken_away_with_its_mean(wait):
+    t, random = clock(1000.0), np.random.default_rng(22)
+    grid = one_time_base([joint(t, t), cell(waits(t, wait, random), t, random)])
+    said = grid.report.streams[1]
+    assert (said.even, said.firm, said.missing) == (True, True, 0)
+    assert said.skew > 0.5
+    assert_recovers_the_joint(grid)
+
+
+def test_the_lower_edge_finds_the_device_clock_to_a_microsecond():
+    random = np.random.default_rng(23)
+    count = np.arange(60_000)
+    stamps = 0.5 + 1e-3 * count + random.exponential(2e-4, len(count))
+    found = device_clock(stamps, count).times()
+    assert np.max(np.abs(found - (0.5 + 1e-3 * count))) < 1e-6
+    assert np.mean(stamps - (0.5 + 1e-3 * count)) == pytest.approx(2e-4, rel=0.05)
+
+
+def test_the_lower_edge_lies_below_every_point_and_touches_two_around_the_middle():
+    random = np.random.default_rng(24)
+    x, y = np.arange(500.0), random.exponential(1.0, 500) + 1e-3 * np.arange(500)
+    start, slope = lower_edge(x, y)
+    above = y - start - slope * x
+    assert above.min() > -1e-12
+    touched = x[above < 1e-9]
+    assert touched[0] <= x.mean() <= touched[-1]
+
+
+@pytest.mark.parametrize(
+    ("rates", "offset"), [((1000.0, 1000.0), 3e-4), ((333.0, 1000.0), 1.1e-3), ((1000.0, 333.0), 0.0)]
+)
+def test_two_nodes_apart_in_time_and_rate_are_one_recording(rates, offset):
+    random = np.random.default_rng(25)
+    a, b = clock(rates[0]), clock(rates[1], first=offset)
+    grid = one_time_base([joint(a, a), cell(b, b, random)])
+    assert grid.rate_hz == pytest.approx(1000.0)
+    assert grid.report.farthest_s <= 0.5 / min(rates) + 1e-6
+    assert_recovers_the_joint(grid)
+
+
+def test_true_jitter_beside_an_even_device():
+    t, random = clock(1000.0), np.random.default_rng(26)
+    stamps = np.sort(t + 1e-4 * random.standard_normal(len(t)))
+    grid = one_time_base([joint(stamps, stamps), cell(t + 2e-4, t + 2e-4, random)])
+    assert [s.even for s in grid.report.streams] == [False, True]
+    assert_recovers_the_joint(grid)
+
+
+def test_the_clock_difference_of_two_nominally_equal_devices_is_stated_in_ppm():
+    a, b, random = clock(1000.0), clock(1000.05), np.random.default_rng(27)
+    first, second = one_time_base([joint(a, a), cell(b, b, random)]).report.streams
+    assert second.ppm - first.ppm == pytest.approx(50.0, abs=0.1)
+    c = clock(333.0)
+    assert one_time_base([joint(c, c), cell(a, a, random)]).report.streams[0].ppm is None
+
+
+# ---- Missing, late, repeated
+
+
+@pytest.mark.parametrize(("jitter", "late"), [(0.0, 0.0), (2e-5, 0.0), (1e-4, 0.0), (0.0, 1e-4)])
+@pytest.mark.parametrize("lost", [1, 30, 600])
+def test_every_missing_sample_is_found_at_its_place(lost, jitter, late):
+    random = np.random.default_rng(lost)
+    t = clock(1000.0)
+    kept = np.sort(random.choice(np.arange(200, len(t) - 200), len(t) - 400 - lost, replace=False))
+    kept = np.concatenate([np.arange(200), kept, np.arange(len(t) - 200, len(t))])
+    stamps = (waits(t, late, random) if late else t + jitter * random.standard_normal(len(t)))[kept]
+    wrong = np.mean(count_from_stamps(stamps) != kept)
+    assert wrong <= (5e-3 if late else 0)  # where the sample before waited, the gap itself is no long step
+
+
+@pytest.mark.parametrize("burst", [2, 14, 60, 300])
+def test_bursts_of_missing_samples_are_counted_behind_a_late_host(burst):
+    random = np.random.default_rng(burst)
+    t, kept = clock(1000.0), np.ones(60_000, dtype=bool)
+    for first in (7_000, 31_000, 50_111):
+        kept[first : first + burst] = False
+    stamps = waits(t, 3e-4, random)[kept]
+    assert np.mean(count_from_stamps(stamps) != np.flatnonzero(kept)) < 1e-4
+
+
+def test_a_late_sample_is_not_a_missing_one():
+    stamps = clock(1000.0, 10.0)
+    stamps[3000] = stamps[3001]
+    assert np.array_equal(count_from_stamps(stamps), np.arange(10_000))
+    stamps[5000:5050] = stamps[5049]
+    stamps[9990:9995] = stamps[9994]
+    assert np.array_equal(count_from_stamps(stamps), np.arange(10_000))
+
+
+def test_bursts_held_back_by_a_host_shift_nothing():
+    t, random = clock(1000.0), np.random.default_rng(30)
+    stamps = t.copy()
+    for first in random.integers(0, len(t) - 100, 15):
+        stamps[first : first + 50] = t[first + 49]
+    grid = one_time_base([joint(t, t), cell(stamps, t, random)])
+    assert grid.report.streams[1].missing == 0
+    assert_recovers_the_joint(grid)
+
+
+def test_one_late_message_does_not_make_printed_decimals_one_sided():
+    t = clock(1024.0)
+    stamps = np.round(t, 4)
+    stamps[3000:3030] = stamps[3029]
+    assert device_clock(stamps, np.arange(len(t))).skew > 3
+    assert device_clock(stamps, np.arange(len(t))).times() == pytest.approx(t, abs=1e-6)
+
+
+@pytest.mark.parametrize("jitter", [0.0, 2e-5])
+def test_missing_samples_cost_nothing(jitter):
+    t, random = clock(1000.0), np.random.default_rng(31)
+    kept = np.sort(random.choice(len(t), len(t) - 600, replace=False))
+    stamps = np.sort(t + jitter * random.standard_normal(len(t)))[kept]
+    grid = one_time_base([log(stamps, stamps, random)])
+    (said,) = grid.report.streams
+    assert said.missing == kept[-1] - kept[0] + 1 - len(kept)
+    assert 500 < said.bridged <= 600
+    assert (said.marked, grid.report.masked) == (0, 0)
+    assert_recovers_the_joint(grid)
+
+
+def test_a_counter_says_which_sample_is_which_behind_a_late_host():
+    t, random = clock(1000.0), np.random.default_rng(32)
+    kept = np.sort(random.choice(len(t), len(t) - 600, replace=False))
+    stamps = waits(t, 1e-3, random)[kept]
+    grid = one_time_base([joint(t, t), cell(stamps, t[kept], random, counter=kept + 77)])
+    assert grid.report.streams[1].missing == kept[-1] - kept[0] + 1 - len(kept)
+    assert_recovers_the_joint(grid)
+
+
+def test_rows_written_twice_go_and_change_nothing():
+    t, random = clock(1000.0), np.random.default_rng(33)
+    recorded = log(t, t, random)
+    twice = np.sort(np.concatenate([np.arange(len(t)), random.integers(0, len(t), 300)]))
+    again = Stream("log", t[twice], {name: values[twice] for name, values in recorded.signals.items()})
+    grid, plain = one_time_base([again]), one_time_base([recorded])
+    assert grid.report.streams[0].repeated == 300
+    assert np.array_equal(grid.signals["torque"], plain.signals["torque"])
+
+
+def test_equal_values_at_a_new_stamp_are_samples_and_stay():
+    t = clock(100.0, 5.0)
+    assert one_time_base([Stream("rest", t, {"x": 0 * t + 1})]).report.streams[0].repeated == 0
+
+
+def test_true_samples_closer_than_half_a_step_are_averaged_from_the_first_of_them():
+    stamps = np.array([0.0, 0.4, 0.6, 1.6, 2.0, 2.2, 2.4, 3.5])
+    assert first_of_each(stamps, 0.5).tolist() == [0, 2, 3, 5, 7]
+    assert first_of_each(np.array([0.0, 0.4, 0.8, 1.2, 1.6]), 0.5).tolist() == [0, 2, 4]
+
+
+# ---- Gaps
+
+
+def gapped(length, random, first=20.0):
+    t = clock(1000.0)
+    kept = (t <= first) | (t > first + length - 0.5e-3)
+    return one_time_base([log(t[kept], t[kept], random)])
+
+
+def test_a_gap_of_20_ms_is_data_and_one_of_25_ms_is_marked_with_three_periods_of_the_filter_on_both_sides():
+    random = np.random.default_rng(40)
+    short, marked = gapped(0.020, random), gapped(0.025, random)
+    assert (short.report.streams[0].bridged, short.report.masked) == (1, 0)
+    assert short.report.streams[0].bridge_error == pytest.approx(4.1e-4, rel=0.02)
+    said = marked.report.streams[0]
+    assert (said.bridged, said.marked, said.missing) == (0, 1, 24)
+    left_out = marked.time[~marked.usable]
+    assert left_out[[0, -1]] == pytest.approx([20.0 - 0.2, 20.025 + 0.2], abs=1.1e-3)
+    assert len(left_out) == marked.report.masked == pytest.approx(426, abs=1)
+    assert np.diff(marked.time) == pytest.approx(1e-3, abs=1e-9)
+
+
+def test_limits_follow_the_motion_and_the_filter():
+    assert (GapLimits().bridged_s, GapLimits().margin_s) == (pytest.approx(0.02), pytest.approx(0.2))
+    assert GapLimits(highest_hz=20.0, cutoff_hz=30.0).bridged_s == pytest.approx(0.005)
+
+
+def test_marked_gaps_up_to_half_a_second_cost_nothing():
+    t, random = clock(1000.0), np.random.default_rng(41)
+    kept = np.ones(len(t), dtype=bool)
+    for first in range(4_000, 56_000, 8_000):
+        kept[first : first + 450] = False
+    grid = one_time_base([log(t[kept], t[kept], random)])
+    assert grid.report.streams[0].marked == 7
+    assert_recovers_the_joint(grid)
+
+
+def test_a_gap_of_one_node_marks_the_rows_of_all():
+    t, random = clock(1000.0), np.random.default_rng(42)
+    kept = (t < 20) | (t > 20.1)
+    grid = one_time_base([joint(t, t), cell(t[kept] + 3e-4, t[kept] + 3e-4, random)])
+    assert [s.marked for s in grid.report.streams] == [0, 1]
+    assert not grid.usable[np.searchsorted(grid.time, 20.05)]
+    assert_recovers_the_joint(grid)
+
+
+def test_what_is_missing_outside_the_overlap_does_not_count():
+    t = clock(100.0)
+    a = t[(t < 2) | (t > 5)]
+    grid = one_time_base([Stream("a", a, {"a": a}), Stream("b", t + 10, {"b": t})])
+    assert grid.report.streams[0].bridged == grid.report.streams[0].marked == 0
+
+
+# ---- Refusals: channel, time, value, remedy
+
+
+def stamps_with(change):
+    t = clock(100.0, 20.0)
+    return Stream("cell", change(t), {"torque": np.sin(t)})
+
+
+def set_back(t):
+    return np.where(np.arange(len(t)) < 500, t, t - 0.5)
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: stamps_with(set_back), r"cell: time runs backwards from 4\.990000 s to 4\.500000 s at row 500; .*cut"),
+        (
+            lambda: stamps_with(lambda t: np.where(t < 5, t, t + 3600)),
+            r"cell: torque has no sample from 4\.9900 s to 3605\.0000 s, 3600\.010 s long; .*cut the log there.*jumped",
+        ),
+        (lambda: stamps_with(lambda t: t[:5]), r"cell: 5 samples are too few .* at least 20"),
+        (lambda: stamps_with(lambda t: np.where(t == t[7], np.nan, t)), r"cell: stamps is nan at row 7, after 0\.06"),
+        (
+            lambda: Stream("cell", clock(100.0, 1.0), {"torque": np.full(100, np.inf)}),
+            r"cell: torque is inf at row 0, after 0\.000000 s; 100 of 100 values are not finite: repair",
+        ),
+        (
+            lambda: Stream("cell", clock(10.0, 2.0), {"torque": np.zeros(20)}, counter=np.arange(20) % 7),
+            r"cell: the sample counter goes from 6 to 0 at 0\.700000 s; it must rise",
+        ),
+        (
+            lambda: Stream(
+                "cell", set_back(clock(100.0)) + 1.0 * (clock(100.0) >= 5), {"x": clock(100.0)}, counter=np.arange(6000)
+            ),
+            r"cell: the clock jumps by 0\.5 s at 5\.500000 s, row 500, while the sample counter runs on; cut",
+        ),
+    ],
+)
+def test_refuses_a_recording_with_channel_time_value_and_remedy(make, says):
+    with pytest.raises(InputError, match=says):
+        one_time_base([make()])
+
+
+def test_refuses_streams_that_never_overlap():
+    t = clock(100.0, 10.0)
+    with pytest.raises(InputError, match=r"late begins at 20\.0000 s and early ends at 9\.9900 s: they share 0 rows"):
+        one_time_base([Stream("early", t, {"a": t}), Stream("late", t + 20, {"b": t})])
+
+
+@pytest.mark.parametrize("wait", [2e-4, 1e-3])
+def test_refuses_host_latency_with_missing_samples_beside_another_node_but_not_alone(wait):
+    t, random = clock(1000.0), np.random.default_rng(50)
+    kept = np.sort(random.choice(len(t), len(t) - 60, replace=False))
+    lossy = cell(waits(t, wait, random)[kept], t[kept], random)
+    with pytest.raises(
+        InputError, match=r"load cell: about \d+ samples are missing, .*late by .*map the device's sample"
+    ):
+        one_time_base([joint(t, t), lossy])
+    assert one_time_base([lossy]).report.streams[0].even
+
+
+def test_refuses_a_recording_with_nothing_but_gaps():
+    t = clock(1000.0, 10.0)
+    kept = (np.arange(len(t)) // 100) % 2 == 0
+    with pytest.raises(
+        InputError, match=r"every row from 0\.0000 s to 9\.8990 s lies within 0\.20 s of a gap longer than 20 ms"
+    ):
+        one_time_base([Stream("cell", t[kept], {"torque": t[kept]})])
+
+
+# ---- Clocks of two devices
+
+
+def drifting(ppm, random, kelvin=0.0):
+    t = clock(500.0, 142.0)
+    theta, omega, alpha = sines(t)
+    tau = torque_of(sines(t - 1e-6 * ppm * (t - t.mean())))
+    return t, Motion(theta, omega, alpha), noisy(tau, random) + 5.0
+
+
+@pytest.mark.parametrize("ppm", [0.0, 1.0, -3.0, 50.0])
+def test_the_drift_between_two_clocks_is_measured_to_a_tenth_of_a_ppm(ppm):
+    found = clock_drift(*drifting(ppm, np.random.default_rng(60)))
+    assert found.se < 0.1
+    assert found.ppm == pytest.approx(ppm, abs=3.5 * found.se + 0.02 * abs(ppm))
+
+
+def test_drift_is_doubtful_and_refused_beyond_what_damping_and_inertia_bear():
+    assert not is_drift_doubtful(ClockDrift(0.4, 0.01))
+    assert is_drift_doubtful(ClockDrift(-0.6, 0.1))
+    assert not is_drift_doubtful(ClockDrift(-5.0, 4.0))
+    assert is_drift_doubtful(ClockDrift(2.5, 0.1), refused_ppm=3.0)
+    with pytest.raises(InputError, match=r"drift apart by -2\.10 \+- 0\.10 ppm, more than 2: .*synchronise"):
+        is_drift_doubtful(ClockDrift(-2.1, 0.1))
+
+
+def test_a_joint_at_rest_shows_no_drift():
+    t = clock(100.0)
+    with pytest.raises(IdentifiabilityError, match="does not move"):
+        clock_drift(t, Motion(0 * t, 0 * t, 0 * t), t)
+
+
+# ---- Provenance
+
+
+def test_the_report_is_plain_json_with_every_number_that_provenance_states():
+    t, random = clock(1000.0), np.random.default_rng(70)
+    kept = (t < 20) | (t >= 20.1)
+    stamps = t + 2e-5 * random.standard_normal(len(t))
+    grid = one_time_base([joint(stamps, stamps), cell(t[kept], t[kept], random)])
+    said = json.loads(json.dumps(grid.report.provenance(), allow_nan=False))
+    assert said["rows"] == len(grid.time)
+    assert said["masked"] == np.count_nonzero(~grid.usable)
+    assert said["rate_hz"] == pytest.approx(1000.0)
+    angle, torque = said["streams"]
+    assert angle["why"].startswith("true: theta g = ")
+    assert angle["residual_sd_s"] == pytest.approx(2e-5, rel=0.05)
+    assert (torque["missing"], torque["marked"], torque["why"]) == (100, 1, "even: the stamps lie on their line")
+    assert torque["interpolation"] == "cubic spline on the device's even clock"

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from itertools import product
 
 import numpy as np
@@ -151,8 +152,8 @@ MOTIONS: dict[str, Callable] = {"multisine": sines, "sine": one_sine, "stepped":
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_no_case_is_decided_wrongly_over_bits_jitter_and_lateness(motion):
     random, firm = np.random.default_rng(len(motion)), 0
-    for bits, jitter, late, even in product((12, 14, 18), (1e-6, 10e-6, 100e-6, 300e-6), (False, True), (False, True)):
-        t = clock(1000.0, 15.0)
+    for bits, jitter, late, even in product((12, 18), (1e-5, 1e-4, 3e-4), (False, True), (False, True)):
+        t = clock(1000.0, 12.0)
         stamps = waits(t, jitter, random) if late else np.sort(t + jitter * random.standard_normal(len(t)))
         taken = t if even else stamps
         (part,) = take([Stream("x", stamps, {"x": rounded_to_bits(MOTIONS[motion](taken)[0], bits)})])
@@ -160,7 +161,7 @@ def test_no_case_is_decided_wrongly_over_bits_jitter_and_lateness(motion):
         if said is not None and (said.true or said.even):
             firm += 1
             assert part.decision.even == even, (bits, jitter, late, said)
-    assert firm >= 12
+    assert firm >= 8
 
 
 @pytest.mark.parametrize("even", [False, True])
@@ -184,6 +185,19 @@ def test_a_python_loop_with_absolute_targets_is_late_and_never_early_and_yet_its
     assert said.g["theta"] == pytest.approx(1.0, abs=4 * said.g_se["theta"])
     assert said.merged > 5
     assert_recovers_the_joint(grid)
+
+
+def test_a_loop_that_sleeps_from_its_last_step_wanders_by_many_steps_and_its_stamps_are_true():
+    random = np.random.default_rng(11)
+    stamps = np.cumsum(1e-3 + 2e-4 * random.random(60_000))
+    slow = stamps + 0.02 * np.sin(stamps / 5)
+    recorded = Stream(
+        "log", slow, {n: noisy(v, random, 1e-4 if n == "theta" else 0.1) for n, v in joint(slow, slow).signals.items()}
+    )
+    (said,) = one_time_base([recorded]).report.streams
+    assert said.wander_s * said.rate_hz > 5
+    assert (said.even, said.firm) == (False, True)
+    assert said.g["theta"] == pytest.approx(1.0, abs=0.1)
 
 
 def test_channels_that_share_stamps_share_the_decision_of_the_one_that_knows():
@@ -361,6 +375,12 @@ def test_a_late_sample_is_not_a_missing_one():
     assert np.array_equal(count_from_stamps(stamps), np.arange(10_000))
 
 
+def test_late_samples_at_the_ends_of_a_record_are_not_missing_either():
+    random = np.random.default_rng(34)
+    for _ in range(30):
+        assert np.array_equal(count_from_stamps(waits(clock(1000.0, 0.3), 5e-4, random)), np.arange(300))
+
+
 def test_bursts_held_back_by_a_host_shift_nothing():
     t, random = clock(1000.0), np.random.default_rng(30)
     stamps = t.copy()
@@ -495,6 +515,10 @@ def set_back(t):
             lambda: stamps_with(lambda t: np.where(t < 5, t, t + 3600)),
             r"cell: torque has no sample from 4\.9900 s to 3605\.0000 s, 3600\.010 s long; .*cut the log there.*jumped",
         ),
+        (
+            lambda: stamps_with(lambda t: 0 * t + 3),
+            r"cell: time stands still at 3\.000000 s for 2000 samples; take another",
+        ),
         (lambda: stamps_with(lambda t: t[:5]), r"cell: 5 samples are too few .* at least 20"),
         (lambda: stamps_with(lambda t: np.where(t == t[7], np.nan, t)), r"cell: stamps is nan at row 7, after 0\.06"),
         (
@@ -516,6 +540,18 @@ def set_back(t):
 def test_refuses_a_recording_with_channel_time_value_and_remedy(make, says):
     with pytest.raises(InputError, match=says):
         one_time_base([make()])
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_no_stamps_lead_to_anything_but_a_grid_or_a_refusal(seed):
+    random = np.random.default_rng(seed)
+    steps = random.choice(
+        [0.0, 1e-9, 1e-4, 1e-3, 2e-3, 0.3, 1.0, 1e9], int(random.integers(19, 400)), p=random.dirichlet([0.3] * 8)
+    )
+    stamps = np.concatenate([[0.0], np.cumsum(steps)])
+    with suppress(InputError):
+        grid = one_time_base([Stream("odd", stamps, {"x": noisy(np.sin(stamps), random)})])
+        assert np.isfinite(grid.signals["x"]).all()
 
 
 def test_refuses_streams_that_never_overlap():

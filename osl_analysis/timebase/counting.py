@@ -32,7 +32,7 @@ FEW, TIDY = 20, 0.1
 LATE_SHARE, EVEN_SHARE = 0.03, 0.2
 """Share of the window below its level: the promptest few where stamps are late, never early; else the lowest fifth."""
 LATE_RATIO = 0.7
-"""Distance of the lowest of 20 stamps to their median over that of the highest, below which they are late, not noisy."""
+"""Distance of the lowest of 20 stamps to their median over that of the highest, below which all are late."""
 NOTICED = 0.3
 """Change of the level, in steps, below which a count stands without a closer look."""
 PASSES = 4
@@ -170,7 +170,7 @@ def usual_step(stamps: Array) -> float:
         usual = np.quantile(change, 0.25) if usual is None else 0.0
         whole = np.abs(change - usual) <= 0.5 * step
         step += float(np.mean(change[whole])) / block if np.mean(whole) > FEWEST_WHOLE else 0.0
-    return step
+    return step if step > 0 else float(stamps[-1] - stamps[0]) / (n - 1)
 
 
 def first_step(stamps: Array) -> float:

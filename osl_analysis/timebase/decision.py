@@ -131,16 +131,20 @@ def evidence_of(values: Array, clock: DeviceClock) -> Evidence:
 
 @dataclass(frozen=True)
 class Smoother:
-    """A cubic through each `window` of evenly counted samples (Savitzky-Golay), missing ones bridged linearly."""
+    """A cubic through each `window` of evenly counted samples (Savitzky-Golay), missing ones bridged linearly.
+
+    A gap is shortened to two windows, so that a clock that jumps by years costs no memory.
+    """
 
     count: Counts
     window: int
 
     def __call__(self, values: Array, order: int) -> Array:
         """Value (order 0) or slope per step (order 1) at every sample, (n,)."""
-        full = np.interp(np.arange(self.count[-1] + 1), self.count, values)
+        place = np.concatenate([[0], np.cumsum(np.minimum(np.diff(self.count), 2 * self.window))])
+        full = np.interp(np.arange(place[-1] + 1), place, values)
         window = min(self.window, (len(full) - 1) // 2 * 2 + 1)
-        return np.asarray(savgol_filter(full, window, 3, deriv=order)[self.count])
+        return np.asarray(savgol_filter(full, window, 3, deriv=order)[place])
 
     @property
     def slope_noise(self) -> float:

@@ -64,8 +64,9 @@ def one_time_base(streams: Sequence[Stream], limits: GapLimits | None = None) ->
 def on_one_grid(taken: Sequence[Taken], limits: GapLimits) -> UniformGrid:
     """The grid for streams whose decisions stand."""
     parts = [t.samples() for t in taken]
-    time, rate = grid_times(parts)
-    gaps = [gaps_of(part, time[0], time[-1], limits) for part in parts]
+    first, last, step = overlap(parts)
+    gaps = [gaps_of(part, first, last, limits) for part in parts]
+    time, rate = first + step * np.arange(whole_steps(first, last, step) + 1, dtype=np.float64), 1 / step
     usable = usable_rows(time, np.concatenate([g.marked for g in gaps]), limits.margin_s)
     if not usable.any():
         raise InputError(
@@ -81,20 +82,24 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits) -> UniformGrid:
     return UniformGrid(time, rate, signals, usable, report, tuple(taken), limits)
 
 
-def grid_times(parts: Sequence[Samples]) -> tuple[Array, float]:
-    """Uniform times (m,) [s] over the common overlap, and the rate [Hz] of the fastest stream."""
+def overlap(parts: Sequence[Samples]) -> tuple[float, float, float]:
+    """First and last time [s] that all streams cover, and the step [s] of the fastest of them."""
     late = max(parts, key=lambda part: part.times[0])
     early = min(parts, key=lambda part: part.times[-1])
-    step = min(part.step for part in parts)
-    first, last = float(late.times[0]), float(early.times[-1])
-    rows = int(np.floor((last - first) / step + ON_GRID)) + 1
+    first, last, step = float(late.times[0]), float(early.times[-1]), min(part.step for part in parts)
+    rows = whole_steps(first, last, step) + 1
     if rows < FEWEST_SAMPLES:
         raise InputError(
             f"{late.name} begins at {first:.4f} s and {early.name} ends at {last:.4f} s: they "
             f"share {max(rows, 0)} rows, at least {FEWEST_SAMPLES} are needed; "
             "check that both clocks count from the same time"
         )
-    return np.asarray(first + step * np.arange(rows), dtype=np.float64), 1 / step
+    return first, last, step
+
+
+def whole_steps(first: float, last: float, step: float) -> int:
+    """Steps [s] between two times [s]; a last one that rounding shortened counts."""
+    return int(np.floor((last - first) / step + ON_GRID))
 
 
 def resampled(part: Samples, time: Array) -> Array:

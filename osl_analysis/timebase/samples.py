@@ -99,8 +99,9 @@ def check_countable(taken: Taken) -> None:
         raise InputError(
             f"{taken.stream.name}: about {clock.missing} samples are missing, the first long gap at "
             f"{taken.stream.stamps[row]:.4f} s, and the host's stamps are late by "
-            f"{clock.usual_spread * 1e3:.2f} ms (SD) at a step of {clock.step * 1e3:.2f} ms: "
-            "beside another device nothing tells which sample is which; map the device's sample counter, stamp on the device, or record without loss"
+            f"{clock.usual_spread * 1e3:.2f} ms (SD) at a step of {clock.step * 1e3:.2f} ms: beside another device "
+            "nothing tells which sample is which; map the device's sample counter, stamp on the device, or record "
+            "without loss"
         )
 
 

@@ -28,7 +28,7 @@ class Stream:
     Raises
     ------
     InputError
-        Too few samples, a value or stamp that is not finite, stamps that run backwards.
+        Too few samples, a value or stamp that is not finite, stamps that run backwards or stand still.
     """
 
     name: str
@@ -45,6 +45,11 @@ class Stream:
             )
         self._check_finite()
         self._check_forward()
+        if not self.stamps[-1] > self.stamps[0]:
+            raise InputError(
+                f"{self.name}: time stands still at {self.stamps[0]:.6f} s for {len(self.stamps)} samples; "
+                "take another time source"
+            )
 
     def _check_finite(self) -> None:
         for name, values in {"stamps": self.stamps, **self.signals}.items():

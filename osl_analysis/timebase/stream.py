@@ -85,3 +85,20 @@ def without_repeats(stream: Stream) -> Stream:
     counter = None if stream.counter is None else stream.counter[new]
     signals = {name: values[new] for name, values in stream.signals.items()}
     return replace(stream, stamps=stream.stamps[new], signals=signals, counter=counter)
+
+
+def streams_of(
+    time: Array, columns: Mapping[str, Array], present: Mapping[str, NDArray[np.bool_]], choice: Stamps = "auto"
+) -> list[Stream]:
+    """Streams of a table: columns with samples in the same rows share their stamps, and a stream is named by them.
+
+    time: (n,) [s]. columns: name -> (n,). present: name -> (n,), true where the column has a sample.
+    """
+    groups: dict[bytes, list[str]] = {}
+    for name in columns:
+        groups.setdefault(present[name].tobytes(), []).append(name)
+    return [
+        Stream(", ".join(names), time[rows], {name: columns[name][rows] for name in names}, choice)
+        for names in groups.values()
+        for rows in (present[names[0]],)
+    ]

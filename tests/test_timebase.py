@@ -196,6 +196,15 @@ def test_a_python_loop_with_absolute_targets_is_late_and_never_early_and_yet_its
     assert_recovers_the_joint(grid)
 
 
+def test_sixth_differences_do_not_reach_across_missing_samples():
+    t, random = clock(100.0), np.random.default_rng(13)
+    kept = np.sort(random.choice(len(t), len(t) - 300, replace=False))
+    stamps = (t + 1e-4 * random.standard_normal(len(t)))[kept]
+    (part,) = take([joint(stamps, stamps)])
+    assert part.decision.evidence["theta"].g == pytest.approx(1.0, abs=0.1)
+    assert (part.decision.even, part.decision.firm) == (False, True)
+
+
 def test_a_loop_that_sleeps_from_its_last_step_wanders_by_many_steps_and_its_stamps_are_true():
     random = np.random.default_rng(11)
     stamps = np.cumsum(1e-3 + 2e-4 * random.random(60_000))
@@ -391,7 +400,7 @@ def test_a_late_sample_is_not_a_missing_one():
     stamps = clock(1000.0, 10.0)
     stamps[3000] = stamps[3001]
     assert np.array_equal(count_from_stamps(stamps), np.arange(10_000))
-    stamps[5000:5050] = stamps[5049]
+    stamps[5000:5200] = stamps[5199]
     stamps[9990:9995] = stamps[9994]
     assert np.array_equal(count_from_stamps(stamps), np.arange(10_000))
 

@@ -20,7 +20,7 @@ class Column:
 
 
 COLUMNS: dict[str, Column] = {
-    "time": Column("t", "s", "experiment time, strictly increasing"),
+    "time": Column("t", "s", "experiment time as stamped, which never goes back"),
     "theta": Column("θ_j", "rad", "joint angle from the bench's or the leg's joint encoder, dorsiflexion positive"),
     "theta_m": Column("θ_m", "rad", "actuator output angle, after the gear and before the belt"),
     "omega_m": Column(

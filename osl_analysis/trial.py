@@ -31,7 +31,7 @@ class Trial:
     Raises
     ------
     InputError
-        No rows, no `time`, time not strictly increasing or not finite.
+        No rows, no `time`, time that goes back or is not finite.
     """
 
     name: str
@@ -82,15 +82,18 @@ def like(name: str, known: Sequence[str]) -> str:
 
 
 def check_time(name: str, time: Array) -> None:
-    """Refuse stamps [s] that are not finite or not strictly increasing, naming the first that offends."""
+    """Refuse stamps [s] that are not finite or go back, naming the first that offends.
+
+    Equal stamps are ordinary: a logger printed few decimals, or wrote a row twice. The time base deals with them.
+    """
     if not np.isfinite(time).all():
         raise InputError(f"{name}: time is not finite at row {int(np.argmin(np.isfinite(time)))}; repair the log")
     step = np.diff(time)
-    if (step <= 0).any():
-        row = int(np.argmax(step <= 0))
+    if (step < 0).any():
+        row = int(np.argmax(step < 0))
         raise InputError(
             f"{name}: time goes from {time[row]:.6f} s to {time[row + 1]:.6f} s at row {row + 1}; "
-            "stamps must strictly increase: check the recorder's clock or the time source in the source file"
+            "the recorder's clock was set back: cut the log there, or take another time source in the source file"
         )
 
 

@@ -1,6 +1,7 @@
 """CSV logs: what others' loggers write is read, repaired by a stated rule, or refused by its line."""
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -129,7 +130,7 @@ def test_the_source_files_unit_wins_over_the_files_and_says_so(tmp_path: Path) -
         (LOG.replace("90", "1e999"), {}, "line 3, column 'angle': '1e999' is not a number"),
         (LOG.replace("90", "inf"), {}, "line 3, column 'angle': 'inf' is not a number"),
         (LOG.replace("90", "9_0"), {}, "line 3, column 'angle': '9_0' is not a number"),
-        (LOG.replace("10.5", "10.0"), {}, "time goes from 0.000000 s to 0.000000 s"),
+        (LOG.replace("10.5", "9.5"), {}, "time goes from 0.000000 s to -0.500000 s at row 1"),
         (LOG.replace("10.5", ""), {}, "line 3: no time in column 't'"),
         (LOG.replace("90", ""), {}, "column 'angle' is missing in 1 of 3 rows, first in line 3; at most 1.0% may be"),
         (LOG.replace("90,2", "90,2,7"), {}, "line 3 has 4 cells under 3 names, and 1 of 3 rows do not fit"),
@@ -296,3 +297,49 @@ def test_numbers_come_back_to_the_last_bit(tmp_path: Path, values: list[float], 
     channels = {"theta": {"column": "angle", "unit": "rad"}}
     samples = read(tmp_path, "\n".join(lines), source(decimal=decimal, channels=channels)).samples
     assert samples["theta"].to_list() == values
+
+
+def test_equal_stamps_are_kept_as_few_decimals_or_a_row_written_twice_make_them(tmp_path: Path) -> None:
+    recording = read(tmp_path, LOG.replace("10.5", "10.0"))
+    assert recording.samples["time"].to_list() == [0.0, 0.0, 1.0]
+
+
+def test_what_a_source_file_states_of_a_sensor_stands_in_si_units_in_the_provenance(tmp_path: Path) -> None:
+    stated = {"delay": "2 ms", "low_pass": {"cutoff": "0.1 kHz", "order": 2}, "resolution": "10 N*mm"}
+    fields = {
+        "time": {"column": "t", "unit": "s", "stamps": "even"},
+        "channels": {
+            "theta": {"column": "angle", "unit": "deg", "bits": 14},
+            "torque": {"column": "load", "unit": "Nm", **stated},
+        },
+    }
+    recording = read(tmp_path, LOG, source(**fields))
+    torque = recording.columns["torque"]
+    assert torque["delay"] == 0.002
+    assert torque["low_pass"] == {"cutoff_hz": 100.0, "order": 2}
+    assert torque["resolution"] == pytest.approx(0.01)
+    assert recording.columns["theta"]["resolution"] == pytest.approx(2 * np.pi / 2**14)
+    assert "delay" not in recording.columns["theta"]
+    assert recording.facts["time"]["stamps"] == "even"
+
+
+@pytest.mark.parametrize(
+    ("stated", "problem"),
+    [
+        ({"delay": "2"}, "the unit is empty; write one of s, ms"),
+        ({"delay": "2 deg"}, "unit 'deg' measures [rad], expected one of s, ms"),
+        ({"delay": "soon"}, "'soon' is no number with a unit; write it as in `2 s`"),
+        ({"low_pass": {"cutoff": "-5 Hz"}}, "a cut-off must be above zero"),
+        ({"low_pass": {"cutoff": "5 Hz", "order": 0}}, "greater than or equal to 1"),
+        ({"resolution": "0.1 deg"}, "torque: unit 'deg' measures [rad]"),
+        ({"bits": 14}, "torque: `bits` are those of an encoder per revolution; state `resolution`"),
+    ],
+)
+def test_a_sensor_that_is_stated_wrongly_is_refused_with_the_remedy(stated: dict[str, object], problem: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(problem)):
+        source(channels={"torque": {"column": "load", "unit": "Nm", **stated}})
+
+
+def test_a_delay_longer_than_the_recording_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"torque: a delay of 2 s is longer than the recording of 1 s; correct"):
+        read(tmp_path, LOG, source(channels={"torque": {"column": "load", "unit": "Nm", "delay": "2 s"}}))

@@ -60,7 +60,7 @@ def test_time_is_the_header_stamp_from_its_first_exact_to_the_nanosecond(tmp_pat
     path = write_log(tmp_path / "log.mcap", [stamped(START + s, angle=0.0) for s in stamps])
     recording = read_mcap_log(path, source())
     np.testing.assert_allclose(recording.samples["time"], np.array(stamps) / 1e9, rtol=1e-15, atol=0)
-    assert recording.facts["time"] == {"source": "header.stamp", "start_ns": START}
+    assert recording.facts["time"] == {"source": "header.stamp", "stamps": "auto", "start_ns": START}
 
 
 def test_time_is_the_log_time_where_the_source_says_so(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from osl_analysis.bench.diagnostics import check_changes, summary_of_trials
 from osl_analysis.bench.settings import ActuatorAnalysis
@@ -14,6 +15,7 @@ from osl_analysis.stats.covariance import ResidualCorrelation
 from osl_analysis.stats.fit_row import covariance_row, diagnostics_row, estimates_row
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.trial import Array, Trial
+from osl_analysis.uniform import UniformSignals, uniform_signals
 
 PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
 """Torque per current k_tau n_m [N*m/A], Coulomb friction [N*m], gear friction [N*m/A], damping, inertia."""
@@ -68,26 +70,38 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> ActuatorTrial:
         As `actuator_columns` and `fit_actuator`, or a signal is missing; the message names the trial.
     """
     motion = next((name for name in ("theta_m", "omega_m") if name in trial.samples.columns), "theta_m")
-    time, moved, current, torque_m = trial.signals(motion, "current", "torque_m")
+    uniform = uniform_signals(trial, (motion, "current", "torque_m"), settings.gap_limits)
     try:
-        check_changes("torque_m", torque_m)
-        signals = ActuatorSignals(time, moved, current, torque_m, is_velocity=motion == "omega_m")
-        columns, torque = actuator_columns(signals, settings.low_pass, settings.sign_width)
-        fit = fit_actuator(columns, torque, sampling_rate(time), settings.low_pass, settings.slowest)
+        return actuator_of(uniform, motion, settings)
     except (InputError, IdentifiabilityError) as error:
         raise type(error)(f"trial {trial.name}: {error}") from error
-    return ActuatorTrial(trial.name, motion, time, torque, fit.predicted(columns), fit, settings.low_pass)
+
+
+def actuator_of(uniform: UniformSignals, motion: str, settings: ActuatorAnalysis) -> ActuatorTrial:
+    """The trial behind uniform signals, `motion` among them; raises as `actuator_trial`, without the trial's name."""
+    check_changes("torque_m", uniform["torque_m"])
+    measured = (uniform[motion], uniform["current"], uniform["torque_m"])
+    signals = ActuatorSignals(uniform.time, *measured, is_velocity=motion == "omega_m")
+    columns, torque = actuator_columns(signals, settings.low_pass, settings.sign_width)
+    fit = fit_actuator(columns, torque, uniform.rate_hz, settings.low_pass, settings.slowest, uniform.usable)
+    modelled = fit.predicted(columns)
+    return ActuatorTrial(uniform.trial, motion, uniform.time, torque, modelled, fit, settings.low_pass)
 
 
 def fit_actuator(
-    columns: Mapping[str, Array], torque: Array, rate_hz: float, low_pass: LowPass, slowest: float
+    columns: Mapping[str, Array],
+    torque: Array,
+    rate_hz: float,
+    low_pass: LowPass,
+    slowest: float,
+    usable: NDArray[np.bool_] | None = None,
 ) -> LinearFit:
     """Fit `PARAMETERS`, `offset` [N*m] and `drift` [N*m/s] to the columns and the torque of `actuator_columns`.
 
     Samples slower than `slowest` [rad/s] are not fitted, because friction may have any value up to its limit there;
-    nor are the edges of the filter. f_G can be told from k_tau n_m only if the current both drives and brakes: as long
-    as it has the direction of the motion, sign(omega_m) |I_q| equals I_q. The drift is that of the torque transducer.
-    Left in the residual it would multiply the standard error of f_G by four.
+    nor are the edges of the filter, nor rows that are not `usable` (n,). f_G can be told from k_tau n_m only if the
+    current both drives and brakes: as long as it has the direction of the motion, sign(omega_m) |I_q| equals I_q. The
+    drift is that of the torque transducer. Left in the residual it would multiply the standard error of f_G by four.
 
     Raises
     ------
@@ -96,7 +110,7 @@ def fit_actuator(
     IdentifiabilityError
         The schedule cannot tell two parameters apart; the message names them.
     """
-    moving = np.abs(columns["B_m"]) > slowest
+    moving = (np.abs(columns["B_m"]) > slowest) & (True if usable is None else usable)
     edge = int(np.ceil(EDGE_PERIODS * rate_hz / low_pass.cutoff_hz))
     moving[:edge] = moving[-edge:] = False
     if np.count_nonzero(moving) < FEWEST_MOVING_S * rate_hz:

@@ -4,17 +4,19 @@ from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from osl_analysis.bench.diagnostics import check_changes, summary_of_trials
 from osl_analysis.bench.settings import BeltAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.signals import LowPass, sampling_rate
+from osl_analysis.signals import LowPass
 from osl_analysis.stats.fit_row import covariance_row, diagnostics_row, estimates_row
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.slow_motion import fit_slow_motion
 from osl_analysis.trial import Array, Trial
+from osl_analysis.uniform import UniformSignals, uniform_signals
 
 ONSET_FRACTION = 0.05
 """Deflection at which loading begins, as a share of the peak; below it the hysteresis of the belt reverses."""
@@ -71,21 +73,30 @@ def belt_trial(trial: Trial, p: DrivetrainParameters, settings: BeltAnalysis) ->
     InputError
         As `fit_belt_stiffness`, or a signal is missing or irregular; the message names the trial.
     """
-    time, theta, theta_m, measured = trial.signals("theta", "theta_m", "torque")
-    low_pass = settings.low_pass
+    signals = uniform_signals(trial, ("theta", "theta_m", "torque"), settings.gap_limits)
     try:
-        rate = sampling_rate(time)
-        check_changes("torque", measured)
-        theta_s, torque = low_pass(belt_deflection(theta, theta_m, p), rate), low_pass(measured, rate)
-        every, drift = low_pass.independent_samples(rate), settings.load_cell_drift / 60 / rate
-        fit = fit_belt_stiffness(theta_s, torque, every, drift)
-        return BeltTrial(trial.name, time, rate, low_pass, theta_s, torque, fit)
+        return belt_of(signals, p, settings)
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
 
 
-def fit_belt_stiffness(theta_s: Array, torque: Array, every: int = 1, drift: float = 0.0) -> BeltFit:
+def belt_of(signals: UniformSignals, p: DrivetrainParameters, settings: BeltAnalysis) -> BeltTrial:
+    """The trial behind uniform signals; raises as `belt_trial`, without the trial's name."""
+    low_pass, rate = settings.low_pass, signals.rate_hz
+    check_changes("torque", signals["torque"])
+    deflection = belt_deflection(signals["theta"], signals["theta_m"], p)
+    theta_s, torque = low_pass(deflection, rate), low_pass(signals["torque"], rate)
+    every, drift = low_pass.independent_samples(rate), settings.load_cell_drift / 60 / rate
+    fit = fit_belt_stiffness(theta_s, torque, every, drift, signals.usable)
+    return BeltTrial(signals.trial, signals.time, rate, low_pass, theta_s, torque, fit)
+
+
+def fit_belt_stiffness(
+    theta_s: Array, torque: Array, every: int = 1, drift: float = 0.0, usable: NDArray[np.bool_] | None = None
+) -> BeltFit:
     """Fit one load-unload cycle: belt deflection theta_s [rad] and resisting torque [N*m], shape (n,).
+
+    Rows that are not `usable` (n,) are not fitted.
 
     For the intervals: noise is independent after `every` samples (`LowPass.independent_samples`), and the load cell's
     drift has a standard deviation of `drift` [N*m per sample]. A straight line cannot tell a drift during the ramp from
@@ -98,7 +109,8 @@ def fit_belt_stiffness(theta_s: Array, torque: Array, every: int = 1, drift: flo
     """
     deflection = theta_s - theta_s[0]
     onset, peak, release = loaded_rows(deflection)
-    there, back = slice(onset, peak + 1), slice(peak, release)
+    good = np.arange(len(theta_s)) if usable is None else np.flatnonzero(usable)
+    there, back = good[(good >= onset) & (good <= peak)], good[(good >= peak) & (good < release)]
     loading = fit_straight_belt(deflection[there], torque[there], every, drift)
     unloading = fit_straight_belt(deflection[back], torque[back], every, drift)
     quadratic = fit_quadratic_belt(deflection[there], torque[there], every, drift)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from osl_analysis.bench.linear_rivals import offset_and_drift, without
@@ -36,7 +37,7 @@ class DrivetrainTrial:
     """Filtered joint angle with its derivatives."""
     torque: Array
     """Filtered resisting torque [N*m]."""
-    amplitude_rows: Sequence[slice]
+    amplitude_rows: Sequence[NDArray[np.intp]]
     """Rows of each amplitude."""
     rate_hz: float
     """Sampling rate [Hz]."""
@@ -77,7 +78,7 @@ class DrivetrainTrial:
             )
         return self.low_pass(belt, self.rate_hz) + self.p.B_j * self.motion.omega + self.p.J_j * self.motion.alpha
 
-    def residual(self, prediction: Array, rows: slice) -> Array:
+    def residual(self, prediction: Array, rows: NDArray[np.intp]) -> Array:
         """What a prediction (n,) leaves of the torque of one amplitude, which has its own offset and drift."""
         left = self.torque[rows] - prediction[rows]
         return without(left, offset_and_drift(len(left)))

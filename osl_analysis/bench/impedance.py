@@ -109,7 +109,8 @@ def amplitude_series(trial: SteppedSineTrial, amplitude_deg: float, duration_s: 
             f"figures.time_series.amplitude_deg = {amplitude_deg:g} is not in the protocol "
             f"({', '.join(f'{b.amplitude_deg:g}' for b in trial.blocks)} deg); choose one of these"
         )
-    block = chosen[0].rows
+    rows = np.r_[chosen[0].rows]
+    block = rows if trial.usable is None else rows[trial.usable[rows]]
     motion, torque = trial.motion[block], trial.filtered_torque[block]
     last = slice(-min(round(duration_s * trial.rate_hz), len(torque)), None)
     time = trial.time[block][last]

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from osl_analysis.bench.belt import BeltTrial
 from osl_analysis.bench.drivetrain_rival import DrivetrainTrial, drivetrain_candidates
@@ -52,7 +53,7 @@ def transmission_scores(trials: Iterable[SteppedSineTrial], sign_width: float) -
 def whole_transmission_fold(trial: SteppedSineTrial, sign_width: float) -> Fold:
     """All amplitudes of a trial as one fold; the sign of the velocity passes the filter of the torque."""
     direction = trial.low_pass(np.tanh(trial.motion.omega / sign_width), trial.rate_hz)
-    rows = np.concatenate([np.r_[amplitude] for amplitude in thinned_amplitudes(trial)])
+    rows = np.concatenate(thinned_amplitudes(trial))
     return transmission_fold(trial.motion[rows], direction[rows], trial.filtered_torque[rows])
 
 
@@ -83,10 +84,11 @@ def impedance_scores(trial: DrivetrainTrial, controller: str) -> pl.DataFrame:
     return score_table("impedance", trial.name, scores, controller)
 
 
-def thinned_amplitudes(trial: SteppedSineTrial) -> list[slice]:
-    """Rows of each amplitude, thinned to `SAMPLES_PER_PERIOD`."""
+def thinned_amplitudes(trial: SteppedSineTrial) -> list[NDArray[np.intp]]:
+    """Usable rows of each amplitude, thinned to `SAMPLES_PER_PERIOD`."""
     step = max(int(trial.rate_hz / (SAMPLES_PER_PERIOD * trial.low_pass.cutoff_hz)), 1)
-    return [slice(block.rows.start, block.rows.stop, step) for block in trial.blocks]
+    thinned = [np.arange(block.rows.start, block.rows.stop, step) for block in trial.blocks]
+    return [rows if trial.usable is None else rows[trial.usable[rows]] for rows in thinned]
 
 
 def scores_by_trial(experiment: str, folds: Mapping[str, Fold], models: Terms) -> pl.DataFrame:

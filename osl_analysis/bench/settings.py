@@ -7,21 +7,40 @@ from pydantic import Field, model_validator
 
 from osl_analysis.bench.protocol import SteppedSineProtocol
 from osl_analysis.signals import LowPass
+from osl_analysis.timebase.gaps import GapLimits
 from osl_analysis.yaml_settings import Positive, Settings
 
 
+class TimeBase(Settings):
+    """How the channels of a trial are brought on one uniform grid (docs/time_base.md)."""
+
+    highest_hz: Positive = 5.0
+    """Fastest motion [Hz] of the bench; gaps up to a tenth of its period are bridged and count as data."""
+    longest_gap_s: Positive = 0.5
+    """Longest gap [s]; between the two a gap is bridged and its rows are not fitted, beyond it a trial is refused."""
+    largest_drift_ppm: Positive = 2.0
+    """Drift [ppm] between the clocks of angle and torque from which a trial is refused."""
+
+
 class FilterSettings(Settings):
-    """The one zero-phase Butterworth filter of all signals of a trial."""
+    """The time base and the one zero-phase Butterworth filter of all signals of a trial."""
 
     cutoff_hz: Positive
     """Cut-off [Hz] of one run of the filter."""
     order: Annotated[int, Field(ge=1, le=10)]
     """Order of one run of the filter."""
+    time_base: TimeBase = TimeBase()
+    """The uniform grid on which the signals are filtered."""
 
     @property
     def low_pass(self) -> LowPass:
         """The filter itself."""
         return LowPass(self.cutoff_hz, self.order)
+
+    @property
+    def gap_limits(self) -> GapLimits:
+        """Which gaps are bridged, which rows are not usable, and which gaps are refused."""
+        return GapLimits(self.time_base.highest_hz, self.cutoff_hz, self.time_base.longest_gap_s)
 
 
 class BeltAnalysis(FilterSettings):

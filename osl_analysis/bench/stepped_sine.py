@@ -5,13 +5,24 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from osl_analysis.bench.protocol import Block, Segment, cycle_edges, find_blocks, repeated_cycles, rows_of, settled
+from osl_analysis.bench.protocol import (
+    Block,
+    Segment,
+    cycle_edges,
+    find_blocks,
+    repeated_cycles,
+    rows_of,
+    settled,
+    trimmed_segment,
+)
 from osl_analysis.bench.settings import SteppedSineAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.signals import LowPass, Motion, filtered_motion, sampling_rate
+from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
 from osl_analysis.stats.covariance import FEWEST_CYCLES, ResidualCorrelation
 from osl_analysis.trial import Array, Trial
+from osl_analysis.uniform import UniformSignals, uniform_signals
 
 
 @dataclass(frozen=True)
@@ -60,6 +71,8 @@ class SteppedSineTrial:
     """The filter of angle and torque."""
     drift: float
     """Drift of the load cell [N*m/s] that was subtracted from the torque."""
+    usable: NDArray[np.bool_] | None = None
+    """Rows that are not near a gap in the recording; None: all."""
 
     @property
     def raw(self) -> RawSignals:
@@ -73,9 +86,9 @@ class SteppedSineTrial:
             yield amplitude, self.motion[rows], self.filtered_torque[rows]
 
     def segments(self, amplitude: float | None) -> tuple[Segment, ...]:
-        """The settled segments of one amplitude [deg], or of all (None); `parts` yields their rows."""
+        """The settled, usable segments of one amplitude [deg], or of all (None); `parts` yields their rows."""
         chosen = [b for b in self.blocks if amplitude is None or np.isclose(np.rad2deg(b.amplitude), amplitude)]
-        return settled(chosen, self.settle_cycles)
+        return usable_segments(settled(chosen, self.settle_cycles), self.usable)
 
     def residual_correlation(self, amplitude: float | None) -> ResidualCorrelation:
         """How residuals in these rows depend on one another: the cycles repeat, and the filter correlates noise."""
@@ -84,43 +97,72 @@ class SteppedSineTrial:
 
 
 def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis) -> SteppedSineTrial:
-    """Find the protocol in a canonical trial, subtract the load cell's drift, and filter angle and torque.
+    """Bring a canonical trial on one time base, find its protocol, subtract the load cell's drift, and filter.
 
     Raises
     ------
     InputError
-        A signal is missing, sampled irregularly, or does not follow the protocol; the message names the trial.
+        A signal is missing, has no time base, or does not follow the protocol; the message names the trial.
     """
-    time, theta, measured = trial.signals("theta", "torque")
+    signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
     try:
-        blocks = find_blocks(time, theta, settings.protocol)
-        drift = drift_rate(time, measured, settled(blocks, settings.settle_cycles))
-        torque = without_drift(time, measured, drift)
-        motion, filtered = filtered_motion(time, theta, torque, settings.low_pass)
+        return stepped_sine_of(signals, settings)
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
+
+
+def stepped_sine_of(signals: UniformSignals, settings: SteppedSineAnalysis) -> SteppedSineTrial:
+    """The trial behind uniform signals; raises as `stepped_sine_trial`, without the trial's name."""
+    time, theta, measured, usable = signals.time, signals["theta"], signals["torque"], signals.usable
+    blocks = find_blocks(time, theta, settings.protocol)
+    fitted = usable_segments(settled(blocks, settings.settle_cycles), usable)
+    drift = drift_rate(time, measured, fitted)
+    torque = without_drift(time, measured, drift)
+    motion, filtered = filtered_motion(time, theta, torque, settings.low_pass)
     return SteppedSineTrial(
-        name=trial.name,
+        name=signals.trial,
         time=time,
-        rate_hz=sampling_rate(time),
+        rate_hz=signals.rate_hz,
         theta=theta,
         torque=torque,
         motion=motion,
         filtered_torque=filtered,
         blocks=blocks,
-        command=commanded_angle(trial, len(time)),
+        command=signals.signals.get("theta_command"),
         settle_cycles=settings.settle_cycles,
         low_pass=settings.low_pass,
         drift=drift,
+        usable=usable,
     )
 
 
-def commanded_angle(trial: Trial, samples: int) -> Array | None:
-    """The commanded angle [rad], if a log has it at the same stamps as angle and torque."""
-    if "theta_command" not in trial.samples.columns:
-        return None
-    _, _, _, command = trial.signals("theta", "torque", "theta_command")
-    return command if len(command) == samples else None
+def usable_segments(segments: Sequence[Segment], usable: NDArray[np.bool_] | None) -> tuple[Segment, ...]:
+    """The segments without every cycle that has a row that is not usable, (n,); a segment may become several.
+
+    Of these, the ones with too few cycles for an interval are not used where a segment has a longer one.
+
+    Raises
+    ------
+    InputError
+        No cycle of an amplitude at one frequency is usable.
+    """
+    if usable is None or usable.all():
+        return tuple(segments)
+    return tuple(part for segment in segments for part in usable_parts(segment, usable))
+
+
+def usable_parts(segment: Segment, usable: NDArray[np.bool_]) -> list[Segment]:
+    """Stretches of usable cycles of one segment."""
+    edges = cycle_edges(segment)
+    whole = np.array([bool(usable[int(np.floor(a)) : int(np.ceil(b))].all()) for a, b in pairwise(edges)])
+    parts = [trimmed_segment(segment, run.start, segment.cycles - run.stop) for run in runs(whole)]
+    if not parts:
+        raise InputError(
+            f"no cycle of {segment.amplitude_deg:g} deg at {segment.frequency_hz:g} Hz is free of gaps in the "
+            "recording; record again with fewer lost samples, or exclude the trial in the sheet"
+        )
+    longest = max(part.cycles for part in parts)
+    return [part for part in parts if part.cycles >= min(longest, FEWEST_CYCLES)]
 
 
 def drift_rate(time: Array, torque: Array, segments: Sequence[Segment]) -> float:

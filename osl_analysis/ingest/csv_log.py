@@ -26,8 +26,8 @@ def read_csv_log(path: Path, source: CsvSource) -> Recording:
     Raises
     ------
     InputError
-        A column is not there, a cell is not a number, too many cells are missing, a unit is unknown, or time does not
-        strictly increase.
+        A column is not there, a cell is not a number, too many cells are missing, a unit is unknown, or time goes
+        back.
     """
     table = read_csv_table(path, source.layout)
     time, start = time_of(table, source)

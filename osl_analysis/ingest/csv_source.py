@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, PositiveFloat, field_validator, model_validator
 
 from osl_analysis.formats.csv_table import CsvLayout
+from osl_analysis.ingest.sensor import Stamps
 from osl_analysis.ingest.source_fields import Conversion, LogSource
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.yaml_settings import Settings
@@ -35,6 +36,8 @@ class CsvTime(Settings):
     """Unit of the column; without it the file's holds."""
     rate: PositiveFloat | None = None
     """Rows per second [Hz], for a file without a column of time."""
+    stamps: Stamps = "auto"
+    """How the stamps are taken."""
 
     @model_validator(mode="after")
     def _one(self) -> "CsvTime":

@@ -15,6 +15,7 @@ from osl_analysis.formats.mcap.mcap_file import McapFile, read_mcap
 from osl_analysis.formats.mcap.topics import Decoded, decode_topics
 from osl_analysis.formats.messages.leaves import Indices
 from osl_analysis.ingest.recording import Recording, check_finite
+from osl_analysis.ingest.sensor import Stamps
 from osl_analysis.ingest.source_fields import Conversion, LogSource
 from osl_analysis.ingest.stamps import SECOND, Ordering, in_order, stamp_fields, stamps_of
 from osl_analysis.yaml_settings import Settings
@@ -39,6 +40,12 @@ class TimeSource(Settings):
     """`header`: the stamp in the message. `log`: when the recorder logged it."""
     field: str = "header.stamp"
     """Path of the stamp in the message."""
+    stamps: Stamps = "auto"
+    """How the stamps are taken."""
+
+    def origin(self) -> dict[str, str]:
+        """Source and use of the stamps, for the trial's provenance."""
+        return {"source": self.source if self.source == "log" else self.field, "stamps": self.stamps}
 
 
 class McapSource(LogSource):
@@ -80,7 +87,7 @@ def read_mcap_log(path: Path, source: McapSource) -> Recording:
     start = int(joined["stamp"][0])
     time = ((joined["stamp"] - start) / SECOND).alias("time")
     facts = {
-        "time": {"source": source.time.source if source.time.source == "log" else source.time.field, "start_ns": start},
+        "time": {**source.time.origin(), "start_ns": start},
         "rates_hz": {topic: median_rate(table["stamp"].to_numpy()) for topic, (table, _) in tables.items()},
         "decoding": {topic: one.how for topic, one in decoded.items()},
         "stamps": {topic: order.report() for topic, (_, order) in tables.items()},

@@ -24,6 +24,16 @@ class Recording:
     warnings: Sequence[str] = ()
     """What a reader of the trial should know, a sentence each."""
 
+    def __post_init__(self) -> None:
+        time = self.samples["time"]
+        lasts = float(time[-1] - time[0]) if len(time) else 0.0
+        for column, origin in self.columns.items():
+            if abs(origin.get("delay", 0.0)) > lasts:
+                raise InputError(
+                    f"{column}: a delay of {origin['delay']:g} s is longer than the recording of {lasts:g} s; "
+                    "correct `delay` and its unit in the source file"
+                )
+
 
 def check_finite(what: str, values: Array, time: Array) -> None:
     """Refuse NaN and infinity in a channel, (n,), naming the first with its time [s]."""

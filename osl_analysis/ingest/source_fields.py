@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from osl_analysis.columns import AXES, COLUMNS, unit_of
+from osl_analysis.ingest.sensor import Sensor
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import Settings
@@ -14,7 +15,7 @@ from osl_analysis.yaml_settings import Settings
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
-class Conversion(Settings):
+class Conversion(Sensor):
     """How recorded numbers become SI units: sign * scale * factor * (raw + offset), with the unit's factor to SI."""
 
     unit: str | None = None
@@ -51,7 +52,9 @@ class Conversion(Settings):
     def origin(self, column: str, unit_of_file: str = "") -> dict[str, Any]:
         """Where a canonical column comes from and how it was converted, for the trial's provenance."""
         unit, si_unit = self.stated_unit(unit_of_file), unit_of(column)
-        return {**self.model_dump(), "unit": unit, "factor": si_factor(unit, si_unit), "si_unit": si_unit}
+        address = self.model_dump(exclude=set(Sensor.model_fields))
+        sensor = self.sensor_origin(si_unit)
+        return {**address, "unit": unit, "factor": si_factor(unit, si_unit), "si_unit": si_unit, **sensor}
 
 
 class LogSource(Settings):
@@ -74,7 +77,7 @@ class LogSource(Settings):
     @classmethod
     def _canonical(cls, channels: Mapping[str, Conversion]) -> Mapping[str, Conversion]:
         for column, channel in channels.items():
-            check_canonical(column, channel.unit)
+            check_canonical(column, channel)
         return channels
 
     @model_validator(mode="after")
@@ -144,7 +147,7 @@ class CaptureSource(Settings):
     @model_validator(mode="after")
     def _canonical(self) -> "CaptureSource":
         for column, channel in {**self.analogs, **self.outputs}.items():
-            check_canonical(column, channel.unit)
+            check_canonical(column, channel)
         return self
 
 
@@ -157,7 +160,7 @@ def all_none_or_list(value: Any) -> Any:
     raise ValueError("write all, none or a list")
 
 
-def check_canonical(column: str, unit: str | None) -> None:
+def check_canonical(column: str, channel: Conversion) -> None:
     """Refuse a column that is not in the nomenclature, or a unit that cannot become the column's."""
     try:
         canonical = unit_of(column)
@@ -166,8 +169,9 @@ def check_canonical(column: str, unit: str | None) -> None:
         raise ValueError(f"'{column}' is no canonical column; the columns are {', '.join(names)}") from None
     if column == "time":
         raise ValueError("time is no channel; say where it comes from under `time`")
-    if unit is not None:
-        try:
-            si_factor(unit, canonical)
-        except ValueError as error:
-            raise ValueError(f"{column}: {error}") from None
+    try:
+        channel.sensor_origin(canonical)
+        if channel.unit is not None:
+            si_factor(channel.unit, canonical)
+    except ValueError as error:
+        raise ValueError(f"{column}: {error}") from None

@@ -4,6 +4,7 @@ Unit texts come from untrusted files. Only names joined by `*` and `/` are given
 `9**9**9**9` without end. The registry is built at import, so that processes forked later share it.
 """
 
+import math
 import re
 from functools import cache
 
@@ -17,6 +18,7 @@ REGISTRY: pint.UnitRegistry[float] = pint.UnitRegistry(cache_folder=None)
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "1": ("1", "%"),
     "s": ("s", "ms", "us", "ns"),
+    "Hz": ("Hz", "kHz"),
     "rad": ("rad", "mrad", "deg", "°", "rev"),
     "rad/s": ("rad/s", "deg/s", "rpm"),
     "m": ("m", "cm", "mm", "um"),
@@ -81,6 +83,24 @@ def si_factor(unit: str, expected: str) -> float:
             f"unit {quoted_unit(unit)} is {factor:g} {expected}, which nobody means; write one of {advice}"
         )
     return factor
+
+
+def quantity(text: str, expected: str) -> float:
+    """A number with its unit, as `2 ms`, in the SI unit `expected`, a key of `EXAMPLES`.
+
+    Raises
+    ------
+    InputError
+        There is no finite number before a blank, or the unit is refused by `si_factor`.
+    """
+    number, _, unit = text.strip().partition(" ")
+    try:
+        value = float(number)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{quoted_unit(text)} is no number with a unit; write it as in `2 {EXAMPLES[expected][0]}`")
+    return value * si_factor(unit, expected)
 
 
 def normalised(unit: str) -> str:

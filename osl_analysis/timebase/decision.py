@@ -80,9 +80,9 @@ def decide(stream: Stream, clock: DeviceClock) -> list[Decision]:
         return [Decision(names, stream.choice == "even", True, True, f"stated: {stream.choice}", {})]
     if clock.sd < NO_MATTER * clock.step:
         return [Decision(names, True, True, False, "even: the stamps lie on their line", {})]
-    evidence = {name: evidence_of(values, clock) for name, values in stream.signals.items()}
-    true = [name for name in names if evidence[name].true]
-    even = [name for name in names if evidence[name].even]
+    evidence = {n: evidence_of(values, clock) for n, values in stream.signals.items() if n not in stream.silent}
+    true = [name for name in evidence if evidence[name].true]
+    even = [name for name in evidence if evidence[name].even]
     if true and even:
         return split(names, even, evidence)
     return [firm_decision(names, bool(even), evidence) if true or even else open_decision(names, clock, evidence)]
@@ -96,7 +96,7 @@ def split(names: tuple[str, ...], even: list[str], evidence: Mapping[str, Eviden
 
 def firm_decision(names: tuple[str, ...], even: bool, evidence: Mapping[str, Evidence]) -> Decision:
     """The decision that the signals themselves bear."""
-    said = {name: evidence[name] for name in names}
+    said = {name: evidence[name] for name in names if name in evidence}
     seen = ", ".join(f"{name} g = {e.g:.3f} +- {e.se:.3f}" for name, e in said.items())
     return Decision(names, even, True, True, f"{'even' if even else 'true'}: {seen}", said)
 

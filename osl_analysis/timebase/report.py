@@ -31,6 +31,7 @@ class StreamReport:
     missing, repeated, merged: samples that the device took and the log lacks; rows written twice; samples averaged.
     bridged, marked: gaps filled as data; gaps whose rows are not usable.
     interpolation: how values came to the grid.
+    delay_s: stated delay [s] of the samples, which was taken out.
     error: largest error of a sine at the fastest motion, as a share of its amplitude.
     bridge_error: the same within the longest bridged gap.
     """
@@ -53,6 +54,7 @@ class StreamReport:
     bridged: int
     marked: int
     interpolation: str
+    delay_s: float
     error: float
     bridge_error: float
 
@@ -129,6 +131,7 @@ def stream_report(part: Samples, gaps: Gaps, rate_hz: float, limits: GapLimits) 
         bridged=len(gaps.bridged),
         marked=len(gaps.marked),
         interpolation="cubic spline at true stamps" if not decision.even else "cubic spline on the device's even clock",
+        delay_s=part.taken.delay,
         error=cubic_error(limits.highest_hz, part.step),
         bridge_error=cubic_error(limits.highest_hz, gaps.longest_bridged),
     )

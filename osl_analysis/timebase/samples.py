@@ -21,12 +21,16 @@ COUNTABLE = 0.1
 
 @dataclass(frozen=True)
 class Taken:
-    """A stream with its clock and the decision how its stamps are taken; `repeated` rows were written twice."""
+    """A stream with its clock and the decision how its stamps are taken.
+
+    `repeated` rows were written twice. Its samples are `delay` [s] older than their stamps.
+    """
 
     stream: Stream
     clock: DeviceClock
     decision: Decision
     repeated: int
+    delay: float = 0.0
 
     def other(self) -> "Taken":
         """The same samples under the other hypothesis."""
@@ -36,12 +40,12 @@ class Taken:
         return replace(self, decision=flipped)
 
     def samples(self) -> "Samples":
-        """The samples at their times; true stamps that lie close are averaged."""
+        """The samples at their times, the delay taken out; true stamps that lie close are averaged."""
         values = np.stack([self.stream.signals[name] for name in self.decision.signals], axis=1)
         if self.decision.even:
-            return Samples(self, self.clock.times(), values, 0)
+            return Samples(self, self.clock.times() - self.delay, values, 0)
         times, averaged = averaged_where_close(self.stream.stamps, values, CLOSE * self.clock.step)
-        return Samples(self, times, averaged, len(values) - len(averaged))
+        return Samples(self, times - self.delay, averaged, len(values) - len(averaged))
 
 
 @dataclass(frozen=True)
@@ -81,13 +85,20 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
 
 
 def take_stream(stream: Stream) -> list[Taken]:
-    """The decision, or the two decisions, for one stream."""
+    """The decision, or the two decisions, for one stream; a part for each delay."""
     fresh = without_repeats(stream)
     repeated = len(stream.stamps) - len(fresh.stamps)
     clock = device_clock(fresh.stamps, counted(fresh))
     decisions = decide(fresh, clock)
-    parts = [fresh] if len(decisions) == 1 else [fresh.only(d.signals) for d in decisions]
-    return [Taken(part, clock, d, repeated) for part, d in zip(parts, decisions, strict=True)]
+    groups = [(replace(d, signals=names), delay) for d in decisions for delay, names in by_delay(fresh, d.signals)]
+    parts = [fresh] if len(groups) == 1 else [fresh.only(d.signals) for d, _ in groups]
+    return [Taken(part, clock, d, repeated, delay) for part, (d, delay) in zip(parts, groups, strict=True)]
+
+
+def by_delay(stream: Stream, names: Sequence[str]) -> list[tuple[float, tuple[str, ...]]]:
+    """The delays [s] of some signals, and which of them have each."""
+    delays = {name: stream.delays.get(name, 0.0) for name in names}
+    return [(one, tuple(n for n in names if delays[n] == one)) for one in dict.fromkeys(delays.values())]
 
 
 def check_countable(taken: Taken) -> None:

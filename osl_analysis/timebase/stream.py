@@ -1,7 +1,7 @@
 """A stream: the signals that one device or topic recorded at the same stamps."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -24,6 +24,8 @@ class Stream:
     signals: name -> (n,) samples in any unit.
     choice: `exact`, the stamps are true; `even`, the device samples evenly; `auto`, the stamps and signals decide.
     counter: (n,) the device's own count of its samples, where it writes one.
+    silent: signals that say nothing about the stamps, as a command, which is computed and not sampled.
+    delays: signal -> time [s] by which its samples are older than their stamps; none for a signal that is not there.
 
     Raises
     ------
@@ -36,6 +38,8 @@ class Stream:
     signals: Mapping[str, Array]
     choice: Stamps = "auto"
     counter: NDArray[np.int64] | None = None
+    silent: frozenset[str] = frozenset()
+    delays: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if len(self.stamps) < FEWEST_SAMPLES:

@@ -7,7 +7,9 @@ import numpy as np
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import longest_run, sampling_rate
+from osl_analysis.timebase.gaps import GapLimits
 from osl_analysis.trial import Array, Trial
+from osl_analysis.uniform import uniform_signals
 from osl_analysis.walking.ankle import (
     SEGMENTS,
     FootInertia,
@@ -26,7 +28,7 @@ from osl_analysis.walking.cluster import (
     segment_poses,
 )
 from osl_analysis.walking.crossing import Crossing, CrossingQuality
-from osl_analysis.walking.encoder import EncoderCheck, compare_encoder
+from osl_analysis.walking.encoder import FEWEST_SAMPLES, EncoderCheck, compare_encoder
 from osl_analysis.walking.events import Stance, check_onset, find_onset, find_stances, only_stance
 from osl_analysis.walking.plate import (
     RecordedWrench,
@@ -174,10 +176,12 @@ class RecordedCrossing:
 
     def encoder_check(self, time: Array, theta: Array) -> EncoderCheck | None:
         """The leg's joint encoder compared with the angle from markers, where the trial has one."""
-        if "theta" not in self.trial.samples.columns:
+        samples = self.trial.samples
+        if "theta" not in samples.columns or samples["theta"].count() < FEWEST_SAMPLES:
             return None
-        encoder_time, encoder = self.trial.signals("theta")
-        return compare_encoder(time, theta, encoder_time, encoder, self.settings.low_pass)
+        low_pass = self.settings.low_pass
+        own = uniform_signals(self.trial, ["theta"], GapLimits(cutoff_hz=low_pass.cutoff_hz))
+        return compare_encoder(time, theta, own.time, own["theta"], low_pass, own.usable)
 
 
 def rms_residual(poses: Poses) -> float:

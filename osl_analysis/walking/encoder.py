@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from osl_analysis.errors import InputError
@@ -30,9 +31,16 @@ class EncoderCheck:
 
 
 def compare_encoder(
-    time: Array, theta: Array, encoder_time: Array, encoder: Array, low_pass: LowPass
+    time: Array,
+    theta: Array,
+    encoder_time: Array,
+    encoder: Array,
+    low_pass: LowPass,
+    usable: NDArray[np.bool_] | None = None,
 ) -> EncoderCheck | None:
     """Compare the angle (n,) [rad] at `time` [s] with the encoder's (k,), which passes the angle's low-pass here.
+
+    The encoder's stamps are uniform; only rows at which it is `usable` (k,) are compared.
 
     Least squares of theta_encoder(t + delay) = theta(t) + offset by Gauss and Newton; None if the two overlap in fewer
     than 30 samples.
@@ -44,6 +52,8 @@ def compare_encoder(
     """
     spare = LARGEST_DELAY_S + 1 / sampling_rate(time)
     rows = (time > encoder_time[0] + spare) & (time < encoder_time[-1] - spare) if len(encoder_time) else time < -1
+    if usable is not None and len(encoder_time):
+        rows &= np.interp(time, encoder_time, usable) == 1
     if rows.sum() < FEWEST_SAMPLES:
         return None
     spline = make_interp_spline(encoder_time, low_pass(encoder, sampling_rate(encoder_time)), k=5)

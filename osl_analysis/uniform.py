@@ -1,0 +1,153 @@
+"""The one door from a trial to uniform signals: its columns on one grid, with what the source file says of its sensors.
+
+Trials stay as recorded. Every analysis that filters or differentiates takes its signals from here.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError
+from osl_analysis.sensor_dynamics import SensorLowPass, lacking
+from osl_analysis.timebase.gaps import GapLimits
+from osl_analysis.timebase.grid import UniformGrid, one_time_base
+from osl_analysis.timebase.report import TimebaseReport
+from osl_analysis.timebase.stream import Stream
+from osl_analysis.trial import Array, Trial
+
+
+@dataclass(frozen=True)
+class UniformSignals:
+    """Columns of a trial on one uniform grid.
+
+    trial: name of the trial.
+    grid: the time base and what it did.
+    signals: column -> (m,), after the low-pass filters that other columns' sensors have and its own has not.
+    low_passes: column -> its sensor's own low-pass, as stated in the source file; only the columns that have one.
+    devices: column -> the column that stands for all columns with the same stamps.
+    """
+
+    trial: str
+    grid: UniformGrid
+    signals: Mapping[str, Array]
+    low_passes: Mapping[str, SensorLowPass]
+    devices: Mapping[str, str]
+
+    def __getitem__(self, column: str) -> Array:
+        return self.signals[column]
+
+    @property
+    def time(self) -> Array:
+        """Uniform times (m,) [s]."""
+        return self.grid.time
+
+    @property
+    def rate_hz(self) -> float:
+        """Samples per second."""
+        return self.grid.rate_hz
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Rows (m,) that are not near a marked gap: filter and differentiate all rows, then fit these."""
+        return self.grid.usable
+
+    @property
+    def report(self) -> TimebaseReport:
+        """What was decided about the stamps of every stream."""
+        return self.grid.report
+
+    def other(self) -> "UniformSignals | None":
+        """The same if the streams whose stamps nothing decided were taken the other way; None where all are decided."""
+        grid = self.grid.other_hypothesis()
+        return None if grid is None else on_grid(self.trial, grid, self.low_passes, self.devices)
+
+    def one_device(self, *columns: str) -> bool:
+        """Whether these columns share their stamps."""
+        return len({self.devices[column] for column in columns}) == 1
+
+
+def uniform_signals(
+    trial: Trial, columns: Sequence[str], limits: GapLimits, computed: Sequence[str] = ()
+) -> UniformSignals:
+    """The columns of a trial on one uniform grid: stated delays taken out, sensors' low-pass filters made alike.
+
+    `computed` are columns without a sensor, such as a command. They come along where they have the stamps of one of
+    the others, and say nothing about the stamps.
+
+    Raises
+    ------
+    InputError
+        A column is missing or holds NaN, or its stamps cannot be brought on a grid; the message names the trial.
+    """
+    rows = {column: sampled_rows(trial, column) for column in columns}
+    stamped = {there.tobytes() for there in rows.values()}
+    also = {c: sampled_rows(trial, c) for c in computed if c in trial.samples.columns}
+    rows |= {column: there for column, there in also.items() if there.tobytes() in stamped}
+    try:
+        grid = one_time_base(streams(trial, rows, frozenset(also)), limits)
+        low_passes = {column: one for column in rows if (one := stated_low_pass(trial, column))}
+        return on_grid(trial.name, grid, low_passes, devices(rows))
+    except InputError as error:
+        raise InputError(f"trial {trial.name}: {error}") from error
+
+
+def on_grid(
+    trial: str, grid: UniformGrid, low_passes: Mapping[str, SensorLowPass], devices: Mapping[str, str]
+) -> UniformSignals:
+    """The signals of a grid, each through the low-pass filters of the others that its own sensor lacks."""
+    signals = dict(grid.signals)
+    for column in grid.signals:
+        for low_pass in lacking(column, low_passes):
+            signals[column] = low_pass(signals[column], grid.rate_hz)
+    return UniformSignals(trial, grid, signals, low_passes, devices)
+
+
+def sampled_rows(trial: Trial, column: str) -> NDArray[np.bool_]:
+    """Rows (n,) of the trial in which a column has a sample; NaN is refused."""
+    trial.signals(column)
+    return trial.samples[column].is_not_null().to_numpy()
+
+
+def streams(trial: Trial, rows: Mapping[str, NDArray[np.bool_]], silent: frozenset[str]) -> list[Stream]:
+    """The streams of a trial: columns with samples in the same rows share their stamps."""
+    time, groups = trial.samples["time"].to_numpy(), dict[str, list[str]]()
+    for column, first in devices(rows).items():
+        groups.setdefault(first, []).append(column)
+    return [
+        Stream(
+            ", ".join(names),
+            time[rows[first]],
+            {name: trial.samples[name].drop_nulls().to_numpy() for name in names},
+            choice=stated_stamps(trial, first),
+            silent=silent,
+            delays={name: origin(trial, name).get("delay") or 0.0 for name in names},
+        )
+        for first, names in groups.items()
+    ]
+
+
+def devices(rows: Mapping[str, NDArray[np.bool_]]) -> dict[str, str]:
+    """For each column the first one with samples in the same rows."""
+    first: dict[bytes, str] = {}
+    return {column: first.setdefault(there.tobytes(), column) for column, there in rows.items()}
+
+
+def origin(trial: Trial, column: str) -> Mapping[str, Any]:
+    """What the provenance has on a column; nothing for a trial that was not ingested."""
+    found: Mapping[str, Any] = trial.provenance.get("columns", {}).get(column, {})
+    return found
+
+
+def stated_stamps(trial: Trial, column: str) -> Any:
+    """What the source file of a column says on its stamps: `exact`, `even` or `auto`."""
+    recorder = trial.provenance.get(origin(trial, column).get("file", ""), {})
+    return recorder.get("time", {}).get("stamps", "auto")
+
+
+def stated_low_pass(trial: Trial, column: str) -> SensorLowPass | None:
+    """The low-pass that the source file states for a column's sensor."""
+    stated = origin(trial, column).get("low_pass")
+    return SensorLowPass(**stated) if stated else None

@@ -1,0 +1,169 @@
+"""From a trial to uniform signals: what a source file states of stamps and sensors is used, and K, B, I come out right.
+
+The trials are made in closed form and at 20 kHz, without the simulator.
+"""
+
+import numpy as np
+import polars as pl
+import pytest
+
+from osl_analysis.bench.frequency_response import trial_phasors
+from osl_analysis.bench.impedance import impedance_table
+from osl_analysis.bench.protocol import Segment
+from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.bench.stepped_sine import stepped_sine_trial, usable_segments
+from osl_analysis.errors import InputError
+from osl_analysis.timebase.gaps import GapLimits
+from osl_analysis.trial import Trial
+from osl_analysis.uniform import uniform_signals
+
+K, B, I = 300.0, 5.0, 0.02
+RATE, FINE = 1000, 20
+CYCLES, FREQUENCIES = 10, (2.0, 3.0, 5.0)
+SETTINGS = {"cutoff_hz": 15, "order": 4, "cycles": CYCLES, "settle_cycles": 2}
+SETTINGS |= {"amplitudes_deg": [4], "frequencies_hz": list(FREQUENCIES)}
+CLOSE = {"K": 0.1, "B": 0.5, "I": 3.0}
+"""Largest errors [%]."""
+
+
+def motion(t):
+    """Angle [rad] and derivatives at times [s]: rest, then whole cycles of each frequency, then rest."""
+    theta, omega, alpha = np.zeros((3, len(t)))
+    start = 1.0
+    for f in FREQUENCIES:
+        there, w = (t >= start) & (t < start + CYCLES / f), 2 * np.pi * f
+        phase = w * (t[there] - start)
+        theta[there], omega[there], alpha[there] = np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)
+        start += CYCLES / f
+    return np.deg2rad(4) * np.stack([theta, omega, alpha])
+
+
+def torque(t):
+    """Torque of the joint [N*m] at times [s]."""
+    return np.array([K, B, I]) @ motion(t) + 0.3
+
+
+def times(last=13.0):
+    return np.arange(0, last, 1 / RATE)
+
+
+def trial_of(theta, measured, stamps=None, origins=None, stamps_are="auto"):
+    """A trial of columns with their own stamps: `stamps` [s] of the torque; those of the angle are the times."""
+    time = times()
+    columns = {"file": "log"}
+    provenance = {
+        "columns": {name: columns | (origins or {}).get(name, {}) for name in ("theta", "torque")},
+        "log": {"time": {"stamps": stamps_are}},
+    }
+    angle = pl.DataFrame({"time": time, "theta": theta})
+    load = pl.DataFrame({"time": time if stamps is None else stamps, "torque": measured})
+    samples = angle.join(load, on="time", how="full", coalesce=True).sort("time")
+    return Trial("made", samples, provenance)
+
+
+def fitted(trial, **fields):
+    settings = DynamometerAnalysis(**SETTINGS, **fields)
+    record = stepped_sine_trial(trial, settings)
+    return impedance_table(record, trial_phasors(record)).row(-1, named=True)
+
+
+def errors(row):
+    """Errors of K, B, I [%]."""
+    return {name: 100 * (row[name] / truth - 1) for name, truth in (("K", K), ("B", B), ("I", I))}
+
+
+def assert_right(row):
+    assert all(abs(error) < CLOSE[name] for name, error in errors(row).items()), errors(row)
+
+
+def test_two_nodes_with_stamps_of_their_own_are_one_trial():
+    late = times()[:-1] + 0.3e-3
+    assert_right(fitted(trial_of(motion(times())[0], torque(late), late)))
+
+
+def test_a_stated_delay_is_taken_out_of_the_stamps_of_its_channel():
+    late = trial_of(motion(times())[0], torque(times() - 2e-3))
+    assert errors(fitted(late))["B"] == pytest.approx(-12, abs=1)
+    stated = trial_of(motion(times())[0], torque(times() - 2e-3), origins={"torque": {"delay": 2e-3}})
+    assert_right(fitted(stated))
+
+
+def first_order(values, cutoff_hz):
+    """A first-order low-pass of values at 20 kHz, exact for a ramp between samples."""
+    decay, out = np.exp(-2 * np.pi * cutoff_hz / (RATE * FINE)), np.empty_like(values)
+    x, state = 2 * np.pi * cutoff_hz / (RATE * FINE), values[0]
+    for k, value in enumerate(values):
+        before = values[max(k - 1, 0)]
+        slope = (value - before) / x
+        state = decay * (state - before + slope) + value - slope
+        out[k] = state
+    return out
+
+
+def test_what_the_load_cell_s_filter_did_is_done_to_the_angle():
+    fine = np.arange(len(times()) * FINE) / (RATE * FINE)
+    slow = first_order(torque(fine), 100.0)[::FINE]
+    assert errors(fitted(trial_of(motion(times())[0], slow)))["I"] < -20
+    stated = {"torque": {"low_pass": {"cutoff_hz": 100.0, "order": 1}}}
+    assert_right(fitted(trial_of(motion(times())[0], slow, origins=stated)))
+
+
+def test_two_sensors_with_the_same_filter_are_left_as_they_are():
+    same = {name: {"low_pass": {"cutoff_hz": 100.0, "order": 1}} for name in ("theta", "torque")}
+    signals = uniform_signals(trial_of(motion(times())[0], torque(times()), origins=same), ["theta"], GapLimits())
+    np.testing.assert_array_equal(signals["theta"], motion(times())[0])
+
+
+def test_a_stated_use_of_the_stamps_stands():
+    scattered = times() + np.random.default_rng(1).normal(0, 20e-6, len(times()))
+    theta, load = motion(scattered)[0], torque(scattered)
+    samples = pl.DataFrame({"time": scattered, "theta": theta, "torque": load})
+    for stamps, even in (("exact", False), ("auto", False), ("even", True)):
+        provenance = {"columns": {"theta": {"file": "log"}}, "log": {"time": {"stamps": stamps}}}
+        signals = uniform_signals(Trial("made", samples, provenance), ["theta", "torque"], GapLimits())
+        (stream,) = signals.report.streams
+        assert stream.even == even
+        assert stream.why.startswith("stated") == (stamps != "auto")
+
+
+def test_a_command_says_nothing_about_the_stamps():
+    scattered = times() + np.random.default_rng(1).normal(0, 20e-6, len(times()))
+    theta, load, command = motion(scattered)[0], torque(scattered), motion(times())[0]
+    samples = pl.DataFrame({"time": scattered, "theta": theta, "torque": load, "theta_command": command})
+    signals = uniform_signals(Trial("made", samples), ["theta", "torque"], GapLimits(), computed=["theta_command"])
+    (stream,) = signals.report.streams
+    assert not stream.even
+    assert set(stream.g) == {"theta", "torque"}
+
+
+def test_cycles_beside_a_gap_are_not_fitted_and_the_fit_is_right():
+    theta, load = motion(times())[0], torque(times())
+    kept = (times() < 3.0) | (times() > 3.3)
+    lost = Trial("made", pl.DataFrame({"time": times(), "theta": theta, "torque": load}).filter(pl.Series(kept)))
+    row = fitted(lost)
+    assert_right(row)
+    assert row["samples"] < fitted(trial_of(theta, load))["samples"] - 1000
+
+
+def test_short_stretches_of_cycles_are_not_used_beside_a_long_one():
+    segment, usable = Segment(0.1, 1.0, 0, 2000, 20), np.ones(2000, dtype=bool)
+    usable[350:360] = False
+    (part,) = usable_segments([segment], usable)
+    assert (part.start, part.stop, part.cycles) == (400, 2000, 16)
+    usable[1000:1010] = False
+    assert [(p.start, p.stop) for p in usable_segments([segment], usable)] == [(400, 1000), (1100, 2000)]
+    with pytest.raises(InputError, match=r"no cycle of 5.72958 deg at 1 Hz is free of gaps"):
+        usable_segments([segment], np.zeros(2000, dtype=bool))
+
+
+@pytest.mark.parametrize(
+    ("shift", "problem"),
+    [(20.0, "share 0 rows, at least 20 are needed"), (0.0, "has no sample from 3.0000 s to 4.0000 s, 1.000 s long")],
+)
+def test_what_has_no_time_base_is_refused_by_trial_channel_and_time(shift, problem):
+    stamps = times() + shift
+    stamps = stamps if shift else stamps[(stamps <= 3.0) | (stamps >= 4.0)]
+    with pytest.raises(InputError, match=problem) as refused:
+        fitted(trial_of(motion(times())[0], torque(stamps - shift), stamps))
+    assert "trial made: " in str(refused.value)
+    assert "torque" in str(refused.value)

@@ -6,7 +6,6 @@ import numpy as np
 
 from osl_analysis.signals import Motion
 from osl_analysis.stats.covariance import NO_REPEATS, ResidualCorrelation
-from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.trial import Array
 
@@ -54,15 +53,3 @@ def fit_impedance(motion: Motion, torque: Array, residuals: ResidualCorrelation 
 def impedance_columns(motion: Motion) -> dict[str, Array]:
     """Columns of Eq. 15 with offset, of a motion (n,)."""
     return {"K": motion.theta, "B": motion.omega, "I": motion.alpha, "offset": np.ones_like(motion.theta)}
-
-
-def lag_damping_row(lag: float | None, se: float | None, K: float) -> Row:
-    """Lag [s] of the torque behind the angle, its standard error, and what it adds to B: -K lag [N*m*s/rad].
-
-    `certain_lag_damping` is the same if the lag is larger than two standard errors, else 0. All null without a lag.
-    """
-    damping = certain = None
-    if lag is not None and se is not None:
-        damping = -K * lag
-        certain = damping if abs(lag) > 2 * se else 0.0
-    return {"lag_s": lag, "lag_se_s": se, "lag_damping": damping, "certain_lag_damping": certain}

@@ -11,11 +11,10 @@ from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.doubtful import doubtful_row
 from osl_analysis.errors import InputError, OslAnalysisError
-from osl_analysis.second_order import lag_damping_row
 from osl_analysis.signals import Motion
 from osl_analysis.stats.comparison import held_out_vaf
 from osl_analysis.stats.covariance import ResidualCorrelation
-from osl_analysis.stats.fit_row import Row
+from osl_analysis.stats.fit_row import Row, lag_damping_row
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.stats.repeats import summary_table
 from osl_analysis.trial import Array

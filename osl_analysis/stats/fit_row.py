@@ -47,3 +47,15 @@ def whiteness_row(judged: Whiteness | None) -> Row:
     """Autocorrelation, Ljung and Box's statistic per lag and p-value; null where there are too few samples."""
     values = (None, None, None) if judged is None else (judged.autocorrelation, judged.per_lag, judged.p)
     return dict(zip(("residual_autocorrelation", "ljung_box_per_lag", "ljung_box_p"), values, strict=True))
+
+
+def lag_damping_row(lag: float | None, se: float | None, K: float) -> Row:
+    """Lag [s] of the torque behind the angle, its standard error, and what it adds to B: -K lag [N*m*s/rad].
+
+    `certain_lag_damping` is the same if the lag is larger than two standard errors, else 0. All null without a lag.
+    """
+    damping = certain = None
+    if lag is not None and se is not None:
+        damping = -K * lag
+        certain = damping if abs(lag) > 2 * se else 0.0
+    return {"lag_s": lag, "lag_se_s": se, "lag_damping": damping, "certain_lag_damping": certain}

@@ -6,8 +6,7 @@ from dataclasses import asdict
 import numpy as np
 import polars as pl
 
-from osl_analysis.second_order import lag_damping_row
-from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
+from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row, lag_damping_row
 from osl_analysis.stats.repeats import CommonError, over_repeats
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing

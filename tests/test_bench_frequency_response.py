@@ -15,7 +15,7 @@ from osl_analysis.table import read_table, write_table
 @pytest.mark.parametrize("level", [0.0, 3.0])
 def test_a_torque_that_stays_where_it_is_is_refused_by_trial_signal_and_time(level):
     record = stepped_sine(lambda motion: np.full_like(motion.theta, level))
-    message = f"trial made, torque from 4.0 s: there is no sine of 1 Hz in it, it stays at {level:g}; check its channel"
+    message = f"trial made, torque from 4.0 s: the signal has no sine of 1 Hz, it stays at {level:g}; check its channel"
     with pytest.raises(InputError, match=message):
         trial_phasors(record)
 

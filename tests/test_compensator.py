@@ -39,9 +39,9 @@ def test_the_loop_is_stable_for_every_reachable_impedance(parameters, K_d, B_d):
         (float("nan"), 5, "K_d = nan"),
         (300, -1, r"B_d = -1 .* ask for 0 or more"),
         (300, float("inf"), "B_d = inf"),
-        (300, 1e300, r"B_d = 1e\+300 N\*m\*s/rad is of a size that no joint has; ask for 1e-09 to 1e\+06 N"),
-        (300, 1e-300, "B_d = 1e-300 .* no joint has"),
-        (1e-300, 5, "K_d = 1e-300 N.* no joint has"),
+        (300, 1e300, r"B_d = 1e\+300 N\*m\*s/rad is outside the accepted range; ask for 1e-09 to 1e\+06 N"),
+        (300, 1e-300, "B_d = 1e-300 .* outside the accepted range"),
+        (1e-300, 5, "K_d = 1e-300 N.* outside the accepted range"),
     ],
 )
 def test_an_impossible_request_is_refused_with_the_reason(parameters, K_d, B_d, message):

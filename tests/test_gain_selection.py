@@ -162,7 +162,7 @@ def test_too_little_damping_asked_for_ends_at_the_edge_of_stability(parameters):
 
 def test_a_locked_motor_is_refused_by_name(parameters):
     assert optimal_damping([600.0], [0.0], parameters, Weight(50, 3)).unbounded[0]
-    with pytest.raises(UnreachableImpedanceError, match=r"no B_1 is best .* the motor is locked"):
+    with pytest.raises(UnreachableImpedanceError, match=r"no finite B_1 minimises .* the motor is locked"):
         compensated_gains(600.0, 0.0, parameters, Weight(50, 3))
 
 

@@ -7,8 +7,8 @@ In the letters of `drivetrain.joint_admittance`, with Q = B_d s + K_d and K_1 fr
 Both a and b are affine in x = B_m + B_1. Astrom's recursion (Introduction to Stochastic Control Theory, 1970, ch. 5)
 turns the norm into a sum of squares over the rows of a's Routh table. The recursion here carries derivatives along.
 
-No nearly equal numbers are subtracted: N Q - D = N (Q - P) + c, and its constant term, which Eq. 12 makes 0, is left
-out. B_d = 0 takes a's leading coefficient away and needs no case of its own.
+N Q - D is computed as N (Q - P) + c, so that no nearly equal numbers are subtracted. Its constant term is 0 by Eq. 12
+and is set to exactly 0. With B_d = 0 the leading coefficient of a is 0; the same formulas hold.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from osl_analysis.trial import Array
 
 HIGHEST_ORDER = 10
 SLOWEST_HZ, FASTEST_HZ = 1e-3, 1e4
-"""Limits of the cut-off of W: a lower one weighs a joint that never moves, a higher one weighs no error."""
+"""Lowest and highest accepted cut-off of W [Hz]. Both lie far outside the frequencies at which a leg moves."""
 
 
 @dataclass(frozen=True)
@@ -107,13 +107,13 @@ class Jet:
 
 
 def half_square_over(beta: Jet, alpha: Jet) -> Jet:
-    """beta^2/(2 alpha), one row's part of the norm: 0 where b lacks the power, also where a lacks it (B_d = 0)."""
+    """beta^2/(2 alpha), one row's part of the norm. It is 0 where beta is 0, even if alpha is 0 too (B_d = 0)."""
     divisor = Jet(np.where(beta.value == 0, 1.0, alpha.value), alpha.slope, alpha.curvature)
     return beta * beta / (divisor + divisor)
 
 
 def next_rows(a: list[Jet], b: list[Jet], alpha: Jet, beta: Jet) -> tuple[list[Jet], list[Jet]]:
-    """The next rows of Astrom's two tables: without the first coefficient, and with every second one reduced."""
+    """The next rows of Astrom's two tables. Each row loses its first coefficient; every second one is reduced."""
     shorter_a, shorter_b = a[1:], b[1:]
     for i in range(1, len(shorter_b), 2):
         shorter_a[i] = shorter_a[i] - alpha * a[i + 2]
@@ -126,7 +126,7 @@ def admittance_error(
 ) -> AdmittanceError:
     """The error of every pair K_d [N*m/rad], B_d [N*m*s/rad], shape (pairs,), as a function of x = B_m + B_1.
 
-    The paper drops the joint's inertia; `J_j` [kg*m^2] puts it back.
+    The paper neglects the joint's inertia. `J_j` [kg*m^2] includes it.
     """
     K_d, B_d = (np.asarray(v, dtype=float) for v in (K_d, B_d))
     K_1 = K_d * p.K_s / (p.n_T**2 * (p.K_s - K_d))

@@ -1,16 +1,16 @@
-"""How many stationary points Eq. 14 has: a proof for one request, in exact rational arithmetic.
+"""Proof of the number of stationary points of Eq. 14 for one request, in exact rational arithmetic.
 
-The squared norm is J(x) = N(x)/D(x) with polynomials N and D in x = B_m + B_1. Every input is taken as the rational
-number that its float is. J = X_{n-1}/a_n, where the coefficients of the polynomial X solve the linear system
+The squared norm is J(x) = N(x)/D(x) with polynomials N and D in x = B_m + B_1. Every float is converted to the rational
+number that it represents exactly. J = X_{n-1}/a_n, where the coefficients of the polynomial X solve the linear system
 
     b(s) b(-s) = X(s) a(-s) + X(-s) a(s)
 
-with a and b as in `admittance_error`. D = a_n det, where det is the determinant of this system. N and D are therefore
-interpolated, without rounding, from as many rational x as their degree asks for. The positive roots of N'D - N D' are
-the stationary points. Sturm's theorem counts them. This route shares no formula with the recursion that
+with a and b as in `admittance_error`. D = a_n det, where det is the determinant of this system. N and D are
+interpolated without rounding from their values at n + 3 rational x, which determine their degree. The positive roots of
+N'D - N D' are the stationary points. Sturm's theorem counts them. This route shares no formula with the recursion that
 `gain_selection` minimises.
 
-numpy's polynomial functions compute with fractions as they stand. sympy is not used: its Sturm chain is 5 to 13 times
+numpy's polynomial functions accept fractions. sympy is not used: its Sturm chain is 5 to 13 times
 slower than this one (W of order 3 and 5), and its root isolation takes more than 10 s near K_d = K_s.
 """
 
@@ -93,7 +93,7 @@ def slope_numerator(K_d: float, B_d: float, p: DrivetrainParameters, weight: Wei
 
 
 def exact(coefficients: ArrayLike) -> Polynomial:
-    """The rational numbers that floats are."""
+    """Floats as the rational numbers that they represent exactly."""
     return np.array([Fraction(c) for c in np.asarray(coefficients, dtype=float).tolist()], dtype=object)
 
 

@@ -52,13 +52,14 @@ def smooth_sign(omega_m: ArrayLike, width: float) -> Array:
 
 
 def check_request(K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> None:
-    """Refuse a desired stiffness [N*m/rad] or damping [N*m*s/rad], any shape, that no gains render.
+    """Refuse a desired stiffness [N*m/rad] or damping [N*m*s/rad], any shape, that no gains can render.
 
     Raises
     ------
     UnreachableImpedanceError
         A K_d is not between 0 and K_s: the belt is in series, so no positive K_1 renders it. Or a B_d is negative or
-        not finite. Or one lies outside `SMALLEST` to `LARGEST`. The message names what can be asked for.
+        not finite. Or a value other than B_d = 0 lies outside `SMALLEST` to `LARGEST`. The message names the accepted
+        range.
     """
     for value in np.ravel(np.asarray(K_d, dtype=float)):
         if not 0 < value < p.K_s:
@@ -70,13 +71,14 @@ def check_request(K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> No
     for value in np.ravel(np.asarray(B_d, dtype=float)):
         if not 0 <= value < np.inf:
             raise UnreachableImpedanceError(
-                f"B_d = {value:g} N*m*s/rad cannot be rendered: it feeds energy back into the leg; ask for 0 or more"
+                f"B_d = {value:g} N*m*s/rad cannot be rendered: a desired damping must be finite and not negative; ask "
+                "for 0 or more"
             )
     for name, unit, values in (("K_d", "N*m/rad", K_d), ("B_d", "N*m*s/rad", B_d)):
         for value in np.ravel(np.asarray(values, dtype=float)):
             if not SMALLEST <= value <= LARGEST and value != 0:
                 raise UnreachableImpedanceError(
-                    f"{name} = {value:g} {unit} is of a size that no joint has; ask for {SMALLEST:g} to {LARGEST:g} "
+                    f"{name} = {value:g} {unit} is outside the accepted range; ask for {SMALLEST:g} to {LARGEST:g} "
                     f"{unit}"
                 )
 
@@ -100,14 +102,15 @@ def compensated_gains(K_d: float, B_d: float, p: DrivetrainParameters, weight: W
     Raises
     ------
     UnreachableImpedanceError
-        As `check_request`, or the error of Eq. 14 falls for ever as B_1 grows.
+        As `check_request`, or the error of Eq. 14 decreases for every increase of B_1, so that no finite B_1 minimises
+        it.
     """
     check_request(K_d, B_d, p)
     damping = optimal_damping([K_d], [B_d], p, weight)
     if damping.unbounded[0]:
         raise UnreachableImpedanceError(
-            f"no B_1 is best for K_d = {K_d:g} N*m/rad, B_d = {B_d:g} N*m*s/rad: with W up to {weight.cutoff_hz:g} Hz "
-            "the error of Eq. 14 falls until the motor is locked; lower the cut-off of W"
+            f"no finite B_1 minimises Eq. 14 for K_d = {K_d:g} N*m/rad, B_d = {B_d:g} N*m*s/rad: with the cut-off of W "
+            f"at {weight.cutoff_hz:g} Hz the error decreases until the motor is locked; lower the cut-off of W"
         )
     return Gains(float(stiffness_gain(K_d, p)), float(damping.B_1[0]), cancels_friction=True)
 

@@ -51,7 +51,7 @@ def belt_deflection(theta: ArrayLike, theta_m: ArrayLike, p: DrivetrainParameter
 
 
 def belt_torque(theta_s: ArrayLike, p: DrivetrainParameters) -> Array:
-    """Torque tau_s [N*m] in the belt (Eq. 8), with the quadratic term of sets that have one."""
+    """Torque tau_s [N*m] in the belt (Eq. 8), plus the quadratic term K_s2, which is 0 in most parameter files."""
     theta_s = np.asarray(theta_s)
     return np.asarray(p.K_s * theta_s + p.K_s2 * theta_s * np.abs(theta_s))
 
@@ -62,7 +62,7 @@ def resisting_torque(theta_s: ArrayLike, omega: ArrayLike, alpha: ArrayLike, p: 
 
 
 def desired_admittance(K_d: float, B_d: float) -> RationalFunction:
-    """Y_d = 1/Q = 1/(B_d s + K_d) [rad/(N*m)] (Eq. 11). A damping whose corner lies beyond 1e9 rad/s counts as 0."""
+    """Y_d = 1/Q = 1/(B_d s + K_d) [rad/(N*m)] (Eq. 11). If K_d/B_d is above 1e9 rad/s, B_d counts as 0."""
     return RationalFunction(np.array([1.0]), np.array([B_d, K_d] if B_d > 1e-9 * K_d else [K_d]))
 
 
@@ -75,8 +75,8 @@ def joint_admittance(K_1: float, B_1: float, p: DrivetrainParameters, J_j: float
         P = J_j s^2 + B_j s + K_s      the joint that the belt holds
         D = N P - c                    c = (K_s/n_T)^2
 
-    This is the package's statement of Eq. 9: the other modules use its letters. The paper drops J_j. Pass
-    `J_j=p.J_j` for the joint as it is, whose denominator has one power more.
+    The other modules use the same letters. The paper neglects J_j. `J_j=p.J_j` includes the joint's inertia; the
+    denominator then has one power more.
     """
     N = np.array([p.J_m, p.B_m + B_1, K_1 + p.K_s / p.n_T**2])
     P = np.array([J_j, p.B_j, p.K_s])

@@ -1,9 +1,9 @@
 """The drivetrain of Eq. 9 with its friction, in time: belt torque for a measured joint angle and given gains.
 
 The linear part is N(s) theta_m = K_s/n_T theta with N of `drivetrain.joint_admittance`. Between samples it is solved
-exactly for an angle that is linear there. Friction is one torque per step: as much as stops the actuator, and no more
-than its limit. The compiler's cache does not see changes in other files, so all compiled functions stand in this one.
-That is why Eq. 5 is repeated here in scalars (`compensator.motor_current` states it for arrays).
+exactly for an angle that is linear there. Friction is constant over a step: the torque that would stop the actuator,
+limited to the largest friction. numba's cache does not notice changes in other files. Therefore all compiled functions
+are in this file, and Eq. 5 is repeated here for scalars (`compensator.motor_current` computes it for arrays).
 """
 
 from collections.abc import Callable
@@ -25,12 +25,12 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Friction:
-    """Size of the actuator's friction, and how the controller smooths the sign of the velocity.
+    """The actuator's true friction, and the controller's smoothing of the velocity's sign.
 
     Attributes
     ----------
     scale
-        True friction as a multiple of what the parameter file says.
+        Ratio of the true friction to the friction in the parameter file.
     sign_width
         Velocity [rad/s] over which the controller smooths the sign.
     """
@@ -40,7 +40,7 @@ class Friction:
 
 
 class Loop(NamedTuple):
-    """Gains, motor and friction in SI units, as the compiled loop wants them.
+    """Gains, motor and friction in SI units, as arguments of the compiled functions.
 
     Attributes
     ----------
@@ -49,9 +49,9 @@ class Loop(NamedTuple):
     torque_constant
         k_tau n_m [N*m/A].
     f_C, f_G
-        Coulomb friction [N*m] and gear friction [N*m/A] that the controller believes in.
+        Coulomb friction [N*m] and gear friction [N*m/A] in the controller's model.
     limit
-        True friction as a multiple of what the controller believes in.
+        Ratio of the true friction to the friction in the controller's model.
     cancels
         Whether the controller cancels friction.
     sign_width
@@ -80,10 +80,11 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def belt_response(theta: Array, rate_hz: float, gains: Gains, p: DrivetrainParameters, friction: Friction) -> Array:
-    """Torque [N*m] in the belt, shape (n,), that answers a joint angle theta [rad] at uniform samples, from rest.
+    """Torque [N*m] in the belt, shape (n,), for a joint angle theta [rad] at uniform samples, starting at rest.
 
-    The actuator starts where the first angle leaves it in equilibrium. Friction acts with the true sign of the
-    velocity and holds the actuator at rest; where the gains cancel it, the current adds Eq. 5's smooth feedforward.
+    The actuator starts in equilibrium with the first angle. Friction has the true sign of the velocity and can hold the
+    actuator at rest. If the gains cancel friction, the current includes the feedforward of Eq. 5, with its smoothed
+    sign.
     """
     transition, push = discretised(gains, p, rate_hz)
     loop = Loop(

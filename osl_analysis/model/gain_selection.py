@@ -1,4 +1,4 @@
-"""The damping gain that minimises Eq. 14, for many pairs at once: every stationary point, then the best of them."""
+"""The damping gain that minimises Eq. 14, for many pairs at once: all local minima are found, the lowest is taken."""
 
 from dataclasses import dataclass
 
@@ -10,13 +10,13 @@ from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
 
 LOWEST, HIGHEST = 1e-9, 1e9
-"""Ends of the search for x = B_m + B_1, as multiples of the actuator's own scale of damping, (K_1 J_m)^1/2."""
+"""Ends of the search for x = B_m + B_1, as multiples of (K_1 J_m)^1/2, the scale of the actuator's damping."""
 POINTS = 73
 """Points of the search, a factor of 1.8 apart. `certificate.py` counts the minima without a grid."""
 REFINEMENTS = 60
 """Largest number of Newton steps."""
 PAIRS_AT_ONCE = 2000
-"""Pairs that share one block of memory."""
+"""Largest number of pairs that are computed together, which limits the memory."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class OptimalDamping:
         The error falls towards B_m + B_1 = 0: the joint alone damps more than was asked for. `B_1` is then the last
         stable value of the search.
     unbounded
-        The error falls for ever as B_1 grows: a locked motor would be best. `B_1` is then infinite.
+        The error decreases for every increase of B_1: a locked motor would be best. `B_1` is then infinite.
     """
 
     B_1: Array
@@ -65,9 +65,9 @@ def optimal_damping(
 
 
 def best_of(error: AdmittanceError, scale: Array) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.int64]]:
-    """x = B_m + B_1 of the lowest squared norm J, J itself, the number of minima, and the end where it lies.
+    """x = B_m + B_1 of the lowest squared norm J, J itself, the number of minima, and the end of the search at x.
 
-    The end is -1 for the lower end of the search, 1 for the upper end and 0 in between.
+    The last is -1 if x is the lower end, 1 if it is the upper end, and 0 otherwise.
     """
     grid = np.geomspace(LOWEST, HIGHEST, POINTS)
     slopes = np.array([error.squared(scale * g).slope for g in grid])

@@ -1,4 +1,4 @@
-"""What the linear joint does with given gains: stability, passivity, range of frequencies, and predicted K, B, I.
+"""Properties of the linear joint under given gains: stability, passivity, range of frequencies, predicted K, B, I.
 
 The joint's dynamic stiffness is Z = 1/Y = P - c/N, in the letters of `drivetrain.joint_admittance`. Arrays of gains
 have shape (pairs,).
@@ -31,8 +31,8 @@ class Rendering:
     decay_rate
         Decay rate [1/s] of the slowest mode of the free joint. It is negative where the joint is unstable.
     delay_margin
-        Delay [s] in the control loop that makes the actuator unstable while the joint is held. It is infinite where
-        no delay does.
+        Smallest delay [s] in the control loop that makes the actuator unstable while the joint is held. It is infinite
+        if the actuator is stable with any delay.
     positive_real
         Whether Re Y >= 0 at every frequency, so that Y itself, and not only s Y, is positive real. This can only hold
         where J_j is neglected, as the paper does.
@@ -49,7 +49,7 @@ class Rendering:
 def rendering(
     K_1: ArrayLike, B_1: ArrayLike, K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters, J_j: float = 0.0
 ) -> Rendering:
-    """Properties of the impedance that gains K_1, B_1 render where K_d, B_d were asked for, all of shape (pairs,)."""
+    """Properties of the impedance that gains K_1, B_1 render for desired K_d, B_d, all of shape (pairs,)."""
     K_1, B_1, K_d, B_d = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (K_1, B_1, K_d, B_d)))
     decay = [-np.max(joint_admittance(k, b, p, J_j).poles().real) for k, b in zip(K_1, B_1, strict=True)]
     return Rendering(
@@ -61,7 +61,7 @@ def rendering(
 
 
 def delay_margin(K_1: Array, B_1: Array, p: DrivetrainParameters) -> Array:
-    """Delay [s] at which the held actuator, J_m s^2 + B_m s + K_s/n_T^2 under K_1 + B_1 s, starts to grow.
+    """Delay [s] at which the held actuator, J_m s^2 + B_m s + K_s/n_T^2 under K_1 + B_1 s, becomes unstable.
 
     The loop gain is 1 where v = w^2 solves J_m^2 v^2 + (B_m^2 - B_1^2 - 2 J_m k) v + k^2 - K_1^2 = 0, k = K_s/n_T^2.
     """
@@ -80,7 +80,7 @@ def delay_margin(K_1: Array, B_1: Array, p: DrivetrainParameters) -> Array:
 
 
 def positive_real(K_1: Array, B_1: Array, p: DrivetrainParameters) -> NDArray[np.bool_]:
-    """Whether Re Y >= 0 for every w with J_j = 0: a quadratic in w^2 with a positive constant stays positive."""
+    """Whether Re Y >= 0 for every w, with J_j = 0: whether a quadratic in w^2 is positive for every w^2 > 0."""
     kappa, x = K_1 + p.K_s / p.n_T**2, p.B_m + B_1
     square = p.K_s * p.J_m**2
     linear = p.K_s * (x**2 - 2 * kappa * p.J_m) + p.J_m * (p.K_s / p.n_T) ** 2
@@ -113,7 +113,7 @@ def magnitude_squared(polynomial: Array) -> Array:
 def predicted_impedance(
     gains: Gains, p: DrivetrainParameters, frequencies_hz: Sequence[float]
 ) -> tuple[float, float, float]:
-    """K [N*m/rad], B [N*m*s/rad], I [kg*m^2] that least squares finds in a stepped sine on the linear drivetrain.
+    """K [N*m/rad], B [N*m*s/rad], I [kg*m^2] that least squares estimates from a stepped sine on the linear drivetrain.
 
     A stepped sine has equally many cycles at each frequency f, so it spends 1/f of its samples there. The residual of
     1/Y against K + j w B - w^2 I is weighted accordingly. Friction is not included.

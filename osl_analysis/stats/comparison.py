@@ -18,18 +18,18 @@ ROUNDING = 1e-24
 
 @dataclass(frozen=True)
 class Candidate:
-    """What one model leaves of y."""
+    """One model and its residuals."""
 
     model: str
-    """Its name, M1, M2 ..."""
+    """Name of the model: M1, M2 ..."""
     terms: str
-    """The terms that it consists of."""
+    """Terms of the model."""
     parameters: int
     """Number of parameters that were fitted. Offset and drift, which every model of y has, do not count."""
     residual: Array
-    """What the fit to all data leaves, shape (n,) [unit of y]."""
+    """Residual of the fit to all data, shape (n,) [unit of y]."""
     held_out_residual: Array
-    """What a fit to other data leaves, shape (n,) [unit of y]."""
+    """Residual on data that the fit did not use, shape (n,) [unit of y]."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,9 @@ def score_models(y: Array, candidates: Sequence[Candidate]) -> list[Score]:
 
     BIC = m ln(mean squared residual) + p ln m (Schwarz, Ann. Stat. 6, 1978) with the number m of effective samples in
     place of n. A filtered signal has far fewer independent samples than n; with n, BIC would accept any term that is
-    not exactly 0. All models of y share one m, that of the smallest residual, which contains the least of a model's own
-    error. Residuals below the rounding error count as rounding error: of models that fit exactly, the one with the
-    fewest parameters ranks first.
+    not exactly 0. All models of y share one m. It is computed from the smallest residual, which contains the least
+    model error. A residual below the rounding error counts as rounding error. Among models that fit exactly, the one
+    with the fewest parameters then ranks first.
     """
     rounding = max(ROUNDING * float(np.mean(y**2)), np.finfo(float).tiny)
     power = [max(float(np.mean(c.residual**2)), rounding) for c in candidates]
@@ -83,11 +83,11 @@ def score_models(y: Array, candidates: Sequence[Candidate]) -> list[Score]:
 
 
 def effective_samples(residual: Array) -> float:
-    """Number of independent samples whose mean square is as certain as that of these correlated ones (n,).
+    """Number of independent samples whose mean square has the same variance as that of this correlated residual (n,).
 
-    n / sum of rho_k^2 over all lags k (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8, 1946). The autocorrelation
-    rho is computed up to a tenth of the samples; the squares that it has by chance are subtracted. A residual that does
-    not vary at all (an exact fit) counts as n independent samples.
+    n / sum of rho_k^2 over all lags k (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8, 1946). The autocorrelation rho
+    is computed up to a tenth of the samples. Its squares are 1/n by chance alone; the numerator is corrected for them,
+    so that white noise gives n. A residual that does not vary (an exact fit) counts as n independent samples.
     """
     n, lags = len(residual), int(LARGEST_LAG * len(residual))
     centred = residual - np.mean(residual)
@@ -105,7 +105,7 @@ def held_out_vaf(fit: LinearFit, columns: Mapping[str, Array], y: Array) -> floa
 
 
 def mean_over_trials(values: Array, shared: bool = False) -> Repeats:
-    """Mean of one value per trial (n,) with Student's interval; without an interval for one trial, NaN for none.
+    """Mean of one value per trial (n,) with Student's interval. One trial has no interval; without trials all is NaN.
 
     `shared`: each value was computed with a fit to all the other trials. Such values are correlated by 1/n: the
     variance of their mean is s^2 (1/n + 1/(n - 1)), with the n - 1 degrees of freedom of their standard deviation s
@@ -121,7 +121,7 @@ def mean_over_trials(values: Array, shared: bool = False) -> Repeats:
 
 
 def loss_behind_best(loss: Array) -> Array:
-    """Each loss (trials, models) minus, in the same trial, the loss of the model with the smallest mean."""
+    """Each loss (trials, models) minus the loss in the same trial of the model with the smallest mean loss."""
     return loss - loss[:, [int(np.argmin(loss.mean(axis=0)))]] if len(loss) else loss
 
 
@@ -129,8 +129,8 @@ def rank_words(loss: Array, shared: bool = False) -> list[str | None]:
     """`PREFERRED`, `TIED` or `WORSE` for each model, from losses (trials, models); the simplest model comes first.
 
     Smaller losses are better. A model is tied with the best one if the interval of their paired difference contains
-    zero. The first of the tied models is preferred: a more complicated model must show that it is better. None without
-    trials.
+    zero. The first of the tied models is preferred: a more complicated model must show that it is better. Without
+    trials every word is None.
     """
     if not len(loss):
         return [None] * loss.shape[1]

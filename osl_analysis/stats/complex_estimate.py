@@ -1,4 +1,4 @@
-"""Complex estimates with their covariance: quotient and mean, and how they stand in a result table."""
+"""Complex estimates with their covariance: quotient, mean, and their columns in a result table."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -54,7 +54,7 @@ class ComplexEstimate:
 
 
 def complex_quotient(numerator: ComplexEstimate, denominator: ComplexEstimate) -> ComplexEstimate:
-    """numerator/denominator; the covariance to first order, the two errors being independent."""
+    """numerator/denominator. The covariance is of first order; the two errors must be independent."""
     ratio = numerator.value / denominator.value
     derivatives = (1 / denominator.value, -ratio / denominator.value)
     covariances = [

@@ -1,4 +1,4 @@
-"""Covariance of estimates from their scores: what each sample, or each cycle, adds to the error of the estimates."""
+"""Covariance of estimates from their scores. A score is the part of the estimates' error that one sample causes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ noise's variance."""
 
 @dataclass(frozen=True)
 class Cycles:
-    """The rows of a fit that repeat one another.
+    """Division of the rows of a fit into cycles that the experiment repeats.
 
     The rows of a cycle follow one another, and the first cycle begins at row 0. The cycles of one stratum (one
     frequency at one amplitude) are repetitions: only the differences between them count as random error.
@@ -34,11 +34,11 @@ class Cycles:
 
 @dataclass(frozen=True)
 class ResidualCorrelation:
-    """How the residuals of a fit depend on one another. It decides how the covariance of the estimates is computed."""
+    """How the residuals of a fit are correlated. This decides how the covariance of the estimates is computed."""
 
     cycles: Cycles | None = None
-    """Cycles that the experiment repeats: the covariance comes from the spread between them. None: from the
-    autocorrelation of the residuals."""
+    """Cycles that the experiment repeats. The covariance then comes from the spread between them. With None it comes
+    from the autocorrelation of the residuals."""
     every: int = 1
     """Number of samples after which the low-pass filter leaves noise independent (`LowPass.independent_samples`)."""
     lags: int | None = None
@@ -62,15 +62,15 @@ class ResidualCorrelation:
 
 
 NO_REPEATS = ResidualCorrelation()
-"""Nothing repeats, and no filter is known: the bandwidth comes from the residuals, sample by sample."""
+"""No repeated cycles and no known filter: the bandwidth is computed from the residuals at every sample."""
 
 
 def correlation_samples(residual: Array, every: int = 1) -> int:
     """Andrews' plug-in bandwidth for the Bartlett kernel from an AR(1) fit, at most an eighth of the samples.
 
-    Noise that passed a low-pass filter is not an AR(1) from sample to sample: fitted as one, its correlation of 30 ms
-    becomes 2.5 s. The AR(1) is therefore fitted to each `every`-th sample. These are half a period of the cut-off
-    apart, where such noise is nearly white.
+    Low-pass filtered noise is not an AR(1) at the sampling rate. An AR(1) fitted at that rate turns a correlation time
+    of 30 ms into 2.5 s. The AR(1) is therefore fitted to every `every`-th sample. These samples are half a period of
+    the cut-off apart; at this distance such noise is nearly white.
     """
     if every > 1:
         return min(every * max(correlation_samples(residual[::every]), FILTER_SPAN), max(len(residual) // 8, 1))
@@ -85,11 +85,11 @@ def correlation_samples(residual: Array, every: int = 1) -> int:
 def moving_sums(scores: Array, window: int, slow: bool = False) -> Covariance:
     """Long-run covariance of the scores (n, p) after Newey and West: Bartlett weights up to `window` - 1 lags.
 
-    The sum over all lags with the weights 1 - lag/window equals the sum of squares of moving sums over `window`
-    samples (zeros beyond the ends) divided by `window`. It is therefore positive semi-definite. It has 1.5 n/window
-    degrees of freedom (Priestley, Spectral Analysis and Time Series, 1981, table 6.2, at frequency zero). The fit has
-    used up p of the n samples or, where its columns are `slow` compared with the window, p of the n/window sums
-    (Kiefer and Vogelsang, Econometric Theory 21, 2005, to first order in window/n).
+    The sum over all lags with the weights 1 - lag/window equals the sum of squares of moving sums over `window` samples
+    (zeros beyond the ends) divided by `window`. It is therefore positive semi-definite. It has 1.5 n/window degrees of
+    freedom (Priestley, Spectral Analysis and Time Series, 1981, table 6.2, at frequency zero). The fit uses up p of the
+    n samples. If its columns are `slow` compared with the window, it uses up p of the n/window sums (Kiefer and
+    Vogelsang, Econometric Theory 21, 2005, to first order in window/n).
     """
     n, p = scores.shape
     left = max(n - p * window, window) if slow else n - p

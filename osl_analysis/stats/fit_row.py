@@ -1,4 +1,4 @@
-"""A fit as a row of a result table: estimates with standard errors, then the diagnostics that every table has."""
+"""A fit as a row of a result table: estimates, standard errors, and the diagnostics that all tables share."""
 
 from itertools import combinations
 
@@ -25,11 +25,11 @@ def covariance_row(fit: LinearFit, *names: str) -> dict[str, float]:
 
 
 def diagnostics_row(fit: LinearFit, rate_hz: float, low_pass: LowPass) -> Row:
-    """How well the fit describes its data, and how far its interval can be trusted.
+    """Diagnostics of the fit and of its interval.
 
     The source of the interval, VAF [percent], R2 about zero, the scaled condition number, the largest correlation of
-    two estimates, the number of samples, the correlation time [s] of the residuals, and their whiteness. The rows that
-    were fitted are at `rate_hz`, and their signals passed `low_pass`.
+    two estimates, the number of samples, the correlation time [s] of the residuals, and their whiteness. The fitted
+    rows have the rate `rate_hz`; their signals passed `low_pass`.
     """
     return {
         "interval_method": fit.interval_method,
@@ -44,7 +44,7 @@ def diagnostics_row(fit: LinearFit, rate_hz: float, low_pass: LowPass) -> Row:
 
 
 def whiteness_row(judged: Whiteness | None) -> Row:
-    """Autocorrelation, Ljung and Box's statistic per lag and p-value; null where there are too few samples."""
+    """Autocorrelation, Ljung and Box's statistic per lag and p-value; None with too few samples."""
     values = (None, None, None) if judged is None else (judged.autocorrelation, judged.per_lag, judged.p)
     return dict(zip(("residual_autocorrelation", "ljung_box_per_lag", "ljung_box_p"), values, strict=True))
 

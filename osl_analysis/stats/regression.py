@@ -11,8 +11,8 @@ from osl_analysis.stats.covariance import NO_REPEATS, ResidualCorrelation
 from osl_analysis.trial import Array
 
 CONDITION_LIMIT = 1e3
-"""Largest scaled condition number that is accepted. Beyond it an error of 0.1 % in a column becomes one of 100 % in an
-estimate."""
+"""Largest scaled condition number that is accepted. At this limit an error of 0.1 % in a column can cause an error of
+100 % in an estimate."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class LinearFit:
     samples: int
     """Number of samples n that were fitted."""
     interval_method: str
-    """Source of the covariance: `HAC`, `cycles`, or what replaced it (`fit_slow_motion`, `fit_response`)."""
+    """Source of the covariance: `HAC`, `cycles`, or the source that `fit_slow_motion` or `fit_response` names."""
     degrees_of_freedom: Array
     """Degrees of freedom (p,) of the estimates' variances, for Student's quantile."""
     residual: Array
@@ -70,7 +70,7 @@ class LinearFit:
         return float(np.max(np.abs(np.triu(self.covariance / np.outer(scale, scale), 1))))
 
     def predicted(self, columns: Mapping[str, Array]) -> Array:
-        """What the fit predicts for the same columns elsewhere, (n,) each [unit of y]; further columns are ignored."""
+        """y (n,) [unit of y] predicted from the same columns (n,) of other data. Further columns are ignored."""
         return np.asarray(np.sum([self[name] * columns[name] for name in self.names], axis=0))
 
 
@@ -83,8 +83,8 @@ def linear_fit(
 ) -> LinearFit:
     """Least squares of y (n,) on named columns (n,) each, with standard errors for correlated residuals.
 
-    Consecutive samples of a filtered signal are not independent. Where the experiment repeats cycles, the covariance
-    is that of resampling the cycles. Elsewhere it is Newey and West's (Econometrica 55, 1987) with the bandwidth of
+    Consecutive samples of a filtered signal are not independent. If the experiment repeats cycles, the covariance is
+    that of resampling the cycles. Otherwise it is Newey and West's (Econometrica 55, 1987) with the bandwidth of
     Andrews (Econometrica 59, 1991). `residuals` says which.
 
     With `instruments`, as many as columns, the columns are replaced by their projection on the instruments (two-stage
@@ -95,7 +95,7 @@ def linear_fit(
     InputError
         Lengths differ, a value is not finite, or there are not more samples than columns.
     IdentifiabilityError
-        The scaled condition number exceeds `condition_limit`; the message names the two columns to blame.
+        The scaled condition number exceeds `condition_limit`; the message names the two columns that look alike.
     """
     names = tuple(columns)
     measured = checked_columns(y, columns)
@@ -148,7 +148,7 @@ def checked_columns(y: Array, columns: Mapping[str, Array]) -> Array:
 
 
 def refuse_unidentifiable(names: tuple[str, ...], direction: Array, condition: float) -> None:
-    """Raise an error that names the two columns with the largest weights in the `direction` that cannot be seen."""
+    """Raise an error that names the two columns with the largest weights in `direction`, which cannot be estimated."""
     worst = sorted(np.argsort(np.abs(direction))[-2:])
     first, second = (names[i] for i in worst)
     raise IdentifiabilityError(

@@ -26,7 +26,7 @@ class Repeats:
     low: float
     """Lower bound of the 95 % interval of the mean (Student)."""
     high: float
-    """Its upper bound."""
+    """Upper bound of the 95 % interval of the mean (Student)."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def summary_table(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFram
 
 
 def summary_row(values: pl.Series) -> dict[str, float | str | None]:
-    """n, mean, sd, se, low, high of one column, and the source of the interval; of one trial only n and mean."""
+    """n, mean, sd, se, low, high of one column, and the source of the interval. One trial gives only n and mean."""
     numbers = values.cast(pl.Float64).drop_nulls().drop_nans()
     if len(numbers) >= 2:
         return asdict(over_repeats(numbers.to_numpy())) | {"interval_method": "Student"}

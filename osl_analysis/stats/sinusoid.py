@@ -13,7 +13,7 @@ from osl_analysis.trial import Array
 HARMONICS = 5
 """Highest harmonic that is fitted. Harmonics 3 and 5, which friction makes, are among them."""
 NO_SINE = 1e-12
-"""Amplitude below which there is no sine, as a share of the largest reading: the fit's rounding error."""
+"""Smallest amplitude that counts as a sine, as a share of the largest reading. Below it is the fit's rounding error."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ def fit_sinusoid(time: Array, signal: Array, frequency_hz: float) -> Phasor:
     Raises
     ------
     InputError
-        It is less than one whole cycle, the sampling is too slow for the fifth harmonic, or the signal is constant.
+        The signal lasts less than one cycle, is sampled too slowly for the fifth harmonic, or is constant.
     """
     step = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
     check_sampling(len(time), step, frequency_hz)
@@ -48,7 +48,7 @@ def fit_sinusoid(time: Array, signal: Array, frequency_hz: float) -> Phasor:
     amplitudes = np.hypot(cosines, sines)
     if amplitudes[0] <= NO_SINE * np.abs(signal).max():
         raise InputError(
-            f"there is no sine of {frequency_hz:g} Hz in it, it stays at {signal[0]:g}; check its channel in the "
+            f"the signal has no sine of {frequency_hz:g} Hz, it stays at {signal[0]:g}; check its channel in the "
             "source file, or exclude the trial"
         )
     to_phasor = np.diag([1.0, -1.0])  # a cos(wt) + b sin(wt) = Re((a - j b) exp(j w t))
@@ -67,8 +67,8 @@ def check_sampling(samples: int, step: float, frequency_hz: float) -> None:
     """Refuse less than one cycle, or a step [s] too long for the highest harmonic."""
     if samples * step < 0.99 / frequency_hz:
         raise InputError(
-            f"less than one cycle at {frequency_hz:g} Hz; record more cycles, or lower `settle_cycles` in the "
-            "configuration"
+            f"the signal has less than one cycle at {frequency_hz:g} Hz; record more cycles, or lower `settle_cycles` "
+            "in the configuration"
         )
     if 2 * HARMONICS * frequency_hz * step >= 1:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Fit to one slow motion that is not repeated: its errors come from noise and from a drift that the motion hides."""
+"""Fit to one slow motion without repeats. Its standard errors come from the noise and from a sensor's drift."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Whether the residual of a fit is white: the test of Ljung and Box, behind a low-pass filter."""
+"""Whether the residual of a fit to low-pass filtered signals is white: the test of Ljung and Box."""
 
 from dataclasses import dataclass
 
@@ -23,15 +23,15 @@ class Whiteness:
     """Ljung and Box's statistic divided by the number of lags: about 1 for white noise of any length. For correlated
     noise it grows with the length."""
     p: float
-    """Probability that white noise has as large a statistic."""
+    """Probability that white noise gives a statistic at least as large."""
 
 
 def whiteness(residual: Array, rate_hz: float, low_pass: LowPass) -> Whiteness | None:
     """Whiteness of a residual (n,) at `rate_hz`, whose signals passed `low_pass`; None where it cannot be judged.
 
-    The residual is thinned to twice the noise bandwidth of the filter (1.8 times the cut-off for order 4). At that rate
-    white noise comes out of the filter white, whatever the rate of the log. At twice the cut-off the test would find
-    the filter itself: an autocorrelation of 0.1, which is certain with a thousand samples.
+    The residual is thinned to twice the noise bandwidth of the filter (1.8 times the cut-off for order 4). White noise
+    that passed the filter is white again at that rate, for any rate of the log. Thinned to twice the cut-off, it would
+    still have an autocorrelation of 0.1 from the filter, which the test detects in a thousand samples.
 
     Ljung and Box (Biometrika 65, 1978): Q = n (n + 2) sum_k r_k^2 / (n - k) over `MOST_LAGS` lags, or over a fifth of
     the samples if that is fewer; chi-squared with as many degrees of freedom. A residual with fewer than

@@ -242,6 +242,14 @@ def test_the_rest_ends_where_the_joint_first_moves() -> None:
     assert "over the first 1.04 s" in found.remark
 
 
+def test_a_load_cell_of_its_own_node_is_told_by_its_rest_too() -> None:
+    both = bench()
+    angle, torque = both.drop("torque"), both.select("time", pl.col("torque") + 7.5)
+    later = torque.with_columns(pl.col("time") + 3e-4)
+    found = results(angle.join(later, on="time", how="full", coalesce=True).sort("time"))["unzeroed_load_cell"]
+    assert found.value == pytest.approx(results(bench(torque=torque["torque"].to_numpy()))["unzeroed_load_cell"].value)
+
+
 def test_a_recording_that_begins_in_motion_has_no_rest_to_judge() -> None:
     assert results(bench()[500:])["unzeroed_load_cell"].value is None
 

@@ -15,6 +15,7 @@ from osl_analysis.model.rendering import predicted_impedance
 from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
 from osl_analysis.simulator.joint_motion import JointMotion, position_loop, stepped_sine, there_and_back
+from osl_analysis.simulator.recorder_settings import RecorderSettings
 from osl_analysis.simulator.schedules import BeltMotion, SteppedSineSchedule
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
@@ -26,14 +27,14 @@ P = read_parameters(ROOT / "config" / "parameters" / "default.yaml")
 
 
 def settings_from(path, *, without=None, only=None):
-    """Settings without the named effects, or with the named ones only."""
+    """Settings without the named effects, or with the named ones only, and one node that samples evenly."""
     settings = read_yaml(path, SimulationSettings)
     effects = settings.effects
     if without is not None:
         effects = effects.without(*without)
     if only is not None:
         effects = effects.without().model_copy(update={name: getattr(effects, name) for name in only})
-    return settings.model_copy(update={"effects": effects})
+    return settings.model_copy(update={"effects": effects, "recorder": RecorderSettings()})
 
 
 def simulate(trial, settings, p=P):

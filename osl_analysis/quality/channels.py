@@ -132,14 +132,13 @@ def measure_unzeroed_load_cell(examined: Examined) -> CheckResult:
     """Size of the mean torque [N*m] before the dynamometer first moves the joint."""
     if not {"theta", "torque"} <= set(examined.samples.columns):
         return not_applicable(NO_DYNAMOMETER)
-    rows = examined.samples.select("time", "theta", "torque").drop_nulls()
-    time, angle, torque = (rows[c].to_numpy() for c in rows.columns)
+    (moving, angle), (time, torque) = (channel(examined.samples, name) for name in ("theta", "torque"))
     moved = abs(angle - angle[:1]) > AT_REST * np.ptp(angle) if angle.size else np.zeros(0, bool)
-    rest = int(np.argmax(moved)) if moved.any() else angle.size
-    if rest < 2 or time[rest - 1] - time[0] < LEAST_REST:
+    rest = time < moving[np.argmax(moved)] if moved.any() else np.ones(time.size, bool)
+    if rest.sum() < 2 or np.ptp(time[rest]) < LEAST_REST:
         return not_applicable("the recording begins while the joint moves")
-    mean = float(torque[:rest].mean())
-    return CheckResult(abs(mean), f"{mean:.3g} N*m over the first {time[rest - 1] - time[0]:.2f} s")
+    mean = float(torque[rest].mean())
+    return CheckResult(abs(mean), f"{mean:.3g} N*m over the first {np.ptp(time[rest]):.2f} s")
 
 
 def measure_unzeroed_plate(examined: Examined) -> CheckResult:

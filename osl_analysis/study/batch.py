@@ -5,6 +5,7 @@ from collections.abc import Callable
 from osl_analysis.study.actuator import actuator
 from osl_analysis.study.bench import belt, drivetrain, linear_drivetrain, second_order, transmission
 from osl_analysis.study.phasors import response_bench
+from osl_analysis.study.recorded import with_fewer_bits, with_jitter, with_printed_stamps
 from osl_analysis.study.repeats import repeated_belt, repeated_transmission
 from osl_analysis.study.trials import StudiedExperiment, StudyInputs, StudyRow, trial_rows
 from osl_analysis.study.walking import walking_rows
@@ -13,6 +14,9 @@ WALKING = ("walking", RECORDED := "walking recorded")
 """Walking from angle and torque on, and through markers, plate, C3D files and ingest."""
 BENCH: dict[str, Callable[[StudyInputs], StudiedExperiment]] = {
     "second order": second_order,
+    "second order, jitter": lambda inputs: second_order(with_jitter(inputs)),
+    "second order, printed stamps": lambda inputs: second_order(with_printed_stamps(inputs)),
+    "second order, 14 bits": lambda inputs: second_order(with_fewer_bits(inputs)),
     "linear drivetrain": linear_drivetrain,
     "drivetrain": drivetrain,
     "transmission": transmission,

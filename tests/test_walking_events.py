@@ -106,7 +106,7 @@ def test_a_platform_that_rests_has_no_onset() -> None:
 
 
 def test_a_turn_at_the_start_of_the_record_is_refused() -> None:
-    with pytest.raises(InputError, match="record its rest before"):
+    with pytest.raises(InputError, match="start to record earlier"):
         find_onset(TIME, 5 * DEG * np.clip((TIME - 0.02) / 0.075, 0, 1), DEG)
 
 

@@ -19,11 +19,11 @@ SEGMENTS = ("foot", "shank", "platform")
 
 @dataclass(frozen=True)
 class StaticCalibration:
-    """Result of the static trial, in laboratory axes. Every segment's frame coincides with the laboratory's there.
+    """Result of the static trial, in laboratory axes. In the static pose every segment's axes are the laboratory's.
 
     foot, shank, platform: marker positions (3,) [m] by name.
-    ankle_centre: (3,) [m], a point of foot and shank alike.
-    ankle_axis: unit vector (3,) that points to the subject's left, of foot and shank alike.
+    ankle_centre: point (3,) [m] that belongs to the foot and to the shank.
+    ankle_axis: unit vector (3,) to the subject's left, the same for foot and shank.
     """
 
     foot: Vectors
@@ -112,7 +112,7 @@ def ankle_angle(foot: Poses, shank: Poses, axis: Array) -> Array:
 
 
 def ankle_in_lab(foot: Poses, shank: Poses, calibration: StaticCalibration) -> tuple[Array, Array]:
-    """Ankle centre (n, 3) [m] and axis (n, 3), each the mean of those that the foot's and the shank's poses give."""
+    """Ankle centre (n, 3) [m] and axis (n, 3). Each is the mean of the foot's and the shank's."""
     centres = [body.point(calibration.ankle_centre) for body in (foot, shank)]
     across = (foot.rotation + shank.rotation) @ calibration.ankle_axis
     return (centres[0] + centres[1]) / 2, across / np.linalg.norm(across, axis=1, keepdims=True)

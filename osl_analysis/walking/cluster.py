@@ -152,14 +152,14 @@ def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
 
 
 def gap_duration(time: Array, gap: slice) -> float:
-    """Duration [s] of consecutive hidden frames, to compare with the longest that is allowed."""
+    """Duration [s] of consecutive hidden frames, for comparison with the longest gap that is allowed."""
     return float((gap.stop - gap.start - 0.5) * (time[1] - time[0]))
 
 
 def filtered_poses(poses: Poses, reference: Array, low_pass: LowPass, rate: float) -> Poses:
     """Poses (n,) from the marker positions after each coordinate passed the low-pass; no frame may be NaN.
 
-    Positions are filtered, not angles, so that the filter is the same linear one as the wrench's.
+    Positions are filtered instead of angles: their filter is linear and the same as the wrench's.
     """
     filtered = cluster_poses(reference, low_pass(poses.points(reference), rate))
     return replace(filtered, residual=poses.residual, bridged=poses.bridged)

@@ -1,4 +1,4 @@
-"""One crossing of the walkway as it was analysed: ankle angle and torque over stance, with events and quality."""
+"""One analysed crossing of the walkway: ankle angle and torque over stance, with events and quality."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from osl_analysis.walking.events import Stance
 
 @dataclass(frozen=True)
 class CrossingQuality:
-    """Numbers that show how far a crossing can be trusted.
+    """Numbers that show the quality of a crossing.
 
     residuals: RMS distance [m], in stance, of each cluster's markers from their rigid body.
     zero: vertical force [N] of the plate before the step, which was removed; None if no zero was removed.
@@ -36,9 +36,9 @@ class Crossing:
     stance: heel strike and toe-off.
     onset: onset [s] of the perturbation; None without one.
     bridged: fraction of the frames in stance in which a hidden cluster was interpolated.
-    quality: how far the crossing can be trusted.
-    plate_errors: change (m, n) [N*m] of the torque if the plate's model lacked each of m trials of the unloaded plate;
-        m = 0 if there was one.
+    quality: numbers that show the quality of the crossing.
+    plate_errors: changes (m, n) [N*m] of the torque. Row i is the change if the plate's model is identified without the
+        i-th of m plate trials. With a single plate trial m = 0.
     """
 
     name: str
@@ -58,7 +58,7 @@ class RefusedCrossing:
     """A crossing that cannot be analysed.
 
     name: the trial.
-    perturbed: what the sheet says.
+    perturbed: whether the sheet says that the crossing is perturbed.
     reason: why it is refused.
     """
 

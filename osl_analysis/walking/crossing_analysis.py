@@ -51,9 +51,9 @@ FOOT_FLAT = (0.15, 0.35)
 def analyse_crossing(
     trial: Trial, calibration: StaticCalibration, plate: PlateModel, perturbed: bool, settings: CrossingSettings
 ) -> Crossing:
-    """Angle and torque of a crossing; `perturbed` is what the sheet says, checked against the platform's motion.
+    """Angle and torque of a crossing. `perturbed` comes from the sheet and is checked against the platform's motion.
 
-    Markers and wrench first pass the same low-pass at the same rate. What is computed from them is not filtered again.
+    Markers and wrench first pass the same low-pass at the same rate. Angle and torque are not filtered again.
 
     Raises
     ------
@@ -74,11 +74,13 @@ def analyse_crossing(
 class RecordedCrossing:
     """A crossing before it is filtered.
 
-    trial, calibration, settings: what it is analysed with.
+    trial: the ingested trial.
+    calibration: the static calibration.
+    settings: choices of the analysis.
     time: the marker frames (k,) [s].
     poses: poses by segment, in all frames.
     plate: the plate's wrench without its zero.
-    zero: vertical force [N] of that zero; None if none was removed.
+    zero: vertical force [N] of the zero; None if no zero was removed.
     stance: heel strike and toe-off.
     """
 
@@ -95,7 +97,7 @@ class RecordedCrossing:
     def of(
         cls, trial: Trial, calibration: StaticCalibration, lag: float, settings: CrossingSettings
     ) -> "RecordedCrossing":
-        """Poses, wrench and stance of a trial whose plate is late by a lag [s]."""
+        """Poses, wrench and stance of a trial whose plate is late by `lag` [s]."""
         poses = {}
         for name in SEGMENTS:
             labels, cluster = getattr(settings.markers, name), getattr(calibration, name)
@@ -190,7 +192,7 @@ def rms_residual(poses: Poses) -> float:
 
 
 def rows_of_stance(time: Array, poses: Mapping[str, Poses], stance: Stance) -> slice:
-    """Frames of the stance and up to 0.1 s before and after it, in all of which every cluster is seen.
+    """Frames of the stance and up to 0.1 s before and after it. Every cluster is seen in all of these frames.
 
     Raises
     ------
@@ -218,7 +220,8 @@ def rows_of_stance(time: Array, poses: Mapping[str, Poses], stance: Stance) -> s
 def check_gaps(name: str, time: Array, poses: Poses, window: tuple[float, float], longest: float) -> None:
     """Refuse a cluster that is interpolated for more than `longest` [s] within the fitted `window` [s].
 
-    Stance is slow enough to be interpolated. A perturbation is not: the interpolation would be fitted.
+    The rest of stance is slow enough to be interpolated. In the fitted window Eq. 15 would be fitted to the
+    interpolation.
     """
     inside = (time >= window[0]) & (time <= window[1])
     gap = longest_run(poses.bridged & inside)

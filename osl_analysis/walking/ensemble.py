@@ -132,8 +132,8 @@ def bootstrap(responses: Sequence[PerturbationResponse], samples: int) -> Bootst
 def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[CommonError]]:
     """Errors of K, B and I that all perturbations share: those of the mean unperturbed gait and of the plate's model.
 
-    The first is the error of a mean of n crossings, to which each contributes as `gait_errors` says. The second is the
-    jackknife's over the plate trials. Variances in the squared units of `ImpedanceFit`.
+    The first is the error of a mean of n crossings; `gait_errors` gives the part of each crossing. The second is the
+    jackknife's over the plate trials. Variances are in the squared units of `ImpedanceFit`.
     """
     check_alike(responses)
     fits = [fit_without_offset(r.fitted_motion, r.fitted_torque) for r in responses]
@@ -149,8 +149,8 @@ def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[C
 def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Array:
     """Weights (samples, n) of n items in the mean of n - 1 items drawn with replacement.
 
-    The mean of n draws would have (n - 1)/n of the right variance; the mean of n - 1 draws has the right one
-    (Hesterberg, The American Statistician 69, 2015). A single item always has the weight 1.
+    The mean of n draws has a variance that is too small by the factor (n - 1)/n. The mean of n - 1 draws has the
+    correct variance (Hesterberg, The American Statistician 69, 2015). A single item always has the weight 1.
     """
     if n < 2:
         return np.ones((samples, n))

@@ -13,12 +13,12 @@ REST_S = 0.1
 FITTED_NOISE = 25.0
 """The start of a rotation is fitted up to this multiple of the noise at rest (standard deviation)."""
 SMALLEST_PART, LARGEST_PART = 0.03, 0.25
-"""Limits of the fitted part, as fractions of the rotation. A smaller part is closer to a power of time; in a larger
-part noise matters less."""
+"""Limits of the fitted part, as fractions of the whole rotation. A smaller part follows a power of time more closely. A
+larger part is less affected by noise."""
 FEWEST_FRAMES = 4
-"""Fewest frames of the fitted start, so that they determine its power."""
+"""Smallest number of frames of the fitted start that determines its power."""
 POWERS = np.arange(1.0, 4.01, 0.25)
-"""Powers of time that are tried: 1 is a straight ramp."""
+"""Powers of time that are tried. 1 is a straight ramp."""
 START_STEP_S = 0.0002
 """Resolution [s] of the onset."""
 
@@ -43,9 +43,9 @@ class Stance:
 def find_stances(time: Array, force: Array, on: float, off: float, shortest: float) -> list[Stance]:
     """Complete stances of at least `shortest` [s] in a vertical force (n,) [N].
 
-    A stance begins where the force rises through `on` [N] and ends where it falls through `off` [N], off <= on, each
-    interpolated between samples. Where the force is NaN, the foot stays as it was. A stance that begins before the
-    recording or ends after it is not returned.
+    A stance begins where the force rises through `on` [N] and ends where it falls through `off` [N], off <= on, both
+    interpolated between samples. Where the force is NaN, the last known state (loaded or unloaded) is kept. A stance
+    that begins before the recording or ends after it is not returned.
     """
     level = np.where(force > on, 1, np.where(force < off, -1, 0))
     known = np.maximum.accumulate(np.where(level != 0, np.arange(len(level)), -1))
@@ -61,7 +61,8 @@ def find_stances(time: Array, force: Array, on: float, off: float, shortest: flo
 
 
 def time_of_level(time: Array, values: Array, row: int, level: float) -> float:
-    """Time [s] between rows `row` and `row + 1` at which the values pass `level`; the later row's if one is NaN."""
+    """Time [s] between rows `row` and `row + 1` at which the values pass `level`. If one is NaN, the later row's
+    time."""
     before, after = values[row], values[row + 1]
     if not np.isfinite(before + after) or before == after:
         return float(time[row + 1])
@@ -91,8 +92,8 @@ def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
 
     `rotation` (n,) [rad] is positive in the direction of the perturbation. It must not have passed the low-pass of the
     analysis, which spreads the start to earlier times. The first part of the rotation is fitted as c (t - onset)^p, p
-    from 1 (a straight ramp) to 4. A straight line extrapolated to the rest would find a soft start late by a fifth of
-    the ramp.
+    from 1 (a straight ramp) to 4. A straight line extrapolated back to the rest position gives an onset that is too
+    late by a fifth of the ramp if the start is smooth.
 
     Raises
     ------
@@ -108,8 +109,8 @@ def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
     resting = (time >= time[first] - 2 * REST_S) & (time < time[first] - REST_S)
     if not resting.any():
         raise InputError(
-            f"the platform turns at {time[first]:.3f} s, within {2 * REST_S:g} s of the recording's start; record its "
-            "rest before, or exclude the trial"
+            f"the platform turns at {time[first]:.3f} s, within {2 * REST_S:g} s of the recording's start; start to "
+            "record earlier, or exclude the trial"
         )
     turned, noise = rotation - float(np.mean(rotation[resting])), float(np.std(rotation[resting]))
     end = end_of_start(turned[: first + 1], noise, float(np.max(turned)))

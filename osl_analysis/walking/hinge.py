@@ -1,4 +1,4 @@
-"""The ankle's functional hinge: the axis about which foot and shank rotate relative to each other, and its place."""
+"""The ankle's functional hinge: axis and centre of the rotation of foot and shank relative to each other."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,10 +13,10 @@ from osl_analysis.walking.cluster import Poses, segment_poses
 from osl_analysis.walking.settings import CalibrationSettings
 
 LEAST_EXCURSION = np.deg2rad(5.0)
-"""RMS rotation [rad] about an axis below which marker noise determines its direction."""
+"""Smallest RMS rotation [rad] that determines an axis. Below it marker noise determines the direction."""
 FLAT = 0.05
-"""Directions in which the motion determines the centre by less than this part of the best one keep the anatomical
-centre."""
+"""Smallest singular value, as a fraction of the largest, of a direction in which the motion determines the centre. In
+the other directions the anatomical centre is kept."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Hinge:
     centre: a point (3,) [m] of the axis.
     excursion: RMS rotation [rad] about the axis.
     off_axis: RMS rotation [rad] about the two axes across it.
-    gap: RMS distance [m] between the centre as carried by the foot and as carried by the shank.
+    gap: RMS distance [m] between the centre that moves with the foot and the centre that moves with the shank.
     angle: angle [rad] to the anatomical axis.
     distance: distance [m] of the anatomical centre from the axis.
     frames: number of frames in which both segments were seen.
@@ -67,9 +67,10 @@ def hinge_of_trials(trials: Sequence[Trial], static: StaticCalibration, settings
 def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: StaticCalibration) -> Hinge:
     """The hinge from poses of foot and shank in recordings of a joint that moved; poses may be NaN.
 
-    The axis is the principal direction of the relative rotation vectors, so that least rotation remains across it. The
-    centre is the point that both segments carry along the same path (Ehrig et al., J. Biomech. 40, 2007). Where the
-    motion does not determine it, as along the axis, it is the anatomical centre.
+    The axis is the principal direction of the relative rotation vectors, so that the smallest rotation remains across
+    it. The centre is the point that has the same path in both segments (Ehrig et al., J. Biomech. 40, 2007). In
+    directions in which the motion does not determine the centre, for example along the axis, the anatomical centre is
+    used.
 
     Raises
     ------
@@ -109,7 +110,7 @@ def principal_rotations(vectors: Array) -> tuple[Array, Array]:
     Raises
     ------
     InputError
-        The largest is too small to determine an axis.
+        The largest RMS rotation is too small to determine an axis.
     """
     _, size, directions = np.linalg.svd(vectors, full_matrices=False)
     size = size / np.sqrt(len(vectors))
@@ -129,7 +130,8 @@ def rotation_vectors(foot: Array, shank: Array) -> Array:
 
 
 def common_point(feet: Sequence[Poses], shanks: Sequence[Poses], start: Array) -> tuple[Array, float]:
-    """The point (3,) [m] that foot and shank carry alike, nearest to `start`, and the RMS distance [m] that remains."""
+    """The point (3,) [m] that moves alike with foot and shank, nearest to `start`, and the RMS distance [m] that
+    remains."""
     turned = np.concatenate([f.rotation - s.rotation for f, s in zip(feet, shanks, strict=True)])
     apart = np.concatenate([f.point(start) - s.point(start) for f, s in zip(feet, shanks, strict=True)])
     shift = np.linalg.lstsq(turned.reshape(-1, 3), -apart.reshape(-1), rcond=FLAT)[0]
@@ -143,7 +145,7 @@ def with_hinge(calibration: StaticCalibration, hinge: Hinge) -> StaticCalibratio
 
 
 def hinge_row(hinge: Hinge, axis: str) -> dict[str, object]:
-    """The row of `hinge.csv`; `axis` is the one that the analysis uses, `anatomical` or `functional`."""
+    """The row of `hinge.csv`. `axis` names the axis that the analysis uses: `anatomical` or `functional`."""
     return {
         "axis": axis,
         **{f"functional_{name}": float(value) for name, value in zip("xyz", hinge.axis, strict=True)},

@@ -1,7 +1,8 @@
 """Overground gait from another laboratory: the ankle moment from the plate, compared with the laboratory's own.
 
 Plug-in Gait gives the ankle's centre (TIO) and a second point (TIL) to its left on the tibia's mediolateral axis. Both
-are stored like markers. Its moment is the quasi-static one about that axis, plus the foot's weight and inertia.
+are stored like markers. Plug-in Gait's moment is the quasi-static moment about that axis, plus the effects of the
+foot's weight and inertia.
 """
 
 from collections.abc import Iterator
@@ -25,14 +26,14 @@ ON_PLATE = 0.5
 
 @dataclass(frozen=True)
 class MomentComparison:
-    """One stance on one plate: our ankle moment and the laboratory's, in n frames in which both are known.
+    """One stance on one plate: this package's ankle moment and the laboratory's, in n frames in which both are known.
 
     side: the foot.
     plate: number of the plate.
     stance: heel strike and toe-off.
     time: (n,) [s].
-    moment: ours (n,) [N*m/kg], plantarflexion positive.
-    reference: the laboratory's (n,) [N*m/kg], plantarflexion positive.
+    moment: this package's moment (n,) [N*m/kg], plantarflexion positive.
+    reference: the laboratory's moment (n,) [N*m/kg], plantarflexion positive.
     """
 
     side: Side
@@ -49,7 +50,7 @@ class MomentComparison:
 
     @property
     def slope(self) -> float:
-        """Slope of the laboratory's moment on ours, by least squares through zero."""
+        """Slope of a regression of the laboratory's moment on this package's, through zero."""
         return float(self.moment @ self.reference / (self.moment @ self.moment))
 
     @property
@@ -105,9 +106,9 @@ def body_mass(trial: Trial, configured: float | None) -> float:
 
 
 def compare_moments(trial: Trial, body_mass: float, load: float) -> list[MomentComparison]:
-    """Every stance of the trial in which one foot alone is over a plate, in order of side and plate.
+    """Every stance of the trial in which exactly one foot is over a plate, in order of side and plate.
 
-    `body_mass` [kg] divides our moment. Frames count while the plate carries more than `load` [N].
+    This package's moment is divided by `body_mass` [kg]. Frames count while the plate carries more than `load` [N].
 
     Raises
     ------
@@ -133,7 +134,7 @@ def compare_moments(trial: Trial, body_mass: float, load: float) -> list[MomentC
 def check_no_downward_force(trial: Trial, largest_zero: float) -> None:
     """Refuse a plate whose vertical force is below minus `largest_zero` [N] in most of the recording.
 
-    A foot cannot pull. An upward offset is not detected: it looks like somebody who stands.
+    A foot cannot pull. An offset of the other sign is not detected: it looks like a standing person.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The force plate on the moving platform: its wrench, its zero and its range, at the markers' frames, in the lab."""
+"""The force plate on the moving platform: wrench at the markers' frames in laboratory axes, zero and range."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ from osl_analysis.walking.settings import CrossingSettings
 ANTI_ALIAS = 1 / 3
 """Cut-off of the low-pass before resampling, as a fraction of the marker rate."""
 CLIPPED_S = 0.02
-"""A force that keeps its largest value for this time [s] has reached the plate's limit; noise and gait do not do so."""
+"""A force that keeps its largest value for this time [s] has reached the plate's limit. Noise and gait never do so."""
 
 
 @dataclass(frozen=True)
@@ -57,10 +57,10 @@ class RecordedWrench:
     wrench: PlateWrench
 
     def at(self, marker_time: Array, lag: float = 0.0) -> PlateWrench:
-        """The wrench at the marker frames (n,) [s], read a lag [s] later if the plate is late, without delay.
+        """The wrench at the marker frames (n,) [s], read `lag` [s] later to remove the delay of a plate that is late.
 
-        A zero-phase low-pass at a third of the marker rate prevents aliasing. It takes less than 1e-5 at a fifteenth of
-        that rate (20 Hz of 300 Hz), so that the filter of the analysis remains the only one that matters.
+        A zero-phase low-pass at a third of the marker rate prevents aliasing. It attenuates a fifteenth of that rate
+        (20 Hz at 300 Hz) by less than 1e-5, which is negligible beside the filter of the analysis.
         """
         anti_alias = LowPass(sampling_rate(marker_time) * ANTI_ALIAS)
         smooth = anti_alias(self.wrench.components(), sampling_rate(self.time))
@@ -70,14 +70,15 @@ class RecordedWrench:
 
 
 def recorded_wrench(trial: Trial, plate: int) -> RecordedWrench:
-    """What a plate, counted from 1, recorded."""
+    """The wrench that a plate, counted from 1, recorded."""
     signals = trial.signals(*plate_columns(plate, "force"), *plate_columns(plate, "moment"))
     values = np.column_stack(signals[1:])
     return RecordedWrench(signals[0], PlateWrench(values[:, :3], values[:, 3:]))
 
 
 def zeroed_wrench(trial: Trial, settings: CrossingSettings) -> tuple[RecordedWrench, float | None]:
-    """The plate's wrench without its zero, and the zero's vertical force [N], None if no zero is removed.
+    """The plate's wrench minus its zero, and the vertical force [N] of the zero. The force is None if no zero is
+    removed.
 
     Raises
     ------
@@ -97,8 +98,8 @@ def unloaded_zero(recorded: RecordedWrench, duration: float, largest: float) -> 
     """Mean wrench (one sample) of a plate before it is stepped on.
 
     It is the mean over the interval of `duration` [s], before the largest vertical force, in which that force varies
-    least. Gait does not keep a load so constant. After the step the platform may be tilted, which shows the plate's own
-    weight.
+    least. The load during gait is never as constant. The time after the step is not used: the platform may be tilted,
+    and the plate's weight then appears in the wrench.
 
     Raises
     ------
@@ -118,8 +119,8 @@ def unloaded_zero(recorded: RecordedWrench, duration: float, largest: float) -> 
     zero = PlateWrench(*(part.mean(axis=0, keepdims=True) for part in (unloaded.force, unloaded.moment)))
     if abs(zero.force[0, 2]) > largest:
         raise InputError(
-            f"the plate reads {zero.force[0, 2]:.0f} N with nobody on it, expected less than {largest:g} N: it was not "
-            "zeroed or has reached its limit; zero it and record again, exclude the trial, or raise largest_zero_n"
+            f"the unloaded plate reads {zero.force[0, 2]:.0f} N, expected less than {largest:g} N: it was not zeroed "
+            "or has reached its limit; zero it and record again, exclude the trial, or raise largest_zero_n"
         )
     return zero
 
@@ -191,7 +192,8 @@ def in_laboratory(wrench: PlateWrench, platform: Poses, centre: Array) -> tuple[
 def rotation_from_rest(platform: Poses) -> Array:
     """Angle (n,) [rad] by which the platform is turned from its pose in the static trial; NaN where not seen.
 
-    About the axis of its largest rotation, which is positive. The angle is signed, so that marker noise has zero mean.
+    The angle is about the axis of the largest rotation, which counts as positive. It is signed, so that marker noise
+    has zero mean.
     """
     seen = np.flatnonzero(platform.seen())
     angle = np.full(len(platform.position), np.nan)

@@ -1,15 +1,15 @@
 """The force plate's own inertia and its lag: identified on a plate that moves unloaded, then removed from every wrench.
 
-What the sensors read of the plate itself is linear in its inertial parameters. In axes that turn with the plate, with
-the weight at rest removed by the zero,
+The wrench that the plate itself causes in its sensors is linear in the plate's inertial parameters. In axes that turn
+with the plate, after the zero has removed the weight at rest,
 
     F = m a' + z x mc + w x (w x mc),    M = mc x a' + I z + w x I w,    a' = R^T (a - g) + g,
 
 where m is the mass, mc mass times centre of mass, I the inertia about the plate's centre, a the acceleration of that
 centre, w the angular velocity and z the angular acceleration.
 
-A lag d of the torque behind the angle changes the damping by -K d and leaves the VAF as it is, so that the walking data
-themselves do not show it. The unloaded plate does: its inertial force must peak when its acceleration does.
+A lag d of the torque behind the angle changes the damping by -K d. It does not change the VAF, so that walking data do
+not show it. The unloaded plate shows it: its inertial force and its acceleration must peak at the same time.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,14 +26,14 @@ from osl_analysis.walking.plate import PlateWrench
 PARAMETERS = ("m", "mc_x", "mc_y", "mc_z", "I_xx", "I_yy", "I_zz", "I_xy", "I_xz", "I_yz")
 COMPONENTS = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
 PLANAR = ("m", "mc_x", "mc_z", "I_yy")
-"""Parameters that show on a platform that only turns about the mediolateral axis, and shifts across it."""
+"""Parameters that can be identified if the platform only turns about the mediolateral axis and shifts across it."""
 EXCITED = 0.1
-"""Part of the largest RMS angular acceleration from which on an axis counts as excited."""
+"""An axis counts as excited if its RMS angular acceleration is at least this fraction of the largest one."""
 LEVER = 0.1
-"""Weight [m] of forces beside moments: the lever of a force about the ankle is about the ankle's height."""
+"""Weight [m] of forces relative to moments: about the height of the ankle, which is a force's lever about the ankle."""
 LARGEST_PLATE_LAG_S = 0.012
 PLATE_LAG_STEP_S = 0.002
-"""Lags that are tried [s]; between them a parabola is exact to 1 % for motions below 20 Hz."""
+"""Step [s] between the lags that are tried. A parabola between them is exact to 1 % for motions below 20 Hz."""
 LIGHT = 0.1
 """RMS [N*m] of an unloaded wrench, forces with their lever, below which a plate is too light to show its lag."""
 
@@ -59,7 +59,8 @@ class PlateInertia:
         return tuple(name for name, se in zip(PARAMETERS, self.standard_errors, strict=True) if se > 0)
 
     def wrench(self, motion: BodyMotion) -> PlateWrench:
-        """What the plate alone reads in n frames, in its own axes, about its centre, which is `motion`'s point."""
+        """Wrench that the plate itself causes in n frames, in its own axes and about its centre, the point of
+        `motion`."""
         own = regressors(motion) @ self.parameters
         return PlateWrench(own[:, :3], own[:, 3:])
 
@@ -96,7 +97,7 @@ def inertia_matrix(v: Array) -> Array:
 
 
 def unfiltered(values: Array) -> Array:
-    """The values themselves, where no low-pass is wanted."""
+    """The values unchanged: the default of `smooth`, without a low-pass."""
     return values
 
 
@@ -108,10 +109,10 @@ def identify_plate_inertia(
     """Parameters from unloaded recordings: motion of the plate's centre, and wrench in the plate's axes.
 
     `smooth` is the low-pass that the wrench passed and the motion did not. It is applied to the columns, which are
-    products of motions, because the low-pass of a product is not the product of low-passes: at 8 Hz, the plate's lag
-    would read 0.05 ms too little. Each recording's mean is removed, so that each may have its own zero. Moments of
-    inertia about axes that are not excited are 0. If the remaining parameters cannot be told apart, only the four
-    planar ones are identified. `names` replaces this choice.
+    products of motions, because the low-pass of a product is not the product of low-passes. With filtered motions
+    instead, a filter of 8 Hz would make the plate's lag 0.05 ms too small. The mean of each recording is removed,
+    because each has its own zero. Moments of inertia about axes that are not excited are 0. If the remaining parameters
+    cannot be told apart, only the four planar ones are identified. `names` replaces this choice.
 
     Raises
     ------
@@ -129,7 +130,7 @@ def identify_plate_inertia(
 
 
 def fit_parameters(columns: Array, wrench: Array, names: tuple[str, ...]) -> LinearFit:
-    """Regress wrenches (n, 6) on the named columns of (n, 6, 10), or on the planar ones if those look alike."""
+    """Regress wrenches (n, 6) on the named columns of (n, 6, 10). If these look alike, use only the planar ones."""
     weight = np.array([LEVER] * 3 + [1.0] * 3)
     stacked = {
         name: (columns[:, :, PARAMETERS.index(name)] * weight).T.ravel() for name in names
@@ -170,13 +171,14 @@ def weighted_square(size: Array) -> float:
 def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], PlateWrench], smooth: Callable[[Array], Array]) -> float:
     """Lag [s] of the plate behind the markers in one unloaded recording, positive if the plate is late.
 
-    `wrench_at` gives the wrench read a lag [s] later, through the low-pass `smooth`, which the motion did not pass. The
-    lag minimises the misfit of `identify_plate_inertia`. It is NaN if the plate is too light to show it.
+    `wrench_at` returns the wrench read a lag [s] later, filtered with `smooth`. The motion has not passed this filter.
+    The estimated lag minimises the misfit of `identify_plate_inertia`. It is NaN if the plate is too light to show a
+    lag.
 
     Raises
     ------
     InputError
-        No lag that is tried explains the wrench: the recorders are not synchronised.
+        No lag within the search explains the wrench: the recorders are not synchronised.
     """
     lags = np.arange(-LARGEST_PLATE_LAG_S, LARGEST_PLATE_LAG_S + PLATE_LAG_STEP_S / 2, PLATE_LAG_STEP_S)
     readings = [wrench_at(float(lag)) for lag in lags]

@@ -1,4 +1,4 @@
-"""The plate's model from trials with nobody on the platform: its inertia, and its lag behind the markers."""
+"""The plate's model from plate trials (unloaded platform): its inertia, and its lag behind the markers."""
 
 import warnings
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ from osl_analysis.walking.settings import PlateModelSettings
 
 FEWEST_FRAMES = 10
 HIDDEN_TURN = np.deg2rad(0.2)
-"""Rotation [rad] of the platform behind hidden markers from which on it counts; at rest, noise gives 0.03 deg."""
+"""Smallest rotation [rad] during hidden markers that counts as a turn. At rest, noise gives 0.03 deg."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class PlateModel:
     """The plate's inertia and lag.
 
     inertia: inertial parameters.
-    lag: lag [s] behind the markers, the mean of `lags`; 0 without any.
+    lag: lag [s] behind the markers, the mean of `lags`; 0 if `lags` is empty.
     lag_se: standard error [s] of the lag; None with fewer than two lags.
     lags: lags (k,) [s] of the trials that show one.
     leave_one_out: the model without each trial in turn, for the jackknife; empty with a single trial.
@@ -92,7 +92,7 @@ def identify_plate_model(
         There are no trials, a foot is on the plate, or the platform did not move or was hidden while it moved.
     """
     if not trials:
-        raise InputError("no trials with nobody on the platform; add trials of experiment 'plate' to the sheet")
+        raise InputError("no trials of the unloaded plate; add trials of experiment 'plate' to the sheet")
     recordings = without_hidden_turns([unloaded_recording(trial, calibration, settings) for trial in trials])
     lags = [trial_lag(r) if settings.correct_plate_lag else float("nan") for r in recordings]
     model, every = plate_model(recordings, lags), range(len(recordings))
@@ -106,9 +106,10 @@ def identify_plate_model(
 def plate_model(
     recordings: Sequence[UnloadedRecording], lags: Sequence[float], names: tuple[str, ...] | None = None
 ) -> PlateModel:
-    """The mean of the recordings' lags [s], NaN where a trial shows none, and one inertia from all at that lag.
+    """The mean of the recordings' lags [s], and one inertia from all recordings at that lag.
 
-    `names` are the inertial parameters to identify, if they are already known.
+    A lag is NaN if its recording shows none. `names` are the inertial parameters to identify, if they are already
+    known.
     """
     known = np.array([lag for lag in lags if np.isfinite(lag)])
     lag = float(np.mean(known)) if len(known) else 0.0
@@ -118,12 +119,12 @@ def plate_model(
 
 
 def without_hidden_turns(recordings: Sequence[UnloadedRecording]) -> list[UnloadedRecording]:
-    """The recordings whose platform was seen while it turned; a warning names the others.
+    """The recordings whose platform was seen while it turned. A warning names each of the others.
 
     Raises
     ------
     InputError
-        There is none.
+        There is no such recording.
     """
     hidden = [r for r in recordings if r.hidden]
     if len(hidden) == len(recordings):
@@ -165,8 +166,8 @@ def check_unloaded(name: str, recorded: RecordedWrench, largest: float) -> None:
     load = float(np.median(np.abs(recorded.wrench.force[:, 2])))
     if load > largest:
         raise InputError(
-            f"trial {name}: the plate carries {load:.0f} N, expected nobody on it and at most {largest:g} N; zero the "
-            "plate and record again, or correct the experiment of this trial in the sheet, which is 'plate'"
+            f"trial {name}: the plate carries {load:.0f} N, expected an unloaded plate and at most {largest:g} N; zero "
+            "the plate and record again, or correct the experiment of this trial in the sheet, which is 'plate'"
         )
 
 
@@ -192,7 +193,7 @@ def turned_while_hidden(name: str, time: Array, poses: Poses, settings: PlateMod
 def hidden_turn(time: Array, poses: Poses, longest: float) -> float:
     """The largest rotation [rad] of the platform while its markers were hidden for more than `longest` [s].
 
-    An interpolated turn is not a measured one: 11 frames of it at 300 Hz move the lag of that trial by 2 ms.
+    An interpolated turn is not measured. 11 interpolated frames at 300 Hz change the lag of that trial by 2 ms.
     """
     rotation = rotation_from_rest(poses)
     gaps = [gap for gap in runs(poses.bridged) if gap_duration(time, gap) > longest]
@@ -200,7 +201,7 @@ def hidden_turn(time: Array, poses: Poses, longest: float) -> float:
 
 
 def trial_lag(recording: UnloadedRecording) -> float:
-    """Lag [s] of the plate in one trial, NaN if its plate is too light to show it."""
+    """Lag [s] of the plate in one trial; NaN if the plate is too light to show it."""
     try:
         return plate_lag(recording.motion, recording.wrench_at, recording.smooth)
     except InputError as error:
@@ -208,7 +209,8 @@ def trial_lag(recording: UnloadedRecording) -> float:
 
 
 def plate_table(model: PlateModel) -> pl.DataFrame:
-    """`plate.csv`: RMS [N, N*m] of each component before and after the plate's own is removed, and the lag [s]."""
+    """`plate.csv`: RMS [N, N*m] of each component before and after the plate's own wrench is removed, and the lag
+    [s]."""
     before, after = model.inertia.rms_before, model.inertia.rms_after
     remaining = [100 * a / b if b > 0 else None for b, a in zip(before.tolist(), after.tolist(), strict=True)]
     rows = {"component": COMPONENTS, "rms_before": before, "rms_after": after, "left_percent": remaining}

@@ -12,7 +12,7 @@ from osl_analysis.walking.settings import StanceSource, Timing
 from osl_analysis.walking.unperturbed import UnperturbedGait, signal_at
 
 MARGIN = 8
-"""Additional samples at both ends of a response, because a spline's derivatives are worse at its ends."""
+"""Additional samples at both ends of a response. A spline's derivatives are less accurate at its ends."""
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,10 @@ class PerturbationResponse:
     time: time (k,) [s] from the onset.
     motion: angle [rad] of the ankle and its derivatives, (k,) each.
     torque: torque (k,) [N*m].
-    thetas, torques: angle and torque (crossings, k) with each single unperturbed crossing subtracted in place of the
-        mean of all. Their scatter shows how gait varies.
-    plate_errors: change (m, k) [N*m] of the torque if the plate's model lacked each of m trials of the unloaded plate.
+    thetas: angles (crossings, k) [rad]; row i is the response with the i-th unperturbed crossing subtracted instead of
+        the mean. Their scatter shows how gait varies.
+    torques: the same for the torque [N*m].
+    plate_errors: changes (m, k) [N*m] of the torque if the plate's model is identified without each of m plate trials.
     timing: window, baseline and guard.
     """
 
@@ -65,9 +66,10 @@ def isolate_response(
 ) -> PerturbationResponse:
     """The crossing's response to its perturbation.
 
-    Phase is the time since heel strike divided by the duration of stance: the crossing's own, or the mean of the
-    unperturbed crossings, for perturbations that change this duration. The baseline ends before the filter spreads the
-    onset into it: a response zeroed at the onset itself reads K 321 for 340.
+    Phase is the time since heel strike divided by a duration of stance. With `own` this is the crossing's own duration.
+    With the other choice it is the mean of the unperturbed crossings, for perturbations that change the duration. The
+    baseline ends before the onset, because the filter spreads the response to earlier times. A response zeroed at the
+    onset itself gives K = 321 N*m/rad for a true 340.
 
     Raises
     ------

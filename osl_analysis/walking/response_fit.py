@@ -14,23 +14,23 @@ from osl_analysis.trial import Array
 from osl_analysis.walking.response import PerturbationResponse
 
 FROM_GAIT, FROM_GAIT_AND_PLATE = "unperturbed crossings", "unperturbed crossings + plate trials"
-"""Source of the interval of a single perturbation; with a single plate trial the plate's part is unknown."""
+"""Sources of the interval of a single perturbation. With a single plate trial the plate's part is unknown."""
 LARGEST_LAG_S, LAG_STEP_S = 0.01, 0.001
-"""Lags that are tried [s]; they lie within the response's margin of eight frames, 27 ms at 300 Hz."""
+"""Largest lag and step [s] of the search. All lags lie within the response's margin of 8 frames, 27 ms at 300 Hz."""
 
 
 def fit_response(response: PerturbationResponse) -> ImpedanceFit:
-    """Fit Eq. 15 without an offset in the window after the onset; the mean over the baseline is the zero.
+    """Fit Eq. 15 without an offset in the window after the onset. The zero is the mean over the baseline.
 
-    An offset would take up what of the response is not of second order: it reads K 321 for 334 on the exact response
-    of the simulated drivetrain, and 308 if the onset is found 20 ms late. The covariance is the one that the variation
-    of gait (`gait_errors`) and the trials of the unloaded plate (`plate_errors`) cause. The residual of the fit, a few
-    correlated samples, shows neither.
+    An offset would absorb the part of the response that is not of second order. On the exact response of the simulated
+    drivetrain, a fit with an offset gives K = 321 N*m/rad instead of 334, and 308 if the onset is 20 ms late. The
+    covariance comes from the variation of gait (`gait_errors`) and from the plate trials (`plate_errors`). The residual
+    of the fit, a few correlated samples, shows neither of these errors.
 
     Raises
     ------
     InputError, IdentifiabilityError
-        As `linear_fit`, naming the trial. A ramp that is longer than the window cannot tell K from I.
+        As `linear_fit`, naming the trial. K and I cannot be told apart if the ramp is longer than the window.
     """
     try:
         impedance = fit_without_offset(response.fitted_motion, response.fitted_torque)
@@ -70,7 +70,7 @@ def gait_errors(response: PerturbationResponse, impedance: ImpedanceFit) -> Arra
 
 
 def plate_errors(response: PerturbationResponse) -> Array:
-    """Changes (m, 3) of K, B, I if the plate's model lacked each of m trials of the unloaded plate, to first order."""
+    """Changes (m, 3) of K, B, I, to first order, if the plate's model is identified without each of m plate trials."""
     return estimate_changes(response.plate_errors, response)
 
 
@@ -91,9 +91,10 @@ def jackknife_covariance(changes: Array) -> Array:
 
 
 def offset_comparison(response: PerturbationResponse, K: float) -> dict[str, float | None]:
-    """A fit with an offset [N*m] beside the fit without: where they differ much, the response is not of second order.
+    """A fit with an offset [N*m], for comparison. A large difference shows that the response is not of second order.
 
-    `offset_share` is the part of K [N*m/rad] that the fit with offset lacks. All null where that fit is not possible.
+    `offset_share` is the relative decrease of K [N*m/rad] in the fit with an offset. All are null if that fit is
+    impossible.
     """
     try:
         free = fit_impedance(response.fitted_motion, response.fitted_torque)
@@ -117,9 +118,9 @@ class ResponseLag:
 def response_lag(response: PerturbationResponse) -> ResponseLag | None:
     """The lag at which the residual of Eq. 15 is smallest; None if it is smallest at 10 ms or beyond.
 
-    A lag changes the damping by -K times the lag. Apart from that it shows in the residual only. The standard error
-    takes the residual's correlation in time from the fit, and says whether the lag is known. A response that is not of
-    second order shifts the lag: compare crossings and sessions with it, but do not correct by it.
+    A lag changes the damping by -K times the lag. Otherwise it shows only in the residual. The standard error includes
+    the residual's correlation in time. A response that is not of second order also shifts this lag. Use the lag to
+    compare crossings and sessions, and do not correct the torque with it.
     """
     lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + LAG_STEP_S / 2, LAG_STEP_S)
     try:

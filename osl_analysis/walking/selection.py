@@ -21,9 +21,10 @@ USED, OUTLIER, REFUSED = "used", "outlier", "refused"
 class Feature:
     """One feature of n crossings.
 
-    name, unit: for messages.
-    values: one (n,) per crossing.
-    median: for each crossing (n,), the median of those that it is compared with.
+    name: name of the feature, for messages.
+    unit: unit of the feature, for messages.
+    values: one value per crossing (n,).
+    median: for each crossing (n,), the median of the crossings with which it is compared.
     scatter: scatter about the medians.
     """
 
@@ -79,8 +80,8 @@ def crossing_row(crossing: Crossing, index: int, features: Sequence[Feature], re
 def crossing_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule) -> list[Feature]:
     """Features by which crossings are compared: duration of stance, place of the foot, deviation of the angle.
 
-    A perturbation changes none of them but the duration of stance. There, perturbed crossings are compared with
-    perturbed ones only.
+    A perturbation changes only the duration of stance. For this feature, perturbed crossings are compared with
+    perturbed crossings only.
     """
     stance = np.array([c.stance.duration for c in crossings])
     place = np.array([c.quality.placement for c in crossings])
@@ -97,7 +98,7 @@ def crossing_features(crossings: Sequence[Crossing], timing: Timing, rule: Outli
 def feature_of(
     name: str, unit: str, values: Array, smallest_scatter: float, kind: NDArray[np.bool_] | None = None
 ) -> Feature:
-    """A feature of crossings, whose medians are over all of them, or over those of the same `kind` (n,)."""
+    """A feature of crossings. Its medians are over all crossings, or over the crossings of the same `kind` (n,)."""
     kind = np.zeros(len(values), dtype=bool) if kind is None else kind
     median = np.array([np.median(values[kind == own]) for own in kind])
     scatter = NORMAL_MAD * float(np.median(np.abs(values - median)))

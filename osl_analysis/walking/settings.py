@@ -1,4 +1,4 @@
-"""Choices of the walking analysis, each with its unit. They stand in `config.yaml`; physical constants do not."""
+"""Choices of the walking analysis in `config.yaml`, each with its unit."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -57,7 +57,7 @@ class OutlierRule(Settings):
     """Which crossings are excluded: those further from the median crossing than `limit` times the scatter.
 
     The scatter is 1.4826 times the median absolute deviation, which is the standard deviation of a normal
-    distribution. It counts as no smaller than the value given for each feature.
+    distribution. For each feature it is at least the smallest scatter given below.
     """
 
     limit: Positive
@@ -92,7 +92,7 @@ class WalkingFilter(Settings):
 
     @property
     def low_pass(self) -> LowPass:
-        """The filter itself."""
+        """The filter of these settings."""
         return LowPass(self.cutoff_hz, self.order)
 
 
@@ -118,9 +118,9 @@ class PlatformSettings(MarkerSettings, WalkingFilter):
     plate: Annotated[int, Field(ge=1)]
     """Number of the force plate on the platform, counted from 1."""
     largest_zero_n: Positive
-    """Largest vertical force [N] of a plate with nobody on it; a plate that reads more is refused."""
+    """Largest vertical force [N] of an unloaded plate. A plate that reads more is refused."""
     perturbation_deg: Positive
-    """Rotation [deg] above which the platform has moved."""
+    """Smallest rotation [deg] of the platform that counts as a perturbation."""
     longest_fitted_gap_s: NotNegative
     """Longest gap [s] that is interpolated where the motion itself is fitted: after the onset of a perturbation, and
     while the unloaded platform turns."""
@@ -132,15 +132,16 @@ class CalibrationSettings(MarkerSettings):
     side: Literal["left", "right"]
     """Side of the subject that wears the prosthesis."""
     hinge: Literal["anatomical", "functional"]
-    """Where the ankle's axis is from: the malleoli in the static trial, or the relative motion of foot and shank."""
+    """Source of the ankle's axis: `anatomical`, the malleoli in the static trial; or `functional`, the relative motion
+    of foot and shank."""
 
 
 class PlateModelSettings(PlatformSettings):
     """How the plate's own inertia and lag are identified."""
 
     plate_cutoff_hz: Positive
-    """Cut-off [Hz] of the low-pass with which the inertia of the unloaded plate is identified. Marker noise in an
-    acceleration biases that inertia: 12 kg read 10.8 kg at 20 Hz and 12.0 kg at 8 Hz."""
+    """Cut-off [Hz] of the low-pass with which the inertia of the unloaded plate is identified. Marker noise in the
+    acceleration biases the inertia: a mass of 12 kg is estimated as 10.8 kg at 20 Hz and 12.0 kg at 8 Hz."""
     correct_plate_lag: bool
     """Whether the plate's lag is estimated and corrected."""
 
@@ -169,7 +170,7 @@ class SelectionSettings(TimingSettings):
     """Which crossings are excluded."""
 
     outliers: OutlierRule | None
-    """Rule by which crossings are excluded; null: none is."""
+    """Rule by which crossings are excluded; null: no crossing is excluded."""
 
 
 class UnperturbedSettings(Settings):
@@ -183,8 +184,8 @@ class ResponseSettings(WalkingFilter, TimingSettings):
     """How a response is isolated and fitted."""
 
     perturbed_stance: StanceSource
-    """Duration that turns a perturbed crossing's time into phase: its own, or the mean of the unperturbed crossings,
-    for perturbations that change the duration of stance."""
+    """Duration of stance that converts the time of a perturbed crossing to phase: its own, or the mean of the
+    unperturbed crossings. Use the mean for perturbations that change the duration of stance."""
 
 
 class EnsembleSettings(ResponseSettings):
@@ -211,6 +212,6 @@ class OvergroundAnalysis(Settings):
     load_on_n: Positive
     """Vertical force [N] above which a frame counts."""
     body_mass_kg: Positive | None = None
-    """Body mass [kg] that divides the moment; null: the recording's."""
+    """Body mass [kg] by which the moment is divided; null: the body mass in the recording."""
     largest_zero_n: Positive = 100
     """Largest downward reading [N] of a plate in most of the recording; a plate that reads more is refused."""

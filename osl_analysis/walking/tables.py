@@ -21,7 +21,7 @@ MEAN, ENSEMBLE = "mean of perturbations", "ensemble"
 WITH_COMMON_ERRORS = "Student + shared errors"
 """Interval of a mean over perturbations: from their scatter, and from the errors that all of them share."""
 PHASE_STEP = 4
-"""Every fourth of `PHASES` is plotted: a hundred points of stance are enough for a curve."""
+"""Step between the plotted `PHASES`: a hundred points of stance are enough for a curve."""
 
 
 def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: ResponseSettings) -> dict[str, object]:
@@ -52,7 +52,8 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
 def response_lag_row(response: PerturbationResponse, K: float) -> Row:
     """The lag of the torque behind the angle and its effect on B.
 
-    `lag_out_of_reach` is 1 where no lag within reach fits best, which happens with a torque two frames late, else 0.
+    `lag_out_of_reach` is 1 if the best lag is at or beyond the limit of the search, for example if the torque is two
+    frames late. Otherwise it is 0.
     """
     delay = response_lag(response)
     columns = lag_damping_row(None, None, K) if delay is None else lag_damping_row(delay.lag, delay.se, K)
@@ -87,8 +88,8 @@ def ensemble_rows(ensemble: EnsembleResponse, resampled: Bootstrap) -> list[dict
 def excluded_crossings(selection: pl.DataFrame, unfitted: pl.DataFrame) -> pl.DataFrame:
     """Crossings that are not used (trial, perturbed, reason), in the order of the selection.
 
-    `selection` is `walking_crossings.csv`. `unfitted` (trial, reason) says why crossings have no fit; reason is null
-    where they have one.
+    `selection` is `walking_crossings.csv`. `unfitted` (trial, reason) gives the reason why a crossing has no fit. The
+    reason is null if it has one.
     """
     both = selection.join(unfitted, on="trial", how="left", maintain_order="left", suffix="_unfitted")
     reason = pl.coalesce("reason", "reason_unfitted").alias("reason")

@@ -11,7 +11,7 @@ from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 
 PHASES = np.linspace(0.0, 1.0, 401)
-"""Phases of stance at which unperturbed crossings are kept: finer than the markers' frames."""
+"""Phases of stance at which unperturbed crossings are sampled, finer than the markers' frames."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class UnperturbedGait:
     theta: ankle angle (crossings, phases) [rad].
     torque: ankle torque (crossings, phases) [N*m].
     stance: duration of stance (crossings,) [s].
-    plate_errors: (m, crossings, phases) [N*m], as those of a `Crossing`.
+    plate_errors: (m, crossings, phases) [N*m], as in `Crossing`.
     """
 
     names: tuple[str, ...]

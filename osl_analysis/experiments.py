@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-PROTOCOL = ("amplitudes_deg", "frequencies_hz", "cycles")
+PROTOCOL = ("amplitudes_deg", "frequencies_hz", "cycles", "seconds_per_frequency")
 """Fields of `dynamometer` in the configuration: what a stepped sine should follow."""
 
 

@@ -14,9 +14,10 @@ from osl_analysis.bench.estimators import (
     estimator_table,
     modulating_function,
 )
-from osl_analysis.bench.protocol import Block, SteppedSineProtocol, block_segments, settled
+from osl_analysis.bench.protocol import Block, Segment, settled
 from osl_analysis.bench.stepped_sine import RawSignals
 from osl_analysis.errors import InputError
+from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.second_order import impedance_torque
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.stats.covariance import FILTER_SPAN, correlation_samples
@@ -29,13 +30,16 @@ PROTOCOL = SteppedSineProtocol((0.1,), (1.0, 3.0, 5.0), 9)
 
 def record(rng=None, angle_noise=0.0, torque_noise=0.0, command=True):
     """K 200, B 4, I 0.05, offset 1 by formula, each frequency from phase 0."""
-    segments = block_segments(500, 0.1, PROTOCOL, RATE)
-    time = np.arange(segments[-1].stop + 500) / RATE
+    ends = 500 + RATE * np.cumsum([0, *(PROTOCOL.cycles / f for f in PROTOCOL.frequencies_hz)])
+    segments = tuple(
+        Segment(0.1, f, a, b, PROTOCOL.cycles) for f, a, b in zip(PROTOCOL.frequencies_hz, ends, ends[1:], strict=False)
+    )
+    time = np.arange(round(segments[-1].stop) + 500) / RATE
     theta, omega, alpha = np.zeros((3, len(time)))
     for s in segments:
         w, phase = (
             2 * np.pi * s.frequency_hz,
-            2 * np.pi * s.frequency_hz * (np.arange(s.start, s.stop) - s.start) / RATE,
+            2 * np.pi * s.frequency_hz * (s.rows - s.start) / RATE,
         )
         theta[s.rows] = 0.1 * np.sin(phase)
         omega[s.rows], alpha[s.rows] = 0.1 * w * np.cos(phase), -0.1 * w**2 * np.sin(phase)
@@ -101,7 +105,7 @@ def test_the_whitening_estimator_fits_four_samples_per_period_of_the_cutoff():
     """One in eight at 500 Hz; the whitening filter of order 8 uses up the first eight of each segment."""
     raw = record(np.random.default_rng(7), torque_noise=0.5)
     fit = ESTIMATORS["whitened"](raw, LOW_PASS, CovarianceChoice())
-    assert fit.samples == sum(-(-(s.stop - s.start) // 8) - 8 for s in raw.segments)
+    assert fit.samples == sum(-(-len(s.rows) // 8) - 8 for s in raw.segments)
     assert fit["K"] == pytest.approx(200, abs=4 * fit.se("K"))
 
 

@@ -6,12 +6,12 @@ from bench_synthetic import PROTOCOL, RATE, second_order, stepped_sine
 
 from osl_analysis.bench.frequency_response import trial_phasors
 from osl_analysis.bench.impedance import impedance_table
-from osl_analysis.bench.protocol import SteppedSineProtocol
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.commands.bench import plotted_numbers_fig4
 from osl_analysis.commands.fit import estimates_text
 from osl_analysis.config import TimeSeriesFigure
 from osl_analysis.doubtful import Doubt
+from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, write_trial
 

@@ -15,13 +15,14 @@ MAY_IMPORT = {
     "formats": COMMON | {"formats"},
     "ingest": COMMON | {"ingest", "formats", "columns", "yaml_settings"},
     "stats": COMMON | {"stats", "signals"},
+    "protocol": COMMON | {"protocol"},
     "timebase": COMMON | {"timebase", "signals"},
     "bench": COMMON
-    | {"bench", "stats", "second_order", "signals", "uniform", "timebase"}
+    | {"bench", "protocol", "stats", "second_order", "signals", "uniform", "timebase"}
     | {"model", "parameters", "yaml_settings", "doubtful"},
     "walking": COMMON
     | {"walking", "stats", "second_order", "signals", "uniform", "timebase", "columns", "yaml_settings"},
-    "quality": COMMON | {"quality", "experiments", "signals", "yaml_settings"},
+    "quality": COMMON | {"quality", "protocol", "experiments", "signals", "yaml_settings"},
     "figures": COMMON | {"figures"},
 }
 

@@ -22,9 +22,9 @@ from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.ingest.c3d_capture import read_c3d_capture
 from osl_analysis.ingest.c3d_source import C3dSource
 from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.protocol.runs import find_runs
 from osl_analysis.quality.channels import length_of_longest, rail
 from osl_analysis.quality.checks import CheckResult, Commanded
-from osl_analysis.quality.protocol import sine_runs
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.quality.verdict import CHECKS, examine, fails, quality_table, validate_rules
 from osl_analysis.trial import Array, Trial
@@ -39,8 +39,8 @@ def stepped_sine(commanded: Commanded = COMMANDED) -> Array:
     rest = np.zeros(500)
     pieces = [rest]
     for a in commanded.amplitudes_deg:
-        for f in commanded.frequencies_hz:
-            pieces.append(np.radians(a) * np.sin(2 * np.pi * f * np.arange(round(commanded.cycles / f * RATE)) / RATE))
+        for f, cycles in zip(commanded.frequencies_hz, commanded.protocol.cycles_at, strict=True):
+            pieces.append(np.radians(a) * np.sin(2 * np.pi * f * np.arange(round(cycles / f * RATE)) / RATE))
         pieces.append(rest)
     return np.concatenate(pieces)
 
@@ -304,10 +304,10 @@ def test_clocks_that_fit_badly_and_a_damaged_log_are_told_from_the_provenance() 
 
 def test_what_the_joint_really_did_is_found_without_the_configuration() -> None:
     theta = stepped_sine() + 1e-5 * np.random.default_rng(0).standard_normal(stepped_sine().size)
-    runs = [run for run in sine_runs(np.arange(theta.size) / RATE, theta) if run.cycles >= 3]
+    runs = find_runs(np.arange(theta.size) / RATE, theta)
     assert [run.amplitude_deg for run in runs] == pytest.approx([2, 2, 4, 4], rel=1e-2)
-    assert [run.frequency_hz for run in runs] == pytest.approx([2, 5, 2, 5], rel=1e-2)
-    assert all(run.cycles in (4, 5, 6) for run in runs)
+    assert [run.frequency_hz for run in runs] == pytest.approx([2, 5, 2, 5], rel=1e-4)
+    assert [run.cycles for run in runs] == pytest.approx([6, 6, 6, 6], abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -315,9 +315,12 @@ def test_what_the_joint_really_did_is_found_without_the_configuration() -> None:
     [
         (Commanded((2.0, 4.0), (2.0, 5.0), 6), 0, "4 commanded pairs of amplitude and frequency found"),
         (Commanded((2.0, 4.0), (2.0,), 6), 2, "missing 2 deg at 5 Hz; missing 4 deg at 5 Hz"),
-        (Commanded((2.0, 6.0), (2.0, 5.0), 6), 2, "besides 6 deg at 2 Hz"),
-        (Commanded((2.0, 4.0), (2.0, 5.0), 3), 4, "missing 2 deg at 2 Hz"),
-        (Commanded((2.0, 4.0), (2.0, 5.0), 8), 4, "2 deg at 2 Hz (7 cycles), commanded are 6"),
+        (Commanded((2.0, 6.0), (2.0, 5.0), 6), 4, "missing 4 deg at 5 Hz; besides 6 deg at 2 Hz (6.0 cycles); besides"),
+        (Commanded((2.0, 4.0), (2.0, 5.0), 3), 4, "2 deg at 2 Hz (3.0 cycles), commanded are 6"),
+        (Commanded((2.0, 4.0), (2.0, 5.0), 8), 4, "2 deg at 2 Hz (8.0 cycles), commanded are 6"),
+        (Commanded((2.0, 4.0), (2.0, 5.0), (6, 15)), 2, "4 deg at 5 Hz (15.0 cycles), commanded are 6"),
+        (Commanded((4.0, 2.0), (5.0, 2.0), 6), 0, "4 commanded pairs of amplitude and frequency found"),
+        (Commanded((2.0, 4.0), (2.01, 5.025), 6), 0, "found; frequencies are 0.5 % above the commanded ones"),
     ],
 )
 def test_the_protocol_in_the_log_is_held_against_the_configured_one(
@@ -326,6 +329,12 @@ def test_the_protocol_in_the_log_is_held_against_the_configured_one(
     found = results(bench(stepped_sine(really)))["protocol"]
     assert found.value == missing
     assert remark in found.remark
+
+
+def test_a_time_per_frequency_may_be_commanded_in_place_of_cycles() -> None:
+    theta = stepped_sine(Commanded((2.0, 4.0), (2.0, 5.0), (6, 15)))
+    seconds = examine(Trial("a", bench(theta)), "impedance", Commanded((2.0, 4.0), (2.0, 5.0), 6, 3.0))["protocol"]
+    assert seconds == CheckResult(0.0, "4 commanded pairs of amplitude and frequency found")
 
 
 def test_a_joint_that_never_moved_lacks_the_whole_protocol() -> None:

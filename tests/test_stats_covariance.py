@@ -38,7 +38,8 @@ def repeated(rng, noise=0.3):
     t = np.arange(n) / CYCLE
     columns = {"a": np.sin(2 * np.pi * t), "b": np.cos(2 * np.pi * t), "offset": np.ones(n)}
     friction = np.sign(columns["b"]) * np.where(t < COUNT / 2, 1.0, 2.0)
-    cycles = Cycles(np.arange(COUNT) * CYCLE, np.repeat([0, 1], COUNT // 2))
+    edges = np.arange(COUNT + 1.0) * CYCLE
+    cycles = Cycles(edges[:-1], edges[1:], np.repeat([0, 1], COUNT // 2))
     return 3 * columns["a"] + friction + noise * rng.standard_normal(n), columns, cycles
 
 
@@ -74,7 +75,7 @@ def test_the_spread_of_cycles_covers_where_friction_fools_hac():
 def test_one_stratum_is_statsmodels_cluster_covariance():
     y, columns, cycles = repeated(np.random.default_rng(5))
     groups = np.repeat(np.arange(COUNT), CYCLE)
-    fit = linear_fit(y, columns, ResidualCorrelation(Cycles(cycles.first, np.zeros(COUNT, dtype=np.intp))))
+    fit = linear_fit(y, columns, ResidualCorrelation(Cycles(cycles.first, cycles.stop, np.zeros(COUNT, dtype=np.intp))))
     other = sm.OLS(y, np.column_stack(list(columns.values()))).fit(
         cov_type="cluster", cov_kwds={"groups": groups, "use_correction": False}
     )
@@ -84,7 +85,7 @@ def test_one_stratum_is_statsmodels_cluster_covariance():
 def test_equal_strata_are_worth_the_sum_of_their_degrees_of_freedom_and_one_noisy_stratum_its_own():
     rng = np.random.default_rng(6)
     sums = rng.standard_normal((4000, 1))
-    cycles = Cycles(np.arange(4000), np.repeat(np.arange(2), 2000))
+    cycles = Cycles(np.arange(4000.0), np.arange(1, 4001.0), np.repeat(np.arange(2), 2000))
     _, freedom = between_cycles(sums, cycles)
     assert freedom[0] == pytest.approx(3998, rel=0.01)
     sums[:2000] *= 1e-6

@@ -9,9 +9,9 @@ import pytest
 
 from osl_analysis.bench.frequency_response import trial_phasors
 from osl_analysis.bench.impedance import impedance_table
-from osl_analysis.bench.protocol import Segment
+from osl_analysis.bench.protocol import Block, Segment, settled
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.bench.stepped_sine import stepped_sine_trial, usable_segments
+from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.errors import InputError
 from osl_analysis.timebase.gaps import GapLimits
 from osl_analysis.trial import Trial
@@ -148,12 +148,14 @@ def test_cycles_beside_a_gap_are_not_fitted_and_the_fit_is_right():
 def test_short_stretches_of_cycles_are_not_used_beside_a_long_one():
     segment, usable = Segment(0.1, 1.0, 0, 2000, 20), np.ones(2000, dtype=bool)
     usable[350:360] = False
-    (part,) = usable_segments([segment], usable)
-    assert (part.start, part.stop, part.cycles) == (400, 2000, 16)
+    blocks = [Block(0.1, (segment,))]
+    (part,) = settled(blocks, 0, usable)
+    assert [(p.start, p.stop) for p in part.pieces] == [(400, 1900)]
     usable[1000:1010] = False
-    assert [(p.start, p.stop) for p in usable_segments([segment], usable)] == [(400, 1000), (1100, 2000)]
+    (part,) = settled(blocks, 0, usable)
+    assert [(p.start, p.stop) for p in part.pieces] == [(400, 1000), (1100, 1900)]
     with pytest.raises(InputError, match=r"no cycle of 5.72958 deg at 1 Hz is free of gaps"):
-        usable_segments([segment], np.zeros(2000, dtype=bool))
+        settled(blocks, 0, np.zeros(2000, dtype=bool))
 
 
 @pytest.mark.parametrize(

@@ -142,7 +142,7 @@ def whitened_estimator(raw: RawSignals, low_pass: LowPass, choice: CovarianceCho
     """
     motion, torque = filtered_motion(raw.time, raw.theta, raw.torque, low_pass)
     every = max(int(raw.rate_hz / (AR_RATE * low_pass.cutoff_hz)), 1)
-    pieces = [slice(segment.start, segment.stop, every) for segment in raw.segments]
+    pieces = [slice(p.start, p.stop, every) for segment in raw.segments for p in segment.pieces]
     first = fit_segments(raw, low_pass, FilteredSignals(motion, torque), choice)
     residual = torque - first.predicted(impedance_columns(motion))
     ar = autoregression([residual[rows] for rows in pieces], AR_ORDER)

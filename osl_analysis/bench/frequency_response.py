@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.protocol import Segment
+from osl_analysis.bench.protocol import Segment, repeated_cycles
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Gains
@@ -75,12 +75,12 @@ def segment_phasors(time: Array, theta: Array, torque: Array, segment: Segment) 
     InputError
         As `fit_sinusoid`, naming the signal.
     """
-    rows, phasors = segment.rows, []
+    rows, cycles, phasors = segment.rows, repeated_cycles([segment]), []
     for name, signal in (("theta", theta), ("torque", torque)):
         try:
-            phasors.append(fit_sinusoid(time[rows], signal[rows], segment.frequency_hz))
+            phasors.append(fit_sinusoid(time[rows], signal[rows], segment.frequency_hz, cycles))
         except InputError as error:
-            raise InputError(f"{name} from {time[segment.start]:.1f} s: {error}") from error
+            raise InputError(f"{name} from {time[rows[0]]:.1f} s: {error}") from error
     return SegmentPhasors(segment.amplitude_deg, segment.frequency_hz, *phasors)
 
 

@@ -5,10 +5,12 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from osl_analysis.bench.protocol import SteppedSineProtocol
+from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.signals import LowPass
 from osl_analysis.timebase.gaps import GapLimits
 from osl_analysis.yaml_settings import Positive, Settings
+
+Cycles = Annotated[int, Field(ge=1)]
 
 
 class TimeBase(Settings):
@@ -57,24 +59,39 @@ class SteppedSineAnalysis(FilterSettings):
     """Commanded amplitudes [deg], one block each, in the order of the protocol."""
     frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
     """Frequencies [Hz] of a block, one segment each, in the order of the protocol."""
-    cycles: Annotated[int, Field(ge=1)]
-    """Number of cycles at each frequency."""
+    cycles: Cycles | tuple[Cycles, ...]
+    """Number of cycles at each frequency: one number for all, or one for each. It is an expectation: the fits use what
+    was recorded, and the quality check `protocol` says where the two differ."""
+    seconds_per_frequency: Positive | None = None
+    """Time [s] at each frequency in place of `cycles`, which does not count then; null: see `cycles`."""
     settle_cycles: Annotated[int, Field(ge=0)]
     """Number of cycles at the start of each segment that are not fitted."""
 
     @model_validator(mode="after")
-    def _some_cycles_are_settled(self) -> Self:
-        if self.settle_cycles >= self.cycles:
+    def _every_frequency_has_cycles(self) -> Self:
+        if isinstance(self.cycles, tuple) and len(self.cycles) != len(self.frequencies_hz):
             raise ValueError(
-                f"settle_cycles = {self.settle_cycles} leaves none of {self.cycles} cycles; lower it, at most to "
-                f"{self.cycles - 1}"
+                f"cycles has {len(self.cycles)} numbers for {len(self.frequencies_hz)} frequencies; give one number "
+                "for all, or one for each"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _some_cycles_are_settled(self) -> Self:
+        fewest = min(self.protocol.cycles_at)
+        if self.settle_cycles >= fewest:
+            raise ValueError(
+                f"settle_cycles = {self.settle_cycles} leaves none of {fewest:g} cycles; lower it, at most to "
+                f"{max(int(np.ceil(fewest)) - 1, 0)}"
             )
         return self
 
     @property
     def protocol(self) -> SteppedSineProtocol:
         """The protocol, its amplitudes in rad."""
-        return SteppedSineProtocol(self.amplitudes, self.frequencies_hz, self.cycles)
+        seconds = self.seconds_per_frequency
+        cycles = self.cycles if seconds is None else tuple(seconds * f for f in self.frequencies_hz)
+        return SteppedSineProtocol(self.amplitudes, self.frequencies_hz, cycles)
 
     @property
     def amplitudes(self) -> tuple[float, ...]:

@@ -2,25 +2,15 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.bench.protocol import (
-    Block,
-    Segment,
-    cycle_edges,
-    find_blocks,
-    repeated_cycles,
-    rows_of,
-    settled,
-    trimmed_segment,
-)
+from osl_analysis.bench.protocol import Block, Segment, find_blocks, repeated_cycles, rows_of, settled
 from osl_analysis.bench.settings import SteppedSineAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
-from osl_analysis.stats.covariance import FEWEST_CYCLES, ResidualCorrelation
+from osl_analysis.signals import LowPass, Motion, filtered_motion
+from osl_analysis.stats.covariance import FEWEST_CYCLES, ResidualCorrelation, sums_between
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import UniformSignals, uniform_signals
 
@@ -88,7 +78,7 @@ class SteppedSineTrial:
     def segments(self, amplitude: float | None) -> tuple[Segment, ...]:
         """The settled, usable segments of one amplitude [deg], or of all (None); `parts` yields their rows."""
         chosen = [b for b in self.blocks if amplitude is None or np.isclose(np.rad2deg(b.amplitude), amplitude)]
-        return usable_segments(settled(chosen, self.settle_cycles), self.usable)
+        return settled(chosen, self.settle_cycles, self.usable)
 
     def residual_correlation(self, amplitude: float | None) -> ResidualCorrelation:
         """How residuals in these rows depend on one another: the cycles repeat, and the filter correlates noise."""
@@ -115,8 +105,7 @@ def stepped_sine_of(signals: UniformSignals, settings: SteppedSineAnalysis) -> S
     """The trial behind uniform signals; raises as `stepped_sine_trial`, without the trial's name."""
     time, theta, measured, usable = signals.time, signals["theta"], signals["torque"], signals.usable
     blocks = find_blocks(time, theta, settings.protocol)
-    fitted = usable_segments(settled(blocks, settings.settle_cycles), usable)
-    drift = drift_rate(time, measured, fitted)
+    drift = drift_rate(time, measured, settled(blocks, settings.settle_cycles, usable))
     torque = without_drift(time, measured, drift)
     motion, filtered = filtered_motion(time, theta, torque, settings.low_pass)
     return SteppedSineTrial(
@@ -136,35 +125,6 @@ def stepped_sine_of(signals: UniformSignals, settings: SteppedSineAnalysis) -> S
     )
 
 
-def usable_segments(segments: Sequence[Segment], usable: NDArray[np.bool_] | None) -> tuple[Segment, ...]:
-    """The segments without every cycle that has a row that is not usable, (n,); a segment may become several.
-
-    Of these, the ones with too few cycles for an interval are not used where a segment has a longer one.
-
-    Raises
-    ------
-    InputError
-        No cycle of an amplitude at one frequency is usable.
-    """
-    if usable is None or usable.all():
-        return tuple(segments)
-    return tuple(part for segment in segments for part in usable_parts(segment, usable))
-
-
-def usable_parts(segment: Segment, usable: NDArray[np.bool_]) -> list[Segment]:
-    """Stretches of usable cycles of one segment."""
-    edges = cycle_edges(segment)
-    whole = np.array([bool(usable[int(np.floor(a)) : int(np.ceil(b))].all()) for a, b in pairwise(edges)])
-    parts = [trimmed_segment(segment, run.start, segment.cycles - run.stop) for run in runs(whole)]
-    if not parts:
-        raise InputError(
-            f"no cycle of {segment.amplitude_deg:g} deg at {segment.frequency_hz:g} Hz is free of gaps in the "
-            "recording; record again with fewer lost samples, or exclude the trial in the sheet"
-        )
-    longest = max(part.cycles for part in parts)
-    return [part for part in parts if part.cycles >= min(longest, FEWEST_CYCLES)]
-
-
 def drift_rate(time: Array, torque: Array, segments: Sequence[Segment]) -> float:
     """Drift of the load cell [N*m/s]: the slope that the settled cycles' mean torques have in common.
 
@@ -177,13 +137,14 @@ def drift_rate(time: Array, torque: Array, segments: Sequence[Segment]) -> float
     could then pass for drift.
     """
     along = across = 0.0
+    signals = np.column_stack([time, torque])
     for amplitude in dict.fromkeys(segment.amplitude for segment in segments):
-        alike = (segment for segment in segments if segment.amplitude == amplitude)
-        cycles = [slice(int(a), int(b)) for segment in alike for a, b in pairwise(cycle_edges(segment))]
-        if len(cycles) >= FEWEST_CYCLES:
-            middle, level = (np.array([signal[rows].mean() for rows in cycles]) for signal in (time, torque))
-            samples = np.array([rows.stop - rows.start for rows in cycles])
-            middle -= np.average(middle, weights=samples)
+        alike = [segment for segment in segments if segment.amplitude == amplitude]
+        first, stop = (np.concatenate([s.edges[s.used + end] for s in alike]) for end in (0, 1))
+        if len(first) >= FEWEST_CYCLES:
+            samples = stop - first
+            middle, level = (sums_between(signals, first, stop) / samples[:, None]).T
+            middle = middle - np.average(middle, weights=samples)
             along += float(np.sum(samples * middle**2))
             across += float(np.sum(samples * middle * level))
     return across / along if along else 0.0

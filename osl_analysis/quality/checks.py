@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.experiments import Experiment
+from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.trial import Array, Trial
 
 
@@ -27,9 +28,20 @@ class Commanded:
     """The stepped sine that the configuration commands: each amplitude at every frequency."""
 
     amplitudes_deg: Sequence[float]
+    """Amplitudes [deg]."""
     frequencies_hz: Sequence[float]
-    cycles: int
-    """Cycles of one amplitude at one frequency."""
+    """Frequencies [Hz]."""
+    cycles: int | Sequence[int]
+    """Cycles at each frequency: one number for all, or one for each."""
+    seconds_per_frequency: float | None = None
+    """Time [s] at each frequency in place of `cycles`."""
+
+    @property
+    def protocol(self) -> SteppedSineProtocol:
+        """The same with amplitudes in rad and cycles at each frequency."""
+        seconds = self.seconds_per_frequency
+        cycles = self.cycles if seconds is None else tuple(seconds * f for f in self.frequencies_hz)
+        return SteppedSineProtocol(tuple(np.deg2rad(self.amplitudes_deg)), self.frequencies_hz, cycles)
 
 
 @dataclass(frozen=True)

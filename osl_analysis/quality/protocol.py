@@ -1,98 +1,76 @@
-"""Which amplitudes and frequencies a stepped-sine recording holds, found without the configuration."""
+"""How far the stepped sine that was recorded is the one that the configuration commands."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
+from osl_analysis.protocol.commanded import SteppedSineProtocol
+from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, find_runs
 from osl_analysis.quality.checks import Check, CheckResult, Examined, channel, not_applicable
-from osl_analysis.trial import Array
 
-DEAD_BAND = 0.1  # of the largest angle: the angle has changed its sign when it is beyond
-SAME_FREQUENCY, SAME_AMPLITUDE = 0.08, 0.15  # relative difference of cycles that count as one run
-FREQUENCY_TOLERANCE, AMPLITUDE_TOLERANCE = 0.05, 0.25  # relative difference of a run from the command that it follows
-AT_THE_ENDS = 2  # cycles at the ends of a rest, which are not seen whole
-FEWEST = 3  # cycles of a run that was not commanded and is reported
+SAME_COUNT = 0.05
+"""Relative difference of numbers of cycles that are the same, but half a cycle at least: a ramp has no sharp end."""
+CLOCK = 1e-3
+"""Relative deviation of the frequencies from the commanded ones that is mentioned."""
 NO_STEPPED_SINE = "no stepped sine"
 
-
-@dataclass(frozen=True)
-class Run:
-    """Consecutive cycles of one frequency and amplitude."""
-
-    amplitude_deg: float
-    frequency_hz: float
-    cycles: int
-
-    def is_at(self, amplitude_deg: float, frequency_hz: float, tolerance: float = FREQUENCY_TOLERANCE) -> bool:
-        """Whether the run has this amplitude and frequency; `tolerance` is the relative one of the frequency."""
-        return (
-            abs(self.frequency_hz / frequency_hz - 1) < tolerance
-            and abs(self.amplitude_deg / amplitude_deg - 1) < AMPLITUDE_TOLERANCE
-        )
-
-    def __str__(self) -> str:
-        return f"{self.amplitude_deg:.2g} deg at {self.frequency_hz:.3g} Hz ({self.cycles} cycles)"
+Pair = tuple[float, float]
+"""Commanded amplitude [rad] and frequency [Hz]."""
 
 
 def measure_protocol(examined: Examined) -> CheckResult:
-    """Number of commanded segments that the joint did not follow.
+    """Number of segments in which recording and command differ.
 
-    A segment is one amplitude at one frequency for the commanded number of cycles. Two cycles fewer are no failure:
-    those at the ends of a rest may be unseen. One cycle more is a failure: the fits would not know of it.
+    A segment is one amplitude at one frequency for the commanded number of cycles. It counts if it is missing, if it
+    has fewer or more cycles, and if it was recorded and not commanded. The fits use what was recorded.
     """
     if "theta" not in examined.samples.columns:
         return not_applicable(NO_STEPPED_SINE)
-    commanded, found = examined.commanded, sine_runs(*channel(examined.samples, "theta"))
-    pairs = [(a, f) for a in commanded.amplitudes_deg for f in commanded.frequencies_hz]
-    missing = [pair for pair in pairs if not is_followed(pair, found, commanded.cycles)]
-    longer = [run for run in found if is_too_long(run, pairs, commanded.cycles)]
-    besides = [run for run in found if run.cycles >= FEWEST and not any(run.is_at(a, f) for a, f in pairs)]
-    remarks = [f"missing {a:g} deg at {f:g} Hz" for a, f in missing]
-    remarks += [f"{run}, commanded are {commanded.cycles}" for run in longer]
-    remarks += [f"besides {run}" for run in besides]
-    remarks = remarks or [f"{len(pairs)} commanded pairs of amplitude and frequency found"]
-    return CheckResult(float(len(missing) + len(longer)), "; ".join(remarks))
+    commanded = examined.commanded.protocol
+    fewest = min(FEWEST_CYCLES, int(min(commanded.cycles_at, default=FEWEST_CYCLES)))
+    found = find_runs(*channel(examined.samples, "theta"), fewest)
+    remarks = [*differences(found, commanded), *(f"besides {run}" for run in found if not pair_of(run, commanded))]
+    pairs = len(commanded.amplitudes) * len(commanded.frequencies_hz)
+    words = remarks or [f"{pairs} commanded pairs of amplitude and frequency found"]
+    return CheckResult(float(len(remarks)), "; ".join([*words, *clock_remark(found, commanded)]))
 
 
-def is_followed(pair: tuple[float, float], found: list[Run], cycles: int) -> bool:
-    """Whether one of the runs has this amplitude [deg] and frequency [Hz] for nearly all cycles."""
-    return any(run.is_at(*pair) and run.cycles >= max(cycles - AT_THE_ENDS, 1) for run in found)
+def differences(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[str]:
+    """A remark on every commanded pair of amplitude and frequency that is missing or has other numbers of cycles."""
+    remarks = []
+    followed = [pair_of(run, commanded) for run in found]
+    for (amplitude, frequency), cycles in commanded_cycles(commanded).items():
+        own = [run for run, pair in zip(found, followed, strict=True) if pair == (amplitude, frequency)]
+        really = sum(run.cycles for run in own)
+        if not own:
+            remarks.append(f"missing {np.rad2deg(amplitude):g} deg at {frequency:g} Hz")
+        elif abs(really - cycles) > max(SAME_COUNT * cycles, 0.5 * len(own)):
+            remarks.append(f"{' and '.join(map(str, own))}, commanded are {cycles:g}")
+    return remarks
 
 
-def is_too_long(run: Run, pairs: list[tuple[float, float]], cycles: int) -> bool:
-    """Whether a run has more cycles than all commanded segments of its amplitude and frequency together."""
-    segments = sum(run.is_at(a, f, SAME_FREQUENCY) for a, f in pairs)
-    return segments > 0 and run.cycles > cycles * segments
+def commanded_cycles(commanded: SteppedSineProtocol) -> dict[Pair, float]:
+    """Number of cycles in all of each commanded pair; a protocol may have a pair more than once."""
+    cycles: dict[Pair, float] = {}
+    for amplitude in commanded.amplitudes:
+        for frequency, count in zip(commanded.frequencies_hz, commanded.cycles_at, strict=True):
+            cycles[amplitude, frequency] = cycles.get((amplitude, frequency), 0.0) + count
+    return cycles
 
 
-def sine_runs(time: Array, theta: Array) -> list[Run]:
-    """The cycles of an angle [rad] at times [s], (n,) each; consecutive ones that are alike are one run."""
-    frequencies, amplitudes = measured_cycles(time, theta)
-    runs: list[Run] = []
-    start = 0
-    for stop in range(1, frequencies.size + 1):
-        if stop < frequencies.size and (
-            abs(frequencies[stop] / frequencies[start] - 1) < SAME_FREQUENCY
-            and abs(amplitudes[stop] / amplitudes[start] - 1) < SAME_AMPLITUDE
-        ):
-            continue
-        kind = float(np.median(amplitudes[start:stop])), float(np.median(frequencies[start:stop]))
-        runs.append(Run(*kind, stop - start))
-        start = stop
-    return runs
+def pair_of(run: Run, commanded: SteppedSineProtocol) -> Pair | None:
+    """The commanded pair that a run follows; None if there is none."""
+    amplitude, frequency = commanded.amplitude_near(run.amplitude), commanded.frequency_near(run.frequency_hz)
+    return None if amplitude is None or frequency is None else (amplitude, frequency)
 
 
-def measured_cycles(time: Array, theta: Array) -> tuple[Array, Array]:
-    """Frequency [Hz] and amplitude [deg] of each cycle, from one upward crossing of the median angle to the next."""
-    x = theta - np.median(theta) if theta.size else theta
-    certain = np.flatnonzero(abs(x) > DEAD_BAND * abs(x).max(initial=0.0))
-    up = (x[certain[1:]] > 0) & (x[certain[:-1]] < 0)
-    before, after = certain[:-1][up], certain[1:][up]
-    if before.size < 2:
-        return np.zeros(0), np.zeros(0)
-    crossing = time[before] - x[before] * (time[after] - time[before]) / (x[after] - x[before])
-    height = np.maximum.reduceat(x, before)[:-1] - np.minimum.reduceat(x, before)[:-1]
-    return 1 / np.diff(crossing), np.rad2deg(height / 2)
+def clock_remark(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[str]:
+    """By how much the recorded frequencies deviate from the commanded ones, if it is worth a remark."""
+    beside = [run.frequency_hz / f - 1 for run in found if (f := commanded.frequency_near(run.frequency_hz))]
+    median = float(np.median(beside)) if beside else 0.0
+    if abs(median) < CLOCK:
+        return []
+    return [f"frequencies are {100 * abs(median):.2g} % {'above' if median > 0 else 'below'} the commanded ones"]
 
 
 PROTOCOL_CHECKS = (
@@ -100,7 +78,7 @@ PROTOCOL_CHECKS = (
         "protocol",
         "segments",
         "above",
-        "commanded pairs of amplitude and frequency that the joint did not follow",
+        "segments in which recording and command differ: missing, with fewer or more cycles, or not commanded",
         measure_protocol,
         applies_to=lambda experiment: experiment.stepped_sine,
         otherwise=NO_STEPPED_SINE,

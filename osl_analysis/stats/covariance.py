@@ -22,12 +22,14 @@ noise's variance."""
 class Cycles:
     """Division of the rows of a fit into cycles that the experiment repeats.
 
-    The rows of a cycle follow one another, and the first cycle begins at row 0. The cycles of one stratum (one
-    frequency at one amplitude) are repetitions: only the differences between them count as random error.
+    The rows of a cycle follow one another; its edges may lie between two rows. The cycles of one stratum (one frequency
+    at one amplitude) are repetitions: only the differences between them count as random error.
     """
 
-    first: NDArray[np.intp]
-    """First row of each cycle, shape (m,)."""
+    first: Array
+    """Where each cycle begins, in rows of the fit, shape (m,)."""
+    stop: Array
+    """Where it ends, shape (m,)."""
     stratum: NDArray[np.intp]
     """Number of the stratum that each cycle belongs to, shape (m,)."""
 
@@ -105,12 +107,33 @@ def between_cycles(scores: Array, cycles: Cycles) -> Covariance:
     A bootstrap that draws cycles within each stratum converges to this covariance, apart from the factor m/(m - 1)
     for the mean that was estimated from the m cycles of the stratum.
     """
-    sums = np.add.reduceat(scores, cycles.first, axis=0)
+    sums = sums_between(scores, cycles.first, cycles.stop)
     members = np.bincount(cycles.stratum).astype(float)
     mean = np.stack([np.bincount(cycles.stratum, column) for column in sums.T], axis=1) / members[:, None]
     spread = (sums - mean[cycles.stratum]) * np.sqrt(members / (members - 1))[cycles.stratum, None]
     shares = np.stack([np.bincount(cycles.stratum, column**2) for column in spread.T], axis=1)
     return spread.T @ spread, welch_satterthwaite(list(shares), members - 1)
+
+
+def sums_between(values: Array, first: Array, stop: Array) -> Array:
+    """Sums of the rows of `values` (n, p) from `first` (m,) to `stop` (m,), which need not be whole numbers.
+
+    A fraction of a row is read from the cubic through the four cumulative sums around it. A cycle whose period is not
+    a whole number of rows then has the sum that every other cycle has.
+    """
+    totals = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    return cumulative_at(totals, stop) - cumulative_at(totals, first)
+
+
+def cumulative_at(totals: Array, place: Array) -> Array:
+    """The cumulative sums (n, p) at places (m,) between 0 and n - 1, by the cubic through four neighbours."""
+    below = np.clip(np.floor(place + 1e-9).astype(np.intp), 0, len(totals) - 1)
+    x = np.maximum(place - below, 0.0)[:, None]
+    x[x < 1e-9] = 0.0
+    far_below, above, far_above = (np.clip(below + k, 0, len(totals) - 1) for k in (-1, 1, 2))
+    weights = (-x * (x - 1) * (x - 2) / 6, (x + 1) * (x - 1) * (x - 2) / 2, -(x + 1) * x * (x - 2) / 2)
+    parts = zip(weights, (far_below, below, above), strict=True)
+    return np.asarray(sum(w * totals[k] for w, k in parts) + (x + 1) * x * (x - 1) / 6 * totals[far_above])
 
 
 def welch_satterthwaite(variances: Sequence[ArrayLike], degrees_of_freedom: ArrayLike) -> Array:

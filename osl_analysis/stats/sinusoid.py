@@ -30,10 +30,11 @@ class Phasor(ComplexEstimate):
     """Source of the covariance, as in `LinearFit`."""
 
 
-def fit_sinusoid(time: Array, signal: Array, frequency_hz: float) -> Phasor:
+def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, cycles: Cycles | None = None) -> Phasor:
     """Phasor of a settled signal (n,) at a known frequency, with offset and harmonics 2 to 5.
 
-    `time` [s] sets the zero of the phase: fit angle and torque with the same times.
+    `time` [s] sets the zero of the phase: fit angle and torque with the same times. `cycles` are the signal's cycles,
+    whose spread gives the covariance; None: it is divided from its first sample on.
 
     Raises
     ------
@@ -42,7 +43,7 @@ def fit_sinusoid(time: Array, signal: Array, frequency_hz: float) -> Phasor:
     """
     step = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
     check_sampling(len(time), step, frequency_hz)
-    cycles = whole_cycles(len(time), len(time) * step * frequency_hz)
+    cycles = cycles or whole_cycles(len(time), 1 / (step * frequency_hz))
     fit = linear_fit(signal, harmonic_columns(time, frequency_hz), ResidualCorrelation(cycles=cycles))
     cosines, sines = fit.estimates[1::2], fit.estimates[2::2]
     amplitudes = np.hypot(cosines, sines)
@@ -76,13 +77,13 @@ def check_sampling(samples: int, step: float, frequency_hz: float) -> None:
         )
 
 
-def whole_cycles(samples: int, cycles: float) -> Cycles | None:
-    """The samples of one sine divided into cycles; None with fewer than five."""
-    count = round(cycles)
+def whole_cycles(samples: int, period: float) -> Cycles | None:
+    """The samples of one sine divided into cycles of `period` samples, whole or not; None with fewer than five."""
+    count = round(samples / period)
     if count < FEWEST_CYCLES:
         return None
-    first = np.rint(np.arange(count) * samples / cycles).astype(np.intp)
-    return Cycles(first, np.zeros(count, dtype=np.intp))
+    edges = np.minimum(np.arange(count + 1) * period, samples)
+    return Cycles(edges[:-1], edges[1:], np.zeros(count, dtype=np.intp))
 
 
 def harmonic_columns(time: Array, frequency_hz: float) -> dict[str, Array]:

@@ -1,0 +1,1 @@
+"""The stepped sine: what was commanded, and what the joint really did."""

@@ -1,0 +1,243 @@
+"""What a joint really did in a stepped sine: runs of one frequency and amplitude, found without the configuration."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from osl_analysis.trial import Array
+
+MOVING_S = 0.02
+"""Time [s] over which an angle changes measurably where the joint moves."""
+DEAD_BAND = 0.02
+"""Share of the largest angle that the angle must reach on both sides of its centre; rests and noise stay below."""
+SAME_FREQUENCY, SAME_AMPLITUDE = 0.05, 0.15
+"""Relative differences of neighbouring cycles that belong to one run."""
+PLATEAU = 0.06
+"""Relative difference of a cycle's amplitude from the median of its run; cycles beyond, at its ends, are a ramp."""
+NO_SINE = 0.3
+"""Largest misfit of a run, as a share of its amplitude (RMS over RMS of the sine): beyond it is no sine."""
+LEAVES = 0.08
+"""Distance between angle and sine, as a share of the amplitude, at which a run has ended; twice the misfit of its
+own cycles is added."""
+SAMPLES_PER_CYCLE = 64
+"""Samples of a cycle from which frequency and amplitude are fitted; more of them add nothing."""
+FEWEST_CYCLES = 3
+"""Smallest number of cycles of a run; what is shorter may be a transient."""
+
+SEEN_WHOLE = 2
+"""Smallest number of alike cycles between upward crossings; a single one may be a ramp's, or a rest's."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A stretch of one frequency and amplitude."""
+
+    amplitude: float
+    """Amplitude [rad]."""
+    frequency_hz: float
+    """Frequency [Hz]."""
+    phasor: complex
+    """The sine is the real part of phasor exp(2j pi frequency t) about the centre, t the time of the record [s]."""
+    centre: float
+    """Angle [rad] about which the sine goes."""
+    start: float
+    """Time [s] at which it begins."""
+    stop: float
+    """Time [s] at which it ends."""
+    misfit: float
+    """RMS distance [rad] of its angle from the sine: harmonics, a decay, rounding."""
+
+    @property
+    def cycles(self) -> float:
+        """Number of cycles, which need not be whole: the ends of a run are known to a few hundredths."""
+        return (self.stop - self.start) * self.frequency_hz
+
+    @property
+    def whole_cycles(self) -> int:
+        """Number of whole cycles, up to a quarter that its ends may lack."""
+        return int(self.cycles + 0.25)
+
+    @property
+    def amplitude_deg(self) -> float:
+        """Amplitude [deg]."""
+        return float(np.rad2deg(self.amplitude))
+
+    def angle(self, time: Array) -> Array:
+        """The sine's angle [rad] at times [s]."""
+        return np.asarray(self.centre + np.real(self.phasor * np.exp(2j * np.pi * self.frequency_hz * time)))
+
+    def phase_at(self, time: float) -> float:
+        """Phase [rad] at a time [s] of the sine, between -pi and pi; 0 where the angle rises through its centre."""
+        return float(np.angle(1j * self.phasor * np.exp(2j * np.pi * self.frequency_hz * time)))
+
+    def __str__(self) -> str:
+        return f"{self.amplitude_deg:.2g} deg at {self.frequency_hz:.4g} Hz ({self.cycles:.1f} cycles)"
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Consecutive cycles that are alike, from an upward crossing of the centre to another one."""
+
+    rows: slice
+    """Their rows."""
+    frequency_hz: float
+    """Number of cycles over their duration [Hz]."""
+
+
+def find_runs(time: Array, theta: Array, fewest: int = FEWEST_CYCLES) -> list[Run]:
+    """The runs of `fewest` or more cycles of a joint angle theta [rad] at increasing times [s], shape (n,) each.
+
+    Consecutive cycles that are alike make a run. A sine is then fitted to it, which gives its frequency and amplitude.
+    The run extends as far as the angle follows this sine; where two runs touch, each sample belongs to the sine that
+    is nearer. Rests, ramps and transients lie between the runs.
+    """
+    seen = np.isfinite(theta)
+    time, theta = time[seen], theta[seen]
+    if len(theta) < 8 or not np.ptp(theta):
+        return []
+    stretches = alike_cycles(time, theta, upward_crossings(time, theta))
+    fitted = [run for stretch in stretches if (run := fit_run(time, theta, stretch)) is not None]
+    return [run for run in extended(time, theta, merged(time, theta, fitted)) if run.cycles > fewest - 0.25]
+
+
+def upward_crossings(time: Array, theta: Array) -> Array:
+    """Times [s] at which the angle rises through its centre, from below a dead band to above it."""
+    x = theta - centre_of_motion(time, theta)
+    noise = float(np.median(np.abs(np.diff(x, 2)))) / (0.6745 * np.sqrt(6))
+    certain = np.flatnonzero(np.abs(x) > max(DEAD_BAND * float(np.max(np.abs(x))), 5 * noise))
+    up = (x[certain[1:]] > 0) & (x[certain[:-1]] < 0)
+    below = np.maximum.accumulate(np.where(x <= 0, np.arange(len(x)), 0))  # the last row that is not above the centre
+    before = below[certain[1:][up]]
+    return np.asarray(time[before] - x[before] * (time[before + 1] - time[before]) / (x[before + 1] - x[before]))
+
+
+def centre_of_motion(time: Array, theta: Array) -> float:
+    """The median angle [rad] where the joint moves; it may rest elsewhere, and for longer."""
+    apart = max(round(MOVING_S / float(np.median(np.diff(time)))), 1)
+    change = np.abs(theta[apart:] - theta[:-apart])
+    moving = change > 0.1 * np.percentile(change, 95)
+    return float(np.median(theta[apart:][moving])) if moving.any() else float(np.median(theta))
+
+
+def alike_cycles(time: Array, theta: Array, crossings: Array) -> list[Stretch]:
+    """Consecutive cycles, each from one upward crossing [s] to the next, that are alike in frequency and amplitude."""
+    if len(crossings) < 2:
+        return []
+    rows = np.searchsorted(time, crossings)
+    height = np.maximum.reduceat(theta, rows)[:-1] - np.minimum.reduceat(theta, rows)[:-1]
+    frequency = 1 / np.diff(crossings)
+    stretches, start = [], 0
+    for stop in range(1, len(frequency) + 1):
+        recent = slice(max(start, stop - 5), stop)
+        if (
+            stop == len(frequency)
+            or abs(frequency[stop] / np.median(frequency[recent]) - 1) > SAME_FREQUENCY
+            or abs(height[stop] / np.median(height[recent]) - 1) > SAME_AMPLITUDE
+        ):
+            first, last = (start + end for end in plateau(height[start:stop]))
+            rate = (last - first) / float(crossings[last] - crossings[first])
+            if last - first >= SEEN_WHOLE:
+                stretches.append(Stretch(slice(int(rows[first]), int(rows[last])), rate))
+            start = stop
+    return stretches
+
+
+def plateau(height: Array) -> tuple[int, int]:
+    """First cycle and the one after the last whose height (n,) is that of the run; a slow ramp stands outside."""
+    usual = np.flatnonzero(np.abs(height / np.median(height) - 1) < PLATEAU)
+    return (int(usual[0]), int(usual[-1]) + 1) if len(usual) else (0, len(height))
+
+
+def fit_run(time: Array, theta: Array, stretch: Stretch) -> Run | None:
+    """The sine through the rows of a stretch; None where they follow no sine.
+
+    The phasor of the fitted sine may change linearly in time. The growth of its phase corrects the frequency, so that
+    few steps suffice.
+    """
+    rows, frequency = stretch.rows, stretch.frequency_hz
+    duration = float(time[rows.stop - 1] - time[rows.start])
+    every = max(int((rows.stop - rows.start) / (duration * frequency) / SAMPLES_PER_CYCLE), 1)
+    t, x = time[rows][::every], theta[rows][::every]
+    if len(t) < 8:
+        return None
+    middle = float(t.mean())
+    share = (t - middle) / duration
+    for _ in range(4):
+        turn = np.exp(2j * np.pi * frequency * (t - middle))
+        columns = np.column_stack([np.ones_like(t), turn.real, -turn.imag, share * turn.real, -share * turn.imag])
+        (centre, *parts), *_ = np.linalg.lstsq(columns, x, rcond=None)
+        phasor, growth = complex(parts[0], parts[1]), complex(parts[2], parts[3])
+        misfit = x - columns @ np.array([centre, *parts])
+        frequency += (growth / phasor).imag / duration / (2 * np.pi)
+    if float(np.sqrt(np.mean(misfit**2))) > NO_SINE * abs(phasor) / np.sqrt(2):
+        return None
+    phasor *= np.exp(-2j * np.pi * frequency * middle)
+    start, stop = float(time[rows.start]), float(time[rows.stop - 1])
+    run = Run(abs(phasor), frequency, phasor, float(centre), start, stop, 0.0)
+    return replace(run, misfit=float(np.sqrt(np.mean((x - run.angle(t)) ** 2))))
+
+
+def merged(time: Array, theta: Array, runs: Sequence[Run]) -> list[Run]:
+    """The runs (n,), two of them as one where the same sine goes on behind a cycle that was disturbed."""
+    whole: list[Run] = []
+    for run in runs:
+        if whole and goes_on(whole[-1], run):
+            rows = slice(*np.searchsorted(time, [whole[-1].start, run.stop]))
+            again = fit_run(time, theta, Stretch(rows, whole[-1].frequency_hz))
+            if again is not None:
+                whole[-1] = again
+                continue
+        whole.append(run)
+    return whole
+
+
+def goes_on(run: Run, following: Run) -> bool:
+    """Whether `following` is the same sine: frequency, amplitude and phase, two cycles later at most."""
+    middle = (run.stop + following.start) / 2
+    slip = np.angle(np.exp(1j * (run.phase_at(middle) - following.phase_at(middle))))
+    return (
+        (following.start - run.stop) * run.frequency_hz < 2.5
+        and abs(following.frequency_hz / run.frequency_hz - 1) < SAME_FREQUENCY
+        and abs(following.amplitude / run.amplitude - 1) < PLATEAU
+        and abs(float(slip)) < 0.3
+    )
+
+
+def extended(time: Array, theta: Array, runs: Sequence[Run]) -> list[Run]:
+    """The runs, each as far as the angle follows its sine."""
+    if not runs:
+        return []
+    befores = [float(time[0]), *(run.stop for run in runs[:-1])]
+    afters = [*(run.start for run in runs[1:]), float(time[-1])]
+    longer = [
+        replace(run, start=followed_until(time, theta, run, before), stop=followed_until(time, theta, run, after))
+        for run, before, after in zip(runs, befores, afters, strict=True)
+    ]
+    for k, (run, following) in enumerate(pairwise(longer)):
+        if run.stop > following.start:
+            border = nearer_until(time, theta, run, following)
+            longer[k], longer[k + 1] = replace(run, stop=border), replace(following, start=border)
+    return longer
+
+
+def followed_until(time: Array, theta: Array, run: Run, limit: float) -> float:
+    """Time [s] up to which the angle follows the run's sine, from the middle of its end cycle towards `limit` [s]."""
+    forwards = limit >= run.stop
+    end = run.stop if forwards else run.start
+    low, high = np.searchsorted(time, sorted((end, limit)))
+    rows = np.arange(low, min(high + 1, len(time)))
+    rows = rows if forwards else rows[::-1]
+    away = np.abs(theta[rows] - run.angle(time[rows])) > LEAVES * run.amplitude + 2 * run.misfit
+    if not away.any():
+        return limit
+    return float(time[rows[max(int(np.argmax(away)) - 1, 0)]])
+
+
+def nearer_until(time: Array, theta: Array, run: Run, following: Run) -> float:
+    """Time [s] in the overlap of two runs from which the angle is nearer to the sine of the following one."""
+    low, high = np.searchsorted(time, [following.start, run.stop])
+    t, x = time[low : high + 1], theta[low : high + 1]
+    gain = (x - following.angle(t)) ** 2 - (x - run.angle(t)) ** 2
+    return float(t[int(np.argmax(np.cumsum(gain)))])

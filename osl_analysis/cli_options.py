@@ -20,6 +20,7 @@ class NumberList(click.ParamType[list[float]]):
     name = "numbers"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> list[float]:
+        """The numbers that an argument of the command line stands for."""
         text = str(value)
         try:
             numbers = [float(part) for part in text.replace(":", ",").split(",")]
@@ -63,6 +64,7 @@ class OneLineErrors(click.Group):
     """Shows a user's mistake as one line on standard error, exit code 1, and a warning as one line."""
 
     def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; show its warnings and the user's mistakes as one line each."""
         warnings.showwarning = lambda message, *_, **__: click.echo(f"warning: {message}", err=True)
         try:
             return super().invoke(ctx)

@@ -53,7 +53,7 @@ class Experiment:
     description: one line for people.
     place: where it is recorded; None for a trial that is ingested only.
     motion, torque: the columns of the trial with the measured motion and torque, where every trial has them.
-    signals: the other columns that the analysis reads; markers and plates have names of the laboratory's own.
+    signals: the other columns that every trial has; markers and plates have names of the laboratory's own.
     sheet: columns of the sample sheet that its trials must fill, besides the files.
     stepped_sine: the motion follows the stepped-sine protocol of `dynamometer`.
     bare_plate: every force plate is unloaded at some time.
@@ -76,6 +76,11 @@ class Experiment:
     tables: tuple[Table, ...] = ()
     further_tables: tuple[str, ...] = ()
     fit: Fit | None = None
+
+    @property
+    def needed_columns(self) -> tuple[str, ...]:
+        """The columns that every trial must have, whatever else its recordings hold."""
+        return tuple(column for column in (self.motion, self.torque, *self.signals) if column)
 
     def simulated_files(self, trial: str) -> dict[str, str]:
         """What the simulator records of a trial: the files by their column of the sheet, `log` or `mocap`."""

@@ -1,29 +1,19 @@
 """`snakemake study`: the Monte Carlo study of bias, efficiency and coverage of the estimators."""
 
 STUDY = CONFIG.study
-STUDIED = {
-    name: (STUDY.trials, STUDY.batch)
-    for name in (
-        "second_order",
-        "linear_drivetrain",
-        "drivetrain",
-        "frequency_response",
-        "transmission",
-        "repeated_transmission",
-        "belt",
-        "repeated_belt",
-        "actuator",
-    )
-} | {"walking": (STUDY.campaigns, 10), "walking_recorded": (STUDY.recorded, 5)}
+STUDIED = {name: (STUDY.trials, STUDY.batch) for name in STUDY_ON_BENCH} | {
+    name: (getattr(STUDY, number), batch) for name, (number, batch) in STUDY_OF_WALKING.items()
+}
 """Trials (campaigns of walking) of each experiment, and how many of them one job takes."""
+STUDIED_BY_FILE = {name.replace(",", "").replace(" ", "_"): name for name in STUDIED}
 
 
 def batches() -> list[Path]:
     """The estimates of every job of the study."""
     return [
-        RESULTS / f"study/batches/{experiment}_{first}_{min(size, total - first)}.csv"
-        for experiment, (total, size) in STUDIED.items()
-        for first in range(0, total, size)
+        RESULTS / f"study/batches/{file}_{first}_{min(STUDIED[name][1], STUDIED[name][0] - first)}.csv"
+        for file, name in STUDIED_BY_FILE.items()
+        for first in range(0, *STUDIED[name])
     ]
 
 
@@ -35,7 +25,7 @@ rule study_batch:
     log:
         RESULTS / "logs/study/{experiment}_{first}_{number}.log",
     wildcard_constraints:
-        experiment="|".join(STUDIED),
+        experiment="|".join(STUDIED_BY_FILE),
         first="[0-9]+",
         number="[0-9]+",
     params:
@@ -45,7 +35,7 @@ rule study_batch:
         actuator_analysis=CONFIG.actuator.model_dump(mode="json"),
         walking=CONFIG.walking.model_dump(mode="json"),
         sources=str(CONFIG.sources),
-        experiment=lambda wildcards: wildcards.experiment.replace("_", " "),
+        experiment=lambda wildcards: STUDIED_BY_FILE[wildcards.experiment],
         first="{first}",
         number="{number}",
     run:

@@ -34,6 +34,7 @@ rule ingest:
         row=lambda wildcards: CAMPAIGN.recording(wildcards.trial),
         raw_folder=str(RAW),
         sources_folder=str(CONFIG.sources),
+        needed_columns=lambda wildcards: EXPERIMENTS[CAMPAIGN.row(wildcards.trial)["experiment"]].needed_columns,
     run:
         jobs.run_job(log, "ingest.ingest_trial", input, output, params)
 

@@ -14,6 +14,7 @@ from scipy.interpolate import make_interp_spline
 from osl_analysis.columns import marker_columns
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.errors import InputError
+from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.ingest.alignment import marker_angle
 from osl_analysis.ingest.assemble import merged
 from osl_analysis.ingest.clock import ClockFit
@@ -347,3 +348,12 @@ def test_a_column_that_is_not_there_is_answered_with_the_nearest_names_not_with_
     )
     with pytest.raises(InputError, match=r"\(it has time, marker_FOOT1_x, .*marker_FOOT2_y, \.\.\.\)$"):
         trial.signals("current")
+
+
+def test_a_trial_without_a_column_that_its_experiment_needs_is_refused_by_name(laboratory: Path) -> None:
+    output = laboratory / "out" / "walk_1.parquet"
+    needed = EXPERIMENTS["belt"].needed_columns
+    assert needed == ("theta", "torque", "theta_m")
+    with pytest.raises(InputError, match=r"trial walk_1: no column torque, theta_m, .* experiment 'belt' needs; map"):
+        ingest_trial(row(experiment="belt"), laboratory, laboratory, output, needed)
+    assert not output.exists()

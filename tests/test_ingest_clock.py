@@ -42,7 +42,7 @@ def test_recovers_offset_and_drift_within_what_sampling_allows(duration: float) 
     assert abs(error).max() < 4 * 2 * sampling / np.sqrt(fit.edges)  # at its ends a line is twice as uncertain
     assert abs(fit.drift - DRIFT) < 4 * fit.drift_error
     assert fit.residual == pytest.approx(sampling, rel=0.4)
-    assert fit.left_out == 0
+    assert fit.excluded_edges == 0
 
 
 def test_a_long_recording_tells_the_drift_to_a_part_per_million() -> None:
@@ -69,7 +69,7 @@ def test_an_edge_far_from_the_line_is_left_out_and_counted() -> None:
     late = slave.time.copy()
     late[[40, 41]] += 0.012
     clean, fit = fit_clock(slave, master), fit_clock(Edges(late, slave.rising, slave.step), master)
-    assert fit.left_out == 2
+    assert fit.excluded_edges == 2
     assert fit.edges == clean.edges - 2
     assert fit.to_master(np.array([30.0])) == pytest.approx(clean.to_master(np.array([30.0])), abs=5e-5)
 
@@ -114,7 +114,7 @@ def test_edges_that_are_late_by_little_more_than_a_sample_do_not_pull_the_fit() 
     clean, fit = fit_clock(slave, master), fit_clock(Edges(late, slave.rising, slave.step), master)
     middle = np.array([150.0])
     assert fit.to_master(middle) == pytest.approx(clean.to_master(middle), abs=2e-5)  # all edges: 2e-4
-    assert fit.left_out == pytest.approx(slave.time.size / 20, abs=1)
+    assert fit.excluded_edges == pytest.approx(slave.time.size / 20, abs=1)
 
 
 def test_edges_of_a_slow_voltage_are_found_between_its_samples() -> None:

@@ -292,11 +292,11 @@ def test_a_hidden_marker_is_told_by_its_longest_gap_between_sightings() -> None:
 
 
 def test_clocks_that_fit_badly_and_a_damaged_log_are_told_from_the_provenance() -> None:
-    clock = {"offset": 0.0, "drift": 5e-5, "drift_error": 1e-6, "residual": 2.5e-3, "edges": 20, "left_out": 1}
+    clock = {"offset": 0.0, "drift": 5e-5, "drift_error": 1e-6, "residual": 2.5e-3, "edges": 20, "excluded_edges": 1}
     damage = {"complete": False, "crc": "checked", "chunks_lost": 2, "messages_lost": 130, "share_lost": 0.04}
     found = results(bench(), clock=clock, damage=damage | {"remarks": ["chunk 3: checksum"]})
     assert failed(found) == {"clock_residual", "damage", "truncated"}
-    assert found["clock_residual"].remark.startswith("drift 50.0 +- 1.0 ppm; 20 matched and 1 left out by edges")
+    assert found["clock_residual"].remark.startswith("drift 50.0 +- 1.0 ppm; 20 matched and 1 excluded by edges")
     assert found["damage"].value == pytest.approx(4.0)
     assert "130 messages lost; the file is not complete; CRC checked; chunk 3" in found["damage"].remark
     assert results(bench())["damage"] == CheckResult(None, "not applicable: no damage report")

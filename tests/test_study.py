@@ -20,9 +20,10 @@ from osl_analysis.signals import LowPass
 from osl_analysis.simulator.recorder_settings import RecorderSettings
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.study import WALKING
 from osl_analysis.study import walking as study_of_walking
 from osl_analysis.study.actuator import actuator
-from osl_analysis.study.batch import BENCH, WALKING
+from osl_analysis.study.batch import studied
 from osl_analysis.study.trials import StudyInputs, trial_rows
 from osl_analysis.table import read_table
 from osl_analysis.walking.settings import WalkingAnalysis
@@ -58,7 +59,7 @@ def ideal_recorder(settings):
 
 
 def bench(experiment):
-    return BENCH[experiment](inputs())
+    return studied(experiment, inputs())
 
 
 def rows(experiment, trials):

@@ -74,10 +74,10 @@ def behaviour(
         "positive_real": rendered.positive_real.tolist(),
         "faithful_to_hz": rendered.faithful_to_hz.tolist(),
     }
-    return {name: pl.Series(spread(values, finite)) for name, values in columns.items()}
+    return {name: pl.Series(at_finite(values, finite)) for name, values in columns.items()}
 
 
-def spread(values: Sequence[float | bool], finite: NDArray[np.bool_]) -> list[float | bool | None]:
+def at_finite(values: Sequence[float | bool], finite: NDArray[np.bool_]) -> list[float | bool | None]:
     """One value per row: the next of `values` in the finite rows, None in the others."""
     rest = iter(values)
     return [next(rest) if known else None for known in finite]

@@ -1,20 +1,26 @@
 """Ingest: the raw files that one row of the sample sheet names, to one canonical trial."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.ingest.raw_files import recorded_trial
+from osl_analysis.ingest.raw_files import check_columns, trial_from_files
 from osl_analysis.trial import write_trial
 
 
-def ingest_trial(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path, output: Path) -> None:
+def ingest_trial(
+    row: Mapping[str, Any], raw_folder: Path, sources_folder: Path, output: Path, needed_columns: Sequence[str] = ()
+) -> None:
     """Read the files of one row of the sheet, relative to `raw_folder`, and write the trial as Parquet to `output`.
+
+    `needed_columns` are those that a trial of its experiment must have.
 
     Raises
     ------
     InputError
-        A file is missing, empty or not what its source file says, or the recordings do not fit together; nothing is
-        written then.
+        A file is missing, empty or not what its source file says, the recordings do not fit together, or a needed
+        column is missing; nothing is written then.
     """
-    write_trial(recorded_trial(row, raw_folder, sources_folder), output)
+    trial = trial_from_files(row, raw_folder, sources_folder)
+    check_columns(trial, row.get("experiment"), needed_columns)
+    write_trial(trial, output)

@@ -136,6 +136,7 @@ def spread_entries(panels: Mapping[Axes, str], table: pl.DataFrame) -> tuple[lis
     """
 
     def bar(width: float, label: str) -> Line2D:
+        """An entry of the legend that looks like an upright bar."""
         return Line2D([], [], color=BLACK, marker="|", markersize=8, mew=width, linestyle="", label=label)
 
     handles = []

@@ -32,7 +32,7 @@ class ClockFit:
     """RMS of the residuals [s]."""
     edges: int
     """Pairs of edges that were used; by correlation, sections of the recording."""
-    left_out: int
+    excluded_edges: int
     """Edges of the slave, during the time that both recorded, that match no edge of the master."""
     method: str = "edges"
     """What was matched: `edges` of a pulse train, or by `correlation` a signal that both recorded."""
@@ -118,8 +118,8 @@ def fit_clock(slave: Edges, master: Edges) -> ClockFit:
         )
     expected = line.at(slave.time)
     common = (expected >= master.time[0] - limit) & (expected <= master.time[-1] + limit)
-    left_out = max(int(common.sum() - used.sum()), 0)
-    return ClockFit(line.offset, line.drift, line.drift_error, rms, int(used.sum()), left_out)
+    excluded_edges = max(int(common.sum() - used.sum()), 0)
+    return ClockFit(line.offset, line.drift, line.drift_error, rms, int(used.sum()), excluded_edges)
 
 
 def first_pairs(slave: Edges, master: Edges) -> tuple[Array, Array]:

@@ -44,7 +44,7 @@ class Course:
 def correlate_clocks(slave: Course, master: Course) -> ClockFit:
     """Offset from the highest peak of the correlation, drift from the lags of twelve sections of the recording.
 
-    In the result `edges` counts the sections that were used, `left_out` those that were quiet or did not fit.
+    In the result `edges` counts the sections that were used, `excluded_edges` those that were quiet or did not fit.
 
     Raises
     ------

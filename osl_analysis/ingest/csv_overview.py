@@ -9,7 +9,7 @@ import polars as pl
 from osl_analysis.errors import InputError
 from osl_analysis.formats.csv_table import is_number_cell, unpadded
 from osl_analysis.formats.csv_text import Rows, delimiter_of, name_and_unit, read_lines, split_rows
-from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_of, rate_of
+from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of
 
 COMMENT = "#"
 CLOCKS = ("time", "t", "timestamp", "state_time", "elapsed", "clock")  # how loggers call their time
@@ -64,7 +64,7 @@ def column_channels(names: list[str], rows: Rows) -> Iterator[RecordedChannel]:
         if title == clock_of(names):
             rate = rate_of(known)
             note = f"a clock, {rate:g} per unit" if rate else "a clock that stands still"
-            note += f", {gaps_of(known)}" if gaps_of(known) else ""
+            note += f", {gaps_text(known)}" if gaps_text(known) else ""
         note += "".join(f", {count} x '{word}'" for word, count in words)
         yield RecordedChannel("column", {"column": name}, unit, int(known.size), None, note)
 

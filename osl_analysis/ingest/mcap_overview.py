@@ -7,7 +7,7 @@ from osl_analysis.formats.mcap.mcap_file import McapFile, read_mcap
 from osl_analysis.formats.mcap.survey import ChannelSurvey, survey_channels
 from osl_analysis.formats.mcap.topics import describe_message
 from osl_analysis.formats.messages.description import FieldDescription
-from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_of, rate_of
+from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of
 
 MOST_FIELDS = 500  # of one topic
 NANOSECOND = 1e-9
@@ -64,7 +64,7 @@ def channels_of(survey: ChannelSurvey, fields: list[FieldDescription]) -> Iterat
     log_time = survey.log_time()
     stamps = (log_time - log_time[:1].sum()) * NANOSECOND
     rate = rate_of(stamps)
-    timing = gaps_of(stamps) or ("" if survey.messages else "empty")
+    timing = gaps_text(stamps) or ("" if survey.messages else "empty")
     numbers = [(path, field) for field in fields if not field.path.startswith(STAMP) for path in field.addresses()]
     for path, field in numbers[:MOST_FIELDS]:
         array = "" if field.length is None else f"[{field.length}]"

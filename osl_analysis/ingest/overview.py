@@ -55,7 +55,7 @@ def rate_of(time: Array) -> float | None:
     return float(1 / np.median(steps)) if steps.size else None
 
 
-def gaps_of(time: Array) -> str:
+def gaps_text(time: Array) -> str:
     """Gaps, stamps that go back and stamps that stand twice, in words; empty where there are none."""
     steps = np.diff(np.sort(time))
     usual = float(np.median(steps)) if steps.size else 0.0

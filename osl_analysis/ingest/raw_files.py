@@ -1,7 +1,7 @@
 """The raw files of one trial, read by their source files and put together."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from osl_analysis.ingest.source_fields import CaptureSource, LogSource
 from osl_analysis.trial import Trial
 
 
-def recorded_trial(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path) -> Trial:
+def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path) -> Trial:
     """The trial whose raw files, relative to `raw_folder`, one row of the sample sheet names.
 
     `row` has the sheet's columns (`sheet.py`); an absent or missing value (None, NA) is as good as an empty one.
@@ -50,6 +50,16 @@ def check_alignment(source: Source, source_path: Path) -> None:
         raise InputError(
             f"{source_path}: clock: {source.clock}, but the trial has motion capture too; write clock: sync and map "
             "the column sync (or clock: shared, with `shared` in motion capture's source file)"
+        )
+
+
+def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -> None:
+    """Refuse a trial without a column that every trial of its experiment needs."""
+    missing = [column for column in needed if column not in trial.samples.columns]
+    if missing:
+        raise InputError(
+            f"trial {trial.name}: no column {', '.join(missing)}, which a trial of experiment '{experiment}' needs; "
+            "map it to its channel under `channels` in the source file, or correct `experiment` in the sheet"
         )
 
 

@@ -46,7 +46,7 @@ def measure_clock(examined: Examined) -> CheckResult:
         return not_applicable("one clock")
     ppm, error = 1e6 * clock["drift"], 1e6 * clock["drift_error"]
     outside = f"{clock.get('rows_before', 0)} and {clock.get('rows_after', 0)} rows of the log before and after"
-    matched = f"{clock['edges']} matched and {clock['left_out']} left out by {clock.get('method', 'edges')}"
+    matched = f"{clock['edges']} matched and {clock['excluded_edges']} excluded by {clock.get('method', 'edges')}"
     return CheckResult(clock["residual"], f"drift {ppm:.1f} +- {error:.1f} ppm; {matched}; {outside} motion capture")
 
 

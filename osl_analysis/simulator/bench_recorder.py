@@ -35,7 +35,7 @@ FINER = 8
 
 
 @dataclass(frozen=True)
-class Recording:
+class TopicRecording:
     """What one node writes: its time stamps [s], (n,), and its channels, (n,) each."""
 
     time: Array
@@ -58,7 +58,7 @@ class Sampling:
 
 def recorded(
     trial: str, signals: Mapping[str, Array], settings: SimulationSettings
-) -> tuple[tuple[Recording, ...], dict[str, float]]:
+) -> tuple[tuple[TopicRecording, ...], dict[str, float]]:
     """What the nodes of a bench write, the torque's own last, and the numbers that were drawn for this trial.
 
     `signals` are the true ones by channel, (n,) each, at the even instants of the simulation.
@@ -81,7 +81,7 @@ class Bench:
     settings: SimulationSettings
     drawn: Mapping[str, float]
 
-    def recording(self, name: str, node: NodeSettings, signals: Mapping[str, Array]) -> Recording:
+    def recording(self, name: str, node: NodeSettings, signals: Mapping[str, Array]) -> TopicRecording:
         """What one node writes of its channels."""
         duration = len(next(iter(signals.values()))) / self.settings.dynamometer.rate_hz
         sampling = self.sampling(name, node, duration)
@@ -89,7 +89,7 @@ class Bench:
         time = self.drawn["clock_start_s"] + sampling.stamps
         if node.decimals.enabled:
             time = np.round(time, int(node.decimals.size))
-        return Recording(time[sampling.rows], channels)
+        return TopicRecording(time[sampling.rows], channels)
 
     def sampling(self, name: str, node: NodeSettings, duration: float) -> Sampling:
         """When a node takes its samples within `duration` [s], what its stamps say, and which it writes."""

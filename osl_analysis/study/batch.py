@@ -1,31 +1,22 @@
 """One batch of the study: the estimates of some trials, or some campaigns of walking, of one experiment."""
 
-from collections.abc import Callable
+from typing import Any
 
-from osl_analysis.study.actuator import actuator
-from osl_analysis.study.bench import belt, drivetrain, linear_drivetrain, second_order, transmission
-from osl_analysis.study.phasors import response_bench
-from osl_analysis.study.recorded import with_fewer_bits, with_jitter, with_printed_stamps
-from osl_analysis.study.repeats import repeated_belt, repeated_transmission
+from osl_analysis.study import BENCH, WALKING, actuator, bench, phasors, recorded, repeats
 from osl_analysis.study.trials import StudiedExperiment, StudyInputs, StudyRow, trial_rows
 from osl_analysis.study.walking import walking_rows
 
-WALKING = ("walking", RECORDED := "walking recorded")
-"""Walking from angle and torque on, and through markers, plate, C3D files and ingest."""
-BENCH: dict[str, Callable[[StudyInputs], StudiedExperiment]] = {
-    "second order": second_order,
-    "second order, jitter": lambda inputs: second_order(with_jitter(inputs)),
-    "second order, printed stamps": lambda inputs: second_order(with_printed_stamps(inputs)),
-    "second order, 14 bits": lambda inputs: second_order(with_fewer_bits(inputs)),
-    "linear drivetrain": linear_drivetrain,
-    "drivetrain": drivetrain,
-    "transmission": transmission,
-    "belt": belt,
-    "repeated transmission": repeated_transmission,
-    "repeated belt": repeated_belt,
-    "frequency response": response_bench,
-    "actuator": actuator,
-}
+MODULES = {"actuator": actuator, "bench": bench, "phasors": phasors, "recorded": recorded, "repeats": repeats}
+
+
+def studied(experiment: str, inputs: StudyInputs) -> StudiedExperiment:
+    """An experiment on a bench, ready to be repeated."""
+    made: Any = inputs
+    for step in BENCH[experiment]:
+        module, _, function = step.partition(".")
+        made = getattr(MODULES[module], function)(made)
+    ready: StudiedExperiment = made
+    return ready
 
 
 def batch_rows(experiment: str, numbers: range, inputs: StudyInputs) -> list[StudyRow]:
@@ -37,9 +28,9 @@ def batch_rows(experiment: str, numbers: range, inputs: StudyInputs) -> list[Stu
         The simulation lacks what the experiment needs.
     """
     if experiment in WALKING:
-        rows = list(walking_rows(inputs, numbers, recorded=experiment == RECORDED))
+        rows = list(walking_rows(inputs, numbers, recorded=WALKING[experiment][0] == "recorded"))
     else:
         analysis = inputs.actuator if experiment == "actuator" else inputs.dynamometer
         names = [f"{experiment}_{number:05d}" for number in numbers]
-        rows = trial_rows(BENCH[experiment](inputs), names, analysis.low_pass)
+        rows = trial_rows(studied(experiment, inputs), names, analysis.low_pass)
     return [{"experiment": experiment, **row} for row in rows]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.ingest.raw_files import recorded_trial
+from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import ImpedanceFit
 from osl_analysis.simulator.c3d_recorder import write_c3d
@@ -174,7 +174,7 @@ def calibrated(laboratory: StudyLaboratory, folder: Path, sources: Path) -> Reco
 def ingested(name: str, folder: Path, sources: Path) -> Trial:
     """The trial of the capture `vicon/<name>.c3d` in a folder."""
     row = {"trial": name, "mocap": f"vicon/{name}.c3d", "mocap_source": "vicon"}
-    return recorded_trial(row, folder, sources)
+    return trial_from_files(row, folder, sources)
 
 
 def weighed_foot(gait: WalkingSettings) -> FootSettings | None:

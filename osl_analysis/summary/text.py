@@ -58,13 +58,13 @@ def to_markdown(numbers: Mapping[str, Mapping[str, Any]]) -> str:
     lines = ["| quantity | value | interval | n | draft |", "| --- | --- | --- | --- | --- |"]
     for number in numbers.values():
         digits = decimals(number["value"], *rounded_by(number))
-        value = f"{plain(number['value'], digits)} {number['unit']}"
+        value = f"{fixed(number['value'], digits)} {number['unit']}"
         interval, draft = "", "" if number["draft"] is None else f"{number['draft']:g}"
         if number["low"] is not None:
             finer = told_apart(number["low"], number["high"], digits)
-            interval = f"{plain(number['low'], finer)} to {plain(number['high'], finer)}, {number['interval']}"
+            interval = f"{fixed(number['low'], finer)} to {fixed(number['high'], finer)}, {number['interval']}"
         if number.get("amplitudes_low") is not None:
-            lowest, highest = (plain(number[key], digits) for key in AMPLITUDES)
+            lowest, highest = (fixed(number[key], digits) for key in AMPLITUDES)
             interval += f"; single amplitudes {lowest} to {highest}"
         cells = (number["meaning"], value, interval, str(number["n"]), draft)
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
@@ -100,7 +100,7 @@ def told_apart(low: float | None, high: float | None, digits: int) -> int:
     """Decimal places, `digits` or more, with which two different bounds read differently."""
     if low is None or high is None or abs(high - low) <= ROUNDING * max(abs(low), abs(high)):
         return digits
-    while plain(low, digits) == plain(high, digits):
+    while fixed(low, digits) == fixed(high, digits):
         digits += 1
     return digits
 
@@ -110,7 +110,7 @@ def exponent_of(number: float) -> int:
     return math.floor(math.log10(abs(number)))
 
 
-def plain(number: float, digits: int) -> str:
+def fixed(number: float, digits: int) -> str:
     """The number with that many decimal places; never a minus before zero."""
     text = f"{number:.{digits}f}"
     return text.removeprefix("-") if float(text) == 0 else text
@@ -118,9 +118,9 @@ def plain(number: float, digits: int) -> str:
 
 def tex_number(number: float, digits: int) -> str:
     """A number that reads the same in text and in mathematics: with a true minus, small ones with a power of ten."""
-    text = plain(number, digits)
+    text = fixed(number, digits)
     if 0 < abs(float(text)) < SMALLEST_PLAIN:
         exponent = exponent_of(float(text))
-        mantissa = plain(number / 10.0**exponent, max(digits + exponent, 0))
+        mantissa = fixed(number / 10.0**exponent, max(digits + exponent, 0))
         return rf"\ensuremath{{{mantissa}\times 10^{{{exponent}}}}}"
     return rf"\ensuremath{{{text}}}" if text.startswith("-") else text

@@ -137,9 +137,11 @@ def cdr_reader(schema: Schema, paths: Sequence[str]) -> ByShape:
     name, definitions = message_type(schema)
 
     def learn(payload: bytes) -> Template:
+        """The template of all messages that are laid out as this one."""
         return template_of(layout_of(definitions, name, payload), paths)
 
     def alone(payload: bytes) -> Numbers:
+        """The wanted numbers of one message."""
         row = np.frombuffer(payload, np.uint8)[None]
         return {path: values[0] for path, values in learn(payload).read(row).items()}
 

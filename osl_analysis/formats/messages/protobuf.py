@@ -176,11 +176,13 @@ def protobuf_reader(schema: Schema, paths: Sequence[str]) -> ByShape:
     wanted = frozenset(paths)
 
     def learn(payload: bytes) -> Template:
+        """The template of all messages that are laid out as this one."""
         walk = ProtobufWalk(payload, wanted=wanted)
         walk.message(empty.DESCRIPTOR, len(payload), "")
         return template_of(walk, paths)
 
     def alone(payload: bytes) -> Numbers:
+        """The wanted numbers of one message, decoded by google.protobuf."""
         return numbers_at(decode(payload), paths)
 
     return ByShape(learn, alone)
@@ -197,6 +199,7 @@ def decoder(schema: Schema):  # type: ignore[no-untyped-def]
         raise InputError(f"schema {schema.name}: cannot be read: {' '.join(str(error).split())}") from error
 
     def checked(payload: bytes) -> Message:
+        """One message; refuses what does not fit the schema."""
         try:
             message: Message = decode(payload)
         except DecodeError:

@@ -8,6 +8,7 @@ from typing import Self
 import polars as pl
 from pydantic import ConfigDict, Field, model_validator
 
+from osl_analysis.causes import remedy
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import judged_tables
 from osl_analysis.table import read_table
@@ -77,7 +78,8 @@ def check_limited(table: pl.DataFrame, column: str, place: str) -> None:
 
 
 def doubts(row: Mapping[str, object], largest: Mapping[str, float], smallest: Mapping[str, float]) -> str:
-    """Why a row of a table is doubtful: each number that is beyond its limit or NaN; empty if there is none.
+    """Why a row of a table is doubtful: each number that is beyond its limit or NaN, with the likely cause and the
+    remedy where the column has one; empty if there is none.
 
     `largest` are upper limits of sizes, `smallest` lower limits of values. A null is not judged.
     """
@@ -90,7 +92,7 @@ def doubts(row: Mapping[str, object], largest: Mapping[str, float], smallest: Ma
             if math.isnan(value):
                 reasons.append(f"{name} is not a number")
             elif abs(value) > limit if word == "above" else value < limit:
-                reasons.append(f"{name} {value:.3g} is {word} {limit:g}")
+                reasons.append(f"{name} {value:.3g} is {word} {limit:g}{remedy(name, value)}")
     return "; ".join(reasons)
 
 

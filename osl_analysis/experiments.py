@@ -114,7 +114,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         stepped_sine=True,
         log="dynamometer",
         tables=(Table("transmission", derived={"transmission_summary": "bench.summarise_transmission"}),),
-        fit=Fit("bench.fit_transmission_trial", {"settings": ("dynamometer", "SteppedSineAnalysis")}),
+        fit=Fit("bench.fit_transmission_trial", {"settings": ("dynamometer", "SteppedSineAnalysis")}, parameters=True),
     ),
     "actuator": Experiment(
         "actuator alone, driven at a velocity and a current: k_tau n_m, f_C, f_G, B_m and J_m",
@@ -124,7 +124,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         signals=("current",),
         log="actuator",
         tables=(Table("actuator", derived={"actuator_summary": "bench.summarise_actuator"}),),
-        fit=Fit("bench.fit_actuator_trial", {"settings": ("actuator", "ActuatorAnalysis")}),
+        fit=Fit("bench.fit_actuator_trial", {"settings": ("actuator", "ActuatorAnalysis")}, parameters=True),
     ),
     "impedance": Experiment(
         "stepped sine against the controller: K, B, I and the frequency response",

@@ -78,6 +78,26 @@ def longest_run(true: NDArray[np.bool_]) -> slice:
     return max(runs(true), key=lambda run: run.stop - run.start, default=slice(0, 0))
 
 
+NEAR_ZERO = 0.05
+"""Share of a channel's range: an extreme this close to zero is an unloaded sensor and not clipped."""
+AWAY = 0.25
+"""Share of a channel's range: an extreme this close to the median is where the channel mostly is, and not clipped."""
+
+
+def longest_at_extreme(values: Array) -> int:
+    """Longest run [samples] of a noisy channel (n,) at its lowest or highest value, away from zero and from the median.
+
+    Every noisy channel has one sample at its extreme; a clipped one has many in a row.
+    """
+    if not values.size:
+        return 0
+    low, high = float(values.min()), float(values.max())
+    span, middle = high - low, float(np.median(values))
+    extremes = [e for e in (low, high) if abs(e) > NEAR_ZERO * span and abs(e - middle) > AWAY * span]
+    found = (longest_run(values == e) for e in extremes)
+    return max((int(run.stop - run.start) for run in found), default=0)
+
+
 def sampling_rate(time: Array) -> float:
     """Rate [Hz] of uniform stamps [s].
 

@@ -34,7 +34,8 @@ from osl_analysis.trial import Trial, read_trial, write_trial
 from osl_analysis.yaml_settings import read_yaml
 
 DEFAULT = ROOT / "config/simulation/default.yaml"
-P = read_parameters(ROOT / "config/parameters/default.yaml")
+DEVICE = ROOT / "config/parameters/default.yaml"
+P = read_parameters(DEVICE)
 TRUE = {"k_tau_n_m": 0.1133 * 9, "f_C": 0.377, "f_G": 0.0896, "B_m": 5.6e-3, "J_m": 9.211e-3}
 LOW_PASS, WIDTH, SLOWEST = LowPass(15), 0.01, 0.5
 RATE = 1000.0
@@ -210,7 +211,7 @@ def test_from_log_to_headline_numbers(tmp_path, campaign):
         simulate_trial(campaign, tmp_path, name)
         row = {"trial": name, "experiment": "actuator", "log": f"actuator/{name}.mcap", "log_source": "actuator"}
         ingest_trial(row, tmp_path, Path("config/sources"), tmp_path / f"{name}.parquet")
-        fit_actuator_trial(tmp_path / f"{name}.parquet", analysis, {"actuator": tmp_path / f"{name}.csv"})
+        fit_actuator_trial(tmp_path / f"{name}.parquet", DEVICE, analysis, {"actuator": tmp_path / f"{name}.csv"})
     assert set(read_trial(tmp_path / "actuator_1.parquet").samples.columns) == {
         "time",
         "theta_m",
@@ -318,7 +319,7 @@ def test_an_error_names_the_trial(tmp_path, campaign):
     ingest_trial(row, tmp_path, Path("config/sources"), tmp_path / "a.parquet")
     tables = {"actuator": tmp_path / "a.csv"}
     with pytest.raises(InputError, match=r"^trial a: the actuator is faster than 99 rad/s in 0 of"):
-        fit_actuator_trial(tmp_path / "a.parquet", analysis.model_copy(update={"slowest": 99}), tables)
+        fit_actuator_trial(tmp_path / "a.parquet", DEVICE, analysis.model_copy(update={"slowest": 99}), tables)
     assert not (tmp_path / "a.csv").exists()
 
 

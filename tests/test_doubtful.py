@@ -13,13 +13,16 @@ from osl_analysis.bench.diagnostics import summary_of_trials
 from osl_analysis.bench.estimators import estimator_table
 from osl_analysis.bench.frequency_response import phasor_table, trial_phasors
 from osl_analysis.bench.impedance import impedance_table
+from osl_analysis.bench.plausibility import plausible_belt, plausible_impedance, plausible_transmission
 from osl_analysis.bench.transmission import transmission_table
 from osl_analysis.commands.tables import gather
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import Doubt, DoubtfulFits, doubt_report, doubtful_count, doubts, marked
 from osl_analysis.errors import InputError
+from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.table import read_table, write_table
+from osl_analysis.trial import Trial
 
 RATE, LOW_PASS = 500.0, LowPass(15)
 
@@ -94,12 +97,15 @@ def test_the_shipped_limits_stand_on_columns_that_the_tables_have():
     cycle = 0.0873 * (1 - np.cos(np.linspace(0, 2 * np.pi, 3000))) / 2
     theta_s = np.concatenate([np.zeros(200), cycle, np.zeros(200)])
     belt = BeltTrial(
-        "b", np.arange(3400.0), RATE, LOW_PASS, theta_s, 685 * theta_s, fit_belt_stiffness(theta_s, theta_s)
+        "b", np.arange(3400.0), RATE, LOW_PASS, theta_s, 685 * theta_s, fit_belt_stiffness(theta_s, 685 * theta_s)
     )
+    losses = stepped_sine(lambda m: 0.45 * m.omega + 0.005 * m.alpha, noise=0.01)
+    device = read_parameters(ROOT / "config/parameters/default.yaml")
+    trial = Trial("made", pl.DataFrame({"time": [0.0, 1.0]}))
     tables = {
-        "belt": belt_table(belt),
-        "transmission": transmission_table(stepped_sine(lambda m: 0.45 * m.omega + 0.005 * m.alpha, noise=0.01)),
-        "impedance": impedance_table(record, trial_phasors(record)),
+        "belt": plausible_belt(belt_table(belt), trial, device),
+        "transmission": plausible_transmission(transmission_table(losses), trial, device),
+        "impedance": plausible_impedance(impedance_table(record, trial_phasors(record)), trial, device),
         "estimators": estimator_table(record),
         "phasors": phasor_table("made", trial_phasors(record)),
     }

@@ -19,7 +19,7 @@ MAY_IMPORT = {
     "timebase": COMMON | {"timebase", "signals"},
     "bench": COMMON
     | {"bench", "protocol", "stats", "second_order", "signals", "uniform", "timebase"}
-    | {"model", "parameters", "yaml_settings", "doubtful"},
+    | {"model", "parameters", "yaml_settings", "doubtful", "causes"},
     "walking": COMMON
     | {"walking", "stats", "second_order", "signals", "uniform", "timebase", "columns", "yaml_settings"},
     "quality": COMMON | {"quality", "protocol", "experiments", "signals", "yaml_settings"},

@@ -90,3 +90,10 @@ def test_an_empty_unit_is_refused() -> None:
 def test_a_unit_of_another_dimension_is_refused_with_its_dimension() -> None:
     with pytest.raises(InputError, match=r"unit 'deg' measures \[rad\], expected one of N, "):
         si_factor("deg", "N")
+
+
+@pytest.mark.parametrize("unit", ["grad", "Grad", "N*m/grad", "grads"])
+def test_a_unit_that_means_two_things_is_refused_with_what_to_write(unit):
+    with pytest.raises(InputError, match=r"gon.*degree.*write `deg`, or `gon`"):
+        si_factor(unit, "N*m/rad" if "/" in unit else "rad")
+    assert si_factor("gon", "rad") == pytest.approx(0.0157, rel=1e-3)

@@ -23,10 +23,11 @@ from osl_analysis.ingest.c3d_capture import read_c3d_capture
 from osl_analysis.ingest.c3d_source import C3dSource
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.protocol.runs import find_runs
-from osl_analysis.quality.channels import length_of_longest, rail
+from osl_analysis.quality.channels import length_of_longest
 from osl_analysis.quality.checks import CheckResult, Commanded
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.quality.verdict import CHECKS, examine, fails, quality_table, validate_rules
+from osl_analysis.signals import longest_at_extreme
 from osl_analysis.trial import Array, Trial
 
 COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6)
@@ -132,12 +133,12 @@ def test_an_unloaded_plate_that_reads_zero_is_neither_railed_nor_stuck() -> None
 
 def test_an_extreme_at_zero_or_where_the_channel_mostly_is_is_no_rail() -> None:
     loaded = np.where(np.arange(1000) < 800, 700 + np.sin(np.arange(1000)), 0.0)
-    assert rail(loaded) < 5  # on a plate that is mostly stood on, zero is an extreme
+    assert longest_at_extreme(loaded) < 5  # on a plate that is mostly stood on, zero is an extreme
     coarse = np.where(np.arange(1000) < 800, -80.0, 700 + np.sin(np.arange(1000)))
-    assert rail(coarse) < 5  # an unzeroed plate whose noise is below its resolution
-    assert rail(-coarse + 300) < 5
-    assert rail(np.minimum(loaded, 700.5)) < 5
-    assert rail(np.where(np.arange(1000) % 100 < 20, 900.0, np.sin(np.arange(1000)))) == 20
+    assert longest_at_extreme(coarse) < 5  # an unzeroed plate whose noise is below its resolution
+    assert longest_at_extreme(-coarse + 300) < 5
+    assert longest_at_extreme(np.minimum(loaded, 700.5)) < 5
+    assert longest_at_extreme(np.where(np.arange(1000) % 100 < 20, 900.0, np.sin(np.arange(1000)))) == 20
 
 
 def test_a_channel_that_repeats_a_value_is_stuck() -> None:
@@ -155,6 +156,33 @@ def test_an_encoder_that_stands_while_the_joint_is_told_to_move_is_stuck_and_one
     found = results(bench(theta, theta_command=command))
     assert found["stuck"] == CheckResult(pytest.approx(1.0, abs=2e-3), "theta")
     assert results(bench())["stuck"].value == 0.0  # though the joint rests for half a second
+
+
+def test_a_joint_at_rest_under_a_small_noisy_torque_is_not_stuck() -> None:
+    """Without a command the torque says whether the joint should move; at rest its noise is a part of its range."""
+    theta = np.round(stepped_sine() / 2.4e-5) * 2.4e-5
+    rest = np.full(2000, theta[0])
+    theta = np.concatenate([rest, theta, np.full(2000, theta[-1])])
+    noise = np.random.default_rng(3).standard_normal(theta.size)
+    samples = pl.DataFrame({"time": np.arange(theta.size) / RATE, "theta": theta, "torque": 2 * theta + 0.03 * noise})
+    assert np.ptp(samples["torque"].to_numpy()[:2000]) > 0.2 * np.ptp(samples["torque"].to_numpy())
+    assert results(samples)["stuck"].value < 0.1
+
+
+def test_a_load_cell_with_coarse_steps_is_not_stuck_while_the_joint_rests() -> None:
+    theta = np.concatenate([np.zeros(2000), stepped_sine()])
+    coarse = np.round(300 * theta / 0.5) * 0.5
+    samples = pl.DataFrame({"time": np.arange(theta.size) / RATE, "theta": theta, "torque": coarse})
+    assert results(samples)["stuck"].value < 0.1
+    assert results(samples.drop("theta"))["stuck"].value > 1.9  # nothing says that the joint rests
+
+
+def test_a_commanded_current_of_a_few_levels_is_not_stuck_and_a_measured_one_is() -> None:
+    levels = np.repeat([1.0, 4.0, -2.0, 0.0], 1000)[: actuator_bench().height]
+    assert results(actuator_bench(current=levels), "actuator")["stuck"].value == 0
+    measured = actuator_bench()["current"].to_numpy().copy()
+    measured[500:1500] = measured[500]
+    assert results(actuator_bench(current=measured), "actuator")["stuck"].remark == "current"
 
 
 @pytest.mark.parametrize("channel", ["torque", "current"])

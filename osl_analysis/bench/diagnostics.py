@@ -1,115 +1,54 @@
-"""What makes a bench fit doubtful: a late torque, friction, amplitudes that it does not predict, a wrong sign."""
+"""What makes a bench fit doubtful: estimates that change with the amplitude, a wrong sign."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
-from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.doubtful import doubtful_row
-from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.errors import InputError
 from osl_analysis.signals import Motion
 from osl_analysis.stats.comparison import held_out_vaf
-from osl_analysis.stats.covariance import ResidualCorrelation
-from osl_analysis.stats.fit_row import Row, lag_damping_row
-from osl_analysis.stats.regression import LinearFit, linear_fit
+from osl_analysis.stats.fit_row import Row
+from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import summary_table
 from osl_analysis.trial import Array
 
-Phasors = NDArray[np.complex128]
 
+def change_over_amplitudes(small: Row, large: Row, whole: Row, name: str) -> float:
+    """By how much an estimate changes from the smallest to the largest amplitude, as a share of that to all of them.
 
-@dataclass(frozen=True)
-class TorqueLag:
-    """By how much the torque lags the angle."""
-
-    lag: float
-    """Lag [s]; positive if the torque is late."""
-    se: float
-    """Its standard error [s]."""
-
-
-def torque_lag(frequency_hz: Array, theta: Array, impedance: Phasors, expected: Phasors) -> TorqueLag:
-    """Lag of the torque, from complex impedances torque/theta (n,) at amplitudes theta (n,) [rad] and frequencies [Hz].
-
-    `expected` (n,) are the impedances of the linear model with the same gains. Without them a lag d is the same as a
-    damping of -K d. The phase differs from the model's by -w d for the lag and, for Coulomb friction T_C, by
-    4 T_C/(pi theta) Re(1/expected) (its describing function).
-
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        Two points or fewer, or points that are too similar to distinguish lag from friction.
+    It is lowered in size by the 95 % half-width of the difference, to 0 at most: noise is no change.
     """
-    w = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
-    beyond = np.asarray(np.angle(impedance / expected))
-    columns = {"lag": -w, "T_C": 4 / (np.pi * theta) * (1 / expected).real}
-    fit = linear_fit(beyond, columns, ResidualCorrelation(lags=1))
-    return TorqueLag(fit["lag"], fit.se("lag"))
+    difference = number(large, name) - number(small, name)
+    halves = [number(row, f"{name}_high") - number(row, name) for row in (small, large)]
+    half = float(np.hypot(halves[0], halves[1]))
+    return float(np.sign(difference) * max(abs(difference) - half, 0.0) / abs(number(whole, name)))
 
 
-def torque_lag_row(phasors: Sequence[SegmentPhasors], K: float, expected: Admittance | None) -> Row:
-    """`lag_damping_row` of the torque's lag relative to the linear model; null if the lag cannot be estimated.
+def number(row: Row, name: str) -> float:
+    """A number of a row."""
+    value = row[name]
+    assert isinstance(value, float)
+    return value
 
-    `expected` is the model's admittance, None where the gains are not known. `K` [N*m/rad] is the estimated stiffness.
+
+def over_amplitudes(rows: Sequence[Row]) -> list[Row]:
+    """The rows of single amplitudes and, last, of all of them, with `K_change` and `B_change` in the last one.
+
+    Friction behind the belt makes harmonics at the phase of a gap or of a spring that stiffens, but lets K fall with
+    the amplitude. With two amplitudes or more, `backlash_share` and `stiffening` therefore stand in the last row only,
+    and are 0 if K does not change as they say.
     """
-    if expected is None:
-        return lag_damping_row(None, None, K)
-    frequency = np.array([s.frequency_hz for s in phasors])
-    measured = np.array([s.torque.value / s.theta.value for s in phasors])
-    try:
-        amplitude = np.array([abs(s.theta.value) for s in phasors])
-        late = torque_lag(frequency, amplitude, measured, 1 / expected(2j * np.pi * frequency))
-    except OslAnalysisError:
-        return lag_damping_row(None, None, K)
-    return lag_damping_row(late.lag, late.se, K)
-
-
-@dataclass(frozen=True)
-class Nonlinearity:
-    """Harmonics of the torque under a sine of the angle, and the Coulomb friction that they indicate."""
-
-    even: float
-    """Amplitude of harmonics 2 and 4, as a share of the fundamental: asymmetry, play."""
-    odd: float
-    """Amplitude of harmonics 3 and 5, as a share of the fundamental: friction."""
-    coulomb: float
-    """Coulomb friction [N*m] that makes the third harmonic."""
-    coulomb_damping: float
-    """Damping [N*m*s/rad] that this friction adds to B."""
-
-
-def nonlinearity(frequency_hz: Array, theta: Array, torque: Array) -> Nonlinearity:
-    """From amplitudes at n frequencies: of the angle (n,) [rad], and of the torque's harmonics 1 to 5 (n, 5) [N*m].
-
-    Coulomb friction T_C sign(omega) has the harmonics 4 T_C/(k pi), k odd. At one frequency its fundamental is a
-    damping of 4 T_C/(pi w |theta|). A fit to all frequencies weights these by duration times velocity squared, with
-    equally many cycles at each.
-    """
-    w = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
-    size = np.sqrt(np.sum(torque**2, axis=0))
-    coulomb = 0.75 * np.pi * float(np.mean(torque[:, 2]))
-    damping = 4 * coulomb / np.pi * float(np.sum(theta) / np.sum(w * theta**2))
-    even, odd = (float(np.hypot(*size[harmonics]) / size[0]) for harmonics in ([1, 3], [2, 4]))
-    return Nonlinearity(even, odd, coulomb, damping)
-
-
-def nonlinearity_row(phasors: Sequence[SegmentPhasors]) -> Row:
-    """Shares of the torque's harmonics, and the Coulomb friction that the third one indicates."""
-    measured = nonlinearity(
-        np.array([s.frequency_hz for s in phasors]),
-        np.array([abs(s.theta.value) for s in phasors]),
-        np.array([s.torque.amplitudes for s in phasors]),
-    )
-    return {
-        "even_harmonics": measured.even,
-        "odd_harmonics": measured.odd,
-        "coulomb_torque": measured.coulomb,
-        "coulomb_damping": measured.coulomb_damping,
-    }
+    single = sorted(rows[:-1], key=lambda row: number(row, "amplitude_deg"))
+    if len(single) < 2:
+        return [{**row, "K_change": None, "B_change": None} for row in rows]
+    K, B = (change_over_amplitudes(single[0], single[-1], rows[-1], name) for name in "KB")
+    causes = ("backlash_share", "stiffening")
+    whole = {name: number(rows[-1], name) if number(rows[-1], name) * K > 0 else 0.0 for name in causes}
+    hidden: Row = dict.fromkeys((*causes, "K_change", "B_change"))
+    return [*({**row, **hidden} for row in rows[:-1]), {**rows[-1], **whole, "K_change": K, "B_change": B}]
 
 
 def lowest_held_out_vaf(
@@ -146,17 +85,18 @@ def check_changes(column: str, values: Array) -> None:
         )
 
 
-def check_resists(trial: str, symbol: str, value: float) -> None:
+def check_resists(trial: str, symbol: str, value: float, high: float | None = None) -> None:
     """Refuse a negative estimate of what can only resist motion: belt stiffness, joint damping, a rendered stiffness.
 
     A torque that is read with the wrong sign changes the sign of every estimate, and the fit is as good as before.
+    Where `high`, the upper end of the interval, is positive, it may be the estimate of a joint without stiffness.
 
     Raises
     ------
     InputError
         It is negative; the message names the trial.
     """
-    if value < 0:
+    if value < 0 and (high is None or high < 0):
         raise InputError(
             f"trial {trial}: {symbol} = {value:.4g} is negative, so the torque drives the motion instead of resisting "
             "it; turn the `sign` of the torque, or of the angle, in the source file"

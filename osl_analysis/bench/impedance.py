@@ -6,13 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.diagnostics import lowest_held_out_vaf, nonlinearity_row, torque_lag_row
+from osl_analysis.bench.diagnostics import lowest_held_out_vaf, over_amplitudes
 from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors, at_amplitude
+from osl_analysis.bench.nonlinearity import rendered_nonlinearity_row
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
+from osl_analysis.bench.torque_lag import torque_lag_row
 from osl_analysis.errors import InputError
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import Gains, select_gains
-from osl_analysis.model.rendering import predicted_impedance
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import fit_impedance, impedance_columns
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
@@ -61,13 +62,14 @@ def impedance_table(
                 **estimates_row(fit, "K", "B", "I", "offset"),
                 **covariance_row(fit, "K", "B", "I"),
                 **diagnostics_row(fit, trial.rate_hz, trial.low_pass),
-                **torque_lag_row(chosen, fit["K"], expected),
-                **nonlinearity_row(chosen),
+                **torque_lag_row(chosen, fit, expected),
+                **rendered_nonlinearity_row(chosen, fit),
                 "VAF_held_out": lowest_held_out_vaf(trial, amplitude, fit, impedance_columns),
                 "load_cell_drift": 60 * trial.drift,
             }
         )
-    table = pl.DataFrame(rows, schema_overrides={"amplitude_deg": pl.Float64}, infer_schema_length=None)
+    may_be_null = dict.fromkeys(("amplitude_deg", "K_change", "B_change", "backlash_share", "stiffening"), pl.Float64)
+    table = pl.DataFrame(over_amplitudes(rows), schema_overrides=may_be_null, infer_schema_length=None)
     return table.with_columns(*(bound for name in ("K", "B", "I") for bound in range_over_amplitudes(name)))
 
 
@@ -83,10 +85,10 @@ def range_over_amplitudes(name: str) -> list[pl.Expr]:
     return [pl.when(several).then(value).alias(f"{name}_amplitudes_{end}") for end, value in bounds.items()]
 
 
-def prediction_columns(gains: Gains, p: DrivetrainParameters, frequencies_hz: Sequence[float]) -> dict[str, pl.Expr]:
+def prediction_columns(predicted: tuple[float, float, float]) -> dict[str, pl.Expr]:
     """`K_predicted`, `B_predicted`, `I_predicted`: what linear theory expects, as constant columns of a table."""
     names = ("K_predicted", "B_predicted", "I_predicted")
-    return {n: pl.lit(v) for n, v in zip(names, predicted_impedance(gains, p, frequencies_hz), strict=True)}
+    return {name: pl.lit(value) for name, value in zip(names, predicted, strict=True)}
 
 
 def impedance_series(trial: SteppedSineTrial) -> tuple[Array, Array, Array]:

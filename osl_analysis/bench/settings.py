@@ -45,14 +45,23 @@ class FilterSettings(Settings):
         return GapLimits(self.time_base.highest_hz, self.cutoff_hz, self.time_base.longest_gap_s)
 
 
-class BeltAnalysis(FilterSettings):
+class BenchAnalysis(FilterSettings):
+    """The filter, and what a recording on a bench cannot exceed."""
+
+    largest_angle: Positive = 1.2
+    """Angle [rad] by which a joint turns at most, to each side of its middle."""
+    load_cell_range: Positive | None = None
+    """Largest torque [N*m] that the load cell measures; None: not stated."""
+
+
+class BeltAnalysis(BenchAnalysis):
     """Choices for a belt trial."""
 
     load_cell_drift: Annotated[float, Field(ge=0)] = 0.0
     """Standard deviation of the load cell's drift [N*m/min], which the interval of a belt trial includes; 0: none."""
 
 
-class SteppedSineAnalysis(FilterSettings):
+class SteppedSineAnalysis(BenchAnalysis):
     """Choices for a stepped-sine trial, and its protocol."""
 
     amplitudes_deg: Annotated[tuple[Positive, ...], Field(min_length=1)]
@@ -103,7 +112,7 @@ class DynamometerAnalysis(SteppedSineAnalysis, BeltAnalysis):
     """Choices for all trials of the dynamometer."""
 
 
-class ActuatorAnalysis(FilterSettings):
+class ActuatorAnalysis(BenchAnalysis):
     """Filter and treatment of friction on the actuator's bench."""
 
     sign_width: Positive

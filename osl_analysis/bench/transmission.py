@@ -3,8 +3,9 @@
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.diagnostics import lowest_held_out_vaf, nonlinearity_row, summary_of_trials
+from osl_analysis.bench.diagnostics import lowest_held_out_vaf, summary_of_trials
 from osl_analysis.bench.frequency_response import at_amplitude, trial_phasors
+from osl_analysis.bench.nonlinearity import nonlinearity_row
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.signals import Motion
 from osl_analysis.stats.covariance import NO_REPEATS, ResidualCorrelation
@@ -67,7 +68,7 @@ def transmission_table(trial: SteppedSineTrial) -> pl.DataFrame:
                 **estimates_row(friction, "T_C"),
                 "B_j_coulomb": friction["B_j"],
                 "VAF_coulomb": friction.vaf,
-                **nonlinearity_row(at_amplitude(phasors, amplitude)),
+                **nonlinearity_row(at_amplitude(phasors, amplitude), fit),
                 "VAF_held_out": lowest_held_out_vaf(trial, amplitude, fit, transmission_columns),
                 "coulomb_share": 1 - friction["B_j"] / fit["B_j"],
                 "load_cell_drift": 60 * trial.drift,

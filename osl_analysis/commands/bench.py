@@ -8,7 +8,6 @@ import polars as pl
 
 from osl_analysis.bench.actuator import actuator_summary, actuator_table, actuator_trial
 from osl_analysis.bench.belt import belt_curve, belt_figure_points, belt_summary, belt_table, belt_trial
-from osl_analysis.bench.diagnostics import check_resists
 from osl_analysis.bench.estimators import estimator_table
 from osl_analysis.bench.frequency_response import (
     frequency_response_table,
@@ -25,6 +24,13 @@ from osl_analysis.bench.model_comparison import (
     impedance_scores,
     transmission_scores,
 )
+from osl_analysis.bench.plausibility import (
+    check_recording,
+    plausible_actuator,
+    plausible_belt,
+    plausible_impedance,
+    plausible_transmission,
+)
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, SteppedSineAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.transmission import transmission_summary, transmission_table
@@ -35,6 +41,7 @@ from osl_analysis.figures.fig7 import LINEAR_MODEL, RESPONSE, points, response_c
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.drivetrain import joint_admittance
+from osl_analysis.model.rendering import predicted_impedance
 from osl_analysis.parameters import read_parameters
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
@@ -42,17 +49,21 @@ from osl_analysis.trial import read_trial
 
 def fit_belt_trial(trial: Path, parameters: Path, settings: BeltAnalysis, tables: Mapping[str, Path]) -> None:
     """Fit one belt trial: its rows of the tables `belt` and `belt_curves` (torque against deflection)."""
-    belt = belt_trial(read_trial(trial), read_parameters(parameters), settings)
-    check_resists(belt.name, "K_s", belt.fit.K_s)
-    write_table(belt_table(belt), tables["belt"])
+    read, p = read_trial(trial), read_parameters(parameters)
+    check_recording(read, settings)
+    belt = belt_trial(read, p, settings)
+    write_table(plausible_belt(belt_table(belt), read, p), tables["belt"])
     write_table(belt_curve(belt), tables["belt_curves"])
 
 
-def fit_transmission_trial(trial: Path, settings: SteppedSineAnalysis, tables: Mapping[str, Path]) -> None:
+def fit_transmission_trial(
+    trial: Path, parameters: Path, settings: SteppedSineAnalysis, tables: Mapping[str, Path]
+) -> None:
     """Fit one transmission trial: its rows of the table `transmission`."""
-    table = transmission_table(stepped_sine_trial(read_trial(trial), settings))
-    check_resists(table["trial"][0], "B_j", table["B_j"][-1])
-    write_table(table, tables["transmission"])
+    read = read_trial(trial)
+    check_recording(read, settings)
+    table = transmission_table(stepped_sine_trial(read, settings))
+    write_table(plausible_transmission(table, read, read_parameters(parameters)), tables["transmission"])
 
 
 def fit_impedance_trial(
@@ -67,19 +78,24 @@ def fit_impedance_trial(
 
     `condition` is what the trial was asked to render, `weight` is W of Eq. 14 with which its gains were selected.
     """
-    p, stepped = read_parameters(parameters), stepped_sine_trial(read_trial(trial), settings)
+    p, read = read_parameters(parameters), read_trial(trial)
+    check_recording(read, settings)
+    stepped = stepped_sine_trial(read, settings)
     gains, phasors = condition.gains(p, weight), trial_phasors(stepped)
     table = impedance_table(stepped, phasors, joint_admittance(gains.K_1, gains.B_1, p, p.J_j))
-    check_resists(stepped.name, "K", table["K"][-1])
-    predicted = prediction_columns(gains, p, settings.frequencies_hz)
-    write_table(table.with_columns(**condition.columns(), **predicted), tables["impedance"])
+    predicted = predicted_impedance(gains, p, settings.frequencies_hz)
+    plausible = plausible_impedance(table, read, p, predicted[0])
+    write_table(plausible.with_columns(**condition.columns(), **prediction_columns(predicted)), tables["impedance"])
     write_table(phasor_table(stepped.name, phasors).with_columns(**condition.columns()), tables["phasors"])
     write_table(estimator_table(stepped).with_columns(**condition.columns()), tables["estimators"])
 
 
-def fit_actuator_trial(trial: Path, settings: ActuatorAnalysis, tables: Mapping[str, Path]) -> None:
+def fit_actuator_trial(trial: Path, parameters: Path, settings: ActuatorAnalysis, tables: Mapping[str, Path]) -> None:
     """Fit one trial of the actuator's bench: its row of the table `actuator`."""
-    write_table(actuator_table(actuator_trial(read_trial(trial), settings)), tables["actuator"])
+    read = read_trial(trial)
+    check_recording(read, settings, "torque_m", angle=None)
+    table = actuator_table(actuator_trial(read, settings))
+    write_table(plausible_actuator(table, read, read_parameters(parameters)), tables["actuator"])
 
 
 def summarise_belt(table: Path, output: Path) -> None:

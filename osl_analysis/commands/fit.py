@@ -11,6 +11,13 @@ from osl_analysis.bench.actuator import actuator_table, actuator_trial
 from osl_analysis.bench.belt import belt_series, belt_table, belt_trial
 from osl_analysis.bench.frequency_response import trial_phasors
 from osl_analysis.bench.impedance import impedance_series, impedance_table
+from osl_analysis.bench.plausibility import (
+    check_recording,
+    plausible_actuator,
+    plausible_belt,
+    plausible_impedance,
+    plausible_transmission,
+)
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, DynamometerAnalysis, SteppedSineAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.transmission import transmission_series, transmission_table
@@ -63,26 +70,34 @@ def fit_one_trial(
 
 def fit_belt(trial: Trial, parameters: Path, settings: BeltAnalysis) -> Estimated:
     """The belt's row, and its series."""
-    belt = belt_trial(trial, read_parameters(parameters), settings)
-    return belt_table(belt), belt_series(belt)
+    p = read_parameters(parameters)
+    check_recording(trial, settings)
+    belt = belt_trial(trial, p, settings)
+    return plausible_belt(belt_table(belt), trial, p), belt_series(belt)
 
 
-def fit_transmission_losses(trial: Trial, _: Path, settings: SteppedSineAnalysis) -> Estimated:
+def fit_transmission_losses(trial: Trial, parameters: Path, settings: SteppedSineAnalysis) -> Estimated:
     """The transmission's rows, and the series of the fit to all amplitudes."""
+    check_recording(trial, settings)
     stepped = stepped_sine_trial(trial, settings)
-    return transmission_table(stepped), transmission_series(stepped)
+    table = plausible_transmission(transmission_table(stepped), trial, read_parameters(parameters))
+    return table, transmission_series(stepped)
 
 
-def fit_rendered_impedance(trial: Trial, _: Path, settings: SteppedSineAnalysis) -> Estimated:
+def fit_rendered_impedance(trial: Trial, parameters: Path, settings: SteppedSineAnalysis) -> Estimated:
     """The rows of Eq. 15, and the series of the fit to all amplitudes."""
+    check_recording(trial, settings)
     stepped = stepped_sine_trial(trial, settings)
-    return impedance_table(stepped, trial_phasors(stepped)), impedance_series(stepped)
+    table = impedance_table(stepped, trial_phasors(stepped))
+    return plausible_impedance(table, trial, read_parameters(parameters)), impedance_series(stepped)
 
 
-def fit_actuator_bench(trial: Trial, _: Path, settings: ActuatorAnalysis) -> Estimated:
+def fit_actuator_bench(trial: Trial, parameters: Path, settings: ActuatorAnalysis) -> Estimated:
     """The actuator's row, and its series."""
+    check_recording(trial, settings, "torque_m", angle=None)
     actuator = actuator_trial(trial, settings)
-    return actuator_table(actuator), (actuator.time, actuator.torque, actuator.modelled)
+    table = plausible_actuator(actuator_table(actuator), trial, read_parameters(parameters))
+    return table, (actuator.time, actuator.torque, actuator.modelled)
 
 
 FITS: dict[str, Callable[[Trial, Path, Any], Estimated]] = {

@@ -49,6 +49,12 @@ ALIASES = {
     "%": "percent",
     "1": "dimensionless",
 }
+# units that mean different things to different people, with what to write instead
+AMBIGUOUS = {
+    "grad": "is gon (a 400th of a turn) to some and degree to others: write `deg`, or `gon`",
+    "grads": "is gon (a 400th of a turn) to some and degree to others: write `deg`, or `gon`",
+    "grade": "is gon (a 400th of a turn) to some and degree to others: write `deg`, or `gon`",
+}
 # names whose case has no meaning, since they have no prefix that it could distinguish
 WORDS = re.compile(
     r"(milli)?met(er|re)s?|volts?|deg(ree)?s?|rad(ian)?s?|newtons?|amp(ere)?s?|seconds?|revolutions?|rpm", re.IGNORECASE
@@ -66,12 +72,16 @@ def si_factor(unit: str, expected: str) -> float:
     Raises
     ------
     InputError
-        The unit is empty, unknown, of another dimension or of an implausible size; the message lists valid ones.
+        The unit is empty, unknown, ambiguous, of another dimension or of an implausible size; the
+        message says what to write.
     """
     advice = ", ".join(EXAMPLES[expected])
     spelling = normalised(unit)
     if not spelling:
         raise InputError(f"the unit is empty; write one of {advice}")
+    for name in re.split(r"[*/]", spelling):
+        if name.lower() in AMBIGUOUS:
+            raise InputError(f"unit {quoted_unit(unit)}: '{name}' {AMBIGUOUS[name.lower()]}")
     found = base_units(spelling)
     if found is None:
         raise InputError(f"unit {quoted_unit(unit)} is unknown; write one of {advice}")

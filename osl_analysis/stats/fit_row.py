@@ -49,13 +49,14 @@ def whiteness_row(judged: Whiteness | None) -> Row:
     return dict(zip(("residual_autocorrelation", "ljung_box_per_lag", "ljung_box_p"), values, strict=True))
 
 
-def lag_damping_row(lag: float | None, se: float | None, K: float) -> Row:
+def lag_damping_row(lag: float | None, se: float | None, K: float, certain_from: float = 2.0) -> Row:
     """Lag [s] of the torque behind the angle, its standard error, and what it adds to B: -K lag [N*m*s/rad].
 
-    `certain_lag_damping` is the same if the lag is larger than two standard errors, else 0. All null without a lag.
+    `certain_lag_damping` is the same if the lag is larger than `certain_from` standard errors, else 0. All null without
+    a lag.
     """
     damping = certain = None
     if lag is not None and se is not None:
         damping = -K * lag
-        certain = damping if abs(lag) > 2 * se else 0.0
+        certain = damping if abs(lag) > certain_from * se else 0.0
     return {"lag_s": lag, "lag_se_s": se, "lag_damping": damping, "certain_lag_damping": certain}

@@ -41,6 +41,9 @@ class LinearFit:
     """Degrees of freedom (p,) of the estimates' variances, for Student's quantile."""
     residual: Array
     """y minus the fit (n,) [unit of y]."""
+    largest_correlation: float
+    """Largest absolute correlation of two estimates under white noise: from the columns, so that a few noisy cycles do
+    not change it; 0 if there is only one. Near 1 only a combination of the two is known."""
 
     def __getitem__(self, name: str) -> float:
         return float(self.estimates[self.names.index(name)])
@@ -62,12 +65,6 @@ class LinearFit:
         """Bounds of the 95 % interval of one estimate, in its unit (Student's quantile)."""
         half = float(stdtrit(self.degrees_of_freedom[self.names.index(name)], 0.975)) * self.se(name)
         return self[name] - half, self[name] + half
-
-    @property
-    def largest_correlation(self) -> float:
-        """Largest absolute correlation of two estimates; 0 if there is only one. Near 1 only a combination is known."""
-        scale = np.sqrt(np.maximum(np.diag(self.covariance), np.finfo(float).tiny))
-        return float(np.max(np.abs(np.triu(self.covariance / np.outer(scale, scale), 1))))
 
     def predicted(self, columns: Mapping[str, Array]) -> Array:
         """y (n,) [unit of y] predicted from the same columns (n,) of other data. Further columns are ignored."""
@@ -126,7 +123,14 @@ def linear_fit(
         residuals.method,
         degrees_of_freedom,
         residual,
+        largest_correlation(inverse),
     )
+
+
+def largest_correlation(covariance: Array) -> float:
+    """Largest absolute correlation in a covariance (p, p); 0 for a single estimate."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    return float(np.max(np.abs(np.triu(covariance / np.outer(scale, scale), 1))))
 
 
 def projected(X: Array, Z: Array) -> Array:

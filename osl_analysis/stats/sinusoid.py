@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.stats.complex_estimate import ComplexEstimate
@@ -24,10 +25,15 @@ class Phasor(ComplexEstimate):
     """Root sum of squares of harmonics 2 to 5, divided by the fundamental."""
     vaf: float
     """Variance accounted for by the fit [percent]."""
-    amplitudes: Array
-    """Amplitudes of the fundamental and of harmonics 2 to 5, shape (5,)."""
+    harmonics: NDArray[np.complex128]
+    """Complex amplitudes of the fundamental and of harmonics 2 to 5, shape (5,): harmonic k is Re(H exp(j k w t))."""
     interval_method: str
     """Source of the covariance, as in `LinearFit`."""
+
+    @property
+    def amplitudes(self) -> Array:
+        """Amplitudes of the fundamental and of harmonics 2 to 5, shape (5,)."""
+        return np.abs(self.harmonics)
 
 
 def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, cycles: Cycles | None = None) -> Phasor:
@@ -59,7 +65,7 @@ def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, cycles: Cycles
         float(np.min(fit.degrees_of_freedom[1:3])),
         float(np.linalg.norm(amplitudes[1:]) / amplitudes[0]),
         fit.vaf,
-        amplitudes,
+        cosines - 1j * sines,
         fit.interval_method,
     )
 

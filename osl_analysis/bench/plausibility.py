@@ -1,0 +1,129 @@
+"""What a bench recording and its estimates cannot be, and what they are not likely to be: signs, sizes and units.
+
+What is impossible is refused. What is unlikely becomes a column of the result table, with a limit under `doubtful` in
+the configuration.
+"""
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.bench.diagnostics import check_resists
+from osl_analysis.bench.settings import BenchAnalysis
+from osl_analysis.causes import wrong_scale
+from osl_analysis.errors import InputError
+from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.signals import longest_at_extreme
+from osl_analysis.trial import Array, Trial
+
+SAME_AS_BELT = 1.1
+"""Largest K over the belt's K_s. The joint and the motor act through the belt, in series with it, so that the motor can
+render no K above K_s; a tenth allows for the belt at hand."""
+
+
+def check_recording(trial: Trial, limits: BenchAnalysis, torque: str = "torque", angle: str | None = "theta") -> None:
+    """Refuse an angle that no leg's joint turns by, and a torque that the load cell cannot measure.
+
+    Raises
+    ------
+    InputError
+        The message names trial, channel, value, and the likely unit.
+    """
+    turned, measured = recorded(trial, angle), recorded(trial, torque)
+    if turned.size and (half := float(np.ptp(turned)) / 2) > limits.largest_angle:
+        raise InputError(
+            f"trial {trial.name}: {angle} turns by +-{half:.3g} rad ({np.rad2deg(half):.0f} deg), more than the "
+            f"{limits.largest_angle:g} rad of `largest_angle` in the configuration: is it recorded in deg and declared "
+            "as rad? Correct its `unit` in the source file"
+        )
+    largest = float(np.max(np.abs(measured))) if measured.size else 0.0
+    if limits.load_cell_range is not None and largest > limits.load_cell_range:
+        raise InputError(
+            f"trial {trial.name}: {torque} reaches {largest:.4g} N*m, more than the {limits.load_cell_range:g} N*m of "
+            "`load_cell_range` in the configuration; correct its `unit` or `scale` in the source file, or the range"
+        )
+
+
+def recorded(trial: Trial, column: str | None) -> Array:
+    """The values of a column where it was sampled, (n,); empty where the trial does not have it."""
+    if column is None or column not in trial.samples.columns:
+        return np.empty(0)
+    return trial.samples[column].drop_nulls().drop_nans().to_numpy()
+
+
+def with_clipping(table: pl.DataFrame, trial: Trial, torque: str = "torque") -> pl.DataFrame:
+    """The table with `saturated_samples`: the longest run of the recorded torque at its largest or lowest value."""
+    return table.with_columns(saturated_samples=pl.lit(longest_at_extreme(recorded(trial, torque)), pl.Int64))
+
+
+def ratio(column: str, reference: float | None, name: str) -> pl.Expr:
+    """An estimate over its reference; null where there is none, or where it is 0."""
+    return (pl.col(column) / reference if reference else pl.lit(None, pl.Float64)).alias(name)
+
+
+def plausible_belt(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters) -> pl.DataFrame:
+    """The belt's row with `saturated_samples` and `K_s_ratio`, K_s over that of the parameter file.
+
+    Raises
+    ------
+    InputError
+        K_s is negative.
+    """
+    check_resists(trial.name, "K_s", table["K_s"][-1])
+    return with_clipping(table, trial).with_columns(ratio("K_s", p.K_s, "K_s_ratio"))
+
+
+def plausible_transmission(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters) -> pl.DataFrame:
+    """The transmission's rows with `saturated_samples`, `B_j_ratio` and `J_j_ratio`, over the parameter file's.
+
+    Raises
+    ------
+    InputError
+        B_j is negative.
+    """
+    check_resists(trial.name, "B_j", table["B_j"][-1])
+    ratios = (ratio("B_j", p.B_j, "B_j_ratio"), ratio("J_j", p.J_j, "J_j_ratio"))
+    return with_clipping(table, trial).with_columns(*ratios)
+
+
+def plausible_impedance(
+    table: pl.DataFrame, trial: Trial, p: DrivetrainParameters, predicted: float | None = None
+) -> pl.DataFrame:
+    """The rows of Eq. 15 with `saturated_samples`, `K_over_K_s` and `K_ratio`, K over what the gains should give.
+
+    `predicted` is the K [N*m/rad] of linear theory; None where the gains are not known.
+
+    Raises
+    ------
+    InputError
+        K is negative, its interval too, or larger than that of the belt through which the motor acts.
+    """
+    K, high = table["K"][-1], table["K_high"][-1]
+    check_resists(trial.name, "K", K, high)
+    if K > SAME_AS_BELT * p.K_s:
+        reference = predicted or p.K_s
+        raise InputError(
+            f"trial {trial.name}: K = {K:.4g} N*m/rad is larger than the belt's K_s = {p.K_s:g} of the parameter file, "
+            f"which no motor behind the belt can render; it is {K / reference:.3g} times "
+            f"{'what the gains should give' if predicted else 'K_s'}: {wrong_scale(K / reference)}"
+        )
+    ratios = (ratio("K", p.K_s, "K_over_K_s"), ratio("K", predicted, "K_ratio"))
+    return with_clipping(table, trial).with_columns(*ratios)
+
+
+def plausible_actuator(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters) -> pl.DataFrame:
+    """The actuator's row with `saturated_samples` and the ratios of the estimates to the parameter file's.
+
+    Raises
+    ------
+    InputError
+        k_tau n_m is negative: the current, or the torque, has the wrong sign.
+    """
+    k, high = table["k_tau_n_m"][-1], table["k_tau_n_m_high"][-1]
+    if high < 0:
+        raise InputError(
+            f"trial {trial.name}: k_tau_n_m = {k:.4g} N*m/A is negative, a positive current gives a negative torque; "
+            "turn the `sign` of the current, or of torque_m and theta_m, in the source file"
+        )
+    references = {"k_tau_n_m": p.k_tau * p.n_m, "f_C": p.f_C, "f_G": p.f_G, "B_m": p.B_m, "J_m": p.J_m}
+    ratios = (ratio(name, value, f"{name}_ratio") for name, value in references.items())
+    return with_clipping(table, trial, "torque_m").with_columns(*ratios)

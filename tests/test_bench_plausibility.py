@@ -1,0 +1,183 @@
+"""Signs, sizes and units that cannot be right: refused or doubtful with the cause, in `fit` as in a campaign."""
+
+import re
+
+import numpy as np
+import polars as pl
+import pytest
+from bench_synthetic import PROTOCOL, second_order, stepped_sine
+from conftest import ROOT
+
+from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.causes import wrong_scale
+from osl_analysis.commands.bench import fit_actuator_trial, fit_belt_trial, fit_impedance_trial, fit_transmission_trial
+from osl_analysis.commands.fit import fit_one_trial
+from osl_analysis.config import read_section
+from osl_analysis.doubtful import DoubtfulFits, marked
+from osl_analysis.errors import InputError
+from osl_analysis.model.compensator import PAPER_WEIGHT
+from osl_analysis.table import read_table
+from osl_analysis.trial import Trial, write_trial
+
+CONFIG, DEVICE = ROOT / "config/config.yaml", ROOT / "config/parameters/default.yaml"
+LIMITS = read_section(CONFIG, "doubtful", DoubtfulFits)
+BENCH = read_section(CONFIG, "dynamometer", DynamometerAnalysis).model_copy(
+    update={
+        "amplitudes_deg": tuple(np.rad2deg(PROTOCOL.amplitudes)),
+        "frequencies_hz": PROTOCOL.frequencies_hz,
+        "cycles": PROTOCOL.cycles,
+    }
+)
+ACTUATOR = read_section(CONFIG, "actuator", ActuatorAnalysis)
+RATE = 500.0
+NOISE = np.random.default_rng(4)
+
+
+def driven(torque_of=second_order):
+    record = stepped_sine(torque_of, noise=0.05)
+    return {"time": record.time, "theta": record.theta, "torque": record.torque}
+
+
+def losses(motion):
+    return 0.452 * motion.omega + 0.005 * motion.alpha
+
+
+def loaded_belt():
+    time = np.arange(round(10 * RATE)) / RATE
+    theta = np.deg2rad(5) / 2 * (1 - np.cos(2 * np.pi * np.clip((time - 1.5) / 7, 0, 1)))
+    noise = 0.05 * NOISE.standard_normal(time.size)
+    return {"time": time, "theta": theta, "theta_m": np.full(time.size, 0.1), "torque": 685.6 * theta + noise}
+
+
+def turning_actuator():
+    time = np.arange(round(20 * RATE)) / RATE
+    turn = 2 * np.pi * np.array([[0.3], [1.1], [2.7]])
+    amplitude, phase = np.array([[8.0], [5.0], [2.0]]), np.array([[0.0], [1.0], [2.0]])
+    theta_m = np.sum(-amplitude / turn * np.cos(turn * time + phase), axis=0)
+    omega = np.sum(amplitude * np.sin(turn * time + phase), axis=0)
+    alpha = np.sum(amplitude * turn * np.cos(turn * time + phase), axis=0)
+    current = 4 * np.sin(1.07 * time + 0.5) + 3 * np.sin(4.6 * time + 1.5) + 2 * np.sin(11.9 * time + 2.5)
+    torque_m = 1.0197 * current - np.sign(omega) * (0.377 + 0.0896 * abs(current)) - 5.6e-3 * omega - 9.211e-3 * alpha
+    noise = 0.05 * NOISE.standard_normal(time.size)
+    return {"time": time, "theta_m": theta_m, "current": current, "torque_m": torque_m + noise}
+
+
+RECORDINGS = {
+    "impedance": driven(),
+    "transmission": driven(losses),
+    "belt": loaded_belt(),
+    "actuator": turning_actuator(),
+}
+JOBS = {"transmission": fit_transmission_trial, "belt": fit_belt_trial, "actuator": fit_actuator_trial}
+
+
+def scaled(experiment, **factors):
+    return {name: values * factors.get(name, 1) for name, values in RECORDINGS[experiment].items()}
+
+
+def in_campaign(tmp_path, experiment, recording, bench=BENCH):
+    """The last row of the table, as a campaign's job and the limits of the configuration make it."""
+    write_trial(Trial("made", pl.DataFrame(recording)), tmp_path / "made.parquet")
+    tables = {name: tmp_path / f"{name}.csv" for name in (experiment, "phasors", "estimators", "belt_curves")}
+    settings = ACTUATOR if experiment == "actuator" else bench
+    if experiment == "impedance":
+        condition = DesiredImpedance("compensated", 200, 4)
+        fit_impedance_trial(tmp_path / "made.parquet", DEVICE, condition, PAPER_WEIGHT, settings, tables)
+    else:
+        JOBS[experiment](tmp_path / "made.parquet", DEVICE, settings, tables)
+    return marked(read_table(tables[experiment]), LIMITS.of(experiment), experiment).to_dicts()[-1]
+
+
+def on_the_command_line(tmp_path, experiment, recording, bench=BENCH):
+    """The same by `osl-analysis fit`, which does not know K_d."""
+    write_trial(Trial("made", pl.DataFrame(recording)), tmp_path / "made.parquet")
+    settings = ACTUATOR if experiment == "actuator" else bench
+    fitted = fit_one_trial(experiment, tmp_path / "made.parquet", DEVICE, settings, LIMITS)
+    return fitted.estimates.to_dicts()[-1]
+
+
+BOTH = pytest.mark.parametrize("way", [in_campaign, on_the_command_line])
+
+
+@BOTH
+@pytest.mark.parametrize("experiment", RECORDINGS)
+def test_a_sound_recording_is_not_doubtful(way, experiment, tmp_path):
+    assert way(tmp_path, experiment, RECORDINGS[experiment])["doubtful"] == ""
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("experiment", "factors", "words"),
+    [
+        ("impedance", {"torque": -1}, "K = -200 is negative.*`sign`"),
+        ("transmission", {"torque": -1}, "B_j = -0.4.* is negative.*`sign`"),
+        ("belt", {"torque": -1}, "K_s = -68.* is negative.*`sign`"),
+        ("actuator", {"current": -1}, "k_tau_n_m = -1.02 N\\*m/A is negative.*`sign` of the current"),
+        ("actuator", {"torque_m": -1}, "is negative.*`sign` of the current, or of torque_m"),
+        ("impedance", {"torque": 4.4482}, "K = 8.* is larger than the belt's K_s = 685.6"),
+        ("belt", {"theta": 57.3, "theta_m": 57.3}, "theta turns by .*rad.*recorded in deg and declared as rad"),
+        ("impedance", {"theta": 57.3}, "theta turns by .*rad.*recorded in deg and declared as rad"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_its_cause(way, experiment, factors, words, tmp_path):
+    with pytest.raises(InputError, match=words):
+        way(tmp_path, experiment, scaled(experiment, **factors))
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("experiment", "factors", "words"),
+    [
+        ("actuator", {"theta_m": 180 / np.pi}, "J_m_ratio 0.0175 is below 0.33.*57.3 is the factor between degrees"),
+        ("actuator", {"torque_m": 0.113}, "k_tau_n_m_ratio 0.11.*lbf\\*in"),
+        ("actuator", {"current": 1000}, "k_tau_n_m_ratio 0.001.*mA and A"),
+        ("belt", {"torque": 4.4482}, "K_s_ratio 4.4.*between lbf and N"),
+        ("belt", {"torque": 0.01}, "K_s_ratio 0.01.*N\\*cm"),
+        ("transmission", {"torque": 0.01}, "B_j_ratio 0.0.*N\\*cm"),
+        ("impedance", {"torque": 0.01}, "K_over_K_s 0.00292 is below 0.01"),
+    ],
+)
+def test_what_is_not_likely_is_doubtful_with_its_cause(way, experiment, factors, words, tmp_path):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("osl_analysis.bench.actuator.FEWEST_MOVING_S", 0.1)
+        row = way(tmp_path, experiment, scaled(experiment, **factors))
+    assert re.search(words, row["doubtful"]), row["doubtful"]
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"), [(0.113, r"K_ratio 0\.11\d is below 0\.5.*lbf\*in"), (1.7, r"K_ratio 1\.\d+ is above 1\.5")]
+)
+def test_a_stiffness_far_from_what_the_gains_should_give_is_doubtful(factor, words, tmp_path):
+    row = in_campaign(tmp_path, "impedance", scaled("impedance", torque=factor))
+    assert re.search(words, row["doubtful"]), row["doubtful"]
+
+
+@BOTH
+@pytest.mark.parametrize(("experiment", "torque"), [("impedance", "torque"), ("actuator", "torque_m")])
+def test_a_clipped_load_cell_makes_the_fit_doubtful(way, experiment, torque, tmp_path):
+    recording = dict(RECORDINGS[experiment])
+    limit = np.quantile(np.abs(recording[torque]), 0.97)
+    recording[torque] = np.clip(recording[torque], -limit, limit)
+    doubtful = way(tmp_path, experiment, recording)["doubtful"]
+    assert "saturated_samples" in doubtful
+    assert "clipped" in doubtful
+
+
+@BOTH
+def test_a_torque_beyond_the_load_cell_s_range_is_refused(way, tmp_path):
+    stated = BENCH.model_copy(update={"load_cell_range": 20.0})
+    with pytest.raises(InputError, match=r"torque reaches 2.* N\*m, more than the 20 N\*m of `load_cell_range`"):
+        way(tmp_path, "impedance", RECORDINGS["impedance"], stated)
+
+
+def test_a_joint_without_stiffness_is_not_refused_for_a_stiffness_of_noise(tmp_path):
+    free = driven(lambda m: second_order(m) - 200.002 * m.theta)
+    assert abs(on_the_command_line(tmp_path, "impedance", free)["K"]) < 0.2
+
+
+@pytest.mark.parametrize(
+    ("ratio", "factor"), [(4.45, "lbf and N"), (0.113, "lbf\\*in"), (0.0174, "degrees"), (1.02e-2, "N\\*cm"), (2.0, "")]
+)
+def test_a_ratio_names_the_units_whose_factor_it_is(ratio, factor):
+    assert re.search(factor or "check unit and scale", wrong_scale(ratio))

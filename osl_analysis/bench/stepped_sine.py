@@ -105,7 +105,7 @@ def stepped_sine_of(signals: UniformSignals, settings: SteppedSineAnalysis) -> S
     """The trial behind uniform signals; raises as `stepped_sine_trial`, without the trial's name."""
     time, theta, measured, usable = signals.time, signals["theta"], signals["torque"], signals.usable
     blocks = find_blocks(time, theta, settings.protocol)
-    drift = drift_rate(time, measured, settled(blocks, settings.settle_cycles, usable))
+    drift = drift_rate(time, without_angle(theta, measured), settled(blocks, settings.settle_cycles, usable))
     torque = without_drift(time, measured, drift)
     motion, filtered = filtered_motion(time, theta, torque, settings.low_pass)
     return SteppedSineTrial(
@@ -148,6 +148,16 @@ def drift_rate(time: Array, torque: Array, segments: Sequence[Segment]) -> float
             along += float(np.sum(samples * middle**2))
             across += float(np.sum(samples * middle * level))
     return across / along if along else 0.0
+
+
+def without_angle(theta: Array, torque: Array) -> Array:
+    """The torque (n,) [N*m] minus what is proportional to the angle (n,) [rad].
+
+    A sine whose amplitude decays has a mean, of another size at each frequency. What the joint makes of it would pass
+    for drift.
+    """
+    moved = theta - theta.mean()
+    return np.asarray(torque - float(moved @ torque) / max(float(moved @ moved), np.finfo(float).tiny) * moved)
 
 
 def without_drift(time: Array, torque: Array, rate: float) -> Array:

@@ -187,7 +187,7 @@ def samples(folder: Path, output: Path | None, config_path: Path) -> None:
 
     Rates are in Hz, gaps in s; a file that is refused is listed with the reason.
     """
-    from osl_analysis.commands.samples import samples_table, write_samples
+    from osl_analysis.commands.inspect import samples_table, write_samples
     from osl_analysis.config import read_section
     from osl_analysis.quality.settings import QualityRules
 

@@ -170,7 +170,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         place="walkway",
         bare_plate=True,
         tables=(Table("ankle_moment", judged=False),),
-        fit=Fit("overground.compare_ankle_moment", {"settings": ("overground", "OvergroundAnalysis")}),
+        fit=Fit("walking.compare_ankle_moment", {"settings": ("overground", "OvergroundAnalysis")}),
     ),
     "ingest_only": Experiment("any recording: ingested and checked, not analysed", place=None),
 }

@@ -10,8 +10,7 @@ import pytest
 import yaml
 
 from osl_analysis.commands.ingest import ingest_trial
-from osl_analysis.commands.inspect import inspect_file
-from osl_analysis.commands.samples import row_of
+from osl_analysis.commands.inspect import inspect_file, row_of
 from osl_analysis.config import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source

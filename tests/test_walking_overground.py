@@ -9,7 +9,7 @@ from conftest import ROOT
 from walking_synthetic import CORNERS, PLATE_RATE, RATE, recording
 
 from osl_analysis.commands.ingest import ingest_trial
-from osl_analysis.commands.overground import compare_ankle_moment
+from osl_analysis.commands.walking import compare_ankle_moment
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table
 from osl_analysis.trial import Array, Trial, read_trial, write_trial

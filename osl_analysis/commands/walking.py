@@ -1,6 +1,6 @@
 """Jobs from analysed crossings to tables: selection, unperturbed gait, fits, and the numbers of Fig. 9."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import polars as pl
@@ -14,12 +14,15 @@ from osl_analysis.commands.walking_files import (
 from osl_analysis.doubtful import DOUBTFUL, EXCLUDED, doubtful_row
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.table import read_table, write_table
+from osl_analysis.trial import read_trial
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import bootstrap, common_errors, ensemble_response
+from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.response import isolate_response
 from osl_analysis.walking.selection import selection_rows
 from osl_analysis.walking.settings import (
     EnsembleSettings,
+    OvergroundAnalysis,
     ResponseSettings,
     SelectionSettings,
     TimingSettings,
@@ -141,3 +144,8 @@ def exclusion_reason(crossing: Path, selection: Path) -> str | None:
     """Why the table `selection` excludes a crossing; None if it does not."""
     rows = read_table(selection, ["trial", "reason"]).filter(pl.col("trial") == crossing.stem)
     return None if rows.is_empty() else rows["reason"][0]
+
+
+def compare_ankle_moment(trial: Path, settings: OvergroundAnalysis, tables: Mapping[str, Path]) -> None:
+    """One row per stance and plate of a trial: our ankle moment and the laboratory's."""
+    write_table(pl.DataFrame(overground_rows(read_trial(trial), settings)), tables["ankle_moment"])

@@ -13,15 +13,13 @@ from osl_analysis.formats.csv_text import is_text
 from osl_analysis.formats.mcap.walk import MAGIC
 from osl_analysis.formats.nexus_csv import is_nexus
 from osl_analysis.ingest.c3d_capture import read_c3d_capture
-from osl_analysis.ingest.c3d_overview import inspect_c3d
 from osl_analysis.ingest.c3d_source import C3dSource
+from osl_analysis.ingest.capture_overview import inspect_c3d, inspect_nexus
 from osl_analysis.ingest.csv_log import read_csv_log
-from osl_analysis.ingest.csv_overview import inspect_csv
 from osl_analysis.ingest.csv_source import CsvSource
+from osl_analysis.ingest.log_overview import inspect_csv, inspect_mcap
 from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
-from osl_analysis.ingest.mcap_overview import inspect_mcap
 from osl_analysis.ingest.nexus_capture import NexusSource, read_nexus_capture
-from osl_analysis.ingest.nexus_overview import inspect_nexus
 from osl_analysis.ingest.overview import Overview
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source_fields import CaptureSource, LogSource

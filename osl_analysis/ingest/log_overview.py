@@ -1,4 +1,4 @@
-"""What a log in CSV holds."""
+"""What a log holds, in MCAP or CSV: channels with rates and gaps, and what is damaged or odd."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -9,12 +9,80 @@ import polars as pl
 from osl_analysis.errors import InputError
 from osl_analysis.formats.csv_table import is_number_cell, unpadded
 from osl_analysis.formats.csv_text import Rows, delimiter_of, name_and_unit, read_lines, split_rows
+from osl_analysis.formats.mcap.mcap_file import McapFile, read_mcap
+from osl_analysis.formats.mcap.survey import ChannelSurvey, survey_channels
+from osl_analysis.formats.mcap.topics import describe_message
+from osl_analysis.formats.messages.description import FieldDescription
 from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of
 
+MOST_FIELDS = 500  # of one topic
+NANOSECOND = 1e-9
+STAMP = "header."  # what every message of ROS has, and no signal is in
 COMMENT = "#"
 CLOCKS = ("time", "t", "timestamp", "state_time", "elapsed", "clock")  # how loggers call their time
 NAMES = {"\t": "tab", " ": "space"}
 MOST_WORDS = 5
+
+
+def inspect_mcap(path: Path) -> Overview:
+    """Topics with schema, encoding, rate and gaps by log time, every field of each, and what is damaged.
+
+    Raises
+    ------
+    InputError
+        The file is empty, or no MCAP file.
+    """
+    file = read_mcap(path)
+    surveys = survey_channels(file)
+    remarks = list(file.damage.all_remarks())
+    described = [(survey, fields_of(survey, remarks)) for survey in surveys]
+    channels = [channel for survey, fields in described for channel in channels_of(survey, fields)]
+    stamped = any(field.path.startswith(f"{STAMP}stamp") for _, fields in described for field in fields)
+    settings = {"clock": "master", "time": {"source": "header" if stamped else "log"}}
+    return Overview("mcap", facts_of(file), channels, remarks, settings)
+
+
+def facts_of(file: McapFile) -> dict[str, str]:
+    """Size, what was read, what was lost, and whether checksums cover it."""
+    damage = file.damage
+    lost = damage.messages_lost()
+    return {
+        "bytes": str(len(file.data)),
+        "chunks": str(damage.chunks),
+        "messages": str(damage.messages),
+        "messages lost": "the file does not tell" if lost is None else str(lost),
+        "checksums": damage.crc(),
+    }
+
+
+def fields_of(survey: ChannelSurvey, remarks: list[str]) -> list[FieldDescription]:
+    """The fields of a channel's first message, or else of its schema; what cannot be described is remarked."""
+    reason = ""
+    for message in dict.fromkeys([survey.first, None]):
+        try:
+            return describe_message(survey.channel, survey.schema, message)
+        except (ValueError, RecursionError) as error:
+            reason = reason or " ".join(str(error).split())
+    remarks.append(f"topic '{survey.channel.topic}': its fields cannot be listed: {reason}")
+    return []
+
+
+def channels_of(survey: ChannelSurvey, fields: list[FieldDescription]) -> Iterator[RecordedChannel]:
+    """A topic's numbers, one by one as a source file names them; the topic alone where there are none."""
+    topic, encoding = survey.channel.topic, survey.channel.message_encoding
+    kind = f"{survey.schema.name} ({encoding})" if survey.schema else encoding
+    log_time = survey.log_time()
+    stamps = (log_time - log_time[:1].sum()) * NANOSECOND
+    rate = rate_of(stamps)
+    timing = gaps_text(stamps) or ("" if survey.messages else "empty")
+    numbers = [(path, field) for field in fields if not field.path.startswith(STAMP) for path in field.addresses()]
+    for path, field in numbers[:MOST_FIELDS]:
+        array = "" if field.length is None else f"[{field.length}]"
+        address = {"topic": topic, "field": path}
+        yield RecordedChannel(kind, address, "", survey.messages, rate, timing, f"{field.type}{array}")
+    if len(numbers) > MOST_FIELDS or not numbers:
+        more = f"and {len(numbers) - MOST_FIELDS} more numbers" if numbers else ""
+        yield RecordedChannel(kind, {"topic": topic}, "", survey.messages, rate, timing, more)
 
 
 def inspect_csv(path: Path) -> Overview:

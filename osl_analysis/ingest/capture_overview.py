@@ -1,4 +1,4 @@
-"""What a C3D file holds."""
+"""What a capture holds, in C3D or a CSV export of Vicon Nexus: markers, plates, analog channels, model outputs."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -8,8 +8,11 @@ import numpy as np
 
 from osl_analysis.errors import InputError, listing
 from osl_analysis.formats.c3d_file import C3DRecording, read_c3d
+from osl_analysis.formats.nexus_csv import NexusSection, read_sections
 from osl_analysis.ingest.c3d_plates import plate_count, plate_parameter
 from osl_analysis.ingest.overview import Overview, RecordedChannel
+
+KINDS = {"Trajectories": "marker", "Model Outputs": "model output"}
 
 
 def inspect_c3d(path: Path) -> Overview:
@@ -22,12 +25,12 @@ def inspect_c3d(path: Path) -> Overview:
     """
     recording = read_c3d(path)
     try:
-        return overview_of(recording)
+        return c3d_overview(recording)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
 
-def overview_of(recording: C3DRecording) -> Overview:
+def c3d_overview(recording: C3DRecording) -> Overview:
     """A decoded file's markers, model outputs, analog channels and plates."""
     header = recording.header
     facts = {
@@ -93,3 +96,32 @@ def c3d_oddities(recording: C3DRecording) -> Iterator[str]:
     ):
         if len(labels) < count:
             yield f"{count - len(labels)} of {count} {what} have no label"
+
+
+def inspect_nexus(path: Path) -> Overview:
+    """The sections of a Nexus export."""
+    sections = read_sections(path)
+    facts, remarks = {}, []
+    for title, section in sections.items():
+        facts[title] = f"{len(section.rows)} rows at {section.rate:g} Hz"
+        try:
+            section.counts()
+        except InputError as error:
+            remarks.append(f"{title}: {error}")
+    channels = [channel for section in sections.values() for channel in section_channels(section)]
+    return Overview("nexus_csv", facts, channels, remarks)
+
+
+def section_channels(section: NexusSection) -> Iterator[RecordedChannel]:
+    """A section's columns: one per trajectory, and per component of anything else."""
+    kind = KINDS.get(section.title, "device")
+    for place, (name, component) in enumerate(zip(section.names, section.components, strict=True)):
+        if not name or (kind == "marker" and component.casefold() != "x"):
+            continue
+        address = {"label": name} if kind == "marker" else {"device": name, "component": component}
+        values = section.values(place)
+        missing = float(np.isnan(values).mean())
+        note = f"missing in {missing:.1%} of the rows" if missing else ""
+        yield RecordedChannel(
+            kind, address, section.units[place], int((~np.isnan(values)).sum()), section.rate, note, missing=missing
+        )

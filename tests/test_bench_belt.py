@@ -7,7 +7,7 @@ from conftest import filtered_noise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from osl_analysis.bench.belt import BeltTrial, belt_table, fit_belt_stiffness
+from osl_analysis.bench.belt import BeltTrial, Branch, belt_table, fit_belt_stiffness, fit_straight_belt
 from osl_analysis.errors import InputError
 
 
@@ -58,10 +58,13 @@ def test_belt_intervals_hold_what_noise_and_drift_make_of_the_slope_and_not_damp
     noisy = fit_belt_stiffness(theta_s, torque + noise, every)
     alone = fit_belt_stiffness(theta_s, 685.6 * theta_s + noise, every)
     drifting = fit_belt_stiffness(theta_s, torque + noise, every, 0.05 / 60 / 1000)
+    drifted = fit_belt_stiffness(theta_s, torque + noise + 0.05 / 60 / 1000 * np.arange(len(theta_s)), every)
     for name in ("loading", "unloading"):
         assert getattr(noisy, name).se("K_s") == pytest.approx(getattr(alone, name).se("K_s"), rel=1e-6)
         added = getattr(drifting, name).se("K_s") ** 2 - getattr(noisy, name).se("K_s") ** 2
-        assert np.sqrt(added) == pytest.approx(0.0259, rel=0.03)
+        shift = getattr(drifted, name)["K_s"] - getattr(noisy, name)["K_s"]
+        assert np.sqrt(added) == pytest.approx(abs(shift), rel=1e-6)
+        assert abs(shift) == pytest.approx(0.0259, rel=0.06)
     assert noisy.quadratic.se("K_s2") == pytest.approx(alone.quadratic.se("K_s2"), rel=1e-6)
     assert drifting.quadratic.interval_method == "noise + drift"
 
@@ -82,3 +85,38 @@ def test_a_belt_tells_what_a_straight_line_leaves_out():
     assert row(685 * theta_s + 0.5 * direction)["energy_lost"] == pytest.approx(2 * 0.5 / (685 * peak / 2), rel=1e-3)
     stiffening = row(876 * theta_s + 14913 * theta_s * np.abs(theta_s))["stiffening"]
     assert stiffening == pytest.approx(2 * 14913 * peak / 876, rel=1e-6)
+
+
+def ramp(kind, time):
+    """Angle [rad] and velocity [rad/s] of a joint that is turned by 5 deg in 3.5 s and back, by formula."""
+    t = np.clip(np.where(time < 5, time - 1.5, 8.5 - time), 0, 3.5)
+    way = np.where(time < 5, 1.0, -1.0) * ((time > 1.5) & (time < 8.5))
+    if kind == "raised cosine":
+        return 0.0873 * (1 - np.cos(np.pi * t / 3.5)) / 2, way * 0.0873 * np.pi / 7 * np.sin(np.pi * t / 3.5)
+    return 0.0873 * t / 3.5, way * 0.0873 / 3.5
+
+
+@pytest.mark.parametrize("kind", ["raised cosine", "constant velocity"])
+def test_a_single_trial_covers_the_stiffness_of_its_belt_beside_the_damping_of_the_joint(kind):
+    """150 seeded trials of K_s 685.6, B_j 0.45, 0.05 N*m of noise, sampled at an even clock; 95 % +- 2.5 errors."""
+    time, rate, rng, errors, covered = np.arange(10_000) / 1000, 1000.0, np.random.default_rng(4), [], 0
+    theta, omega = ramp(kind, time)
+    theta_s = LOW_PASS(theta, rate)
+    for _ in range(150):
+        torque = LOW_PASS(685.6 * theta + 0.45 * omega + 0.3 + 0.05 * rng.standard_normal(len(time)), rate)
+        loading = fit_belt_stiffness(theta_s, torque, LOW_PASS.independent_samples(rate)).loading
+        low, high = loading.interval("K_s")
+        covered += low <= 685.6 <= high
+        errors.append((loading["K_s"] - 685.6) / loading.se("K_s"))
+    assert covered / 150 == pytest.approx(0.95, abs=0.045)
+    assert abs(np.mean(errors)) < 0.25
+
+
+def test_at_a_constant_velocity_the_damping_is_in_the_offset_and_not_in_the_stiffness():
+    """The belt is turned on at the ends of the record already: no row of the branch has another velocity."""
+    deflection = np.linspace(0.005, 0.0873, 3500)
+    velocity = np.full(3500, 2.4e-5)
+    branch = Branch(deflection, velocity, 685.6 * deflection + 450 * velocity + 1)
+    fit = fit_straight_belt(branch, 1, 0.0)
+    assert fit.names == ("K_s", "offset")
+    assert (fit["K_s"], fit["offset"]) == pytest.approx((685.6, 1 + 450 * 2.4e-5), rel=1e-9)

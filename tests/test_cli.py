@@ -70,8 +70,11 @@ def test_the_interval_of_a_belt_counts_the_drift_that_the_configuration_names(fo
         widths.append(row["K_s_se"])
         assert row["interval_method"] == ("noise + drift" if drift else "noise")
     shares = [np.sqrt(width**2 - widths[0] ** 2) for width in widths[1:]]
-    # slope of time on deflection: (1/pi^2)/(1/8) of duration over amplitude for a whole raised cosine of 1 s and 5 deg
-    assert shares == pytest.approx([drift / 60 * 8 / np.pi**2 / np.deg2rad(5) for drift in (50, 100)], rel=0.06)
+    # slope of time on deflection beside a constant and the velocity: a raised cosine of 1 s and 5 deg, from 5 % on
+    t = np.linspace(np.arccos(0.9) / np.pi, 1, 1000)
+    columns = np.column_stack([np.deg2rad(5) * (1 - np.cos(np.pi * t)) / 2, np.ones_like(t), np.sin(np.pi * t)])
+    slope = np.linalg.lstsq(columns, t, rcond=None)[0][0]
+    assert shares == pytest.approx([drift / 60 * slope for drift in (50, 100)], rel=0.06)
 
 
 def test_fit_as_json_holds_numbers_near_linear_theory(folder):

@@ -12,7 +12,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
-from osl_analysis.stats.fit_row import covariance_row, diagnostics_row, estimates_row
+from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.slow_motion import fit_slow_motion
 from osl_analysis.trial import Array, Trial
@@ -23,6 +23,8 @@ ONSET_FRACTION = 0.05
 LARGEST_FALL = 0.2
 """Largest fall of the deflection while loading, as a share of the peak."""
 SMALLEST_DEFLECTION = np.deg2rad(0.5)
+CONSTANT_VELOCITY = 0.05
+"""Scatter of the velocity on one branch, as a share of its mean, up to which it counts as constant."""
 CURVE_STEP_HZ = 50.0
 """Points per second of the torque-deflection curve that is kept for the figure."""
 SUMMARISED = ("K_s", "unloading", "hysteresis_area", "quadratic_K_s2")
@@ -36,9 +38,10 @@ class BeltFit:
     K_s: float
     """Slope while loading [N*m/rad]."""
     loading: LinearFit
-    """Straight line while loading: `K_s`, `offset` [N*m]."""
+    """Straight line with damping while loading: `K_s`, `offset` [N*m], and `B_j` [N*m per rad and sample] where the
+    velocity is not constant."""
     unloading: LinearFit
-    """Straight line while unloading."""
+    """The same while unloading."""
     quadratic: LinearFit
     """Torque on theta_s and theta_s |theta_s| while loading: `K_s`, `K_s2` [N*m/rad^2], `offset`."""
     hysteresis_area: float
@@ -109,11 +112,14 @@ def fit_belt_stiffness(
     """
     deflection = theta_s - theta_s[0]
     onset, peak, release = loaded_rows(deflection)
+    velocity = np.gradient(theta_s)
     good = np.arange(len(theta_s)) if usable is None else np.flatnonzero(usable)
     there, back = good[(good >= onset) & (good <= peak)], good[(good >= peak) & (good < release)]
-    loading = fit_straight_belt(deflection[there], torque[there], every, drift)
-    unloading = fit_straight_belt(deflection[back], torque[back], every, drift)
-    quadratic = fit_quadratic_belt(deflection[there], torque[there], every, drift)
+    loading, unloading = (
+        fit_straight_belt(Branch(deflection[rows], velocity[rows], torque[rows]), every, drift)
+        for rows in (there, back)
+    )
+    quadratic = fit_quadratic_belt(Branch(deflection[there], velocity[there], torque[there]), every, drift)
     return BeltFit(loading["K_s"], loading, unloading, quadratic, float(np.trapezoid(torque, theta_s)))
 
 
@@ -151,16 +157,46 @@ def check_one_loading(deflection: Array) -> None:
         )
 
 
-def fit_straight_belt(theta_s: Array, torque: Array, every: int, drift: float) -> LinearFit:
-    """Straight line with intercept: `K_s` [N*m/rad], `offset` [N*m]; curvature and damping do not count as noise."""
-    richer = {"K_s2": theta_s * np.abs(theta_s), "B_j": np.gradient(theta_s)}
-    return fit_slow_motion(torque, {"K_s": theta_s, "offset": np.ones_like(theta_s)}, richer, every, drift)
+@dataclass(frozen=True)
+class Branch:
+    """The usable rows of loading or unloading, shape (n,) each."""
+
+    theta_s: Array
+    """Deflection [rad] from the first row of the trial on."""
+    velocity: Array
+    """Velocity of the joint [rad per sample]; the actuator is locked."""
+    torque: Array
+    """Resisting torque [N*m]."""
+
+    @property
+    def damping(self) -> dict[str, Array]:
+        """The column of the joint's damping; none where the velocity is constant.
+
+        Left in the slope, B_j omega shifts K_s by 0.12 N*m/rad on a raised cosine, because loading begins at a
+        velocity and ends at rest. At a constant velocity it is a constant torque, which the offset contains, and K_s
+        does not depend on it.
+        """
+        constant = float(np.std(self.velocity)) <= CONSTANT_VELOCITY * abs(float(np.mean(self.velocity)))
+        return {} if constant else {"B_j": self.velocity}
 
 
-def fit_quadratic_belt(theta_s: Array, torque: Array, every: int, drift: float) -> LinearFit:
-    """Quadratic belt with intercept, odd in the deflection: `K_s`, `K_s2` [N*m/rad^2], `offset` [N*m]."""
+def fit_straight_belt(branch: Branch, every: int, drift: float) -> LinearFit:
+    """Straight line with intercept: `K_s` [N*m/rad], `offset` [N*m], and damping; curvature does not count as noise."""
+    theta_s, velocity = branch.theta_s, branch.velocity
+    columns = {"K_s": theta_s, "offset": np.ones_like(theta_s), **branch.damping}
+    richer = {"K_s2": theta_s * np.abs(theta_s), "B_j": velocity}
+    beside = {name: column for name, column in richer.items() if name not in columns}
+    return fit_slow_motion(branch.torque, columns, beside, every, drift)
+
+
+def fit_quadratic_belt(branch: Branch, every: int, drift: float) -> LinearFit:
+    """Quadratic belt with intercept, odd in the deflection: `K_s`, `K_s2` [N*m/rad^2], `offset` [N*m].
+
+    On a raised cosine damping and curvature look alike, so that this fit has no damping; it does not count as noise.
+    """
+    theta_s = branch.theta_s
     columns = {"K_s": theta_s, "K_s2": theta_s * np.abs(theta_s), "offset": np.ones_like(theta_s)}
-    return fit_slow_motion(torque, columns, {"B_j": np.gradient(theta_s)}, every, drift)
+    return fit_slow_motion(branch.torque, columns, {"B_j": branch.velocity}, every, drift)
 
 
 def belt_table(belt: BeltTrial) -> pl.DataFrame:
@@ -170,10 +206,11 @@ def belt_table(belt: BeltTrial) -> pl.DataFrame:
     which the slope of the quadratic belt grows from rest to the peak.
     """
     fit, peak = belt.fit, float(np.max(np.abs(belt.theta_s - belt.theta_s[0])))
-    row = {
+    row: Row = {
         "trial": belt.name,
         **estimates_row(fit.loading, "K_s", "offset"),
         **covariance_row(fit.loading, "K_s", "offset"),
+        **damping_row(fit.loading, belt.rate_hz),
         **diagnostics_row(fit.loading, belt.rate_hz, belt.low_pass),
         "unloading": fit.unloading["K_s"],
         "unloading_se": fit.unloading.se("K_s"),
@@ -186,6 +223,15 @@ def belt_table(belt: BeltTrial) -> pl.DataFrame:
         "stiffening": 2 * fit.quadratic["K_s2"] * peak / fit.quadratic["K_s"],
     }
     return pl.DataFrame([row])
+
+
+def damping_row(loading: LinearFit, rate_hz: float) -> Row:
+    """`B_j` [N*m*s/rad] while loading with its standard error; null where the velocity is constant."""
+    known = "B_j" in loading.names
+    return {
+        "B_j": loading["B_j"] / rate_hz if known else None,
+        "B_j_se": loading.se("B_j") / rate_hz if known else None,
+    }
 
 
 def belt_curve(belt: BeltTrial) -> pl.DataFrame:

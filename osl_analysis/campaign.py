@@ -1,4 +1,4 @@
-"""A campaign: its sample sheet, and which of its trials are to be analysed."""
+"""A campaign: its sample sheet and the trials that are analysed."""
 
 import re
 from collections.abc import Mapping
@@ -77,8 +77,8 @@ class Campaign:
         return self.crossings(perturbed=True) if table.perturbed_only else self.trials(experiment)
 
     def check(self) -> None:
-        """Refuse a configuration that names a file that is not there, a sheet that cannot serve the figures that are
-        asked for, and walking trials without what their analysis needs.
+        """Refuse a configuration that names a missing file, a sheet without the trials of the chosen figures, and
+        walking trials whose analysis lacks other trials.
         """
         self.check_files()
         self.check_figures()
@@ -86,7 +86,7 @@ class Campaign:
         self.check_walking()
 
     def check_files(self) -> None:
-        """Refuse a configuration that names a file that is not there; the raw files are for ingest to miss."""
+        """Refuse a configuration that names a missing file. Raw files are checked when they are ingested."""
         config = self.config
         named = {
             "parameters": config.parameters,
@@ -99,7 +99,7 @@ class Campaign:
                 raise InputError(f"{path}: no such file; correct {field} in the configuration{none}")
 
     def check_quality(self) -> None:
-        """Refuse rules of quality control that do not match its checks, and names under `accept` that are no checks."""
+        """Refuse quality rules that do not match the checks, and names under `accept` that are not checks."""
         validate_rules(self.config.quality)
         for trial in self.sheet.index:
             unknown = [name for name in self.accepted(trial) if name not in CHECKS]
@@ -107,7 +107,7 @@ class Campaign:
                 raise InputError(f"{self.config.sheet}: trial '{trial}', accept: {unknown_check(unknown[0])}")
 
     def check_figures(self) -> None:
-        """Refuse choices for Figs. 4 and 7 that no trial can serve."""
+        """Refuse choices for Figs. 4 and 7 for which there is no trial."""
         series, response = self.config.figures.time_series, self.config.figures.frequency_response
         if self.trials("impedance") and series is not None:
             self.impedance_trial(series.controller, series.K_d, series.B_d)
@@ -119,13 +119,13 @@ class Campaign:
             )
 
     def check_walking(self) -> None:
-        """Refuse walking trials without what their analysis needs."""
+        """Refuse walking trials without the static, plate and other trials that their analysis needs."""
         if not self.trials("walking"):
             return
         fewest = self.config.walking.fewest_unperturbed
         needs = {
             "trial of experiment 'static'": (len(self.trials("static")), 1),
-            "trial of experiment 'plate' (the platform moved, nobody on it)": (len(self.trials("plate")), 1),
+            "trial of experiment 'plate' (unloaded platform, moved)": (len(self.trials("plate")), 1),
             "unperturbed crossings": (len(self.crossings(perturbed=False)), fewest),
             "perturbed crossings": (len(self.crossings(perturbed=True)), 2),
         }
@@ -137,7 +137,7 @@ class Campaign:
                 )
 
     def recording(self, trial: str) -> Mapping[str, Any]:
-        """The cells of a trial's row that ingest uses; a change of other cells does not ingest it again."""
+        """The cells of a trial's row that ingest uses. A change of other cells does not cause a new ingest."""
         row = self.row(trial)
         return {column: row[column] for column in RECORDING_COLUMNS}
 

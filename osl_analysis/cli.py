@@ -113,7 +113,7 @@ def inspect(file: Path, draft_path: Path | None) -> None:
     type=click.Choice([name for name, facts in EXPERIMENTS.items() if facts.place == "bench"]),
     default="impedance",
     show_default=True,
-    help="K, B, I of Eq. 15; B_j, J_j of Eq. 4; the belt stiffness K_s; or the actuator's five of Eqs. 1-2.",
+    help="K, B, I of Eq. 15; B_j, J_j of Eq. 4; the belt stiffness K_s; or the five actuator parameters of Eqs. 1-2.",
 )
 @PARAMETERS
 @CONFIG
@@ -163,7 +163,8 @@ def gains(
 ) -> None:
     """Select the control gains K_1 and B_1 that render a desired impedance best (Eqs. 13 and 14).
 
-    One pair, a grid, or a trajectory; with the impedance that a fit will find, stability, passivity and fidelity.
+    For one pair, a grid or a trajectory. The table also has the impedance that a fit will estimate, stability,
+    passivity and the frequency up to which the desired impedance is rendered.
     """
     from osl_analysis.commands import gains as command
 
@@ -183,7 +184,7 @@ def gains(
 @click.option("--output", type=FILE, help="Write a Markdown page to this file instead of printing the table.")
 @CONFIG
 def samples(folder: Path, output: Path | None, config_path: Path) -> None:
-    """List what every recording below FOLDER holds, and which quality checks it does not pass, without a source file.
+    """List the content of every recording below FOLDER, and the quality checks that it fails, without a source file.
 
     Rates are in Hz, gaps in s; a file that is refused is listed with the reason.
     """
@@ -202,7 +203,7 @@ def samples(folder: Path, output: Path | None, config_path: Path) -> None:
 @main.command("describe-tables", epilog="Example: osl-analysis describe-tables --output docs/tables.md")
 @click.option("--output", type=FILE, help="Write the page to this file instead of printing it.")
 def describe_tables(output: Path | None) -> None:
-    """Say what every column of every result table and every entry of the summary means, with its unit, as Markdown."""
+    """Print meaning and unit of every column of every result table and every entry of the summary, as Markdown."""
     from osl_analysis.commands.describe_tables import page, write_page
 
     if output is None:

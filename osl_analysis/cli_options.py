@@ -1,4 +1,4 @@
-"""What the commands of `osl-analysis` share: options, lists of numbers, and how errors are shown."""
+"""Common parts of the commands of `osl-analysis`: options, lists of numbers, and how errors are shown."""
 
 import math
 import sys
@@ -11,7 +11,7 @@ import click
 from osl_analysis.errors import OslAnalysisError
 
 MOST_NUMBERS = 300
-"""Numbers that a range may have."""
+"""Largest number of values in a range."""
 
 
 class NumberList(click.ParamType[list[float]]):
@@ -33,7 +33,7 @@ class NumberList(click.ParamType[list[float]]):
             or not all(map(math.isfinite, numbers))
             or not (numbers[2] > 0 and numbers[1] >= numbers[0])
         ):
-            self.fail(f"'{text}' is no range; write first:last:step, upwards, with a step above 0", param, ctx)
+            self.fail(f"'{text}' is not a range; write first:last:step, upwards, with a step above 0", param, ctx)
         first, last, step = numbers
         if (last - first) / step > MOST_NUMBERS:
             self.fail(f"'{text}' is more than {MOST_NUMBERS} numbers; take a longer step", param, ctx)

@@ -1,6 +1,6 @@
 """The nomenclature: every canonical column of a trial, with symbol, unit and sign.
 
-Ingest converts to these units and signs; nothing after it converts anything.
+Ingest converts to these units and signs. Later steps convert nothing.
 """
 
 import re
@@ -40,7 +40,7 @@ COLUMNS: dict[str, Column] = {
 
 AXES = ("x", "y", "z")
 
-# columns of which a trial has as many as the laboratory has markers, plates and sides, with their units
+# units of columns that exist once per marker, plate or side of the laboratory
 FAMILIES = {
     re.compile(r"marker_.+_[xyz]", re.DOTALL): "m",  # a label is the laboratory's own
     re.compile(r"plate[1-9][0-9]*_force_[xyz]"): "N",
@@ -66,7 +66,7 @@ def plate_columns(plate: int, quantity: str) -> tuple[str, str, str]:
 
 
 def unit_of(column: str) -> str:
-    """Canonical unit of a column; ingest's source files may add columns of their own, named in SI units.
+    """Canonical unit of a column.
 
     Raises
     ------

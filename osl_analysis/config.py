@@ -24,7 +24,7 @@ class WeightSettings(Settings):
 
     @property
     def weight(self) -> Weight:
-        """W itself."""
+        """The weight W of these settings."""
         return Weight(self.cutoff_hz, self.order)
 
 
@@ -40,7 +40,7 @@ class TimeSeriesFigure(Settings):
     amplitude_deg: Positive
     """Amplitude of the sines [deg]."""
     duration_s: Positive
-    """Length of the part [s], counted from the end of the block of that amplitude."""
+    """Length of the part [s], which ends with the block of that amplitude."""
 
 
 class FrequencyResponseFigure(Settings):
@@ -64,9 +64,9 @@ class FigureChoices(Settings):
 
 
 class StudySettings(Settings):
-    """The Monte Carlo study of the estimators: what is simulated, how often, and in which jobs.
+    """The Monte Carlo study of the estimators: simulated trials, their number, and their division into jobs.
 
-    Bench trials of the study have a short protocol of their own, at the frequencies of `dynamometer`.
+    Bench trials of the study have a short protocol (below) at the frequencies of `dynamometer`.
     """
 
     simulation: Path
@@ -78,9 +78,9 @@ class StudySettings(Settings):
     campaigns: Annotated[int, Field(ge=0)]
     """Number of campaigns of walking."""
     recorded: Annotated[int, Field(ge=0)]
-    """Number of campaigns of walking that go through recorded files."""
+    """Number of further walking campaigns that are written to files and ingested."""
     crossings: Annotated[int, Field(ge=3)]
-    """Number of perturbed crossings in a campaign, and of unperturbed ones."""
+    """Number of perturbed crossings in a campaign, which has the same number of unperturbed crossings."""
     batch: Annotated[int, Field(ge=1)]
     """Number of bench trials in a job."""
     amplitudes_deg: Annotated[tuple[Positive, ...], Field(min_length=1)]
@@ -101,7 +101,7 @@ class Config(Settings):
     RENAMED: ClassVar = {"gait": "overground", "validation": "study"}
 
     campaign: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
-    """Name of the campaign, which stands in its summary."""
+    """Name of the campaign, as written in its summary."""
     raw_data: Path
     """Folder of the recordings."""
     sheet: Path
@@ -153,7 +153,7 @@ def read_section(path: Path, section: str, model: type[Model]) -> Model:
 
 
 def campaign_config(content: Any, files: str) -> Config:
-    """Validate a merged configuration; `files` names where it came from, for messages.
+    """Validate a merged configuration. `files` names the files that it came from, for messages.
 
     Raises
     ------

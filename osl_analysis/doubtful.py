@@ -1,4 +1,4 @@
-"""Doubtful fits: those with a number beyond a limit of the configuration."""
+"""Doubtful fits: fits with a value beyond a limit of the configuration."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -25,13 +25,13 @@ class Doubt(Settings):
     """Limits of one table, by column. Null: no limit."""
 
     above: dict[str, float | None] = Field(default_factory=dict)
-    """A fit is doubtful if the size of the number is above this."""
+    """Upper limits, by column. A fit is doubtful if the absolute value is above its limit."""
     below: dict[str, float | None] = Field(default_factory=dict)
-    """A fit is doubtful if the number is below this."""
+    """Lower limits, by column. A fit is doubtful if the value is below its limit."""
 
 
 class DoubtfulFits(Settings):
-    """Limits by table. The tables in `judged_tables` of the experiments can have them, on any column of numbers."""
+    """Limits by table. The tables of `judged_tables` can have limits on every numeric column."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, Doubt] = Field(init=False)
@@ -44,17 +44,17 @@ class DoubtfulFits(Settings):
         return self
 
     def of(self, table: str) -> Doubt:
-        """The limits of a table; none where the configuration has none."""
+        """The limits of a table; no limits if the configuration has none."""
         return self.__pydantic_extra__.get(table, Doubt())
 
 
 def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
-    """The table `name` with the column `DOUBTFUL`: each number that is beyond its limit, with the limit.
+    """The table `name` with the column `DOUBTFUL`, which lists each value beyond its limit, with the limit.
 
     Raises
     ------
     InputError
-        A limit stands on a column that the table does not have, or that holds words; the message names it.
+        A limit is set on a column that the table does not have or that is not numeric. The message names the column.
     """
     fitted = pl.col(EXCLUDED).is_null() if EXCLUDED in table.columns else pl.lit(True)
     fits = table.filter(fitted)
@@ -68,20 +68,20 @@ def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
 
 
 def check_limited(table: pl.DataFrame, column: str, place: str) -> None:
-    """Refuse a limit on a column that is absent or holds words; `place` is that of the limit in the configuration."""
+    """Refuse a limit on a missing or non-numeric column. `place` is the place of the limit in the configuration."""
     if column not in table.columns or not (table[column].dtype.is_numeric() or table[column].dtype == pl.Null):
         known = ", ".join(name for name in table.columns if table[name].dtype.is_numeric())
         raise InputError(
             f"configuration, {place}: the table has no column '{column}' of numbers; put the limit on one of {known}, "
-            "or null to take it out"
+            "or write null for no limit"
         )
 
 
 def doubts(row: Mapping[str, object], largest: Mapping[str, float], smallest: Mapping[str, float]) -> str:
-    """Why a row of a table is doubtful: each number that is beyond its limit or NaN, with the likely cause and the
-    remedy where the column has one; empty if there is none.
+    """Why a row of a table is doubtful: each value that is beyond its limit or NaN, with likely cause and remedy if the
+    column has one. The text is empty if the row is not doubtful.
 
-    `largest` are upper limits of sizes, `smallest` lower limits of values. A null is not judged.
+    `largest` are upper limits of absolute values, `smallest` lower limits of values. A null is not checked.
     """
     reasons = []
     for limits, word in ((largest, "above"), (smallest, "below")):
@@ -107,7 +107,7 @@ def doubtful_count(table: pl.DataFrame) -> tuple[int, int]:
 
 
 def doubt_report(tables: Iterable[Path]) -> str:
-    """Message for the end of a run: how many fits of each table are doubtful; empty if none is."""
+    """Message at the end of a run: the number of doubtful fits of each table; empty without doubtful fits."""
     written = {path.stem: read_table(path) for path in tables if path.is_file()}
     counts = {name: doubtful_count(table) for name, table in written.items() if DOUBTFUL in table.columns}
     parts = [f"{name} {doubtful} of {fits}" for name, (doubtful, fits) in counts.items() if doubtful]

@@ -1,4 +1,4 @@
-"""The errors that a user can do something about: every message is one line with the cause and the remedy."""
+"""Errors that the user can correct. Every message is one line with the cause and the remedy."""
 
 from collections.abc import Sequence
 
@@ -9,20 +9,20 @@ def printable(text: str) -> str:
 
 
 def listing(names: Sequence[str], most: int = 40) -> str:
-    """Names for a message to the user, not more than a line can hold."""
+    """Names for a message to the user, at most `most` of them."""
     more = f", ... ({len(names)} in all)" if len(names) > most else ""
     return (", ".join(names[:most]) or "none") + more
 
 
 class OslAnalysisError(ValueError):
-    """A mistake or a limit that the user can do something about. The message is made printable."""
+    """A mistake or a limit that the user can correct. The message is made printable."""
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))
 
 
 class InputError(OslAnalysisError):
-    """A file, channel, field or value is not what it must be."""
+    """A file, channel, field or value is not as expected."""
 
 
 class IdentifiabilityError(OslAnalysisError):

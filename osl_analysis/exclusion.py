@@ -1,4 +1,4 @@
-"""Trials that quality control excludes: they are not used where trials are brought together, and are always named."""
+"""Trials that quality control excludes. They are not used in any result of several trials, and are always listed."""
 
 import csv
 from collections.abc import Iterable, Mapping
@@ -25,12 +25,12 @@ def excluded(quality: Iterable[Path]) -> dict[str, str]:
 def without_excluded(inputs: Mapping[str, Any]) -> dict[str, Any]:
     """The named inputs of a job without the files of excluded trials; the input `quality` has the verdicts.
 
-    Files that are called like an excluded trial are taken out of every list.
+    Files with the name of an excluded trial are removed from every list.
 
     Raises
     ------
     InputError
-        The input `trial` is excluded, or all trials of the lists are.
+        The input `trial` is excluded, or all trials of the lists are excluded.
     """
     quality = [Path(path) for path in inputs.get("quality", ())]
     judged, reasons = {path.stem for path in quality}, excluded(quality)
@@ -44,13 +44,13 @@ def without_excluded(inputs: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def refuse(reasons: Mapping[str, str]) -> NoReturn:
-    """Say that none of the trials is left that a job needs, with the first reasons."""
+    """Raise an error: all trials that a job needs are excluded. The message has the first reasons."""
     why = "; ".join(f"{trial} ({reason})" for trial, reason in list(reasons.items())[:3])
     raise InputError(f"quality control excludes every trial that is needed here: {why}; {REMEDY}")
 
 
 def exclusion_report(quality: Iterable[Path], by_sheet: Mapping[str, str]) -> str:
-    """Which trials are excluded and why, for the end of a run, even of one that failed; empty if none is.
+    """Excluded trials with reasons, for the end of a run, also of a failed run; empty without excluded trials.
 
     `by_sheet` has the reasons in the sample sheet. Trials without a quality table are ignored.
     """

@@ -1,7 +1,7 @@
-"""The experiments: one table of facts, which sheet, quality control, simulator, rules and command line ask.
+"""The experiments: one table of facts that sheet, quality control, simulator, rules and command line read.
 
 A new experiment is an entry here, its fit (`bench/` or `walking/`), its job (`commands/`), its limits
-(`config/config.yaml`) and its test. No other list of experiments stands anywhere.
+(`config/config.yaml`) and its test. There is no other list of experiments.
 """
 
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 PROTOCOL = ("amplitudes_deg", "frequencies_hz", "cycles", "seconds_per_frequency")
-"""Fields of `dynamometer` in the configuration: what a stepped sine should follow."""
+"""Fields of `dynamometer` in the configuration that describe the expected stepped sine."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Table:
     judged: its fits have limits under `doubtful.<name>` in the configuration.
     derived: tables that are computed from this one alone, each with its job, `module.function` of `commands`.
     perturbed_only: only the perturbed crossings have rows.
-    published: False if the files of the single trials are used but never gathered in one table.
+    published: False if only the files of the single trials are used and no common table is written.
     """
 
     name: str
@@ -50,17 +50,19 @@ class Fit:
 class Experiment:
     """What the pipeline knows of one kind of trial.
 
-    description: one line for people.
+    description: one line for the user.
     place: where it is recorded; None for a trial that is ingested only.
-    motion, torque: the columns of the trial with the measured motion and torque, where every trial has them.
-    signals: the other columns that every trial has; markers and plates have names of the laboratory's own.
+    motion: the column with the measured motion; None if not every trial has one.
+    torque: the column with the measured torque; None if not every trial has one.
+    signals: the other columns that every trial has, except markers and plates, which each laboratory names itself.
     sheet: columns of the sample sheet that its trials must fill, besides the files.
     stepped_sine: the motion follows the stepped-sine protocol of `dynamometer`.
     bare_plate: every force plate is unloaded at some time.
-    log, mocap: source files of what the simulator records; None where it records no such file.
+    log: source file of the simulated log; None if the simulator records no log.
+    mocap: source file of the simulated capture; None if the simulator records none.
     tables: the result tables with rows of every trial; the fit writes them in this order.
-    further_tables: result tables that rules of their own make from all trials together.
-    fit: the job that fits one trial; None where rules of its own do so.
+    further_tables: result tables that separate rules compute from all trials together.
+    fit: the job that fits one trial; None if separate rules do this.
     """
 
     description: str
@@ -79,11 +81,11 @@ class Experiment:
 
     @property
     def needed_columns(self) -> tuple[str, ...]:
-        """The columns that every trial must have, whatever else its recordings hold."""
+        """The columns that every trial must have."""
         return tuple(column for column in (self.motion, self.torque, *self.signals) if column)
 
     def simulated_files(self, trial: str) -> dict[str, str]:
-        """What the simulator records of a trial: the files by their column of the sheet, `log` or `mocap`."""
+        """Files that the simulator records for a trial, by column of the sheet (`log`, `mocap`)."""
         files = {"log": f"{self.log}/{trial}.mcap", "mocap": f"{self.mocap}/{trial}.c3d"}
         return {role: file for role, file in files.items() if getattr(self, role) is not None}
 
@@ -176,7 +178,7 @@ EXPERIMENTS: dict[str, Experiment] = {
 }
 
 RENAMED = {"gait": "overground", "recording": "ingest_only"}
-"""Old names of experiments, with the new ones: the sheet refuses the old and names the new."""
+"""New names of renamed experiments, by old name. The sheet refuses an old name and states the new one."""
 
 
 def judged_tables() -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Results appear whole or not at all: write to a temporary sibling, then rename."""
+"""Results are written completely or not at all: write to a temporary file beside the target, then rename it."""
 
 import os
 from collections.abc import Iterator

@@ -1,7 +1,7 @@
-"""Fingerprints of source code: which jobs a change of the program runs again.
+"""Fingerprints of source code. They decide which jobs run again after a change of the program.
 
-Snakemake does not see a change in an imported module. As a parameter of a rule, the fingerprint of what its job runs
-makes a changed estimator run the jobs again that use it, and no others.
+Snakemake does not see a change in an imported module. Each rule therefore has the fingerprint of its job's code as a
+parameter. A change of an estimator runs only the jobs that use it again.
 """
 
 import ast
@@ -15,15 +15,16 @@ PACKAGE = Path(__file__).parent
 
 @cache
 def code(*modules: str) -> str:
-    """Fingerprint of modules under `osl_analysis`, and of all modules of ours that they import."""
+    """Fingerprint of modules under `osl_analysis` and of all modules of the package that they import."""
     return fingerprint({path for module in modules for path in sources(f"osl_analysis.{module}")})
 
 
 @cache
 def code_of(command: str) -> str:
-    """The same for a command, `module.function` under `osl_analysis.commands`.
+    """Fingerprint of a command, `module.function` under `osl_analysis.commands`, and of the modules that it uses.
 
-    Beside the module's own file, only what the function uses counts: a module has the jobs of several experiments.
+    It covers the module's file and the imports that this function uses, because a module has jobs of several
+    experiments.
     """
     module, _, function = command.partition(".")
     return fingerprint(job_sources(f"osl_analysis.commands.{module}", function))
@@ -52,7 +53,7 @@ def job_sources(module: str, function: str) -> set[Path]:
 
 
 def sources(module: str) -> list[Path]:
-    """Files of a module of ours and of all of ours that it imports, sorted."""
+    """Files of a module and of all modules of the package that it imports, sorted."""
     files: set[Path] = set()
     waiting = [module_file(module)]
     while waiting:
@@ -65,7 +66,7 @@ def sources(module: str) -> list[Path]:
 
 @cache
 def imported_names(path: Path) -> tuple[str, ...]:
-    """Dotted names of ours that a source file imports, anywhere in it."""
+    """Dotted names of the package that a source file imports, at any place in it."""
     names: list[str] = []
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -76,6 +77,6 @@ def imported_names(path: Path) -> tuple[str, ...]:
 
 
 def module_file(name: str) -> Path | None:
-    """File of a dotted module name of ours; None where the name is not a module."""
+    """File of a dotted module name of the package; None if the name is not a module."""
     path = PACKAGE.joinpath(*name.split(".")[1:])
     return next((p for p in (path.with_suffix(".py"), path / "__init__.py") if p.is_file()), None)

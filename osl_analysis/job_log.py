@@ -1,7 +1,7 @@
-"""The log of a job: what it was asked to do, how it ended, what it warned of and how long it took.
+"""The log of a job: its request, outcome, warnings and duration.
 
 The reports at the end of a run are read from the logs. They are therefore complete on a cluster too, where every job is
-a process of its own and knows nothing of the others.
+a separate process.
 """
 
 from collections import defaultdict
@@ -17,10 +17,10 @@ from osl_analysis.files import atomic_path
 
 Outcome = Literal["done", "refused", "failed", "died"]
 REQUEST = ("input", "output", "settings")
-"""The last entries of a log: what the job was asked to do."""
+"""The last entries of a log: the request."""
 UNLIMITED = 10**9
 MOST_WARNINGS = 10
-"""Warnings that the report at the end of a run shows."""
+"""Largest number of warnings in the report at the end of a run."""
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,10 @@ class JobLog:
     """How one job ended.
 
     job: the command, `module.function`.
-    outcome: done; refused, because of an input that the user can mend; failed, by an error of the program; died, when
-        its process was ended from outside.
+    outcome: `done`; `refused`, because of an input that the user can correct; `failed`, by an error of the program;
+        `died`, if its process was ended from outside.
     seconds: wall time [s].
-    error: one line that says what was wrong; empty where nothing was.
+    error: one line that says what was wrong; empty without an error.
     warnings: one line each.
     traceback: of an error of the program.
     """
@@ -45,7 +45,7 @@ class JobLog:
 
 
 def write_log(path: Path, ended: JobLog, request: Mapping[str, Any]) -> None:
-    """Write how a job ended and what it was asked to do, as YAML. Entries that say nothing are left out."""
+    """Write outcome and request of a job as YAML, without empty entries."""
     entries = {"job": ended.job, "outcome": ended.outcome, "seconds": round(ended.seconds, 3)}
     entries |= {"error": ended.error, "warnings": list(ended.warnings), "traceback": ended.traceback}
     entries |= {name: plain(request.get(name)) for name in REQUEST}
@@ -56,7 +56,7 @@ def write_log(path: Path, ended: JobLog, request: Mapping[str, Any]) -> None:
 
 
 def read_log(path: Path) -> JobLog | None:
-    """How the job of a log ended; None where the file is not the log of a job."""
+    """Outcome of the job of a log; None if the file is not the log of a job."""
     head = path.read_text(encoding="utf-8")
     for name in REQUEST:
         head = head.split(f"\n{name}:", 1)[0]
@@ -68,7 +68,7 @@ def read_log(path: Path) -> JobLog | None:
 
 
 def read_logs(folder: Path, since: float) -> list[JobLog]:
-    """How the jobs ended whose logs below a folder were written after `since` [s, as `time.time`]."""
+    """Outcomes of the jobs whose logs below a folder were written after `since` [s, as `time.time`]."""
     paths = [path for path in sorted(folder.rglob("*.log")) if path.stat().st_mtime >= since]
     return [log for log in map(read_log, paths) if log is not None]
 
@@ -85,23 +85,23 @@ def plain(value: Any) -> Any:
 
 
 def run_report(logs: Iterable[JobLog]) -> str:
-    """What a user must know of the jobs at the end of a run: failures, warnings, and where the time went."""
+    """The report at the end of a run: failures, warnings, and times per stage."""
     jobs = list(logs)
     return "\n".join(filter(None, [failure_report(jobs), warning_report(jobs), time_table(jobs)]))
 
 
 def failure_report(logs: Iterable[JobLog]) -> str:
-    """Why jobs failed, a line each, and what that means for the rest; empty if none did."""
+    """One line per failed job with the reason, and the consequence for other results; empty without failures."""
     errors = list(dict.fromkeys(f"error: {log.error}" for log in logs if log.outcome != "done"))
     remedy = (
-        "tables and figures that need these were not renewed; mend the input, or give a reason under `exclude` in the "
-        "sample sheet, and run again"
+        "tables and figures that need these were not updated; correct the input, or give a reason under `exclude` in "
+        "the sample sheet, and run again"
     )
     return "\n".join(["what failed:", *errors, remedy]) if errors else ""
 
 
 def warning_report(logs: Iterable[JobLog]) -> str:
-    """The warnings of all jobs, each once with the number of jobs that gave it; empty if there are none."""
+    """Each warning once, with the number of jobs that gave it; empty without warnings."""
     counts: dict[str, int] = defaultdict(int)
     for log in logs:
         for warning in log.warnings:

@@ -16,7 +16,7 @@ UNITS = {
 }  # fmt: skip
 MUST_BE_POSITIVE = ("k_tau", "n_m", "J_m", "n_T", "K_s")
 SMALLEST, LARGEST = 1e-9, 1e9
-"""Limits of every parameter that is not 0, in its unit: a value beyond them has a wrong exponent."""
+"""Limits of every parameter that is not 0, in its unit. A value outside has a wrong exponent."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,8 @@ class DrivetrainParameters:
     Raises
     ------
     InputError
-        A value that must be positive is not, one that may be zero is negative, or one is of an absurd size.
+        A value that must be positive is not, a value that may be zero is negative, or a value is outside `SMALLEST` to
+        `LARGEST`.
     """
 
     k_tau: float
@@ -58,7 +59,7 @@ class DrivetrainParameters:
 
 
 class Quantity(Settings):
-    """A number, its unit and where it comes from; ratios may be written as they are, like 83/18."""
+    """A number, its unit and its source. A ratio may be written as a fraction, such as 83/18."""
 
     value: float
     unit: str
@@ -74,7 +75,7 @@ class Quantity(Settings):
 
 
 class ParameterFile(Settings):
-    """A parameter file: the device's name, a warning to show whenever it is used, and the quantities."""
+    """A parameter file: the device's name, a warning that is shown at every use, and the quantities."""
 
     name: str
     description: str
@@ -98,12 +99,12 @@ class ParameterFile(Settings):
 def read_parameters(path: Path) -> DrivetrainParameters:
     """Parameters of one device, from a file like `config/parameters/default.yaml`.
 
-    Warns (`UserWarning`) where the file carries a warning.
+    Warns (`UserWarning`) if the file contains a warning.
 
     Raises
     ------
     InputError
-        The file is missing, or a quantity is unknown, absent, of another unit or outside its range.
+        The file is missing, or a quantity is unknown, is missing, has another unit or is outside its range.
     """
     file = read_yaml(path, ParameterFile)
     if file.warning:

@@ -23,7 +23,7 @@ class ImpedanceFit:
     offset: float
     """Offset of the torque [N*m]."""
     fit: LinearFit
-    """The regression that gave them."""
+    """The regression that gave these estimates."""
 
     def torque(self, motion: Motion) -> Array:
         """Torque [N*m] of the fitted system for a motion (n,), Eq. 15 with the offset."""
@@ -38,8 +38,8 @@ def impedance_torque(K: float, B: float, I: float, motion: Motion) -> Array:
 def fit_impedance(motion: Motion, torque: Array, residuals: ResidualCorrelation = NO_REPEATS) -> ImpedanceFit:
     """Fit Eq. 15 with an offset to a motion and resisting torque [N*m] of shape (n,).
 
-    Angle and torque must have passed the same filter: filtering only the angle at 15 Hz gives B = 3.43 for 3.
-    `residuals` decides the covariance, as in `linear_fit`.
+    Angle and torque must have passed the same filter. If only the angle is filtered at 15 Hz, B is estimated as 3.43
+    instead of 3. `residuals` decides the covariance, as in `linear_fit`.
 
     Raises
     ------

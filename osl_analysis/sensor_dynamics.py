@@ -1,4 +1,4 @@
-"""Known dynamics of sensors: what one channel went through, all others are put through; nothing is deconvolved."""
+"""Known low-passes of sensors. The filter of one channel is applied to all other channels; nothing is deconvolved."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ class SensorLowPass:
     """Order."""
 
     def __call__(self, values: Array, rate_hz: float) -> Array:
-        """Samples (n,), taken at `rate_hz`, after the filter, which has rested at the first of them.
+        """Samples (n,), taken at `rate_hz`, after the filter. The filter starts at rest at the first sample.
 
         The bilinear transform without prewarping: at frequency f it is the analogue filter at f (1 + (pi f/rate)^2/3),
         8e-5 too high for 5 Hz at 1 kHz. The cut-off may lie above half the rate.
@@ -34,5 +34,5 @@ class SensorLowPass:
 
 
 def lacking(column: str, low_passes: Mapping[str, SensorLowPass]) -> list[SensorLowPass]:
-    """The filters that other columns' sensors have and this column's sensor has not, each once."""
+    """The filters of other columns' sensors that this column's sensor does not have, each once."""
     return [one for one in dict.fromkeys(low_passes.values()) if one != low_passes.get(column)]

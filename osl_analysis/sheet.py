@@ -19,7 +19,7 @@ REQUIRED = ("trial", "experiment")
 
 
 def read_sheet(path: Path) -> pd.DataFrame:
-    """Read and validate a sample sheet. The index is the trial's name; optional columns that are absent are NA.
+    """Read and validate a sample sheet. The index is the trial's name. Absent optional columns are NA.
 
     trial: its name, of letters, digits, `_`, `.` and `-`.
     experiment: one of `EXPERIMENTS`.
@@ -28,12 +28,12 @@ def read_sheet(path: Path) -> pd.DataFrame:
     log, mocap: files, relative to the campaign's raw data.
     log_source, mocap_source: names of the files in `config/sources` that describe them.
     exclude: the reason why the trial is excluded; empty: it is used.
-    accept: names of quality checks, separated by blanks, whose failure neither flags nor excludes the trial.
+    accept: names of quality checks, separated by blanks. Their failure neither flags nor excludes the trial.
 
     Raises
     ------
     InputError
-        The sheet is missing or empty, a column is unknown, or a value is not allowed: each by row and column.
+        The sheet is missing or empty, a column is unknown, or a value is not allowed. The message names row and column.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such sample sheet; write one (README, 'Your own data') or set `sheet`")

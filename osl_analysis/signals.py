@@ -11,7 +11,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
 UNIFORM_TOLERANCE = 0.2
-"""Largest deviation of a sampling step from the mean step, as a fraction, that a digital filter forgives."""
+"""Largest accepted deviation of a sampling step from the mean step, as a fraction of the mean step."""
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,9 @@ class LowPass:
 
     @property
     def noise_bandwidth_hz(self) -> float:
-        """Width [Hz] of the ideal low-pass through which as much white noise comes: 0.90 of the cut-off for order 4.
+        """Width [Hz] of the ideal low-pass that passes the same power of white noise: 0.90 of the cut-off for order 4.
 
-        The integral of (1 + x^2m)^-2 over x = frequency/cut-off, both runs counted, m the order.
+        It is the cut-off times the integral of (1 + x^2m)^-2 over x = frequency/cut-off, for both runs and order m.
         """
         angle = np.pi / (2 * self.order)
         return float(self.cutoff_hz * angle / np.sin(angle) * (1 - 1 / (2 * self.order)))
@@ -51,7 +51,7 @@ class LowPass:
         return np.asarray(sosfiltfilt(sections, signal, axis=0, padlen=edge))
 
     def independent_samples(self, rate_hz: float) -> int:
-        """Half a period of the cut-off in samples: white noise through the filter is nearly white so far apart."""
+        """Half a period of the cut-off, in samples. At this distance, filtered white noise is nearly white."""
         return max(round(rate_hz / (2 * self.cutoff_hz)), 1)
 
 
@@ -68,13 +68,13 @@ class Motion:
 
 
 def runs(true: NDArray[np.bool_]) -> list[slice]:
-    """Stretches of consecutive true samples, shape (n,), in their order."""
+    """Runs of consecutive true samples, shape (n,), in their order."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(np.int8), [0]])))
     return [slice(int(first), int(stop)) for first, stop in edges.reshape(-1, 2)]
 
 
 def longest_run(true: NDArray[np.bool_]) -> slice:
-    """The longest stretch of consecutive true samples, the first of them; empty where none is true."""
+    """The longest run of consecutive true samples, or the first of equally long ones; empty if no sample is true."""
     return max(runs(true), key=lambda run: run.stop - run.start, default=slice(0, 0))
 
 

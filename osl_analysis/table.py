@@ -1,4 +1,4 @@
-"""Tidy result tables as CSV: full precision, written whole or not at all."""
+"""Tidy result tables as CSV, with full precision, written completely or not at all."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -24,14 +24,14 @@ def write_table(frame: pl.DataFrame, path: Path) -> None:
 
 
 def read_table(path: Path, required: Sequence[str] = ()) -> pl.DataFrame:
-    """Read a table; a column without any entry comes as Float64 null, `TEXT_COLUMNS` as text.
+    """Read a table. A column without any entry is read as Float64 null, `TEXT_COLUMNS` as text.
 
     Columns that are `required` must be there and, unless they are among `TEXT_COLUMNS`, hold numbers.
 
     Raises
     ------
     InputError
-        The file is missing, empty or no CSV table, or a required column is absent or not numeric.
+        The file is missing, empty or not a CSV table, or a required column is missing or not numeric.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such table; run the step that writes it, or check the path")
@@ -48,7 +48,7 @@ def read_table(path: Path, required: Sequence[str] = ()) -> pl.DataFrame:
 
 
 def check_column(table: pl.DataFrame, column: str, path: Path) -> None:
-    """Refuse a table without the column, or with words in a column of numbers; `path` is for messages."""
+    """Refuse a table without the column, or with text in a numeric column. `path` is for messages."""
     if column not in table.columns:
         raise InputError(
             f"{path}: no column '{column}'; it has {', '.join(table.columns)}. Rewrite it with the step that makes it"
@@ -61,5 +61,5 @@ def check_column(table: pl.DataFrame, column: str, path: Path) -> None:
 
 
 def finite_or_null(row: Mapping[str, object]) -> dict[str, object]:
-    """A row of a table for JSON, which knows neither infinity nor NaN: they become null."""
+    """A row of a table for JSON. Infinity and NaN become null, because JSON does not have them."""
     return {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in row.items()}

@@ -1,4 +1,4 @@
-"""The trajectory of the impedance that a walking controller asks for (Fig. 8): a CSV file, an input of a campaign."""
+"""Trajectory of the desired impedance of a walking controller (Fig. 8): a CSV file, an input of a campaign."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -24,7 +24,7 @@ class ImpedanceTrajectory:
     B_d: Array
     """Desired damping [N*m*s/rad], shape (n,)."""
     theta_eq: Array | None
-    """Equilibrium angle [rad], shape (n,); None: it follows from the nominal ankle moment."""
+    """Equilibrium angle [rad], shape (n,); None: it is computed from the nominal ankle moment."""
 
     def at(self, values: Array, c: Array) -> Array:
         """One of the columns at cycle phases c of any cycle, by linear interpolation."""
@@ -33,13 +33,13 @@ class ImpedanceTrajectory:
 
 @lru_cache(maxsize=8)
 def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
-    """Read a CSV table with columns phase, K_d [N*m/rad], B_d [N*m*s/rad] and, if it has it, theta_eq_rad [rad].
+    """Read a CSV table with columns phase, K_d [N*m/rad], B_d [N*m*s/rad] and, optionally, theta_eq_rad [rad].
 
     Raises
     ------
     InputError
-        The file is missing or no such table, a column is absent, a value is no number, or the phase does not rise
-        from 0 to 1.
+        The file is missing or not such a table, a column is missing, a value is not a number, or the phase does not
+        rise from 0 to 1.
     """
     if not path.is_file():
         raise InputError(

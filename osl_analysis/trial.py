@@ -1,4 +1,4 @@
-"""A trial: the canonical samples of one recording, checked when it is made, and its file (Parquet)."""
+"""A trial: the canonical samples of one recording, checked at construction, and its file (Parquet)."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -18,14 +18,14 @@ Array = NDArray[np.float64]
 NAME_KEY = "osl_analysis.trial"
 PROVENANCE_KEY = "osl_analysis.provenance"
 LISTED = 6
-"""Names that a message shows."""
+"""Largest number of names in a message."""
 
 
 @dataclass(frozen=True)
 class Trial:
     """Samples of one trial in canonical columns (`columns.py`), a row per time stamp.
 
-    A *null* says that the column has no sample at that time (another recorder's rate), a *NaN* that it was
+    A *null* means that the column has no sample at that time (another recorder's rate). A *NaN* means that it was
     sampled and nothing was seen (a hidden marker).
 
     Raises
@@ -75,16 +75,16 @@ class Trial:
 
 
 def like(name: str, known: Sequence[str]) -> str:
-    """What a message says in place of a name that is not known: the nearest few, or else the first few."""
+    """Suggestions of a message for an unknown name: the most similar known names, or else the first ones."""
     near = get_close_matches(name, known, n=LISTED)
     more = ", ..." if len(known) > LISTED and not near else ""
     return f"the nearest of {len(known)} are {', '.join(near)}" if near else f"it has {', '.join(known[:LISTED])}{more}"
 
 
 def check_time(name: str, time: Array) -> None:
-    """Refuse stamps [s] that are not finite or go back, naming the first that offends.
+    """Refuse stamps [s] that are not finite or go back. The message names the first such stamp.
 
-    Equal stamps are ordinary: a logger printed few decimals, or wrote a row twice. The time base deals with them.
+    Equal stamps are allowed: a logger printed few decimals or wrote a row twice. The time base handles them.
     """
     if not np.isfinite(time).all():
         raise InputError(f"{name}: time is not finite at row {int(np.argmin(np.isfinite(time)))}; repair the log")
@@ -98,7 +98,7 @@ def check_time(name: str, time: Array) -> None:
 
 
 def write_trial(trial: Trial, path: Path) -> None:
-    """Write the trial whole or not at all; name and provenance (JSON) stand in the file's metadata."""
+    """Write the trial completely or not at all. Name and provenance (JSON) are in the file's metadata."""
     metadata = {NAME_KEY: trial.name, PROVENANCE_KEY: json.dumps(trial.provenance, sort_keys=True)}
     with atomic_path(path) as temporary:
         trial.samples.write_parquet(temporary, compression="zstd", metadata=metadata)

@@ -1,7 +1,7 @@
-"""How the Snakefile runs our commands: each job in a process that is forked from one that has done the imports.
+"""How the Snakefile runs the commands: each job in a process that is forked from a process with all imports done.
 
-Starting Python with numpy, scipy and polars costs 0.8 s per job. Forking a process that has them costs 0.05 s, and a
-job still has a process of its own.
+Starting Python with numpy, scipy and polars takes 0.8 s per job. Forking a process that has imported them takes 0.05 s.
+Each job still runs in its own process.
 """
 
 import importlib
@@ -38,7 +38,7 @@ PRELOADED = [
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS")
 FOR_SNAKEMAKE = ("code", "command")
 STARTED = time.time()
-"""When this run began [s]: its report is of the logs that were written since."""
+"""Start of this run [s]. Its report covers the logs that were written after this time."""
 
 
 class JobError(OslAnalysisError):
@@ -46,15 +46,16 @@ class JobError(OslAnalysisError):
 
 
 def run_job(log: Any, command: str, input: Any, output: Any, params: Any) -> None:
-    """Run one job in a process of its own, and wait for it.
+    """Run one job in its own process, and wait for it.
 
     `command` is "module.function" under `osl_analysis.commands`. `log`, `input`, `output` and `params` are those of the
     Snakemake rule. The function is called with the names that the rule gives to its inputs, outputs and parameters:
 
     * an output without a name is called `output`, several `outputs`;
     * an input without a name is a dependency and not passed on;
-    * files of trials that an input called `quality` excludes are taken out of the other inputs (`without_excluded`);
-    * the parameters `code` and `command` are for the rule alone.
+    * if an input is called `quality`, the files of the trials that it excludes are removed from the other inputs
+      (`without_excluded`);
+    * the parameters `code` and `command` are used only by the rule.
 
     Every value takes the type that the function's signature gives: a path, a settings model, a dataclass.
 
@@ -78,7 +79,7 @@ def run_job(log: Any, command: str, input: Any, output: Any, params: Any) -> Non
 
 
 def named(items: Any) -> dict[str, Any]:
-    """The named items of a rule's inputs, outputs or parameters, as values that another process can take."""
+    """The named items of a rule's inputs, outputs or parameters, as values that can be sent to another process."""
     return {str(name): plain(value) for name, value in items.items() if name not in FOR_SNAKEMAKE}
 
 
@@ -91,7 +92,7 @@ def outputs(files: Any) -> dict[str, Any]:
 
 @cache
 def fork_server() -> multiprocessing.context.ForkServerContext:
-    """The process that the jobs fork from. Each job computes on one thread, because Snakemake counts cores by jobs."""
+    """The process from which jobs are forked. Each job uses one thread, because Snakemake counts one core per job."""
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(PRELOADED)
@@ -99,7 +100,7 @@ def fork_server() -> multiprocessing.context.ForkServerContext:
 
 
 def _run(log: Path, command: str, request: Mapping[str, Mapping[str, Any]]) -> None:
-    """In the job's process: call the command and write the log, whatever happens."""
+    """In the job's process: call the command and write the log, also after an error."""
     start, error, trace = time.perf_counter(), "", ""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")
@@ -116,7 +117,7 @@ def _run(log: Path, command: str, request: Mapping[str, Mapping[str, Any]]) -> N
 
 
 def call(command: str, request: Mapping[str, Mapping[str, Any]]) -> None:
-    """Call a command with what a rule names, every value turned into the type that the command declares."""
+    """Call a command with the named values of a rule, each converted to the type that the command declares."""
     module, _, name = command.partition(".")
     function = getattr(importlib.import_module(f"osl_analysis.commands.{module}"), name)
     convert = validate_call(config=ConfigDict(arbitrary_types_allowed=True))
@@ -124,5 +125,5 @@ def call(command: str, request: Mapping[str, Mapping[str, Any]]) -> None:
 
 
 def report(logs: Path) -> str:
-    """What a user must know at the end of a run: failures, warnings and times, from the logs of the run's jobs."""
+    """The report at the end of a run: failures, warnings and times, from the logs of the run's jobs."""
     return run_report(read_logs(logs, STARTED))

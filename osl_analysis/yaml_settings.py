@@ -14,7 +14,7 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 class Settings(BaseModel):
-    """Base of every validated file. It cannot be changed once it is read, and an unknown field is an error.
+    """Base of every validated file. The settings are immutable, and an unknown field is an error.
 
     RENAMED: old names of fields, with the new ones. An old name is refused, and the message names the new one.
     """
@@ -23,7 +23,7 @@ class Settings(BaseModel):
     RENAMED: ClassVar[Mapping[str, str]] = {}
 
     def part(self, base: str) -> dict[str, Any]:
-        """The fields that one of this model's base classes has, as JSON: what a job is given that uses no others."""
+        """The fields of one of this model's base classes, as JSON, for a job that uses only these."""
         bases = (model for model in type(self).__mro__ if issubclass(model, Settings))
         (model,) = (model for model in bases if model.__name__ == base)
         return self.model_dump(mode="json", include=set(model.model_fields))
@@ -49,7 +49,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        The file is missing, is not YAML, or holds something else.
+        The file is missing, is not YAML, or is not a mapping.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; check the path, which is relative to the working directory")
@@ -58,7 +58,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(content, dict):
-        raise InputError(f"{path}: holds no fields; write `name: value` lines as in the shipped files")
+        raise InputError(f"{path}: has no fields; write `name: value` lines as in the shipped files")
     return content
 
 
@@ -73,7 +73,8 @@ def validated(content: Any, model: type[Model], path: Path) -> Model:
 def explain(error: ValidationError, model: type[BaseModel]) -> str:
     """The first problem of a validation error, as one sentence with field, value and remedy.
 
-    An old name of a field comes before all other problems: that its new name is missing is no news then.
+    An old name of a field is reported before all other problems, because it also causes the problem that the new name
+    is missing.
     """
     problems = error.errors()
     renamed = next(filter(None, (new_name(model, problem["loc"]) for problem in problems)), None)
@@ -115,7 +116,7 @@ def known_fields(model: type[BaseModel], place: Sequence[int | str]) -> str:
 
 
 def model_at(model: type[BaseModel], place: Sequence[int | str]) -> type[BaseModel] | None:
-    """The model of the mapping at `place`; None where that is no model, as in a list."""
+    """The model of the mapping at `place`; None if it has no model, for example in a list."""
     for name in place:
         field = model.model_fields.get(str(name))
         inner = field.annotation if field else None

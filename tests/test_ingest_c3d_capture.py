@@ -145,7 +145,7 @@ def test_a_missing_analog_channel_is_refused_with_the_channels_there_are(tmp_pat
 
 def test_a_label_that_stands_twice_is_refused_where_it_is_asked_for(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=["TOE", "HEEL", "TOE"])
-    assert "marker 'TOE' stands 2 times" in refused(path)
+    assert "marker 'TOE' occurs 2 times" in refused(path)
     assert len(read_c3d_capture(path, source(markers=["HEEL"])).samples) == 6
 
 

@@ -118,9 +118,9 @@ def test_a_laboratory_with_y_up_is_turned(tmp_path: Path) -> None:
         (DEVICES.replace("5,", "4,") + TRAJECTORIES + MODEL, {}, "does not follow the line before"),
         (DEVICES.replace("0.6", "") + TRAJECTORIES + MODEL, {}, "sync: nan in sample 2 of 4"),
         (DEVICES.replace("0.6", "?") + TRAJECTORIES + MODEL, {}, "line 7, Sync - Voltage 1: '?' is not a number"),
-        (DEVICES + TRAJECTORIES.replace("HEEL", "TOE") + MODEL, {}, "'Anna:TOE' x stands 2 times"),
-        (DEVICES + TRAJECTORIES.replace("Anna:HEEL", "Ben:TOE") + MODEL, {}, "marker 'TOE' is there twice"),
-        (DEVICES + TRAJECTORIES + MODEL, {"markers": ["KNEE"]}, "'KNEE' x is not there under Trajectories"),
+        (DEVICES + TRAJECTORIES.replace("HEEL", "TOE") + MODEL, {}, "'Anna:TOE' x occurs 2 times"),
+        (DEVICES + TRAJECTORIES.replace("Anna:HEEL", "Ben:TOE") + MODEL, {}, "marker 'TOE' occurs twice"),
+        (DEVICES + TRAJECTORIES + MODEL, {"markers": ["KNEE"]}, "'KNEE' x is missing under Trajectories"),
         (DEVICES + TRAJECTORIES.replace("mm", "parsnip") + MODEL, {}, "unit 'parsnip' is unknown"),
     ],
 )  # fmt: skip

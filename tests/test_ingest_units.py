@@ -65,7 +65,7 @@ def test_torque_and_stiffness_differ_by_the_angle() -> None:
 
 @pytest.mark.parametrize("unit", ["Mm", "MN"])
 def test_a_misspelling_that_reads_as_a_million_units_is_refused(unit: str) -> None:
-    with pytest.raises(InputError, match=r"is 1e\+06 ., which nobody means"):
+    with pytest.raises(InputError, match=r"is 1e\+06 ., an implausible size"):
         si_factor(unit, unit[-1])
 
 

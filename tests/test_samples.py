@@ -76,7 +76,7 @@ def test_a_capture_whose_plates_are_refused_is_tried_without_them_and_refused_on
     assert said["plate.c3d"][0].startswith("refused: plate 1: FORCE\\_PLATFORM:CORNERS")
     assert said["plate.c3d"][1] == "ok without plates"
     assert [line for line in said["twice.c3d"] if "refused" in line] == [
-        "refused: marker 'TOE' stands 2 times; rename them, or list others in the source file"
+        "refused: marker 'TOE' occurs 2 times; rename them, or list others in the source file"
     ]
 
 

@@ -372,7 +372,7 @@ def test_a_broken_log_fails_alone_and_an_excluded_trial_is_left_out_by_name(tmp_
     assert result.returncode != 0
     assert re.search(r"error: .*belt_01\.mcap: no such file", said)
     assert re.search(r"what failed:\nerror: ", said)
-    assert "were not renewed" in said
+    assert "were not updated" in said
     assert re.search(rf"error: .*{TRIAL}\.mcap: ", said)
     assert not (folder / "results/trials/belt_01.parquet").exists()
     assert not list((folder / "results").rglob(".*"))

@@ -19,10 +19,10 @@ from osl_analysis.trial import Array
 
 @dataclass(frozen=True)
 class C3DRecording:
-    """What a C3D file holds, in the file's own units; frame 0 and analog sample 0 are at 0 s."""
+    """Content of a C3D file, in the file's units. Frame 0 and analog sample 0 are at 0 s."""
 
     path: Path
-    """Where the file is."""
+    """Path of the file."""
     header: C3DHeader
     """Counts and parameters."""
     points: Array

@@ -26,20 +26,20 @@ class CsvLayout:
     decimal: Literal[".", ","] = "."
     """Decimal sign of the numbers."""
     comment: str = "#"
-    """Sign at the beginning of lines that are no data; empty where there are none."""
+    """Sign at the beginning of comment lines; empty if there are none."""
     header: Literal["row", "comment", "none"] = "row"
-    """Where the columns' names stand: in the first row, in the last comment line, or nowhere."""
+    """Place of the columns' names: the first row, the last comment line, or none."""
     units_row: bool = False
     """Whether a row of units follows the header."""
     missing: tuple[str, ...] = ("", "nan", "NaN")
-    """Cells that stand for a reading that failed."""
+    """Cells that mean a failed reading."""
     most_missing: float = 0.01
     """Largest share of rows that may be skipped, and of a column's cells that may be missing."""
     ragged: Literal["refuse", "skip", "dropped_variable"] = "refuse"
-    """What becomes of rows of another length than the header.
+    """Treatment of rows whose length differs from the header's.
 
-    `refuse`: the file is refused. `skip`: they are skipped and counted. `dropped_variable`: the logger leaves a
-    variable out once it failed; the columns that were missing in the row before are missing from there on.
+    `refuse`: the file is refused. `skip`: they are skipped and counted. `dropped_variable`: the logger omits a variable
+    after it failed. From such a row on, the columns that were missing in the row before are missing.
     """
 
 
@@ -67,7 +67,7 @@ class CsvTable:
     comments: list[str]
     """The comment lines without their sign."""
     notes: list[str]
-    """What was repaired, a sentence each."""
+    """Repairs, a sentence each."""
 
     def column(self, name: str) -> int:
         """Place of a column by its name, with or without its unit.
@@ -80,7 +80,7 @@ class CsvTable:
         places = [i for i, title in enumerate(self.names) if title == name]
         places = places or [i for i, title in enumerate(self.names) if name_and_unit(title)[0] == name]
         if len(places) != 1:
-            problem = f"stands {len(places)} times" if places else "is not there"
+            problem = f"occurs {len(places)} times" if places else "is missing"
             raise InputError(f"{self.path}: column '{name}' {problem}; the file has {listing(self.names)}")
         return places[0]
 
@@ -182,13 +182,13 @@ def fitting_rows(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple
 
 
 def dropped_variables(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple[list[RowColumns], list[str]]:
-    """Which columns the rows hold where a logger drops those that fail: those missing in the row before.
+    """The columns of each row of a logger that omits failed variables: those that were missing in the row before.
 
     Raises
     ------
     InputError
-        A row is longer than the one before it, or shorter by another number of cells than were missing: it is then
-        unknown to which columns its cells belong.
+        A row is longer than the row before it, or the number of omitted cells differs from the number of cells missing
+        before. The columns of its cells are then unknown.
     """
     columns_from, notes, columns = [RowColumns(0, list(range(width)))], [], list(range(width))
     for place, (line, cells) in enumerate(rows):

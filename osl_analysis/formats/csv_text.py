@@ -1,4 +1,4 @@
-"""Text files to rows of cells, and cells to numbers, whatever the writer's encoding, delimiter and decimal sign."""
+"""Text files to rows of cells, and cells to numbers, for any encoding, delimiter and decimal sign."""
 
 import csv
 import re

@@ -59,7 +59,7 @@ class NexusSection:
         ]
         if len(found) != 1:
             have = sorted({f"{n} {c}" for n, c in zip(self.names, self.components, strict=True) if n})
-            count = f"stands {len(found)} times" if found else "is not there"
+            count = f"occurs {len(found)} times" if found else "is missing"
             raise InputError(f"'{name}' {component} {count} under {self.title}; there are {listing(have)}")
         return found[0]
 
@@ -157,7 +157,7 @@ def nexus_section(path: Path, rows: Rows, decimal: str) -> NexusSection:
     except UnreadableCellError as error:
         raise InputError(f"{path}: line {line + 1}: '{rate[0][:40]}' is not a rate; export the trial again") from error
     if not samples or not hertz > 0:
-        raise InputError(f"{path}: section {title[0][:40]} at {hertz:g} Hz has no samples; leave it out of the export")
+        raise InputError(f"{path}: section {title[0][:40]} at {hertz:g} Hz has no samples; export without it")
     width = max(i + 1 for i, cell in enumerate(header) if cell)
     units = (rows[4][1] + [""] * width)[:width]
     return NexusSection(title[0], hertz, repeated_names(names, width), header[:width], units, samples, decimal)

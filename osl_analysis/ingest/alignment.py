@@ -16,8 +16,8 @@ from osl_analysis.trial import Array
 def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) -> tuple[ClockFit, list[str]]:
     """The clock fit, and a warning if the edges of the sync channels could not be used.
 
-    What replaces the edges is the correlation of the angle that motion capture's source file names under `shared`, or
-    else of the two sync voltages.
+    In this case the clocks are aligned by correlation: of the angle that motion capture's source file names under
+    `shared`, or else of the two sync voltages.
 
     Raises
     ------

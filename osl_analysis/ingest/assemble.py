@@ -64,7 +64,7 @@ def provenance_of(recordings: Mapping[str, Recording], files: Mapping[str, Mappi
 
 
 def rows_outside(log: Recording, mocap: Recording, fit: ClockFit) -> dict[str, int]:
-    """How many rows of the log are before and after motion capture, and so not used by `merged`."""
+    """Number of rows of the log before and after motion capture, which `merged` does not use."""
     time, end = fit.to_master(log.samples["time"].to_numpy()), float(mocap.samples["time"][-1])
     return {"rows_before": int((time < 0.0).sum()), "rows_after": int((time > end).sum())}
 

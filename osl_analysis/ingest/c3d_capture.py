@@ -1,4 +1,4 @@
-"""A capture in C3D: what its source file asks for, as the file has it."""
+"""A capture in C3D: the signals that its source file names, before conversion."""
 
 from collections import Counter
 from pathlib import Path
@@ -30,7 +30,7 @@ def read_c3d_capture(path: Path, source: C3dSource) -> Recording:
 
 
 def c3d_capture(recording: C3DRecording, source: C3dSource) -> Capture:
-    """What the source file asks for, as the file has it."""
+    """The signals that the source file names, before conversion to SI units."""
     header, plates = recording.header, plate_loads(recording, source)
     markers = [c3d_track(recording, label, source) for label in c3d_markers(recording, source)]
     analogs = {column: analog_channel(recording, analog.channel) for column, analog in source.analogs.items()}
@@ -78,17 +78,17 @@ def analog_channel(recording: C3DRecording, label: str) -> tuple[Array, str]:
 
 
 def place_of(label: str, labels: list[str], what: str) -> int:
-    """Index of a label that must stand exactly once."""
+    """Index of a label that must occur exactly once."""
     count = Counter(labels)[label]
     if count == 0:
         raise InputError(f"no {what} '{label}'; the file has {listing(sorted(set(labels)))}")
     if count > 1:
-        raise InputError(f"{what} '{label}' stands {count} times; rename them, or list others in the source file")
+        raise InputError(f"{what} '{label}' occurs {count} times; rename them, or list others in the source file")
     return labels.index(label)
 
 
 def c3d_warnings(recording: C3DRecording, source: C3dSource) -> list[str]:
-    """What a reader of the trial should know about the recording."""
+    """Warnings about the recording."""
     found, name, header = [], printable(recording.path.name), recording.header
     rate = header.numbers("ANALOG:RATE")
     actual = header.rate * header.samples_per_frame

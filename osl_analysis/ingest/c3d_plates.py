@@ -137,7 +137,7 @@ def baseline_frames(recording: C3DRecording, source: C3dSource) -> tuple[int, in
     if not 1 <= first <= last <= recording.header.frames:
         raise InputError(
             f"the baseline of the plates is frames {first} to {last} of {recording.header.frames}; state two frames "
-            "with nobody on the plates as `plate_zero`, or none"
+            "in which the plates are unloaded as `plate_zero`, or none"
         )
     return first, last
 
@@ -156,7 +156,7 @@ def plate_factor(recording: C3DRecording, source: C3dSource, channel: int, quant
 def plate_parameter(recording: C3DRecording, name: str, number: int, shape: tuple[int, ...] = ()) -> Array:
     """One plate's part, of the given shape (0: any), of a FORCE_PLATFORM parameter.
 
-    The last dimension counts plates; writers drop it where there is one.
+    The last dimension counts plates. Some writers omit it if there is a single plate.
     """
     table = recording.header.table(f"FORCE_PLATFORM:{name}")
     whole = table[..., None] if table.ndim == len(shape) else table

@@ -27,7 +27,7 @@ class PlateUnits(Settings):
 
 
 class C3dAnalog(Conversion):
-    """One analog channel of a C3D file; without `unit` the file's ANALOG:UNITS holds."""
+    """One analog channel of a C3D file. Without `unit`, the unit in the file's ANALOG:UNITS is used."""
 
     channel: str
     """Label of the channel in the file."""
@@ -48,7 +48,7 @@ class C3dSource(CaptureSource):
     """Units of the plates' channels, where the file's ANALOG:UNITS are absent or wrong."""
     plate_zero: Literal["none", "file"] | tuple[PositiveInt, PositiveInt] = "none"
     """Baseline to subtract from the plates' channels: none, file (the frames of FORCE_PLATFORM:ZERO) or two frames,
-    counted from 1, between which nobody stood on the plates."""
+    counted from 1, between which the plates were unloaded."""
 
     @field_validator("plates", mode="before")
     @classmethod

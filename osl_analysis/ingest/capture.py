@@ -1,4 +1,4 @@
-"""Motion capture to canonical columns: what is the same for every format once its file is decoded."""
+"""Motion capture to canonical columns: the steps that all formats share after their files are decoded."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ class MarkerTrack:
     """One marker's positions, in the axes of the file."""
 
     label: str
-    """As the file has it."""
+    """Label in the file."""
     name: str
     """The label without its subject, which names the columns."""
     positions: Array
@@ -34,7 +34,7 @@ class MarkerTrack:
 
 @dataclass(frozen=True)
 class PlateLoad:
-    """What one force plate recorded, in the axes of the file."""
+    """Recording of one force plate, in the axes of the file."""
 
     number: int
     """Counted from 1."""
@@ -47,12 +47,12 @@ class PlateLoad:
     moment: Array
     """(samples, 3) [N*m], on the foot, about the centre of the corners."""
     origin: Mapping[str, Any]
-    """Which channels these come from, for the provenance."""
+    """Source channels, for the provenance."""
 
 
 @dataclass(frozen=True)
 class Capture:
-    """What a source file asks of a capture, as the file has it: before units, signs and axes."""
+    """The signals of a capture that a source file names, before conversion of units, signs and axes."""
 
     frames: int
     """Number of frames; frame 0 and analog sample 0 are at 0 s."""
@@ -71,9 +71,9 @@ class Capture:
     plates: Sequence[PlateLoad] = ()
     """The force plates that are asked for."""
     facts: Mapping[str, Any] = field(default_factory=dict)
-    """What else a reader of the trial may ask."""
+    """Further facts, for the provenance."""
     warnings: Sequence[str] = ()
-    """What a reader of the trial should know, a sentence each."""
+    """Warnings, a sentence each."""
 
 
 def recording_of(capture: Capture, source: CaptureSource) -> Recording:
@@ -125,7 +125,7 @@ def marker_signals(capture: Capture, source: CaptureSource) -> tuple[Columns, Or
         turned = marker.positions @ source.rotation.T * factor
         for axis, column in enumerate(marker_columns(printable(marker.name))):
             if column in columns:
-                raise InputError(f"marker '{marker.name}' is there twice; list those to read under `markers`")
+                raise InputError(f"marker '{marker.name}' occurs twice; list those to read under `markers`")
             columns[column] = turned[:, axis]
             origin = {"label": marker.label, "component": source.axes[axis], "unit": marker.unit}
             origins[column] = {**origin, "factor": factor, "si_unit": unit_of(column)}
@@ -133,7 +133,7 @@ def marker_signals(capture: Capture, source: CaptureSource) -> tuple[Columns, Or
 
 
 def output_signals(capture: Capture, source: CaptureSource) -> tuple[Columns, Origins]:
-    """Model outputs, (frames,) each; the source file's unit holds, never the file's."""
+    """Model outputs, (frames,) each. The unit of the source file is used, never that of the file."""
     columns = {c: source.outputs[c].to_si(values, unit_of(c)) for c, values in capture.outputs.items()}
     return columns, {column: source.outputs[column].origin(column) for column in columns}
 

@@ -92,7 +92,7 @@ def fit_clock(slave: Edges, master: Edges) -> ClockFit:
     """Match the edges by the pattern of their intervals, and fit offset and drift without outliers.
 
     The error of an edge is that of sampling, uniform within one interval. A prior of standard deviation `TYPICAL_DRIFT`
-    keeps the drift plausible in a short recording; in a long one the edges outweigh it.
+    keeps the drift plausible in a short recording. In a long recording the edges outweigh it.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def fit_clock(slave: Edges, master: Edges) -> ClockFit:
 def first_pairs(slave: Edges, master: Edges) -> tuple[Array, Array]:
     """Times of some edges on both clocks, (n,) each, from the part of the slave's recording that fits best.
 
-    Every pair of edges votes for an offset. The part is so short that drift does not spread the votes.
+    Every pair of edges votes for an offset. The part is short enough that drift does not spread the votes.
     """
     best, rival, chosen = 0, 0, (slave.time[:0], master.time[:0])
     for begin in range(0, slave.time.size, FIRST_EDGES):

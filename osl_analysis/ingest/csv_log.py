@@ -21,12 +21,12 @@ COMMENTS = 100  # lines of a file's own header that the provenance keeps
 def read_csv_log(path: Path, source: CsvSource) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first row.
 
-    A cell that holds one of the words for a failed reading is NaN, and counted in the facts and warnings.
+    A cell with one of the words for a failed reading becomes NaN. Such cells are counted in the facts and warnings.
 
     Raises
     ------
     InputError
-        A column is not there, a cell is not a number, too many cells are missing, a unit is unknown, or time goes
+        A column is missing, a cell is not a number, too many cells are missing, a unit is unknown, or time goes
         back.
     """
     table = read_csv_table(path, source.layout)
@@ -91,7 +91,7 @@ def column_of(table: CsvTable, place: int, source: CsvSource) -> tuple[Array, ND
 
 
 def missing_in(table: CsvTable, place: int, absent: NDArray[np.bool_], source: CsvSource) -> int:
-    """How many cells of a column are missing; too many are refused."""
+    """Number of missing cells of a column. A column with too many is refused."""
     count = int(absent.sum())
     if count > source.most_missing * absent.size:
         first = table.rows[int(np.argmax(absent))][0]

@@ -15,7 +15,8 @@ Delimiter = Literal["auto", ",", ";", "tab", "space", "|"]
 
 
 class CsvChannel(Conversion):
-    """One column; without `unit` the file's holds: in brackets behind the column's name, or in a row of units."""
+    """One column. Without `unit`, the file's unit is used: in brackets after the column's name, or in a row of
+    units."""
 
     column: str
     """Name in the header, with or without its unit (`torque` finds `torque [Nm]`), or the column's number, counted
@@ -33,7 +34,7 @@ class CsvTime(Settings):
     column: str | None = None
     """Name of the column that holds time."""
     unit: str | None = None
-    """Unit of the column; without it the file's holds."""
+    """Unit of the column. Without it, the file's unit is used."""
     rate: PositiveFloat | None = None
     """Rows per second [Hz], for a file without a column of time."""
     stamps: Stamps = "auto"
@@ -49,7 +50,7 @@ class CsvTime(Settings):
 
 
 class CsvSource(LogSource):
-    """A log in CSV. A last row that is cut off is left out in any case, with a warning."""
+    """A log in CSV. An incomplete last row is always skipped, with a warning."""
 
     format: Literal["csv"]
     """Format of the file."""
@@ -58,9 +59,9 @@ class CsvSource(LogSource):
     decimal: Literal[".", ","] = "."
     """Decimal sign."""
     comment: str = "#"
-    """Sign at the beginning of lines that are no data; empty where there are none."""
+    """Sign at the beginning of comment lines; empty if there are none."""
     header: Literal["row", "comment", "none"] = "row"
-    """Where the columns' names stand: in the first row, in the last comment line, or nowhere."""
+    """Place of the columns' names: the first row, the last comment line, or none."""
     units_row: bool = False
     """Whether a row of units follows the header."""
     missing: tuple[str, ...] = ("", "nan", "NaN")
@@ -68,11 +69,11 @@ class CsvSource(LogSource):
     most_missing: Share = 0.01
     """Largest share of a column's cells that may be missing, and of the rows that may be skipped."""
     ragged: Literal["refuse", "skip", "dropped_variable"] = "refuse"
-    """What becomes of rows of another length than the header.
+    """Treatment of rows whose length differs from the header's.
 
-    `refuse`: the file is refused. `skip`: they are left out and counted. `dropped_variable`, for a logger that leaves a
-    variable out after it failed: the columns that were missing in the last complete row are NaN from there on, and a
-    row that this does not explain is refused.
+    `refuse`: the file is refused. `skip`: they are skipped and counted. `dropped_variable`, for a logger that omits a
+    variable after it failed: from there on, the columns that were missing in the last complete row are NaN. A row that
+    this does not explain is refused.
     """
     time: CsvTime
     """Where the time of a row comes from."""

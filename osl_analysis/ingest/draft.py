@@ -1,7 +1,7 @@
-"""A draft of the source file that would describe a file, from what the file holds.
+"""A draft of a source file, from the content of the file that it describes.
 
-What files say of themselves is untrusted: it is quoted. JSON's strings are YAML's, with every control character as
-an escape.
+Texts from files are untrusted and therefore quoted. They are written as JSON strings, which are valid YAML and have
+every control character as an escape.
 """
 
 import json
@@ -14,7 +14,7 @@ HINT = "# give each signal that you need its canonical name instead of NAME_n, s
 
 
 def draft_source(overview: Overview, name: str) -> str:
-    """A source file for the file `name`, in which the user has yet to name the channels."""
+    """A source file for the file `name`, in which the user still has to name the channels."""
     lines = [
         f"format: {overview.format}",
         f"description: {json.dumps(f'Drafted from {name}; complete it.')}",

@@ -1,7 +1,8 @@
 """Force plates of types 1 to 4: from their channels to force and moment on the foot (C3D manual, Kistler).
 
 All quantities are in SI units. The moment is about the centre of the plate's surface. It is not computed from a centre
-of pressure (except for type 1, which records nothing else), so that it is valid for an unloaded plate too.
+of pressure, so that it is also valid for an unloaded plate. The exception is type 1, which records only the centre of
+pressure.
 """
 
 from dataclasses import dataclass

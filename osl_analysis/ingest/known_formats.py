@@ -1,4 +1,4 @@
-"""The formats that are read: how a file of each is recognised, described by a source file, read, and listed."""
+"""The known formats: how a file is recognised, described by a source file, read, and listed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ class KnownFormat:
     begins: Callable[[bytes], bool]
     """Whether a file that begins with these bytes is of this format."""
     suffixes: tuple[str, ...]
-    """Endings of files of this format, where what they begin with does not tell."""
+    """Endings of files of this format, for files that are not recognised by their first bytes."""
     source: type[LogSource] | type[CaptureSource]
     """Model of the source files that describe such files."""
     read: Callable[[Path, Any], Recording]
@@ -60,7 +60,7 @@ FORMATS = {
     "csv": KnownFormat(is_text, (".csv",), CsvSource, read_csv_log, inspect_csv),
 }
 ANY_TEXT = "csv"
-"""What text is of which neither content nor name says more."""
+"""Format of a text file that is not recognised by content or name."""
 NOT_READ = {
     ".bag": "a ROS 1 bag",
     ".db3": "a ROS 2 bag in SQLite",
@@ -73,7 +73,7 @@ NOT_READ = {
 
 
 class NamedFormat(Settings):
-    """Of a source file, the field that says which format it describes."""
+    """The field of a source file that names the format."""
 
     model_config = ConfigDict(extra="ignore")
 

@@ -64,13 +64,13 @@ class McapSource(LogSource):
 def read_mcap_log(path: Path, source: McapSource) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first stamp.
 
-    Topics with different stamps have rows of their own, null in the columns of the other topics: nothing is
-    interpolated or held. What the file has lost is in the facts under `damage` (`damage.py`).
+    Topics with different stamps have rows of their own, null in the columns of the other topics. Nothing is
+    interpolated or held. The losses of the file are in the facts under `damage` (`damage.py`).
 
     Raises
     ------
     InputError
-        A topic or field is not there or has no messages, its encoding or schema cannot be read, a larger share of the
+        A topic or field is missing or has no messages, its encoding or schema cannot be read, a larger share of the
         file than `source.largest_loss` is lost, a value is not finite, or stamps are missing, contradict each other or
         go back (`stamps.py`).
     """
@@ -143,7 +143,7 @@ def check_loss(file: McapFile, source: McapSource) -> None:
 def read_topic(
     topic: str, channels: dict[str, LogChannel], decoded: Decoded, source: McapSource
 ) -> tuple[pl.DataFrame, Ordering]:
-    """Stamps [ns] and columns of one topic in the order of the stamps, and what it took to sort them."""
+    """Stamps [ns] and columns of one topic in the order of the stamps, and counts of the sorting."""
     from_header = source.time.source == "header"
     stamp = stamps_of(topic, decoded, source.time.field) if from_header else decoded.log_time
     columns = [canonical_series(column, channel, decoded, stamp) for column, channel in channels.items()]

@@ -1,4 +1,4 @@
-"""A capture in the CSV export of Vicon Nexus: its source file, and what it asks for, as the file has it."""
+"""A capture in the CSV export of Vicon Nexus: its source file, and the signals that it names, before conversion."""
 
 from pathlib import Path
 from typing import Literal
@@ -24,7 +24,7 @@ Sections = dict[str, NexusSection]
 
 
 class NexusAnalog(Conversion):
-    """One device channel; without `unit` the file's row of units holds."""
+    """One device channel. Without `unit`, the unit in the file's row of units is used."""
 
     device: str
     """Name of the device's output, such as `EMG2000 - Voltage`."""
@@ -42,7 +42,7 @@ class NexusPlate(Settings):
     moment_about: Point | None = None
     """Point about which the file's moment is taken [mm]; without it the centre of the corners."""
     sign: Literal[1, -1] = 1
-    """-1 where the file has what acts on the plate instead of what acts on the foot."""
+    """-1 if the file has the force on the plate instead of the force on the foot."""
 
     def centre(self) -> Array:
         """Centre of the corners, (3,) [mm]."""
@@ -84,7 +84,7 @@ def read_nexus_capture(path: Path, source: NexusSource) -> Recording:
 
 
 def nexus_capture(sections: Sections, source: NexusSource) -> Capture:
-    """What the source file asks for, as the file has it."""
+    """The signals that the source file names, before conversion to SI units."""
     markers = [nexus_track(sections, label) for label in nexus_markers(sections, source)]
     outputs = {
         column: section_of(sections, "Model Outputs").column(output.label, output.component)[0]
@@ -153,7 +153,7 @@ def plate_load(sections: Sections, number: int, plate: NexusPlate) -> PlateLoad:
 
 
 def triple(sections: Sections, plate: NexusPlate, kind: str, si_unit: str) -> Array:
-    """Force [N] or moment [N*m] of a plate, (samples, 3), with the sign of what acts on the foot."""
+    """Force [N] or moment [N*m] of a plate on the foot, (samples, 3)."""
     conversion, devices = Conversion(sign=plate.sign), section_of(sections, "Devices")
     columns = [devices.column(f"{plate.device} - {kind}", f"{kind[0]}{axis}") for axis in AXES]
     return np.column_stack([conversion.to_si(values, si_unit, unit) for values, unit in columns])

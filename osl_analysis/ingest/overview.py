@@ -1,4 +1,4 @@
-"""What a file of an unknown laboratory holds: for a person to read, and to draft a source file from."""
+"""Content of a file of an unknown laboratory, for the user and for the draft of a source file."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ class RecordedChannel:
     rate: float | None = None
     """Median rate [Hz]; None where nothing tells it."""
     note: str = ""
-    """What a reader should know."""
+    """Remark for the user."""
     type: str = ""
     """Type of the numbers and the length of the array that they stand in, such as `float64[4]`."""
     missing: float = 0.0
@@ -56,7 +56,7 @@ def rate_of(time: Array) -> float | None:
 
 
 def gaps_text(time: Array) -> str:
-    """Gaps, stamps that go back and stamps that stand twice, in words; empty where there are none."""
+    """Gaps, stamps that go back and repeated stamps, in words; empty if there are none."""
     steps = np.diff(np.sort(time))
     usual = float(np.median(steps)) if steps.size else 0.0
     wide = steps[steps > GAP * usual] if usual > 0 else steps[:0]

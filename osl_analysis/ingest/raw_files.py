@@ -15,7 +15,7 @@ from osl_analysis.trial import Trial
 def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path) -> Trial:
     """The trial whose raw files, relative to `raw_folder`, one row of the sample sheet names.
 
-    `row` has the sheet's columns (`sheet.py`); an absent or missing value (None, NA) is as good as an empty one.
+    `row` has the sheet's columns (`sheet.py`). An absent or missing value (None, NA) counts as empty.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
 
 
 def check_alignment(source: Source, source_path: Path) -> None:
-    """Refuse a log beside motion capture of which the source file does not say how their clocks are aligned."""
+    """Refuse a log with motion capture if its source file does not say how the clocks are aligned."""
     if isinstance(source, LogSource) and source.clock == "master":
         raise InputError(
             f"{source_path}: clock: {source.clock}, but the trial has motion capture too; write clock: sync and map "
@@ -72,7 +72,7 @@ def check_file(path: Path) -> None:
 
 
 def text(row: Mapping[str, Any], column: str) -> str:
-    """A value of the sheet as text; whatever is no text counts as empty."""
+    """A value of the sheet as text. A value that is not text counts as empty."""
     value = row.get(column)
     return value.strip() if isinstance(value, str) else ""
 

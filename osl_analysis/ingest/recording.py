@@ -1,4 +1,4 @@
-"""What every reader returns: the samples of one recorder in canonical columns, and where they come from."""
+"""Result of every reader: the samples of one recorder in canonical columns, and their sources."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,11 +18,11 @@ class Recording:
     samples: pl.DataFrame
     """`time` [s] on the recorder's own clock, and canonical columns in SI units; null where a column has no sample."""
     columns: Mapping[str, Mapping[str, Any]]
-    """By column the channel that it comes from, and how it was converted."""
+    """Source channel and conversion of each column."""
     facts: Mapping[str, Any] = field(default_factory=dict)
-    """What else a reader of the trial may ask: rates, source of time, plates, damage."""
+    """Further facts: rates, source of time, plates, damage."""
     warnings: Sequence[str] = ()
-    """What a reader of the trial should know, a sentence each."""
+    """Warnings, a sentence each."""
 
     def __post_init__(self) -> None:
         time = self.samples["time"]

@@ -1,4 +1,4 @@
-"""What a source file may state of a channel's sensor: delay, low-pass, resolution; and of a recorder's stamps."""
+"""Properties of a channel's sensor (delay, low-pass, resolution) and of a recorder's stamps in a source file."""
 
 from typing import Any, Literal
 
@@ -39,10 +39,10 @@ class SensorFilter(Settings):
 
 
 class Sensor(Settings):
-    """What is known of a channel's sensor."""
+    """Known properties of a channel's sensor."""
 
     delay: str | None = None
-    """Age of a sample at its stamp, as `2 ms`: it is taken out of the channel's stamps."""
+    """Age of a sample at its stamp, such as `2 ms`. It is subtracted from the channel's stamps."""
     low_pass: SensorFilter | None = None
     """The sensor's own low-pass: analyses put all other signals of the trial through the same filter."""
     resolution: str | None = None
@@ -85,5 +85,5 @@ class Sensor(Settings):
         else:
             raise InputError("`bits` are those of an encoder per revolution; state `resolution` with its unit instead")
         if step <= 0:
-            raise InputError(f"a resolution of {self.resolution} is no step; write a positive one, or leave it out")
+            raise InputError(f"a resolution of {self.resolution} is not positive; write a positive one, or remove it")
         return step

@@ -1,4 +1,4 @@
-"""What the source files of all formats share: conversion to SI units, clocks, axes, markers and model outputs."""
+"""Fields that the source files of all formats share: conversion to SI units, clocks, axes, markers, model outputs."""
 
 from collections.abc import Mapping
 from typing import Any, Literal
@@ -19,13 +19,13 @@ class Conversion(Sensor):
     """How recorded numbers become SI units: sign * scale * factor * (raw + offset), with the unit's factor to SI."""
 
     unit: str | None = None
-    """Unit of the numbers, as laboratories spell it; without it the unit that the file states holds."""
+    """Unit of the numbers, as laboratories spell it. Without it, the unit that the file states is used."""
     sign: Literal[1, -1] = 1
-    """-1 where the recorder counts the other direction as positive."""
+    """-1 if the recorder has the opposite direction as positive."""
     scale: float = 1.0
     """Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits."""
     offset: float = 0.0
-    """Added to the raw numbers, and so in their unit and before the scale."""
+    """Offset that is added to the raw numbers before the scale, in the raw unit."""
 
     @field_validator("scale")
     @classmethod
@@ -67,8 +67,8 @@ class LogSource(Settings):
     clock: Literal["master", "sync", "shared"] = "master"
     """How the log's clock is aligned to motion capture's.
 
-    `master`: not at all, the log is the trial's only file. `sync`: by the edges of the column `sync`. `shared`: by the
-    signal that motion capture's source file names under `shared`.
+    `master`: no alignment; the log is the trial's only file. `sync`: by the edges of the column `sync`. `shared`: by
+    the signal that motion capture's source file names under `shared`.
     """
     channels: Mapping[str, Conversion] = Field(min_length=1)
     """The recorded channel of each canonical column."""
@@ -91,9 +91,9 @@ class SharedAngle(Settings):
     """An angle that log and motion capture both recorded, which aligns their clocks where no sync edges do."""
 
     column: str
-    """Column of the log that holds the angle, whatever its scale, sign and offset."""
+    """Column of the log with the angle. Its scale, sign and offset do not matter."""
     markers: tuple[str, str, str]
-    """Three markers of motion capture; the angle is the one at the second."""
+    """Three markers of motion capture. The angle is at the second marker."""
 
 
 class ModelOutput(Conversion):
@@ -104,7 +104,7 @@ class ModelOutput(Conversion):
     component: Literal["x", "y", "z"]
     """Component of the output."""
     unit: str
-    """What the software computes, not what the file says: moments of Plug-in Gait are N*mm/kg in every file."""
+    """Unit that the software computes in, which the file may misstate: moments of Plug-in Gait are always N*mm/kg."""
 
 
 class CaptureSource(Settings):

@@ -2,9 +2,9 @@
 
 Messages are sorted by their stamps; those of equal stamp keep the order in which they were logged. A message may come
 late by up to `LATEST`; a larger step back means that the clock was set, and the log is refused. Messages of equal stamp
-become one sample, in which a field that one of them lacks comes from another. Where they contradict each other the
-first one is used, and the others count as lost. More contradictions than the allowed share are refused, and so are more
-repeated stamps within one channel, since such a clock stands still. The counts are reported.
+become one sample; a field that one message lacks is taken from another. If they contradict each other, the first one is
+used, and the others count as lost. A log with more contradictions than the allowed share is refused. So is a log with
+more repeated stamps within one channel, because its clock stands still. The counts are reported.
 """
 
 from dataclasses import asdict, dataclass
@@ -26,7 +26,7 @@ PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "ns
 
 @dataclass(frozen=True)
 class Ordering:
-    """What it took to bring the messages of a topic into the order of their stamps."""
+    """Counts from sorting the messages of a topic by their stamps."""
 
     late: int
     """Messages that came after one of a later stamp."""
@@ -40,7 +40,7 @@ class Ordering:
         return asdict(self)
 
     def says(self, topic: str) -> list[str]:
-        """What a reader of the trial should know, a sentence per count that is not zero."""
+        """Warnings, a sentence per count that is not zero."""
         counts = {
             "came late and were put in the order of their stamps": self.late,
             "repeat a stamp and were joined to its first": self.repeated - self.contradicted,

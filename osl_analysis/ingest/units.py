@@ -14,7 +14,7 @@ from osl_analysis.errors import InputError
 
 REGISTRY: pint.UnitRegistry[float] = pint.UnitRegistry(cache_folder=None)
 
-# what a message offers, by canonical unit
+# valid units that a message lists, by canonical unit
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "1": ("1", "%"),
     "s": ("s", "ms", "us", "ns"),
@@ -90,7 +90,7 @@ def si_factor(unit: str, expected: str) -> float:
         raise InputError(f"unit {quoted_unit(unit)} measures [{canonical_name(base)}], expected one of {advice}")
     if not SMALLEST <= factor <= LARGEST:
         raise InputError(
-            f"unit {quoted_unit(unit)} is {factor:g} {expected}, which nobody means; write one of {advice}"
+            f"unit {quoted_unit(unit)} is {factor:g} {expected}, an implausible size; write one of {advice}"
         )
     return factor
 

@@ -18,10 +18,10 @@ from osl_analysis.trial import Array
 
 @dataclass(frozen=True)
 class ActuatorLog:
-    """What the bench's recorder writes: time [s], actuator_angle [rad] and motor_current [A], shape (n,) each.
+    """Signals that the bench's recorder writes: time [s], actuator_angle [rad] and motor_current [A], shape (n,) each.
 
-    output_torque [N*m], shape (m,), is what the actuator exerts on the bench, the paper's tau_m; torque_time [s] are
-    its stamps, the same where one node writes all.
+    output_torque [N*m], shape (m,), is the torque of the actuator on the bench, the paper's tau_m. torque_time [s],
+    shape (m,), are its stamps. They equal `time` if one node records all signals.
     """
 
     time: Array
@@ -34,10 +34,10 @@ class ActuatorLog:
 def simulate_actuator_trial(
     trial: str, settings: SimulationSettings, p: DrivetrainParameters
 ) -> tuple[ActuatorLog, dict[str, object]]:
-    """The log of one trial, and the truth about it; `settings.actuator` must be there.
+    """The log of one trial, and its truth. `settings.actuator` must not be None.
 
-    The bench follows its angle as the dynamometer does, by `dynamometer_bandwidth`; its transducer and its clock
-    have the load cell's imperfections.
+    The bench follows its commanded angle with `dynamometer_bandwidth`, as the dynamometer does. Its torque transducer
+    has the imperfections of the load cell.
     """
     assert settings.actuator is not None  # as SimulationSettings checked
     _, motion = moved(turning(settings.actuator, settings.dynamometer.rate_hz), settings)
@@ -66,7 +66,8 @@ def turning(bench: ActuatorBench, rate_hz: float) -> JointMotion:
 
 
 def fading(time: Array, duration: float, fade: float) -> tuple[Array, Array, Array]:
-    """A window from 0 to 1 and back within `fade` [s] at both ends, smooth to its second derivative, and those two."""
+    """A window (n,) that rises from 0 to 1 and falls to 0 within `fade` [s], and its first two derivatives
+    (continuous)."""
     u = np.clip(np.minimum(time, duration - time) / fade, 0.0, 1.0)
     side = np.where(time < duration / 2, 1.0, -1.0) / fade
     return (
@@ -77,7 +78,7 @@ def fading(time: Array, duration: float, fade: float) -> tuple[Array, Array, Arr
 
 
 def current_schedule(bench: ActuatorBench, rate_hz: float) -> Array:
-    """I_q [A], which the current loop follows: its tones, faded in and out."""
+    """Commanded I_q [A], which the current loop follows: the sum of the tones, faded in and out."""
     time = np.arange(round(bench.duration_s * rate_hz)) / rate_hz
     return tones(bench.current, time) * fading(time, bench.duration_s, bench.fade_s)[0]
 
@@ -90,7 +91,7 @@ def tones(schedule: Sequence[Tone], time: Array) -> Array:
 def recorded_actuator(
     trial: str, motion: JointMotion, current: Array, torque: Array, settings: SimulationSettings
 ) -> tuple[ActuatorLog, dict[str, float]]:
-    """What the recorder gets, and the numbers that were drawn for this trial."""
+    """The recorded log, and the errors that were drawn for this trial."""
     signals = {"actuator_angle": motion.theta, "motor_current": current, "output_torque": torque}
     nodes, drawn = recorded(trial, signals, settings)
     channels = {name: values for node in nodes for name, values in node.channels.items()}

@@ -1,4 +1,4 @@
-"""A C3D recorder that stores what Vicon Nexus stores: floats, millimetres, a TYPE 2 force plate."""
+"""A C3D recorder that stores data as Vicon Nexus does: floats, millimetres, a TYPE 2 force plate."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ from osl_analysis.trial import Array
 
 MM = 1e3
 RESIDUAL_SEEN, RESIDUAL_HIDDEN = 0.0, -1.0
-"""0 because readers disagree about which byte of the fourth word a positive residual stands in."""
+"""Residuals of seen and hidden markers. 0, because readers disagree about the byte that holds a positive residual."""
 TEXT, WHOLE_NUMBER, FLOAT = -1, 2, 4
 """C3D's parameter types: bytes per element, -1 for characters."""
 TYPE_2 = 2

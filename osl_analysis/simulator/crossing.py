@@ -1,7 +1,8 @@
 """One crossing of the walkway as rigid-body mechanics: foot, shank and platform, ankle torque, ground reaction.
 
-The foot's path and the ankle's angle are prescribed. The drivetrain answers with a torque. The moment of the ground
-reaction about the ankle then follows from Newton and Euler for the foot. Axes: x forward, y left, z up, in metres.
+The foot's path and the ankle's angle are prescribed. The drivetrain's torque is simulated for this motion. The moment
+of the ground reaction about the ankle follows from the equations of Newton and Euler for the foot. Axes: x forward, y
+left, z up, in metres.
 """
 
 from dataclasses import dataclass
@@ -45,12 +46,12 @@ WANDER_HZ = (0.3, 4.0)
 WANDER_WAVES = 6
 ROLL_LEVER_M = 0.004
 FREE_MOMENT = 0.03
-"""Largest free moment over body mass [N*m/kg]."""
+"""Largest free moment divided by body mass [N*m/kg]."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """What is drawn for one crossing, with or without the perturbation."""
+    """Random quantities of one crossing, the same with and without the perturbation."""
 
     heel_strike: float
     """Time [s] of heel strike."""
@@ -120,8 +121,8 @@ class SimulatedCrossing:
     drivetrain_torque: Array
     """Resisting torque [N*m] of the drivetrain, shape (n,)."""
     torque: Array
-    """Resisting torque [N*m] of the joint, shape (n,): the drivetrain's from 8 % to 92 % of stance, and outside of it
-    what the swinging foot needs."""
+    """Resisting torque [N*m] of the joint, shape (n,): from 8 % to 92 % of stance that of the drivetrain, and in swing
+    the torque that the swinging foot needs."""
     reaction: TrueWrench
     """Ground reaction on the foot."""
 
@@ -181,10 +182,10 @@ def simulate_crossing(
 
 
 def move(time: Array, step: Step, perturbed: bool, walking: WalkingSettings) -> LegMotion:
-    """Prescribed motion: the nominal step, what was drawn, and the platform under the foot.
+    """Prescribed motion: the nominal step, its random deviations, and the platform under the foot.
 
-    The shank carries the body and hardly follows the platform: the ankle takes up the rotation, except for the share
-    by which the shank yields. In swing the foot returns from the platform's angle.
+    The foot rotates with the platform. The shank rotates by the share `shank_yield` only, so that the ankle angle
+    changes by the rest. In swing the foot returns from the platform's angle.
     """
     platform = perturbed_platform(time, step.command, step.toe_off, walking) if perturbed else resting_platform(time)
     rate, c = walking.rates.motion_hz, step.cycle_phase(time)
@@ -211,9 +212,9 @@ def react(
 ) -> tuple[Array, TrueWrench]:
     """The joint's torque [N*m], shape (n,), and the ground reaction at the ankle.
 
-    About the ankle's axis u the foot needs the moment N = u . (dH/dt + r x m (a - g)). The shank gives it +tau (toes
-    down), and the ground the rest, N - tau. The ground's part fades with its force as the foot is set down and lifted.
-    Across the axis the ground's moments are small, and the hinge carries the rest.
+    About the ankle's axis u the foot needs the moment N = u . (dH/dt + r x m (a - g)). The shank applies +tau (toes
+    down), and the ground applies the rest, N - tau. The part of the ground decreases with its force at the beginning
+    and end of stance. Across the axis the ground's moments are small, and the hinge carries the rest.
     """
     foot, mass = motion.foot, walking.gait.body_mass_kg
     forward, axis, upward = (foot.rotation[:, :, i] for i in range(3))

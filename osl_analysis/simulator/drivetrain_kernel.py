@@ -1,7 +1,6 @@
 """The compiled inner loop of `drivetrain_sim`: Eqs. 1-5 and 7 for scalars, and their integration over a trial.
 
-All compiled functions stand in this one file, because the disk cache of the compiler does not see changes in
-functions that are called from other files.
+All compiled functions are in this file, because numba's disk cache does not notice changes of functions in other files.
 """
 
 from collections.abc import Callable
@@ -34,9 +33,9 @@ class Plant(NamedTuple):
 
 
 class Controller(NamedTuple):
-    """Fine steps per update, updates per second, delay in updates, encoder resolution [rad], the friction believed.
+    """Fine steps per update, updates per second, delay [updates], encoder resolution [rad], and the friction model.
 
-    Smoothing 0 means that it is handed the true velocity.
+    With smoothing 0 the controller gets the true velocity.
     """
 
     every: int
@@ -52,7 +51,7 @@ class Controller(NamedTuple):
 
 
 def compiled_kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """The function, compiled on its first call and kept on disk; floats divide by zero as numpy's do."""
+    """The function, compiled on its first call and cached on disk. Division by zero follows numpy."""
     return cast(Callable[P, R], njit(cache=True, error_model="numpy")(function))
 
 
@@ -86,7 +85,7 @@ def hysteretic_belt_torque(theta_s: float, z: float, plant: Plant) -> float:
 
 @compiled_kernel
 def kick(omega_m: float, torque: float, friction: float, plant: Plant) -> float:
-    """Velocity [rad/s] one step on: damping trapezoidal, friction implicit, so that it stops but never drives."""
+    """Velocity [rad/s] after one step. Damping is trapezoidal. Friction is implicit: it stops but never drives."""
     inertia, half_damping = plant.J_m / plant.step, 0.5 * plant.B_m
     free = ((inertia - half_damping) * omega_m + torque) / (inertia + half_damping)
     lost = friction / (inertia + half_damping)
@@ -111,7 +110,7 @@ def estimated_velocity(estimate: float, angle_step: float, true: float, c: Contr
 
 @compiled_kernel
 def controller_current(theta_m: float, omega_m: float, gains: tuple[float, float, float], c: Controller) -> float:
-    """Current [A] that answers one measurement, for gains (K_1, B_1, theta_eq) (Eqs. 5 and 7)."""
+    """Current [A] for one measurement and gains (K_1, B_1, theta_eq) (Eqs. 5 and 7)."""
     K_1, B_1, theta_eq = gains
     direction = float(np.tanh(omega_m / c.sign_width)) if c.cancels_friction else 0.0
     u = K_1 * (theta_eq - theta_m) - B_1 * omega_m
@@ -138,7 +137,8 @@ def integrate(
 ) -> None:
     """Fill `columns`, shape (4, n), with theta_m, omega_m, current, belt torque, from rest at `theta_m`.
 
-    The rows of `gains`, shape (3, n), are K_1, B_1, theta_eq; before the first delayed answer the current is 0.
+    The rows of `gains`, shape (3, n), are K_1, B_1, theta_eq. During the initial delay of the controller the current is
+    0.
     """
     half, sample = 0.5 * plant.step, plant.step * plant.substeps
     pending, slot, current = np.zeros(c.delay + 1), 0, 0.0
@@ -193,8 +193,8 @@ def torque_through_gap(
 ) -> Array:
     """Torque [N*m] at the samples of a bench that turns a joint (K, B, I) through a gap [rad], shape (n,).
 
-    At an end of the gap the bench pushes the joint and cannot pull it. Inside, the joint moves freely. It meets an end
-    plastically; the blow's impulse is spread over one sample.
+    At an end of the gap the bench can push the joint but not pull it. Inside the gap the joint moves freely. The
+    contact at an end is plastic. Its impulse is spread over one sample.
     """
     K, B, I = joint
     step, half = sample / substeps, 0.5 * gap

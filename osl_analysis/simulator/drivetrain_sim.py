@@ -1,9 +1,9 @@
 """The two-mass drivetrain in time: prescribed joint motion, actuator with friction, sampled controller.
 
 Between two samples of the controller the actuator is integrated in `substeps` fine steps by the second-order
-Stoermer-Verlet scheme (half drift, kick, half drift): J_m domega_m/dt = k_tau n_m I_q - f - B_m omega_m +
-tau_s/n_T, where tau_s is the belt's torque at theta_s = theta - theta_m/n_T. Friction enters the kick
-implicitly with the true sign of the velocity: the actuator sticks where friction holds it, whatever the step.
+Stoermer-Verlet scheme (half drift, kick, half drift): J_m domega_m/dt = k_tau n_m I_q - f - B_m omega_m + tau_s/n_T,
+where tau_s is the belt's torque at theta_s = theta - theta_m/n_T. Friction enters the kick implicitly with the true
+sign of the velocity. The actuator therefore sticks exactly, for any step.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from osl_analysis.simulator.drivetrain_kernel import Controller, Plant, belt_pat
 from osl_analysis.trial import Array
 
 LARGEST_ANGLE = 100.0
-"""[rad] of the actuator's output, 16 turns: one that turns by more has an unstable loop."""
+"""Largest angle [rad] of the actuator's output, 16 turns. Beyond it the control loop is unstable."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class DrivetrainEffects:
     friction: bool
     """Whether there is friction. Without it the controller cancels none, and the loop is linear."""
     control_delay: int
-    """Updates of the controller between a measurement and the current that answers it."""
+    """Delay from a measurement to the current computed from it [updates of the controller]."""
     encoder_resolution: float
     """Resolution [rad] of the encoder at the actuator's output. 0: an ideal encoder."""
     velocity_cutoff_hz: float | None
@@ -56,14 +56,14 @@ class DrivetrainEffects:
     hysteresis_torque: float
     """Largest rate-independent torque [N*m] of the belt."""
     hysteresis_width: float
-    """Deflection [rad] over which this torque turns round."""
+    """Deflection [rad] over which the hysteresis torque changes sign after a reversal."""
     friction_scale: float = 1.0
-    """True friction as a multiple of what the parameters say and the controller cancels."""
+    """Ratio of the true friction to the friction of the parameters, which the controller cancels."""
     substeps: int = 20
     """Integration steps per sample."""
     control_updates: int = 1
-    """Updates of the controller per sample. The current is held in between. As many as `substeps` make the continuous
-    controller of linear theory."""
+    """Updates of the controller per sample. The current is held between updates. A value equal to `substeps` gives the
+    continuous controller of linear theory."""
 
     def __post_init__(self) -> None:
         if self.control_updates < 1 or self.substeps % self.control_updates:
@@ -108,8 +108,8 @@ def simulate_drivetrain(
 ) -> DrivetrainMotion:
     """Motion of the actuator under a prescribed joint motion, from rest at `theta_m_start` [rad].
 
-    theta [rad] and omega [rad/s], shape (n,), are sampled at `rate_hz` [Hz] and must be a
-    function and its true derivative: they are interpolated by cubic Hermite pieces in between.
+    theta [rad] and omega [rad/s], shape (n,), are sampled at `rate_hz` [Hz]. omega must be the exact derivative of
+    theta, because the motion is interpolated by cubic Hermite polynomials.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""One dynamometer trial: the true motion and torque, what the sensors make of them, and the truth beside it."""
+"""One dynamometer trial: the true motion and torque, the recorded signals, and the truth file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -25,12 +25,12 @@ from osl_analysis.trial import Array
 
 @dataclass(frozen=True)
 class DynamometerLog:
-    """What the dynamometer's recorder writes, with its units and its own sign.
+    """Signals that the dynamometer's recorder writes, with the recorder's units and signs.
 
-    time [s] of the recorder's clock, shape (n,) as every channel but the torque; torque_time [s], shape (m,) as the
-    torque, is the same where one node writes all; joint_angle, actuator_angle, commanded_angle [rad];
-    motor_current [A]; load_cell_torque [N*m] is the torque that the joint exerts, the paper's tau_j: *minus* the
-    canonical one.
+    time [s] of the recorder's clock has shape (n,), as every channel except the torque. torque_time [s] has shape (m,),
+    as the torque; it equals `time` if one node records all signals. joint_angle, actuator_angle, commanded_angle [rad];
+    motor_current [A]; load_cell_torque [N*m] is the torque of the joint on the bench, the paper's tau_j: *minus* the
+    canonical torque.
     """
 
     time: Array
@@ -79,7 +79,7 @@ def simulate_dynamometer_trial(
 
 
 def moved(command: JointMotion, settings: SimulationSettings) -> tuple[Array, JointMotion]:
-    """The commanded angle [rad], and the motion that the dynamometer makes of it."""
+    """The commanded angle [rad], and the resulting motion of the dynamometer."""
     bandwidth = settings.effects.dynamometer_bandwidth
     if not bandwidth.enabled:
         return command.theta, command
@@ -111,7 +111,7 @@ def simulate_impedance(
 
 
 def drivetrain_effects(settings: SimulationSettings) -> DrivetrainEffects:
-    """The settings' effects as the drivetrain's simulation wants them."""
+    """The effects of the settings, as arguments of the drivetrain's simulation."""
     effects, drivetrain = settings.effects, settings.drivetrain
     return DrivetrainEffects(
         friction=effects.friction.enabled,
@@ -128,7 +128,7 @@ def drivetrain_effects(settings: SimulationSettings) -> DrivetrainEffects:
 
 
 def scatter(trial: str, settings: SimulationSettings) -> float:
-    """The trial's K_s over the parameter file's."""
+    """Ratio of the trial's K_s to that of the parameter file."""
     draw = stream(settings.seed, trial, "belt_scatter").standard_normal()
     return float(1 + settings.effects.belt_scatter.value * draw)
 
@@ -136,7 +136,7 @@ def scatter(trial: str, settings: SimulationSettings) -> float:
 def recorded_dynamometer(
     trial: str, command: Array, motion: JointMotion, response: BenchResponse, settings: SimulationSettings
 ) -> tuple[DynamometerLog, dict[str, float]]:
-    """What the recorder gets, and the numbers that were drawn for this trial."""
+    """The recorded log, and the errors that were drawn for this trial."""
     mount = settings.effects.mount_stiffness
     nodes, drawn = recorded(
         trial,

@@ -15,7 +15,7 @@ class Effect(Settings):
     """One imperfection."""
 
     enabled: bool
-    """Whether the imperfection acts. (`on` would be a truth value in YAML.)"""
+    """Whether the imperfection is simulated. (The key is not `on`, which is a truth value in YAML.)"""
     size: NotNegative
     """Its size, in `unit`."""
     unit: str
@@ -53,7 +53,7 @@ class SensorLowPass(Effect):
     """A causal Butterworth low-pass, whose cut-off is the size."""
 
     order: Annotated[int, Field(ge=1, le=4)] = 1
-    """Its order."""
+    """Order of the low-pass."""
 
 
 class Encoder(Effect):
@@ -90,7 +90,7 @@ def whole_number(effect: Effect) -> Effect:
 
 
 def positive(effect: Effect) -> Effect:
-    """Refuse a size of 0, which would not switch the effect off."""
+    """Refuse a size of 0. Only `enabled: false` switches the effect off."""
     if effect.size == 0:
         raise ValueError("its size must be positive; set enabled: false to switch it off")
     return effect

@@ -24,8 +24,8 @@ class Effects(Settings):
     friction: Annotated[Effect, in_unit("1")]
     """True friction as a multiple of the parameter file's, which the controller cancels. Off: no friction at all."""
     control_delay: Annotated[Effect, in_unit("update"), AfterValidator(whole_number)]
-    """Updates of the controller between a measurement and the current that answers it. With size 0 the current is still
-    held between two updates. Off: a continuous controller."""
+    """Delay from a measurement to the current computed from it [updates of the controller]. With size 0 the current is
+    still held between two updates. Off: a continuous controller."""
     velocity_filter: Annotated[Effect, in_unit("Hz"), AfterValidator(positive)]
     """Cut-off of the low-pass over the differentiated encoder. Off: the controller gets the true velocity."""
     actuator_encoder: Annotated[Encoder, in_unit("rad", "bit")]
@@ -49,9 +49,9 @@ class Effects(Settings):
     belt_scatter: Annotated[Effect, in_unit("1")]
     """Standard deviation of K_s from trial to trial in the belt experiment, as a share of K_s."""
     dynamometer_bandwidth: Annotated[Effect, in_unit("Hz"), AfterValidator(positive)]
-    """Natural frequency with which the motor follows its command. Off: it follows exactly."""
+    """Natural frequency of the motor's position loop. Off: the motor follows its command exactly."""
     mount_stiffness: Annotated[Effect, in_unit("N*m/rad"), AfterValidator(positive)] = off("N*m/rad", 1.0)
-    """Stiffness of the bench's frame, whose yielding the joint's encoder sees. Off: the frame is rigid."""
+    """Stiffness of the bench's frame. The joint's encoder also measures the frame's deflection. Off: a rigid frame."""
     load_cell_hum: Annotated[Hum, in_unit("N*m")] = Hum(enabled=False, size=0, unit="N*m")
     """Amplitude of the mains' hum in the load cell's signal."""
     load_cell_flicker: Annotated[Effect, in_unit("N*m")] = off("N*m")
@@ -68,9 +68,9 @@ class Effects(Settings):
 
 
 class SecondOrderJoint(Settings):
-    """A joint that answers exactly by Eq. 15, in place of the drivetrain, and what may spoil that.
+    """A joint with the torque of Eq. 15, in place of the drivetrain, and deviations from Eq. 15.
 
-    Backlash stands between bench and joint: inside the gap the joint moves freely, and its ends meet plastically.
+    Backlash is between bench and joint. Inside the gap the joint moves freely. The contact at an end is plastic.
     """
 
     K: Positive
@@ -84,7 +84,7 @@ class SecondOrderJoint(Settings):
     coulomb: Annotated[Effect, in_unit("N*m")] = off("N*m")
     """Coulomb friction of the joint."""
     backlash: Annotated[Effect, in_unit("rad")] = off("rad")
-    """Whole gap between bench and joint."""
+    """Width of the gap between bench and joint, from end to end."""
 
     @model_validator(mode="after")
     def _gap_is_computed_for_a_linear_joint(self) -> Self:

@@ -1,4 +1,4 @@
-"""The force plate on the moving platform: what its sensors read, in their own axes.
+"""The force plate on the moving platform: readings of its sensors in the plate's axes.
 
 The plate's axes are those of C3D force plates: x along laboratory +y, y along laboratory +x, z down, all turning with
 the platform. Corners 1-4 lie in the quadrants (+x, +y), (-x, +y), (-x, -y), (+x, -y) of these axes.
@@ -41,17 +41,17 @@ def sensor_from_centre(plate: Plate) -> Array:
 def c3d_origin(plate: Plate) -> Array:
     """FORCE_PLATFORM:ORIGIN [m] with the sign of Vicon Nexus, shape (3,): z > 0 for a sensor below the surface.
 
-    The C3D manual's vector goes the other way, from the sensor origin to the surface. Readers tell the two apart by
-    the sign of z and turn the whole vector round.
+    The C3D manual defines the opposite vector, from the sensor origin to the surface. Readers distinguish the two by
+    the sign of z and reverse the vector.
     """
     return np.asarray(PLATE_AXES.T @ sensor_from_centre(plate))
 
 
 def sensor_reading(reaction: TrueWrench, platform: Pose, plate: Plate, mass: float, rate_hz: float) -> SensorReading:
-    """What the sensors read under a ground reaction, while the plate's own `mass` [kg] rides on them.
+    """Reading of the sensors under a ground reaction, including the plate's own `mass` [kg] above them.
 
-    They carry the foot's action and the plate: force F + m (a - g), moment M + dH/dt + r x m (a - g). The zero was
-    taken at rest and unloaded, in the sensors' axes, so that the plate's weight shows only when it tilts.
+    They carry the force of the foot and the plate: force F + m (a - g), moment M + dH/dt + r x m (a - g). The zero was
+    set on the unloaded plate at rest, in the sensors' axes. The plate's weight therefore appears only when it tilts.
     """
     sensor = np.array(plate.centre_m) + sensor_from_centre(plate)
     turned = platform.rotation @ PLATE_AXES

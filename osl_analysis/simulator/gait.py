@@ -1,7 +1,7 @@
 """Nominal curves of one step with a prosthetic ankle: angles, ankle moment, ground reaction, foot path.
 
-Shaped after published curves of level walking; smooth (three continuous derivatives or more), so that every body has
-an acceleration. Cycle phase c: 0 at heel strike, 1 at the next one, any real number; stance phase p: 0 at heel
+The curves resemble published curves of level walking. They have three or more continuous derivatives, so that every
+body has an acceleration. Cycle phase c: 0 at heel strike, 1 at the next one, any real number; stance phase p: 0 at heel
 strike, 1 at toe-off.
 """
 
@@ -76,10 +76,10 @@ def foot_pitch(c: Array) -> Array:
 
 
 def ankle_path(c: Array, stride: float) -> Array:
-    """Ankle centre [m], shape (n, 3), from where it is with the foot flat in cycle 0; `stride` [m] along x.
+    """Ankle centre [m], shape (n, 3), relative to its place with the foot flat in cycle 0. `stride` [m] is along x.
 
-    In stance the foot rolls over its heel, lies flat, and rolls over its ball; both pivots give the same path while
-    it is flat, and in swing the path goes over from one to the other.
+    In stance the foot rolls over its heel, lies flat, and rolls over its ball. Both pivots give the same path while the
+    foot is flat. In swing the path changes smoothly from one to the other.
     """
     pitch, inside = foot_pitch(c), np.mod(c, 1.0)
     on_ball = smooth_step((inside - 0.15) / 0.20) - smooth_step((inside - 0.72) / 0.22)

@@ -1,4 +1,4 @@
-"""How the dynamometer moves the joint: commands, and the motor that follows them with finite bandwidth."""
+"""Motion of the joint on the dynamometer: commands, and the motor that follows them with finite bandwidth."""
 
 from dataclasses import dataclass
 
@@ -39,7 +39,7 @@ class Pieces:
 
 
 def stepped_sine_pieces(protocol: SteppedSineSchedule) -> Pieces:
-    """The rests and frequencies of a stepped sine, by the clock of the log."""
+    """The rests and frequencies of a stepped sine, on the clock of the log."""
     between = [protocol.rest_between_s] if protocol.rest_between_s else []
     duration, frequency = list[float](), list[float]()
     for f, sine in zip(protocol.frequencies_hz, protocol.durations, strict=True):
@@ -57,9 +57,9 @@ def stepped_sine_pieces(protocol: SteppedSineSchedule) -> Pieces:
 def stepped_sine(protocol: SteppedSineSchedule, rate_hz: float) -> JointMotion:
     """The commanded stepped sine from rest, sampled at `rate_hz` [Hz].
 
-    The phase is continuous where the frequency changes and a multiple of 2 pi where the amplitude does, so that the
-    angle never jumps, unless a frequency starts as a cosine or does not end with a whole cycle. The velocity jumps
-    there: a command that is followed exactly has no acceleration for it.
+    The phase is continuous where the frequency changes, and a multiple of 2 pi where the amplitude changes. The angle
+    therefore has no jumps, unless a frequency starts as a cosine or does not end with a whole cycle. The velocity jumps
+    at these changes. If the command is followed exactly, the acceleration does not include these jumps.
     """
     pieces = stepped_sine_pieces(protocol)
     time = np.arange(round(pieces.end * rate_hz)) / rate_hz
@@ -83,7 +83,7 @@ class Envelope:
     curvature: Array
 
     def scaled(self, factor: float) -> "Envelope":
-        """The same envelope, larger by a factor."""
+        """The envelope times a factor."""
         return Envelope(factor * self.size, factor * self.rate, factor * self.curvature)
 
     def times(self, w: Array, phase: Array) -> JointMotion:
@@ -130,11 +130,11 @@ def there_and_back(belt: BeltMotion, rate_hz: float) -> JointMotion:
 
 
 def position_loop(command: JointMotion, rate_hz: float, bandwidth_hz: float, damping_ratio: float) -> JointMotion:
-    """What a second-order position loop makes of a command, from rest at the command's first angle.
+    """Response of a second-order position loop to a command, from rest at the command's first angle.
 
-    Exact for the cubic through the command's angles and velocities at two samples; a command that is merely
-    linear between samples would leave corners in the acceleration, which the log's rate aliases into J_j. Angle
-    and derivatives come from one state, so that each is the true derivative of the one before.
+    Between two samples the solution is exact for the cubic through the command's angles and velocities. A command that
+    is linear between samples would cause corners in the acceleration, which are aliased by the rate of the log and bias
+    J_j. Angle and derivatives come from one state, so that each is the true derivative of the one before.
     """
     w, step = 2 * np.pi * bandwidth_hz, 1 / rate_hz
     augmented = np.diag(np.ones(5), 1)

@@ -1,4 +1,4 @@
-"""The leg's walking controller: desired impedance over the gait cycle, and the gains that the actuator gets."""
+"""The leg's walking controller: desired impedance over the gait cycle, and the gains at the actuator."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -19,7 +19,7 @@ B_1_GRID = 50
 
 @lru_cache(maxsize=8)
 def compensated_damping(path: Path, p: DrivetrainParameters) -> tuple[Array, Array]:
-    """A grid of phases, and B_1 [N*m*s/rad] (Eq. 14) there. The search is slow and B_1 smooth, so a grid is enough."""
+    """A grid of phases, and B_1 [N*m*s/rad] (Eq. 14) at these. A grid is enough because B_1 is a smooth curve."""
     desired = read_impedance_trajectory(path)
     grid = np.linspace(0.0, 1.0, B_1_GRID + 1)
     K_d, B_d = desired.at(desired.K_d, grid), desired.at(desired.B_d, grid)
@@ -34,7 +34,7 @@ def walking_commands(
 ) -> ControlCommands:
     """Commands to the actuator at cycle phases c, shape (n,), a regular grid of a step that takes `cycle_s` [s].
 
-    The equilibrium is where K_d and B_d give the nominal ankle moment at the nominal ankle angle.
+    The equilibrium angle is chosen so that K_d and B_d give the nominal ankle moment at the nominal ankle angle.
     """
     desired = read_impedance_trajectory(path)
     K_d, B_d = desired.at(desired.K_d, c), desired.at(desired.B_d, c)

@@ -1,4 +1,4 @@
-"""An MCAP recorder as a laboratory's: ROS 2 messages in CDR, one wide topic, zstd chunks with CRCs."""
+"""An MCAP recorder like those of laboratories: ROS 2 messages in CDR, zstd chunks with CRCs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -36,8 +36,8 @@ class Topic:
 def write_mcap(path: Path, topic: LogTopic, time: Array, columns: Mapping[str, ArrayLike]) -> None:
     """Write one topic with a message for each time stamp [s], from 0 to 2^31 s in whole nanoseconds.
 
-    The columns have shape (n,) each. They are cast to the types of the topic's schema, which names them after
-    `std_msgs/Header header`, in any order. The file appears whole or not at all.
+    The columns have shape (n,) each. They are cast to the types of the topic's schema. The schema lists them, in any
+    order, after `std_msgs/Header header`. The file appears whole or not at all.
 
     Raises
     ------

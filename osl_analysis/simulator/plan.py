@@ -11,7 +11,7 @@ from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
 
 TWO_NODES = "_nodes"
-"""What the name of a bench's source file ends with, where two nodes record."""
+"""Ending of the name of a bench's source file if two nodes record."""
 
 PlannedRow = dict[str, object]
 
@@ -19,7 +19,7 @@ PlannedRow = dict[str, object]
 def plan_trials(settings: SimulationSettings) -> pd.DataFrame:
     """One row per trial, in the columns of `sheet.py`. The same settings give the same plan.
 
-    A crossing's perturbation depends on the seed and its own name, not on how many crossings there are.
+    Whether a crossing is perturbed depends on the seed and its name, not on the number of crossings.
     """
     rows = [*bench_plan(settings), *laboratory_plan(settings)]
     names = [str(row["trial"]) for row in rows]

@@ -1,4 +1,4 @@
-"""How the perturbation platform moves, with a foot on it and without."""
+"""Motion of the perturbation platform, with and without a foot on it."""
 
 import re
 from dataclasses import dataclass
@@ -62,10 +62,10 @@ def resting_platform(time: Array) -> PlatformMotion:
 
 
 def unloaded_platform(time: Array, trial: str, seed: int, walking: WalkingSettings) -> PlatformMotion:
-    """The perturbation with nobody on the platform: the ramp, a little varied, and its return.
+    """The perturbation of an unloaded platform: the ramp, with small random variations, and its return.
 
-    Every `full_motion_every`-th trial, by the number at the end of its name, then shifts along all three axes and
-    tilts slowly about the walking direction, so that a regression can find the plate's whole inertia.
+    Every `full_motion_every`-th trial (by the number at the end of its name) then also shifts along all three axes and
+    tilts slowly about the walking direction. A regression can then estimate all inertial parameters of the plate.
     """
     ramp, onset = walking.perturbation, UNLOADED_COMMAND_S + walking.perturbation.latency_s
     size, slowness = stream(seed, trial, "unloaded_ramp").uniform([0.85, 0.9], [1.15, 1.3])

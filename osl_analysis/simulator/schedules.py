@@ -1,4 +1,4 @@
-"""What the simulated benches are told to do: stepped sine, belt motion, the actuator's velocity and current."""
+"""Commands of the simulated benches: stepped sine, belt motion, the actuator's velocity and current."""
 
 from typing import Annotated, Literal, Self
 
@@ -21,7 +21,7 @@ Cycles = Annotated[int, Field(ge=1)]
 class SteppedSineSchedule(Settings):
     """`lead_s` of rest, then a block per amplitude: each frequency in the given order, then `rest_s` of rest.
 
-    The fields from `rest_between_s` on are what people do otherwise, and what a bench makes of it.
+    The fields from `rest_between_s` on describe other protocols and imperfections of the motion.
     """
 
     frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
@@ -39,17 +39,17 @@ class SteppedSineSchedule(Settings):
     rest_between_s: NotNegative = 0.0
     """Rest [s] after each frequency."""
     ramp_s: NotNegative = 0.0
-    """Time [s] in which the amplitude of each frequency rises from 0, and falls to 0, beside its cycles."""
+    """Time [s] in which the amplitude of each frequency rises from 0, and falls to 0, in addition to its cycles."""
     start: Literal["sine", "cosine"] = "sine"
-    """Each frequency starts at the angle 0 (sine), or at the amplitude, to which the command jumps (cosine)."""
+    """Start of each frequency: at the angle 0 (`sine`), or with a jump of the command to the amplitude (`cosine`)."""
     second_harmonic: Share = off("1")
-    """Second harmonic of the motion over the first."""
+    """Amplitude of the second harmonic of the motion, as a share of the first."""
     third_harmonic: Share = off("1")
-    """Third harmonic of the motion over the first."""
+    """Amplitude of the third harmonic of the motion, as a share of the first."""
     decay: Annotated[Effect, in_unit("1/s")] = off("1/s")
     """Rate at which the amplitude decays from the start of each frequency."""
     clock_error: Annotated[SignedEffect, in_unit("ppm")] = SignedEffect(enabled=False, size=0, unit="ppm")
-    """How fast the clock runs that generates the motion: frequencies rise and durations fall by as much."""
+    """Rate error of the clock that generates the motion. A positive error raises frequencies and shortens durations."""
 
     @model_validator(mode="after")
     def _duration_is_stated_once(self) -> Self:
@@ -94,8 +94,8 @@ class Tone(Settings):
 class ActuatorBench(Settings):
     """The schedule of the actuator's own bench, which turns the output while the current is commanded.
 
-    Velocity and current are sums of sines. Their frequencies must differ, so that the current both drives and brakes:
-    only then can the gear's friction and the torque constant be told apart.
+    Velocity and current are sums of sines. Their frequencies must differ, so that the current both drives and brakes.
+    Otherwise gear friction and torque constant cannot be told apart.
     """
 
     duration_s: Positive

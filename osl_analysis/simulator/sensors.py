@@ -1,4 +1,4 @@
-"""What the simulated sensors of a bench share: random numbers, errors of the load cell and the clock, rounding."""
+"""Common parts of the simulated sensors of a bench: random numbers, constant errors, rounding, 1/f noise."""
 
 import zlib
 
@@ -18,9 +18,9 @@ def stream(seed: int, trial: str, effect: str) -> np.random.Generator:
 
 
 def bench_errors(trial: str, settings: SimulationSettings) -> dict[str, float]:
-    """The errors that one bench trial keeps: clock start [s], load-cell offset [N*m] and drift [N*m/min].
+    """The errors that are constant in one bench trial: clock start [s], load-cell offset [N*m] and drift [N*m/min].
 
-    With `encoder_zero` on, the zero of the joint's encoder [rad] too.
+    If `encoder_zero` is enabled, also the zero of the joint's encoder [rad].
     """
     effects, seed = settings.effects, settings.seed
     zero = effects.encoder_zero.value * effects.joint_encoder.value * stream(seed, trial, "encoder_zero").uniform(-1, 1)
@@ -33,7 +33,7 @@ def bench_errors(trial: str, settings: SimulationSettings) -> dict[str, float]:
 
 
 def rounded_to(signal: Array, step: float) -> Array:
-    """The signal rounded to the nearest multiple of `step`, in the signal's unit. A step of 0 rounds nothing."""
+    """The signal rounded to the nearest multiple of `step` [unit of the signal]. With step 0 it is not rounded."""
     return np.rint(signal / step) * step if step else signal
 
 

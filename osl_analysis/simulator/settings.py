@@ -1,6 +1,6 @@
 """The simulated campaign as a validated file, such as `config/simulation/default.yaml`.
 
-It holds choices only. The device's physical parameters stand in the parameter file that `parameters` names.
+It contains choices only. The device's physical parameters are in the file that `parameters` names.
 """
 
 from pathlib import Path
@@ -16,9 +16,10 @@ from osl_analysis.yaml_settings import Settings
 
 Count = Annotated[int, Field(ge=0)]
 SAMPLES_PER_CYCLE = 10
-"""Smallest number of samples of the bench's log in a cycle of the fastest sine."""
+"""Smallest number of samples of the bench's log in one cycle of the fastest sine."""
 LONGEST_DELAY_S = 0.03
-"""Longest delay [s] of the control loop. With a longer one no impedance is stable (linear theory: 0.4 to 25 ms)."""
+"""Longest delay [s] of the control loop. With a longer delay no impedance is stable (the limits by linear theory are
+0.4 to 25 ms)."""
 
 
 class Experiments(Settings):
@@ -42,7 +43,7 @@ class Experiments(Settings):
     static: Count = 0
     """Number of static trials."""
     plate: Count = 0
-    """Number of plate trials: a perturbation with nobody on the platform."""
+    """Number of plate trials: a perturbation of the unloaded platform."""
     walking: Count = 0
     """Number of crossings."""
     perturbed_share: Annotated[float, Field(ge=0, le=1)] = 0.5
@@ -76,7 +77,7 @@ class Drivetrain(Settings):
     sign_width: Positive
     """Velocity [rad/s] of the actuator over which the controller smooths its sign."""
     hysteresis_width: Positive
-    """Deflection [rad] over which the belt's hysteresis turns round."""
+    """Deflection [rad] over which the belt's hysteresis torque changes sign after a reversal."""
 
     @model_validator(mode="after")
     def _even(self) -> Self:
@@ -105,9 +106,9 @@ class SimulationSettings(Settings):
     effects: Effects
     """Every imperfection of bench, drivetrain and controller."""
     recorder: RecorderSettings = RecorderSettings()
-    """What recorders and sensors do to the true signals."""
+    """Imperfections of recorders and sensors."""
     joint: SecondOrderJoint | None = None
-    """A joint that answers in every impedance trial in place of the drivetrain."""
+    """A second-order joint that replaces the drivetrain in every impedance trial; null: the drivetrain."""
     actuator: ActuatorBench | None = None
     """The schedule of actuator trials."""
     walking: Path | None = None

@@ -25,7 +25,8 @@ WRENCH_TEXT = (
 def joint_states(
     topic: str, frame_id: str, time: Array, position: Mapping[str, Array], effort: Mapping[str, Array]
 ) -> Topic:
-    """JointState messages: positions [rad] by joint, (n,) each, and what the effort of some joints holds; else 0."""
+    """JointState messages: positions [rad] by joint, (n,) each, and the effort of some joints; the other efforts are
+    0."""
     names = [name.encode() + b"\0" for name in position]
     members = header_members(len(frame_id) + 1) | {"names": "<u4"}
     for k, name in enumerate(names):
@@ -45,7 +46,7 @@ def joint_states(
 
 
 def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> Topic:
-    """WrenchStamped messages with a torque [N*m] about z, (n,), and nothing else."""
+    """WrenchStamped messages with a torque [N*m] about z, (n,). All other components are 0."""
     axes = [f"{vector}.{axis}" for vector in ("force", "torque") for axis in "xyz"]
     records = stamped(header_members(len(frame_id) + 1) | dict.fromkeys(axes, "<f8"), frame_id, time)
     records["torque.z"] = torque
@@ -53,7 +54,7 @@ def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> Topic:
 
 
 def stamped(members: Mapping[str, str], frame_id: str, time: Array) -> "np.ndarray[tuple[int], np.dtype[np.void]]":
-    """Records (n,) of which only the header is filled in; padding and all else are zero."""
+    """Records (n,) with the header filled in. All other bytes are zero."""
     records = np.zeros(len(time), aligned(members))
     name = frame_id.encode() + b"\0"
     records["encapsulation"], records["frame_id_length"], records["frame_id"] = ENCAPSULATION, len(name), name

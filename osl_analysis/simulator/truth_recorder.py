@@ -21,7 +21,7 @@ def bench_truth(
     gains: Gains | None,
     drawn: Mapping[str, float],
 ) -> dict[str, object]:
-    """What made a bench trial: its parameters (with this trial's K_s), gains, effects, recorder and `drawn` errors."""
+    """The truth of a bench trial: parameters (with this trial's K_s), gains, effects, recorder and `drawn` errors."""
     return {
         "trial": trial,
         "seed": settings.seed,
@@ -35,7 +35,7 @@ def bench_truth(
 
 
 def write_truth(folder: Path, trial: str, truth: Mapping[str, object]) -> None:
-    """Write the numbers that made a trial to `truth/<trial>.json` in the campaign's raw folder."""
+    """Write the truth of a trial to `truth/<trial>.json` in the campaign's raw folder."""
     with atomic_path(folder / "truth" / f"{trial}.json") as path:
         path.write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
 

@@ -1,4 +1,4 @@
-"""What Vicon records of a trial: markers with noise and gaps, force plate, sync and trigger channels."""
+"""The simulated Vicon recording: markers with noise and gaps, force plate, sync and trigger channels."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ SHANK = {
     "SHANK3": (-0.035, 0.050, 0.255),
     "SHANK4": (0.060, 0.025, 0.330),
 }
-# from the centre of the plate's surface [m]; one stands on a post, so that the four span space
+# from the centre of the plate's surface [m]; one is on a post, so that the four do not lie in a plane
 PLATFORM = {
     "PLAT1": (0.285, 0.235, 0.004),
     "PLAT2": (-0.285, 0.230, 0.004),
@@ -57,7 +57,7 @@ class SyncLine:
 
 
 def draw_sync(trial: str, seed: int, duration: float) -> SyncLine:
-    """An irregular pulse train over the duration [s] of a recording. No two parts of it are alike."""
+    """An irregular pulse train over the duration [s] of a recording. Its pattern does not repeat."""
     intervals = stream(seed, trial, "sync").uniform(*SYNC_INTERVAL_S, int(duration / SYNC_INTERVAL_S[0]) + 1)
     edges = np.cumsum(intervals)
     return SyncLine(edges[edges < duration])
@@ -94,7 +94,7 @@ def on_body(body: Pose, places: Mapping[str, tuple[float, float, float]]) -> dic
 
 
 def vicon_recording(trial: str, seed: int, scene: Scene, walking: WalkingSettings) -> C3dRecording:
-    """What Vicon records of a scene; the sync line is the trial's (`draw_sync`)."""
+    """The Vicon recording of a scene, with the sync line of the trial (`draw_sync`)."""
     rates, effects = walking.rates, walking.effects
     exact = np.stack(list(scene.markers.values()), axis=1)[:: rates.motion_hz // rates.points_hz]
     time = np.arange(len(exact) * (rates.analogs_hz // rates.points_hz)) / rates.analogs_hz
@@ -120,7 +120,7 @@ def vicon_recording(trial: str, seed: int, scene: Scene, walking: WalkingSetting
 
 
 def trigger(time: Array, command: float | None) -> Array:
-    """1 while the trigger is high, else 0. A platform that rests gets no trigger."""
+    """1 while the trigger is high, else 0. Without a command the trigger stays 0."""
     if command is None:
         return np.zeros_like(time)
     return np.asarray((time >= command) & (time < command + TRIGGER_S), dtype=float)

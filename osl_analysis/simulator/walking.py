@@ -33,7 +33,7 @@ from osl_analysis.trial import Array
 
 @dataclass(frozen=True)
 class GaitLaboratory:
-    """What the trials of a campaign share: settings, and the campaign's raw folder."""
+    """Settings and raw folder of a campaign, the same for all its trials."""
 
     settings: SimulationSettings
     walking: WalkingSettings
@@ -49,8 +49,8 @@ def simulate_walking_trial(
 ) -> None:
     """Simulate one row of the sample sheet, of experiment walking, plate or static, into a campaign's raw folder.
 
-    Writes the truth first, so that a log never stands without it, then `leg/<trial>.mcap` where the leg walks and
-    `vicon/<trial>.c3d`.
+    Writes the truth first, so that every log has a truth. Then writes `vicon/<trial>.c3d` and, for a walking trial,
+    `leg/<trial>.mcap`.
 
     Raises
     ------
@@ -81,7 +81,8 @@ def motion_grid(walking: WalkingSettings) -> Array:
 
 
 def record_crossing(row: Mapping[str, object], laboratory: GaitLaboratory, p: DrivetrainParameters) -> None:
-    """A crossing, simulated without the perturbation too, so that the truth knows what the perturbation did.
+    """Record a crossing. It is also simulated without the perturbation: the truth contains the effect of the
+    perturbation.
 
     The controller compensates unless the row's controller is 'uncompensated'.
     """
@@ -98,14 +99,14 @@ def record_crossing(row: Mapping[str, object], laboratory: GaitLaboratory, p: Dr
 
 
 def scene_of(walked: SimulatedCrossing, walking: WalkingSettings) -> Scene:
-    """What there is to record of a crossing."""
+    """The quantities of a crossing that Vicon records."""
     motion = walked.motion
     markers = leg_markers(motion.foot, motion.shank) | platform_markers(motion.platform.pose, walking)
     return Scene(markers, motion.platform.pose, walked.reaction, motion.platform.command)
 
 
 def record_unloaded(trial: str, laboratory: GaitLaboratory) -> None:
-    """A perturbation with nobody on the platform."""
+    """Record a perturbation of the unloaded platform."""
     walking = laboratory.walking
     time = motion_grid(walking)
     platform = unloaded_platform(time, trial, laboratory.settings.seed, walking)
@@ -118,7 +119,7 @@ def record_unloaded(trial: str, laboratory: GaitLaboratory) -> None:
 
 
 def record_standing(trial: str, laboratory: GaitLaboratory) -> None:
-    """Standing still: foot flat, shank upright, half the body's weight straight above the ankle."""
+    """Record quiet standing: foot flat, shank upright, half the body weight vertically above the ankle."""
     walking = laboratory.walking
     time = motion_grid(walking)
     platform = resting_platform(time)
@@ -132,20 +133,20 @@ def record_standing(trial: str, laboratory: GaitLaboratory) -> None:
 
 
 def record_scene(trial: str, laboratory: GaitLaboratory, scene: Scene) -> None:
-    """Write what Vicon records of a scene."""
+    """Write the Vicon recording of a scene."""
     recording = vicon_recording(trial, laboratory.settings.seed, scene, laboratory.walking)
     write_c3d(laboratory.folder / "vicon" / f"{trial}.c3d", recording)
 
 
 def write_platform_truth(trial: str, laboratory: GaitLaboratory, time: Array, platform: PlatformMotion) -> None:
-    """Write the exact motion of a platform that nobody walks over."""
+    """Write the exact motion of a platform without a foot on it."""
     curves = platform_curves(time, platform, laboratory.walking)
     write_curves(laboratory.folder, trial, curves, analog_stride(laboratory.walking))
     write_facts(trial, laboratory, {"command_s": platform.command, "onset_s": platform.onset})
 
 
 def crossing_facts(walked: SimulatedCrossing, unperturbed: SimulatedCrossing, clock: LegClock) -> dict[str, object]:
-    """What was drawn for a crossing, and the impedance that the leg rendered in it."""
+    """The random quantities of a crossing, and the impedance that the leg rendered in it."""
     step, platform = walked.step, walked.motion.platform
     return {
         "perturbed": platform.onset is not None,
@@ -161,7 +162,7 @@ def crossing_facts(walked: SimulatedCrossing, unperturbed: SimulatedCrossing, cl
 
 
 def write_facts(trial: str, laboratory: GaitLaboratory, facts: Mapping[str, object]) -> None:
-    """Write what was drawn for a trial, and the settings that made it."""
+    """Write the random quantities of a trial, and its settings."""
     effects = {
         "effects": laboratory.settings.effects.model_dump(),
         "gait_laboratory": laboratory.walking.model_dump(mode="json"),

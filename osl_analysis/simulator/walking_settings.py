@@ -1,7 +1,7 @@
 """The gait laboratory of a simulated campaign as a validated file, such as `config/simulation/walking.yaml`.
 
-It holds choices only. The leg's drivetrain has its parameter file. The imperfections of its controller stand in the
-campaign's simulation settings.
+It contains choices only. The parameters of the leg's drivetrain are in the parameter file. The imperfections of its
+controller are in the campaign's simulation settings.
 """
 
 import math
@@ -91,7 +91,7 @@ class Perturbation(Settings):
 
 
 class Body(Settings):
-    """The inertia of a body. Its mass is the size of the effect that shows it."""
+    """The inertia of a body. Its mass is the size of an effect (`foot_inertia` or `plate_inertia`)."""
 
     centre_of_mass_m: Vector
     """Centre of mass [m] in the body's axes."""
@@ -113,8 +113,8 @@ class Plate(Body):
     nominal_ankle_m: tuple[float, float]
     """Point [m] of the surface above which participants put the ankle. The platform turns about an axis through it."""
     full_motion_every: Count
-    """Interval, in plate trials, at which the platform also shifts and tilts about another axis, so that all of its
-    inertia shows. 0: never."""
+    """Interval, in plate trials, at which the platform also shifts and tilts about another axis, so that all its
+    inertial parameters can be identified. 0: never."""
 
 
 class WalkingEffects(Settings):
@@ -141,7 +141,7 @@ class WalkingEffects(Settings):
     foot_yaw: Annotated[Effect, in_unit("deg")]
     """Scatter of the foot's direction on the platform. The ankle's axis turns with it."""
     shank_yield: Annotated[Effect, in_unit("%")]
-    """Share of the perturbation by which the shank gives way within 0.2 s."""
+    """Share of the platform's rotation by which the shank rotates within 0.2 s."""
     foot_slip: Annotated[Effect, in_unit("mm")]
     """Distance by which the foot slides back during the perturbation."""
     foot_inertia: Annotated[Effect, in_unit("kg")]

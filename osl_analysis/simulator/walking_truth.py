@@ -1,4 +1,4 @@
-"""The exact curves of a gait-laboratory trial, and the impedance that the leg really rendered."""
+"""The exact curves of a gait-laboratory trial, and the impedance that the leg rendered."""
 
 import numpy as np
 
@@ -13,10 +13,10 @@ WINDOW_S = 0.1
 
 
 def rendered_impedance(perturbed: SimulatedCrossing, unperturbed: SimulatedCrossing) -> dict[str, float]:
-    """K [N*m/rad], B [N*m*s/rad] and I [kg*m^2] by which the drivetrain answered the perturbation alone.
+    """K [N*m/rad], B [N*m*s/rad] and I [kg*m^2] of the drivetrain's response to the perturbation.
 
-    Least squares of d_torque = K d_theta + B d_omega + I d_alpha without intercept, over the 100 ms after the onset:
-    both crossings are the same but for the perturbation, so that the differences are exactly zero before it.
+    Least squares of d_torque = K d_theta + B d_omega + I d_alpha without intercept, over the 100 ms after the onset.
+    Both crossings are identical before the onset, so that the differences are exactly zero there.
     """
     onset = perturbed.motion.platform.onset
     if onset is None:
@@ -63,7 +63,7 @@ def crossing_curves(
 
 
 def platform_curves(time: Array, platform: PlatformMotion, walking: WalkingSettings) -> dict[str, Array]:
-    """Exact curves of a platform that nobody walks over: its angle [rad] and the centre of the plate's surface [m]."""
+    """Exact curves of a platform without a foot: its angle [rad] and the centre of the plate's surface [m]."""
     centre = platform.pose.point(np.array(walking.plate.centre_m))
     return {"time": time, "platform_angle": platform.angle} | components("plate_centre", centre)
 

@@ -23,7 +23,8 @@ from osl_analysis.formats.mcap.walk import (
 from osl_analysis.formats.messages.leaves import Indices
 
 LARGEST_CHUNK = 256 << 20
-"""Bytes that a compressed chunk may declare. Recorders write 1 to 8 MB; what declares more is damaged or malicious."""
+"""Bytes that a compressed chunk may declare. Recorders write 1 to 8 MB; a chunk that declares more than the limit is
+damaged or malicious."""
 
 
 class DamagedChunkError(Exception):

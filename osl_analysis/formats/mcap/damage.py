@@ -1,4 +1,4 @@
-"""What a log has lost: counted while it is read, and reported in the trial's provenance under `damage`."""
+"""Losses of a log, counted while it is read and reported in the trial's provenance under `damage`."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,7 +17,7 @@ class Damage:
     declared_messages: int | None = None
     """Messages in the file according to its summary; None without a summary that can be trusted."""
     declared_chunks: int | None = None
-    """Chunks in the file according to its summary; None as above."""
+    """Chunks in the file according to its summary; None without a summary that can be trusted."""
     messages: int = 0
     """Messages that were read."""
     verified: int = 0
@@ -37,12 +37,12 @@ class Damage:
     bytes_lost: int = 0
     """Bytes of the data section that could not be read."""
     remarks: list[str] = field(default_factory=list)
-    """What is wrong with the file, a sentence each."""
+    """Faults of the file, a sentence each."""
     more_remarks: int = 0
     """Remarks beyond the first ones, which are counted only."""
 
     def remark(self, text: str) -> None:
-        """Add a remark; a file that is damaged everywhere does not fill the report."""
+        """Add a remark. The number of remarks is limited."""
         if len(self.remarks) < MOST_REMARKS:
             self.remarks.append(text)
         else:

@@ -1,4 +1,4 @@
-"""MCAP files, read a chunk at a time: every intact chunk is read, whatever happened to the others."""
+"""MCAP files, read chunk by chunk. Every intact chunk is read, also if others are damaged."""
 
 import mmap
 from collections.abc import Iterator
@@ -33,7 +33,7 @@ class McapFile:
     schemas: dict[int, Schema] = field(default_factory=dict)
     """Schemas by number; complete once the blocks are read."""
     damage: Damage = field(default_factory=Damage)
-    """What is lost; complete once the blocks are read."""
+    """Losses; complete once the blocks are read."""
 
     def blocks(self) -> Iterator[MessageBlock]:
         """The messages of every intact chunk, and those outside of chunks, in the order of the file. Call it once."""
@@ -84,7 +84,7 @@ class McapFile:
         lose_section(self.damage, self.data, section, remark, messages)
 
     def declared(self, block: MessageBlock) -> MessageBlock:
-        """The block without messages of undeclared channels: nothing says what they hold."""
+        """The block without messages of undeclared channels, whose content is unknown."""
         known = np.zeros(1 << 16, bool)
         known[list(self.channels)] = True
         known = known[block.channel]

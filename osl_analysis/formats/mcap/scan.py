@@ -1,6 +1,6 @@
-"""The top level of an MCAP file, scanned from the front and past damage: where its chunks are, and what is lost.
+"""Scan of the top level of an MCAP file from the front, also past damage: places of its chunks, and losses.
 
-The summary at the end is not needed, so that the file of a recorder that was killed is read in the same way.
+The summary at the end is not needed. The file of a recorder that was killed is therefore read in the same way.
 """
 
 import re
@@ -43,7 +43,7 @@ class FileSection:
     end: int
     """The byte after the last one."""
     walk: RecordWalk | None = None
-    """Where the loose messages stand."""
+    """Places of the loose messages."""
     indexes: list[tuple[int, int]] = field(default_factory=list)
     """Start and end of the message index records that follow a chunk."""
     harmless: bool = False
@@ -52,7 +52,7 @@ class FileSection:
 
 @dataclass
 class Scan:
-    """What was found at the top level of a file."""
+    """Result of the scan of a file's top level."""
 
     sections: list[FileSection] = field(default_factory=list)
     """The parts of the data section, in order."""
@@ -160,7 +160,7 @@ def record_header(data: Buffer, position: int) -> tuple[int, int]:
 
 
 def take_lost(scan: Scan, data: Buffer, position: int) -> int:
-    """Note that nothing can be read at `position`; returns where the next sound record or the end of the file is.
+    """Note that nothing can be read at `position`. Returns the place of the next sound record or of the file's end.
 
     In a file with chunks, messages found outside of them are not used: they belong to a damaged chunk, whose checksum
     cannot be checked.
@@ -191,7 +191,7 @@ def resume_at(scan: Scan, data: Buffer, begin: int, pattern: re.Pattern[bytes]) 
 
 
 def is_sound(data: Buffer, opcode: int, start: int, end: int) -> bool:
-    """Whether the content of a record fits its opcode; where the content tells little, a record must follow."""
+    """Whether the content of a record fits its opcode. If this is uncertain, another record must follow."""
     if opcode == Opcode.CHUNK:
         return is_chunk(data, start, end)
     if opcode == Opcode.MESSAGE_INDEX:

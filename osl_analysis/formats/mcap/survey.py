@@ -9,7 +9,7 @@ from osl_analysis.formats.mcap.mcap_file import McapFile
 from osl_analysis.formats.messages.leaves import Indices
 
 MOST_STAMPS = 10_000_000
-"""Log times of a file that are kept; of what comes after them the messages are counted only."""
+"""Largest number of log times that are kept. Later messages are only counted."""
 
 
 @dataclass
@@ -19,7 +19,7 @@ class ChannelSurvey:
     channel: Channel
     """Its topic and encoding."""
     schema: Schema | None
-    """What describes its messages; JSON needs none."""
+    """Schema of its messages; None for JSON."""
     messages: int = 0
     """How many messages it has."""
     first: bytes | None = None
@@ -33,7 +33,7 @@ class ChannelSurvey:
 
 
 def survey_channels(file: McapFile) -> list[ChannelSurvey]:
-    """All channels of a file, those without messages too; the file is gone through once, a chunk at a time."""
+    """All channels of a file, also those without messages. The file is read once, chunk by chunk."""
     surveys: dict[int, ChannelSurvey] = {}
     kept = 0
     for block in file.blocks():

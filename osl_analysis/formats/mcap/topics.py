@@ -34,7 +34,7 @@ class Decoded:
     present: dict[str, NDArray[np.bool_]]
     """Whether the message has the field, by path."""
     how: list[dict[str, Any]] = field(default_factory=list)
-    """What decoded the messages of each channel, for the provenance."""
+    """How the messages of each channel were decoded, for the provenance."""
 
 
 @dataclass
@@ -44,7 +44,7 @@ class ChannelReader:
     channel: Channel
     """Topic and encoding."""
     schema: Schema | None
-    """What describes the messages."""
+    """Schema of the messages; None for JSON."""
     reader: Reader
     """Reads the wanted fields."""
     parts: list[tuple[Indices, Indices, Values]] = field(default_factory=list)
@@ -67,7 +67,7 @@ class ChannelReader:
             self.parts.append((log_time, place, values) if is_all else (log_time[rows], place[rows], values))
 
     def how(self) -> dict[str, Any]:
-        """What decoded its messages, for the provenance."""
+        """How its messages were decoded, for the provenance."""
         return {
             "channel": self.channel.id,
             "encoding": self.channel.message_encoding,
@@ -85,7 +85,8 @@ def decode_topics(
 ) -> dict[str, Decoded]:
     """The wanted fields of each topic, from all its channels, in one pass through the file.
 
-    Fields of `optional` may be absent, and so may those of `either`, which say the same in different spellings.
+    Fields of `optional` may be absent. Fields of `either` are different spellings of the same field; some may be
+    absent.
 
     Raises
     ------
@@ -163,7 +164,7 @@ def joined_field(
 
 
 def describe_message(channel: Channel, schema: Schema | None, payload: bytes | None) -> list[FieldDescription]:
-    """The fields of a channel's message; without a message, those that the schema tells of.
+    """The fields of a channel's message; without a message, the fields of its schema.
 
     Raises
     ------

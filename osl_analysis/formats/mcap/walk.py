@@ -31,14 +31,14 @@ Buffer = bytes | mmap
 
 @dataclass
 class RecordWalk:
-    """What a walk through the records of a buffer found."""
+    """Result of a walk through the records of a buffer."""
 
     messages: Indices
     """Where the message records begin [bytes]."""
     others: list[tuple[int, int, int]] = field(default_factory=list)
     """Opcode, start and end of the content of schema and channel records."""
     end: int = 0
-    """Where the walk ended [bytes]: the end of the buffer, or the first bytes that are no record."""
+    """End of the walk [bytes]: the end of the buffer, or the first bytes that are not a record."""
     heads: NDArray[Any] | None = None
     """Heads of the message records, where the walk read them all at once."""
 

@@ -1,4 +1,4 @@
-"""The fields of one message: paths, types and lengths, for a person who has yet to name them."""
+"""The fields of one message: paths, types and lengths, for a user who writes a source file."""
 
 import json
 import re
@@ -25,7 +25,7 @@ class FieldDescription:
     type: str
     """Type of the number, such as float64 or bool."""
     length: int | None = None
-    """Elements in the message that was looked at; None for a single number."""
+    """Number of elements in the inspected message; None for a single number."""
     labels: tuple[str, ...] = ()
     """The array's elements by label, such as `name=ankle`; empty where no array of text beside it names them."""
 

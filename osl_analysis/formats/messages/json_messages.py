@@ -39,7 +39,7 @@ class ByText:
     paths: Sequence[str]
     """Paths of the fields to read."""
     either: Collection[str] = ()
-    """Fields that say the same in different spellings: once one was seen, the others are not looked for."""
+    """Different spellings of the same field. After one was seen, the others are not searched."""
     types: Types = field(default_factory=dict)
     """Types of the top-level fields that lead to the wanted ones, as far as they were seen."""
     kinds: dict[str, Any] = field(default_factory=dict)
@@ -91,7 +91,7 @@ class ByText:
         return None
 
     def may_know_more(self, texts: Sequence[bytes]) -> bool:
-        """Whether the messages may hold a wanted field that was not seen so far."""
+        """Whether the messages may have a wanted field that was not seen so far."""
         unseen = set(self.paths) - set(self.kinds)
         if not unseen.issuperset(self.either):
             unseen.difference_update(self.either)
@@ -105,7 +105,8 @@ class ByText:
         return not any((np.abs(column.drop_nulls().to_numpy()) >= EXACT).any() for column in whole)
 
     def in_kind(self, path: str, numbers: NDArray[Any]) -> NDArray[Any]:
-        """Integers that were read as float64, as integers again; joined with larger ones they would be rounded."""
+        """Integers that were read as float64, converted back. Otherwise they would be rounded when joined with larger
+        ones."""
         if self.kinds[path] != pl.Int64 or numbers.dtype == np.int64:
             return numbers
         whole = numbers.astype(np.int64)

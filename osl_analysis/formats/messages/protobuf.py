@@ -1,7 +1,7 @@
 """Protobuf messages: the walk through one message, which finds where its numbers are, by its descriptor.
 
-The guards are tags, lengths, and the ends of varints. What no template can describe is left to google.protobuf: groups,
-arrays in pieces, enumerations that refuse unknown values.
+The guards are tags, lengths, and the ends of varints. Groups, arrays in pieces, and enumerations that refuse unknown
+values have no template; google.protobuf decodes them.
 """
 
 from collections import Counter
@@ -82,7 +82,7 @@ class ProtobufWalk(MessageWalk):
             self.one_field(item, wire, end, prefix, depth)
 
     def one_of(self, item: FieldDescriptor | None, prefix: str) -> None:
-        """Of the fields of a `oneof` the last one that is written counts: no template can describe that."""
+        """Refuse a `oneof` that is written twice: its last field counts, which no template can describe."""
         others = item.containing_oneof.fields if item is not None and item.containing_oneof else ()
         taken = tuple(prefix + other.name for other in others if item is None or other.number != item.number)
         for path in self.leaves if taken else ():
@@ -136,7 +136,7 @@ class ProtobufWalk(MessageWalk):
         self.leaves[path] = Leaf(extent.start, dtype, count)
 
     def note(self, item: FieldDescriptor, prefix: str, leaf: Leaf | Varint) -> None:
-        """Note where a number is; of a field that is written twice the last value counts."""
+        """Note the place of a number. If a field is written twice, the last value counts."""
         path = prefix + item.name
         if path in self.leaves and item.is_repeated:
             raise NoTemplateError(f"array '{path}' is written in pieces")

@@ -134,7 +134,7 @@ class ByShape:
     misfits: int = 0
     """Messages that do not fit their schema."""
     misfit: str = ""
-    """What is wrong with the first of these."""
+    """What is wrong with the first of the misfits."""
 
     def read(self, buffer: bytes | mmap, starts: Indices, lengths: Indices) -> Iterator[tuple[Indices, Values]]:
         """Batches of messages: their places among `starts`, and their numbers by path; misfits are only counted."""

@@ -50,7 +50,7 @@ rule study_table:
     log:
         RESULTS / "logs/study/table.log",
     params:
-        code=jobs.code("commands.study"),
+        code=jobs.code_of("study.summarise"),
     run:
         jobs.run_job(log, "study.summarise", input, output, params)
 

@@ -30,7 +30,7 @@ rule ingest:
     log:
         RESULTS / "logs/ingest/{trial}.log",
     params:
-        code=jobs.code("commands.ingest"),
+        code=jobs.code_of("ingest.ingest_trial"),
         row=lambda wildcards: CAMPAIGN.recording(wildcards.trial),
         raw_folder=str(RAW),
         sources_folder=str(CONFIG.sources),
@@ -47,7 +47,7 @@ rule check_quality:
     log:
         RESULTS / "logs/quality/{trial}.log",
     params:
-        code=jobs.code("commands.quality"),
+        code=jobs.code_of("quality.check_trial"),
         rules=CONFIG.quality.model_dump(mode="json"),
         commanded=CONFIG.dynamometer.model_dump(mode="json", include=set(PROTOCOL)),
         experiment=lambda wildcards: CAMPAIGN.row(wildcards.trial)["experiment"],
@@ -64,7 +64,7 @@ rule excluded_trials:
     log:
         RESULTS / "logs/tables/excluded.log",
     params:
-        code=jobs.code("commands.quality"),
+        code=jobs.code_of("quality.list_excluded"),
         by_sheet=dict(CAMPAIGN.excluded),
     run:
         jobs.run_job(log, "quality.list_excluded", input, output, params)

@@ -46,17 +46,18 @@ class Rendering:
     faithful_to_hz: Array
 
 
-def rendering(
-    K_1: ArrayLike, B_1: ArrayLike, K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters, J_j: float = 0.0
-) -> Rendering:
-    """Properties of the impedance that gains K_1, B_1 render for desired K_d, B_d, all of shape (pairs,)."""
+def rendering(K_1: ArrayLike, B_1: ArrayLike, K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> Rendering:
+    """Properties of the impedance that gains K_1, B_1 render for desired K_d, B_d, all of shape (pairs,).
+
+    J_j is neglected, as in the paper.
+    """
     K_1, B_1, K_d, B_d = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (K_1, B_1, K_d, B_d)))
-    decay = [-np.max(joint_admittance(k, b, p, J_j).poles().real) for k, b in zip(K_1, B_1, strict=True)]
+    decay = [-np.max(joint_admittance(k, b, p).poles().real) for k, b in zip(K_1, B_1, strict=True)]
     return Rendering(
         np.array(decay),
         delay_margin(K_1, B_1, p),
-        positive_real(K_1, B_1, p) & (J_j == 0),
-        faithful_frequency(K_1, B_1, K_d, B_d, p, J_j),
+        positive_real(K_1, B_1, p),
+        faithful_frequency(K_1, B_1, K_d, B_d, p),
     )
 
 
@@ -88,11 +89,11 @@ def positive_real(K_1: Array, B_1: Array, p: DrivetrainParameters) -> NDArray[np
     return np.asarray(linear >= -2 * np.sqrt(square * constant))
 
 
-def faithful_frequency(K_1: Array, B_1: Array, K_d: Array, B_d: Array, p: DrivetrainParameters, J_j: float) -> Array:
+def faithful_frequency(K_1: Array, B_1: Array, K_d: Array, B_d: Array, p: DrivetrainParameters) -> Array:
     """First frequency [Hz] at which |Z - Z_d| = 0.1 |Z_d|, a root of a polynomial in w^2. Infinite without a root."""
     frequency = np.full(K_1.shape, np.inf)
     for i, (k, b, stiffness, damping) in enumerate(zip(K_1, B_1, K_d, B_d, strict=True)):
-        Y = joint_admittance(k, b, p, J_j)
+        Y = joint_admittance(k, b, p)
         asked = np.convolve(Y.numerator, [damping, stiffness])
         size = max(len(asked), len(Y.denominator))
         asked, rendered = (np.pad(u, (size - len(u), 0)) for u in (asked, Y.denominator))

@@ -29,6 +29,10 @@ class Table:
     published: bool = True
 
 
+TIME_BASE = Table("timebase", judged=False)
+"""What the time base did to a trial: every bench experiment has rows in it."""
+
+
 @dataclass(frozen=True)
 class Fit:
     """The job that fits one trial; it writes a file per table of the experiment.
@@ -101,6 +105,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         tables=(
             Table("belt", derived={"belt_summary": "bench.summarise_belt"}),
             Table("belt_curves", judged=False, published=False),
+            TIME_BASE,
         ),
         fit=Fit(
             "bench.fit_belt_trial",
@@ -115,7 +120,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         torque="torque",
         stepped_sine=True,
         log="dynamometer",
-        tables=(Table("transmission", derived={"transmission_summary": "bench.summarise_transmission"}),),
+        tables=(Table("transmission", derived={"transmission_summary": "bench.summarise_transmission"}), TIME_BASE),
         fit=Fit("bench.fit_transmission_trial", {"settings": ("dynamometer", "SteppedSineAnalysis")}, parameters=True),
     ),
     "actuator": Experiment(
@@ -125,7 +130,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         torque="torque_m",
         signals=("current",),
         log="actuator",
-        tables=(Table("actuator", derived={"actuator_summary": "bench.summarise_actuator"}),),
+        tables=(Table("actuator", derived={"actuator_summary": "bench.summarise_actuator"}), TIME_BASE),
         fit=Fit("bench.fit_actuator_trial", {"settings": ("actuator", "ActuatorAnalysis")}, parameters=True),
     ),
     "impedance": Experiment(
@@ -140,6 +145,7 @@ EXPERIMENTS: dict[str, Experiment] = {
             Table("impedance"),
             Table("phasors", derived={"frequency_response": "bench.average_over_amplitudes"}),
             Table("estimators"),
+            TIME_BASE,
         ),
         fit=Fit(
             "bench.fit_impedance_trial",

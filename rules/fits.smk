@@ -20,6 +20,8 @@ for experiment, facts in EXPERIMENTS.items():
             **{table.name: RESULTS / f"fits/{table.name}/{{trial}}.csv" for table in facts.tables},
         log:
             RESULTS / f"logs/{experiment}/{{trial}}.log",
+        wildcard_constraints:
+            trial=CAMPAIGN.pattern(experiment),
         params:
             **{name: getattr(CONFIG, section).part(model) for name, (section, model) in facts.fit.settings.items()},
             **({"condition": sheet_row(*facts.fit.sheet)} if facts.fit.sheet else {}),

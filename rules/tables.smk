@@ -1,7 +1,10 @@
 """Fits of single trials -> tidy tables over trials -> the headline numbers."""
 
 TABLES = [(name, table) for name, facts in EXPERIMENTS.items() for table in facts.tables]
-PER_TRIAL = {table.name: CAMPAIGN.rows_of(name, table) for name, table in TABLES} | {
+PER_TRIAL = {
+    table.name: [trial for name, one in TABLES if one.name == table.name for trial in CAMPAIGN.rows_of(name, one)]
+    for _, table in TABLES
+} | {
     "model_comparison": COMPARISONS,
     "quality": CAMPAIGN.trials(),
 }

@@ -211,7 +211,8 @@ def test_from_log_to_headline_numbers(tmp_path, campaign):
         simulate_trial(campaign, tmp_path, name)
         row = {"trial": name, "experiment": "actuator", "log": f"actuator/{name}.mcap", "log_source": "actuator"}
         ingest_trial(row, tmp_path, Path("config/sources"), tmp_path / f"{name}.parquet")
-        fit_actuator_trial(tmp_path / f"{name}.parquet", DEVICE, analysis, {"actuator": tmp_path / f"{name}.csv"})
+        tables = {"actuator": tmp_path / f"{name}.csv", "timebase": tmp_path / f"{name}_timebase.csv"}
+        fit_actuator_trial(tmp_path / f"{name}.parquet", DEVICE, analysis, tables)
     assert set(read_trial(tmp_path / "actuator_1.parquet").samples.columns) == {
         "time",
         "theta_m",

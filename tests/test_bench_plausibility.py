@@ -79,7 +79,9 @@ def scaled(experiment, **factors):
 def in_campaign(tmp_path, experiment, recording, bench=BENCH):
     """The last row of the table, as a campaign's job and the limits of the configuration make it."""
     write_trial(Trial("made", pl.DataFrame(recording)), tmp_path / "made.parquet")
-    tables = {name: tmp_path / f"{name}.csv" for name in (experiment, "phasors", "estimators", "belt_curves")}
+    tables = {
+        name: tmp_path / f"{name}.csv" for name in (experiment, "phasors", "estimators", "belt_curves", "timebase")
+    }
     settings = ACTUATOR if experiment == "actuator" else bench
     if experiment == "impedance":
         condition = DesiredImpedance("compensated", 200, 4)

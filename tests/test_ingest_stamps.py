@@ -127,3 +127,16 @@ def test_topics_of_different_rates_keep_their_own_rows_and_nothing_is_invented(t
     assert samples["theta"].drop_nulls().to_list() == list(range(0, 60, 2))
     assert samples["theta_m"].drop_nulls().to_list() == list(range(1, 60, 10))
     assert samples.select(pl.col("theta").is_null() ^ pl.col("theta_m").is_null()).to_series().all()
+
+
+def test_a_clock_that_is_set_back_by_less_than_a_second_is_refused_as_its_messages_fall_among_others(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(InputError, match=r"time goes back from .* s to .* s at message 151 of 250, and 49 messages"):
+        recording(tmp_path, [*range(0, 300, 2), *range(201, 401, 2)])
+
+
+def test_messages_that_are_late_together_fill_the_gap_that_they_left(tmp_path: Path) -> None:
+    read = recording(tmp_path, [*range(100), *range(150, COUNT), *range(100, 150)])
+    assert read.samples["time"].is_sorted()
+    assert read.facts["stamps"]["/lab"]["late"] == 50

@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 
 from osl_analysis.bench.frequency_response import trial_phasors
-from osl_analysis.bench.impedance import impedance_table
+from osl_analysis.bench.impedance import impedance_table, impedance_time_base
 from osl_analysis.bench.protocol import Block, Segment, settled
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
@@ -160,7 +160,10 @@ def test_short_stretches_of_cycles_are_not_used_beside_a_long_one():
 
 @pytest.mark.parametrize(
     ("shift", "problem"),
-    [(20.0, "share 0 rows, at least 20 are needed"), (0.0, "has no sample from 3.0000 s to 4.0000 s, 1.000 s long")],
+    [
+        (20.0, "overlap in 0 rows, at least 20 are needed"),
+        (0.0, "no sample from 3.0000 s to 4.0000 s, 1.000 s long"),
+    ],
 )
 def test_what_has_no_time_base_is_refused_by_trial_channel_and_time(shift, problem):
     stamps = times() + shift
@@ -169,3 +172,62 @@ def test_what_has_no_time_base_is_refused_by_trial_channel_and_time(shift, probl
         fitted(trial_of(motion(times())[0], torque(stamps - shift), stamps))
     assert "trial made: " in str(refused.value)
     assert "torque" in str(refused.value)
+
+
+FRAME = {"value": "3000 N*m/rad", "standard_error": "100 N*m/rad"}
+
+
+def test_the_bench_s_yielding_is_taken_off_the_angle_and_its_error_is_in_the_intervals():
+    """The bench's encoder sees the joint's angle and the frame's, wound up by the resisting torque."""
+    yielding = trial_of(motion(times())[0] + torque(times()) / 3000.0, torque(times()))
+    wrong = errors(fitted(yielding))
+    assert [round(wrong[name]) for name in ("K", "B", "I")] == [-9, -17, -49]
+    row = fitted(yielding, bench_stiffness=FRAME)
+    assert_right(row)
+    assert row["K_se"] == pytest.approx(300.0**2 * 100 / 3000**2, rel=0.01)
+    alone = fitted(yielding, bench_stiffness=FRAME | {"standard_error": "1e-6 N*m/rad"})
+    assert alone["K_se"] < 0.01 * row["K_se"]
+
+
+def test_a_bench_that_is_softer_than_the_joint_is_refused():
+    stiff = trial_of(motion(times())[0], torque(times()))
+    soft = {"value": "5 N*m/deg", "standard_error": "1 N*m/deg"}
+    with pytest.raises(InputError, match=r"trial made: K = .* is not between 0 and the bench's stiffness of 5 N"):
+        fitted(stiff, bench_stiffness=soft)
+
+
+@pytest.mark.parametrize("text", ["218", "-3 N*m/rad", "nan N*m/rad", "3 N*m", "stiff N*m/rad"])
+def test_a_bench_stiffness_without_number_or_unit_is_refused(text):
+    with pytest.raises(ValueError, match=r"write a positive number and one of N\*m/rad"):
+        DynamometerAnalysis(**SETTINGS, bench_stiffness={"value": text, "standard_error": "1 N*m/rad"})
+
+
+def test_undecided_stamps_are_also_taken_the_other_way_and_the_change_is_stated():
+    """At rest before and after, and with noise that drowns the evidence, 1 ms of scatter could be either."""
+    random = np.random.default_rng(3)
+    scattered = np.sort(times() + random.normal(0, 0.2e-3, len(times())))
+    theta = motion(scattered)[0] + random.normal(0, 2e-3, len(times()))
+    samples = pl.DataFrame(
+        {"time": scattered, "theta": theta, "torque": torque(scattered) + random.normal(0, 3, 13000)}
+    )
+    record = stepped_sine_trial(Trial("made", samples), DynamometerAnalysis(**SETTINGS))
+    table, row = impedance_time_base(record), impedance_table(record, trial_phasors(record)).row(-1, named=True)
+    assert not table["firm"][0]
+    assert table["other_hypothesis"][0].startswith("K ")
+    assert 0 < row["time_base_shift"] < 3
+    assert fitted(trial_of(motion(times())[0], torque(times())))["time_base_shift"] is None
+
+
+@pytest.mark.parametrize("ppm", [0.0, 50.0])
+def test_clocks_of_two_devices_that_drift_apart_are_measured_and_refused_beyond_two_ppm(ppm):
+    stamps = times()[:-1] + 0.3e-3
+    noise = np.random.default_rng(4).normal(0, 0.005, (2, len(times())))
+    two = trial_of(motion(times())[0], torque((stamps - 6) * (1 - 1e-6 * ppm) + 6) + noise[0, 1:], stamps)
+    if ppm:
+        with pytest.raises(InputError, match=r"trial made: the clocks of angle and torque drift apart by [45].* ppm"):
+            fitted(two)
+    else:
+        row = fitted(two)
+        assert row["clock_drift_se_ppm"] < 5
+        assert row["certain_clock_drift_ppm"] == 0
+    assert fitted(trial_of(motion(times())[0], torque(times())))["clock_drift_ppm"] is None

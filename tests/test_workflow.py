@@ -395,7 +395,9 @@ def test_the_log_of_a_job_says_what_was_done_with_what_and_how_long_it_took(work
     assert log["input"] == {"trial": "results/trials/belt_01.parquet", "parameters": "config/parameters/default.yaml"}
     assert log["output"]["tables"]["belt"] == "results/fits/belt/belt_01.csv"
     limits = {"largest_angle": 1.2, "load_cell_range": None}
-    assert log["settings"] == {"settings": {"cutoff_hz": 15.0, "order": 4, "load_cell_drift": 0.05, **limits}}
+    base = {"highest_hz": 5.0, "longest_gap_s": 0.5, "largest_drift_ppm": 2.0}
+    settings = {"cutoff_hz": 15.0, "order": 4, "time_base": base, "bench_stiffness": None, "load_cell_drift": 0.05}
+    assert log["settings"] == {"settings": settings | limits}
 
 
 def test_jobs_that_run_as_processes_of_their_own_leave_the_same_logs(workspace, tmp_path):

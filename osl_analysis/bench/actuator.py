@@ -1,12 +1,13 @@
 """The actuator alone: torque_m = k_tau n_m I_q - f - B_m omega_m - J_m alpha_m + offset + drift (Eqs. 1-2)."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from osl_analysis.bench.alternatives import time_base_row, time_base_words, timebase_table
 from osl_analysis.bench.diagnostics import check_changes, summary_of_trials
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.errors import IdentifiabilityError, InputError
@@ -59,6 +60,10 @@ class ActuatorTrial:
     """The fit."""
     low_pass: LowPass
     """The filter of all signals."""
+    uniform: UniformSignals | None = None
+    """The signals on their time base, with what the recorders did; None for a trial that no file holds."""
+    other: LinearFit | None = None
+    """The fit if undecided stamps were taken the other way; None where all are decided."""
 
 
 def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> ActuatorTrial:
@@ -71,8 +76,10 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> ActuatorTrial:
     """
     motion = next((name for name in ("theta_m", "omega_m") if name in trial.samples.columns), "theta_m")
     uniform = uniform_signals(trial, (motion, "current", "torque_m"), settings.gap_limits)
+    other = uniform.other()
     try:
-        return actuator_of(uniform, motion, settings)
+        made = actuator_of(uniform, motion, settings)
+        return replace(made, other=None if other is None else actuator_of(other, motion, settings).fit)
     except (InputError, IdentifiabilityError) as error:
         raise type(error)(f"trial {trial.name}: {error}") from error
 
@@ -85,7 +92,7 @@ def actuator_of(uniform: UniformSignals, motion: str, settings: ActuatorAnalysis
     columns, torque = actuator_columns(signals, settings.low_pass, settings.sign_width)
     fit = fit_actuator(columns, torque, uniform.rate_hz, settings.low_pass, settings.slowest, uniform.usable)
     modelled = fit.predicted(columns)
-    return ActuatorTrial(uniform.trial, motion, uniform.time, torque, modelled, fit, settings.low_pass)
+    return ActuatorTrial(uniform.trial, motion, uniform.time, torque, modelled, fit, settings.low_pass, uniform)
 
 
 def fit_actuator(
@@ -160,8 +167,14 @@ def actuator_table(trial: ActuatorTrial) -> pl.DataFrame:
         **covariance_row(trial.fit, *PARAMETERS),
         **diagnostics_row(trial.fit, sampling_rate(trial.time), trial.low_pass),
         "correlation_k_f_G": trial.fit.correlation("k_tau_n_m", "f_G"),
+        **time_base_row(trial.fit, trial.other, PARAMETERS),
     }
-    return pl.DataFrame([row])
+    return pl.DataFrame([row], schema_overrides={"time_base_shift": pl.Float64})
+
+
+def actuator_time_base(trial: ActuatorTrial) -> pl.DataFrame:
+    """The trial's rows of `timebase.csv`."""
+    return timebase_table(trial.uniform, time_base_words(trial.fit, trial.other, PARAMETERS))
 
 
 def actuator_summary(table: pl.DataFrame) -> pl.DataFrame:

@@ -1,13 +1,21 @@
 """Belt stiffness (Fig. 3): slope of the torque on the belt's deflection while loading, with the actuator locked."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from osl_analysis.bench.alternatives import (
+    check_stiffer,
+    joint_angle,
+    time_base_row,
+    time_base_words,
+    timebase_table,
+    widened,
+)
 from osl_analysis.bench.diagnostics import check_changes, summary_of_trials
-from osl_analysis.bench.settings import BeltAnalysis
+from osl_analysis.bench.settings import BeltAnalysis, BenchStiffness
 from osl_analysis.errors import InputError
 from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.parameters import DrivetrainParameters
@@ -47,6 +55,15 @@ class BeltFit:
     hysteresis_area: float
     """Area of the loop [N*m*rad = J]."""
 
+    def widened(self, softer: "BeltFit") -> "BeltFit":
+        """The fit with the error of the bench's stiffness in its intervals, as `alternatives.widened`."""
+        return replace(
+            self,
+            loading=widened(self.loading, softer.loading),
+            unloading=widened(self.unloading, softer.unloading),
+            quadratic=widened(self.quadratic, softer.quadratic),
+        )
+
 
 @dataclass(frozen=True)
 class BeltTrial:
@@ -66,6 +83,12 @@ class BeltTrial:
     """Resisting torque [N*m]."""
     fit: BeltFit
     """The fit to them."""
+    uniform: UniformSignals | None = None
+    """The signals on their time base, with what the recorders did; None for a trial that no file holds."""
+    bench: BenchStiffness | None = None
+    """Stiffness of the bench; its yielding is taken off the angle."""
+    other: "BeltTrial | None" = None
+    """The same if undecided stamps were taken the other way; None where all are decided."""
 
 
 def belt_trial(trial: Trial, p: DrivetrainParameters, settings: BeltAnalysis) -> BeltTrial:
@@ -77,21 +100,34 @@ def belt_trial(trial: Trial, p: DrivetrainParameters, settings: BeltAnalysis) ->
         As `fit_belt_stiffness`, or a signal is missing or irregular; the message names the trial.
     """
     signals = uniform_signals(trial, ("theta", "theta_m", "torque"), settings.gap_limits)
+    other, bench = signals.other(), settings.bench_stiffness
     try:
-        return belt_of(signals, p, settings)
+        belt = belt_of(signals, p, settings)
+        if bench is not None:
+            softer = belt_of(signals, p, settings, bench.compliance_error).fit
+            belt = replace(belt, fit=belt.fit.widened(softer))
+        return replace(belt, other=None if other is None else belt_of(other, p, settings))
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
 
 
-def belt_of(signals: UniformSignals, p: DrivetrainParameters, settings: BeltAnalysis) -> BeltTrial:
-    """The trial behind uniform signals; raises as `belt_trial`, without the trial's name."""
-    low_pass, rate = settings.low_pass, signals.rate_hz
+def belt_of(
+    signals: UniformSignals, p: DrivetrainParameters, settings: BeltAnalysis, more_compliance: float = 0.0
+) -> BeltTrial:
+    """The trial behind uniform signals; raises as `belt_trial`, without the trial's name.
+
+    The bench is softer than its settings by `more_compliance` [rad/(N*m)].
+    """
+    low_pass, rate, bench = settings.low_pass, signals.rate_hz, settings.bench_stiffness
     check_changes("torque", signals["torque"])
-    deflection = belt_deflection(signals["theta"], signals["theta_m"], p)
+    compliance = (bench.compliance if bench else 0.0) + more_compliance
+    theta = joint_angle(signals["theta"], signals["torque"], compliance)
+    deflection = belt_deflection(theta, signals["theta_m"], p)
     theta_s, torque = low_pass(deflection, rate), low_pass(signals["torque"], rate)
     every, drift = low_pass.independent_samples(rate), settings.load_cell_drift / 60 / rate
     fit = fit_belt_stiffness(theta_s, torque, every, drift, signals.usable)
-    return BeltTrial(signals.trial, signals.time, rate, low_pass, theta_s, torque, fit)
+    check_stiffer(signals.trial, "K_s", fit.K_s, bench)
+    return BeltTrial(signals.trial, signals.time, rate, low_pass, theta_s, torque, fit, signals, bench)
 
 
 def fit_belt_stiffness(
@@ -221,6 +257,7 @@ def belt_table(belt: BeltTrial) -> pl.DataFrame:
         "quadratic_VAF": fit.quadratic.vaf,
         "energy_lost": fit.hysteresis_area / (fit.K_s * peak**2 / 2),
         "stiffening": 2 * fit.quadratic["K_s2"] * peak / fit.quadratic["K_s"],
+        **time_base_row(fit.loading, None if belt.other is None else belt.other.fit.loading, ["K_s"]),
     }
     return pl.DataFrame([row])
 
@@ -232,6 +269,12 @@ def damping_row(loading: LinearFit, rate_hz: float) -> Row:
         "B_j": loading["B_j"] / rate_hz if known else None,
         "B_j_se": loading.se("B_j") / rate_hz if known else None,
     }
+
+
+def belt_time_base(belt: BeltTrial) -> pl.DataFrame:
+    """The trial's rows of `timebase.csv`."""
+    words = time_base_words(belt.fit.loading, None if belt.other is None else belt.other.fit.loading, ["K_s"])
+    return timebase_table(belt.uniform, words, belt.bench)
 
 
 def belt_curve(belt: BeltTrial) -> pl.DataFrame:

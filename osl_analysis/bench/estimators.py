@@ -7,6 +7,7 @@ import numpy as np
 import polars as pl
 from scipy.signal import fftconvolve, savgol_filter
 
+from osl_analysis.bench.alternatives import widened
 from osl_analysis.bench.protocol import repeated_cycles, rows_of
 from osl_analysis.bench.stepped_sine import RawSignals, SteppedSineTrial
 from osl_analysis.doubtful import EXCLUDED
@@ -187,6 +188,8 @@ def estimator_table(trial: SteppedSineTrial) -> pl.DataFrame:
             continue
         try:
             fit = estimator(trial.raw, trial.low_pass, CovarianceChoice())
+            if trial.softer is not None:
+                fit = widened(fit, estimator(trial.softer.raw, trial.low_pass, CovarianceChoice()))
         except OslAnalysisError as error:
             rows.append({"trial": trial.name, "estimator": name, EXCLUDED: str(error)})
             continue

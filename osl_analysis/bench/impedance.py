@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
+from osl_analysis.bench.alternatives import check_stiffer, time_base_row, time_base_words, timebase_table, widened
+from osl_analysis.bench.clocks import clock_drift_row
 from osl_analysis.bench.diagnostics import lowest_held_out_vaf, over_amplitudes
 from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors, at_amplitude
 from osl_analysis.bench.nonlinearity import rendered_nonlinearity_row
@@ -17,7 +19,11 @@ from osl_analysis.model.compensator import Gains, select_gains
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import fit_impedance, impedance_columns
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
+from osl_analysis.stats.regression import LinearFit
 from osl_analysis.trial import Array
+
+IMPEDANCE = ("K", "B", "I")
+"""Parameters of Eq. 15."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +58,11 @@ def impedance_table(
     the gains are known; the lag of the torque is measured against it.
     """
     rows: list[Row] = []
-    for amplitude, motion, torque in trial.parts():
-        fit = fit_impedance(motion, torque, trial.residual_correlation(amplitude)).fit
+    clocks = clock_drift_row(trial)
+    for amplitude in (*(block.amplitude_deg for block in trial.blocks), None):
+        fit = impedance_of(trial, amplitude)
+        other = None if trial.other is None else impedance_of(trial.other, amplitude)
+        check_stiffer(trial.name, "K", fit["K"], trial.bench)
         chosen = at_amplitude(phasors, amplitude)
         rows.append(
             {
@@ -66,11 +75,27 @@ def impedance_table(
                 **rendered_nonlinearity_row(chosen, fit),
                 "VAF_held_out": lowest_held_out_vaf(trial, amplitude, fit, impedance_columns),
                 "load_cell_drift": 60 * trial.drift,
+                **time_base_row(fit, other, IMPEDANCE),
+                **clocks,
             }
         )
     may_be_null = dict.fromkeys(("amplitude_deg", "K_change", "B_change", "backlash_share", "stiffening"), pl.Float64)
     table = pl.DataFrame(over_amplitudes(rows), schema_overrides=may_be_null, infer_schema_length=None)
     return table.with_columns(*(bound for name in ("K", "B", "I") for bound in range_over_amplitudes(name)))
+
+
+def impedance_of(trial: SteppedSineTrial, amplitude: float | None) -> LinearFit:
+    """Eq. 15 fitted to one amplitude [deg] or to all of them (None), the error of the bench's stiffness included."""
+    fit = fit_impedance(*trial.part(amplitude), trial.residual_correlation(amplitude)).fit
+    return widened(fit, None if trial.softer is None else impedance_of(trial.softer, amplitude))
+
+
+def impedance_time_base(trial: SteppedSineTrial) -> pl.DataFrame:
+    """The trial's rows of `timebase.csv`."""
+    words = None
+    if trial.other is not None:
+        words = time_base_words(impedance_of(trial, None), impedance_of(trial.other, None), IMPEDANCE)
+    return timebase_table(trial.uniform, words, trial.bench)
 
 
 def range_over_amplitudes(name: str) -> list[pl.Expr]:

@@ -3,13 +3,15 @@
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.signals import LowPass
 from osl_analysis.timebase.gaps import GapLimits
 from osl_analysis.yaml_settings import Positive, Settings
 
+STIFFNESS_UNITS = {"N*m/rad": 1.0, "Nm/rad": 1.0, "N*m/deg": 180 / np.pi, "Nm/deg": 180 / np.pi}
+"""Units of a stiffness of the bench, and their factors to N*m/rad."""
 Cycles = Annotated[int, Field(ge=1)]
 
 
@@ -45,9 +47,60 @@ class FilterSettings(Settings):
         return GapLimits(self.time_base.highest_hz, self.cutoff_hz, self.time_base.longest_gap_s)
 
 
-class BenchAnalysis(FilterSettings):
-    """The filter, and what a recording on a bench cannot exceed."""
+class BenchStiffness(Settings):
+    """Torsional stiffness of what yields between the bench's encoder and the joint: frame, mount and coupling."""
 
+    value: str
+    """Stiffness with its unit, as `12500 N*m/rad` or `218 N*m/deg`."""
+    standard_error: str
+    """Its standard error with its unit."""
+
+    @field_validator("value", "standard_error")
+    @classmethod
+    def _stiffness(cls, value: str) -> str:
+        in_newton_metres_per_rad(value)
+        return value
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        if in_newton_metres_per_rad(self.standard_error) >= in_newton_metres_per_rad(self.value):
+            raise ValueError("the standard error is not below the value; check the units")
+        return self
+
+    @property
+    def compliance(self) -> float:
+        """Its inverse [rad/(N*m)]."""
+        return 1 / in_newton_metres_per_rad(self.value)
+
+    @property
+    def compliance_error(self) -> float:
+        """Standard error of the inverse [rad/(N*m)]."""
+        return in_newton_metres_per_rad(self.standard_error) * self.compliance**2
+
+
+def in_newton_metres_per_rad(text: str) -> float:
+    """A stiffness with its unit [N*m/rad].
+
+    Raises
+    ------
+    ValueError
+        It is no positive number with one of the `STIFFNESS_UNITS`.
+    """
+    number, _, unit = text.strip().partition(" ")
+    try:
+        value = float(number) * STIFFNESS_UNITS[unit.strip()]
+    except (ValueError, KeyError):
+        value = np.nan
+    if not 0 < value < np.inf:
+        raise ValueError(f"write a positive number and one of {', '.join(STIFFNESS_UNITS)}, as in '218 N*m/deg'")
+    return value
+
+
+class BenchAnalysis(FilterSettings):
+    """What the fits of all trials on the dynamometer share."""
+
+    bench_stiffness: BenchStiffness | None = None
+    """Stiffness of the bench; null: it does not yield."""
     largest_angle: Positive = 1.2
     """Angle [rad] by which a joint turns at most, to each side of its middle."""
     load_cell_range: Positive | None = None

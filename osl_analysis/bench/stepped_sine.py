@@ -1,13 +1,14 @@
 """A stepped-sine trial as the fits need it: raw and filtered signals, the settled cycles, the load cell's drift."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_analysis.bench.alternatives import joint_angle
 from osl_analysis.bench.protocol import Block, Segment, find_blocks, repeated_cycles, rows_of, settled
-from osl_analysis.bench.settings import SteppedSineAnalysis
+from osl_analysis.bench.settings import BenchStiffness, SteppedSineAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.stats.covariance import FEWEST_CYCLES, ResidualCorrelation, sums_between
@@ -63,6 +64,16 @@ class SteppedSineTrial:
     """Drift of the load cell [N*m/s] that was subtracted from the torque."""
     usable: NDArray[np.bool_] | None = None
     """Rows that are not near a gap in the recording; None: all."""
+    uniform: UniformSignals | None = None
+    """The signals on their time base, with what the recorders did; None for a trial that no file holds."""
+    bench: BenchStiffness | None = None
+    """Stiffness of the bench; its yielding is taken off the angle."""
+    other: "SteppedSineTrial | None" = None
+    """The same if undecided stamps were taken the other way; None where all are decided."""
+    softer: "SteppedSineTrial | None" = None
+    """The same with a bench that is softer by one standard error; None where it does not yield."""
+    largest_drift_ppm: float = np.inf
+    """Drift [ppm] between the clocks of angle and torque from which the trial is refused."""
 
     @property
     def raw(self) -> RawSignals:
@@ -72,8 +83,12 @@ class SteppedSineTrial:
     def parts(self) -> Iterator[tuple[float | None, Motion, Array]]:
         """Amplitude [deg], motion and filtered torque of each block's settled cycles, then of all (amplitude None)."""
         for amplitude in (*(block.amplitude_deg for block in self.blocks), None):
-            rows = rows_of(self.segments(amplitude))
-            yield amplitude, self.motion[rows], self.filtered_torque[rows]
+            yield amplitude, *self.part(amplitude)
+
+    def part(self, amplitude: float | None) -> tuple[Motion, Array]:
+        """Motion and filtered torque of the settled cycles of one amplitude [deg], or of all (None)."""
+        rows = rows_of(self.segments(amplitude))
+        return self.motion[rows], self.filtered_torque[rows]
 
     def segments(self, amplitude: float | None) -> tuple[Segment, ...]:
         """The settled, usable segments of one amplitude [deg], or of all (None); `parts` yields their rows."""
@@ -95,18 +110,31 @@ def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis) -> SteppedSi
         A signal is missing, has no time base, or does not follow the protocol; the message names the trial.
     """
     signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
+    other, bench = signals.other(), settings.bench_stiffness
     try:
-        return stepped_sine_of(signals, settings)
+        made = stepped_sine_of(signals, settings)
+        return replace(
+            made,
+            other=None if other is None else stepped_sine_of(other, settings),
+            softer=None if bench is None else stepped_sine_of(signals, settings, bench.compliance_error),
+        )
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
 
 
-def stepped_sine_of(signals: UniformSignals, settings: SteppedSineAnalysis) -> SteppedSineTrial:
-    """The trial behind uniform signals; raises as `stepped_sine_trial`, without the trial's name."""
-    time, theta, measured, usable = signals.time, signals["theta"], signals["torque"], signals.usable
-    blocks = find_blocks(time, theta, settings.protocol)
-    drift = drift_rate(time, without_angle(theta, measured), settled(blocks, settings.settle_cycles, usable))
+def stepped_sine_of(
+    signals: UniformSignals, settings: SteppedSineAnalysis, more_compliance: float = 0.0
+) -> SteppedSineTrial:
+    """The trial behind uniform signals; raises as `stepped_sine_trial`, without the trial's name.
+
+    The protocol is found in the bench's angle, which the bench controls. The bench is softer than its settings by
+    `more_compliance` [rad/(N*m)].
+    """
+    time, measured, usable = signals.time, signals["torque"], signals.usable
+    blocks, bench = find_blocks(time, signals["theta"], settings.protocol), settings.bench_stiffness
+    drift = drift_rate(time, without_angle(signals["theta"], measured), settled(blocks, settings.settle_cycles, usable))
     torque = without_drift(time, measured, drift)
+    theta = joint_angle(signals["theta"], torque, (bench.compliance if bench else 0.0) + more_compliance)
     motion, filtered = filtered_motion(time, theta, torque, settings.low_pass)
     return SteppedSineTrial(
         name=signals.trial,
@@ -122,6 +150,9 @@ def stepped_sine_of(signals: UniformSignals, settings: SteppedSineAnalysis) -> S
         low_pass=settings.low_pass,
         drift=drift,
         usable=usable,
+        uniform=signals,
+        bench=bench,
+        largest_drift_ppm=settings.time_base.largest_drift_ppm,
     )
 
 

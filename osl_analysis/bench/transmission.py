@@ -3,6 +3,8 @@
 import numpy as np
 import polars as pl
 
+from osl_analysis.bench.alternatives import time_base_row, time_base_words, timebase_table, widened
+from osl_analysis.bench.clocks import clock_drift_row
 from osl_analysis.bench.diagnostics import lowest_held_out_vaf, summary_of_trials
 from osl_analysis.bench.frequency_response import at_amplitude, trial_phasors
 from osl_analysis.bench.nonlinearity import nonlinearity_row
@@ -13,6 +15,8 @@ from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, est
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.trial import Array
 
+TRANSMISSION = ("B_j", "J_j")
+"""Parameters of Eq. 4 with the motor detached."""
 COULOMB_WIDTH = 0.05
 """Velocity [rad/s] over which the sign of the velocity is smoothed where Coulomb friction is fitted for comparison."""
 SUMMARISED = ("B_j", "J_j", "VAF", "T_C", "VAF_coulomb")
@@ -54,10 +58,11 @@ def transmission_table(trial: SteppedSineTrial) -> pl.DataFrame:
     """
     phasors = trial_phasors(trial)
     rows: list[Row] = []
+    clocks = clock_drift_row(trial)
     for amplitude, motion, torque in trial.parts():
-        residuals = trial.residual_correlation(amplitude)
-        fit = fit_transmission(motion, torque, residuals)
-        friction = fit_transmission_with_coulomb(motion, torque, residuals)
+        fit = transmission_of(trial, amplitude)
+        other = None if trial.other is None else transmission_of(trial.other, amplitude)
+        friction = fit_transmission_with_coulomb(motion, torque, trial.residual_correlation(amplitude))
         rows.append(
             {
                 "trial": trial.name,
@@ -72,9 +77,25 @@ def transmission_table(trial: SteppedSineTrial) -> pl.DataFrame:
                 "VAF_held_out": lowest_held_out_vaf(trial, amplitude, fit, transmission_columns),
                 "coulomb_share": 1 - friction["B_j"] / fit["B_j"],
                 "load_cell_drift": 60 * trial.drift,
+                **time_base_row(fit, other, TRANSMISSION),
+                **clocks,
             }
         )
     return pl.DataFrame(rows, schema_overrides={"amplitude_deg": pl.Float64}, infer_schema_length=None)
+
+
+def transmission_of(trial: SteppedSineTrial, amplitude: float | None) -> LinearFit:
+    """Eq. 4 fitted to one amplitude [deg] or to all of them (None), the error of the bench's stiffness included."""
+    fit = fit_transmission(*trial.part(amplitude), trial.residual_correlation(amplitude))
+    return widened(fit, None if trial.softer is None else transmission_of(trial.softer, amplitude))
+
+
+def transmission_time_base(trial: SteppedSineTrial) -> pl.DataFrame:
+    """The trial's rows of `timebase.csv`."""
+    words = None
+    if trial.other is not None:
+        words = time_base_words(transmission_of(trial, None), transmission_of(trial.other, None), TRANSMISSION)
+    return timebase_table(trial.uniform, words, trial.bench)
 
 
 def transmission_series(trial: SteppedSineTrial) -> tuple[Array, Array, Array]:

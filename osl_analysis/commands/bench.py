@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.actuator import actuator_summary, actuator_table, actuator_trial
-from osl_analysis.bench.belt import belt_curve, belt_figure_points, belt_summary, belt_table, belt_trial
+from osl_analysis.bench.actuator import actuator_summary, actuator_table, actuator_time_base, actuator_trial
+from osl_analysis.bench.belt import belt_curve, belt_figure_points, belt_summary, belt_table, belt_time_base, belt_trial
 from osl_analysis.bench.estimators import estimator_table
 from osl_analysis.bench.frequency_response import (
     frequency_response_table,
@@ -15,7 +15,13 @@ from osl_analysis.bench.frequency_response import (
     theoretical_responses,
     trial_phasors,
 )
-from osl_analysis.bench.impedance import DesiredImpedance, amplitude_series, impedance_table, prediction_columns
+from osl_analysis.bench.impedance import (
+    DesiredImpedance,
+    amplitude_series,
+    impedance_table,
+    impedance_time_base,
+    prediction_columns,
+)
 from osl_analysis.bench.model_comparison import (
     SCORE_COLUMNS,
     belt_scores,
@@ -33,7 +39,7 @@ from osl_analysis.bench.plausibility import (
 )
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, SteppedSineAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
-from osl_analysis.bench.transmission import transmission_summary, transmission_table
+from osl_analysis.bench.transmission import transmission_summary, transmission_table, transmission_time_base
 from osl_analysis.config import FrequencyResponseFigure, TimeSeriesFigure
 from osl_analysis.doubtful import Doubt, marked
 from osl_analysis.errors import InputError
@@ -54,6 +60,7 @@ def fit_belt_trial(trial: Path, parameters: Path, settings: BeltAnalysis, tables
     belt = belt_trial(read, p, settings)
     write_table(plausible_belt(belt_table(belt), read, p), tables["belt"])
     write_table(belt_curve(belt), tables["belt_curves"])
+    write_table(belt_time_base(belt), tables["timebase"])
 
 
 def fit_transmission_trial(
@@ -62,8 +69,10 @@ def fit_transmission_trial(
     """Fit one transmission trial: its rows of the table `transmission`."""
     read = read_trial(trial)
     check_recording(read, settings)
-    table = transmission_table(stepped_sine_trial(read, settings))
-    write_table(plausible_transmission(table, read, read_parameters(parameters)), tables["transmission"])
+    stepped = stepped_sine_trial(read, settings)
+    table = plausible_transmission(transmission_table(stepped), read, read_parameters(parameters))
+    write_table(table, tables["transmission"])
+    write_table(transmission_time_base(stepped), tables["timebase"])
 
 
 def fit_impedance_trial(
@@ -88,14 +97,17 @@ def fit_impedance_trial(
     write_table(plausible.with_columns(**condition.columns(), **prediction_columns(predicted)), tables["impedance"])
     write_table(phasor_table(stepped.name, phasors).with_columns(**condition.columns()), tables["phasors"])
     write_table(estimator_table(stepped).with_columns(**condition.columns()), tables["estimators"])
+    write_table(impedance_time_base(stepped), tables["timebase"])
 
 
 def fit_actuator_trial(trial: Path, parameters: Path, settings: ActuatorAnalysis, tables: Mapping[str, Path]) -> None:
     """Fit one trial of the actuator's bench: its row of the table `actuator`."""
     read = read_trial(trial)
     check_recording(read, settings, "torque_m", angle=None)
-    table = actuator_table(actuator_trial(read, settings))
-    write_table(plausible_actuator(table, read, read_parameters(parameters)), tables["actuator"])
+    actuator = actuator_trial(read, settings)
+    table = plausible_actuator(actuator_table(actuator), read, read_parameters(parameters))
+    write_table(table, tables["actuator"])
+    write_table(actuator_time_base(actuator), tables["timebase"])
 
 
 def summarise_belt(table: Path, output: Path) -> None:

@@ -19,6 +19,7 @@ from osl_analysis.formats.messages.leaves import Indices
 
 SECOND = 1_000_000_000
 LATEST = SECOND  # by which a message may come after one of a later stamp [ns]
+SET_BACK = 10  # messages in a row that fall among as many earlier ones
 LAST_SECOND = 2**63 // SECOND - 1
 PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
 """How ROS 2, protobuf, Foxglove's JSON and ROS 1 name the parts of a stamp."""
@@ -107,6 +108,8 @@ def in_order(topic: str, table: pl.DataFrame, channels: int, largest_loss: float
             f"topic {topic}: time goes back by {behind[row] / SECOND:.6f} s at message {row + 1} of {stamp.size}; the "
             "clock was set while recording: write source: log in the source file, or exclude the trial"
         )
+    if channels == 1:
+        check_not_set_back(topic, table)
     if (np.diff(stamp) > 0).all():
         return table, Ordering(0, 0, 0)
     once = table.group_by("stamp", maintain_order=True).agg(pl.all().drop_nulls().first()).sort("stamp")
@@ -123,6 +126,30 @@ def in_order(topic: str, table: pl.DataFrame, channels: int, largest_loss: float
             "values; stamps must be their own: check the recorder's clock or the time source in the source file"
         )
     return once, Ordering(int((behind > 0).sum()), stamp.size - once.height, contradicted)
+
+
+def check_not_set_back(topic: str, table: pl.DataFrame) -> None:
+    """Refuse a clock that was set back by less than `LATEST`: many messages in a row fall among those before.
+
+    Messages that are merely late fill the gap that they left; those that repeat others do not count.
+
+    Raises
+    ------
+    InputError
+        The clock was set back.
+    """
+    stamp = table["stamp"].to_numpy()
+    behind = stamp < np.maximum.accumulate(stamp)
+    behind[behind] = ~table.is_duplicated().to_numpy()[behind]
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], behind.astype(np.int8), [0]])))
+    for first, stop in (run for run in edges.reshape(-1, 2) if run[1] - run[0] >= SET_BACK):
+        before = stamp[:first]
+        if ((before >= stamp[first]) & (before <= stamp[stop - 1])).sum() >= SET_BACK:
+            raise InputError(
+                f"topic {topic}: time goes back from {before.max() / SECOND:.6f} s to {stamp[first] / SECOND:.6f} s at "
+                f"message {first + 1} of {stamp.size}, and {stop - first} messages fall among those before; the clock "
+                "was set while recording: write source: log in the source file, or exclude the trial"
+            )
 
 
 def contradictions(table: pl.DataFrame, once: pl.DataFrame) -> int:

@@ -1,7 +1,7 @@
 """The one linear regression under every fit: rank check, covariance for correlated residuals, diagnostics."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import stdtrit
@@ -131,6 +131,19 @@ def largest_correlation(covariance: Array) -> float:
     """Largest absolute correlation in a covariance (p, p); 0 for a single estimate."""
     scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     return float(np.max(np.abs(np.triu(covariance / np.outer(scale, scale), 1))))
+
+
+def with_shared_error(fit: LinearFit, change: Array) -> LinearFit:
+    """The fit with an error in its covariance that all its data share.
+
+    `change` (p,) is what one standard error of a known quantity, such as a calibration, does to the estimates. It is
+    taken to be known with infinitely many degrees of freedom.
+    """
+    random = np.diag(fit.covariance)
+    covariance = fit.covariance + np.outer(change, change)
+    share = np.divide(random, np.diag(covariance), out=np.ones_like(random), where=np.diag(covariance) > 0)
+    degrees_of_freedom = np.divide(fit.degrees_of_freedom, share**2, out=np.full_like(share, np.inf), where=share > 0)
+    return replace(fit, covariance=covariance, degrees_of_freedom=degrees_of_freedom)
 
 
 def projected(X: Array, Z: Array) -> Array:

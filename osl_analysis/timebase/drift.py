@@ -1,5 +1,6 @@
 """Drift between the clocks of two devices, one of which measured the angle and the other the torque."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +10,7 @@ from osl_analysis.signals import Motion
 from osl_analysis.timebase.chunks import chunked_slope
 from osl_analysis.trial import Array
 
-DOUBTFUL_PPM, REFUSED_PPM = 0.5, 2.0
-"""Drifts beyond which a fit is doubtful and refused: 50 ppm over a trial cost B 11 and I 53 %."""
-CERTAIN = 3.0
+CERTAIN = 4.0
 """Standard errors by which a drift must differ from zero before it is believed."""
 
 
@@ -22,51 +21,78 @@ class ClockDrift:
     ppm: float
     se: float
 
+    @property
+    def certain_ppm(self) -> float:
+        """The drift [ppm] if it is larger than chance makes it, else 0."""
+        return self.ppm if abs(self.ppm) > CERTAIN * self.se else 0.0
+
     def beyond(self, limit_ppm: float) -> bool:
         """The drift is larger than the limit, and larger than chance makes it."""
-        return abs(self.ppm) > max(limit_ppm, CERTAIN * self.se)
+        return abs(self.certain_ppm) > limit_ppm
 
 
-def clock_drift(time: Array, motion: Motion, torque: Array) -> ClockDrift:
-    """Drift from filtered motion and torque [N*m], (n,) each, at uniform usable times [s], of a second-order joint.
+@dataclass(frozen=True)
+class SinePiece:
+    """Filtered signals of settled cycles of one sine, (n,) each, at uniform times."""
 
-    A torque whose clock gains drifts to later stamps: at time t it is the torque of t - ppm (t - mean t). To first
-    order that adds -ppm K (t - mean t) omega. The column (t - mean t) omega beside those of Eq. 15 measures it, to
-    0.1 ppm in 142 s. It does not see a constant offset between the clocks, and a joint that warms up looks alike.
+    frequency_hz: float
+    """Frequency of the sine [Hz]."""
+    time: Array
+    """Time [s]."""
+    motion: Motion
+    """Joint angle and its derivatives."""
+    torque: Array
+    """Resisting torque [N*m]."""
+
+
+def clock_drift(pieces: Sequence[SinePiece], highest_hz: float) -> ClockDrift:
+    """Drift between the clocks of angle and torque from the settled sines of a trial.
+
+    A torque whose clock gains is stamped later and later: at time t it is that of t - ppm (t - mean t), which to first
+    order adds -ppm (t - mean t) dtorque/dt. Within a piece nothing that repeats in every cycle looks like it: angle,
+    velocity, offset and harmonics up to `highest_hz` are fitted beside it, and a stiffness that changes with time. The
+    pieces are not compared with one another, because friction makes a damping that differs between amplitudes and
+    frequencies: that would pass for a drift of 100 ppm. A constant offset between the clocks is not seen.
 
     Raises
     ------
     IdentifiabilityError
-        The joint has no stiffness to see it by, or does not move.
+        The joint does not move, or the torque does not follow it.
     """
-    ones = np.ones_like(time)
-    columns = np.stack([motion.theta, motion.omega, motion.alpha, ones], axis=1)
-    late = (time - time.mean()) * motion.omega
-    both = np.stack([late, torque], axis=1)
-    scale = np.linalg.norm(columns, axis=0)
+    rests = [drift_columns(piece, highest_hz) for piece in pieces]
+    slope, se = chunked_slope(*(np.concatenate(column) for column in zip(*rests, strict=True)))
+    if not np.isfinite(se):
+        raise IdentifiabilityError("the torque does not follow the angle: a drift between clocks cannot be seen")
+    return ClockDrift(1e6 * slope, 1e6 * se)
+
+
+def drift_columns(piece: SinePiece, highest_hz: float) -> tuple[Array, Array]:
+    """What a drift of 1 does to the torque, and the torque, (n,) each [N*m], without all that needs no drift."""
+    late, theta = piece.time - piece.time.mean(), piece.motion.theta
+    columns = [theta, piece.motion.omega, np.ones_like(late), late, late * (theta - theta.mean())]
+    for k in range(2, int(highest_hz / piece.frequency_hz) + 1):
+        phase = 2 * np.pi * k * piece.frequency_hz * late
+        columns += [np.cos(phase), np.sin(phase)]
+    X = np.stack(columns, axis=1)
+    scale = np.linalg.norm(X, axis=0)
     if not scale.all():
         raise IdentifiabilityError("the joint does not move: a drift between clocks cannot be seen; use another trial")
-    solution = np.linalg.lstsq(columns / scale, both, rcond=None)[0]
-    stiffness = solution[0, 1] / scale[0]
-    rest = both - columns / scale @ solution
-    slope, se = chunked_slope(rest[:, 0], rest[:, 1])
-    if not stiffness or not np.isfinite(se):
-        raise IdentifiabilityError("the torque does not follow the angle: a drift between clocks cannot be seen")
-    return ClockDrift(float(-1e6 * slope / stiffness), float(1e6 * se / abs(stiffness)))
+    both = np.stack([-late * np.gradient(piece.torque, piece.time), piece.torque], axis=1)
+    rest = both - X @ (np.linalg.lstsq(X / scale, both, rcond=None)[0] / scale[:, None])
+    return rest[:, 0], rest[:, 1]
 
 
-def is_drift_doubtful(drift: ClockDrift, doubtful_ppm: float = DOUBTFUL_PPM, refused_ppm: float = REFUSED_PPM) -> bool:
-    """Whether B and I are doubtful since the clocks drift apart.
+def check_drift(drift: ClockDrift, largest_ppm: float) -> None:
+    """Refuse a drift beyond what B and I bear.
 
     Raises
     ------
     InputError
-        The drift is beyond what B and I bear.
+        It is; the message states it.
     """
-    if drift.beyond(refused_ppm):
+    if drift.beyond(largest_ppm):
         raise InputError(
             f"the clocks of angle and torque drift apart by {drift.ppm:.2f} +- {drift.se:.2f} ppm, "
-            f"more than {refused_ppm:g}: B and I would be wrong; "
+            f"more than {largest_ppm:g}: B and I would be wrong; "
             "synchronise the clocks, or record both channels with one device"
         )
-    return drift.beyond(doubtful_ppm)

@@ -91,7 +91,7 @@ def overlap(parts: Sequence[Samples]) -> tuple[float, float, float]:
     if rows < FEWEST_SAMPLES:
         raise InputError(
             f"{late.name} begins at {first:.4f} s and {early.name} ends at {last:.4f} s: they "
-            f"share {max(rows, 0)} rows, at least {FEWEST_SAMPLES} are needed; "
+            f"overlap in {max(rows, 0)} rows, at least {FEWEST_SAMPLES} are needed; "
             "check that both clocks count from the same time"
         )
     return first, last, step

@@ -208,6 +208,6 @@ def belt(inputs: StudyInputs) -> StudyBench:
         analysis=inputs.dynamometer,
         names=("K_s",),
         fit=belt_fits,
-        exact={},
+        exact={"K_s": inputs.p.K_s},
         theory={"K_s": inputs.p.K_s},
     )

@@ -85,7 +85,7 @@ def fit_impedance_trial(
 ) -> None:
     """Fit one impedance trial: its rows of the tables `impedance`, `phasors` and `estimators`.
 
-    `condition` is what the trial was asked to render, `weight` is W of Eq. 14 with which its gains were selected.
+    `condition` is the desired impedance of the trial. `weight` is W of Eq. 14 with which its gains were selected.
     """
     p, read = read_parameters(parameters), read_trial(trial)
     check_recording(read, settings)

@@ -52,7 +52,7 @@ def calibrate(
 def identify_plate(
     trials: Sequence[Path], calibration: Path, settings: PlateModelSettings, output: Path, comparison: Path
 ) -> None:
-    """The plate's inertia and lag from trials with nobody on it, to a JSON file.
+    """The plate's inertia and lag from trials of the unloaded plate, to a JSON file.
 
     The table `comparison` shows the unloaded plate's wrench before and after both are removed.
     """
@@ -64,10 +64,10 @@ def identify_plate(
 def analyse(
     trial: Path, calibration: Path, plate: Path, perturbed: bool, settings: CrossingSettings, output: Path
 ) -> None:
-    """Angle and torque of one crossing, with its events, to a Parquet file; `perturbed` is what the sheet says.
+    """Angle and torque of one crossing, with its events, to a Parquet file. `perturbed` is the entry of the sheet.
 
-    A crossing that cannot be analysed does not stop the others: its file holds the reason in place of samples, and a
-    warning gives it.
+    A crossing that cannot be analysed does not stop the others. Its file contains the reason instead of samples, and a
+    warning states the reason.
     """
     static, model, walked = read_calibration(calibration), read_plate(plate), read_trial(trial)
     try:

@@ -59,7 +59,8 @@ def gain_table(
 def behaviour(
     table: pl.DataFrame, finite: NDArray[np.bool_], p: DrivetrainParameters, frequencies_hz: Sequence[float]
 ) -> dict[str, pl.Series]:
-    """Columns with the behaviour that theory predicts for the gains of each row; null where no finite B_1 is best."""
+    """Columns with the behaviour that theory predicts for the gains of each row; null if no finite B_1 minimises Eq.
+    14."""
     rows = table.filter(pl.Series(finite))
     K_1, B_1, K_d, B_d = (rows[name].to_numpy() for name in ("K_1", "B_1", "K_d", "B_d"))
     fits = [predicted_impedance(Gains(k, b, True), p, frequencies_hz) for k, b in zip(K_1, B_1, strict=True)]
@@ -179,7 +180,7 @@ def pair_text(row: dict[str, float], proof: Certificate) -> str:
     if row["at_lower_bound"]:
         lines.append("warning: the joint alone damps more than desired; B_1 is the smallest stable gain")
     if row["unbounded"]:
-        lines.append("warning: no B_1 is best: the error falls until the motor is locked; lower --weight-hz")
+        lines.append("warning: no finite B_1 minimises Eq. 14, a locked motor would be best; lower --weight-hz")
         return "\n".join(lines)
     prediction = (
         f"K {row['K_predicted']:.4g} N·m/rad, B {row['B_predicted']:.4g} N·m·s/rad, I {row['I_predicted']:.3g} kg·m²"
@@ -187,9 +188,9 @@ def pair_text(row: dict[str, float], proof: Certificate) -> str:
     return "\n".join(
         [
             *lines,
-            f"a fit over 1 to 5 Hz will find {prediction} (friction cancelled)",
+            f"predicted fit over 1 to 5 Hz: {prediction} (friction cancelled)",
             f"within 10 % of the desired impedance up to {row['faithful_to_hz']:.3g} Hz; passive",
-            f"the slowest mode dies with {row['decay_rate']:.3g} 1/s; with the joint held, "
+            f"the slowest mode decays with {row['decay_rate']:.3g} 1/s; with the joint held, "
             f"{1e3 * row['delay_margin']:.3g} ms of delay in the loop make it unstable",
         ]
     )

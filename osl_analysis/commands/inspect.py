@@ -1,6 +1,6 @@
 """What files of any laboratory hold: one file as lines for a terminal, all recordings of a folder as a table.
 
-What files say of themselves is untrusted: it is escaped where it is printed.
+Texts from files are untrusted. They are escaped when they are printed.
 """
 
 import re

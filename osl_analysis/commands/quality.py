@@ -26,7 +26,7 @@ def check_trial(
 
 
 def list_excluded(verdicts: Path, by_sheet: Mapping[str, str], output: Path) -> None:
-    """The failed checks of a campaign's quality table that exclude a trial, and what the sheet excludes, with why."""
+    """List the failed checks that exclude a trial, and the trials that the sheet excludes, with reasons."""
     failed = read_table(verdicts).filter(pl.col("verdict") == "exclude").drop("verdict")
     rows = [{"trial": trial, "check": "sample sheet", "remark": reason} for trial, reason in by_sheet.items()]
     stated = pl.DataFrame(rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String))

@@ -19,7 +19,7 @@ TRUTH = "truth"
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse to simulate into a folder of recordings: what the simulator makes has a folder `truth` beside it.
+    """Refuse to simulate into a folder of real recordings, which has no folder `truth`.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def record_trial(
 def record_bench_trial(
     row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, campaign_folder: Path
 ) -> None:
-    """A trial of the dynamometer: the truth first, so that a log never stands without it."""
+    """A trial of the dynamometer. The truth is written first, so that every log has a truth."""
     from osl_analysis.simulator.bench_files import write_dynamometer_log
     from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
     from osl_analysis.simulator.truth_recorder import write_truth

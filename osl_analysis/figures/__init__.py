@@ -1,4 +1,4 @@
-"""The list of figures: the workflow, the command line and the tests ask it which there are.
+"""The list of figures, which the workflow, the command line and the tests read.
 
 A new figure is a module here, an entry in `figures.yaml`, and its test. Its module has `COLUMNS` (the columns of the
 plotted numbers) and `draw` (plotted numbers -> page). Where the numbers come from one result table, the module has
@@ -41,7 +41,7 @@ FIGURES = read_figures(Path(__file__).with_name("figures.yaml"))
 """The figures of a campaign by name."""
 
 OTHER_DRAWINGS = ("torque", "gain_grid", "gain_map", "study")
-"""Modules whose drawing is no figure of a campaign: a single fit, requested gains, the Monte Carlo study."""
+"""Modules with drawings that are not figures of a campaign: a single fit, requested gains, the Monte Carlo study."""
 
 
 def drawn_figures(tables: Collection[str], setting: Callable[[str], Any]) -> list[CampaignFigure]:

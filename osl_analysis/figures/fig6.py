@@ -23,16 +23,16 @@ HEIGHT = 2.4
 PANEL = (0.52, 0.26, 2.92, 2.08)
 """Left, bottom, width and height [in] of the panel: fixed, because the swarm's positions depend on its size."""
 DIAMETER = 4.9 / 72
-"""Room [in] that each point takes in the swarm: the marker and a hair."""
+"""Diameter [in] of each point in the swarm: the marker and a small gap."""
 CENTRES = {"compensated": 0.23, "uncompensated": 0.69}
-"""Where each swarm stands, as a part of the panel's width."""
+"""Centre of each swarm, as a fraction of the panel's width."""
 HALF_WIDTH = 0.2
 LARGEST_VAF = 99.9999
 TICKS = (-900, 0, 50, 80, 90, 95, 98, 99, 99.5, 99.8, 99.9, 99.95, 99.98, 99.99, 99.999)
 
 
 def vaf_scale(vaf: Array) -> Array:
-    """Height of a VAF [percent] on the axis: minus the logarithm of the variance that the fit leaves."""
+    """Height of a VAF [percent] on the axis: minus the logarithm of the variance that the fit does not explain."""
     return np.asarray(-np.log10(100 - np.minimum(vaf, LARGEST_VAF)))
 
 
@@ -101,7 +101,8 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
 def draw(table: pl.DataFrame) -> Figure:
     """A swarm per controller with its median as a black bar.
 
-    The axis is logarithmic in the variance that the fit leaves. A light dot in the marker marks a doubtful fit.
+    The axis is logarithmic in the variance that the fit does not explain. A light dot in the marker marks a doubtful
+    fit.
     """
     figure = Figure(figsize=(SINGLE_COLUMN, HEIGHT))
     left, bottom, width, height = PANEL

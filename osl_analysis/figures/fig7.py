@@ -32,7 +32,7 @@ COLUMNS = (
     "phase_amplitudes_high", "doubtful",
 )  # fmt: skip
 LINEAR_MODEL = ", linear model"
-"""What follows the controller's name in the condition of a predicted curve."""
+"""Text after the controller's name in the condition of a predicted curve."""
 NICE = (1, 1.5, 2, 3, 4, 5, 6, 8)
 
 

@@ -53,7 +53,7 @@ def draw(table: pl.DataFrame) -> Figure:
     """(a) K, (b) B, (c) I: bars with one SD on either side of the mean, beside them the fit to the mean response with
     its 95 % interval, the commanded stiffness dashed.
 
-    Below stands how many perturbations there are, and how many of the fits are doubtful, if any.
+    A line below gives the number of perturbations and, if there are any, of doubtful fits.
     """
     figure, axes = panels(SINGLE_COLUMN, 2.3, columns=3)
     for ax, row in zip(axes, table.iter_rows(named=True), strict=True):

@@ -1,4 +1,4 @@
-"""Where Eq. 14 has one minimum, over the plane of desired impedances, and how large the gain is there."""
+"""Number of minima of Eq. 14 and the gain, over the plane of desired impedances."""
 
 import numpy as np
 import polars as pl

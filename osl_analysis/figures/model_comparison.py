@@ -1,4 +1,5 @@
-"""Rival models of belt, transmission and rendered impedance: how much of held-out torque they do not account for."""
+"""Rival models of belt, transmission and rendered impedance: the variance of held-out torque that they do not
+explain."""
 
 import numpy as np
 import polars as pl
@@ -20,7 +21,7 @@ MODELS = {
 """Names of each experiment and of its models, the draft's model first."""
 REPEATS = Look(GREY, "o", 2.6, "Repeat")
 SMALLEST = 1e-6
-"""Smallest share [percent] of the variance that is drawn; smaller ones are drawn there."""
+"""Smallest share [percent] of the variance on the axis. Smaller shares are drawn at this value."""
 
 
 def points(scores: pl.DataFrame) -> pl.DataFrame:

@@ -54,7 +54,8 @@ def draw(table: pl.DataFrame) -> Figure:
 
 
 def headed(rows: pl.DataFrame) -> list[Key]:
-    """Experiment, estimator and interval of each row, and before the first row of an experiment its name alone."""
+    """Experiment, estimator and interval of each row. Before the first row of an experiment there is a row with its
+    name."""
     keys: list[Key] = []
     for key in rows.rows():
         if not keys or keys[-1][0] != key[0]:

@@ -1,4 +1,4 @@
-"""What all figures share: page size, lettering, colours, markers, and panels."""
+"""Common style of all figures: page size, lettering, colours, markers, and panels."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -87,7 +87,7 @@ LOOKS = {
 
 @contextmanager
 def paper_style() -> Iterator[None]:
-    """Draw and save with `PAPER` alone, whatever the user's matplotlibrc says; usable as a decorator."""
+    """Draw and save with the settings `PAPER` only, independent of the user's matplotlibrc; usable as a decorator."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(PAPER)

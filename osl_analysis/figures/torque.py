@@ -1,4 +1,4 @@
-"""Measured and modelled torque of one trial, for a look at a fit."""
+"""Measured and modelled torque of one trial, for the inspection of a fit."""
 
 import polars as pl
 from matplotlib.figure import Figure

@@ -24,7 +24,7 @@ from osl_analysis.trial import Array, Trial
 
 @dataclass(frozen=True)
 class ActuatorExperiment:
-    """The actuator's bench: what every trial repeats, and how it is analysed.
+    """The actuator's bench: the motion and torque that every trial repeats, and the analysis.
 
     Attributes
     ----------
@@ -72,7 +72,8 @@ class ActuatorExperiment:
         yield DEFAULT, fit.interval_method, estimates_of(fit, self.names)
 
     def bounds(self) -> dict[str, float]:
-        """Cramer-Rao bound of the torque's noise in the fitted rows. Noise in the columns would raise it a little."""
+        """Cramer-Rao bound of the torque's noise in the fitted rows. Noise in the columns would increase it
+        slightly."""
         rate, omega = self.settings.dynamometer.rate_hz, self.motion.omega
         edge = int(np.ceil(EDGE_PERIODS * rate / self.analysis.cutoff_hz))
         rows = np.flatnonzero(np.abs(omega) > self.analysis.slowest)

@@ -69,7 +69,7 @@ class StudyBench:
     exact
         Parameters that made the torque, by quantity, where the joint has such parameters. Else empty.
     theory
-        What linear theory predicts, by quantity.
+        Prediction of linear theory, by quantity.
     """
 
     command: Array

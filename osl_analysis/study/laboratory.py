@@ -30,10 +30,10 @@ from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
 from osl_analysis.walking.unperturbed import unperturbed_gait
 
 LEVER_M = 0.1
-"""Distance from the middle of a cluster to its markers, and from the plate to the ankle. It turns noise of markers into
-noise of the angle, and noise of forces into noise of the moment."""
+"""Lever [m] of the noise: distance from the middle of a cluster to its markers, and from the plate to the ankle. It
+converts marker noise to noise of the angle, and noise of forces to noise of the moment."""
 UNCHECKED = CrossingQuality(residuals={}, zero=None, placement=(0.0, 0.0), encoder=None)
-"""Quality of a crossing that no markers and no plate recorded."""
+"""Quality of a crossing that is simulated without markers and plate."""
 PLATE_TRIALS = 6
 """Trials of the unloaded plate in a recorded campaign."""
 
@@ -85,7 +85,7 @@ class StudyLaboratory:
     def perturbed(self, name: str) -> PerturbedCrossing:
         """A perturbed crossing through the sensors, and its truth.
 
-        The simulator walks the same crossing without the perturbation too. The difference is the perturbation alone.
+        The same crossing is also simulated without the perturbation. The difference is the effect of the perturbation.
         """
         unperturbed, walked = self.walk(name, False), self.walk(name, True)
         alone = unperturbed_gait([self.seen(name, unperturbed, noisy=False)], 1)
@@ -95,7 +95,8 @@ class StudyLaboratory:
         return PerturbedCrossing(self.seen(name, walked, noisy=True), exact, rendered_impedance(walked, unperturbed))
 
     def walk(self, name: str, perturbed: bool) -> SimulatedCrossing:
-        """One crossing. Its name decides what is drawn, with and without the perturbation."""
+        """One crossing. Its name determines its random quantities, which are the same with and without the
+        perturbation."""
         time = motion_grid(self.gait)
         step, effects = draw_step(name, self.settings.seed, time, self.gait), drivetrain_effects(self.settings)
         return simulate_crossing(time, step, perturbed, True, self.gait, effects, self.p)
@@ -157,7 +158,7 @@ class RecordedLaboratory(StudyLaboratory):
 def calibrated(laboratory: StudyLaboratory, folder: Path, sources: Path) -> RecordedLaboratory:
     """A laboratory that records in `folder`, after its static trial and its trials of the unloaded plate.
 
-    The foot is weighed. Its inertia would else count as the ankle's.
+    The foot's inertial parameters are known. Otherwise its inertia would be part of the ankle's.
     """
     settings, gait, p = laboratory.settings, laboratory.gait, laboratory.p
     analysis = laboratory.analysis.model_copy(update={"foot": weighed_foot(gait)})
@@ -178,7 +179,7 @@ def ingested(name: str, folder: Path, sources: Path) -> Trial:
 
 
 def weighed_foot(gait: WalkingSettings) -> FootSettings | None:
-    """The simulated foot as a laboratory would weigh it. None where it has no mass."""
+    """Inertial parameters of the simulated foot, as a laboratory would measure them. None if it has no mass."""
     mass = gait.effects.foot_inertia.value
     if mass == 0:
         return None

@@ -1,4 +1,4 @@
-"""How good estimates and intervals are over simulated trials: bias, error over the Cramer-Rao bound, and coverage."""
+"""Performance of estimates and intervals over simulated trials: bias, error over the Cramer-Rao bound, coverage."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -22,15 +22,15 @@ class Performance:
     n
         Number of trials.
     bias, bias_mc
-        Mean error over the standard deviation of the estimates.
+        Mean error divided by the standard deviation of the estimates.
     rmse
         Root mean square error, in the unit of the estimate.
     rmse_over_bound, rmse_over_bound_mc
-        Root mean square error over the Cramer-Rao bound.
+        Root mean square error divided by the Cramer-Rao bound.
     se_over_sd
-        Stated standard error (root mean square) over the standard deviation of the estimates.
+        Stated standard error (root mean square) divided by the standard deviation of the estimates.
     coverage, coverage_mc
-        Share of the 95 % intervals that hold the truth.
+        Share of the 95 % intervals that contain the truth.
     """
 
     n: int
@@ -47,7 +47,7 @@ class Performance:
 def performance(error: Array, se: Array, covered: NDArray[np.bool_], bound: Array) -> Performance:
     """Performance from errors about the truth, stated standard errors, coverage and bounds, shape (n,) each.
 
-    `covered` says whether the interval held the truth. `bound` is the smallest possible standard error.
+    `covered` says whether the interval contains the truth. `bound` is the smallest possible standard error.
     """
     n, sd = len(error), float(np.std(error, ddof=1))
     ratio = float(np.sqrt(np.mean((error / bound) ** 2)))

@@ -23,16 +23,16 @@ class ResponseBench:
 
     @property
     def exact(self) -> Mapping[str, float]:
-        """Empty: the truth about a drivetrain with friction is found through ideal sensors."""
+        """Empty: a drivetrain with friction has no exact value. Its truth is the estimate with ideal sensors."""
         return {}
 
     @property
     def theory(self) -> Mapping[str, float]:
-        """Empty: linear theory predicts no drivetrain with friction."""
+        """Empty: linear theory does not describe a drivetrain with friction."""
         return {}
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
-        """The estimates from raw signals. Each frequency has a row of its own, as an estimator has."""
+        """The estimates from raw signals. Each frequency has its own row, like an estimator."""
         for segment in self.phasors(trial, ideal):
             f, row = segment.frequency_hz, polar_row(segment.admittance)
             parts = {"magnitude": "", "phase": "_deg"}

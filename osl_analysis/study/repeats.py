@@ -1,4 +1,4 @@
-"""Repeated bench trials in the study: the mean over as many trials as a campaign has, with Student's interval."""
+"""Repeated bench trials in the study: the mean over the trials of one campaign, with Student's interval."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ class RepeatedBench:
     count
         Number of trials in a mean.
     bench_of
-        The bench that a trial of this name finds.
+        Function that returns the bench of the trial with this name.
     scatter
         Standard deviation from trial to trial, by quantity, in the unit of the quantity.
     """
@@ -45,7 +45,7 @@ class RepeatedBench:
 
     @property
     def theory(self) -> Mapping[str, float]:
-        """What linear theory predicts for one trial."""
+        """Prediction of linear theory for one trial."""
         return self.nominal.theory
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:

@@ -1,4 +1,4 @@
-"""What the study repeats on a bench: its inputs, its estimates of one trial, and a table row for each of them."""
+"""Bench trials of the study: inputs, estimates of one trial, and a table row for each estimate."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -23,7 +23,7 @@ StudyRow = dict[str, Any]
 
 @dataclass(frozen=True)
 class StudyInputs:
-    """What the study simulates, and the settings with which it analyses it.
+    """Settings with which the study simulates and analyses its trials.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class StudiedExperiment(Protocol):
 
     @property
     def theory(self) -> Mapping[str, float]:
-        """What linear theory predicts, by quantity, where there is a prediction."""
+        """Prediction of linear theory, by quantity; empty without a prediction."""
         ...
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:

@@ -57,8 +57,8 @@ def campaign_rows(number: int, crossings: int, laboratory: StudyLaboratory) -> l
     """Estimates of one campaign with as many perturbed as unperturbed `crossings`.
 
     The estimates are those of the first perturbation, of the mean of all, and of the ensemble, each with its interval.
-    The study is of gait and noise: the truth is the same estimator's answer to the same perturbations alone, through
-    ideal sensors. `model_error` is the truth minus the impedance that the leg rendered.
+    The study is about gait and noise. The truth is the estimate of the same estimator for the same perturbations
+    without gait, with ideal sensors. `model_error` is the truth minus the impedance that the leg rendered.
     """
     names = [f"study_{number:05d}_{i}" for i in range(2 * crossings)]
     analysis = laboratory.analysis
@@ -109,7 +109,7 @@ def bootstrap_row(ensemble: ImpedanceFit, resampled: Bootstrap, quantity: str) -
 
 
 def usable(make: Callable[[str], Made], names: Iterable[str]) -> list[Made]:
-    """What `make` returns for each name. Crossings that the analysis refuses are excluded, as in a recorded campaign.
+    """Result of `make` for each name. Crossings that the analysis refuses are excluded, as in a recorded campaign.
 
     Raises
     ------

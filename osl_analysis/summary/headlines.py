@@ -28,14 +28,14 @@ from osl_analysis.summary.labels import (
 from osl_analysis.trial import Array
 
 STUDENT = "95 % of the mean (Student)"
-FIT = "95 % of the fit (its noise; not what the model lacks)"
+FIT = "95 % of the fit (its noise; without errors of the model)"
 BOOTSTRAP = "95 % (bootstrap over crossings and trials of the unloaded plate)"
 PAIRED = "95 % of the mean difference of the same trials (Student)"
 RANGE = "lowest to highest"
 COUNT = "count"
 ENSEMBLE = "ensemble"
-"""Estimator of the walking summary that is the headline: its bias shrinks with the number of crossings, that of the
-mean over perturbations does not."""
+"""Estimator of the walking summary that is the headline. Its bias decreases with the number of crossings; the bias of
+the mean over perturbations does not."""
 
 SUMMARY_COLUMNS = ("quantity", "n", "mean", "low", "high")
 TABLES = {
@@ -74,9 +74,9 @@ class Headline(Label):
     low: float | None
     high: float | None
     interval: str | None
-    """What kind of interval it is; None if there is none."""
+    """Kind of the interval; None if there is none."""
     n: int
-    """Number of trials or fits behind it."""
+    """Number of trials or fits that the number is computed from."""
     amplitudes_low: float | None = None
     """Lowest result of the fits to single amplitudes; None if there are none."""
     amplitudes_high: float | None = None
@@ -86,7 +86,7 @@ class Headline(Label):
 def needed_columns(table: str) -> tuple[str, ...] | None:
     """Columns of a result table that the summary needs; None for a table that it does not read.
 
-    Of every table whose fits can be doubtful it counts the doubtful ones.
+    The summary counts the doubtful fits of every table that can have them.
     """
     judged = (DOUBTFUL,) if table in judged_tables() else ()
     return (*TABLES.get(table, ()), *judged) or None
@@ -145,7 +145,7 @@ def example_headlines(symbol: str, label: Label, trials: pl.DataFrame) -> list[H
 
 
 def model_gain_headlines(table: pl.DataFrame) -> list[Headline]:
-    """What rival models gain over the draft's in VAF on held-out data, of the comparisons that have a mean."""
+    """Differences in held-out VAF between rival models and the draft's model, for the comparisons that have a mean."""
     numbers, labels = [], model_gain_labels()
     for row in table.drop_nulls("VAF_gain").iter_rows(named=True):
         label = labels.get((row["experiment"], row["controller"], row["model"]))
@@ -156,7 +156,7 @@ def model_gain_headlines(table: pl.DataFrame) -> list[Headline]:
 
 
 def doubtful_fits(name: str, table: pl.DataFrame) -> Headline:
-    """How many fits of a table are doubtful; `n` is how many there are."""
+    """Number of doubtful fits of a table; `n` is the number of all its fits."""
     doubtful, n = doubtful_count(table)
     return Headline(**asdict(doubtful_label(name)), value=doubtful, low=None, high=None, interval=COUNT, n=n)
 
@@ -183,7 +183,7 @@ def summary_means(table: pl.DataFrame, labels: Mapping[str, Label], interval: st
 
 
 def over_fits(label: Label, values: pl.Series, middle: Callable[[Array], np.floating]) -> list[Headline]:
-    """Mean or median of the finite values, with their range if they are several; nothing where none is finite."""
+    """Mean or median of the finite values, with their range if there are several. Empty without finite values."""
     finite = values.filter(values.is_finite()).to_numpy()
     if not len(finite):
         return []

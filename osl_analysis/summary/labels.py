@@ -1,4 +1,4 @@
-"""What the headline numbers are called: name, unit, value of the paper's draft, LaTeX macro and meaning."""
+"""Labels of the headline numbers: name, unit, value in the paper's draft, LaTeX macro and meaning."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ EXAMPLE_K_D, EXAMPLE_B_D = 300.0, 5.0
 
 @dataclass(frozen=True)
 class Label:
-    """What a headline number is called."""
+    """Label of a headline number."""
 
     name: str
     """Its key in the summary."""
@@ -73,7 +73,8 @@ def impedance_labels(controller: str) -> dict[str, Label]:
 
 
 def model_gain_labels() -> dict[tuple[str, str | None, str], Label]:
-    """What rival models gain over the draft's, by experiment, controller and model of the comparison's summary."""
+    """Differences between rival models and the draft's, by experiment, controller and model of the comparison's
+    summary."""
     drivetrain = {
         controller: controller_label(controller, "drivetrain_VAF_gain", "%", "DrivetrainVAFGain", DRIVETRAIN_GAIN)
         for controller in CONTROLLERS

@@ -1,4 +1,4 @@
-"""Headline numbers as JSON, as LaTeX macros and as a Markdown table, rounded to what their intervals allow."""
+"""Headline numbers as JSON, LaTeX macros and a Markdown table, rounded according to their intervals."""
 
 import json
 import math
@@ -74,8 +74,8 @@ def to_markdown(numbers: Mapping[str, Mapping[str, Any]]) -> str:
 def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, str | None]:
     """Bounds that decide to how many digits a number is rounded, and their kind.
 
-    These are the range over single amplitudes where there is one, else the interval: noise may leave five digits
-    where the amplitudes agree in three.
+    These are the range over single amplitudes if there is one, otherwise the interval. The amplitudes may agree to
+    three digits although the interval of noise would allow five.
     """
     low, high = (number.get(key) for key in AMPLITUDES)
     return (number["low"], number["high"], number["interval"]) if low is None else (low, high, None)
@@ -84,8 +84,9 @@ def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, s
 def decimals(value: float, low: float | None, high: float | None, interval: str | None) -> int:
     """Decimal places with which a number is written.
 
-    They leave two digits of half the interval. A number without an interval has three digits; so has one with a range,
-    which says nothing of its precision, or more until the ends of the range differ. A count has no decimals.
+    Half the interval keeps two digits. A number without an interval has three digits. A number with a range also has
+    three, or more until the ends of the range differ, because a range does not show the precision. A count has no
+    decimals.
     """
     if interval == COUNT:
         return 0

@@ -1,4 +1,4 @@
-"""A long run of damaged logs through the reader: no crash, no hang, no unbounded memory, no value that was not written.
+"""Read many damaged logs: the reader must not crash, hang, use unbounded memory or return a value that was not written.
 
 Run from the repository: `python benchmarks/fuzz_mcap.py [minutes] [seed]`, 1 minute and seed 0 unless told. The suite
 runs 150 such files in `tests/test_formats_mcap_damage.py`; run this after every change to the reader, for an hour
@@ -6,9 +6,9 @@ before a release. Each file is a valid log (CDR, protobuf or JSON; zstd, lz4 or 
 chunks, index and checksums) that is then damaged in up to eight places: flipped, overwritten, cut out, inserted,
 repeated, swapped, truncated, with absurd lengths where lengths stand.
 
-A reader that raises anything but `InputError`, or takes more than 5 s or 100 MB for a file of some kB, ends the run,
-and leaves the file as `fuzz_failure.mcap`. Where a checksum covers the messages every value that was read is compared
-with what was written; without one a flipped bit of a value cannot be told, which the report says (`crc`: absent).
+The run ends if the reader raises another error than `InputError`, or takes more than 5 s or 100 MB for a file of some
+kB. The file is then kept as `fuzz_failure.mcap`. If a checksum covers the messages, every value that was read is
+compared with the written one. Without a checksum a flipped bit cannot be detected; the report says so (`crc`: absent).
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Prove, request by request, how many minima Eq. 14 has with the paper's W, and draw the map of docs/gain_selection.md.
+"""Prove the number of minima of Eq. 14 with the paper's W for each request, and draw the map of docs/gain_selection.md.
 
     python benchmarks/gain_map.py [docs/gain_map.png]
 

@@ -1,4 +1,4 @@
-"""How long the exact gain selection takes, beside a bounded search and plain gradient descent, with the error of each.
+"""Time and error of the exact gain selection, compared with a bounded search and plain gradient descent.
 
     python benchmarks/gain_selection.py
 

@@ -1,10 +1,10 @@
-"""How many times faster logs in MCAP are read than by the `mcap` packages, and how near to the limit.
+"""Speed of the MCAP reader relative to the `mcap` packages and to the lower limit of the reading time.
 
 Run from the repository: `python benchmarks/mcap_reading.py [seconds]`. One run writes a synthetic trial of 140 s (or as
 many as are asked for) at 1 kHz in three topics, once in each encoding, to a temporary folder; reads it with
-`read_mcap_log` and with the packages' own readers, to the same columns; and prints the times' ratios. The limit is
-what no reader can be faster than that checks what it reads: decompress every chunk, take its CRC, copy its bytes twice.
-Times are those of the processor, on one thread as in the workflow's jobs: they do not depend on what else is running.
+`read_mcap_log` and with the packages' own readers, to the same columns; and prints the times' ratios. The limit is the
+time that every checking reader needs: decompress every chunk, compute its CRC, copy its bytes twice. Times are those of
+the processor, on one thread as in the workflow's jobs: they do not depend on what else is running.
 """
 
 import json

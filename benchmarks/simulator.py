@@ -1,4 +1,4 @@
-"""How many times faster than real time one core simulates a full dynamometer trial, sensors included.
+"""Speed of one core relative to real time for the simulation of a full dynamometer trial, including sensors.
 
 Run from the repository: `python benchmarks/simulator.py`. Nothing is written; compilation is not counted.
 """

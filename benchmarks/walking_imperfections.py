@@ -1,8 +1,9 @@
-"""What each imperfection of a gait laboratory does to the impedance of a walking ankle, and what each remedy mends.
+"""Effect of each imperfection of a gait laboratory on the estimated ankle impedance, and effect of each remedy.
 
 Run from the repository: `python benchmarks/walking_imperfections.py`. Simulated crossings pass through C3D files,
-ingest and the walking analysis of `config/config.yaml`; what the simulated leg rendered is the truth. Writes the tables
-of `docs/walking_validation.md`; less than ten minutes on one core. The same seeds give the same tables.
+ingest and the walking analysis of `config/config.yaml`. The truth is the impedance that the simulated leg rendered.
+Writes the tables of `docs/walking_validation.md`; less than ten minutes on one core. The same seeds give the same
+tables.
 """
 
 import json

@@ -77,7 +77,7 @@ def problem_in(row: dict[str, str]) -> str:
         if row[column] and not is_number(row[column]):
             return f"{column} '{row[column]}' is not a number; give it in SI units, without the unit"
     if (row["K_d"] and not float(row["K_d"]) > 0) or (row["B_d"] and not float(row["B_d"]) >= 0):
-        return f"K_d = {row['K_d']}, B_d = {row['B_d']} is no impedance of a joint; give K_d > 0 and B_d >= 0"
+        return f"K_d = {row['K_d']}, B_d = {row['B_d']} is not the impedance of a joint; give K_d > 0 and B_d >= 0"
     if row["perturbed"].lower() not in ("", "true", "false"):
         return f"perturbed '{row['perturbed']}' must be true or false"
     return problem_with_needs(row)

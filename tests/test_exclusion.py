@@ -1,4 +1,4 @@
-"""Trials that quality control excludes: left out by name, and never silently."""
+"""Trials that quality control excludes are always named."""
 
 from pathlib import Path
 

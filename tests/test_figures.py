@@ -450,11 +450,12 @@ def test_the_walking_page_shows_both_gaits_every_response_their_mean_and_its_fit
     table = walking_page_table()
     angle, torque, isolated_angle, isolated_torque = walking_page.draw(table).axes
     for ax in (angle, torque):
-        (calm,) = [a for a in ax.lines if a.get_label().startswith("Unperturbed")]
-        assert calm.get_label() == "Unperturbed ($n$ = 7)"
-        np.testing.assert_allclose(calm.get_ydata(), calm.get_xdata() * (100 - calm.get_xdata()) / 100)
+        (unperturbed,) = [a for a in ax.lines if a.get_label().startswith("Unperturbed")]
+        assert unperturbed.get_label() == "Unperturbed ($n$ = 7)"
+        x = unperturbed.get_xdata()
+        np.testing.assert_allclose(unperturbed.get_ydata(), x * (100 - x) / 100)
         band = ax.collections[0].get_paths()[0].get_extents()
-        assert band.y1 == pytest.approx(calm.get_ydata().max() + 2, abs=0.1)
+        assert band.y1 == pytest.approx(unperturbed.get_ydata().max() + 2, abs=0.1)
         assert (ax.patches[0].get_x(), ax.patches[0].get_width()) == (40, 14)
     for ax, fits in ((isolated_angle, 0), (isolated_torque, 1)):
         thin = [a for a in ax.lines if a.get_alpha()]

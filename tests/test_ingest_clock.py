@@ -88,7 +88,7 @@ def test_any_offset_and_drift_come_back_to_a_tenth_of_a_sample_with_a_twentieth_
 
 
 def spoilt(edges: Edges, rng: np.random.Generator) -> Edges:
-    """Of the edges 2 % missing, 1.5 % late by up to 50 ms, and 1.5 % that never were."""
+    """Edges of which 2 % are missing and 1.5 % are late by up to 50 ms, with 1.5 % false edges added."""
     draw = rng.random(edges.time.size)
     late = edges.time + np.where(draw > 0.985, rng.uniform(0.005, 0.05, draw.size), 0)
     extra = rng.uniform(edges.time[0], edges.time[-1], round(0.015 * draw.size))

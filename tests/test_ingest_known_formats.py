@@ -49,7 +49,7 @@ def refused(tmp_path: Path, content: object) -> str:
 
 def test_an_unknown_column_is_refused_with_the_known_ones(tmp_path: Path) -> None:
     channels = {"thetta": {"topic": "/lab", "field": "angle", "unit": "deg"}}
-    assert "'thetta' is no canonical column; the columns are theta, theta_m" in refused(
+    assert "'thetta' is not a canonical column; the columns are theta, theta_m" in refused(
         tmp_path, {**LOG, "channels": channels}
     )
 
@@ -61,7 +61,7 @@ def test_a_unit_that_cannot_become_the_columns_is_refused(tmp_path: Path) -> Non
 
 def test_time_is_not_a_channel(tmp_path: Path) -> None:
     channels = {"time": {"topic": "/lab", "field": "t", "unit": "s"}}
-    assert "time is no channel" in refused(tmp_path, {**LOG, "channels": channels})
+    assert "time is not a channel" in refused(tmp_path, {**LOG, "channels": channels})
 
 
 def test_a_misspelt_field_is_refused(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ RULES = read_section(ROOT / "config/config.yaml", "quality", QualityRules)
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A capture, a log, one of each that is none, a table, and what is no recording."""
+    """A capture, a log, an invalid one of each, a table, and a file that is not a recording."""
     positions = np.concatenate([np.linspace(1, 2, 300).reshape(100, 1, 3), np.zeros((100, 1, 1))], axis=2)
     positions[40:65] = 0.0
     write_c3d(tmp_path / "walk.c3d", positions, rate=100.0, POINT__LABELS=["a|<b>"])

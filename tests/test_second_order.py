@@ -33,7 +33,7 @@ def test_mirrored_motion_gives_the_same_impedance():
 
 
 def test_a_late_torque_costs_damping_at_the_rate_of_the_stiffness():
-    """B shifts by -K delay to first order while the VAF stays blind (design.md, section 5)."""
+    """To first order B shifts by -K delay, and the VAF does not change (design.md, section 5)."""
     K, B, delay, rate = 340.0, 3.0, 1 / 300, 3000.0
     motion = multisine(0.7, 2.3, 3.9, rate=rate)
     late = round(delay * rate)

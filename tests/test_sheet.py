@@ -40,7 +40,7 @@ def test_columns_that_a_campaign_does_not_need_may_be_left_out(tmp_path):
         ("b1,belts,,,,,b.mcap,dynamometer,,,", "line 2: experiment 'belts' is none of belt"),
         ("g,gait,,,,,,,g.c3d,vicon,", "experiment 'gait' is now called 'overground'; write 'overground'"),
         ("../b1,belt,,,,,b.mcap,dynamometer,,,", r"line 2: trial '\.\./b1' must be up to 100 letters"),
-        ("k,impedance,compensated,-3,5,,k.mcap,dynamometer,,,", "K_d = -3, B_d = 5 is no impedance"),
+        ("k,impedance,compensated,-3,5,,k.mcap,dynamometer,,,", "K_d = -3, B_d = 5 is not the impedance of a joint"),
         ("k,impedance,compensated,1e999,5,,k.mcap,dynamometer,,,", "K_d '1e999' is not a number"),
         ("b1,belt,,,,,,,,,", "names no file; fill in log or mocap"),
         ("b1,belt,,,,,b.mcap,,,,", "log_source is empty"),

@@ -313,7 +313,7 @@ def test_the_bootstrap_s_interval_is_student_s_where_the_draws_are_normal() -> N
 
 
 def wander(c: Crossing, random: np.random.Generator) -> Crossing:
-    """The crossing with slow, smooth errors of angle and torque of its own, as steps differ."""
+    """The crossing with its own slow, smooth deviations of angle and torque, as steps differ."""
     pitch, phase, size = random.uniform(1, 5), random.uniform(0, 2 * np.pi, 2), random.normal(0, [2e-3, 1.0])
     angle, torque = (a * np.sin(2 * np.pi * pitch * c.time + p) for a, p in zip(size, phase, strict=True))
     return replace(c, theta=c.theta + angle, torque=c.torque + torque)

@@ -91,7 +91,7 @@ def inspect_csv(path: Path) -> Overview:
     Raises
     ------
     InputError
-        The file is no text, or holds no rows.
+        The file is not text, or has no rows.
     """
     lines = read_lines(path)
     comments = [text for _, text in lines if text.lstrip().startswith(COMMENT)]

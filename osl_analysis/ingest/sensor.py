@@ -63,7 +63,8 @@ class Sensor(Settings):
         Raises
         ------
         InputError
-            The resolution is not positive or of another dimension, or bits are stated for what is no angle.
+            The resolution is not positive or of another dimension, or bits are stated for a signal that is not an
+            angle.
         """
         stated: dict[str, Any] = {}
         if self.delay is not None:

@@ -115,7 +115,7 @@ class CaptureSource(Settings):
     description: str = ""
     """For readers; nothing is computed from it."""
     markers: Literal["all"] | tuple[str, ...] = "all"
-    """The markers to read: all (every labelled point that is no model output), none or a list of labels."""
+    """The markers to read: all (every labelled point except model outputs), none or a list of labels."""
     axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
     """The file's axes that point forward, to the left and up: `[z, x, y]` or `[x, -z, y]` where y is up."""
     shared: SharedAngle | None = None
@@ -166,9 +166,9 @@ def check_canonical(column: str, channel: Conversion) -> None:
         canonical = unit_of(column)
     except KeyError:
         names = [name for name in COLUMNS if name != "time"]
-        raise ValueError(f"'{column}' is no canonical column; the columns are {', '.join(names)}") from None
+        raise ValueError(f"'{column}' is not a canonical column; the columns are {', '.join(names)}") from None
     if column == "time":
-        raise ValueError("time is no channel; say where it comes from under `time`")
+        raise ValueError("time is not a channel; state its source under `time`")
     try:
         channel.sensor_origin(canonical)
         if channel.unit is not None:

@@ -109,7 +109,7 @@ def quantity(text: str, expected: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise InputError(f"{quoted_unit(text)} is no number with a unit; write it as in `2 {EXAMPLES[expected][0]}`")
+        raise InputError(f"{quoted_unit(text)} is not a number with a unit; write it as in `2 {EXAMPLES[expected][0]}`")
     return value * si_factor(unit, expected)
 
 

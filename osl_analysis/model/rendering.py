@@ -4,7 +4,7 @@ The joint's dynamic stiffness is Z = 1/Y = P - c/N, in the letters of `drivetrai
 have shape (pairs,).
 
 Passivity needs no test. At s = j w the joint takes in energy at the rate of Im Z = w (B_j + c x/|N|^2), positive for
-every x > 0: whatever gain Eq. 14 selects, the rendered impedance is passive.
+every x > 0. The rendered impedance is therefore passive with every gain that Eq. 14 selects.
 """
 
 from collections.abc import Sequence

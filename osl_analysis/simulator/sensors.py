@@ -40,7 +40,7 @@ def rounded_to(signal: Array, step: float) -> Array:
 def flicker(size: float, n: int, draws: np.random.Generator) -> Array:
     """1/f noise (n,), even in time, whose standard deviation in a decade of frequency is `size`.
 
-    A power density of size^2/(ln 10 f) has the variance size^2 in each decade, whatever the sampling rate.
+    A power density of size^2/(ln 10 f) has the variance size^2 in each decade, for any sampling rate.
     """
     line = np.arange(n // 2 + 1)
     white = draws.standard_normal((2, len(line)))

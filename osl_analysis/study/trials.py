@@ -112,8 +112,8 @@ def torque_noise(settings: SimulationSettings, time: Array) -> tuple[float, Arra
 def trial_rows(experiment: StudiedExperiment, trials: Sequence[str], low_pass: LowPass) -> list[StudyRow]:
     """Value, truth, interval and bound for every trial, estimator and quantity.
 
-    The truth is the parameter that made the torque, where the joint has such a parameter. `model_truth` is what the
-    same estimator finds in the same trial through ideal sensors; where there is no parameter it is the truth too.
+    The truth is the parameter that made the torque, where the joint has such a parameter. `model_truth` is the estimate
+    of the same estimator in the same trial with ideal sensors. Without such a parameter it is also the truth.
     `model_error` is `model_truth` minus the prediction of linear theory.
     """
     ideal = {name: estimates for name, _, estimates in experiment.estimates("ideal", low_pass, ideal=True)}

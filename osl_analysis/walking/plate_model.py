@@ -185,7 +185,7 @@ def turned_while_hidden(name: str, time: Array, poses: Poses, settings: PlateMod
     if poses.seen().all():
         raise InputError(
             f"trial {name}: the platform turns by {turned:.2f} deg only, expected {settings.perturbation_deg:g} deg or "
-            "more; record a perturbation with nobody on it"
+            "more; record a perturbation of the unloaded plate"
         )
     return True
 

@@ -96,7 +96,7 @@ def unpacked(name: bytes, body: bytes, size: int) -> bytes:
 
 
 def decompressed(name: bytes, body: bytes, size: int) -> bytes:
-    """Decompress, but never to more than one byte beyond the declared size, whatever the stream itself declares."""
+    """Decompress to at most one byte more than the declared size, independent of what the stream declares."""
     if name == b"":
         return body
     if name == b"zstd":

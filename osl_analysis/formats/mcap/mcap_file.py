@@ -109,7 +109,7 @@ class McapFile:
                 else:
                     channel = Channel.read(stream)
                     self.channels[channel.id] = channel if trusted else self.channels.get(channel.id, channel)
-            except Exception:  # whatever the library stumbles over in damaged bytes
+            except Exception:  # the library raises many kinds of errors on damaged bytes
                 self.damage.remark("a schema or a channel cannot be read")
 
 

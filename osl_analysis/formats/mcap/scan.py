@@ -118,7 +118,7 @@ def take_loose(scan: Scan, position: int, walk: RecordWalk) -> None:
 def take_record(scan: Scan, data: Buffer, opcode: int, start: int, end: int) -> None:
     """Take in one sound record."""
     if opcode == Opcode.CHUNK:
-        if scan.data_end:  # there is no chunk after the data's end: it was none
+        if scan.data_end:  # a chunk after the end of the data shows that this was not the end
             scan.data_end, scan.data_crc, scan.summary_damaged = 0, None, True
         scan.chunked = True
         scan.sections.append(FileSection("chunk", start, end))

@@ -98,7 +98,7 @@ def message_heads(buffer: Buffer, starts: Indices) -> NDArray[Any]:
 
 
 def is_chunk(data: Buffer, start: int, end: int) -> bool:
-    """Whether the content of a record is that of a chunk, whatever its opcode: its two lengths agree."""
+    """Whether the content of a record is that of a chunk, for any opcode: its two lengths agree."""
     if end - start < CHUNK_HEAD.size + 8:
         return False
     name = CHUNK_HEAD.unpack_from(data, start)[4]

@@ -65,7 +65,7 @@ class CdrWalk(MessageWalk):
                 self.messages(item, path)
 
     def count(self, item: MessageField) -> int:
-        """How many elements a field has; 1 if it is no array."""
+        """Number of elements of a field; 1 if it is not an array."""
         if item.array == "sequence":
             return self.length()
         return 1 if item.array is None else item.array

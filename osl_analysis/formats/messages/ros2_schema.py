@@ -42,7 +42,7 @@ def parse_schema(name: str, text: str) -> Definitions:
     Raises
     ------
     InputError
-        A line is no field, or a type is not defined.
+        A line is not a field, or a type is not defined.
     """
     definitions: Definitions = {"builtin_interfaces/Time": STAMP, "builtin_interfaces/Duration": STAMP}
     own, *parts = SEPARATOR.split(text)

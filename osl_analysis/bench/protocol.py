@@ -229,7 +229,7 @@ def settled(
     """All segments without their first `settle_cycles` cycles and without their last one; one cycle at least is kept.
 
     The first cycles still contain the transient. Into the last one the zero-phase filter smears the beginning of the
-    next frequency. Cycles with a row that is not `usable` (n,) are left out.
+    next frequency. Cycles with a row that is not `usable` (n,) are not fitted.
 
     Raises
     ------

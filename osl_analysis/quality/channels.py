@@ -177,7 +177,7 @@ def measure_unzeroed_load_cell(examined: Examined) -> CheckResult:
 def measure_unzeroed_plate(examined: Examined) -> CheckResult:
     """Largest size of the level [N] of a bare plate.
 
-    A negative level is an error whatever stands on the plate. A positive one counts if it is below what a resting plate
+    A negative level is always an error. A positive one counts if it is below what a resting plate
     may scatter, or in experiments in which every plate is bare at some time.
     """
     columns = [c for c in examined.samples.columns if c.startswith("plate") and c.endswith("_force_z")]

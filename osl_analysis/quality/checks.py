@@ -1,4 +1,4 @@
-"""A check of quality control: what it is called, what it measures, and on which trials."""
+"""A check of quality control: its name, what it measures, and the trials to which it applies."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

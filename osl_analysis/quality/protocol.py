@@ -65,7 +65,7 @@ def pair_of(run: Run, commanded: SteppedSineProtocol) -> Pair | None:
 
 
 def clock_remark(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[str]:
-    """By how much the recorded frequencies deviate from the commanded ones, if it is worth a remark."""
+    """Remark on the deviation of the recorded frequencies from the commanded ones, if it is large enough."""
     beside = [run.frequency_hz / f - 1 for run in found if (f := commanded.frequency_near(run.frequency_hz))]
     median = float(np.median(beside)) if beside else 0.0
     if abs(median) < CLOCK:

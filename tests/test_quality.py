@@ -169,6 +169,15 @@ def test_a_joint_at_rest_under_a_small_noisy_torque_is_not_stuck() -> None:
     assert results(samples)["stuck"].value < 0.1
 
 
+def test_a_joint_at_rest_before_a_start_with_a_jump_of_torque_is_not_stuck() -> None:
+    """Where a sine starts at its peak, the bench accelerates at once: the torque jumps before the encoder counts."""
+    theta = np.concatenate([np.zeros(2000), stepped_sine()])
+    torque = np.concatenate([np.zeros(1998), [40.0, 40.0], 300 * stepped_sine()])
+    noise = 0.01 * np.random.default_rng(3).standard_normal(theta.size)
+    samples = pl.DataFrame({"time": np.arange(theta.size) / RATE, "theta": theta, "torque": torque + noise})
+    assert results(samples)["stuck"].value < 0.1
+
+
 def test_a_load_cell_with_coarse_steps_is_not_stuck_while_the_joint_rests() -> None:
     theta = np.concatenate([np.zeros(2000), stepped_sine()])
     coarse = np.round(300 * theta / 0.5) * 0.5

@@ -113,7 +113,7 @@ def standing_angles(examined: Examined) -> dict[str, float]:
         time, values = channel(samples, "theta")
         commanded = smoothed(*channel(samples, reference))
         if time.size and commanded[0].size:
-            times["theta"] = standing(time, values, np.interp(time, *commanded))
+            times["theta"] = standing(time, values, commanded)
     angle = moving_angle(examined.experiment)
     if angle in samples.columns:
         time, values = channel(samples, angle)
@@ -138,11 +138,21 @@ def moving_angle(experiment: Experiment) -> str:
     return experiment.motion or ("theta" if experiment.tables else "")
 
 
-def standing(time: Array, theta: Array, reference: Array) -> float:
-    """Longest time [s] that theta repeats one value while the reference goes through a part of its range, (n,) each."""
-    least = MOVES * float(np.ptp(reference)) if reference.size else 0.0
-    stands = [run for run in runs(np.diff(theta) == 0) if np.ptp(reference[run.start : run.stop + 1]) > least]
-    return max((float(time[run.stop] - time[run.start]) for run in stands), default=0.0)
+def standing(time: Array, theta: Array, reference: tuple[Array, Array]) -> float:
+    """Longest time [s] that theta (n,) repeats one value while the reference goes through a part of its range.
+
+    `reference` has times [s] and means of stretches (m,), of which those within the repetition count: at the start of a
+    motion the torque jumps before the angle leaves its value.
+    """
+    middle, means = reference
+    least, half = MOVES * float(np.ptp(means)), SMOOTHED / 2 + median_step(time)
+    longest = 0.0
+    for run in runs(np.diff(theta) == 0):
+        start, stop = float(time[run.start]), float(time[run.stop])
+        within = means[(middle > start + half) & (middle < stop - half)]
+        if within.size and np.ptp(within) > least:
+            longest = max(longest, stop - start)
+    return longest
 
 
 def length_of_longest(true: NDArray[np.bool_]) -> int:

@@ -170,11 +170,10 @@ def test_a_joint_at_rest_under_a_small_noisy_torque_is_not_stuck() -> None:
 
 
 def test_a_joint_at_rest_before_a_start_with_a_jump_of_torque_is_not_stuck() -> None:
-    """Where a sine starts at its peak, the bench accelerates at once: the torque jumps before the encoder counts."""
-    theta = np.concatenate([np.zeros(2000), stepped_sine()])
-    torque = np.concatenate([np.zeros(1998), [40.0, 40.0], 300 * stepped_sine()])
+    """Where a sine starts at its peak, the torque of the next moment is no reference for the rest before it."""
+    theta = np.concatenate([np.zeros(2000), 0.07 * np.cos(2 * np.pi * np.arange(4000) / RATE)])
     noise = 0.01 * np.random.default_rng(3).standard_normal(theta.size)
-    samples = pl.DataFrame({"time": np.arange(theta.size) / RATE, "theta": theta, "torque": torque + noise})
+    samples = pl.DataFrame({"time": np.arange(theta.size) / RATE, "theta": theta, "torque": 300 * theta + noise})
     assert results(samples)["stuck"].value < 0.1
 
 

@@ -263,12 +263,10 @@ def belt_table(belt: BeltTrial) -> pl.DataFrame:
 
 
 def damping_row(loading: LinearFit, rate_hz: float) -> Row:
-    """`B_j` [N*m*s/rad] while loading with its standard error; null where the velocity is constant."""
-    known = "B_j" in loading.names
-    return {
-        "B_j": loading["B_j"] / rate_hz if known else None,
-        "B_j_se": loading.se("B_j") / rate_hz if known else None,
-    }
+    """`B_j` [N*m*s/rad] while loading, as `estimates_row` has it; null where the velocity is constant."""
+    if "B_j" not in loading.names:
+        return dict.fromkeys(("B_j", "B_j_se", "B_j_low", "B_j_high"))
+    return {name: value / rate_hz for name, value in estimates_row(loading, "B_j").items()}
 
 
 def belt_time_base(belt: BeltTrial) -> pl.DataFrame:

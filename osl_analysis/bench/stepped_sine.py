@@ -8,10 +8,12 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.alternatives import joint_angle
 from osl_analysis.bench.protocol import Block, Segment, find_blocks, repeated_cycles, rows_of, settled
+from osl_analysis.bench.rounding import Rounded, repeated_error
 from osl_analysis.bench.settings import BenchStiffness, SteppedSineAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, Motion, filtered_motion
-from osl_analysis.stats.covariance import FEWEST_CYCLES, ResidualCorrelation, sums_between
+from osl_analysis.stats.covariance import FEWEST_CYCLES, RepeatedError, ResidualCorrelation, sums_between
+from osl_analysis.stats.rounding import visible_step
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import UniformSignals, uniform_signals
 
@@ -32,6 +34,8 @@ class RawSignals:
     """Sampling rate [Hz]."""
     segments: Sequence[Segment]
     """The settled segments."""
+    repeated: RepeatedError | None = None
+    """What the rounding of angle and torque adds to the torque in the rows of the segments."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,8 @@ class SteppedSineTrial:
     """The filter of angle and torque."""
     drift: float
     """Drift of the load cell [N*m/s] that was subtracted from the torque."""
+    steps: tuple[float | None, float | None] = (None, None)
+    """Steps to which angle [rad] and torque [N*m] were rounded; None where they are not known."""
     usable: NDArray[np.bool_] | None = None
     """Rows that are not near a gap in the recording; None: all."""
     uniform: UniformSignals | None = None
@@ -78,7 +84,9 @@ class SteppedSineTrial:
     @property
     def raw(self) -> RawSignals:
         """The raw signals with the settled segments of all amplitudes."""
-        return RawSignals(self.time, self.theta, self.command, self.torque, self.rate_hz, self.segments(None))
+        segments = self.segments(None)
+        repeated = self.repeated_rounding(segments)
+        return RawSignals(self.time, self.theta, self.command, self.torque, self.rate_hz, segments, repeated)
 
     def parts(self) -> Iterator[tuple[float | None, Motion, Array]]:
         """Amplitude [deg], motion and filtered torque of each block's settled cycles, then of all (amplitude None)."""
@@ -97,8 +105,22 @@ class SteppedSineTrial:
 
     def residual_correlation(self, amplitude: float | None) -> ResidualCorrelation:
         """How residuals in these rows depend on one another: the cycles repeat, and the filter correlates noise."""
-        every = self.low_pass.independent_samples(self.rate_hz)
-        return ResidualCorrelation(repeated_cycles(self.segments(amplitude)), every)
+        every, segments = self.low_pass.independent_samples(self.rate_hz), self.segments(amplitude)
+        return ResidualCorrelation(repeated_cycles(segments), every, repeated=self.repeated_rounding(segments))
+
+    def repeated_rounding(self, segments: Sequence[Segment]) -> RepeatedError | None:
+        """What the rounding of angle and torque, which the cycles of the segments repeat, is as an error of the torque.
+
+        None where no step is known, or where cycles do not repeat.
+        """
+        cycles = repeated_cycles(segments)
+        if cycles is None or not any(self.steps):
+            return None
+        pairs = ((self.theta, self.motion.theta), (self.torque, self.filtered_torque))
+        known = [(step, *pair) for step, pair in zip(self.steps, pairs, strict=True) if step is not None]
+        parts = [repeated_error(Rounded(*one), self.filtered_torque, segments, cycles) for one in known]
+        variance = np.sum([part.variance for part in parts], axis=0)
+        return RepeatedError(variance, np.column_stack([part.common for part in parts]))
 
 
 def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis) -> SteppedSineTrial:
@@ -115,11 +137,19 @@ def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis) -> SteppedSi
         made = stepped_sine_of(signals, settings)
         return replace(
             made,
+            steps=(rounded_to(trial, "theta"), rounded_to(trial, "torque")),
             other=None if other is None else stepped_sine_of(other, settings),
             softer=None if bench is None else stepped_sine_of(signals, settings, bench.compliance_error),
         )
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
+
+
+def rounded_to(trial: Trial, column: str) -> float | None:
+    """The step to which a column was rounded, in its unit: what the source file states, else what the values show."""
+    stated = trial.provenance.get("columns", {}).get(column, {}).get("resolution")
+    (_, values) = trial.signals(column)
+    return float(stated) if stated else visible_step(values)
 
 
 def stepped_sine_of(

@@ -13,6 +13,8 @@ Covariance = tuple[Array, Array]
 
 FEWEST_CYCLES = 5
 """Smallest number of cycles at one frequency whose spread gives an interval."""
+COUNTS = 0.01
+"""Share of a variance from which on a component of type B is named."""
 FILTER_SPAN = 8
 """Shortest window, in half periods of the filter's cut-off. Over this window the Bartlett weights lose 1 % of the
 noise's variance."""
@@ -35,6 +37,21 @@ class Cycles:
 
 
 @dataclass(frozen=True)
+class RepeatedError:
+    """An error of y that every cycle repeats, as the rounding of a sensor does: the spread of cycles is blind to it."""
+
+    variance: Array
+    """Variance (n,) of what is independent within a cycle, times the number of cycles [squared unit of y]."""
+    common: Array
+    """Errors (n, k) of known size, one standard deviation each [unit of y]."""
+
+    def covariance(self, influence: Array) -> Array:
+        """Covariance (p, p) of estimates that change by `influence` (n, p) with each sample of y."""
+        shift = influence.T @ self.common
+        return np.asarray((influence * self.variance[:, None]).T @ influence + shift @ shift.T)
+
+
+@dataclass(frozen=True)
 class ResidualCorrelation:
     """How the residuals of a fit are correlated. This decides how the covariance of the estimates is computed."""
 
@@ -46,6 +63,8 @@ class ResidualCorrelation:
     lags: int | None = None
     """Number of samples over which residuals may be correlated. None: the bandwidth that `correlation_samples` finds
     with `every`."""
+    repeated: RepeatedError | None = None
+    """Error of y that every cycle repeats, which is added as a component of type B (JCGM 100:2008, 4.3)."""
 
     @property
     def method(self) -> str:
@@ -56,11 +75,23 @@ class ResidualCorrelation:
         """Number of samples over which a residual (n,) may be correlated."""
         return self.lags or correlation_samples(residual, self.every)
 
-    def covariance(self, scores: Array, window: int) -> Covariance:
-        """Covariance of the estimates whose scores are (n, p)."""
-        if self.cycles is not None:
-            return between_cycles(scores, self.cycles)
-        return moving_sums(scores, window, slow=self.every > 1)
+    def covariance(self, influence: Array, residual: Array, window: int) -> tuple[Array, Array, str]:
+        """Covariance of the estimates, its degrees of freedom, and where it comes from.
+
+        `influence` (n, p) is by how much each estimate changes with each sample of y, `residual` (n,) what is left.
+        """
+        scores = influence * residual[:, None]
+        if self.cycles is None:
+            return *moving_sums(scores, window, slow=self.every > 1), self.method
+        covariance, degrees_of_freedom = between_cycles(scores, self.cycles)
+        if self.repeated is None:
+            return covariance, degrees_of_freedom, self.method
+        rounding = self.repeated.covariance(influence)
+        scatter, added = np.diag(covariance), np.diag(rounding)
+        each = zip(scatter, added, degrees_of_freedom, strict=True)
+        total = [float(welch_satterthwaite([s, a], [f, np.inf])) for s, a, f in each]
+        counts = bool(np.any(added > COUNTS * scatter))
+        return covariance + rounding, np.array(total), f"{self.method} + rounding" if counts else self.method
 
 
 NO_REPEATS = ResidualCorrelation()

@@ -110,7 +110,7 @@ def linear_fit(
     residual = y - measured @ estimates
     inverse = (Vt.T / singular**2) @ Vt / np.outer(scale, scale)
     window = residuals.window(residual)
-    covariance, degrees_of_freedom = residuals.covariance((X * residual[:, None]) @ inverse, window)
+    covariance, degrees_of_freedom, method = residuals.covariance(X @ inverse, residual, window)
     return LinearFit(
         names,
         estimates,
@@ -120,7 +120,7 @@ def linear_fit(
         condition,
         window,
         len(y),
-        residuals.method,
+        method,
         degrees_of_freedom,
         residual,
         largest_correlation(inverse),

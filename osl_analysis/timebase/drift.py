@@ -10,6 +10,8 @@ from osl_analysis.signals import Motion
 from osl_analysis.timebase.chunks import chunked_slope
 from osl_analysis.trial import Array
 
+PER_PERIOD = 5
+"""Samples kept per period of the highest harmonic; the filter leaves nothing that more of them would show."""
 CERTAIN = 4.0
 """Standard errors by which a drift must differ from zero before it is believed."""
 
@@ -68,8 +70,9 @@ def clock_drift(pieces: Sequence[SinePiece], highest_hz: float) -> ClockDrift:
 
 def drift_columns(piece: SinePiece, highest_hz: float) -> tuple[Array, Array]:
     """What a drift of 1 does to the torque, and the torque, (n,) each [N*m], without all that needs no drift."""
-    late, theta = piece.time - piece.time.mean(), piece.motion.theta
-    columns = [theta, piece.motion.omega, np.ones_like(late), late, late * (theta - theta.mean())]
+    thinned = slice(None, None, max(int(1 / (PER_PERIOD * highest_hz * np.mean(np.diff(piece.time)))), 1))
+    late, theta = (piece.time - piece.time.mean())[thinned], piece.motion.theta[thinned]
+    columns = [theta, piece.motion.omega[thinned], np.ones_like(late), late, late * (theta - theta.mean())]
     for k in range(2, int(highest_hz / piece.frequency_hz) + 1):
         phase = 2 * np.pi * k * piece.frequency_hz * late
         columns += [np.cos(phase), np.sin(phase)]
@@ -77,8 +80,9 @@ def drift_columns(piece: SinePiece, highest_hz: float) -> tuple[Array, Array]:
     scale = np.linalg.norm(X, axis=0)
     if not scale.all():
         raise IdentifiabilityError("the joint does not move: a drift between clocks cannot be seen; use another trial")
-    both = np.stack([-late * np.gradient(piece.torque, piece.time), piece.torque], axis=1)
-    rest = both - X @ (np.linalg.lstsq(X / scale, both, rcond=None)[0] / scale[:, None])
+    both = np.stack([-late * np.gradient(piece.torque, piece.time)[thinned], piece.torque[thinned]], axis=1)
+    Q, _ = np.linalg.qr(X / scale)
+    rest = both - Q @ (Q.T @ both)
     return rest[:, 0], rest[:, 1]
 
 

@@ -22,7 +22,7 @@ MAY_IMPORT = {
     | {"model", "parameters", "yaml_settings", "doubtful", "causes"},
     "walking": COMMON
     | {"walking", "stats", "second_order", "signals", "uniform", "timebase", "columns", "yaml_settings"},
-    "quality": COMMON | {"quality", "protocol", "experiments", "signals", "yaml_settings"},
+    "quality": COMMON | {"quality", "protocol", "experiments", "signals", "uniform", "timebase", "yaml_settings"},
     "figures": COMMON | {"figures"},
 }
 

@@ -4,9 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from osl_analysis.errors import InputError
 from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, find_runs
-from osl_analysis.quality.checks import Check, CheckResult, Examined, channel, not_applicable
+from osl_analysis.quality.checks import Check, CheckResult, Examined, not_applicable
+from osl_analysis.timebase.gaps import GapLimits
+from osl_analysis.uniform import uniform_signals
 
 SAME_COUNT = 0.05
 """Relative difference of numbers of cycles that are the same, but half a cycle at least: a ramp has no sharp end."""
@@ -28,7 +31,11 @@ def measure_protocol(examined: Examined) -> CheckResult:
         return not_applicable(NO_STEPPED_SINE)
     commanded = examined.commanded.protocol
     fewest = min(FEWEST_CYCLES, int(min(commanded.cycles_at, default=FEWEST_CYCLES)))
-    found = find_runs(*channel(examined.samples, "theta"), fewest)
+    try:
+        angle = uniform_signals(examined.trial, ["theta"], GapLimits())
+    except InputError as error:
+        return not_applicable(f"no time base, {error}")
+    found = find_runs(angle.time, angle["theta"], fewest)
     remarks = [*differences(found, commanded), *(f"besides {run}" for run in found if not pair_of(run, commanded))]
     pairs = len(commanded.amplitudes) * len(commanded.frequencies_hz)
     words = remarks or [f"{pairs} commanded pairs of amplitude and frequency found"]

@@ -143,6 +143,14 @@ def test_all_recorded_cycles_are_found_whatever_their_number_in_the_configuratio
     assert [[s.cycles for s in block.segments] for block in blocks] == [[really] * len(frequencies_hz)] * 3
 
 
+@pytest.mark.parametrize(("really", "whole"), [(4.4, 4), (4.6, 4), (4.95, 5)])
+def test_a_cycle_that_was_not_finished_is_not_counted(really, whole):
+    time, theta = stepped_record()
+    kept = round((3.0 + really / 2) * RATE)
+    (block,) = find_blocks(time[:kept], theta[:kept], PROTOCOL)
+    assert [s.cycles for s in block.segments] == [whole]
+
+
 def test_a_disturbed_cycle_does_not_end_a_run():
     time, theta = stepped_record()
     theta[round(4.6 * RATE) : round(4.9 * RATE)] += 0.02

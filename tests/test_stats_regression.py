@@ -158,3 +158,12 @@ def test_estimates_that_lean_on_one_another_show_in_their_correlation():
     wide = multisine(0.5, 5.0)
     apart = linear_fit(wide.theta + np.random.default_rng(5).standard_normal(5000), impedance_columns(wide))
     assert near.largest_correlation > 0.95 > apart.largest_correlation
+
+
+def test_the_correlation_of_estimates_is_that_of_the_columns_and_not_of_the_scatter_of_a_few_noisy_rows():
+    """Noise that shares the sign of both columns would correlate the estimates, which the columns do not."""
+    rng = np.random.default_rng(3)
+    a, b, noise = rng.standard_normal((3, 4000))
+    columns, y = {"a": a, "b": b}, 2 * a + b + 3 * noise * np.abs(a + b)
+    assert abs(linear_fit(y, columns).correlation("a", "b")) > 0.3
+    assert linear_fit(y, columns).largest_correlation < 0.05

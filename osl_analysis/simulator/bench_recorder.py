@@ -125,10 +125,10 @@ class Bench:
         if node.dropped.enabled:
             burst = int(node.burst.value) or 1
             gaps = max(round(node.dropped.size * n / burst), 1)
-            # a gap of its own in each share of the record, so that the gaps do not touch; the ends stay
-            start = (np.arange(gaps) + stream(seed, self.trial, f"{name}.dropped").uniform(0.1, 0.9, gaps)) * n / gaps
-            for first in start.astype(int):
-                copies[max(first, 1) : min(first + burst, n - 1)] = 0
+            # in slots that leave a sample between two gaps; the first and the last sample stay
+            slots = stream(seed, self.trial, f"{name}.dropped").permutation((n - 2) // (burst + 1))[:gaps]
+            for first in 1 + slots * (burst + 1):
+                copies[first : first + burst] = 0
         return np.repeat(np.arange(n), copies)
 
     def reading(self, channel: str, true: Array, sampling: Sampling) -> Array:

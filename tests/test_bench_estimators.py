@@ -14,7 +14,7 @@ from osl_analysis.bench.estimators import (
     estimator_table,
     modulating_function,
 )
-from osl_analysis.bench.protocol import Block, Segment, settled
+from osl_analysis.bench.segments import Block, Segment, settled
 from osl_analysis.bench.stepped_sine import RawSignals
 from osl_analysis.errors import InputError
 from osl_analysis.protocol.commanded import SteppedSineProtocol

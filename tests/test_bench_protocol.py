@@ -5,15 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from osl_analysis.bench.protocol import (
-    Block,
-    Segment,
-    find_blocks,
-    repeated_cycles,
-    rows_of,
-    settled,
-    unit_block,
-)
+from osl_analysis.bench.protocol import find_blocks, unit_block
+from osl_analysis.bench.segments import Block, Segment, repeated_cycles, rows_of, settled
 from osl_analysis.errors import InputError
 from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.protocol.runs import find_runs
@@ -172,7 +165,10 @@ def test_cycles_with_a_row_that_was_not_measured_are_left_out():
     usable = np.ones(2000, dtype=bool)
     usable[390] = False
     kept, other = settled([block], 1, usable)
-    assert (kept.left_out, other.left_out) == ({0, 1, 2}, set())  # of the cycles from row 183 on, 83.3 rows each
+    assert (kept.excluded_cycles, other.excluded_cycles) == (
+        {0, 1, 2},
+        set(),
+    )  # of the cycles from row 183 on, 83.3 rows each
     assert [(p.start, p.stop) for p in kept.pieces] == [(433, 850)]
     cycles = repeated_cycles([kept])
     np.testing.assert_allclose(cycles.first, 250 / 3 * np.arange(5), atol=1e-9)

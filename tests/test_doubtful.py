@@ -8,7 +8,8 @@ from bench_synthetic import second_order, stepped_sine
 from conftest import ROOT
 from scipy.integrate import quad
 
-from osl_analysis.bench.belt import BeltTrial, belt_table, fit_belt_stiffness
+from osl_analysis.bench.belt import BeltTrial, belt_table
+from osl_analysis.bench.belt_fit import fit_belt_stiffness
 from osl_analysis.bench.diagnostics import summary_of_trials
 from osl_analysis.bench.estimators import estimator_table
 from osl_analysis.bench.frequency_response import phasor_table, trial_phasors

@@ -9,7 +9,7 @@ import pytest
 
 from osl_analysis.bench.frequency_response import trial_phasors
 from osl_analysis.bench.impedance import impedance_table, impedance_time_base
-from osl_analysis.bench.protocol import Block, Segment, settled
+from osl_analysis.bench.segments import Block, Segment, settled
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.errors import InputError

@@ -8,7 +8,7 @@ import polars as pl
 from scipy.signal import fftconvolve, savgol_filter
 
 from osl_analysis.bench.alternatives import widened
-from osl_analysis.bench.protocol import repeated_cycles, rows_of
+from osl_analysis.bench.segments import repeated_cycles, rows_of
 from osl_analysis.bench.stepped_sine import RawSignals, SteppedSineTrial
 from osl_analysis.doubtful import EXCLUDED
 from osl_analysis.errors import InputError, OslAnalysisError

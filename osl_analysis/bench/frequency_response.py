@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.protocol import Segment, repeated_cycles
+from osl_analysis.bench.segments import Segment, repeated_cycles
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Gains

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from osl_analysis.bench.belt import loaded_rows
+from osl_analysis.bench.belt_fit import loaded_rows
 from osl_analysis.signals import Motion
 from osl_analysis.stats.comparison import Candidate, Score, score_models
 from osl_analysis.stats.regression import LinearFit, linear_fit

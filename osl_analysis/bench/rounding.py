@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from osl_analysis.bench.protocol import Segment, rows_of
+from osl_analysis.bench.segments import Segment, rows_of
 from osl_analysis.stats.covariance import Cycles, RepeatedError
 from osl_analysis.stats.rounding import scatter_between_cycles
 from osl_analysis.trial import Array

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.bench.alternatives import joint_angle
-from osl_analysis.bench.protocol import Block, Segment, find_blocks, repeated_cycles, rows_of, settled
+from osl_analysis.bench.protocol import find_blocks
 from osl_analysis.bench.rounding import Rounded, repeated_error
+from osl_analysis.bench.segments import Block, Segment, repeated_cycles, rows_of, settled
 from osl_analysis.bench.settings import BenchStiffness, SteppedSineAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, Motion, filtered_motion

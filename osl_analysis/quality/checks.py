@@ -7,10 +7,18 @@ from typing import Literal
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
-from osl_analysis.experiments import Experiment
+from osl_analysis.experiments import EXPERIMENTS, Experiment
 from osl_analysis.protocol.commanded import SteppedSineProtocol
+from osl_analysis.signals import longest_run
 from osl_analysis.trial import Array, Trial
+
+NOISY = {"current"} | {facts.torque for facts in EXPERIMENTS.values() if facts.torque}
+"""Columns that a sensor's noise keeps changing."""
+AT_REST = 0.02
+"""Share of the angle's range by which a joint at rest may creep."""
+NO_ANALOG = "no torque, current or plate"
 
 
 @dataclass(frozen=True)
@@ -118,3 +126,25 @@ def channel(samples: pl.DataFrame, column: str) -> tuple[Array, Array]:
     """Time [s] and values of one column, (n,) each, where it was sampled."""
     rows = samples.select("time", column).drop_nulls()
     return rows["time"].to_numpy(), rows[column].to_numpy()
+
+
+def noisy_channels(samples: pl.DataFrame) -> dict[str, tuple[Array, Array]]:
+    """Time [s] and values of torque, current and plates, where they were sampled."""
+    columns = [c for c in samples.columns if c in NOISY or c.startswith("plate")]
+    return {column: channel(samples, column) for column in columns}
+
+
+def length_of_longest(true: NDArray[np.bool_]) -> int:
+    """Number of samples in the longest run of true ones, (n,)."""
+    run = longest_run(true)
+    return int(run.stop - run.start)
+
+
+def median_step(time: Array) -> float:
+    """Median step [s]; 0 for a single sample."""
+    return float(np.median(np.diff(time))) if time.size > 1 else 0.0
+
+
+def duration(time: Array) -> float:
+    """From the first to the last sample [s]; 0 without samples."""
+    return float(np.ptp(time)) if time.size else 0.0

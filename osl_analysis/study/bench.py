@@ -7,7 +7,7 @@ import numpy as np
 
 from osl_analysis.bench.belt import belt_trial
 from osl_analysis.bench.estimators import DEFAULT, ESTIMATORS, CovarianceChoice
-from osl_analysis.bench.protocol import rows_of
+from osl_analysis.bench.segments import rows_of
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import RawSignals, stepped_sine_trial
 from osl_analysis.bench.transmission import fit_transmission

@@ -148,7 +148,8 @@ def test_what_is_not_likely_is_doubtful_with_its_cause(way, experiment, factors,
 
 
 @pytest.mark.parametrize(
-    ("factor", "words"), [(0.113, r"K_ratio 0\.11\d is below 0\.5.*lbf\*in"), (1.7, r"K_ratio 1\.\d+ is above 1\.5")]
+    ("factor", "words"),
+    [(0.113, r"K_ratio 0\.11\d is below 0\.5.*lbf\*in"), (1.356, r"K_ratio 1\.\d+ is above 1\.3 .*lbf\*ft")],
 )
 def test_a_stiffness_far_from_what_the_gains_should_give_is_doubtful(factor, words, tmp_path):
     row = in_campaign(tmp_path, "impedance", scaled("impedance", torque=factor))
@@ -164,6 +165,14 @@ def test_a_clipped_load_cell_makes_the_fit_doubtful(way, experiment, torque, tmp
     doubtful = way(tmp_path, experiment, recording)["doubtful"]
     assert "saturated_samples" in doubtful
     assert "clipped" in doubtful
+
+
+@BOTH
+def test_a_belt_whose_torque_is_late_has_a_negative_damping_and_is_doubtful(way, tmp_path):
+    """A delay of 4 ms adds -K_s 4 ms = -2.7 N*m*s/rad to B_j."""
+    recording = dict(RECORDINGS["belt"])
+    recording["torque"] = np.roll(recording["torque"], 2)
+    assert re.search(r"B_j_high -\d.* is below 0", way(tmp_path, "belt", recording)["doubtful"])
 
 
 @BOTH

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import statsmodels.api as sm
 from conftest import filtered_noise
+from repeated_cycles import COUNT, CYCLE, repeated
 
 from osl_analysis.second_order import fit_impedance, impedance_torque
 from osl_analysis.signals import LowPass, differentiate
@@ -27,20 +28,6 @@ LOW_PASS = LowPass(15)
 
 
 EVERY = LOW_PASS.independent_samples(RATE)
-
-
-CYCLE, COUNT = 50, 24
-
-
-def repeated(rng, noise=0.3):
-    """A friction-like residual that every cycle repeats, different in the two strata, and white noise."""
-    n = CYCLE * COUNT
-    t = np.arange(n) / CYCLE
-    columns = {"a": np.sin(2 * np.pi * t), "b": np.cos(2 * np.pi * t), "offset": np.ones(n)}
-    friction = np.sign(columns["b"]) * np.where(t < COUNT / 2, 1.0, 2.0)
-    edges = np.arange(COUNT + 1.0) * CYCLE
-    cycles = Cycles(edges[:-1], edges[1:], np.repeat([0, 1], COUNT // 2))
-    return 3 * columns["a"] + friction + noise * rng.standard_normal(n), columns, cycles
 
 
 def test_the_spread_of_cycles_is_what_a_bootstrap_that_draws_them_anew_gives():

@@ -6,12 +6,13 @@ import statsmodels.api as sm
 from conftest import multisine
 from hypothesis import given
 from hypothesis import strategies as st
+from repeated_cycles import repeated
 from scipy.stats import t as student
 from statsmodels.sandbox.regression.gmm import IV2SLS
 
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.second_order import impedance_columns
-from osl_analysis.stats.covariance import Cycles, ResidualCorrelation, correlation_samples, moving_sums
+from osl_analysis.stats.covariance import ResidualCorrelation, correlation_samples, moving_sums
 from osl_analysis.stats.regression import linear_fit, variance_accounted_for
 
 RNG_SEED = 20
@@ -114,20 +115,6 @@ def test_unusable_input_is_named(y, columns, message):
 def test_a_column_of_zeros_is_refused_by_name():
     with pytest.raises(IdentifiabilityError, match="'b' cannot be estimated"):
         linear_fit(np.sin(T), {"a": np.sin(T), "b": np.zeros_like(T)})
-
-
-CYCLE, COUNT = 50, 24
-
-
-def repeated(rng, noise=0.3):
-    """A friction-like residual that every cycle repeats, different in the two strata, and white noise."""
-    n = CYCLE * COUNT
-    t = np.arange(n) / CYCLE
-    columns = {"a": np.sin(2 * np.pi * t), "b": np.cos(2 * np.pi * t), "offset": np.ones(n)}
-    friction = np.sign(columns["b"]) * np.where(t < COUNT / 2, 1.0, 2.0)
-    edges = np.arange(COUNT + 1.0) * CYCLE
-    cycles = Cycles(edges[:-1], edges[1:], np.repeat([0, 1], COUNT // 2))
-    return 3 * columns["a"] + friction + noise * rng.standard_normal(n), columns, cycles
 
 
 def test_the_interval_is_students():

@@ -21,13 +21,13 @@ def change_over_amplitudes(small: Row, large: Row, whole: Row, name: str) -> flo
 
     It is lowered in size by the 95 % half-width of the difference, to 0 at most: noise is no change.
     """
-    difference = number(large, name) - number(small, name)
-    halves = [number(row, f"{name}_high") - number(row, name) for row in (small, large)]
+    difference = number_in(large, name) - number_in(small, name)
+    halves = [number_in(row, f"{name}_high") - number_in(row, name) for row in (small, large)]
     half = float(np.hypot(halves[0], halves[1]))
-    return float(np.sign(difference) * max(abs(difference) - half, 0.0) / abs(number(whole, name)))
+    return float(np.sign(difference) * max(abs(difference) - half, 0.0) / abs(number_in(whole, name)))
 
 
-def number(row: Row, name: str) -> float:
+def number_in(row: Row, name: str) -> float:
     """A number of a row."""
     value = row[name]
     assert isinstance(value, float)
@@ -41,12 +41,12 @@ def over_amplitudes(rows: Sequence[Row]) -> list[Row]:
     the amplitude. With two amplitudes or more, `backlash_share` and `stiffening` therefore stand in the last row only,
     and are 0 if K does not change as they say.
     """
-    single = sorted(rows[:-1], key=lambda row: number(row, "amplitude_deg"))
+    single = sorted(rows[:-1], key=lambda row: number_in(row, "amplitude_deg"))
     if len(single) < 2:
         return [{**row, "K_change": None, "B_change": None} for row in rows]
     K, B = (change_over_amplitudes(single[0], single[-1], rows[-1], name) for name in "KB")
     causes = ("backlash_share", "stiffening")
-    whole = {name: number(rows[-1], name) if number(rows[-1], name) * K > 0 else 0.0 for name in causes}
+    whole = {name: number_in(rows[-1], name) if number_in(rows[-1], name) * K > 0 else 0.0 for name in causes}
     hidden: Row = dict.fromkeys((*causes, "K_change", "B_change"))
     return [*({**row, **hidden} for row in rows[:-1]), {**rows[-1], **whole, "K_change": K, "B_change": B}]
 

@@ -28,7 +28,7 @@ def check_recording(trial: Trial, limits: BenchAnalysis, torque: str = "torque",
     InputError
         The message names trial, channel, value, and the likely unit.
     """
-    turned, measured = recorded(trial, angle), recorded(trial, torque)
+    turned, measured = recorded_values(trial, angle), recorded_values(trial, torque)
     if turned.size and (half := float(np.ptp(turned)) / 2) > limits.largest_angle:
         raise InputError(
             f"trial {trial.name}: {angle} turns by +-{half:.3g} rad ({np.rad2deg(half):.0f} deg), more than the "
@@ -43,7 +43,7 @@ def check_recording(trial: Trial, limits: BenchAnalysis, torque: str = "torque",
         )
 
 
-def recorded(trial: Trial, column: str | None) -> Array:
+def recorded_values(trial: Trial, column: str | None) -> Array:
     """The values of a column where it was sampled, (n,); empty where the trial does not have it."""
     if column is None or column not in trial.samples.columns:
         return np.empty(0)
@@ -52,7 +52,7 @@ def recorded(trial: Trial, column: str | None) -> Array:
 
 def with_clipping(table: pl.DataFrame, trial: Trial, torque: str = "torque") -> pl.DataFrame:
     """The table with `saturated_samples`: the longest run of the recorded torque at its largest or lowest value."""
-    return table.with_columns(saturated_samples=pl.lit(longest_at_extreme(recorded(trial, torque)), pl.Int64))
+    return table.with_columns(saturated_samples=pl.lit(longest_at_extreme(recorded_values(trial, torque)), pl.Int64))
 
 
 def ratio(column: str, reference: float | None, name: str) -> pl.Expr:

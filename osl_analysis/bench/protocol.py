@@ -50,7 +50,7 @@ def find_blocks(time: Array, theta: Array, protocol: SteppedSineProtocol) -> tup
     for group in without_a_rest([run for run, _ in followed], segments):
         plain = all(is_plain(run) for run, _ in group)
         alike = [segment for _, segment in group]
-        aligned += shifted(alike, best_shift(deviation, alike, rate)) if plain else alike
+        aligned += shifted(alike, best_start(deviation, alike, rate)) if plain else alike
     amplitudes = dict.fromkeys(segment.amplitude for segment in aligned)
     return tuple(Block(a, tuple(s for s in aligned if s.amplitude == a)) for a in amplitudes)
 
@@ -119,7 +119,7 @@ def without_a_rest(found: Sequence[Run], segments: Sequence[Segment]) -> list[li
     return groups
 
 
-def best_shift(theta: Array, group: Sequence[Segment], rate: float) -> float:
+def best_start(theta: Array, group: Sequence[Segment], rate: float) -> float:
     """Row at which a group of plain sines begins: there the angle (n,) [rad] agrees best with them."""
     template = unit_sines([(s.frequency_hz, s.cycles) for s in group], rate)
     reach = int(rate / max(s.frequency_hz for s in group) / 2)

@@ -16,7 +16,7 @@ from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.stats.covariance import FEWEST_CYCLES, RepeatedError, ResidualCorrelation, sums_between
 from osl_analysis.stats.rounding import visible_step
 from osl_analysis.trial import Array, Trial
-from osl_analysis.uniform import UniformSignals, uniform_signals
+from osl_analysis.uniform import UniformSignals, origin, uniform_signals
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis) -> SteppedSi
         made = stepped_sine_of(signals, settings)
         return replace(
             made,
-            steps=(rounded_to(trial, "theta"), rounded_to(trial, "torque")),
+            steps=(resolution_of(trial, "theta"), resolution_of(trial, "torque")),
             other=None if other is None else stepped_sine_of(other, settings),
             softer=None if bench is None else stepped_sine_of(signals, settings, bench.compliance_error),
         )
@@ -146,9 +146,9 @@ def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis) -> SteppedSi
         raise InputError(f"trial {trial.name}: {error}") from error
 
 
-def rounded_to(trial: Trial, column: str) -> float | None:
+def resolution_of(trial: Trial, column: str) -> float | None:
     """The step to which a column was rounded, in its unit: what the source file states, else what the values show."""
-    stated = trial.provenance.get("columns", {}).get(column, {}).get("resolution")
+    stated = origin(trial, column).get("resolution")
     (_, values) = trial.signals(column)
     return float(stated) if stated else visible_step(values)
 

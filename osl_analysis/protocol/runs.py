@@ -99,7 +99,7 @@ def find_runs(time: Array, theta: Array, fewest: int = FEWEST_CYCLES) -> list[Ru
         return []
     stretches = alike_cycles(time, theta, upward_crossings(time, theta))
     fitted = [run for stretch in stretches if (run := fit_run(time, theta, stretch)) is not None]
-    return [run for run in extended(time, theta, merged(time, theta, fitted)) if run.cycles > fewest - 0.25]
+    return [run for run in prolonged_runs(time, theta, joined_runs(time, theta, fitted)) if run.cycles > fewest - 0.25]
 
 
 def upward_crossings(time: Array, theta: Array) -> Array:
@@ -179,7 +179,7 @@ def fit_run(time: Array, theta: Array, stretch: Stretch) -> Run | None:
     return replace(run, misfit=float(np.sqrt(np.mean((x - run.angle(t)) ** 2))))
 
 
-def merged(time: Array, theta: Array, runs: Sequence[Run]) -> list[Run]:
+def joined_runs(time: Array, theta: Array, runs: Sequence[Run]) -> list[Run]:
     """The runs (n,), two of them as one where the same sine goes on behind a cycle that was disturbed."""
     whole: list[Run] = []
     for run in runs:
@@ -205,7 +205,7 @@ def goes_on(run: Run, following: Run) -> bool:
     )
 
 
-def extended(time: Array, theta: Array, runs: Sequence[Run]) -> list[Run]:
+def prolonged_runs(time: Array, theta: Array, runs: Sequence[Run]) -> list[Run]:
     """The runs, each as far as the angle follows its sine."""
     if not runs:
         return []

@@ -29,7 +29,7 @@ def measure_stuck(examined: Examined) -> CheckResult:
     """Longest time [s] that a noisy channel repeats one value, or that an angle stands while it should change."""
     channels = noisy_channels(examined.samples)
     plates = {name: x for name, x in channels.items() if name.startswith("plate")}
-    angle = joint_angle(examined)
+    angle = moving_joint(examined)
     times = {name: held_while_moving(*x, angle) for name, x in channels.items()}
     times |= {"current": held_measured(*channels["current"])} if "current" in channels else {}
     times |= {
@@ -43,7 +43,7 @@ def held(time: Array, values: Array) -> float:
     return length_of_longest(np.diff(values) == 0) * median_step(time)
 
 
-def joint_angle(examined: Examined) -> tuple[Array, Array]:
+def moving_joint(examined: Examined) -> tuple[Array, Array]:
     """Time [s] and values of the angle that moves in the experiment, (n,) each; empty without one."""
     angle = next((c for c in (moving_angle(examined.experiment), "theta") if c in examined.samples.columns), None)
     return channel(examined.samples, angle) if angle else (np.empty(0), np.empty(0))

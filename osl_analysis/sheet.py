@@ -10,10 +10,14 @@ from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS, RENAMED
 
 CONTROLLERS = ("compensated", "uncompensated")
+SIDES, DIRECTIONS = ("left", "right"), ("up", "down")
+CONDITIONS = ("group", "subject", "session", "side", "speed", "direction")
+"""Columns that say under which conditions a crossing was walked. Walking results are split by them."""
 COLUMNS = {
     "trial": "string", "experiment": "string", "controller": "string", "K_d": "float64", "B_d": "float64",
     "perturbed": "boolean", "log": "string", "log_source": "string", "mocap": "string", "mocap_source": "string",
     "exclude": "string", "accept": "string",
+    **dict.fromkeys(CONDITIONS, "string"),
 }  # fmt: skip
 REQUIRED = ("trial", "experiment")
 
@@ -23,12 +27,15 @@ def read_sheet(path: Path) -> pd.DataFrame:
 
     trial: its name, of letters, digits, `_`, `.` and `-`.
     experiment: one of `EXPERIMENTS`.
-    controller, K_d, B_d: controller and desired impedance [N*m/rad, N*m*s/rad] of an impedance trial.
+    controller, K_d, B_d: controller and desired impedance [N*m/rad, N*m*s/rad] of an impedance trial or a crossing.
     perturbed: true or false, for a crossing.
     log, mocap: files, relative to the campaign's raw data.
     log_source, mocap_source: names of the files in `config/sources` that describe them.
     exclude: the reason why the trial is excluded; empty: it is used.
     accept: names of quality checks, separated by blanks. Their failure neither flags nor excludes the trial.
+    group, subject, session, speed: conditions of a crossing, as words of the laboratory's own.
+    side: leg that steps on the platform, left or right.
+    direction: turn of the platform, up (toes up, dorsiflexion) or down. It is checked against the markers.
 
     Raises
     ------
@@ -80,7 +87,22 @@ def problem_in(row: dict[str, str]) -> str:
         return f"K_d = {row['K_d']}, B_d = {row['B_d']} is not the impedance of a joint; give K_d > 0 and B_d >= 0"
     if row["perturbed"].lower() not in ("", "true", "false"):
         return f"perturbed '{row['perturbed']}' must be true or false"
-    return problem_with_needs(row)
+    return problem_with_conditions(row) or problem_with_needs(row)
+
+
+def problem_with_conditions(row: dict[str, str]) -> str:
+    """What is wrong with the conditions of a row, with the remedy; empty if nothing is."""
+    for column, allowed in (("side", SIDES), ("direction", DIRECTIONS)):
+        if row[column] and row[column] not in allowed:
+            return f"{column} '{row[column]}' must be {' or '.join(allowed)}"
+    if row["direction"] and row["perturbed"].lower() != "true":
+        return f"direction '{row['direction']}' of a trial that is not perturbed; leave the cell empty"
+    for column in CONDITIONS:
+        if not re.fullmatch(r"[\w .%+/-]{0,40}", row[column]):
+            return (
+                f"{column} '{row[column]}' must be up to 40 letters, digits, blanks and . % + / - _: it names a group"
+            )
+    return ""
 
 
 def unknown_experiment(name: str) -> str:

@@ -81,3 +81,28 @@ def test_a_wrong_table_is_refused(tmp_path, text, message):
 def test_a_missing_sheet_is_named(tmp_path):
     with pytest.raises(InputError, match="no such sample sheet"):
         read_sheet(tmp_path / "trials.csv")
+
+
+def test_the_conditions_of_a_crossing_are_words_and_may_be_empty(tmp_path):
+    header = "trial,experiment,perturbed,mocap,mocap_source,group,subject,speed,side,direction\n"
+    rows = "w1,walking,true,w1.c3d,vicon,slow walk,S01,0.8 m/s,left,down\nw2,walking,false,w2.c3d,vicon,,S01,,,\n"
+    table = read_sheet(sheet(tmp_path, header + rows))
+    assert list(table.loc["w1", ["group", "subject", "speed", "side", "direction"]]) == [
+        "slow walk", "S01", "0.8 m/s", "left", "down"
+    ]  # fmt: skip
+    assert table.loc["w2", ["group", "session", "direction"]].isna().all()
+
+
+@pytest.mark.parametrize(
+    ("cells", "message"),
+    [
+        ("true,both,,", "side 'both' must be left or right"),
+        ("true,,dorsi,", "direction 'dorsi' must be up or down"),
+        ("false,,up,", "direction 'up' of a trial that is not perturbed; leave the cell empty"),
+        ("true,,,slow; fast", "group 'slow; fast' must be up to 40 letters"),
+    ],
+)
+def test_a_wrong_condition_is_named(tmp_path, cells, message):
+    header = "trial,experiment,mocap,mocap_source,perturbed,side,direction,group\n"
+    with pytest.raises(InputError, match=f"trials.csv: line 2: {message}"):
+        read_sheet(sheet(tmp_path, header + f"w1,walking,w1.c3d,vicon,{cells}\n"))

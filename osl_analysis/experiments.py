@@ -62,6 +62,7 @@ class Experiment:
     sheet: columns of the sample sheet that its trials must fill, besides the files.
     stepped_sine: the motion follows the stepped-sine protocol of `dynamometer`.
     bare_plate: every force plate is unloaded at some time.
+    walker: somebody stands or walks on the force plates.
     log: source file of the simulated log; None if the simulator records no log.
     mocap: source file of the simulated capture; None if the simulator records none.
     tables: the result tables with rows of every trial; the fit writes them in this order.
@@ -77,6 +78,7 @@ class Experiment:
     sheet: tuple[str, ...] = ()
     stepped_sine: bool = False
     bare_plate: bool = False
+    walker: bool = False
     log: str | None = None
     mocap: str | None = None
     tables: tuple[Table, ...] = ()
@@ -155,7 +157,10 @@ EXPERIMENTS: dict[str, Experiment] = {
         ),
     ),
     "static": Experiment(
-        "standing still: rest pose of the marker clusters and the ankle axis", place="walkway", mocap="vicon"
+        "standing still: rest pose of the marker clusters and the ankle axis",
+        place="walkway",
+        walker=True,
+        mocap="vicon",
     ),
     "plate": Experiment(
         "platform moved without a foot on it: the force plate's own inertia",
@@ -168,6 +173,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         place="walkway",
         sheet=("perturbed", "mocap"),
         bare_plate=True,
+        walker=True,
         log="leg",
         mocap="vicon",
         tables=(Table("walking", perturbed_only=True),),
@@ -177,6 +183,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         "overground gait with a reference ankle moment in the file",
         place="walkway",
         bare_plate=True,
+        walker=True,
         tables=(Table("ankle_moment", judged=False),),
         fit=Fit("walking.compare_ankle_moment", {"settings": ("overground", "OvergroundAnalysis")}),
     ),

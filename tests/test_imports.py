@@ -13,7 +13,7 @@ MAY_IMPORT = {
     | {"simulator", "model", "parameters", "columns", "sheet", "yaml_settings", "files"}
     | {"trajectory", "experiments"},
     "formats": COMMON | {"formats"},
-    "ingest": COMMON | {"ingest", "formats", "columns", "yaml_settings"},
+    "ingest": COMMON | {"ingest", "formats", "columns", "signals", "yaml_settings"},
     "stats": COMMON | {"stats", "signals"},
     "protocol": COMMON | {"protocol"},
     "timebase": COMMON | {"timebase", "signals"},
@@ -22,7 +22,8 @@ MAY_IMPORT = {
     | {"model", "parameters", "yaml_settings", "doubtful", "causes"},
     "walking": COMMON
     | {"walking", "stats", "second_order", "signals", "uniform", "timebase", "columns", "yaml_settings"},
-    "quality": COMMON | {"quality", "protocol", "experiments", "signals", "uniform", "timebase", "yaml_settings"},
+    "quality": COMMON
+    | {"quality", "protocol", "columns", "experiments", "signals", "uniform", "timebase", "yaml_settings"},
     "figures": COMMON | {"figures"},
 }
 

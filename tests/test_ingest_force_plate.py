@@ -177,7 +177,9 @@ def test_plate_columns_are_in_si_units_and_laboratory_axes(tmp_path: Path) -> No
 def test_the_plates_geometry_goes_into_the_facts_in_metres(tmp_path: Path) -> None:
     facts = read_c3d_capture(plate_file(tmp_path / "a.c3d"), C3dSource(format="c3d")).facts
     expected = [[0.6, 0, 0], [0, 0, 0], [0, 0.4, 0], [0.6, 0.4, 0]]
-    assert facts["plates"] == [{"plate": 1, "type": 2, "corners": pytest.approx(np.array(expected))}]
+    (plate,) = facts["plates"]
+    assert (plate["plate"], plate["type"]) == (1, 2)
+    assert plate["corners"] == pytest.approx(np.array(expected))
 
 
 def test_corners_of_a_plate_are_in_our_axes_as_its_forces_are(tmp_path: Path) -> None:
@@ -193,6 +195,15 @@ def test_plate_units_of_the_source_file_override_the_files(tmp_path: Path) -> No
     assert wrench_of(path, plate_units={"force": "kN", "moment": "Nm"}) == pytest.approx(
         [1000, -2000, -3000, 4000, -5000, -6000]
     )
+
+
+def test_a_type_1_plate_takes_the_stated_unit_of_its_pressure_centre(tmp_path: Path) -> None:
+    path = plate_file(tmp_path / "a.c3d", ANALOG__UNITS=["V"] * 6, FORCE_PLATFORM__TYPE=np.array([1]))
+    with pytest.raises(InputError, match=r"state `plate_units`, as \{force: N, moment: N\*m, length: m\}"):
+        wrench_of(path, plate_units={"force": "N", "moment": "N*m"})
+    forward = np.add(np.cross([4e6, 5e6, 0], [1, 2, 3]), [0, 0, 6000])  # pressure in km, the plate's z points down
+    stated = wrench_of(path, plate_units={"force": "N", "moment": "N*m", "length": "km"})
+    assert stated == pytest.approx([1, -2, -3, forward[0], -forward[1], -forward[2]])
 
 
 @pytest.mark.parametrize("store", ["BYCOLUMN", "BYROW"])

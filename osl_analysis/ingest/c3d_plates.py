@@ -4,13 +4,16 @@ FORCE_PLATFORM:ZERO, the frames of a baseline to subtract, is applied only if th
 name their first ten frames there, whether the plates were empty or not.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, printable
 from osl_analysis.formats.c3d_file import C3DRecording
-from osl_analysis.ingest.c3d_source import C3dSource
+from osl_analysis.ingest.c3d_source import C3dSource, PlateUnits
 from osl_analysis.ingest.capture import PlateLoad
 from osl_analysis.ingest.force_plate import CHANNELS, ForcePlate
+from osl_analysis.ingest.raw_channels import channel_facts
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.trial import Array
 
@@ -56,8 +59,18 @@ def plate_loads(recording: C3DRecording, source: C3dSource) -> list[PlateLoad]:
         numbers = channel_numbers(recording, plate)
         units = [recording.analog_unit(number) for number in numbers]
         origin = {"type": plate.type, "analogs": [n + 1 for n in numbers], "units": units}
-        loads.append(PlateLoad(plate.number, plate.type, plate.corners, *plate.wrench(channels), origin))
+        force, moment = plate.wrench(channels)
+        rate = recording.header.rate * recording.header.samples_per_frame
+        raw = channel_facts(channel_labels(recording, numbers), recording.analogs[:, numbers], force, rate)
+        loads.append(PlateLoad(plate.number, plate.type, plate.corners, force, moment, origin, raw))
     return loads
+
+
+def channel_labels(recording: C3DRecording, numbers: Sequence[int]) -> list[str]:
+    """Labels of analog channels counted from 0; the number from 1 of a channel without a label."""
+    labels = recording.analog_labels
+    named = {number: printable(labels[number]) for number in numbers if number < len(labels)}
+    return [named.get(number) or f"analog {number + 1}" for number in numbers]
 
 
 def c3d_plate(recording: C3DRecording, source: C3dSource, number: int) -> ForcePlate:
@@ -146,11 +159,17 @@ def plate_factor(recording: C3DRecording, source: C3dSource, channel: int, quant
     """Factor of a plate's channel, counted from 0, to the SI unit of its quantity."""
     unit = recording.analog_unit(channel)
     if source.plate_units:
-        unit = {"N": source.plate_units.force, "N*m": source.plate_units.moment}.get(quantity, unit)
+        unit = stated_unit(source.plate_units, quantity) or unit
     try:
         return si_factor(unit, quantity)
     except InputError as error:
-        raise InputError(f"analog channel {channel + 1}: {error}; or state `plate_units`") from error
+        fields = "{force: N, moment: N*m, length: m}" if quantity == "m" else "{force: N, moment: N*m}"
+        raise InputError(f"analog channel {channel + 1}: {error}; or state `plate_units`, as {fields}") from error
+
+
+def stated_unit(units: PlateUnits, quantity: str) -> str | None:
+    """The unit that the source file states for channels of a quantity, given by its SI unit."""
+    return {"N": units.force, "N*m": units.moment, "m": units.length}[quantity]
 
 
 def plate_parameter(recording: C3DRecording, name: str, number: int, shape: tuple[int, ...] = ()) -> Array:

@@ -18,11 +18,15 @@ class PlateUnits(Settings):
     """Unit of the force channels."""
     moment: str
     """Unit of the moment channels."""
+    length: str | None = None
+    """Unit of the centre of pressure of a type 1 plate; null: the file's."""
 
     @model_validator(mode="after")
     def _known(self) -> "PlateUnits":
         si_factor(self.force, "N")
         si_factor(self.moment, "N*m")
+        if self.length is not None:
+            si_factor(self.length, "m")
         return self
 
 

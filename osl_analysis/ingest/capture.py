@@ -48,6 +48,8 @@ class PlateLoad:
     """(samples, 3) [N*m], on the foot, about the centre of the corners."""
     origin: Mapping[str, Any]
     """Source channels, for the provenance."""
+    channels: Sequence[Mapping[str, Any]] = ()
+    """What each raw channel shows, as `raw_channels.channel_facts` gives it."""
 
 
 @dataclass(frozen=True)
@@ -162,8 +164,13 @@ def plate_signals(capture: Capture, source: CaptureSource) -> tuple[Columns, Ori
 
 
 def geometry(plate: PlateLoad, rotation: Array) -> dict[str, Any]:
-    """A plate's number, type and corners [m] in our axes, for the trial's provenance."""
-    return {"plate": plate.number, "type": plate.type, "corners": (plate.corners @ rotation.T).tolist()}
+    """A plate's number, type, corners [m] in our axes and raw channels, for the trial's provenance."""
+    return {
+        "plate": plate.number,
+        "type": plate.type,
+        "corners": (plate.corners @ rotation.T).tolist(),
+        "channels": list(plate.channels),
+    }
 
 
 def is_labelled(name: str) -> bool:

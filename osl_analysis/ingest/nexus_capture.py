@@ -11,6 +11,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats.nexus_csv import NexusSection, read_sections, without_subject
 from osl_analysis.ingest.capture import Capture, MarkerTrack, PlateLoad, is_labelled, recording_of
 from osl_analysis.ingest.csv_source import Delimiter
+from osl_analysis.ingest.raw_channels import channel_facts
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source_fields import CaptureSource, Conversion
 from osl_analysis.trial import Array
@@ -145,11 +146,13 @@ def nexus_track(sections: Sections, label: str) -> MarkerTrack:
 
 def plate_load(sections: Sections, number: int, plate: NexusPlate) -> PlateLoad:
     """Force and moment about the centre of the plate, on the foot."""
-    force, moment = triple(sections, plate, "Force", "N"), triple(sections, plate, "Moment", "N*m")
+    force, exported = triple(sections, plate, "Force", "N"), triple(sections, plate, "Moment", "N*m")
     about = plate.centre() if plate.moment_about is None else np.array(plate.moment_about)
-    moment = moment + np.cross((about - plate.centre()) * MILLIMETRE, force)
+    moment = exported + np.cross((about - plate.centre()) * MILLIMETRE, force)
     origin = {"device": plate.device, "sign": plate.sign}
-    return PlateLoad(number, 2, np.array(plate.corners) * MILLIMETRE, force, moment, origin)
+    labels = [f"{plate.device} {kind[0]}{axis}" for kind in ("Force", "Moment") for axis in AXES]
+    raw = channel_facts(labels, np.hstack([force, exported]), force, section_of(sections, "Devices").rate)
+    return PlateLoad(number, 2, np.array(plate.corners) * MILLIMETRE, force, moment, origin, raw)
 
 
 def triple(sections: Sections, plate: NexusPlate, kind: str, si_unit: str) -> Array:

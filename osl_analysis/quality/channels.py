@@ -12,8 +12,9 @@ from osl_analysis.quality.checks import (
     channel,
     duration,
     median_step,
-    noisy_channels,
     not_applicable,
+    own_channels,
+    raw_channels,
     worst,
 )
 from osl_analysis.quality.stuck import measure_stuck
@@ -31,9 +32,10 @@ NO_PLATE, NEVER_BARE = "no plate", "the plates are never at rest, or loaded thro
 
 
 def measure_saturation(examined: Examined) -> CheckResult:
-    """Longest run [samples] of a noisy channel at its lowest or highest value."""
-    channels = noisy_channels(examined.samples)
-    return worst({name: longest_at_extreme(values) for name, (_, values) in channels.items() if values.size}, NO_ANALOG)
+    """Longest run [samples] of a noisy channel at its lowest or highest value; of a plate, of its raw channels."""
+    raw = raw_channels(examined.trial)
+    lengths = {name: longest_at_extreme(values) for name, (_, values) in own_channels(examined, raw).items()}
+    return worst(lengths | {name: facts["clipped_samples"] for name, facts in raw.items()}, NO_ANALOG)
 
 
 def measure_unzeroed_load_cell(examined: Examined) -> CheckResult:
@@ -116,7 +118,7 @@ CHANNEL_CHECKS = (
         "saturation",
         "samples",
         "above",
-        "longest run at an extreme of torque, current, plate force or moment",
+        "longest run at an extreme of torque, current, or a raw channel of a plate",
         measure_saturation,
     ),
     Check(

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import polars as pl
@@ -126,6 +126,22 @@ def channel(samples: pl.DataFrame, column: str) -> tuple[Array, Array]:
     """Time [s] and values of one column, (n,) each, where it was sampled."""
     rows = samples.select("time", column).drop_nulls()
     return rows["time"].to_numpy(), rows[column].to_numpy()
+
+
+def raw_channels(trial: Trial) -> dict[str, Mapping[str, Any]]:
+    """Facts of every raw channel of the trial's plates by name, as `ingest.raw_channels` found them."""
+    return {
+        f"plate{plate['plate']} channel {facts['label']}": facts
+        for plate in trial.provenance.get("plates", [])
+        for facts in plate.get("channels", [])
+    }
+
+
+def own_channels(examined: Examined, raw: Mapping[str, Mapping[str, Any]]) -> dict[str, tuple[Array, Array]]:
+    """The noisy channels with samples, except force and moment of plates whose raw channels are known."""
+    plates = {name.partition(" ")[0] for name in raw}
+    channels = noisy_channels(examined.samples)
+    return {name: x for name, x in channels.items() if x[1].size and name.partition("_")[0] not in plates}
 
 
 def noisy_channels(samples: pl.DataFrame) -> dict[str, tuple[Array, Array]]:

@@ -12,7 +12,8 @@ from osl_analysis.quality.checks import (
     duration,
     length_of_longest,
     median_step,
-    noisy_channels,
+    own_channels,
+    raw_channels,
     worst,
 )
 from osl_analysis.signals import longest_run, runs
@@ -27,7 +28,8 @@ IS_COMMAND = 0.3  # share of samples that repeat their predecessor, beside the l
 
 def measure_stuck(examined: Examined) -> CheckResult:
     """Longest time [s] that a noisy channel repeats one value, or that an angle stands while it should change."""
-    channels = noisy_channels(examined.samples)
+    raw = raw_channels(examined.trial)
+    channels = own_channels(examined, raw)
     plates = {name: x for name, x in channels.items() if name.startswith("plate")}
     angle = moving_joint(examined)
     times = {name: held_while_moving(*x, angle) for name, x in channels.items()}
@@ -35,6 +37,7 @@ def measure_stuck(examined: Examined) -> CheckResult:
     times |= {
         name: duration(time) if dead(name, plates) else held_loaded(time, x) for name, (time, x) in plates.items()
     }
+    times |= {name: (facts["stands_to_s"] or 0.0) - (facts["stands_from_s"] or 0.0) for name, facts in raw.items()}
     return worst(times | standing_angles(examined), NO_ANALOG)
 
 

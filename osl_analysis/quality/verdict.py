@@ -6,7 +6,7 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.quality import channels, protocol, recording
+from osl_analysis.quality import channels, plates, protocol, recording
 from osl_analysis.quality.checks import Check, CheckResult, Commanded, Examined
 from osl_analysis.quality.settings import QualityRules, Rule
 from osl_analysis.trial import Trial
@@ -16,6 +16,7 @@ CHECKS: dict[str, Check] = {
     for check in (
         *recording.SAMPLING_CHECKS,
         *channels.CHANNEL_CHECKS,
+        *plates.PLATE_CHECKS,
         *recording.LOG_CHECKS,
         *protocol.PROTOCOL_CHECKS,
     )

@@ -37,6 +37,7 @@ from osl_analysis.walking.plate import (
     rotation_from_rest,
     zeroed_wrench,
 )
+from osl_analysis.walking.plate_faults import check_plate, check_type_on_platform
 from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.settings import CrossingSettings
 
@@ -104,7 +105,9 @@ class RecordedCrossing:
             time, poses[name] = segment_poses(trial, labels, cluster, settings)
         plate, zero = zeroed_wrench(trial, settings)
         limits = settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
-        stance = only_stance(find_stances(time, plate.at(time, lag).force[:, 2], *limits))
+        vertical = plate.at(time, lag).force[:, 2]
+        stance = only_stance(find_stances(time, vertical, *limits))
+        check_plate(trial, settings.plate, stance, vertical)
         return cls(trial, calibration, settings, time, poses, plate, zero, stance)
 
     def onset(self, perturbed: bool) -> float | None:
@@ -114,6 +117,7 @@ class RecordedCrossing:
         onset = find_onset(self.time, rotation_from_rest(self.poses["platform"]), threshold)
         check_onset(onset, self.stance, perturbed, settings.timing)
         if onset is not None:
+            check_type_on_platform(self.trial, settings.plate)
             window = onset, onset + settings.window_s
             for name in PERTURBED_SEGMENTS:
                 check_gaps(name, self.time, self.poses[name], window, settings.longest_fitted_gap_s)

@@ -21,6 +21,7 @@ from osl_analysis.walking.cluster import (
     segment_poses,
 )
 from osl_analysis.walking.plate import PlateWrench, RecordedWrench, plate_centre, recorded_wrench, rotation_from_rest
+from osl_analysis.walking.plate_faults import check_type_on_platform
 from osl_analysis.walking.plate_inertia import COMPONENTS, PlateInertia, identify_plate_inertia, plate_lag
 from osl_analysis.walking.settings import PlateModelSettings
 
@@ -93,6 +94,8 @@ def identify_plate_model(
     """
     if not trials:
         raise InputError("no trials of the unloaded plate; add trials of experiment 'plate' to the sheet")
+    for trial in trials:
+        check_type_on_platform(trial, settings.plate)
     recordings = without_hidden_turns([unloaded_recording(trial, calibration, settings) for trial in trials])
     lags = [trial_lag(r) if settings.correct_plate_lag else float("nan") for r in recordings]
     model, every = plate_model(recordings, lags), range(len(recordings))

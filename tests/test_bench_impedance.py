@@ -2,18 +2,24 @@
 
 import numpy as np
 import polars as pl
+import pytest
 from bench_synthetic import PROTOCOL, RATE, second_order, stepped_sine
 
 from osl_analysis.bench.frequency_response import trial_phasors
 from osl_analysis.bench.impedance import impedance_table
+from osl_analysis.bench.model_comparison import thinned_amplitudes
+from osl_analysis.bench.protocol import unit_sines
 from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.commands.bench import plotted_numbers_fig4
 from osl_analysis.commands.fit import estimates_text
 from osl_analysis.config import TimeSeriesFigure
 from osl_analysis.doubtful import Doubt
+from osl_analysis.figures.fig4 import draw as draw_fig4
 from osl_analysis.protocol.commanded import SteppedSineProtocol
+from osl_analysis.signals import LowPass, filtered_motion
 from osl_analysis.table import read_table, write_table
-from osl_analysis.trial import Trial, write_trial
+from osl_analysis.trial import Trial, read_trial, write_trial
 
 
 def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_read():
@@ -70,3 +76,41 @@ def test_fig4_shows_an_amplitude_that_the_protocol_has_twice(tmp_path):
         tmp_path / "made.parquet", tmp_path / "fit.csv", settings, choice, Doubt(), tmp_path / "fig4.csv"
     )
     assert len(read_table(tmp_path / "fig4.csv")) == RATE
+
+
+def test_where_amplitudes_nest_inside_frequencies_fig4_and_the_comparison_use_one_amplitude_only(tmp_path):
+    """1 Hz at both amplitudes, then 3, then 5 Hz. The small amplitude has half of the stiffness of the large one: an
+    exact joint at each amplitude, of which a fit to rows of both leaves several percent."""
+    sines = [a * unit_sines([(f, 9)], RATE) for f in PROTOCOL.frequencies_hz for a in PROTOCOL.amplitudes]
+    rest = np.zeros(round(2 * RATE))
+    theta = np.concatenate([rest, *(x for sine in sines for x in (sine, rest))])
+    large = np.concatenate([rest, *(np.full(len(s) + len(rest), np.max(s) > 0.08) for s in sines)]).astype(bool)
+    time = np.arange(len(theta)) / RATE
+    motion, _ = filtered_motion(time, theta, theta, LowPass(100))
+    torque = second_order(motion) * np.where(large, 1.0, 0.5) + 1e-3 * np.random.default_rng(1).standard_normal(
+        len(theta)
+    )
+    write_trial(
+        Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": torque})), tmp_path / "made.parquet"
+    )
+    degrees = [round(float(np.rad2deg(a)), 9) for a in PROTOCOL.amplitudes]
+    settings = DynamometerAnalysis(
+        cutoff_hz=15, order=4, amplitudes_deg=degrees, frequencies_hz=PROTOCOL.frequencies_hz, cycles=9, settle_cycles=2
+    )
+    record = stepped_sine_trial(read_trial(tmp_path / "made.parquet"), settings)
+    table = impedance_table(record, trial_phasors(record))
+    assert table["K"].to_list()[:2] == pytest.approx([100, 200], rel=1e-3)
+    write_table(table, tmp_path / "fit.csv")
+    for amplitude, size in zip(degrees, PROTOCOL.amplitudes, strict=True):
+        choice = TimeSeriesFigure(K_d=1, B_d=1, controller="compensated", amplitude_deg=amplitude, duration_s=10)
+        plotted_numbers_fig4(
+            tmp_path / "made.parquet", tmp_path / "fit.csv", settings, choice, Doubt(), tmp_path / "fig4.csv"
+        )
+        shown = read_table(tmp_path / "fig4.csv")
+        assert np.rad2deg(size) == pytest.approx(shown["theta_deg"].abs().max(), rel=0.02)
+        assert 1 - (shown["torque"] - shown["torque_model"]).var() / shown["torque"].var() > 0.9995
+        assert draw_fig4(shown).axes[1].lines[0].get_ydata().shape[0] > len(shown)  # broken between the frequencies
+    small_rows, large_rows = thinned_amplitudes(record)
+    assert not large[small_rows].any()
+    assert large[large_rows].all()
+    assert len(large_rows) == pytest.approx(len(small_rows), abs=3)

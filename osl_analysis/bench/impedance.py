@@ -123,7 +123,9 @@ def impedance_series(trial: SteppedSineTrial) -> tuple[Array, Array, Array]:
 
 
 def amplitude_series(trial: SteppedSineTrial, amplitude_deg: float, duration_s: float) -> pl.DataFrame:
-    """The last seconds of one amplitude, measured and by the best second-order fit (Fig. 4).
+    """The last seconds up to the end of one amplitude, measured and by the best second-order fit (Fig. 4).
+
+    Rests and other amplitudes within these seconds have no rows.
 
     Raises
     ------
@@ -136,10 +138,10 @@ def amplitude_series(trial: SteppedSineTrial, amplitude_deg: float, duration_s: 
             f"figures.time_series.amplitude_deg = {amplitude_deg:g} is not in the protocol "
             f"({', '.join(f'{b.amplitude_deg:g}' for b in trial.blocks)} deg); choose one of these"
         )
-    rows = np.r_[chosen[0].rows]
+    rows = np.concatenate([np.r_[stretch] for stretch in chosen[0].stretches])
     block = rows if trial.usable is None else rows[trial.usable[rows]]
     motion, torque = trial.motion[block], trial.filtered_torque[block]
-    last = slice(-min(round(duration_s * trial.rate_hz), len(torque)), None)
+    last = np.flatnonzero(block > block[-1] - round(duration_s * trial.rate_hz))
     time = trial.time[block][last]
     return pl.DataFrame(
         {

@@ -85,9 +85,9 @@ def impedance_scores(trial: DrivetrainTrial, controller: str) -> pl.DataFrame:
 
 
 def thinned_amplitudes(trial: SteppedSineTrial) -> list[NDArray[np.intp]]:
-    """Usable rows of each amplitude, thinned to `SAMPLES_PER_PERIOD`."""
+    """Usable rows of each amplitude, without rests and other amplitudes, thinned to `SAMPLES_PER_PERIOD`."""
     step = max(int(trial.rate_hz / (SAMPLES_PER_PERIOD * trial.low_pass.cutoff_hz)), 1)
-    thinned = [np.arange(block.rows.start, block.rows.stop, step) for block in trial.blocks]
+    thinned = [np.concatenate([np.arange(s.start, s.stop, step) for s in block.stretches]) for block in trial.blocks]
     return [rows if trial.usable is None else rows[trial.usable[rows]] for rows in thinned]
 
 

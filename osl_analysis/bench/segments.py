@@ -82,9 +82,16 @@ class Block:
         return self.segments[0].amplitude_deg
 
     @property
-    def rows(self) -> slice:
-        """The rows from the first segment to the last one."""
-        return slice(int(np.rint(self.segments[0].start)), int(np.rint(self.segments[-1].stop)))
+    def stretches(self) -> tuple[slice, ...]:
+        """Rows of each stretch of segments that touch, transients and gaps included, in the order of time.
+
+        A rest lies between two stretches, or segments of another amplitude, where the protocol goes through all
+        amplitudes at one frequency before it goes to the next.
+        """
+        ends = [(int(np.rint(s.start)), int(np.rint(s.stop))) for s in self.segments]
+        first = [start for k, (start, _) in enumerate(ends) if k == 0 or start > ends[k - 1][1] + 1]
+        last = [stop for k, (_, stop) in enumerate(ends) if k + 1 == len(ends) or ends[k + 1][0] > stop + 1]
+        return tuple(slice(a, b) for a, b in zip(first, last, strict=True))
 
 
 def settled(

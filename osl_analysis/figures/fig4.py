@@ -1,5 +1,6 @@
 """Fig. 4: ten seconds of a dynamometer trial, measured and modelled by the best second-order system."""
 
+import numpy as np
 import polars as pl
 from matplotlib.figure import Figure
 
@@ -14,7 +15,9 @@ def draw(table: pl.DataFrame) -> Figure:
 
     The draft calls this line blue in its caption and magenta in its text. Rows in order of time: `time` [s] from
     0, `theta_deg` [deg], `torque` and `torque_model` [N*m], and `doubtful`. The legend says if the fit is doubtful.
+    Lines end where the time steps over rows that are not of this amplitude.
     """
+    table = with_breaks(table)
     figure, (angle, torque) = panels(DOUBLE_COLUMN, 2.8, rows=2)
     angle.plot(table["time"], table["theta_deg"], color=BLACK, linewidth=0.9)
     torque.plot(table["time"], table["torque"], color="#B4B4B4", linewidth=2.2, label="Measured")
@@ -33,3 +36,12 @@ def draw(table: pl.DataFrame) -> Figure:
         ax.margins(x=0.005)
     torque.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
     return figure
+
+
+def with_breaks(table: pl.DataFrame) -> pl.DataFrame:
+    """The table with a row of NaN before each step in time [s] that is longer than two ordinary ones."""
+    step = pl.col("time").diff()
+    broken = table.with_row_index("row").filter(step > 2 * step.median())
+    signals = ("theta_deg", "torque", "torque_model")
+    ends = broken.with_columns(pl.lit(np.nan).alias(name) for name in signals)
+    return pl.concat([ends, table.with_row_index("row")]).sort("row", maintain_order=True).drop("row")

@@ -63,7 +63,8 @@ REMEDIES: dict[str, str | Callable[[float], str]] = {
     "f_C_ratio": too_far("f_C", FROM_FILE),
     "f_G_ratio": too_far("f_G", FROM_FILE),
     "B_m_ratio": too_far("B_m", FROM_FILE),
-    "saturated_samples": "the torque stands at its largest value, it is clipped: use a load cell of larger range",
+    "saturated_samples": "a torque, angle or current is clipped, it stands at an end of its sensor's range, see the "
+    "quality check `saturation`: use a sensor of larger range",
     "lag_share": LATE,
     "certain_lag_damping": LATE,
     "K_change": changing("K", "a spring that stiffens, or backlash", "friction, or a spring that softens"),

@@ -18,12 +18,12 @@ MAY_IMPORT = {
     "protocol": COMMON | {"protocol"},
     "timebase": COMMON | {"timebase", "signals"},
     "bench": COMMON
-    | {"bench", "protocol", "stats", "second_order", "signals", "uniform", "timebase"}
-    | {"model", "parameters", "yaml_settings", "doubtful", "causes"},
+    | {"bench", "protocol", "stats", "second_order", "rails", "signals", "uniform", "timebase"}
+    | {"model", "parameters", "columns", "yaml_settings", "doubtful", "causes"},
     "walking": COMMON
     | {"walking", "stats", "second_order", "signals", "uniform", "timebase", "columns", "yaml_settings"},
     "quality": COMMON
-    | {"quality", "protocol", "columns", "experiments", "signals", "uniform", "timebase", "yaml_settings"},
+    | {"quality", "protocol", "columns", "experiments", "rails", "signals", "uniform", "timebase", "yaml_settings"},
     "figures": COMMON | {"figures"},
 }
 

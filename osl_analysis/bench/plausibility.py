@@ -10,18 +10,21 @@ import polars as pl
 from osl_analysis.bench.diagnostics import check_resists
 from osl_analysis.bench.settings import BenchAnalysis
 from osl_analysis.causes import wrong_scale
+from osl_analysis.columns import unit_of
 from osl_analysis.errors import InputError
 from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.signals import longest_at_extreme
+from osl_analysis.rails import samples_at_rail, stated_range
 from osl_analysis.trial import Array, Trial
 
+BEYOND_RANGE = 0.01
+"""Share of a sensor's range by which a value may lie beyond it: electronics reach a little further than data sheets."""
 SAME_AS_BELT = 1.1
 """Largest K over the belt's K_s. The joint and the motor act through the belt, in series with it, so that the motor can
 render no K above K_s; a tenth allows for the belt at hand."""
 
 
 def check_recording(trial: Trial, limits: BenchAnalysis, torque: str = "torque", angle: str | None = "theta") -> None:
-    """Refuse an angle that no leg's joint turns by, and a torque that the load cell cannot measure.
+    """Refuse an angle that no leg's joint turns by, and values that a sensor of the stated range cannot measure.
 
     Raises
     ------
@@ -35,11 +38,27 @@ def check_recording(trial: Trial, limits: BenchAnalysis, torque: str = "torque",
             f"{limits.largest_angle:g} rad of `largest_angle` in the configuration: is it recorded in deg and declared "
             "as rad? Correct its `unit` in the source file"
         )
+    for column in (name for name in trial.samples.columns if stated_range(trial, name)):
+        check_within_range(trial, column)
     largest = float(np.max(np.abs(measured))) if measured.size else 0.0
     if limits.load_cell_range is not None and largest > limits.load_cell_range:
         raise InputError(
             f"trial {trial.name}: {torque} reaches {largest:.4g} N*m, more than the {limits.load_cell_range:g} N*m of "
             "`load_cell_range` in the configuration; correct its `unit` or `scale` in the source file, or the range"
+        )
+
+
+def check_within_range(trial: Trial, column: str) -> None:
+    """Refuse values beyond the range that the source file states for the sensor; raises as `check_recording`."""
+    values, ends = recorded_values(trial, column), stated_range(trial, column)
+    if not values.size or ends is None:
+        return
+    (low, high), (least, most) = ends, (float(values.min()), float(values.max()))
+    slack = BEYOND_RANGE * (high - low)
+    if least < low - slack or most > high + slack:
+        raise InputError(
+            f"trial {trial.name}: {column} goes from {least:.4g} to {most:.4g} {unit_of(column)}, beyond the "
+            f"`range` of its sensor, {low:g} to {high:g}; correct `unit`, `scale` or `range` in the source file"
         )
 
 
@@ -50,9 +69,10 @@ def recorded_values(trial: Trial, column: str | None) -> Array:
     return trial.samples[column].drop_nulls().drop_nans().to_numpy()
 
 
-def with_clipping(table: pl.DataFrame, trial: Trial, torque: str = "torque") -> pl.DataFrame:
-    """The table with `saturated_samples`: the longest run of the recorded torque at its largest or lowest value."""
-    return table.with_columns(saturated_samples=pl.lit(longest_at_extreme(recorded_values(trial, torque)), pl.Int64))
+def with_clipping(table: pl.DataFrame, trial: Trial, torque: str = "torque", *others: str) -> pl.DataFrame:
+    """The table with `saturated_samples`: the longest run of torque, or of another column, at an end of its sensor."""
+    longest = max(samples_at_rail(trial, column, torque) for column in (torque, *others))
+    return table.with_columns(saturated_samples=pl.lit(longest, pl.Int64))
 
 
 def ratio(column: str, reference: float | None, name: str) -> pl.Expr:
@@ -69,7 +89,7 @@ def plausible_belt(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters) -
         K_s is negative.
     """
     check_resists(trial.name, "K_s", table["K_s"][-1])
-    return with_clipping(table, trial).with_columns(ratio("K_s", p.K_s, "K_s_ratio"))
+    return with_clipping(table, trial, "torque", "theta", "theta_m").with_columns(ratio("K_s", p.K_s, "K_s_ratio"))
 
 
 def plausible_transmission(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters) -> pl.DataFrame:
@@ -82,7 +102,7 @@ def plausible_transmission(table: pl.DataFrame, trial: Trial, p: DrivetrainParam
     """
     check_resists(trial.name, "B_j", table["B_j"][-1])
     ratios = (ratio("B_j", p.B_j, "B_j_ratio"), ratio("J_j", p.J_j, "J_j_ratio"))
-    return with_clipping(table, trial).with_columns(*ratios)
+    return with_clipping(table, trial, "torque", "theta").with_columns(*ratios)
 
 
 def plausible_impedance(
@@ -107,7 +127,7 @@ def plausible_impedance(
             f"{'what the gains should give' if predicted else 'K_s'}: {wrong_scale(K / reference)}"
         )
     ratios = (ratio("K", p.K_s, "K_over_K_s"), ratio("K", predicted, "K_ratio"))
-    return with_clipping(table, trial).with_columns(*ratios)
+    return with_clipping(table, trial, "torque", "theta").with_columns(*ratios)
 
 
 def plausible_actuator(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters) -> pl.DataFrame:
@@ -126,4 +146,4 @@ def plausible_actuator(table: pl.DataFrame, trial: Trial, p: DrivetrainParameter
         )
     references = {"k_tau_n_m": p.k_tau * p.n_m, "f_C": p.f_C, "f_G": p.f_G, "B_m": p.B_m, "J_m": p.J_m}
     ratios = (ratio(name, value, f"{name}_ratio") for name, value in references.items())
-    return with_clipping(table, trial, "torque_m").with_columns(*ratios)
+    return with_clipping(table, trial, "torque_m", "current").with_columns(*ratios)

@@ -1,4 +1,4 @@
-"""Properties of a channel's sensor (delay, low-pass, resolution) and of a recorder's stamps in a source file."""
+"""Properties of a channel's sensor (delay, low-pass, resolution, range) and of a recorder's stamps in a source file."""
 
 from typing import Any, Literal
 
@@ -49,6 +49,9 @@ class Sensor(Settings):
     """Smallest step of the recorded values with its unit, as `0.02 deg`."""
     bits: int | None = Field(default=None, ge=4, le=32)
     """Bits of an encoder per revolution, in place of `resolution`."""
+    range: str | tuple[str, str] | None = None
+    """Range of the sensor with its unit, before `sign` and `offset`: `60 N*m` for +-60 N*m, or both ends, as
+    `[0 deg, 300 deg]`."""
 
     @field_validator("delay")
     @classmethod
@@ -58,13 +61,14 @@ class Sensor(Settings):
         return value
 
     def sensor_origin(self, si_unit: str) -> dict[str, Any]:
-        """What is stated, in SI units, for the trial's provenance: `delay` [s], `low_pass`, `resolution` [si_unit].
+        """What is stated, in SI units, for the trial's provenance: `delay` [s], `low_pass`, `resolution` and
+        both ends of `range` [si_unit].
 
         Raises
         ------
         InputError
-            The resolution is not positive or of another dimension, or bits are stated for a signal that is not an
-            angle.
+            Resolution or range are not positive or of another dimension, or bits are stated for a signal that is not
+            an angle.
         """
         stated: dict[str, Any] = {}
         if self.delay is not None:
@@ -73,7 +77,21 @@ class Sensor(Settings):
             stated["low_pass"] = self.low_pass.origin()
         if self.resolution is not None or self.bits is not None:
             stated["resolution"] = self.step(si_unit)
+        if self.range is not None:
+            stated["range"] = list(self.ends(si_unit))
         return stated
+
+    def ends(self, si_unit: str) -> tuple[float, float]:
+        """Both ends of the stated range [si_unit]; raises as `sensor_origin`."""
+        assert self.range is not None
+        texts = (self.range,) if isinstance(self.range, str) else self.range
+        ends = [quantity(text, si_unit) for text in texts]
+        low, high = (-ends[0], ends[0]) if len(ends) == 1 else ends
+        if low >= high:
+            raise InputError(
+                f"a range from {low:g} to {high:g} {si_unit} is empty; write the lower end first, or one number"
+            )
+        return low, high
 
     def step(self, si_unit: str) -> float:
         """Smallest step of the recorded values [si_unit]; raises as `sensor_origin`."""

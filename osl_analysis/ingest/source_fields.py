@@ -53,8 +53,11 @@ class Conversion(Sensor):
         """Where a canonical column comes from and how it was converted, for the trial's provenance."""
         unit, si_unit = self.stated_unit(unit_of_file), unit_of(column)
         address = self.model_dump(exclude=set(Sensor.model_fields))
-        sensor = self.sensor_origin(si_unit)
-        return {**address, "unit": unit, "factor": si_factor(unit, si_unit), "si_unit": si_unit, **sensor}
+        sensor, factor = self.sensor_origin(si_unit), si_factor(unit, si_unit)
+        if "range" in sensor:
+            ends = [self.sign * (end + self.scale * factor * self.offset) for end in sensor["range"]]
+            sensor["range"] = sorted(ends)
+        return {**address, "unit": unit, "factor": factor, "si_unit": si_unit, **sensor}
 
 
 class LogSource(Settings):

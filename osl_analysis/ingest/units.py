@@ -25,7 +25,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "A": ("A", "mA"),
     "V": ("V", "mV", "uV"),
     "N": ("N", "kN", "mN", "lbf"),
-    "N*m": ("N*m", "Nm", "N*cm", "N*mm", "Nmm", "mNm", "lbf*in"),
+    "N*m": ("N*m", "Nm", "N*cm", "N*mm", "Nmm", "mNm", "lbf*in", "lbf*ft"),
     "N*m/rad": ("N*m/rad", "Nm/rad", "N*m/deg"),
     "N*m*s/rad": ("N*m*s/rad", "Nms/rad", "N*m*s/deg"),
     "N*m/kg": ("N*m/kg", "Nm/kg", "N*mm/kg"),

@@ -18,10 +18,11 @@ from osl_analysis.quality.checks import (
     worst,
 )
 from osl_analysis.quality.stuck import measure_stuck
-from osl_analysis.signals import longest_at_extreme
+from osl_analysis.rails import samples_at_rail, stated_range
 from osl_analysis.trial import Array
 
-"""Channels, besides those of the plates, whose noise changes every sample of a sound recording."""
+ANGLES = ("theta", "theta_m")
+"""Measured angles: their encoders may stand at the end of their range."""
 TURNS = (2 * np.pi, 360.0)  # one turn, and one turn in degrees that the source file calls radians
 TURN_TOLERANCE = 0.1  # of a turn
 WINDOW = 0.2  # s, in which the level of a plate is read
@@ -32,9 +33,13 @@ NO_PLATE, NEVER_BARE = "no plate", "the plates are never at rest, or loaded thro
 
 
 def measure_saturation(examined: Examined) -> CheckResult:
-    """Longest run [samples] of a noisy channel at its lowest or highest value; of a plate, of its raw channels."""
-    raw = raw_channels(examined.trial)
-    lengths = {name: longest_at_extreme(values) for name, (_, values) in own_channels(examined, raw).items()}
+    """Longest run [samples] of a channel at the lowest or highest value of its sensor, stated or seen; of a plate, of
+    its raw channels.
+    """
+    trial, torque, raw = examined.trial, examined.experiment.torque, raw_channels(examined.trial)
+    names = [name for name, (_, values) in own_channels(examined, raw).items() if values.size]
+    names += [name for name in trial.samples.columns if name in ANGLES or stated_range(trial, name)]
+    lengths = {name: samples_at_rail(trial, name, torque) for name in names}
     return worst(lengths | {name: facts["clipped_samples"] for name, facts in raw.items()}, NO_ANALOG)
 
 
@@ -118,7 +123,7 @@ CHANNEL_CHECKS = (
         "saturation",
         "samples",
         "above",
-        "longest run at an extreme of torque, current, or a raw channel of a plate",
+        "longest run of a torque, current, angle or raw channel of a plate at an end of its sensor's range",
         measure_saturation,
     ),
     Check(

@@ -16,14 +16,13 @@ from osl_analysis.quality.checks import (
     raw_channels,
     worst,
 )
-from osl_analysis.signals import longest_run, runs
+from osl_analysis.rails import is_command
+from osl_analysis.signals import runs
 from osl_analysis.trial import Array
 
 MOVES = 0.2  # of the reference's range: while it changes by more, the joint should have moved
 
 SMOOTHED = 0.05  # s, over which a reference is averaged; a sine of 5 Hz keeps nine tenths of its amplitude
-
-IS_COMMAND = 0.3  # share of samples that repeat their predecessor, beside the longest run, in a commanded current
 
 
 def measure_stuck(examined: Examined) -> CheckResult:
@@ -67,14 +66,8 @@ def held_while_moving(time: Array, values: Array, angle: tuple[Array, Array]) ->
 
 
 def held_measured(time: Array, values: Array) -> float:
-    """Longest time [s] that a measured current repeats one value, (n,) each; 0 for a commanded one.
-
-    A command goes from level to level without noise: most of its samples repeat their predecessor.
-    """
-    repeated = np.diff(values) == 0
-    elsewhere = repeated.copy()
-    elsewhere[longest_run(repeated)] = False
-    return 0.0 if elsewhere.sum() > IS_COMMAND * elsewhere.size else held(time, values)
+    """Longest time [s] that a measured current repeats one value, (n,) each; 0 for a commanded one."""
+    return 0.0 if is_command(values) else held(time, values)
 
 
 def held_loaded(time: Array, values: Array) -> float:

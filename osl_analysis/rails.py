@@ -1,0 +1,96 @@
+"""Sensors at the end of their range: load cells, currents and encoders that stand at a rail."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from osl_analysis.signals import longest_at_extreme, longest_run, runs
+from osl_analysis.trial import Array, Trial
+
+AT_RAIL = 1e-3
+"""Distance from a stated end of a sensor's range, as a share of the range, that counts as the end."""
+IS_COMMAND = 0.3
+"""Share of samples that repeat their predecessor, beside the longest run, in a commanded current."""
+FEWEST = 5
+"""Samples at an extreme from which an angle is examined further."""
+CERTAIN = 10.0
+"""Standard deviations of the torque's noise by which it must change while a clipped angle stands."""
+CREEP = 0.02
+"""Share of the torque's range by which it may change while a joint rests."""
+CORNER = 8.0
+"""Steps by which a clipped angle moves within half of its standing time before it, or after it. A sine that is rounded
+to steps moves by four at most."""
+
+
+def stated_range(trial: Trial, column: str) -> tuple[float, float] | None:
+    """Lowest and highest value of a channel that its source file states, in the column's unit; None if not stated."""
+    found: Mapping[str, Any] = trial.provenance.get("columns", {}).get(column, {})
+    ends = found.get("range")
+    return (float(ends[0]), float(ends[1])) if ends else None
+
+
+def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int:
+    """Longest run [samples] of a channel at an end of its range, stated or seen; 0 for a command, which has levels.
+
+    A channel with noise is at an end where it repeats its lowest or highest value. An angle also rests at an extreme:
+    it is clipped only where `torque` goes on to change meanwhile.
+    """
+    if column not in trial.samples.columns:
+        return 0
+    time, values = sampled(trial, column)
+    at_stated = longest_at_stated(values, stated_range(trial, column))
+    if column.startswith("theta"):
+        seen = 0 if torque is None else longest_clipped_angle(time, values, sampled(trial, torque))
+    else:
+        seen = 0 if is_command(values) and column == "current" else longest_at_extreme(values)
+    return max(at_stated, seen)
+
+
+def sampled(trial: Trial, column: str) -> tuple[Array, Array]:
+    """Time [s] and values of a column, (n,) each, where it was sampled; empty without the column."""
+    if column not in trial.samples.columns:
+        return np.empty(0), np.empty(0)
+    rows = trial.samples.select("time", column).drop_nulls().drop_nans(column)
+    return rows["time"].to_numpy(), rows[column].to_numpy()
+
+
+def longest_at_stated(values: Array, ends: tuple[float, float] | None) -> int:
+    """Longest run [samples] of a channel (n,) at a stated end of its range, or beyond it."""
+    if ends is None or not values.size:
+        return 0
+    near = AT_RAIL * (ends[1] - ends[0])
+    found = (longest_run(values <= ends[0] + near), longest_run(values >= ends[1] - near))
+    return max(int(run.stop - run.start) for run in found)
+
+
+def is_command(values: Array) -> bool:
+    """Whether a channel (n,) goes from level to level without noise: most of its samples repeat their predecessor."""
+    repeated = np.diff(values) == 0
+    elsewhere = repeated.copy()
+    elsewhere[longest_run(repeated)] = False
+    return bool(elsewhere.sum() > IS_COMMAND * elsewhere.size)
+
+
+def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]) -> int:
+    """Longest run [samples] of an angle (n,) at its lowest or highest value while the torque changes.
+
+    `torque` are times [s] and values. The angle must come to the extreme, and leave it, with a corner.
+    """
+    when, values = torque
+    distinct = np.unique(theta)
+    if distinct.size < 2 or not when.size or not np.ptp(values):
+        return 0
+    step = float(np.min(np.diff(distinct)[np.diff(distinct) > 1e-9 * np.ptp(theta)], initial=np.ptp(theta)))
+    noise = float(np.median(np.abs(np.diff(values, 3)))) / 3.016 if values.size > 3 else np.inf  # of white noise
+    changes = max(CERTAIN * noise, CREEP * float(np.ptp(values)))
+    longest = 0
+    for end in (distinct[0], distinct[-1]):
+        for run in runs(theta == end):
+            count = run.stop - run.start
+            within = values[slice(*np.searchsorted(when, (time[run.start], time[run.stop - 1])))]
+            if count > max(FEWEST, longest) and within.size > 1 and np.ptp(within) > changes:
+                sides = (run.start - count // 2, run.stop - 1 + count // 2)
+                moved = [abs(theta[at] - end) for at in sides if 0 <= at < theta.size]
+                longest = count if moved and min(moved) > CORNER * step else longest
+    return longest

@@ -1,0 +1,83 @@
+"""Sensors at the end of their range: stated in the source file, or seen in the recording."""
+
+import numpy as np
+import polars as pl
+import pytest
+from bench_synthetic import second_order, stepped_sine
+
+from osl_analysis.bench.plausibility import check_within_range
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.source_fields import Conversion
+from osl_analysis.rails import is_command, longest_at_stated, longest_clipped_angle, samples_at_rail, stated_range
+from osl_analysis.trial import Trial
+from osl_analysis.yaml_settings import validated
+
+RATE = 500.0
+
+
+def moved(theta_of, noise=0.05):
+    """Time, recorded angle and torque of a stepped sine."""
+    record = stepped_sine(second_order, noise)
+    return record.time, theta_of(record.theta), (record.time, record.torque)
+
+
+@pytest.mark.parametrize("bits", [12, 14, 18])
+def test_a_rounded_sine_is_not_clipped_and_one_that_sticks_at_an_end_is(bits):
+    step = 2 * np.pi / 2**bits
+
+    def rounded(theta):
+        return np.rint(theta / step) * step
+
+    assert longest_clipped_angle(*moved(rounded)) == 0
+    for end in (0.09, 0.07):
+        clipped = longest_clipped_angle(*moved(lambda theta, end=end: rounded(np.minimum(theta, end))))
+        flat = 2 * np.arccos(end / 0.1) / (2 * np.pi) * RATE  # of the slowest sine, 1 Hz
+        assert clipped == pytest.approx(flat, rel=0.02, abs=2)
+
+
+def test_a_joint_that_rests_at_its_end_is_not_clipped():
+    """Out with a corner, rest for a second, and back with a corner: the torque rests, too, but for its noise."""
+    time = np.arange(2000) / RATE
+    theta = np.interp(time, [0, 1, 2, 3, 4], [0, 0.08, 0.08, 0, 0])
+    noise = 0.05 * np.random.default_rng(3).standard_normal(time.size)
+    assert longest_clipped_angle(time, theta, (time, 600 * theta + noise)) == 0
+    assert longest_clipped_angle(time, np.minimum(theta, 0.06), (time, 600 * theta + noise)) > 500
+
+
+def test_a_commanded_current_at_its_level_is_no_rail_and_a_measured_one_that_is_clipped_is():
+    time = np.arange(2000) / RATE
+    levels = np.repeat([3.0, -2.0, 3.0, 1.0], 500)
+    measured = np.minimum(4 * np.sin(7 * time) + 0.02 * np.random.default_rng(1).standard_normal(2000), 3.0)
+    made = Trial("made", pl.DataFrame({"time": time, "current": levels}))
+    assert is_command(levels)
+    assert samples_at_rail(made, "current") == 0
+    assert samples_at_rail(Trial("made", pl.DataFrame({"time": time, "current": measured})), "current") > 50
+
+
+def stating(text, **conversion):
+    source = validated({"unit": "N*m", "range": text, **conversion}, Conversion, "source.yaml")
+    return source.origin("torque")["range"]
+
+
+def test_a_stated_range_is_that_of_the_sensor_whatever_its_sign_and_offset():
+    assert stating("60 N*m") == [-60, 60]
+    assert stating(["-20 N*m", "100 N*m"]) == [-20, 100]
+    assert stating(["-20 N*m", "100 N*m"], sign=-1) == [-100, 20]
+    assert stating("600 N*cm", unit="N*cm", offset=-50) == pytest.approx([-6.5, 5.5])
+    assert stating("10 lbf*ft") == pytest.approx([-13.558, 13.558], rel=1e-4)
+    for wrong in ("60 A", "-60 N*m", ["5 N*m", "1 N*m"], "60"):
+        with pytest.raises(ValueError, match=r"lower end first|measures|the unit is empty"):
+            stating(wrong)
+
+
+def test_samples_at_a_stated_end_count_and_those_beyond_it_are_refused_by_name():
+    torque = np.concatenate([np.linspace(-50, 59, 400), np.full(7, 59.97), np.linspace(58, 0, 100)])
+    assert longest_at_stated(torque, (-60.0, 60.0)) == 7
+    origin = {"columns": {"torque": {"range": [-60.0, 60.0]}}}
+    made = Trial("made", pl.DataFrame({"time": np.arange(507.0), "torque": torque}), origin)
+    assert stated_range(made, "torque") == (-60, 60)
+    assert stated_range(made, "theta") is None
+    check_within_range(made, "torque")
+    beyond = Trial("made", made.samples.with_columns(pl.col("torque") * 1.3558), origin)
+    with pytest.raises(InputError, match=r"trial made: torque goes from -67\.\d+ to 81\.\d+ N\*m, beyond the `range`"):
+        check_within_range(beyond, "torque")

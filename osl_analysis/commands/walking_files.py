@@ -20,11 +20,14 @@ from osl_analysis.walking.ankle import SEGMENTS, StaticCalibration
 from osl_analysis.walking.crossing import Crossing, CrossingQuality, RefusedCrossing
 from osl_analysis.walking.encoder import EncoderCheck
 from osl_analysis.walking.events import Stance
+from osl_analysis.walking.load import Load
 from osl_analysis.walking.plate_inertia import COMPONENTS, PARAMETERS, PlateInertia
 from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.unperturbed import PHASES, UnperturbedGait
 
 SIGNALS = ("time", "phase", "theta", "torque", "platform")
+LOAD, LOAD_LEFT = "load", "pressure_left"
+"""Columns with the vertical force [N] on the foot, and the centre of pressure to the left of the ankle [m]."""
 PLATE_ERROR = "plate_error_"
 """Prefix of the columns with the plate's errors."""
 REFUSED = "refused"
@@ -114,7 +117,8 @@ def write_crossing(crossing: Crossing, path: Path) -> None:
     phase = (crossing.time - crossing.stance.heel_strike) / crossing.stance.duration
     signals = (crossing.time, phase, crossing.theta, crossing.torque, crossing.platform)
     errors = {f"{PLATE_ERROR}{i}": error for i, error in enumerate(crossing.plate_errors)}
-    samples = pl.DataFrame(dict(zip(SIGNALS, signals, strict=True)) | errors)
+    load = {} if crossing.load is None else {LOAD: crossing.load.force, LOAD_LEFT: crossing.load.left}
+    samples = pl.DataFrame(dict(zip(SIGNALS, signals, strict=True)) | load | errors)
     events = {
         "heel_strike_s": crossing.stance.heel_strike,
         "toe_off_s": crossing.stance.toe_off,
@@ -181,6 +185,7 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
         bridged=events["bridged"],
         quality=quality_from_events(events["quality"]),
         plate_errors=plate_error_columns(trial.samples).reshape(-1, len(time)),
+        load=Load(*trial.signals(LOAD, LOAD_LEFT)[1:]) if LOAD in trial.samples.columns else None,
     )
 
 
@@ -198,7 +203,8 @@ def quality_from_events(facts: dict[str, Any]) -> CrossingQuality:
     """The quality in a crossing's provenance."""
     encoder = facts["encoder"]
     forward, left = facts["placement"]
-    return CrossingQuality(facts["residuals"], facts["zero"], (forward, left), encoder and EncoderCheck(**encoder))
+    checked = encoder and EncoderCheck(**encoder)
+    return CrossingQuality(facts["residuals"], facts["zero"], (forward, left), checked, facts["outside"])
 
 
 def plate_error_columns(frame: pl.DataFrame) -> np.ndarray:

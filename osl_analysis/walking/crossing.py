@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from osl_analysis.trial import Array
 from osl_analysis.walking.encoder import EncoderCheck
 from osl_analysis.walking.events import Stance
+from osl_analysis.walking.load import Load
 
 
 @dataclass(frozen=True)
@@ -16,12 +17,14 @@ class CrossingQuality:
     zero: vertical force [N] of the plate before the step, which was removed; None if no zero was removed.
     placement: position (2,) [m] of the ankle, forward and to the left of the plate's centre, while the foot is flat.
     encoder: comparison with the leg's own encoder; None without a column theta.
+    outside: largest distance [m] by which a foot marker lies outside the plate while the foot is flat.
     """
 
     residuals: Mapping[str, float]
     zero: float | None
     placement: tuple[float, float]
     encoder: EncoderCheck | None
+    outside: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,7 @@ class Crossing:
     quality: numbers that show the quality of the crossing.
     plate_errors: changes (m, n) [N*m] of the torque. Row i is the change if the plate's model is identified without the
         i-th of m plate trials. With a single plate trial m = 0.
+    load: ground reaction on the foot; None if it is not known.
     """
 
     name: str
@@ -51,6 +55,7 @@ class Crossing:
     bridged: float
     quality: CrossingQuality
     plate_errors: Array
+    load: Load | None = None
 
 
 @dataclass(frozen=True)

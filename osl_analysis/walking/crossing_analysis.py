@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from osl_analysis.errors import InputError
-from osl_analysis.signals import longest_run, sampling_rate
+from osl_analysis.signals import sampling_rate
 from osl_analysis.timebase.gaps import GapLimits
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import uniform_signals
@@ -20,31 +20,34 @@ from osl_analysis.walking.ankle import (
     foot_torque,
 )
 from osl_analysis.walking.cluster import (
+    Mask,
     Poses,
     body_motion,
     filtered_poses,
-    gap_duration,
     reference_positions,
     segment_poses,
 )
 from osl_analysis.walking.crossing import Crossing, CrossingQuality
 from osl_analysis.walking.encoder import FEWEST_SAMPLES, EncoderCheck, compare_encoder
 from osl_analysis.walking.events import Stance, check_onset, find_onset, find_stances, only_stance
+from osl_analysis.walking.load import furthest_outside, load_on_foot
+from osl_analysis.walking.orientation import check_heading, check_push, check_vertical
 from osl_analysis.walking.plate import (
+    PlateWrench,
     RecordedWrench,
     in_laboratory,
     plate_centre,
+    recorded_corners,
     rotation_from_rest,
     zeroed_wrench,
 )
 from osl_analysis.walking.plate_faults import check_plate, check_type_on_platform
 from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.settings import CrossingSettings
+from osl_analysis.walking.visible_frames import check_gaps, rms_residual, rows_of_stance
 
 PERTURBED_SEGMENTS = ("foot", "platform")
 """Segments that a perturbation moves. The shank carries the body and moves as in any stance."""
-EDGE_S = 0.1
-"""Length [s] of the recording before and after a stance that the low-pass needs, where it is available."""
 FOOT_FLAT = (0.15, 0.35)
 """Phases of stance, before the perturbation, over which the foot's place on the plate is averaged."""
 
@@ -105,7 +108,9 @@ class RecordedCrossing:
             time, poses[name] = segment_poses(trial, labels, cluster, settings)
         plate, zero = zeroed_wrench(trial, settings)
         limits = settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
-        vertical = plate.at(time, lag).force[:, 2]
+        force = plate.at(time, lag).force
+        check_vertical(force)
+        vertical = force[:, 2]
         stance = only_stance(find_stances(time, vertical, *limits))
         check_plate(trial, settings.plate, stance, vertical)
         return cls(trial, calibration, settings, time, poses, plate, zero, stance)
@@ -128,8 +133,15 @@ class RecordedCrossing:
         rows = rows_of_stance(self.time, self.poses, self.stance)
         time, poses = self.time[rows], {name: self.filtered(name, rows) for name in SEGMENTS}
         theta = ankle_angle(poses["foot"], poses["shank"], self.calibration.ankle_axis)
+        reaction, centre = self.reaction(rows, poses["platform"], model)
+        ankle, axis = ankle_in_lab(poses["foot"], poses["shank"], self.calibration)
+        load = load_on_foot(reaction, centre, ankle, axis)
         torque = self.torque(rows, poses, model)
         errors = [self.torque(rows, poses, other) - torque for other in model.leave_one_out]
+        phase = (time - self.stance.heel_strike) / self.stance.duration
+        check_heading(phase, poses["shank"].position - ankle, axis)
+        if onset is None:
+            check_push(phase, torque)
         inside = (time >= self.stance.heel_strike) & (time <= self.stance.toe_off)
         bridged = np.any([pose.bridged for pose in poses.values()], axis=0)
         quality = CrossingQuality(
@@ -137,6 +149,7 @@ class RecordedCrossing:
             self.zero,
             self.placement(time, poses["foot"]),
             self.encoder_check(time, theta),
+            self.outside(time, poses["foot"]),
         )
         return Crossing(
             name=self.trial.name,
@@ -149,6 +162,7 @@ class RecordedCrossing:
             bridged=float(np.mean(bridged[inside])),
             quality=quality,
             plate_errors=np.reshape(errors, (-1, len(torque))),
+            load=load,
         )
 
     def filtered(self, name: str, rows: slice) -> Poses:
@@ -160,10 +174,7 @@ class RecordedCrossing:
     def torque(self, rows: slice, poses: Mapping[str, Poses], model: PlateModel) -> Array:
         """Internal plantarflexion moment (n,) [N*m] from filtered poses in some rows and the filtered wrench."""
         time, calibration, foot = self.time[rows], self.calibration, self.settings.foot
-        centre = plate_centre(self.trial, self.settings.plate)
-        wrench = self.plate.at(self.time, model.lag).filtered(self.settings.low_pass, sampling_rate(self.time))[rows]
-        own = model.inertia.wrench(body_motion(time, poses["platform"], centre))
-        reaction, centre_now = in_laboratory(wrench - own, poses["platform"], centre)
+        reaction, centre_now = self.reaction(rows, poses["platform"], model)
         ankle, axis = ankle_in_lab(poses["foot"], poses["shank"], calibration)
         torque = ankle_torque(reaction, centre_now, ankle, axis)
         if foot is None:
@@ -172,12 +183,28 @@ class RecordedCrossing:
         motion = body_motion(time, poses["foot"], calibration.ankle_centre + inertia.centre_of_mass)
         return torque + foot_torque(motion, ankle, axis, inertia)
 
+    def reaction(self, rows: slice, platform: Poses, model: PlateModel) -> tuple[PlateWrench, Array]:
+        """Ground reaction on the foot in some rows, and the plate's centre (n, 3) [m], about which its moment acts."""
+        centre = plate_centre(self.trial, self.settings.plate)
+        wrench = self.plate.at(self.time, model.lag).filtered(self.settings.low_pass, sampling_rate(self.time))[rows]
+        own = model.inertia.wrench(body_motion(self.time[rows], platform, centre))
+        return in_laboratory(wrench - own, platform, centre)
+
+    def outside(self, time: Array, foot: Poses) -> float:
+        """Largest distance [m] by which a foot marker lies outside the plate while the foot is flat."""
+        reference = reference_positions(self.calibration.foot, self.settings.markers.foot, self.trial.name)
+        markers = foot[self.flat(time)].points(reference).reshape(-1, 3)
+        return furthest_outside(markers, recorded_corners(self.trial, self.settings.plate))
+
+    def flat(self, time: Array) -> Mask:
+        """Samples (n,) in which the foot is flat on the plate."""
+        phase = (time - self.stance.heel_strike) / self.stance.duration
+        return np.asarray((phase >= FOOT_FLAT[0]) & (phase <= FOOT_FLAT[1]))
+
     def placement(self, time: Array, foot: Poses) -> tuple[float, float]:
         """Position [m] of the ankle, forward and to the left of the plate's centre, while the foot is flat."""
-        phase = (time - self.stance.heel_strike) / self.stance.duration
-        flat = (phase >= FOOT_FLAT[0]) & (phase <= FOOT_FLAT[1])
         centre = plate_centre(self.trial, self.settings.plate)
-        ankle = foot[flat].point(self.calibration.ankle_centre).mean(axis=0) - centre
+        ankle = foot[self.flat(time)].point(self.calibration.ankle_centre).mean(axis=0) - centre
         return float(ankle[0]), float(ankle[1])
 
     def encoder_check(self, time: Array, theta: Array) -> EncoderCheck | None:
@@ -188,51 +215,3 @@ class RecordedCrossing:
         low_pass = self.settings.low_pass
         own = uniform_signals(self.trial, ["theta"], GapLimits(cutoff_hz=low_pass.cutoff_hz))
         return compare_encoder(time, theta, own.time, own["theta"], low_pass, own.usable)
-
-
-def rms_residual(poses: Poses) -> float:
-    """RMS distance [m] of the markers from their rigid body, over the frames in which they were seen."""
-    return float(np.sqrt(np.nanmean(poses.residual**2))) if np.isfinite(poses.residual).any() else float("nan")
-
-
-def rows_of_stance(time: Array, poses: Mapping[str, Poses], stance: Stance) -> slice:
-    """Frames of the stance and up to 0.1 s before and after it. Every cluster is seen in all of these frames.
-
-    Raises
-    ------
-    InputError
-        A cluster is hidden within the stance for longer than gaps are interpolated.
-    """
-    inside = (time >= stance.heel_strike) & (time <= stance.toe_off)
-    for name, pose in poses.items():
-        hidden = np.flatnonzero(inside & ~pose.seen())
-        if len(hidden):
-            raise InputError(
-                f"the {name} markers cannot be followed at {time[hidden[0]]:.3f} s, in {len(hidden)} frames of stance; "
-                "fill the gap in Nexus, raise longest_gap_s, or exclude the trial"
-            )
-    seen = np.all([pose.seen() for pose in poses.values()], axis=0)
-    first = int(np.searchsorted(time, stance.heel_strike))
-    last = int(np.searchsorted(time, stance.toe_off, side="right")) - 1
-    while first > 0 and seen[first - 1] and time[first - 1] >= stance.heel_strike - EDGE_S:
-        first -= 1
-    while last < len(time) - 1 and seen[last + 1] and time[last + 1] <= stance.toe_off + EDGE_S:
-        last += 1
-    return slice(first, last + 1)
-
-
-def check_gaps(name: str, time: Array, poses: Poses, window: tuple[float, float], longest: float) -> None:
-    """Refuse a cluster that is interpolated for more than `longest` [s] within the fitted `window` [s].
-
-    The rest of stance is slow enough to be interpolated. In the fitted window Eq. 15 would be fitted to the
-    interpolation.
-    """
-    inside = (time >= window[0]) & (time <= window[1])
-    gap = longest_run(poses.bridged & inside)
-    if gap_duration(time, gap) > longest:
-        hidden = (gap.stop - gap.start) * (time[1] - time[0])
-        raise InputError(
-            f"the {name} markers are hidden for {1e3 * hidden:.0f} ms from {time[gap.start]:.3f} s, while the "
-            f"perturbation is fitted, expected {1e3 * longest:g} ms or less; fill the gap in Nexus, raise "
-            "longest_fitted_gap_s, or exclude the trial"
-        )

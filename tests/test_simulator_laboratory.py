@@ -7,31 +7,18 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
-from walking_setup import PERTURBED, UNPERTURBED, Setup, load_setup
+from walking_setup import PERTURBED, UNPERTURBED, Setup, leg_log, load_setup
 
 from osl_analysis.errors import InputError
 from osl_analysis.simulator.walking import simulate_walking_trial
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.trajectory import read_impedance_trajectory
-from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import read_yaml
 
 
 @pytest.fixture(scope="module")
 def setup() -> Setup:
     return load_setup()
-
-
-def leg_log(folder: Path, trial: str = "walking_01") -> dict[str, Array]:
-    with (folder / f"leg/{trial}.mcap").open("rb") as stream:
-        messages = [
-            m.decoded_message for m in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
-        ]
-    fields = ("joint_angle", "actuator_angle", "motor_current", "stiffness_gain", "damping_gain", "sync")
-    log = {name: np.array([float(getattr(m, name)) for m in messages]) for name in fields}
-    return log | {"time": np.array([m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages])}
 
 
 def test_both_recorders_see_the_same_sync_edges_through_the_leg_s_clock(setup: Setup, tmp_path: Path) -> None:

@@ -5,14 +5,19 @@ from pathlib import Path
 from typing import Any
 
 import ezc3d
+import numpy as np
 from conftest import ROOT
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
-from osl_analysis.simulator.crossing import SimulatedCrossing, draw_step, simulate_crossing
+from osl_analysis.simulator.crossing import SimulatedCrossing, simulate_crossing
 from osl_analysis.simulator.dynamometer import drivetrain_effects
 from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.step import draw_step
 from osl_analysis.simulator.walking import motion_grid, simulate_walking_trial
 from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import read_yaml
 
 PERTURBED = {"trial": "walking_01", "experiment": "walking", "perturbed": True}
@@ -57,3 +62,14 @@ def load_setup() -> Setup:
     walking = read_yaml(ROOT / "config/simulation/walking.yaml", WalkingSettings)
     walking = walking.model_copy(update={"impedance": ROOT / walking.impedance})
     return Setup(settings, walking, read_parameters(ROOT / "config/parameters/default.yaml"))
+
+
+def leg_log(folder: Path, trial: str = "walking_01") -> dict[str, Array]:
+    """The fields of the leg's log, by an independent reader."""
+    with (folder / f"leg/{trial}.mcap").open("rb") as stream:
+        messages = [
+            m.decoded_message for m in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
+        ]
+    fields = ("joint_angle", "actuator_angle", "motor_current", "stiffness_gain", "damping_gain", "sync")
+    log = {name: np.array([float(getattr(m, name)) for m in messages]) for name in fields}
+    return log | {"time": np.array([m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages])}

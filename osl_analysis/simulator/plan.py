@@ -7,6 +7,7 @@ import pandas as pd
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.sheet import COLUMNS
+from osl_analysis.simulator.conditions import stated_columns
 from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
 
@@ -47,14 +48,15 @@ def bench_plan(settings: SimulationSettings) -> list[PlannedRow]:
 
 
 def laboratory_plan(settings: SimulationSettings) -> list[PlannedRow]:
-    """The trials in the gait laboratory. Crossings also have the leg's log."""
+    """The trials in the gait laboratory, with what the sheet states of their condition. Crossings also have the leg's
+    log."""
     wanted = settings.experiments
     rows = [planned_row(name, "static") for name in numbered("static", wanted.static, 1)]
     rows += [planned_row(name, "plate") for name in numbered("plate", wanted.plate, 2)]
     for name in numbered("walking", wanted.walking, 2):
         perturbed = stream(settings.seed, name, "perturbed").random() < wanted.perturbed_share
         rows.append(planned_row(name, "walking") | {"perturbed": bool(perturbed)})
-    return rows
+    return [row | stated_columns(row, settings) for row in rows]
 
 
 def planned_row(trial: str, experiment: str) -> PlannedRow:

@@ -8,6 +8,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from osl_analysis.simulator.condition_settings import Conditions
 from osl_analysis.simulator.effect import NotNegative, Positive
 from osl_analysis.simulator.effect_settings import Effects, SecondOrderJoint
 from osl_analysis.simulator.recorder_settings import RecorderSettings
@@ -48,6 +49,8 @@ class Experiments(Settings):
     """Number of crossings."""
     perturbed_share: Annotated[float, Field(ge=0, le=1)] = 0.5
     """Probability that a crossing is perturbed."""
+    conditions: Conditions = Conditions()
+    """What crossings differ in by plan."""
 
     @model_validator(mode="after")
     def _some(self) -> Self:

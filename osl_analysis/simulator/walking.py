@@ -9,7 +9,8 @@ import numpy as np
 from osl_analysis.errors import InputError
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.simulator.c3d_recorder import write_c3d
-from osl_analysis.simulator.crossing import SimulatedCrossing, draw_step, simulate_crossing
+from osl_analysis.simulator.conditions import condition_of
+from osl_analysis.simulator.crossing import SimulatedCrossing, simulate_crossing
 from osl_analysis.simulator.dynamometer import drivetrain_effects
 from osl_analysis.simulator.leg_recorder import LegClock, write_leg_log
 from osl_analysis.simulator.platform_motion import (
@@ -20,6 +21,7 @@ from osl_analysis.simulator.platform_motion import (
 )
 from osl_analysis.simulator.rigid_body import GRAVITY, Pose, TrueWrench
 from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.step import draw_step
 from osl_analysis.simulator.truth_recorder import write_curves, write_truth
 from osl_analysis.simulator.vicon import ANKLE_AXIS, Scene, leg_markers, on_body, platform_markers, vicon_recording
 from osl_analysis.simulator.walking_settings import WalkingSettings
@@ -63,7 +65,7 @@ def simulate_walking_trial(
     if row["experiment"] == "walking":
         record_crossing(row, laboratory, p)
     elif row["experiment"] == "plate":
-        record_unloaded(trial, laboratory)
+        record_unloaded(row, laboratory)
     elif row["experiment"] == "static":
         record_standing(trial, laboratory)
     else:
@@ -87,8 +89,8 @@ def record_crossing(row: Mapping[str, object], laboratory: GaitLaboratory, p: Dr
     The controller compensates unless the row's controller is 'uncompensated'.
     """
     settings, walking = laboratory.settings, laboratory.walking
-    trial, time, perturbed = str(row["trial"]), motion_grid(walking), bool(row["perturbed"])
-    step = draw_step(trial, settings.seed, time, walking)
+    trial, time, condition = str(row["trial"]), motion_grid(walking), condition_of(row, settings)
+    step, perturbed = draw_step(trial, settings.seed, time, walking, condition), condition.perturbed
     compensates, effects = str(row.get("controller")) != "uncompensated", drivetrain_effects(settings)
     unperturbed = simulate_crossing(time, step, False, compensates, walking, effects, p)
     walked = simulate_crossing(time, step, True, compensates, walking, effects, p) if perturbed else unperturbed
@@ -105,11 +107,11 @@ def scene_of(walked: SimulatedCrossing, walking: WalkingSettings) -> Scene:
     return Scene(markers, motion.platform.pose, walked.reaction, motion.platform.command)
 
 
-def record_unloaded(trial: str, laboratory: GaitLaboratory) -> None:
+def record_unloaded(row: Mapping[str, object], laboratory: GaitLaboratory) -> None:
     """Record a perturbation of the unloaded platform."""
-    walking = laboratory.walking
+    walking, settings, trial = laboratory.walking, laboratory.settings, str(row["trial"])
     time = motion_grid(walking)
-    platform = unloaded_platform(time, trial, laboratory.settings.seed, walking)
+    platform = unloaded_platform(time, trial, settings.seed, walking, condition_of(row, settings))
     nothing = np.zeros((len(time), 3))
     write_platform_truth(trial, laboratory, time, platform)
     markers = platform_markers(platform.pose, walking)

@@ -10,8 +10,10 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from osl_analysis.simulator.effect import Effect, NotNegative, Positive, in_unit
+from osl_analysis.simulator.effect import NotNegative, Positive
+from osl_analysis.simulator.gait_changes import StepChange
 from osl_analysis.simulator.settings import Count
+from osl_analysis.simulator.walking_effects import WalkingEffects
 from osl_analysis.yaml_settings import Settings
 
 Rate = Annotated[int, Field(ge=1)]
@@ -74,7 +76,7 @@ class Gait(Settings):
 
 
 class Perturbation(Settings):
-    """Dorsiflexion ramp of the platform about a mediolateral axis through the nominal ankle."""
+    """Ramp of the platform about a mediolateral axis; toes up, if the conditions of the campaign do not say more."""
 
     angle_deg: Positive
     """Angle [deg] of the ramp."""
@@ -88,6 +90,15 @@ class Perturbation(Settings):
     """Time [s] after toe-off at which the platform starts to return."""
     return_s: Positive
     """Duration [s] of the return."""
+    axis_depth_m: float | None = None
+    """Depth [m] of the axis below the plate's surface. Null: the axis passes through the nominal ankle."""
+    shift_mm: Positive | None = None
+    """Distance [mm] by which the platform shifts in place of a turn: backward for `up`, which dorsiflexes the ankle, as
+    the hip stays where it is. Null: it turns."""
+    leg_length_m: Positive = 0.9
+    """Distance [m] from ankle to hip, which converts a shift of the platform to an angle of the shank."""
+    same_unloaded: bool = False
+    """Whether plate trials have the ramp of the crossings. Else its size and duration vary by 15 and 30 %."""
 
 
 class Body(Settings):
@@ -117,64 +128,6 @@ class Plate(Body):
     inertial parameters can be identified. 0: never."""
 
 
-class WalkingEffects(Settings):
-    """Every imperfection of gait and gait laboratory.
-
-    The size of a scatter, an offset or a noise is its standard deviation. The actuator's encoder and current have the
-    imperfections of the campaign.
-    """
-
-    heel_strike_scatter: Annotated[Effect, in_unit("s")]
-    """Scatter of the time of heel strike on the platform."""
-    stance_scatter: Annotated[Effect, in_unit("%")]
-    """Scatter of the duration of stance on the platform."""
-    angle_scale: Annotated[Effect, in_unit("%")]
-    """Scatter of a factor of the ankle's angle."""
-    angle_wander: Annotated[Effect, in_unit("deg")]
-    """Smooth deviation of the ankle's angle, below 4 Hz."""
-    force_scale: Annotated[Effect, in_unit("%")]
-    """Scatter of a factor of each component of the ground reaction."""
-    placement_forward: Annotated[Effect, in_unit("mm")]
-    """Scatter of the foot's place on the platform, forward."""
-    placement_sideways: Annotated[Effect, in_unit("mm")]
-    """Scatter of the foot's place on the platform, sideways."""
-    foot_yaw: Annotated[Effect, in_unit("deg")]
-    """Scatter of the foot's direction on the platform. The ankle's axis turns with it."""
-    shank_yield: Annotated[Effect, in_unit("%")]
-    """Share of the platform's rotation by which the shank rotates within 0.2 s."""
-    foot_slip: Annotated[Effect, in_unit("mm")]
-    """Distance by which the foot slides back during the perturbation."""
-    foot_inertia: Annotated[Effect, in_unit("kg")]
-    """Mass of the foot and shoe below the ankle. Off: a foot without mass."""
-    plate_inertia: Annotated[Effect, in_unit("kg")]
-    """Mass of the plate above its sensors. Off: the reading is the ground reaction."""
-    marker_noise: Annotated[Effect, in_unit("mm")]
-    """White noise of the markers, each axis."""
-    marker_gaps: Annotated[Effect, in_unit("1/trial")]
-    """Mean number of gaps per trial in which a marker is hidden."""
-    force_noise: Annotated[Effect, in_unit("N")]
-    """White noise of the plate's forces, each axis."""
-    moment_noise: Annotated[Effect, in_unit("N*m")]
-    """White noise of the plate's moments, each axis."""
-    force_offset: Annotated[Effect, in_unit("N")]
-    """Offset of the plate's forces, constant over a trial."""
-    moment_offset: Annotated[Effect, in_unit("N*m")]
-    """Offset of the plate's moments, constant over a trial."""
-    plate_lag: Annotated[Effect, in_unit("ms")]
-    """Lag of the plate's channels behind markers, trigger and sync."""
-    leg_clock_offset: Annotated[Effect, in_unit("s")]
-    """Mean offset of the leg's clock from that of the recording."""
-    leg_clock_drift: Annotated[Effect, in_unit("ppm")]
-    """Scatter of the rate of the leg's clock."""
-    leg_joint_encoder: Annotated[Effect, in_unit("bit")]
-    """Resolution of the leg's joint encoder, in bits per turn."""
-
-    def without(self, *names: str) -> "WalkingEffects":
-        """These effects with the named ones off, or with all off if none is named."""
-        names = names or tuple(type(self).model_fields)
-        return self.model_copy(update={n: getattr(self, n).model_copy(update={"enabled": False}) for n in names})
-
-
 class WalkingSettings(Settings):
     """A simulated gait laboratory."""
 
@@ -192,3 +145,5 @@ class WalkingSettings(Settings):
     """The force plate."""
     effects: WalkingEffects
     """Every imperfection of gait and gait laboratory."""
+    changes: tuple[StepChange, ...] = ()
+    """What makes some crossings differ from the others."""

@@ -5,11 +5,9 @@ import numpy as np
 from osl_analysis.columns import AXES
 from osl_analysis.simulator.crossing import SimulatedCrossing
 from osl_analysis.simulator.platform_motion import PlatformMotion
+from osl_analysis.simulator.step import WINDOW_S
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.trajectory import read_impedance_trajectory
 from osl_analysis.trial import Array
-
-WINDOW_S = 0.1
 
 
 def rendered_impedance(perturbed: SimulatedCrossing, unperturbed: SimulatedCrossing) -> dict[str, float]:
@@ -38,7 +36,7 @@ def crossing_curves(
     platform has carried it (`plate_centre`); axis: the ankle's, through `ankle`; foot_moment: what the foot's weight
     and inertia demand about it, so that torque = foot_moment - axis . (moment + (plate_centre - ankle) x force).
     """
-    motion, desired = crossing.motion, read_impedance_trajectory(walking.impedance)
+    motion, desired = crossing.motion, crossing.step.condition.desired(walking.impedance)
     phase = crossing.step.cycle_phase(crossing.time)
     centre = motion.platform.pose.point(np.array(walking.plate.centre_m))
     axis = motion.foot.rotation[:, :, 1]

@@ -10,10 +10,11 @@ from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import ImpedanceFit
 from osl_analysis.simulator.c3d_recorder import write_c3d
-from osl_analysis.simulator.crossing import SimulatedCrossing, draw_step, simulate_crossing
+from osl_analysis.simulator.crossing import SimulatedCrossing, simulate_crossing
 from osl_analysis.simulator.dynamometer import drivetrain_effects
 from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.step import draw_step
 from osl_analysis.simulator.vicon import vicon_recording
 from osl_analysis.simulator.walking import motion_grid, scene_of, simulate_walking_trial
 from osl_analysis.simulator.walking_settings import WalkingSettings

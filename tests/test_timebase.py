@@ -597,7 +597,7 @@ def test_refuses_host_latency_with_missing_samples_beside_another_node_but_not_a
     kept = np.sort(random.choice(len(t), len(t) - 60, replace=False))
     lossy = cell(waits(t, wait, random)[kept], t[kept], random)
     with pytest.raises(
-        InputError, match=r"load cell: about \d+ samples are missing, .*late by .*map the device's sample"
+        InputError, match=r"load cell: about \d+ samples are missing, .*late by .*state the device's sample"
     ):
         one_time_base([joint(t, t), lossy])
     assert one_time_base([lossy]).report.streams[0].even

@@ -10,6 +10,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.timebase.counting import counted
 from osl_analysis.timebase.decision import Decision, decide
 from osl_analysis.timebase.device_clock import DeviceClock, device_clock
+from osl_analysis.timebase.rhythm import missing_by_rhythm
 from osl_analysis.timebase.stream import Stream, without_repeats
 from osl_analysis.trial import Array
 
@@ -17,6 +18,9 @@ CLOSE = 0.5
 """Distance of true stamps, in steps, below which samples are averaged: close knots of a spline amplify noise."""
 COUNTABLE = 0.1
 """Spread of a host's latency, in steps, from which a missing sample without a counter may be taken for a late one."""
+
+CLOCKS_DIFFER, NOT_MEANT = 2e-4, 0.1
+"""Relative difference of two rates that no clocks have, and from which it is the devices' intention."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +83,9 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
     """
     taken = [part for stream in streams for part in take_stream(stream)]
     if len(taken) > 1:
+        fastest = max(part.clock.rate_hz for part in taken)
         for part in taken:
-            check_countable(part)
+            check_countable(part, fastest)
     return taken
 
 
@@ -101,19 +106,37 @@ def by_delay(stream: Stream, names: Sequence[str]) -> list[tuple[float, tuple[st
     return [(one, tuple(n for n in names if delays[n] == one)) for one in dict.fromkeys(delays.values())]
 
 
-def check_countable(taken: Taken) -> None:
-    """Refuse an even device behind a host that is late and loses samples, where no counter says which."""
-    clock = taken.clock
-    late = clock.usual_spread > COUNTABLE * clock.step
-    if taken.decision.even and late and clock.missing and taken.stream.counter is None:
-        row = int(np.argmax(np.diff(clock.count)))
+def check_countable(taken: Taken, fastest_hz: float) -> None:
+    """Refuse an even device behind a host that is late and loses samples, where no counter says which.
+
+    Waits of three steps and more hide the rhythm of the stamps. The device is then refused if steps seem to be missing,
+    or if it is slower than the fastest one by a share that is too large for clocks and too small to be meant.
+    """
+    clock, stream = taken.clock, taken.stream
+    if not taken.decision.even or stream.counter is not None or clock.usual_spread <= COUNTABLE * clock.step:
+        return
+    late = f"the host's stamps are late by {clock.usual_spread * 1e3:.2f} ms (SD)"
+    remedy = "state the device's sample counter in the source file, stamp on the device, or record without loss"
+    missing = missing_by_rhythm(stream.stamps)
+    if missing or (missing is not None and clock.missing):
         raise InputError(
-            f"{taken.stream.name}: about {clock.missing} samples are missing, the first long gap at "
-            f"{taken.stream.stamps[row]:.4f} s, and the host's stamps are late by "
-            f"{clock.usual_spread * 1e3:.2f} ms (SD) at a step of {clock.step * 1e3:.2f} ms: beside another device "
-            "nothing tells which sample is which; map the device's sample counter, stamp on the device, or record "
-            "without loss"
+            f"{stream.name}: about {missing or clock.missing} samples are missing{first_gap(taken)}, and {late} at a "
+            f"step of {clock.step * 1e3:.2f} ms: beside another device nothing tells which sample is which; {remedy}"
         )
+    slower = 1 - clock.rate_hz / fastest_hz
+    if missing is None and (clock.missing or CLOCKS_DIFFER < slower < NOT_MEANT):
+        mean = (len(stream.stamps) - 1) / (stream.stamps[-1] - stream.stamps[0])
+        raise InputError(
+            f"{stream.name}: {late}, too late to see whether some of its {mean:.2f} samples per second are missing; "
+            f"{remedy}"
+        )
+
+
+def first_gap(taken: Taken) -> str:
+    """Where the first sample is missing by the count, in words; nothing where the count sees none."""
+    if not taken.clock.missing:
+        return ""
+    return f", the first long gap at {taken.stream.stamps[int(np.argmax(np.diff(taken.clock.count)))]:.4f} s"
 
 
 def averaged_where_close(stamps: Array, values: Array, closest: float) -> tuple[Array, Array]:

@@ -185,7 +185,11 @@ EXPERIMENTS: dict[str, Experiment] = {
         bare_plate=True,
         walker=True,
         tables=(Table("ankle_moment", judged=False),),
-        fit=Fit("walking.compare_ankle_moment", {"settings": ("overground", "OvergroundAnalysis")}),
+        fit=Fit(
+            "walking.compare_ankle_moment",
+            {"settings": ("overground", "OvergroundAnalysis")},
+            sheet=("body_mass_kg",),
+        ),
     ),
     "ingest_only": Experiment("any recording: ingested and checked, not analysed", place=None),
 }

@@ -17,7 +17,7 @@ COLUMNS = {
     "trial": "string", "experiment": "string", "controller": "string", "K_d": "float64", "B_d": "float64",
     "perturbed": "boolean", "log": "string", "log_source": "string", "mocap": "string", "mocap_source": "string",
     "exclude": "string", "accept": "string",
-    **dict.fromkeys(CONDITIONS, "string"),
+    **dict.fromkeys(CONDITIONS, "string"), "body_mass_kg": "float64",
 }  # fmt: skip
 REQUIRED = ("trial", "experiment")
 
@@ -35,6 +35,7 @@ def read_sheet(path: Path) -> pd.DataFrame:
     accept: names of quality checks, separated by blanks. Their failure neither flags nor excludes the trial.
     group, subject, session, speed: conditions of a crossing, as words of the laboratory's own.
     side: leg that steps on the platform, left or right.
+    body_mass_kg: of the person who walks, with clothes and leg. The load on the plate is compared with it.
     direction: turn of the platform, up (toes up, dorsiflexion) or down. It is checked against the markers.
 
     Raises
@@ -80,9 +81,11 @@ def problem_in(row: dict[str, str]) -> str:
         return unknown_experiment(row["experiment"])
     if row["controller"] and row["controller"] not in CONTROLLERS:
         return f"controller '{row['controller']}' is none of {', '.join(CONTROLLERS)}"
-    for column in ("K_d", "B_d"):
+    for column in ("K_d", "B_d", "body_mass_kg"):
         if row[column] and not is_number(row[column]):
             return f"{column} '{row[column]}' is not a number; give it in SI units, without the unit"
+    if row["body_mass_kg"] and not float(row["body_mass_kg"]) > 0:
+        return f"body_mass_kg '{row['body_mass_kg']}' must be above 0, or empty"
     if (row["K_d"] and not float(row["K_d"]) > 0) or (row["B_d"] and not float(row["B_d"]) >= 0):
         return f"K_d = {row['K_d']}, B_d = {row['B_d']} is not the impedance of a joint; give K_d > 0 and B_d >= 0"
     if row["perturbed"].lower() not in ("", "true", "false"):

@@ -13,6 +13,7 @@ from osl_analysis.commands.walking import compare_ankle_moment
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table
 from osl_analysis.trial import Array, Trial, read_trial, write_trial
+from osl_analysis.walking.body_mass import body_mass
 from osl_analysis.walking.overground import check_no_downward_force, compare_moments, over_plate
 from osl_analysis.walking.settings import OvergroundAnalysis
 
@@ -72,13 +73,35 @@ def test_a_trial_without_reference_says_which_column_to_map() -> None:
 def test_the_table_takes_the_configured_mass_and_asks_for_one_that_nobody_states(tmp_path: Path) -> None:
     write_trial(gait_trial(), tmp_path / "trial.parquet")
     output = tmp_path / "moment.csv"
-    with pytest.raises(InputError, match=r"states no body mass, found None; set overground\.body_mass_kg"):
+    with pytest.raises(InputError, match=r"states no body mass; state body_mass_kg in the sheet, or overground\.body"):
         compare_ankle_moment(tmp_path / "trial.parquet", OvergroundAnalysis(load_on_n=50), {"ankle_moment": output})
     assert not output.exists()
     compare_ankle_moment(
         tmp_path / "trial.parquet", OvergroundAnalysis(load_on_n=50, body_mass_kg=2 * MASS), {"ankle_moment": output}
     )
     assert read_table(output)["slope"][0] == pytest.approx(2.1, abs=3e-3)
+
+
+def weighed(recorded: float | None) -> Trial:
+    trial = gait_trial()
+    return Trial("gait_1", trial.samples, {**trial.provenance, "mocap": {"body_mass_kg": recorded}})
+
+
+@pytest.mark.parametrize(
+    ("sheet", "recorded", "configured", "used"),
+    [(70.0, 74.0, 50.0, 70.0), (None, 74.0, 50.0, 74.0), (None, None, 50.0, 50.0), (None, 0.0, None, None)],
+)
+def test_the_sheets_mass_comes_before_the_recordings_and_that_before_the_campaigns(
+    sheet: float | None, recorded: float | None, configured: float | None, used: float | None
+) -> None:
+    assert body_mass(weighed(recorded), sheet, configured) == used
+
+
+def test_masses_that_contradict_each_other_or_are_not_of_a_person_are_refused() -> None:
+    with pytest.raises(InputError, match="body_mass_kg is 70 in the sheet and 100 in the recording; correct the sheet"):
+        body_mass(weighed(100.0), 70.0)
+    with pytest.raises(InputError, match="a body mass of 74000 kg, from the recording, is not one of a person"):
+        body_mass(weighed(74000.0), None)
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the recordings of others are not here")

@@ -146,6 +146,15 @@ def exclusion_reason(crossing: Path, selection: Path) -> str | None:
     return None if rows.is_empty() else rows["reason"][0]
 
 
-def compare_ankle_moment(trial: Path, settings: OvergroundAnalysis, tables: Mapping[str, Path]) -> None:
-    """One row per stance and plate of a trial: our ankle moment and the laboratory's."""
-    write_table(pl.DataFrame(overground_rows(read_trial(trial), settings)), tables["ankle_moment"])
+def compare_ankle_moment(
+    trial: Path,
+    settings: OvergroundAnalysis,
+    tables: Mapping[str, Path],
+    condition: Mapping[str, float | None] | None = None,
+) -> None:
+    """One row per stance and plate of a trial: our ankle moment and the laboratory's.
+
+    `condition` has the body mass [kg] of the trial's row of the sheet under `body_mass_kg`, if it states one.
+    """
+    mass = (condition or {}).get("body_mass_kg")
+    write_table(pl.DataFrame(overground_rows(read_trial(trial), settings, mass)), tables["ankle_moment"])

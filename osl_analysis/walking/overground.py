@@ -13,6 +13,7 @@ import numpy as np
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import Side, ankle_torque
+from osl_analysis.walking.body_mass import body_mass
 from osl_analysis.walking.cluster import marker_tracks
 from osl_analysis.walking.events import Stance, find_stances
 from osl_analysis.walking.plate import PlateWrench, recorded_corners, recorded_wrench
@@ -59,8 +60,12 @@ class MomentComparison:
         return int(np.argmax(self.reference))
 
 
-def overground_rows(trial: Trial, settings: OvergroundAnalysis) -> list[dict[str, object]]:
+def overground_rows(
+    trial: Trial, settings: OvergroundAnalysis, sheet_mass: float | None = None
+) -> list[dict[str, object]]:
     """Rows of `ankle_moment.csv`, one per stance and plate; moments in N*m/kg, plantarflexion positive.
+
+    `sheet_mass` is the body mass [kg] in the trial's row of the sheet.
 
     Raises
     ------
@@ -68,7 +73,7 @@ def overground_rows(trial: Trial, settings: OvergroundAnalysis) -> list[dict[str
         A plate was not zeroed, the body mass is unknown, or as `compare_moments`.
     """
     check_no_downward_force(trial, settings.largest_zero_n)
-    mass = body_mass(trial, settings.body_mass_kg)
+    mass = known_mass(trial, sheet_mass, settings.body_mass_kg)
     return [
         {
             "trial": trial.name,
@@ -87,22 +92,21 @@ def overground_rows(trial: Trial, settings: OvergroundAnalysis) -> list[dict[str
     ]
 
 
-def body_mass(trial: Trial, configured: float | None) -> float:
-    """Body mass [kg]: the configured one, else the recording's.
+def known_mass(trial: Trial, sheet: float | None, configured: float | None) -> float:
+    """Body mass [kg] of a trial, as `body_mass`.
 
     Raises
     ------
     InputError
-        Neither is known.
+        Nobody states it.
     """
-    recorded = trial.provenance.get("mocap", {}).get("body_mass_kg")
-    mass = configured or recorded
-    if not mass:
+    mass = body_mass(trial, sheet, configured)
+    if mass is None:
         raise InputError(
-            f"trial {trial.name}: the recording states no body mass, found {recorded!r}; set "
+            f"trial {trial.name}: the recording states no body mass; state body_mass_kg in the sheet, or "
             "overground.body_mass_kg in the configuration"
         )
-    return float(mass)
+    return mass
 
 
 def compare_moments(trial: Trial, body_mass: float, load: float) -> list[MomentComparison]:

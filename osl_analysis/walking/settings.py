@@ -233,6 +233,6 @@ class OvergroundAnalysis(Settings):
     load_on_n: Positive
     """Vertical force [N] above which a frame counts."""
     body_mass_kg: Positive | None = None
-    """Body mass [kg] by which the moment is divided; null: the body mass in the recording."""
+    """Body mass [kg] by which the moment of trials is divided for which neither sheet nor recording states one."""
     largest_zero_n: Positive = 100
     """Largest downward reading [N] of a plate in most of the recording; a plate that reads more is refused."""

@@ -1,4 +1,4 @@
-"""A C3D recorder that stores data as Vicon Nexus does: floats, millimetres, a TYPE 2 force plate."""
+"""A C3D recorder that stores data as Vicon Nexus does: floats, millimetres, one force plate."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,19 +15,21 @@ RESIDUAL_SEEN, RESIDUAL_HIDDEN = 0.0, -1.0
 """Residuals of seen and hidden markers. 0, because readers disagree about the byte that holds a positive residual."""
 TEXT, WHOLE_NUMBER, FLOAT = -1, 2, 4
 """C3D's parameter types: bytes per element, -1 for characters."""
-TYPE_2 = 2
-PLATE_CHANNELS = 6
+CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}
+"""Channels of a force plate, by its type."""
 
 
 @dataclass(frozen=True)
 class RecordedPlate:
     """Corners [m], shape (4, 3), in laboratory axes and C3D's order, and ORIGIN [m] in the plate's axes, shape (3,).
 
-    Its channels are the recording's first six: forces, then moments about the sensor origin.
+    Its channels are the recording's first ones: six, or eight of type 3. Type 4 has a calibration matrix, (6, 6).
     """
 
     corners: Array
     origin: Array
+    type: int = 2
+    calibration: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,12 @@ class C3dRecording:
     analogs: Array
     analog_rate_hz: int
     plate: RecordedPlate
+    screen: tuple[str, str] | None = ("+X", "+Z")
+    """Axes of the file to the right and upward on a screen (POINT:X_SCREEN, Y_SCREEN). None: they are not stated."""
+    body_mass_kg: float | None = None
+    """Body mass [kg] that the file states. None: it states none."""
+    subject: str | None = None
+    """Name of the person that the file states. None: it states none."""
 
 
 def write_c3d(path: Path, recording: C3dRecording) -> None:
@@ -76,8 +84,7 @@ def describe(file: Any, recording: C3dRecording) -> None:
         DESCRIPTIONS=[""] * len(recording.labels),
         UNITS=["mm"],
         RATE=np.array([float(recording.point_rate_hz)]),
-        X_SCREEN=["+X"],
-        Y_SCREEN=["+Z"],
+        **({"X_SCREEN": [recording.screen[0]], "Y_SCREEN": [recording.screen[1]]} if recording.screen else {}),
         FORCE_UNITS=["N"],
         MOMENT_UNITS=["Nmm"],
     )
@@ -94,14 +101,18 @@ def describe(file: Any, recording: C3dRecording) -> None:
         file,
         "FORCE_PLATFORM",
         USED=np.array([1]),
-        TYPE=np.array([TYPE_2]),
+        TYPE=np.array([recording.plate.type]),
         ZERO=np.array([1, 0]),
         CORNERS=recording.plate.corners.T[:, :, None] * MM,
         ORIGIN=recording.plate.origin[:, None] * MM,
-        CHANNEL=np.arange(1, PLATE_CHANNELS + 1)[:, None],
-        CAL_MATRIX=np.zeros(0),
+        CHANNEL=np.arange(1, CHANNELS[recording.plate.type] + 1)[:, None],
+        CAL_MATRIX=np.zeros(0) if recording.plate.calibration is None else recording.plate.calibration[:, :, None],
     )
     set_parameters(file, "TRIAL", CAMERA_RATE=np.array([float(recording.point_rate_hz)]))
+    if recording.body_mass_kg is not None:
+        set_parameters(file, "PROCESSING", BODYMASS=np.array([recording.body_mass_kg]))
+    if recording.subject is not None:
+        set_parameters(file, "SUBJECTS", NAMES=[recording.subject])
     set_parameters(file, "MANUFACTURER", COMPANY=["osl-analysis"], SOFTWARE=["simulator"])
 
 

@@ -11,6 +11,8 @@ from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.trajectory import ImpedanceTrajectory, read_impedance_trajectory
 
+FACTS = ("direction", "K_d", "B_d", "stance_phase", "session")
+
 
 @dataclass(frozen=True)
 class Condition:
@@ -26,6 +28,21 @@ class Condition:
     """Mean phase of stance at which the ramp is commanded."""
     subject: Subject | None = None
     session: int = 1
+    later_subject: bool = False
+    """Whether the person is not the first of the campaign."""
+
+    def body_mass(self, nominal: float) -> float:
+        """Body mass [kg] of the person, or the nominal one."""
+        return (self.subject and self.subject.body_mass_kg) or nominal
+
+    def stance(self, nominal: float) -> float:
+        """Duration [s] of the person's stance, or the nominal one."""
+        return (self.subject and self.subject.stance_s) or nominal
+
+    def facts(self) -> dict[str, object]:
+        """The condition for the truth's file."""
+        person = self.subject.name if self.subject else None
+        return {name: getattr(self, name) for name in FACTS} | {"subject": person}
 
     @property
     def sign(self) -> float:
@@ -55,6 +72,7 @@ def condition_of(row: Mapping[str, object], settings: SimulationSettings) -> Con
         B_d=float(str(row["B_d"])) if is_stated(row.get("B_d")) else drawn.B_d,
         subject=people[block // lists.sessions],
         session=block % lists.sessions + 1,
+        later_subject=block >= lists.sessions,
     )
 
 

@@ -15,6 +15,8 @@ FLAT_FROM, FLAT_TO = 0.12, 0.60
 ANKLE_HEIGHT = 0.08
 HEEL = np.array([-0.06, 0.0, -ANKLE_HEIGHT])
 BALL = np.array([0.13, 0.0, -ANKLE_HEIGHT])
+FOOT_WIDTH = 0.09
+"""Width [m] of the foot, whose middle is below the ankle."""
 
 # (size, cycle phase of the peak, sharpness) of periodic bumps; sizes in degrees and N*m/kg
 ANKLE_ANGLE = ((-7.0, 0.06, 20.0), (12.0, 0.40, 3.5), (-18.0, 0.63, 11.0))

@@ -102,14 +102,14 @@ def draw_step(trial: str, seed: int, time: Array, walking: WalkingSettings, cond
     effects, nominal, condition = walking.effects, walking.gait, condition or Condition()
     change = change_of(trial, seed, condition.perturbed, walking.changes)
     normal = Draws(trial, seed, walking)
-    person = condition.subject
-    stance = ((person and person.stance_s) or nominal.stance_s) * (1 + normal("stance_scatter", 0.01))
+    stance = condition.stance(nominal.stance_s) * (1 + normal("stance_scatter", 0.01))
     stance *= 1 + 0.01 * change.slower_percent
     heel_strike = nominal.heel_strike_s + normal("heel_strike_scatter")
     command = heel_strike + command_phase(trial, seed, walking, condition) * stance
     force = stream(seed, trial, "force_scale").standard_normal(3)
     load, amplitude = (f * (1 + normal(f"{n}_scatter", 0.01)) for n, f in change.factors.items())
     onset = command + walking.perturbation.latency_s + normal("trigger_scatter", 1e-3)
+    sideways = normal("placement_sideways", 1e-3) if not change.overhang_mm else overhanging(change, walking)
     step = Step(
         heel_strike=heel_strike,
         stance=stance,
@@ -119,11 +119,11 @@ def draw_step(trial: str, seed: int, time: Array, walking: WalkingSettings, cond
         wander=np.radians(effects.angle_wander.value) * wandering(stream(seed, trial, "angle_wander"), time),
         torque_wander=effects.torque_wander.value * wandering(stream(seed, trial, "torque_wander"), time),
         force_factor=1 + 0.01 * effects.force_scale.value * force,
-        placement=np.array([normal("placement_forward", 1e-3), normal("placement_sideways", 1e-3), 0.0]),
+        placement=np.array([normal("placement_forward", 1e-3), sideways, 0.0]),
         yaw=normal("foot_yaw", np.pi / 180),
         hurry=0.01 * change.after_window_percent * stance,
         timing=(normal("timing_wander", 0.01), 0.01 * effects.timing_wander.value * normal.of("timing_halves")),
-        body_mass=(person and person.body_mass_kg) or nominal.body_mass_kg,
+        body_mass=condition.body_mass(nominal.body_mass_kg),
         servo=draw_servo(trial, seed, time, walking),
         change=change.model_copy(update={"load": load, "amplitude": amplitude}),
         condition=condition,
@@ -151,6 +151,13 @@ def command_phase(trial: str, seed: int, walking: WalkingSettings, condition: Co
     first, last = walking.perturbation.stance_phase
     middle = 0.0 if condition.stance_phase is None else condition.stance_phase - 0.5 * (first + last)
     return float(middle + stream(seed, trial, "perturbation_phase").uniform(first, last))
+
+
+def overhanging(change: StepChange, walking: WalkingSettings) -> float:
+    """Deviation [m] of a foot's place to the left, whose outer side is `overhang_mm` beyond the plate's right edge."""
+    plate = walking.plate
+    outer = -0.5 * plate.size_m[1] - 1e-3 * change.overhang_mm
+    return outer + 0.5 * gait.FOOT_WIDTH - plate.nominal_ankle_m[1]
 
 
 def with_a_stance_that_can_be(step: Step, trial: str) -> Step:

@@ -6,11 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from osl_analysis.simulator.c3d_recorder import C3dRecording, RecordedPlate
-from osl_analysis.simulator.force_platform import SensorReading, c3d_origin, plate_corners, sensor_reading
+from osl_analysis.simulator.capture_settings import CaptureSettings
+from osl_analysis.simulator.force_platform import SensorReading, plate_corners, sensor_reading
+from osl_analysis.simulator.plate_channels import plate_channels
 from osl_analysis.simulator.rigid_body import Pose, TrueWrench, interpolated_at
 from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.trial import Array
+
+Place = tuple[float, float, float]
 
 # from the ankle's centre, in the axes of foot and shank when standing [m]; the right leg's outer side is -y
 FOOT = {
@@ -34,15 +38,34 @@ PLATFORM = {
 }
 ANKLE_AXIS = {"ANKLE_MED": (0.0, 0.042, 0.0), "ANKLE_LAT": (0.0, -0.042, 0.0)}
 
-PLATE_CHANNELS = ("Fx1", "Fy1", "Fz1", "Mx1", "My1", "Mz1")
-PLATE_UNITS = ("N", "N", "N", "Nmm", "Nmm", "Nmm")
-NEWTON_MILLIMETRE = 1e3
 HIGH_V = 5.0
 TRIGGER_S = 0.02
 SYNC_INTERVAL_S = (0.06, 0.25)
 
 LONG_GAP_SHARE = 0.25
 SHORT_GAP_S, LONG_GAP_S = (0.007, 0.04), (0.05, 0.2)
+
+
+@dataclass(frozen=True)
+class Session:
+    """Where the markers of the leg are in one session of one person, from where they are in the first one."""
+
+    scatter: float = 0.0
+    """Standard deviation [m] of each marker's place, each axis."""
+    seed: int = 0
+    name: str = ""
+    """Name of person and session; empty: the first session of the first person."""
+
+    def places(self, nominal: Mapping[str, Place]) -> dict[str, Place]:
+        """The places [m] of markers on their body."""
+        if not (self.name and self.scatter):
+            return dict(nominal)
+        found = {}
+        for label, place in nominal.items():
+            moved = stream(self.seed, self.name, f"marker_placement_{label}").standard_normal(3)
+            x, y, z = np.add(place, self.scatter * moved)
+            found[label] = (float(x), float(y), float(z))
+        return found
 
 
 @dataclass(frozen=True)
@@ -75,6 +98,10 @@ class Scene:
     """Ground reaction on the plate."""
     command: float | None
     """Time [s] at which the trigger fires. None if it does not."""
+    body_mass: float | None = None
+    """Body mass [kg] of the person. None if nobody is there."""
+    subject: str | None = None
+    """Name of the person. None if it has none."""
 
 
 def platform_markers(platform: Pose, walking: WalkingSettings) -> dict[str, Array]:
@@ -83,40 +110,57 @@ def platform_markers(platform: Pose, walking: WalkingSettings) -> dict[str, Arra
     return {label: platform.point(centre + np.array(place)) for label, place in PLATFORM.items()}
 
 
-def leg_markers(foot: Pose, shank: Pose) -> dict[str, Array]:
+def leg_markers(foot: Pose, shank: Pose, session: Session | None = None) -> dict[str, Array]:
     """Exact paths [m], shape (n, 3) each, of the markers that foot and shank always carry."""
-    return on_body(foot, FOOT) | on_body(shank, SHANK)
+    places = (session or Session()).places
+    return on_body(foot, places(FOOT)) | on_body(shank, places(SHANK))
 
 
-def on_body(body: Pose, places: Mapping[str, tuple[float, float, float]]) -> dict[str, Array]:
+def on_body(body: Pose, places: Mapping[str, Place]) -> dict[str, Array]:
     """Exact paths [m], shape (n, 3) each, of points given by their places [m] on a body."""
     return {label: body.point(np.array(place)) for label, place in places.items()}
 
 
 def vicon_recording(trial: str, seed: int, scene: Scene, walking: WalkingSettings) -> C3dRecording:
     """The Vicon recording of a scene, with the sync line of the trial (`draw_sync`)."""
-    rates, effects = walking.rates, walking.effects
+    rates, effects, capture = walking.rates, walking.effects, walking.capture
     exact = np.stack(list(scene.markers.values()), axis=1)[:: rates.motion_hz // rates.points_hz]
     time = np.arange(len(exact) * (rates.analogs_hz // rates.points_hz)) / rates.analogs_hz
     reading = sensor_reading(
         scene.reaction, scene.platform, walking.plate, effects.plate_inertia.value, rates.motion_hz
     )
     sync = draw_sync(trial, seed, walking.gait.recording_s)
-    channels = [
-        disturbed_channels(trial, seed, reading, time, walking),
-        HIGH_V * sync.level(time)[:, None],
-        HIGH_V * trigger(time, scene.command)[:, None],
-    ]
+    plate = plate_channels(disturbed_reading(trial, seed, reading, time, walking), walking)
+    channels = [plate.values, HIGH_V * sync.level(time)[:, None], HIGH_V * trigger(time, scene.command)[:, None]]
+    corners = in_file_axes(plate_corners(walking.plate), capture)
+    screen = ("+X", f"+{capture.up_axis.upper()}")
     return C3dRecording(
-        labels=tuple(scene.markers),
-        points=seen_markers(trial, seed, exact, walking),
+        labels=labels_in(trial, tuple(scene.markers), capture),
+        points=in_file_axes(seen_markers(trial, seed, exact, walking), capture),
         point_rate_hz=rates.points_hz,
-        channels=(*PLATE_CHANNELS, "Sync", "Trigger"),
-        units=(*PLATE_UNITS, "V", "V"),
+        channels=(*plate.labels, "Sync", "Trigger"),
+        units=(*plate.units, "V", "V"),
         analogs=np.hstack(channels),
         analog_rate_hz=rates.analogs_hz,
-        plate=RecordedPlate(plate_corners(walking.plate), c3d_origin(walking.plate)),
+        plate=RecordedPlate(corners, plate.origin, capture.plate_type, plate.calibration),
+        screen=screen if capture.states_axes else None,
+        body_mass_kg=scene.body_mass if capture.states_body_mass else None,
+        subject=scene.subject,
     )
+
+
+def in_file_axes(places: Array, capture: CaptureSettings) -> Array:
+    """Laboratory coordinates, shape (..., 3), in the axes of the file. With y up, z points to the right."""
+    x, y, z = np.moveaxis(places, -1, 0)
+    return places if capture.up_axis == "z" else np.stack([x, z, -y], axis=-1)
+
+
+def labels_in(trial: str, labels: tuple[str, ...], capture: CaptureSettings) -> tuple[str, ...]:
+    """The labels that a trial's markers have in the file."""
+    if capture.swapped_in is not None and trial not in capture.swapped_in:
+        return labels
+    other = {a: b for pair in capture.swapped_labels for a, b in (pair, pair[::-1])}
+    return tuple(other.get(label, label) for label in labels)
 
 
 def trigger(time: Array, command: float | None) -> Array:
@@ -126,8 +170,10 @@ def trigger(time: Array, command: float | None) -> Array:
     return np.asarray((time >= command) & (time < command + TRIGGER_S), dtype=float)
 
 
-def disturbed_channels(trial: str, seed: int, reading: SensorReading, time: Array, walking: WalkingSettings) -> Array:
-    """The six channels of the plate [N, N*mm] at times [s], shape (n, 6), with their lag, offset and noise."""
+def disturbed_reading(
+    trial: str, seed: int, reading: SensorReading, time: Array, walking: WalkingSettings
+) -> SensorReading:
+    """The plate's reading at times [s], with its lag, offset and noise."""
     effects, rate = walking.effects, walking.rates.motion_hz
     late = time - 1e-3 * effects.plate_lag.value
     columns = []
@@ -136,7 +182,7 @@ def disturbed_channels(trial: str, seed: int, reading: SensorReading, time: Arra
         offset = stream(seed, trial, f"{quantity}_offset").standard_normal(3)
         disturbed = interpolated_at(values, rate, late) + getattr(effects, f"{quantity}_noise").value * noise
         columns.append(disturbed + getattr(effects, f"{quantity}_offset").value * offset)
-    return np.hstack([columns[0], NEWTON_MILLIMETRE * columns[1]])
+    return SensorReading(*columns)
 
 
 def seen_markers(trial: str, seed: int, exact: Array, walking: WalkingSettings) -> Array:

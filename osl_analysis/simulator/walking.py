@@ -9,10 +9,11 @@ import numpy as np
 from osl_analysis.errors import InputError
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.simulator.c3d_recorder import write_c3d
-from osl_analysis.simulator.conditions import condition_of
+from osl_analysis.simulator.conditions import Condition, condition_of
 from osl_analysis.simulator.crossing import SimulatedCrossing, simulate_crossing
 from osl_analysis.simulator.dynamometer import drivetrain_effects
 from osl_analysis.simulator.leg_recorder import LegClock, write_leg_log
+from osl_analysis.simulator.plate_load import plate_load
 from osl_analysis.simulator.platform_motion import (
     PlatformMotion,
     nominal_ankle,
@@ -23,7 +24,15 @@ from osl_analysis.simulator.rigid_body import GRAVITY, Pose, TrueWrench
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.step import draw_step
 from osl_analysis.simulator.truth_recorder import write_curves, write_truth
-from osl_analysis.simulator.vicon import ANKLE_AXIS, Scene, leg_markers, on_body, platform_markers, vicon_recording
+from osl_analysis.simulator.vicon import (
+    ANKLE_AXIS,
+    Scene,
+    Session,
+    leg_markers,
+    on_body,
+    platform_markers,
+    vicon_recording,
+)
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.simulator.walking_truth import (
     crossing_curves,
@@ -67,7 +76,7 @@ def simulate_walking_trial(
     elif row["experiment"] == "plate":
         record_unloaded(row, laboratory)
     elif row["experiment"] == "static":
-        record_standing(trial, laboratory)
+        record_standing(row, laboratory)
     else:
         raise InputError(
             f"trial {trial}: experiment '{row['experiment']}' is not one of the gait laboratory; "
@@ -97,14 +106,28 @@ def record_crossing(row: Mapping[str, object], laboratory: GaitLaboratory, p: Dr
     write_curves(laboratory.folder, trial, crossing_curves(walked, unperturbed, walking), analog_stride(walking))
     clock = write_leg_log(laboratory.folder / "leg" / f"{trial}.mcap", trial, walked, settings, walking)
     write_facts(trial, laboratory, crossing_facts(walked, unperturbed, clock))
-    record_scene(trial, laboratory, scene_of(walked, walking))
+    record_scene(trial, laboratory, scene_of(walked, walking, settings.seed))
 
 
-def scene_of(walked: SimulatedCrossing, walking: WalkingSettings) -> Scene:
-    """The quantities of a crossing that Vicon records."""
-    motion = walked.motion
-    markers = leg_markers(motion.foot, motion.shank) | platform_markers(motion.platform.pose, walking)
-    return Scene(markers, motion.platform.pose, walked.reaction, motion.platform.command)
+def scene_of(walked: SimulatedCrossing, walking: WalkingSettings, seed: int = 0) -> Scene:
+    """The quantities of a crossing that Vicon records. The seed decides where markers are in later sessions."""
+    motion, step = walked.motion, walked.step
+    session = session_of(step.condition, walking, seed)
+    markers = leg_markers(motion.foot, motion.shank, session) | platform_markers(motion.platform.pose, walking)
+    loads = plate_load(walked, walking)
+    return Scene(markers, motion.platform.pose, loads, motion.platform.command, step.body_mass, name_in(step.condition))
+
+
+def session_of(condition: Condition, walking: WalkingSettings, seed: int) -> Session:
+    """The session of a condition; the markers of the first one are where `vicon.py` has them."""
+    first = condition.session == 1 and not condition.later_subject
+    name = "" if first else f"{name_in(condition)} {condition.session}"
+    return Session(1e-3 * walking.effects.marker_placement.value, seed, name)
+
+
+def name_in(condition: Condition) -> str | None:
+    """Name of the person, if the campaign names persons."""
+    return condition.subject.name if condition.subject else None
 
 
 def record_unloaded(row: Mapping[str, object], laboratory: GaitLaboratory) -> None:
@@ -120,18 +143,19 @@ def record_unloaded(row: Mapping[str, object], laboratory: GaitLaboratory) -> No
     )
 
 
-def record_standing(trial: str, laboratory: GaitLaboratory) -> None:
+def record_standing(row: Mapping[str, object], laboratory: GaitLaboratory) -> None:
     """Record quiet standing: foot flat, shank upright, half the body weight vertically above the ankle."""
-    walking = laboratory.walking
-    time = motion_grid(walking)
+    walking, settings, trial = laboratory.walking, laboratory.settings, str(row["trial"])
+    time, condition = motion_grid(walking), condition_of(row, settings)
     platform = resting_platform(time)
     leg = Pose(platform.pose.rotation, np.tile(nominal_ankle(walking), (len(time), 1)))
-    weight = np.tile(-0.5 * walking.gait.body_mass_kg * GRAVITY, (len(time), 1))
+    mass = condition.body_mass(walking.gait.body_mass_kg)
+    weight = np.tile(-0.5 * mass * GRAVITY, (len(time), 1))
     write_platform_truth(trial, laboratory, time, platform)
-    markers = leg_markers(leg, leg) | on_body(leg, ANKLE_AXIS) | platform_markers(platform.pose, walking)
-    record_scene(
-        trial, laboratory, Scene(markers, platform.pose, TrueWrench(weight, np.zeros_like(weight), leg.origin), None)
-    )
+    session = session_of(condition, walking, settings.seed)
+    markers = leg_markers(leg, leg, session) | on_body(leg, ANKLE_AXIS) | platform_markers(platform.pose, walking)
+    load = TrueWrench(weight, np.zeros_like(weight), leg.origin)
+    record_scene(trial, laboratory, Scene(markers, platform.pose, load, None, mass, name_in(condition)))
 
 
 def record_scene(trial: str, laboratory: GaitLaboratory, scene: Scene) -> None:
@@ -158,6 +182,8 @@ def crossing_facts(walked: SimulatedCrossing, unperturbed: SimulatedCrossing, cl
         "toe_off_s": step.toe_off,
         "foot_yaw_rad": step.yaw,
         "placement_m": step.placement.tolist(),
+        "condition": step.condition.facts(),
+        "change": step.change.model_dump(mode="json", exclude={"of", "share"}),
         "leg_clock": {"offset_s": clock.offset, "drift": clock.drift},
         **rendered_impedance(walked, unperturbed),
     }

@@ -2,7 +2,9 @@
 
 from typing import Annotated
 
-from osl_analysis.simulator.effect import Effect, in_unit, off
+from pydantic import AfterValidator
+
+from osl_analysis.simulator.effect import Effect, in_unit, off, positive
 from osl_analysis.yaml_settings import Settings
 
 
@@ -67,6 +69,14 @@ class WalkingEffects(Settings):
     """Offset of the plate's moments, constant over a trial."""
     plate_lag: Annotated[Effect, in_unit("ms")]
     """Lag of the plate's channels behind markers, trigger and sync."""
+    moment_clip: Annotated[Effect, in_unit("N*m"), AfterValidator(positive)] = off("N*m", 60.0)
+    """Rails of the moment channels of a plate of type 1 or 2. Off: none."""
+    force_clip: Annotated[Effect, in_unit("N"), AfterValidator(positive)] = off("N", 500.0)
+    """Rails of the force channels of a plate of type 1 or 2. Off: none."""
+    sensor_clip: Annotated[Effect, in_unit("N"), AfterValidator(positive)] = off("N", 250.0)
+    """Rails of the eight channels of a plate of type 3. Off: none."""
+    marker_placement: Annotated[Effect, in_unit("mm")] = off("mm")
+    """Scatter of the place of each marker on foot and shank from session to session, each axis."""
     leg_clock_offset: Annotated[Effect, in_unit("s")]
     """Mean offset of the leg's clock from that of the recording."""
     leg_clock_drift: Annotated[Effect, in_unit("ppm")]

@@ -10,6 +10,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
+from osl_analysis.simulator.capture_settings import CaptureSettings
 from osl_analysis.simulator.effect import NotNegative, Positive
 from osl_analysis.simulator.gait_changes import StepChange
 from osl_analysis.simulator.settings import Count
@@ -147,3 +148,5 @@ class WalkingSettings(Settings):
     """Every imperfection of gait and gait laboratory."""
     changes: tuple[StepChange, ...] = ()
     """What makes some crossings differ from the others."""
+    capture: CaptureSettings = CaptureSettings()
+    """How the C3D file is recorded."""

@@ -26,7 +26,7 @@ configfile: "config/config.yaml"
 
 
 try:
-    CONFIG = campaign_config(config, " overridden by ".join(os.path.relpath(f) for f in reversed(workflow.configfiles)))
+    CONFIG = campaign_config(config, [Path(os.path.relpath(f)) for f in reversed(workflow.configfiles)])
     CAMPAIGN = open_campaign(CONFIG, planned_sheet(CONFIG.simulation, CONFIG.sheet) if CONFIG.simulation else None)
     CAMPAIGN.check()
     SIMULATION_FILES = settings_files(CONFIG.simulation) if CONFIG.simulation else []

@@ -158,7 +158,7 @@ def judged(experiment: str, changes: Changes, remedy: Remedy | None) -> Result:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         try:
-            config = campaign_config(content, str(CONFIG))
+            config = campaign_config(content, [CONFIG])
             row = recorded(experiment, changes, folder)
             source = yaml.safe_load((config.sources / f"{row['log_source']}.yaml").read_text(encoding="utf-8"))
             stated = merged(source, remedy.source if remedy else {})

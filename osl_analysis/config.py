@@ -1,5 +1,6 @@
 """The configuration of a campaign: choices with their units, validated when they are read."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -152,12 +153,14 @@ def read_section(path: Path, section: str, model: type[Model]) -> Model:
     return validated(content[section], model, path)
 
 
-def campaign_config(content: Any, files: str) -> Config:
-    """Validate a merged configuration. `files` names the files that it came from, for messages.
+def campaign_config(content: Any, files: Sequence[Path]) -> Config:
+    """Validate a configuration that Snakemake merged from files, of which a later one overrides the earlier.
 
     Raises
     ------
     InputError
-        A field is unknown, missing or of a wrong value.
+        A file is not YAML in UTF-8 or has a key twice, or a field is unknown, missing or of a wrong value.
     """
-    return validated(content, Config, Path(files))
+    for file in files:
+        read_mapping(file)
+    return validated(content, Config, Path(" overridden by ".join(map(str, files))))

@@ -2,12 +2,14 @@
 
 import math
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS, RENAMED
+from osl_analysis.sheet_text import SheetLine, read_lines
 
 CONTROLLERS = ("compensated", "uncompensated")
 SIDES, DIRECTIONS = ("left", "right"), ("up", "down")
@@ -23,7 +25,7 @@ REQUIRED = ("trial", "experiment")
 
 
 def read_sheet(path: Path) -> pd.DataFrame:
-    """Read and validate a sample sheet. The index is the trial's name. Absent optional columns are NA.
+    """Read and validate a sample sheet, CSV in UTF-8. The index is the trial's name. Absent optional columns are NA.
 
     trial: its name, of letters, digits, `_`, `.` and `-`.
     experiment: one of `EXPERIMENTS`.
@@ -45,31 +47,39 @@ def read_sheet(path: Path) -> pd.DataFrame:
     """
     if not path.is_file():
         raise InputError(f"{path}: no such sample sheet; write one (README, 'Your own data') or set `sheet`")
-    try:
-        text = pd.read_csv(path, dtype="string", comment="#", skipinitialspace=True)
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a CSV table ({str(error).strip()}); export it as UTF-8 CSV") from error
-    return validate_sheet(text, path)
-
-
-def validate_sheet(text: pd.DataFrame, path: Path) -> pd.DataFrame:
-    """Check a sheet of strings and give its columns their types; `path` is for messages."""
-    unknown = sorted(set(text.columns) - set(COLUMNS))
-    absent = sorted(set(REQUIRED) - set(text.columns))
+    columns, lines = read_lines(path)
+    unknown = sorted(set(columns) - set(COLUMNS))
+    absent = sorted(set(REQUIRED) - set(columns))
     if unknown or absent:
         what = f"unknown column '{unknown[0]}'" if unknown else f"no column '{absent[0]}'"
         raise InputError(f"{path}: {what}; the columns are {', '.join(COLUMNS)}")
-    if text.empty:
+    if not lines:
         raise InputError(f"{path}: no trials; add one row per trial")
-    sheet = text.reindex(columns=list(COLUMNS)).astype("string")
-    for row, record in enumerate(sheet.to_dict("records"), start=2):
-        problem = problem_in({str(k): ("" if pd.isna(v) else str(v).strip()) for k, v in record.items()})
+    check_rows(lines, path)
+    return typed([line.cells for line in lines])
+
+
+def check_rows(lines: Sequence[SheetLine], path: Path) -> None:
+    """Refuse a value that is not allowed, and a trial that stands twice; `path` is for messages."""
+    seen: dict[str, int] = {}
+    for line in lines:
+        row = dict.fromkeys(COLUMNS, "") | line.cells
+        problem = problem_in(row)
         if problem:
-            raise InputError(f"{path}: line {row}: {problem}")
-    twice = sheet["trial"][sheet["trial"].duplicated()]
-    if len(twice):
-        raise InputError(f"{path}: trial '{twice.iloc[0]}' stands twice; give each row its own name")
-    booleans = sheet["perturbed"].str.strip().str.lower().map({"true": True, "false": False})
+            raise InputError(f"{path}: line {line.number}: {problem}")
+        if row["trial"] in seen:
+            raise InputError(
+                f"{path}: line {line.number}: trial '{row['trial']}' stands twice, first in line {seen[row['trial']]}; "
+                "give each row its own name"
+            )
+        seen[row["trial"]] = line.number
+
+
+def typed(rows: Sequence[Mapping[str, str]]) -> pd.DataFrame:
+    """Valid rows with the types of their columns; NA where a cell is empty."""
+    sheet = pd.DataFrame([{**dict.fromkeys(COLUMNS, ""), **row} for row in rows], dtype="string")
+    sheet = sheet[list(COLUMNS)].mask(sheet[list(COLUMNS)] == "")
+    booleans = sheet["perturbed"].str.lower().map({"true": True, "false": False})
     return sheet.assign(perturbed=booleans).astype(COLUMNS).set_index("trial", drop=False)
 
 

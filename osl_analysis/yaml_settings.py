@@ -7,10 +7,30 @@ from typing import Annotated, Any, ClassVar, TypeVar
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, OslAnalysisError
 
 Positive = Annotated[float, Field(gt=0)]
 """A number above zero."""
+
+
+class DuplicateKeyError(OslAnalysisError):
+    """A key stands twice in one mapping of a YAML file."""
+
+
+class UniqueKeyLoader(yaml.CSafeLoader):
+    """Safe YAML in which no mapping has a key twice. YAML's own rule is that the last one wins."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """The mapping of a node; raises DuplicateKeyError with both lines."""
+        seen: dict[Any, int] = {}
+        for key, _ in node.value:
+            name, line = (key.tag, key.value) if isinstance(key, yaml.ScalarNode) else id(key), key.start_mark.line + 1
+            if name in seen:
+                raise DuplicateKeyError(
+                    f"line {line}: key '{key.value}' stands twice, first in line {seen[name]}; remove one"
+                )
+            seen[name] = line
+        return super().construct_mapping(node, deep)
 
 
 class Settings(BaseModel):
@@ -54,8 +74,17 @@ def read_mapping(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise InputError(f"{path}: no such file; check the path, which is relative to the working directory")
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        content = yaml.load(path.read_text(encoding="utf-8"), Loader=UniqueKeyLoader)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise InputError(f"{path}: line {line} is not UTF-8; save the file as UTF-8") from error
+    except DuplicateKeyError as error:
+        raise InputError(f"{path}: {error}") from error
+    except RecursionError as error:
+        raise InputError(f"{path}: its fields are nested too deeply; write them as in the shipped files") from error
+    except (yaml.YAMLError, ValueError) as error:
         raise InputError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(content, dict):
         raise InputError(f"{path}: has no fields; write `name: value` lines as in the shipped files")

@@ -8,9 +8,10 @@ from conftest import ROOT
 
 from osl_analysis.config import campaign_config
 from osl_analysis.errors import InputError
-from osl_analysis.yaml_settings import Settings, validated
+from osl_analysis.yaml_settings import Settings, read_mapping, validated
 
-SHIPPED = yaml.safe_load((ROOT / "config/config.yaml").read_text())
+SHIPPED_FILE = ROOT / "config/config.yaml"
+SHIPPED = yaml.safe_load(SHIPPED_FILE.read_text())
 
 
 class Inner(Settings):
@@ -23,7 +24,7 @@ class Outer(Settings):
 
 
 def test_the_shipped_configuration_is_valid():
-    assert campaign_config(SHIPPED, "config.yaml").campaign == "default"
+    assert campaign_config(SHIPPED, [SHIPPED_FILE]).campaign == "default"
 
 
 @pytest.mark.parametrize(("old", "new"), [("gait", "overground"), ("validation", "study")])
@@ -31,7 +32,7 @@ def test_an_old_section_is_refused_and_the_new_one_named(old, new):
     content = dict(SHIPPED)
     content[old] = content.pop(new)
     with pytest.raises(InputError, match=f"config.yaml: field '{old}' is now called '{new}'; rename it"):
-        campaign_config(content, "config.yaml")
+        campaign_config(content, [SHIPPED_FILE])
 
 
 def test_an_old_field_within_a_section_is_named_with_its_place():
@@ -49,14 +50,56 @@ def test_an_old_field_within_a_section_is_named_with_its_place():
 )
 def test_cycles_of_a_stepped_sine_are_one_for_each_frequency_and_enough_to_settle(changed, message):
     with pytest.raises(InputError, match=message):
-        campaign_config(SHIPPED | {"dynamometer": SHIPPED["dynamometer"] | changed}, "a")
+        campaign_config(SHIPPED | {"dynamometer": SHIPPED["dynamometer"] | changed}, [SHIPPED_FILE])
 
 
 def test_a_time_per_frequency_replaces_the_cycles():
     def cycles(**changed):
-        config = campaign_config(SHIPPED | {"dynamometer": SHIPPED["dynamometer"] | changed}, "a")
+        config = campaign_config(SHIPPED | {"dynamometer": SHIPPED["dynamometer"] | changed}, [SHIPPED_FILE])
         return config.dynamometer.protocol.cycles_at
 
     assert cycles() == (20, 20, 20, 20, 20)
     assert cycles(cycles=[10, 15, 20, 25, 30]) == (10, 15, 20, 25, 30)
     assert cycles(seconds_per_frequency=10) == (10, 20, 30, 40, 50)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("torque: {sign: 1}\nunit: N\ntorque: {sign: -1}\n", "line 3: key 'torque' stands twice, first in line 1"),
+        ("a:\n  b: 1\n  c: 2\n  b: 3\n", "line 4: key 'b' stands twice, first in line 2"),
+        ("a: [1, {b: 1, b: 2}]\n", "line 1: key 'b' stands twice, first in line 1"),
+    ],
+)
+def test_a_key_that_stands_twice_is_refused_with_both_lines(tmp_path, text, message):
+    (tmp_path / "source.yaml").write_text(text)
+    with pytest.raises(InputError, match=f"source.yaml: {message}; remove one"):
+        read_mapping(tmp_path / "source.yaml")
+
+
+def test_equal_keys_of_different_mappings_are_no_duplicates(tmp_path):
+    (tmp_path / "a.yaml").write_text("a: {b: 1}\nc: {b: 2}\nd: [{b: 1}, {b: 2}]\n'1': x\n1: y\n")
+    assert read_mapping(tmp_path / "a.yaml")["d"] == [{"b": 1}, {"b": 2}]
+
+
+def test_a_campaigns_own_file_is_checked_as_the_shipped_one_is(tmp_path):
+    """Snakemake reads and merges the files itself, and takes the last of two equal keys."""
+    (tmp_path / "mine.yaml").write_text("results: a\nresults: b\n")
+    with pytest.raises(InputError, match=r"mine.yaml: line 2: key 'results' stands twice"):
+        campaign_config(SHIPPED, [SHIPPED_FILE, tmp_path / "mine.yaml"])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("a: 1\nname: M\xfcnchen\n".encode("latin-1"), "line 2 is not UTF-8; save the file as UTF-8"),
+        (b"a: " + b"[" * 3000, "nested too deeply|not YAML"),
+        (b"a: 2026-13-45\n", "not YAML"),
+        (b"- 1\n", "has no fields"),
+    ],
+)
+def test_a_file_that_is_no_yaml_of_fields_is_refused_in_one_line(tmp_path, content, message):
+    (tmp_path / "a.yaml").write_bytes(content)
+    with pytest.raises(InputError, match=message) as refusal:
+        read_mapping(tmp_path / "a.yaml")
+    assert "\n" not in str(refusal.value)

@@ -440,6 +440,8 @@ def test_rules_and_checks_are_the_same_list_and_an_old_name_is_refused_with_the_
 def test_the_sheet_may_accept_only_checks_that_there_are(tmp_path: Path) -> None:
     (tmp_path / "trials.csv").write_text("trial,experiment,log,log_source,accept\nb,belt,b.mcap,dynamometer,gap gaps\n")
     content = yaml.safe_load((ROOT / "config/config.yaml").read_text())
-    config = campaign_config(content | {"sheet": tmp_path / "trials.csv", "simulation": None}, "config.yaml")
+    config = campaign_config(
+        content | {"sheet": tmp_path / "trials.csv", "simulation": None}, [ROOT / "config/config.yaml"]
+    )
     with pytest.raises(InputError, match="trial 'b', accept: 'gaps' is no quality check; the checks are rate, jitter"):
         open_campaign(config, None).check_quality()

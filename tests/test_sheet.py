@@ -58,6 +58,79 @@ def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, message):
         read_sheet(sheet(tmp_path, HEADER + line + "\n"))
 
 
+def test_blanks_around_a_cell_say_nothing(tmp_path):
+    """A trial of experiment `belt ` was once dropped, and `uncompensated ` taken for compensated."""
+    rows = (
+        " b , belt\t,,,,, b.mcap ,dynamometer\u00a0,,,\n"
+        "k,impedance,uncompensated ,300 , 5,,k.mcap,dynamometer,,,\u200b\n"
+        "w,walking,,,, True ,,,w.c3d,vicon,\n"
+    )
+    table = read_sheet(sheet(tmp_path, HEADER.replace("log_source", " log_source ") + rows))
+    assert list(table.loc["b", ["experiment", "log", "log_source"]]) == ["belt", "b.mcap", "dynamometer"]
+    assert list(table.loc["k", ["controller", "K_d", "B_d"]]) == ["uncompensated", 300, 5]
+    assert table.loc["w", "perturbed"]
+    assert table["exclude"].isna().all()
+
+
+def test_a_reason_may_begin_with_a_number_sign_and_contain_one(tmp_path):
+    rows = "# a comment, with a comma\n\nb1,belt,,,,,b.mcap,dynamometer,,,#3 slipped\n"
+    rows += "b2,belt,,,,,b#2.mcap,dynamometer,,,\n"
+    table = read_sheet(sheet(tmp_path, HEADER + rows))
+    assert table.loc["b1", "exclude"] == "#3 slipped"
+    assert table.loc["b2", "log"] == "b#2.mcap"
+
+
+def test_na_null_and_nan_are_names(tmp_path):
+    rows = "".join(f"{name},belt,,,,,{name}.mcap,dynamometer,,,\n" for name in ("NA", "null", "nan"))
+    table = read_sheet(sheet(tmp_path, HEADER + rows))
+    assert list(table.index) == ["NA", "null", "nan"]
+    assert table["controller"].isna().all()
+
+
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_a_sheet_is_utf_8_with_or_without_a_byte_order_mark(tmp_path, mark):
+    (tmp_path / "trials.csv").write_text(mark + HEADER + "b,belt,,,,,b.mcap,dynamometer,,,glitt weg: Fuß\n", "utf-8")
+    assert read_sheet(tmp_path / "trials.csv").loc["b", "exclude"] == "glitt weg: Fuß"
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (
+            "b,belt,,,,,b\u00a01.mcap,dynamometer,,,",
+            r"line 2: column 'log': .* U\+00A0 \(NO-BREAK SPACE\); type",
+        ),
+        ("b,belt,,,,,b.mcap,dynamo\u200bmeter,,,", r"line 2: column 'log_source': .* U\+200B"),
+        ("b,belt,,,,,b.mcap,dynamometer,,,slipped, again", "line 2: 12 cells, the header has 11; quote a cell"),
+        ('b,belt,,,,,"b.mcap,dynamometer,,,\n', "line 2: not CSV"),
+        (
+            "b,belt,,,,,b.mcap,dynamometer,,,\nb ,belt,,,,,b.mcap,dynamometer,,,",
+            "line 3: trial 'b' stands twice, first in",
+        ),
+    ],
+)
+def test_a_cell_that_is_not_what_it_looks_like_is_refused(tmp_path, rows, message):
+    with pytest.raises(InputError, match=message):
+        read_sheet(sheet(tmp_path, HEADER + rows))
+
+
+def test_another_encoding_is_refused_with_its_line(tmp_path):
+    (tmp_path / "trials.csv").write_bytes((HEADER + "b,belt,,,,,b.mcap,dynamometer,,,Fuß\n").encode("latin-1"))
+    with pytest.raises(InputError, match="line 2: byte 0xdf is not UTF-8; save the sheet as 'CSV UTF-8'"):
+        read_sheet(tmp_path / "trials.csv")
+
+
+def test_a_column_may_stand_once(tmp_path):
+    with pytest.raises(InputError, match="line 1: column 'log' stands twice"):
+        read_sheet(sheet(tmp_path, "trial,experiment,log,log\nb,belt,a,b\n"))
+
+
+def test_a_cell_over_two_lines_does_not_shift_the_line_of_an_error(tmp_path):
+    rows = 'b1,belt,,,,,b.mcap,dynamometer,,,"slipped\nand again"\nb2,belts,,,,,b.mcap,dynamometer,,,\n'
+    with pytest.raises(InputError, match="line 4: experiment 'belts'"):
+        read_sheet(sheet(tmp_path, HEADER + rows))
+
+
 def test_checks_to_accept_are_named_with_blanks_between(tmp_path):
     header = "trial,experiment,log,log_source,accept\n"
     table = read_sheet(sheet(tmp_path, header + "b,belt,b.mcap,dynamometer,gap  saturation\n"))

@@ -66,4 +66,5 @@ def promptest(stamps: Array, block: int) -> NDArray[np.intp]:
     """Row of the sample in each block that lies lowest over the mean line of the stamps (n,) [s]."""
     blocks, n = len(stamps) // block, len(stamps)
     line = (stamps[-1] - stamps[0]) / (n - 1) * np.arange(blocks * block)
-    return np.arange(blocks) * block + (stamps[: blocks * block] - line).reshape(blocks, block).argmin(axis=1)
+    lowest = (stamps[: blocks * block] - line).reshape(blocks, block).argmin(axis=1)
+    return np.asarray(np.arange(blocks) * block + lowest)

@@ -80,7 +80,7 @@ def uniform_signals(
     Raises
     ------
     InputError
-        A column is missing or holds NaN, or its stamps cannot be brought on a grid; the message names the trial.
+        A column is missing, or its stamps cannot be brought on a grid; the message names the trial.
     """
     rows = {column: sampled_rows(trial, column) for column in columns}
     stamped = {there.tobytes() for there in rows.values()}
@@ -106,8 +106,8 @@ def on_grid(
 
 
 def sampled_rows(trial: Trial, column: str) -> NDArray[np.bool_]:
-    """Rows (n,) of the trial in which a column has a sample; NaN is refused."""
-    trial.signals(column)
+    """Rows (n,) of the trial in which a column was sampled; NaN, a value that is missing there, counts."""
+    trial.sampled(column)
     return trial.samples[column].is_not_null().to_numpy()
 
 

@@ -236,12 +236,22 @@ def test_a_log_without_header_stamps_is_refused_when_they_are_asked_for(tmp_path
     assert "topic '/lab' has no field 'header.stamp' with seconds and nanoseconds" in refused(path, source())
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_value_that_is_not_finite_is_refused_by_channel_and_message(tmp_path: Path, value: float) -> None:
+def test_an_infinite_value_is_refused_by_channel_and_message(tmp_path: Path) -> None:
     log = samples()
-    log[17][1]["angle"] = value
+    log[17][1]["angle"] = math.inf
     message = refused(write_log(tmp_path / "log.mcap", log), source())
-    assert f"topic /lab, field angle: {value} in sample 18 of 50, at 0.017 s" in message
+    assert "topic /lab, field angle: inf in sample 18 of 50, at 0.017 s" in message
+
+
+def test_failed_readings_are_counted_and_refused_beyond_the_stated_share(tmp_path: Path) -> None:
+    log = samples()
+    log[17][1]["angle"] = math.nan
+    path = write_log(tmp_path / "log.mcap", log)
+    message = refused(path, source())
+    assert "topic /lab, field angle: NaN in 1 of 50 samples, first at 0.017 s; at most 1.0% may be" in message
+    read = read_mcap_log(path, source().model_copy(update={"most_missing": 0.1}))
+    assert read.facts["missing"]["theta"] == read.samples["theta"].is_nan().sum() == 1
+    assert "log.mcap: theta is NaN in 1 of 50 rows" in read.warnings
 
 
 def test_another_encoding_is_refused_by_its_name() -> None:

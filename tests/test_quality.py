@@ -96,16 +96,26 @@ def test_every_recorders_rate_is_measured_on_its_own() -> None:
     assert found.remark == "plate1_force_z 1000 Hz, marker_A_x 200 Hz"
 
 
-def test_jitter_is_the_scatter_of_the_steps_and_a_gap_is_not_jitter() -> None:
+def test_jitter_passes_where_the_signals_decide_and_a_gap_is_not_jitter() -> None:
     samples = bench()
-    noise = 0.1 / RATE * np.random.default_rng(2).standard_normal(samples.height)
-    found = results(samples.with_columns(time=pl.col("time") + pl.Series(noise)))
-    assert found["jitter"].value == pytest.approx(10 * np.sqrt(2), rel=0.03)  # of two stamps' difference
-    assert failed(found) == {"jitter"}
+    noise = np.sort(samples["time"].to_numpy() + 0.3 / RATE * np.random.default_rng(2).standard_normal(samples.height))
+    found = results(samples.with_columns(time=pl.Series(noise)))
+    assert found["jitter"].value == 0
+    assert " % of scatter, even: theta g = 0.00" in found["jitter"].remark
+    assert failed(found) == set()
     late = results(samples.with_columns(time=pl.col("time") + pl.when(pl.col("time") > 3).then(0.2).otherwise(0)))
     assert late["gap"].value == pytest.approx(0.2)
     assert late["jitter"].value == pytest.approx(0, abs=1e-6)
     assert failed(late) >= {"gap"}
+
+
+def test_jitter_is_the_wander_of_stamps_about_which_nothing_decides() -> None:
+    resting = bench(1e-5 * np.random.default_rng(3).standard_normal(10_000))
+    resting = resting.with_columns(torque=0.05 * np.random.default_rng(4).standard_normal(10_000))
+    wander = 0.5 / RATE * np.sin(2 * np.pi * np.arange(10_000) / 3000)
+    found = results(resting.with_columns(time=pl.col("time") + pl.Series(wander)))["jitter"]
+    assert found.value == pytest.approx(50 / np.sqrt(2), rel=0.1)
+    assert "undecided, true" in found.remark
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
-from test_timebase import assert_recovers_the_joint, cell, clock, joint, waits
+from conftest import ROOT
+from test_timebase import assert_recovers_the_joint, cell, clock, joint, log, waits
 
 from osl_analysis.errors import InputError
 from osl_analysis.timebase.grid import one_time_base
 from osl_analysis.timebase.rhythm import BLOCKS, device_step, missing_by_rhythm
+from osl_analysis.timebase.samples import take
+from osl_analysis.timebase.stream import Stream
 
 RATE, DURATION = 1000.0, 24.0
 
@@ -94,3 +97,100 @@ def test_waits_of_many_steps_beside_a_device_of_almost_the_same_rate_are_refused
     nodes = two_nodes(np.random.default_rng(6), (0.0, wait), (0, 300))
     with pytest.raises(InputError, match=r"load cell: .* too late to see whether some of its 99\d\.\d\d samples per"):
         one_time_base(nodes)
+
+
+# ---- Values that are missing from rows that are there
+
+
+def with_nan(random, change, stamps=None, taken=None):
+    """A log of one device whose columns lack the values that `change` takes away."""
+    t = clock(RATE, DURATION)
+    whole = log(t if stamps is None else stamps, t if taken is None else taken, random)
+    signals = {name: values.copy() for name, values in whole.signals.items()}
+    change(signals, random)
+    return Stream("log", whole.stamps, signals)
+
+
+def one_percent_of_each(signals, random):
+    for values in signals.values():
+        values[random.random(len(values)) < 0.01] = np.nan
+
+
+def two_of_three_torques(signals, _random):
+    signals["torque"][np.arange(len(signals["torque"])) % 3 > 0] = np.nan
+
+
+@pytest.mark.parametrize("change", [one_percent_of_each, two_of_three_torques])
+@pytest.mark.parametrize("kind", ["even", "jitter", "latency"])
+def test_values_that_are_missing_cost_nothing_and_split_no_device(kind, change):
+    random, t = np.random.default_rng(7), clock(RATE, DURATION)
+    jittered = np.sort(t + 2e-5 * random.standard_normal(len(t)))
+    stamps, taken = {"even": (t, t), "jitter": (jittered, jittered), "latency": (late(t, 5e-4, random), t)}[kind]
+    recorded = with_nan(random, change, stamps, taken)
+    grid = one_time_base([recorded])
+    angle, torque = grid.report.streams
+    lower = change is two_of_three_torques
+    lacking = [int(np.isnan(values).sum()) for values in recorded.signals.values()]
+    assert [angle.empty, torque.empty] == ([0, 0] if lower else lacking)
+    assert torque.error == pytest.approx(81 * angle.error if lower else angle.error, rel=1e-4)
+    assert {angle.even, torque.even} == {kind != "jitter"}
+    assert_recovers_the_joint(grid)
+
+
+@pytest.mark.parametrize(("length", "bridged", "marked"), [(20, 1, 0), (22, 0, 1)])
+def test_missing_values_in_a_row_are_a_gap_of_their_own_length(length, bridged, marked):
+    def change(signals, _random):
+        signals["torque"][5000 : 5000 + length] = np.nan
+
+    grid = one_time_base([with_nan(np.random.default_rng(8), change)])
+    assert [(s.empty, s.bridged, s.marked) for s in grid.report.streams] == [(0, 0, 0), (length, bridged, marked)]
+    assert_recovers_the_joint(grid)
+
+
+def test_a_channel_without_values_and_one_that_lacks_them_for_too_long_are_refused():
+    random = np.random.default_rng(9)
+    with pytest.raises(InputError, match=r"log: torque has 0 values in 24000 rows; at least 20 are needed"):
+        one_time_base([with_nan(random, lambda signals, _: signals["torque"].fill(np.nan))])
+    with pytest.raises(InputError, match=r"torque has no sample from 4\.9990 s to 5\.6000 s"):
+        one_time_base([with_nan(random, lambda signals, _: signals["torque"][5000:5600].fill(np.nan))])
+
+
+def test_rows_written_twice_go_though_a_value_is_missing_in_both():
+    def twice(signals, _random):
+        signals["torque"][100] = np.nan
+
+    one = with_nan(np.random.default_rng(10), twice)
+    rows = np.sort(np.append(np.arange(len(one.stamps)), 100))
+    again = Stream("log", one.stamps[rows], {name: values[rows] for name, values in one.signals.items()})
+    assert one_time_base([again]).report.streams[0].repeated == 1
+
+
+def test_20_ms_missing_in_every_cycle_are_bridged_and_cost_nothing():
+    t, random = clock(RATE, DURATION), np.random.default_rng(11)
+    kept = np.arange(len(t)) % 200 < 180
+    grid = one_time_base([log(t[kept], t[kept], random)])
+    assert (grid.report.streams[0].marked, grid.report.masked) == (0, 0)
+    assert_recovers_the_joint(grid)
+
+
+# ---- The page's example of sixth differences
+
+
+def example(even):
+    """A row of the page's table: RMS of D6 x and of D6(x' delta) [1e-4 rad], g and its standard error."""
+    t, random = clock(1000.0, 60.0), np.random.default_rng(12)
+    stamps = t + 2e-5 * random.standard_normal(len(t))
+    taken, w, size = (t if even else stamps), 2 * np.pi, np.deg2rad(4.0)
+    theta = np.round(size * np.sin(w * taken) * 2**18 / w) * w / 2**18
+    pushed = size * w * np.cos(w * t) * (stamps - t)
+    seen = [1e4 * np.std(np.diff(x, 6)) for x in (theta, pushed)]
+    (part,) = take([Stream("encoder", stamps, {"theta": theta})])
+    said = part.decision.evidence["theta"]
+    name = "device samples evenly, stamps scatter" if even else "stamps are true"
+    return f"| {name} | {seen[0]:.2f} | {seen[1]:.2f} | {said.g:.3f} | {said.se:.3f} |"
+
+
+@pytest.mark.parametrize("even", [False, True])
+def test_the_page_s_example_of_sixth_differences_is_what_the_rule_finds(even):
+    print(example(even))
+    assert example(even) in (ROOT / "docs/time_base.md").read_text(encoding="utf-8")

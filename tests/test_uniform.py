@@ -154,7 +154,7 @@ def test_short_stretches_of_cycles_are_not_used_beside_a_long_one():
     usable[1000:1010] = False
     (part,) = settled(blocks, 0, usable)
     assert [(p.start, p.stop) for p in part.pieces] == [(400, 1000), (1100, 1900)]
-    with pytest.raises(InputError, match=r"no cycle of 5.72958 deg at 1 Hz is free of gaps"):
+    with pytest.raises(InputError, match=r"no cycle of 5.72958 deg at 1 Hz is free of rows near a gap"):
         settled(blocks, 0, np.zeros(2000, dtype=bool))
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 from osl_analysis.signals import longest_run, runs
 from osl_analysis.stats.covariance import FEWEST_CYCLES, Cycles
+from osl_analysis.timebase.gaps import BRIDGE_MORE
 from osl_analysis.trial import Array
 
 
@@ -129,8 +130,8 @@ def without_gaps(segment: Segment, usable: NDArray[np.bool_]) -> Segment:
     whole = np.array([bool(usable[whole_rows(a, b)].all()) for a, b in pairwise(segment.edges)])
     if not whole.any():
         raise InputError(
-            f"no cycle of {segment.amplitude_deg:g} deg at {segment.frequency_hz:g} Hz is free of gaps in the "
-            "recording; record again with fewer lost samples, or exclude the trial in the sheet"
+            f"no cycle of {segment.amplitude_deg:g} deg at {segment.frequency_hz:g} Hz is free of rows near a gap that "
+            f"is too long to be bridged; {BRIDGE_MORE}"
         )
     longest = longest_run(whole)
     fewest = min(longest.stop - longest.start, FEWEST_CYCLES)

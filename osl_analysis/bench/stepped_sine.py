@@ -149,7 +149,7 @@ def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis) -> SteppedSi
 def resolution_of(trial: Trial, column: str) -> float | None:
     """The step to which a column was rounded, in its unit: what the source file states, else what the values show."""
     stated = origin(trial, column).get("resolution")
-    (_, values) = trial.signals(column)
+    values = trial.sampled(column)[column].drop_nans().to_numpy()
     return float(stated) if stated else visible_step(values)
 
 

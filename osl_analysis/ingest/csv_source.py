@@ -67,7 +67,8 @@ class CsvSource(LogSource):
     missing: tuple[str, ...] = ("", "nan", "NaN")
     """Cells that become NaN: what the logger writes where a reading failed."""
     most_missing: Share = 0.01
-    """Largest share of a column's cells that may be missing, and of the rows that may be skipped."""
+    """Largest share of a column's cells that may be missing, and of the rows that may be skipped. More where a column
+    has a lower rate than the rows."""
     ragged: Literal["refuse", "skip", "dropped_variable"] = "refuse"
     """Treatment of rows whose length differs from the header's.
 

@@ -14,7 +14,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap.mcap_file import McapFile, read_mcap
 from osl_analysis.formats.mcap.topics import Decoded, decode_topics
 from osl_analysis.formats.messages.leaves import Indices
-from osl_analysis.ingest.recording import Recording, check_finite
+from osl_analysis.ingest.recording import Recording, check_values
 from osl_analysis.ingest.sensor import Stamps
 from osl_analysis.ingest.source_fields import Conversion, LogSource
 from osl_analysis.ingest.stamps import SECOND, Ordering, in_order, stamp_fields, stamps_of
@@ -57,6 +57,8 @@ class McapSource(LogSource):
     """Where the time of a message comes from."""
     largest_loss: float = Field(default=0.01, ge=0.0, le=1.0)
     """Largest share of the file's messages that may be lost; a log that has lost more is refused."""
+    most_missing: float = Field(default=0.01, ge=0.0, le=1.0)
+    """Largest share of a field's values that may be NaN: readings that failed. More where a field has a lower rate."""
     channels: dict[str, LogChannel] = Field(min_length=1)
     """The field of each canonical column."""
 
@@ -71,8 +73,8 @@ def read_mcap_log(path: Path, source: McapSource) -> Recording:
     ------
     InputError
         A topic or field is missing or has no messages, its encoding or schema cannot be read, a larger share of the
-        file than `source.largest_loss` is lost, a value is not finite, or stamps are missing, contradict each other or
-        go back (`stamps.py`).
+        file than `source.largest_loss` is lost, a value is infinite, too many values are NaN, or stamps are missing,
+        contradict each other or go back (`stamps.py`).
     """
     by_topic: dict[str, dict[str, LogChannel]] = defaultdict(dict)
     for column, channel in source.channels.items():
@@ -84,6 +86,7 @@ def read_mcap_log(path: Path, source: McapSource) -> Recording:
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     joined = joined_on_stamp([table for table, _ in tables.values()])
+    missing = {column: int(joined[column].is_nan().sum()) for column in source.channels}
     start = int(joined["stamp"][0])
     time = ((joined["stamp"] - start) / SECOND).alias("time")
     facts = {
@@ -91,11 +94,13 @@ def read_mcap_log(path: Path, source: McapSource) -> Recording:
         "rates_hz": {topic: median_rate(table["stamp"].to_numpy()) for topic, (table, _) in tables.items()},
         "decoding": {topic: one.how for topic, one in decoded.items()},
         "stamps": {topic: order.report() for topic, (_, order) in tables.items()},
+        "missing": missing,
         "damage": file.damage.report(),
     }
     columns = {column: channel.origin(column) for column, channel in source.channels.items()}
     says = [text for topic, (_, order) in tables.items() for text in order.says(topic)]
-    remarks = [*file.damage.all_remarks(), *says]
+    nan = [f"{column} is NaN in {n} of {len(joined)} rows" for column, n in missing.items() if n]
+    remarks = [*file.damage.all_remarks(), *says, *nan]
     samples = joined.select(time, pl.exclude("stamp"))
     return Recording(samples, columns, facts, [f"{path.name}: {remark}" for remark in remarks])
 
@@ -146,15 +151,18 @@ def read_topic(
     """Stamps [ns] and columns of one topic in the order of the stamps, and counts of the sorting."""
     from_header = source.time.source == "header"
     stamp = stamps_of(topic, decoded, source.time.field) if from_header else decoded.log_time
-    columns = [canonical_series(column, channel, decoded, stamp) for column, channel in channels.items()]
+    most = source.most_missing
+    columns = [canonical_series(column, channel, decoded, stamp, most) for column, channel in channels.items()]
     table = pl.DataFrame([pl.Series("stamp", stamp), *columns])
     return in_order(topic, table, len(decoded.how), source.largest_loss)
 
 
-def canonical_series(column: str, channel: LogChannel, decoded: Decoded, stamp: Indices) -> pl.Series:
-    """One column in SI units; null where a message lacks the field."""
+def canonical_series(
+    column: str, channel: LogChannel, decoded: Decoded, stamp: Indices, most_missing: float
+) -> pl.Series:
+    """One column in SI units; null where a message lacks the field, NaN where its value is."""
     raw = decoded.values[channel.field].astype(np.float64)
-    check_finite(f"topic {channel.topic}, field {channel.field}", raw, (stamp - stamp[0]) / SECOND)
+    check_values(f"topic {channel.topic}, field {channel.field}", raw, (stamp - stamp[0]) / SECOND, most_missing)
     series = pl.Series(column, channel.to_si(raw, unit_of(column)))
     present = decoded.present[channel.field]
     return series if present.all() else series.set(pl.Series(~present), None)

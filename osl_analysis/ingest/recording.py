@@ -35,6 +35,17 @@ class Recording:
                 )
 
 
+def check_values(what: str, values: Array, time: Array, most_missing: float) -> None:
+    """Refuse infinity in a channel, (n,), and NaN, a reading that failed, in more than a share of it."""
+    missing = np.isnan(values)
+    check_finite(what, np.where(missing, 0.0, values), time)
+    if missing.sum() > most_missing * values.size:
+        raise InputError(
+            f"{what}: NaN in {missing.sum()} of {values.size} samples, first at {time[np.argmax(missing)]:.3f} s; at "
+            f"most {most_missing:.1%} may be: repair the recording, or raise `most_missing` in the source file"
+        )
+
+
 def check_finite(what: str, values: Array, time: Array) -> None:
     """Refuse NaN and infinity in a channel, (n,), naming the first with its time [s]."""
     finite = np.isfinite(values)

@@ -123,8 +123,9 @@ def worst(values: Mapping[str, float], reason: str) -> CheckResult:
 
 
 def channel(samples: pl.DataFrame, column: str) -> tuple[Array, Array]:
-    """Time [s] and values of one column, (n,) each, where it was sampled."""
+    """Time [s] and values of one column, (n,) each, where it was sampled. NaN is left out, but for hidden markers."""
     rows = samples.select("time", column).drop_nulls()
+    rows = rows if column.startswith("marker_") else rows.drop_nans(column)
     return rows["time"].to_numpy(), rows[column].to_numpy()
 
 

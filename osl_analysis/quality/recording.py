@@ -4,11 +4,15 @@ from typing import Any
 
 import numpy as np
 
+from osl_analysis.errors import InputError
 from osl_analysis.quality.checks import Check, CheckResult, Examined, not_applicable, worst
+from osl_analysis.timebase.samples import take
 from osl_analysis.trial import Trial
+from osl_analysis.uniform import sampled_rows, streams
 
-GAP = 1.5  # median steps; a longer step is a gap and does not count as jitter
+GAP = 1.5  # median steps; a longer step is a gap
 TOO_FEW = "no channel has three samples"
+NO_FIT = "no signals of a bench"
 NO_REPORT = "no damage report"
 
 
@@ -21,13 +25,25 @@ def measure_rate(examined: Examined) -> CheckResult:
 
 
 def measure_jitter(examined: Examined) -> CheckResult:
-    """Largest RMS deviation [%] of a recorder's sampling steps from their median."""
-    jitter = {}
-    for column, step in examined.steps.items():
-        relative = step / np.median(step)
-        regular = relative[relative < GAP]
-        jitter[column] = 100 * float(np.sqrt(((regular - 1) ** 2).mean()))
-    return worst(jitter, TOO_FEW)
+    """Largest slow wander [%] of a recorder's stamps about their line, in steps, where nothing decides what it is.
+
+    0 where the stamps lie on their line, or where signals or the source file decide (docs/time_base.md): scatter of any
+    size then costs nothing. The remark has each recorder's scatter and the decision.
+    """
+    wander, remarks = {}, []
+    columns = [column for column in examined.experiment.needed_columns if column in examined.samples.columns]
+    try:
+        parts = take(streams(examined.trial, {c: sampled_rows(examined.trial, c) for c in columns}, frozenset()))
+    except InputError as error:
+        return not_applicable(f"no time base, {error}")
+    for part in parts:
+        open_question = part.decision.matters and not part.decision.firm
+        name, step = ", ".join(part.decision.signals), part.clock.step
+        wander[name] = 100 * part.clock.wander / step if open_question else 0.0
+        if part.decision.matters:
+            remarks.append(f"{name}: {100 * part.clock.sd / step:.3g} % of scatter, {part.decision.why}")
+    found = worst(wander, NO_FIT)
+    return found if found.value is None else CheckResult(found.value, "; ".join(remarks))
 
 
 def measure_gap(examined: Examined) -> CheckResult:
@@ -84,7 +100,11 @@ def damage_report(trial: Trial) -> dict[str, Any]:
 SAMPLING_CHECKS = (
     Check("rate", "Hz", "below", "lowest median sampling rate of the channels", measure_rate),
     Check(
-        "jitter", "%", "above", "RMS deviation of the sampling steps from their median, without gaps", measure_jitter
+        "jitter",
+        "%",
+        "above",
+        "slow wander of the stamps, in sampling steps, where neither signals nor source file decide what it is",
+        measure_jitter,
     ),
     Check("gap", "s", "above", "longest time without a sample, beyond one step", measure_gap),
 )

@@ -102,24 +102,27 @@ def firm_decision(names: tuple[str, ...], even: bool, evidence: Mapping[str, Evi
 
 
 def open_decision(names: tuple[str, ...], clock: DeviceClock, evidence: Mapping[str, Evidence]) -> Decision:
-    """What is done where no signal moves enough to tell: a slow wander is believed, jitter is not."""
+    """Where no signal moves enough to tell: stamps that wander slowly are kept, stamps that only scatter are not."""
     wanders = clock.wander > WANDERS * clock.step
     why = f"undecided, {'true' if wanders else 'even'}: the residual wanders by {clock.wander / clock.step:.3f} steps"
     return Decision(names, not wanders, False, True, why, evidence)
 
 
 def evidence_of(values: Array, clock: DeviceClock) -> Evidence:
-    """g and its standard error of one signal (n,); the error is infinite where the signal hardly moves
-    or the residual has no jitter.
+    """g and its standard error of one signal (n,), by the regression of D6 x on D6(x' delta).
 
-    Slopes come from a cubic over 40 ms, missing samples bridged. The residual's own slow part is taken away first: it
-    leaves nothing in sixth differences but its product with the slope's noise. Rows whose seven neighbours are not all
-    there are left out. A slope of which more than a fifth is noise would pull g towards 0, and says nothing.
+    The slope x' is that of a cubic over 40 ms. The slow part of delta is subtracted first: sixth differences remove it,
+    but not its product with the noise of x'. A difference needs seven consecutive samples; others are left out.
+
+    The error is infinite, so that the signal decides nothing, where delta does not scatter, or where more than a fifth
+    of the mean square of x' is noise: noise in the regressor would pull g towards 0.
     """
-    smooth = Smoother(clock.count, max(2 * round(SLOPE_S / clock.step) + 1, 7))
+    there = ~np.isnan(values)
+    values, count, residual = values[there], clock.count[there], clock.residual[there]
+    smooth = Smoother(count, max(2 * round(SLOPE_S / clock.step) + 1, 7))
     slope = smooth(values, 1)
-    jitter = (clock.residual - smooth(clock.residual, 0)) / clock.step
-    whole = clock.count[ORDER:] - clock.count[:-ORDER] == ORDER
+    jitter = (residual - smooth(residual, 0)) / clock.step
+    whole = count[ORDER:] - count[:-ORDER] == ORDER
     push, seen = np.diff(slope * jitter, ORDER)[whole], np.diff(values, ORDER)[whole]
     g, se = chunked_slope(push, seen)
     noise = float(np.sum((seen - g * push) ** 2)) / comb(2 * ORDER, ORDER) / max(len(seen), 1)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from osl_analysis.errors import InputError
-from osl_analysis.timebase.gaps import GapLimits, gaps_of, usable_rows
+from osl_analysis.timebase.gaps import BRIDGE_MORE, GapLimits, gaps_of, usable_rows
 from osl_analysis.timebase.report import TimebaseReport, report_of
 from osl_analysis.timebase.samples import Samples, Taken, take
 from osl_analysis.timebase.stream import FEWEST_SAMPLES, Stream
@@ -36,10 +36,10 @@ class UniformGrid:
     limits: GapLimits
 
     def other_hypothesis(self, *, firm_too: bool = False) -> "UniformGrid | None":
-        """The grid if the undecided streams were taken the other way; None where none is undecided.
+        """The grid with every undecided stream taken the other way: true stamps as even, even ones as true.
 
-        A fit of both says what the open question is worth. `firm_too` turns every decision that matters, those that
-        the signals settled among them.
+        None where no stream is undecided. The difference of the two fits is what the missing decision costs. With
+        `firm_too` the streams that the signals decided are also taken the other way.
         """
         turned = [t.decision.matters and (firm_too or not t.decision.firm) for t in self.taken]
         if not any(turned):
@@ -72,7 +72,7 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits) -> UniformGrid:
         raise InputError(
             f"{parts[0].name}: every row from {round(time[0], 4) + 0.0:.4f} s to "
             f"{time[-1]:.4f} s lies within {limits.margin_s:.2f} s of a gap longer than "
-            f"{limits.bridged_s * 1e3:g} ms; record again with fewer lost samples"
+            f"{limits.bridged_s * 1e3:g} ms; {BRIDGE_MORE}"
         )
     values = [resampled(part, time) for part in parts]
     signals = {

@@ -28,7 +28,8 @@ class StreamReport:
     g, g_se: signal -> slope of the sixth differences (1 true, 0 even) and its standard error, where it was sought;
         the error is None where the signal says nothing.
     residual_sd_s, wander_s, skew: residual of the stamps to the line: SD [s], SD of its slow part [s], skewness.
-    missing, repeated, merged: samples that the device took and the log lacks; rows written twice; samples averaged.
+    missing, empty: samples that the device took and the log lacks; rows of the log in which these signals lack a value.
+    repeated, merged: rows written twice; samples averaged.
     bridged, marked: gaps filled as data; gaps whose rows are not usable.
     interpolation: how values came to the grid.
     delay_s: stated delay [s] of the samples, which was taken out.
@@ -49,6 +50,7 @@ class StreamReport:
     wander_s: float
     skew: float
     missing: int
+    empty: int
     repeated: int
     merged: int
     bridged: int
@@ -126,6 +128,7 @@ def stream_report(part: Samples, gaps: Gaps, rate_hz: float, limits: GapLimits) 
         wander_s=clock.wander,
         skew=clock.skew,
         missing=clock.missing,
+        empty=part.taken.empty,
         repeated=part.taken.repeated,
         merged=part.merged,
         bridged=len(gaps.bridged),

@@ -43,12 +43,28 @@ class Taken:
         )
         return replace(self, decision=flipped)
 
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """Rows (n,) in which the signals have values."""
+        return ~np.isnan(self.stream.signals[self.decision.signals[0]])
+
+    @property
+    def stride(self) -> int:
+        """Rows from one value to the next: 1, or more where signals of a lower rate share the rows of a faster one."""
+        return int(np.median(np.diff(self.clock.count[self.present])))
+
+    @property
+    def empty(self) -> int:
+        """Values missing from rows that are there."""
+        return max(round(np.count_nonzero(~self.present) - len(self.present) * (1 - 1 / self.stride)), 0)
+
     def samples(self) -> "Samples":
         """The samples at their times, the delay taken out; true stamps that lie close are averaged."""
-        values = np.stack([self.stream.signals[name] for name in self.decision.signals], axis=1)
+        values = np.stack([self.stream.signals[name] for name in self.decision.signals], axis=1)[self.present]
         if self.decision.even:
-            return Samples(self, self.clock.times() - self.delay, values, 0)
-        times, averaged = averaged_where_close(self.stream.stamps, values, CLOSE * self.clock.step)
+            return Samples(self, self.clock.times()[self.present] - self.delay, values, 0)
+        close = CLOSE * self.clock.step * self.stride
+        times, averaged = averaged_where_close(self.stream.stamps[self.present], values, close)
         return Samples(self, times - self.delay, averaged, len(values) - len(averaged))
 
 
@@ -69,7 +85,7 @@ class Samples:
     @property
     def step(self) -> float:
         """Usual step [s]."""
-        return self.taken.clock.step
+        return self.taken.clock.step * self.taken.stride
 
 
 def take(streams: Sequence[Stream]) -> list[Taken]:
@@ -82,7 +98,7 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
         nothing tells which of its samples is which.
     """
     taken = [part for stream in streams for part in take_stream(stream)]
-    if len(taken) > 1:
+    if len(streams) > 1 or len({part.decision.even for part in taken}) > 1:
         fastest = max(part.clock.rate_hz for part in taken)
         for part in taken:
             check_countable(part, fastest)
@@ -90,20 +106,20 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
 
 
 def take_stream(stream: Stream) -> list[Taken]:
-    """The decision, or the two decisions, for one stream; a part for each delay."""
+    """The decision, or the two decisions, for one stream; a part for each delay and for each set of missing values."""
     fresh = without_repeats(stream)
     repeated = len(stream.stamps) - len(fresh.stamps)
     clock = device_clock(fresh.stamps, counted(fresh))
     decisions = decide(fresh, clock)
-    groups = [(replace(d, signals=names), delay) for d in decisions for delay, names in by_delay(fresh, d.signals)]
+    groups = [(replace(d, signals=names), delay) for d in decisions for delay, names in alike(fresh, d.signals)]
     parts = [fresh] if len(groups) == 1 else [fresh.only(d.signals) for d, _ in groups]
     return [Taken(part, clock, d, repeated, delay) for part, (d, delay) in zip(parts, groups, strict=True)]
 
 
-def by_delay(stream: Stream, names: Sequence[str]) -> list[tuple[float, tuple[str, ...]]]:
-    """The delays [s] of some signals, and which of them have each."""
-    delays = {name: stream.delays.get(name, 0.0) for name in names}
-    return [(one, tuple(n for n in names if delays[n] == one)) for one in dict.fromkeys(delays.values())]
+def alike(stream: Stream, names: Sequence[str]) -> list[tuple[float, tuple[str, ...]]]:
+    """The signals that have the same delay [s] and lack values in the same rows."""
+    kinds = {name: (stream.delays.get(name, 0.0), np.isnan(stream.signals[name]).tobytes()) for name in names}
+    return [(one[0], tuple(n for n in names if kinds[n] == one)) for one in dict.fromkeys(kinds.values())]
 
 
 def check_countable(taken: Taken, fastest_hz: float) -> None:

@@ -21,7 +21,7 @@ class Stream:
 
     name: device, topic or column, for messages.
     stamps: (n,) [s], on the clock that all streams of the trial share.
-    signals: name -> (n,) samples in any unit.
+    signals: name -> (n,) samples in any unit; NaN where the device sampled and the value is missing from the log.
     choice: `exact`, the stamps are true; `even`, the device samples evenly; `auto`, the stamps and signals decide.
     counter: (n,) the device's own count of its samples, where it writes one.
     silent: signals that say nothing about the stamps, as a command, which is computed and not sampled.
@@ -30,7 +30,7 @@ class Stream:
     Raises
     ------
     InputError
-        Too few samples, a value or stamp that is not finite, stamps that run backwards or stand still.
+        Too few samples, a stamp that is not finite, an infinite value, stamps that run backwards or stand still.
     """
 
     name: str
@@ -57,7 +57,13 @@ class Stream:
 
     def _check_finite(self) -> None:
         for name, values in {"stamps": self.stamps, **self.signals}.items():
-            bad = ~np.isfinite(values)
+            bad = ~np.isfinite(values) if name == "stamps" else np.isinf(values)
+            there = np.count_nonzero(~np.isnan(values))
+            if there < FEWEST_SAMPLES and not bad.any():
+                raise InputError(
+                    f"{self.name}: {name} has {there} values in {len(values)} rows; at least {FEWEST_SAMPLES} are "
+                    "needed: repair the log or exclude the trial"
+                )
             if bad.any():
                 row = int(np.argmax(bad))
                 raise InputError(
@@ -83,12 +89,17 @@ class Stream:
 def without_repeats(stream: Stream) -> Stream:
     """The stream without rows that equal their predecessor in stamp and every value: a recorder wrote them twice."""
     columns = [stream.stamps, *stream.signals.values()]
-    new = np.concatenate([[True], np.any([np.diff(column) != 0 for column in columns], axis=0)])
+    new = np.concatenate([[True], np.any([changes(column) for column in columns], axis=0)])
     if new.all():
         return stream
     counter = None if stream.counter is None else stream.counter[new]
     signals = {name: values[new] for name, values in stream.signals.items()}
     return replace(stream, stamps=stream.stamps[new], signals=signals, counter=counter)
+
+
+def changes(column: Array) -> NDArray[np.bool_]:
+    """Whether each value but the first differs from the one before, (n - 1,); a missing one equals a missing one."""
+    return np.asarray((column[1:] != column[:-1]) & ~(np.isnan(column[1:]) & np.isnan(column[:-1])))
 
 
 def streams_of(

@@ -1,7 +1,7 @@
 """Likely causes of numbers that cannot be right, in words, with the remedy: for refusals and for doubtful fits."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 FACTORS: dict[str, float] = {
     "between peak and RMS current": math.sqrt(2),
@@ -27,22 +27,62 @@ def wrong_scale(ratio: float) -> str:
     return "check unit and scale of the channels in the source file"
 
 
-def too_far(symbol: str, reference: str) -> Callable[[float], str]:
+Words = Callable[[float, Mapping[str, object]], str]
+"""Words for a number beyond its limit, by the number and the row of the table in which it stands."""
+
+
+def too_far(symbol: str, reference: str) -> Words:
     """The words for an estimate of `symbol` that is far from its `reference`, by their ratio."""
-    return lambda ratio: f"{symbol} is {ratio:.3g} times {reference}, {wrong_scale(ratio)}"
+    return lambda ratio, _: f"{symbol} is {ratio:.3g} times {reference}, {wrong_scale(ratio)}"
 
 
+def far_from_gains(ratio: float, row: Mapping[str, object]) -> str:
+    """The words for a K that is far from what the gains should give: units, or a frame that yields if K is low."""
+    words = too_far("K", "what K_d and the controller should give")(ratio, row)
+    frame = ", or state `bench_stiffness` in the configuration if the bench's frame yields"
+    return words + (frame if SOFT_FRAME < ratio < 1 else "")
+
+
+SOFT_FRAME = 0.5
+"""Smallest K, as a share of what the gains should give, that a frame is a likely cause of."""
 FROM_FILE = "that of the parameter file"
+SAME_K = 0.03
+"""Largest relative distance of K from what the gains should give that counts as agreement, without much friction."""
 LATE = (
     "the torque is late, or the angle is where it is negative: state `delay` or `low_pass` of the channel in the "
     "source file, as in `delay: 2 ms` or `low_pass: {cutoff: 100 Hz, order: 1}`"
 )
+YIELDING = (
+    "the bench's frame yields, {k:.3g} N*m/rad explain it and the low K: measure its stiffness and state "
+    "`bench_stiffness` in the configuration"
+)
+LATE_OR_YIELDING = (
+    "the torque is late, or the bench's frame yields by {k:.3g} N*m/rad, which this recording cannot tell apart: state "
+    "`delay` or `low_pass` of the channel in the source file, or `bench_stiffness` in the configuration"
+)
 
 
-def changing(symbol: str, rising: str, falling: str) -> Callable[[float], str]:
+def late_or_yielding(_: float, row: Mapping[str, object]) -> str:
+    """The words for a torque that comes late: a delay or low-pass, a frame that yields, or both where K does not tell.
+
+    A frame of stiffness k lowers K by K/k, a delay does not change it. K_ratio says which of the two agrees with the
+    gains; without it, or with friction, neither is named alone.
+    """
+    k, K, ratio = (row.get(name) for name in ("frame_stiffness", "K", "K_ratio"))
+    if not isinstance(k, float) or not isinstance(K, float):
+        return LATE
+    if not isinstance(ratio, float):
+        return LATE_OR_YIELDING.format(k=k)
+    late, yielding = (abs(r - 1) for r in (ratio, ratio / (1 - K / k)))
+    if min(late, yielding) > SAME_K or max(late, yielding) < SAME_K:
+        return LATE_OR_YIELDING.format(k=k)
+    return LATE if late < yielding else YIELDING.format(k=k)
+
+
+def changing(symbol: str, rising: str, falling: str) -> Words:
     """The words for an estimate that changes with the amplitude, by its relative change."""
 
-    def words(change: float) -> str:
+    def words(change: float, _: Mapping[str, object]) -> str:
         way, cause = ("rises", rising) if change > 0 else ("falls", falling)
         return (
             f"{symbol} {way} by {100 * abs(change):.0f} % from the smallest to the largest amplitude: {cause}, use the "
@@ -52,8 +92,8 @@ def changing(symbol: str, rising: str, falling: str) -> Callable[[float], str]:
     return words
 
 
-REMEDIES: dict[str, str | Callable[[float], str]] = {
-    "K_ratio": too_far("K", "what K_d and the controller should give"),
+REMEDIES: dict[str, str | Words] = {
+    "K_ratio": far_from_gains,
     "K_over_K_s": too_far("K", "the belt's K_s"),
     "K_s_ratio": too_far("K_s", FROM_FILE),
     "B_j_ratio": too_far("B_j", FROM_FILE),
@@ -65,8 +105,8 @@ REMEDIES: dict[str, str | Callable[[float], str]] = {
     "B_m_ratio": too_far("B_m", FROM_FILE),
     "saturated_samples": "a torque, angle or current is clipped, it stands at an end of its sensor's range, see the "
     "quality check `saturation`: use a sensor of larger range",
-    "lag_share": LATE,
-    "certain_lag_damping": LATE,
+    "lag_share": late_or_yielding,
+    "certain_lag_damping": late_or_yielding,
     "K_change": changing("K", "a spring that stiffens, or backlash", "friction, or a spring that softens"),
     "B_change": changing("B", "damping that grows with the velocity", "friction"),
     "coulomb_share": "this share of B is Coulomb friction and not damping",
@@ -74,11 +114,14 @@ REMEDIES: dict[str, str | Callable[[float], str]] = {
     "backlash_share": "this share of K is lost to backlash, the play between joint and bench",
 }
 """By column of a result table: what a number beyond its limit means, and what to do; as words, or as a function of the
-number. No text contains a semicolon, which separates the reasons."""
+number and its row. No text contains a semicolon, which separates the reasons."""
 
 
-def remedy(column: str, value: float) -> str:
-    """What a number beyond its limit means, in brackets after a blank; empty where the column says it all."""
+def remedy(column: str, value: float, row: Mapping[str, object]) -> str:
+    """What a number beyond its limit means, in brackets after a blank; empty where the column says it all.
+
+    `row` is the row of the table in which it stands.
+    """
     words = REMEDIES.get(column, "")
-    text = words if isinstance(words, str) else words(value)
+    text = words if isinstance(words, str) else words(value, row)
     return f" ({text})" if text else ""

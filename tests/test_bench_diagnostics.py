@@ -13,6 +13,7 @@ from osl_analysis.bench.impedance import impedance_table
 from osl_analysis.bench.protocol import find_blocks
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.bench.torque_lag import ImpedancePoints, torque_lag
+from osl_analysis.causes import REMEDIES
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.errors import InputError
@@ -158,3 +159,32 @@ def test_a_torque_of_the_wrong_sign_is_refused_and_one_of_the_right_sign_is_not(
         check_resists("belt_1", "K_s", -685.6)
     with pytest.raises(InputError, match="K = -2 is negative"):
         check_resists("free", "K", -2, -1.5)
+
+
+@pytest.mark.parametrize("k", [2000.0, 3000.0, 6000.0])
+def test_a_frame_that_yields_is_found_with_its_stiffness_and_named_where_k_is_too_low_for_the_gains(k):
+    found = measured_lag(1 / (1 / SECOND_ORDER + 1 / k))
+    assert found.frame_stiffness == pytest.approx(k, rel=0.1)
+    assert found.lag > 10 * found.se  # as certain as a lag
+    K = 300 / (1 + 300 / k)
+    row = {"frame_stiffness": found.frame_stiffness, "K": K}
+    assert "bench_stiffness" in REMEDIES["lag_share"](0.1, row | {"K_ratio": K / 300})
+    assert "delay" not in REMEDIES["lag_share"](0.1, row | {"K_ratio": K / 300})
+    for no_help in (None, 1.2, 0.8):  # no gains; friction
+        words = REMEDIES["lag_share"](0.1, row | {"K_ratio": no_help})
+        assert "delay" in words
+        assert "low_pass" in words
+        assert "bench_stiffness" in words
+
+
+def test_a_late_torque_is_named_alone_where_k_is_that_of_the_gains():
+    found = measured_lag(SECOND_ORDER * np.exp(-2e-3 * S))
+    row = {"frame_stiffness": found.frame_stiffness, "K": 300.0}
+    words = REMEDIES["lag_share"](0.1, row | {"K_ratio": 1.0})
+    assert "delay" in words
+    assert "bench_stiffness" not in words
+    assert "bench_stiffness" in REMEDIES["lag_share"](0.1, row)
+
+
+def test_a_torque_that_comes_early_has_no_frame():
+    assert measured_lag(SECOND_ORDER * np.exp(2e-3 * S)).frame_stiffness is None

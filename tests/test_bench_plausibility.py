@@ -149,7 +149,11 @@ def test_what_is_not_likely_is_doubtful_with_its_cause(way, experiment, factors,
 
 @pytest.mark.parametrize(
     ("factor", "words"),
-    [(0.113, r"K_ratio 0\.11\d is below 0\.5.*lbf\*in"), (1.356, r"K_ratio 1\.\d+ is above 1\.3 .*lbf\*ft")],
+    [
+        (0.113, r"K_ratio 0\.11\d is below 0\.85.*lbf\*in"),
+        (0.8, r"K_ratio 0\.[78].*or state `bench_stiffness`"),
+        (1.356, r"K_ratio 1\.\d+ is above 1\.2 .*lbf\*ft"),
+    ],
 )
 def test_a_stiffness_far_from_what_the_gains_should_give_is_doubtful(factor, words, tmp_path):
     row = in_campaign(tmp_path, "impedance", scaled("impedance", torque=factor))

@@ -15,16 +15,26 @@ from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import summary_table
 from osl_analysis.trial import Array
 
+LITTLE = {"K": 0.0, "B": 2.0}
+"""Size of an estimate below which its own share says little, added in quadrature to what a change is divided by.
+Friction changes B by as many N*m*s/rad where B is nearly 0. At 5 Hz, 2 N*m*s/rad make a fifth of the torque of
+K = 300 N*m/rad."""
+CONFIRMED = 0.5
+"""Part of the change of K over the amplitudes, as a cause implies it, that must be seen for the cause to count."""
+
 
 def change_over_amplitudes(small: Row, large: Row, whole: Row, name: str) -> float:
     """By how much an estimate changes from the smallest to the largest amplitude, as a share of that to all of them.
 
-    It is lowered in size by the 95 % half-width of the difference, to 0 at most: noise is no change.
+    It is lowered in size by the 95 % half-width of the difference, to 0 at most: noise is no change. What it is
+    divided by is not less than `LITTLE`.
     """
     difference = number_in(large, name) - number_in(small, name)
     halves = [number_in(row, f"{name}_high") - number_in(row, name) for row in (small, large)]
     half = float(np.hypot(halves[0], halves[1]))
-    return float(np.sign(difference) * max(abs(difference) - half, 0.0) / abs(number_in(whole, name)))
+    return float(
+        np.sign(difference) * max(abs(difference) - half, 0.0) / np.hypot(number_in(whole, name), LITTLE[name])
+    )
 
 
 def number_in(row: Row, name: str) -> float:
@@ -37,18 +47,28 @@ def number_in(row: Row, name: str) -> float:
 def over_amplitudes(rows: Sequence[Row]) -> list[Row]:
     """The rows of single amplitudes and, last, of all of them, with `K_change` and `B_change` in the last one.
 
-    Friction behind the belt makes harmonics at the phase of a gap or of a spring that stiffens, but lets K fall with
-    the amplitude. With two amplitudes or more, `backlash_share` and `stiffening` therefore stand in the last row only,
-    and are 0 if K does not change as they say.
+    Friction behind the belt makes harmonics at the phase of a gap or of a spring that stiffens, but K does not change
+    with the amplitude as these let it change. With two amplitudes or more, `backlash_share` and `stiffening` therefore
+    stand in the last row only, and are 0 if K does not change as they imply. With one amplitude, a gap counts where it
+    makes more of the harmonics than friction.
     """
     single = sorted(rows[:-1], key=lambda row: number_in(row, "amplitude_deg"))
     if len(single) < 2:
-        return [{**row, "K_change": None, "B_change": None} for row in rows]
+        return [{**row, **gap_beside_friction(row), "K_change": None, "B_change": None} for row in rows]
     K, B = (change_over_amplitudes(single[0], single[-1], rows[-1], name) for name in "KB")
-    causes = ("backlash_share", "stiffening")
-    whole = {name: number_in(rows[-1], name) if number_in(rows[-1], name) * K > 0 else 0.0 for name in causes}
-    hidden: Row = dict.fromkeys((*causes, "K_change", "B_change"))
+    least, most = (number_in(row, "amplitude_deg") for row in (single[0], single[-1]))
+    implied = {"backlash_share": 1.0, "stiffening": 0.75 * (1 - (least / most) ** 2)}
+    found = {name: number_in(rows[-1], name) for name in implied}
+    whole = {name: x if K * x > CONFIRMED * implied[name] * x**2 else 0.0 for name, x in found.items()}
+    hidden: Row = dict.fromkeys((*implied, "K_change", "B_change"))
     return [*({**row, **hidden} for row in rows[:-1]), {**rows[-1], **whole, "K_change": K, "B_change": B}]
+
+
+def gap_beside_friction(row: Row) -> Row:
+    """`backlash_share` of a row, 0 where its gap takes off less torque than Coulomb friction adds."""
+    gap = number_in(row, "K") * np.deg2rad(number_in(row, "backlash_deg")) / 2
+    counts = gap > abs(number_in(row, "coulomb_torque"))
+    return {"backlash_share": number_in(row, "backlash_share") if counts else 0.0}
 
 
 def lowest_held_out_vaf(

@@ -24,6 +24,8 @@ from osl_analysis.trial import Array
 
 IMPEDANCE = ("K", "B", "I")
 """Parameters of Eq. 15."""
+MAY_BE_NULL = ("amplitude_deg", "K_change", "B_change", "backlash_share", "stiffening", "frame_stiffness")
+"""Columns without a number in some rows, or in all."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ def impedance_table(
                 **clocks,
             }
         )
-    may_be_null = dict.fromkeys(("amplitude_deg", "K_change", "B_change", "backlash_share", "stiffening"), pl.Float64)
+    may_be_null = dict.fromkeys(MAY_BE_NULL, pl.Float64)
     table = pl.DataFrame(over_amplitudes(rows), schema_overrides=may_be_null, infer_schema_length=None)
     return table.with_columns(*(bound for name in ("K", "B", "I") for bound in range_over_amplitudes(name)))
 

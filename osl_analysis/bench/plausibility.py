@@ -110,7 +110,8 @@ def plausible_impedance(
 ) -> pl.DataFrame:
     """The rows of Eq. 15 with `saturated_samples`, `K_over_K_s` and `K_ratio`, K over what the gains should give.
 
-    `predicted` is the K [N*m/rad] of linear theory; None where the gains are not known.
+    `K_ratio` is that of the largest amplitude in every row: friction changes K least there. `predicted` is the K
+    [N*m/rad] of linear theory; None where the gains are not known.
 
     Raises
     ------
@@ -126,7 +127,9 @@ def plausible_impedance(
             f"which no motor behind the belt can render; it is {K / reference:.3g} times "
             f"{'what the gains should give' if predicted else 'K_s'}: {wrong_scale(K / reference)}"
         )
-    ratios = (ratio("K", p.K_s, "K_over_K_s"), ratio("K", predicted, "K_ratio"))
+    largest = pl.lit(table.sort("amplitude_deg", nulls_last=False)["K"][-1])
+    of_gains = (largest / predicted if predicted else pl.lit(None, pl.Float64)).alias("K_ratio")
+    ratios = (ratio("K", p.K_s, "K_over_K_s"), of_gains)
     return with_clipping(table, trial, "torque", "theta").with_columns(*ratios)
 
 

@@ -1,6 +1,6 @@
-"""By how much the torque of a stepped sine lags the angle: a filter or a clock, and not friction."""
+"""By how much the torque of a stepped sine lags the angle: a filter, a clock or a yielding frame, and not friction."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,8 @@ LAG_CONDITION = 1e6
 """Largest scaled condition number: near 1000 with five frequencies, since a lag is nearly a damping."""
 MUCH_BETTER = 5.0
 """A model of the joint decides alone if it leaves less than the other by this factor."""
+LARGEST_YIELD = 0.5
+"""Largest share of the joint's angle by which a frame may yield; beyond it the fit did not find one."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,8 @@ class TorqueLag:
     """Its standard error [s], from what the fit leaves."""
     misfit: float
     """Standard deviation of what the fit leaves [N*m, at 1 Hz]."""
+    frame_stiffness: float | None = None
+    """Stiffness [N*m/rad] of a frame whose yielding explains the data as well as the lag; None if none does."""
 
 
 @dataclass(frozen=True)
@@ -63,24 +67,59 @@ def torque_lag(points: ImpedancePoints, expected: Phasors) -> TorqueLag:
     InputError, IdentifiabilityError
         Too few points, or points that are too similar, to distinguish a lag from the rest.
     """
-    better, worse = sorted((lag_beyond(points, base) for base in (0 * expected, expected)), key=lambda lag: lag.misfit)
+    fits = [(lag_beyond(points, base, LAG), base) for base in (0 * expected, expected)]
+    (better, base), (worse, _) = sorted(fits, key=lambda fit: fit[0].misfit)
     doubt = better.lag - worse.lag if worse.misfit < MUCH_BETTER * better.misfit else 0.0
-    return replace(better, se=float(np.hypot(better.se, doubt)))
+    frame = yielding_frame(points, base, MUCH_BETTER * better.misfit)
+    return replace(better, se=float(np.hypot(better.se, doubt)), frame_stiffness=frame)
 
 
-def lag_beyond(points: ImpedancePoints, base: Phasors) -> TorqueLag:
-    """The lag d if the impedance is exp(-s d) (base + K + B s + I s^2) and Coulomb friction; raises as `torque_lag`.
+def yielding_frame(points: ImpedancePoints, base: Phasors, largest_misfit: float) -> float | None:
+    """Stiffness [N*m/rad] of a frame in series with the joint that explains the points; None if none does.
+
+    Against free K, B and I, a frame leaves the same as a lag up to the third power of s: phasors alone cannot tell the
+    two apart. They differ in K, which a frame lowers and a lag does not.
+    """
+    try:
+        with np.errstate(all="ignore"):
+            found = lag_beyond(points, base, FRAME)
+    except (OslAnalysisError, np.linalg.LinAlgError):
+        return None
+    yielded = found.lag * float(np.max(np.abs(points.impedance)))
+    return 1 / found.lag if 0 < yielded < LARGEST_YIELD and found.misfit < largest_misfit else None
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An effect of one unknown size x on an impedance."""
+
+    undone: Callable[[Phasors, Phasors, float], Phasors]
+    """The joint's impedance behind a measured one, for complex s [rad/s] and x."""
+    slope: Callable[[Phasors, Phasors], Phasors]
+    """By how much the joint's impedance changes with x."""
+
+
+LAG = Effect(lambda measured, s, d: measured * np.exp(s * d), lambda joint, s: s * joint)
+"""A lag x = d [s]: the measured impedance is exp(-s d) times the joint's."""
+FRAME = Effect(lambda measured, _, c: measured / (1 - c * measured), lambda joint, _: joint**2)
+"""A frame of compliance x = c [rad/(N*m)] in series: 1/measured = 1/joint + c."""
+
+
+def lag_beyond(points: ImpedancePoints, base: Phasors, effect: Effect) -> TorqueLag:
+    """The lag d if the impedance is exp(-s d) (base + K + B s + I s^2) and Coulomb friction, or the size of another
+    effect in its place; raises as `torque_lag`.
 
     Every amplitude has a K of its own, so that a spring that stiffens is not taken for a lag. Coulomb friction T_C adds
     4j T_C/(pi theta), its describing function. A point weighs as its torque is known: as many cycles at each frequency.
     """
-    s, weight = 2j * np.pi * points.frequency_hz, points.theta / np.sqrt(points.frequency_hz)
+    s = np.asarray(2j * np.pi * points.frequency_hz, dtype=np.complex128)
+    weight = points.theta / np.sqrt(points.frequency_hz)
     shared = {"B": s, "I": s**2, "T_C": 4j / (np.pi * points.theta)}
     own = {f"K at {a:g}": (points.amplitude == a).astype(np.complex128) for a in np.unique(points.amplitude)}
     lag, y, columns = 0.0, np.empty(0), dict[str, Array]()
     for _ in range(LAG_STEPS):
-        early = points.impedance * np.exp(s * lag)
-        columns = {name: stacked(c * weight) for name, c in {**own, **shared, "lag": -s * early}.items()}
+        early = effect.undone(points.impedance, s, lag)
+        columns = {name: stacked(c * weight) for name, c in {**own, **shared, "lag": -effect.slope(early, s)}.items()}
         y = stacked((early - base) * weight)
         lag += linear_fit(y, columns, condition_limit=LAG_CONDITION)["lag"]
     left = linear_fit(y, columns, condition_limit=LAG_CONDITION).residual
@@ -90,7 +129,8 @@ def lag_beyond(points: ImpedancePoints, base: Phasors) -> TorqueLag:
 
 
 def torque_lag_row(phasors: Sequence[SegmentPhasors], fit: LinearFit, expected: Admittance | None) -> Row:
-    """`lag_damping_row` of the torque's lag, and `lag_share`, the share of B that a certain lag makes.
+    """`lag_damping_row` of the torque's lag, `lag_share`, the share of B that a certain lag makes, and the
+    `frame_stiffness` [N*m/rad] that explains a certain lag as well.
 
     `expected` is the admittance of the linear model, None where the gains are not known; `fit` is that of Eq. 15. All
     null where the lag cannot be estimated.
@@ -100,7 +140,8 @@ def torque_lag_row(phasors: Sequence[SegmentPhasors], fit: LinearFit, expected: 
     if lag is not None:
         row = lag_damping_row(lag.lag, lag.se, fit["K"], CERTAIN_LAG)
     certain = row["certain_lag_damping"]
-    return {**row, "lag_share": abs(certain / fit["B"]) if isinstance(certain, float) else None}
+    share = abs(certain / fit["B"]) if isinstance(certain, float) else None
+    return {**row, "lag_share": share, "frame_stiffness": lag.frame_stiffness if lag is not None and share else None}
 
 
 def lag_of(phasors: Sequence[SegmentPhasors], expected: Admittance) -> TorqueLag | None:

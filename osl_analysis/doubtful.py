@@ -17,6 +17,9 @@ from osl_analysis.yaml_settings import Settings
 DOUBTFUL = "doubtful"
 """Column with the reasons: empty text if the fit is not doubtful, null in a row without a fit."""
 IS_DOUBTFUL = pl.col(DOUBTFUL).fill_null("") != ""
+FEWEST_SOUND = 0.5
+"""Share of sound trials from which on a mean over trials leaves out the doubtful ones. With fewer, all trials count:
+the doubt is then about the campaign, and the rest would be a selection."""
 EXCLUDED = "excluded"
 """Column with the reason why a row has no fit, in tables that have such rows; null in rows with a fit."""
 
@@ -94,6 +97,33 @@ def doubts(row: Mapping[str, object], largest: Mapping[str, float], smallest: Ma
             elif abs(value) > limit if word == "above" else value < limit:
                 reasons.append(f"{name} {value:.3g} is {word} {limit:g}{remedy(name, value, row)}")
     return "; ".join(reasons)
+
+
+def with_doubts_of(table: pl.DataFrame, fits: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
+    """The marked table with the reasons of another table, `name`, on the same trial and amplitude.
+
+    What makes a fit doubtful, as a clipped or late torque, concerns everything that comes from the same samples. A
+    table without amplitudes has the reasons of the row of `fits` over all amplitudes.
+    """
+    judged = marked(fits, Doubt(above=limits.above, below=limits.below), name)
+    reasons = {(row["trial"], row["amplitude_deg"]): row[DOUBTFUL] for row in judged.iter_rows(named=True)}
+    shared = []
+    for row in table.iter_rows(named=True):
+        other = reasons.get((row["trial"], row.get("amplitude_deg")))
+        both = [row[DOUBTFUL], f"{name}.csv: {other}" if other else ""]
+        shared.append(None if row[DOUBTFUL] is None else "; ".join(filter(None, both)))
+    return table.with_columns(pl.Series(DOUBTFUL, shared, dtype=pl.String))
+
+
+def counted(table: pl.DataFrame) -> pl.DataFrame:
+    """The rows, one per trial, that count in a mean: the sound ones if these are a share of `FEWEST_SOUND`, else all.
+
+    A table without the column `DOUBTFUL` is not judged: all its rows count.
+    """
+    if DOUBTFUL not in table.columns:
+        return table
+    doubtful, n = doubtful_count(table)
+    return table.filter(~IS_DOUBTFUL) if doubtful and n - doubtful >= FEWEST_SOUND * n else table
 
 
 def doubtful_row(table: pl.DataFrame) -> dict[str, int]:

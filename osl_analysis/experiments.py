@@ -18,6 +18,7 @@ class Table:
 
     judged: its fits have limits under `doubtful.<name>` in the configuration.
     derived: tables that are computed from this one alone, each with its job, `module.function` of `commands`.
+    doubts_of: the table of the same trials whose doubts its rows share; empty for none.
     perturbed_only: only the perturbed crossings have rows.
     published: False if only the files of the single trials are used and no common table is written.
     """
@@ -25,6 +26,7 @@ class Table:
     name: str
     judged: bool = True
     derived: Mapping[str, str] = field(default_factory=dict)
+    doubts_of: str = ""
     perturbed_only: bool = False
     published: bool = True
 
@@ -145,8 +147,8 @@ EXPERIMENTS: dict[str, Experiment] = {
         log="dynamometer",
         tables=(
             Table("impedance"),
-            Table("phasors", derived={"frequency_response": "bench.average_over_amplitudes"}),
-            Table("estimators"),
+            Table("phasors", doubts_of="impedance", derived={"frequency_response": "bench.average_over_amplitudes"}),
+            Table("estimators", doubts_of="impedance"),
             TIME_BASE,
         ),
         fit=Fit(

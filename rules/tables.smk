@@ -9,6 +9,8 @@ PER_TRIAL = {
     "quality": CAMPAIGN.trials(),
 }
 """Per table, the trials (or comparisons) that have rows in it."""
+DOUBTS_OF = {table.name: table.doubts_of for _, table in TABLES if table.doubts_of}
+"""Per table, the table of the same trials whose doubts its rows share."""
 UNPUBLISHED = {table.name for name, table in TABLES if not table.published}
 DERIVED = {new: (table.name, job) for name, table in TABLES for new, job in table.derived.items()} | {
     "model_comparison_summary": ("model_comparison", "bench.summarise_model_comparison")
@@ -44,6 +46,7 @@ def limits_of(table: str):
 rule table:
     input:
         rows=lambda wildcards: rows(wildcards.table),
+        fits=lambda wildcards: rows(DOUBTS_OF[wildcards.table]) if wildcards.table in DOUBTS_OF else [],
         quality=lambda wildcards: verdicts_on(wildcards.table),
     output:
         RESULTS / "tables/{table}.csv",
@@ -54,6 +57,7 @@ rule table:
     params:
         code=jobs.code_of("tables.gather"),
         limits=lambda wildcards: limits_of(wildcards.table),
+        limits_of_fits=lambda wildcards: limits_of(DOUBTS_OF.get(wildcards.table, "")),
     run:
         jobs.run_job(log, "tables.gather", input, output, params)
 

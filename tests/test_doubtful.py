@@ -18,7 +18,7 @@ from osl_analysis.bench.plausibility import plausible_belt, plausible_impedance,
 from osl_analysis.bench.transmission import transmission_table
 from osl_analysis.commands.tables import gather
 from osl_analysis.config import read_section
-from osl_analysis.doubtful import Doubt, DoubtfulFits, doubt_report, doubtful_count, doubts, marked
+from osl_analysis.doubtful import Doubt, DoubtfulFits, counted, doubt_report, doubtful_count, doubts, marked
 from osl_analysis.errors import InputError
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
@@ -84,7 +84,8 @@ def test_gathered_tables_carry_the_mark_summaries_their_number_and_the_end_of_th
     gather(rows, tmp_path / "good.csv", Doubt())
     table = read_table(tmp_path / "belt.csv")
     assert table["doubtful"].to_list() == ["VAF 80 is below 99", "", "VAF 80 is below 99"]
-    assert summary_of_trials(table, ["K_s"])["n_doubtful"].to_list() == [2]
+    (summary,) = summary_of_trials(table, ["K_s"]).to_dicts()  # fewer than half are sound: all count
+    assert (summary["n"], summary["n_doubtful"], summary["n_left_out"]) == (3, 2, 0)
     assert "doubtful" not in read_table(tmp_path / "quality.csv").columns
     report = doubt_report(tmp_path / f"{name}.csv" for name in ("belt", "quality", "good", "absent"))
     assert report == "doubtful fits (the column `doubtful` of each table says why): belt 2 of 3"
@@ -118,3 +119,33 @@ def test_noise_bandwidth_is_the_integral_of_the_squared_gain_of_both_runs():
     for order in (1, 2, 4, 7):
         integral, _ = quad(lambda x, order=order: (1 + x ** (2 * order)) ** -2, 0, 50)
         assert LowPass(15, order).noise_bandwidth_hz == pytest.approx(15 * integral, rel=1e-3)
+
+
+def test_a_mean_over_trials_leaves_out_doubtful_ones_while_half_are_sound_and_says_how_many():
+    table = fits(K_s=[700.0, 690.0], doubtful=["", "clipped"])
+    (summary,) = summary_of_trials(table, ["K_s"]).to_dicts()
+    assert (summary["mean"], summary["n"], summary["n_doubtful"], summary["n_left_out"]) == (700.0, 1, 1, 1)
+    three = pl.concat([table, table.tail(1)])
+    (summary,) = summary_of_trials(three, ["K_s"]).to_dicts()
+    assert (summary["mean"], summary["n"], summary["n_left_out"]) == (pytest.approx(2080 / 3), 3, 0)
+    assert len(counted(table.drop("doubtful"))) == 2
+
+
+def test_phasors_and_estimators_share_the_doubts_of_the_fit_of_their_trial_and_amplitude(tmp_path):
+    for folder in ("impedance", "phasors", "estimators"):
+        (tmp_path / folder).mkdir()
+    amplitudes = {"amplitude_deg": [2.0, 4.0, None]}
+    fit = pl.DataFrame({"trial": ["a"] * 3, **amplitudes, "VAF": [80.0, 95.0, 85.0]})
+    phasors = pl.DataFrame({"trial": ["a"] * 3, "amplitude_deg": [2.0, 2.0, 4.0], "distortion": [0.0, 9.0, 0.0]})
+    estimators = pl.DataFrame({"trial": ["a"] * 2, "estimator": ["x", "y"], "excluded": [None, "why"]})
+    for name, table in (("impedance", fit), ("phasors", phasors), ("estimators", estimators)):
+        write_table(table, tmp_path / name / "a.csv")
+    of, strict = [tmp_path / "impedance/a.csv"], Doubt(below={"VAF": 90})
+    gather([tmp_path / "phasors/a.csv"], tmp_path / "phasors.csv", Doubt(above={"distortion": 1}), of, strict)
+    gather([tmp_path / "estimators/a.csv"], tmp_path / "estimators.csv", Doubt(), of, strict)
+    assert read_table(tmp_path / "phasors.csv")["doubtful"].to_list() == [
+        "impedance.csv: VAF 80 is below 90",
+        "distortion 9 is above 1; impedance.csv: VAF 80 is below 90",
+        "",
+    ]
+    assert read_table(tmp_path / "estimators.csv")["doubtful"].to_list() == ["impedance.csv: VAF 85 is below 90", None]

@@ -218,29 +218,31 @@ def test_fig4_draws_angle_torque_and_the_dashed_fit():
 
 
 @pytest.mark.parametrize(("panel", "symbol"), [(0, "K"), (1, "B")])
-def test_fig5_draws_every_trial_at_its_desired_value_beside_the_identity(panel, symbol):
+def test_fig5_draws_every_trial_beside_its_desired_value_and_no_two_at_one_place(panel, symbol):
     table = fig5.points(impedance())
-    figure = fig5.draw(table)
-    ax = figure.axes[panel]
+    ax = fig5.draw(table).axes[panel]
+    desired = table[f"{symbol}_d"].unique().sort().to_numpy()
+    places = []
     for controller, look in LOOKS.items():
         if controller != "desired":
             rows = table.filter(pl.col("controller") == controller)
             assert len(rows) == 16
             x, y = line(ax, look.label)
             np.testing.assert_array_equal(y, rows[symbol])
-            marker = look.size / 72 / ax.get_position().width / figure.get_figwidth() * np.ptp(ax.get_xlim())
-            assert np.abs(x - rows[f"{symbol}_d"].to_numpy()).max() < marker
-            assert len(set(x)) == 16
-    (identity,) = [a for a in ax.lines if a.get_label() == "Desired"]
-    assert identity.get_slope() == 1
-    assert identity.get_xy1() == (0, 0)
+            assert np.abs(x - rows[f"{symbol}_d"].to_numpy()).max() < 0.4 * np.diff(desired)[0]
+            places += list(np.round(x, 9))
+    assert len(set(places)) == 32
+    dashes = [s for c in ax.collections for s in c.get_segments() if s[0][1] == s[1][1]]
+    assert sorted(s[0][1] for s in dashes) == desired.tolist()
+    assert [np.mean(s[:, 0]) for s in dashes] == pytest.approx(desired.tolist())
 
 
 def test_fig5_intervals_are_those_of_the_table_and_are_drawn():
     table = fig5.points(impedance())
     np.testing.assert_allclose(table["K_high"] - table["K"], 0.98)
     np.testing.assert_allclose(table["B"] - table["B_low"], 0.1)
-    drawn = [s for c in fig5.draw(table).axes[0].collections for s in c.get_segments()]
+    bars = [s for c in fig5.draw(table).axes[0].collections for s in c.get_segments()]
+    drawn = [s for s in bars if s[0][0] == s[1][0]]
     np.testing.assert_array_equal(sorted(s[0][1] for s in drawn), sorted(table["K_low"]))
     np.testing.assert_array_equal(sorted(s[1][1] for s in drawn), sorted(table["K_high"]))
 
@@ -258,7 +260,8 @@ def test_fig5_draws_the_range_over_amplitudes_and_says_which_bar_is_what():
 
 def test_fig5_says_that_intervals_cannot_be_seen_only_where_that_is_so():
     remark, entry = "shorter than the markers", "95 % interval of noise"
-    small = texts(fig5.draw(fig5.points(impedance())))
+    short = impedance().with_columns(B_low=pl.col("B") - 0.05, B_high=pl.col("B") + 0.05)
+    small = texts(fig5.draw(fig5.points(short)))
     wide = texts(fig5.draw(fig5.points(impedance().with_columns(B_high=pl.col("B") + 2))))
     assert remark in small
     assert f"{entry} " not in f"{small} ".replace(f"{entry}s", "")
@@ -272,15 +275,16 @@ def test_fig5_takes_only_the_fits_over_all_amplitudes_and_says_when_there_is_non
         fig5.points(impedance().filter(pl.col("amplitude_deg").is_not_null()))
 
 
-def test_fig5_puts_a_dot_into_what_is_doubtful_and_says_so_only_then():
-    def dots(table):
-        axes = fig5.draw(fig5.points(table)).axes
-        return [len(line.get_xdata()) for ax in axes for line in ax.lines if line.get_label() == "Doubtful fit"]
+def test_fig5_fills_the_marker_of_a_sound_fit_and_says_that_open_ones_are_doubtful():
+    def filled(table):
+        figure = fig5.draw(fig5.points(table))
+        sound = [line for ax in figure.axes for line in ax.lines if line.get_label() == fig5.SOUND]
+        return [len(line.get_xdata()) for line in sound], "doubtful" in texts(figure)
 
     reason = pl.when((pl.col("K_d") == 100) & (pl.col("B_d") == 0)).then(pl.lit("VAF 80 is below 90"))
-    assert dots(impedance().with_columns(doubtful=reason)) == [2, 2]
-    assert dots(impedance().with_columns(doubtful=pl.lit(""))) == []
-    assert dots(impedance()) == []
+    assert filled(impedance().with_columns(doubtful=reason)) == ([15, 15, 15, 15], True)
+    assert filled(impedance().with_columns(doubtful=pl.lit(""))) == ([16, 16, 16, 16], False)
+    assert filled(impedance()) == ([16, 16, 16, 16], False)
 
 
 def test_fig5_without_a_prediction_draws_none():

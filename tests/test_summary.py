@@ -313,3 +313,22 @@ def test_the_table_for_people_has_a_row_per_number_and_no_stray_bars():
     assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {6}
     interval = "679.3 to 693.1, 95 % of the mean (Student)"
     assert f"| belt stiffness while loading, mean of trials | 686.2 N*m/rad | {interval} | 10 | 685.6 |" in lines
+
+
+def test_headline_means_say_how_many_doubtful_trials_they_leave_out_or_contain():
+    made = impedance()
+    whole = made.filter(pl.col("amplitude_deg").is_null() & (pl.col("controller") == "compensated"))
+    far = whole.head(1).with_columns(K=pl.lit(600.0), K_d=pl.lit(200.0), doubtful=pl.lit("K_ratio 3"))
+    found = by_name({"impedance": pl.concat([made, far])})
+    error = found["K_error_compensated"]
+    assert (error.value, error.n, error.n_doubtful, error.n_left_out) == (pytest.approx(2.0), 2, 1, 1)
+    alone = found["K_error_uncompensated"]  # its only trial is doubtful
+    assert (alone.n, alone.n_doubtful, alone.n_left_out) == (1, 1, 0)
+    assert (found["VAF_mean_compensated"].n, found["VAF_mean_compensated"].n_doubtful) == (3, 1)
+    headlines = list(found.values())
+    said = format_results_table(json.loads(to_json("made", headlines)))
+    assert "| 2 of 3, 1 doubtful left out |" in said
+    assert "| 1, 1 of them doubtful |" in said
+    assert "n = 2 of 3, 1 doubtful left out" in to_tex("made", headlines)
+    belts = summary_rows(K_s=686.2).with_columns(n_doubtful=pl.lit(2), n_left_out=pl.lit(2))
+    assert by_name({"belt_summary": belts})["K_s"].n_left_out == 2

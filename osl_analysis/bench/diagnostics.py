@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
-from osl_analysis.doubtful import doubtful_row
+from osl_analysis.doubtful import counted, doubtful_row
 from osl_analysis.errors import InputError
 from osl_analysis.signals import Motion
 from osl_analysis.stats.comparison import held_out_vaf
@@ -85,9 +85,12 @@ def lowest_held_out_vaf(
 
 
 def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFrame:
-    """`summary_table`, with the number `n_doubtful` of trials whose fit is doubtful; they count in the mean as well."""
-    counted = {name: pl.lit(count) for name, count in doubtful_row(table).items()}
-    return summary_table(table, quantities).with_columns(**counted)
+    """`summary_table` of the trials that count (`doubtful.counted`), with `n_doubtful` and `n_left_out`: how many fits
+    are doubtful, and how many of these are not in the mean.
+    """
+    used = counted(table)
+    numbers = {**doubtful_row(table), "n_left_out": len(table) - len(used)}
+    return summary_table(used, quantities).with_columns(**{name: pl.lit(number) for name, number in numbers.items()})
 
 
 def check_changes(column: str, values: Array) -> None:

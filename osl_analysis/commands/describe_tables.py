@@ -64,6 +64,8 @@ SUMMARY_FIELDS = {
     "`n`": "number of trials or fits behind it",
     "`draft`": "value that the paper's draft prints; null if it prints none",
     "`meaning`": "what the number is",
+    "`n_doubtful`, `n_left_out`": "how many of the trials or fits that could be in the number are doubtful, and "
+    "how many of these are not in it",
     "`amplitudes_low`, `amplitudes_high`": "lowest and highest of the fits to single amplitudes, if there are any",
 }
 

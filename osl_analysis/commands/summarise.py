@@ -42,6 +42,8 @@ class Number(Settings):
     high: float | None
     interval: str | None
     n: int
+    n_doubtful: int
+    n_left_out: int
     draft: float | None
     meaning: str
     amplitudes_low: float | None = None

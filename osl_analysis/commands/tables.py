@@ -5,13 +5,21 @@ from pathlib import Path
 
 import polars as pl
 
-from osl_analysis.doubtful import Doubt, marked
+from osl_analysis.doubtful import Doubt, marked, with_doubts_of
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table, write_table
 
 
-def gather(rows: Sequence[Path], output: Path, limits: Doubt | None = None) -> None:
+def gather(
+    rows: Sequence[Path],
+    output: Path,
+    limits: Doubt | None = None,
+    fits: Sequence[Path] = (),
+    limits_of_fits: Doubt | None = None,
+) -> None:
     """One table from the tables of single trials, in the order given; with `limits`, doubtful fits are marked.
+
+    `fits` are the trials' fits of the table whose doubts the rows share, if any, with the limits of that table.
 
     Raises
     ------
@@ -21,4 +29,9 @@ def gather(rows: Sequence[Path], output: Path, limits: Doubt | None = None) -> N
     if not rows:
         raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")
     table = pl.concat([read_table(path) for path in rows], how="diagonal_relaxed")
-    write_table(table if limits is None else marked(table, limits, output.stem), output)
+    if limits is not None:
+        table = marked(table, limits, output.stem)
+    if limits_of_fits is not None and fits:
+        of = pl.concat([read_table(path) for path in fits], how="diagonal_relaxed")
+        table = with_doubts_of(table, of, limits_of_fits, fits[0].parent.name)
+    write_table(table, output)

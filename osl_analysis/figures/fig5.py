@@ -1,16 +1,21 @@
 """Fig. 5: estimated stiffness and damping against the desired ones."""
 
+from typing import Any
+
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from osl_analysis.errors import InputError
 from osl_analysis.figures.style import (
     BLACK,
+    DOUBLE_COLUMN,
+    GREY,
     IS_DOUBTFUL,
     LOOKS,
-    SINGLE_COLUMN,
+    WHITE,
     draw_spread,
     panels,
     paper_style,
@@ -27,8 +32,12 @@ COLUMNS = (
     "trial", "controller", "K_d", "B_d", "K", "K_low", "K_high", "B", "B_low", "B_high", *WHERE_THEY_ARE, "doubtful",
 )  # fmt: skip
 
-BESIDE = 0.022
-"""Distance between trials of one desired value, as a share of the axis: their bars do not overlap."""
+CLUSTER = 0.72
+"""Width that the trials of one desired value take, as a share of the distance to the next desired value."""
+DASHES = (0, (4, 2))
+"""Line style of desired values."""
+SOUND = "_sound"
+"""Label of the filled markers; matplotlib lists no label with an underscore."""
 
 
 def points(impedance: pl.DataFrame) -> pl.DataFrame:
@@ -56,14 +65,14 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """(a) stiffness, (b) damping: a marker per trial's fit to all amplitudes, the identity dashed.
+    """(a) stiffness, (b) damping: a marker per trial's fit to all amplitudes, over a dashed line at the desired value.
 
-    A thin bar is the range of the fits to single amplitudes, a thick bar the 95 % interval of noise. The legend names
-    the bars, or says that the markers hide them. Markers are open, and trials of one desired value stand side by side,
-    less than a marker apart, so that equal results can be seen. A dash of the same colour is the prediction of linear
-    theory for the trial's gains. A dot in the marker marks a doubtful fit.
+    Trials of one desired value stand side by side, those of one controller together, in the order of the other desired
+    value. A filled marker is a sound fit, an open one a doubtful fit. A thin bar is the range of the fits to single
+    amplitudes, a thick bar the 95 % interval of noise. The legend names the bars, or says that the markers hide them. A
+    dash of the same colour is the prediction of linear theory for the trial's gains.
     """
-    figure, (stiffness, damping) = panels(SINGLE_COLUMN, 2.5, columns=2)
+    figure, (stiffness, damping) = panels(DOUBLE_COLUMN, 2.7, columns=2)
     draw_quantity(stiffness, table, "K")
     draw_quantity(damping, table, "B")
     stiffness.set_xlabel("Desired $K_d$ (N·m/rad)")
@@ -71,8 +80,7 @@ def draw(table: pl.DataFrame) -> Figure:
     damping.set_xlabel("Desired $B_d$ (N·m·s/rad)")
     damping.set_ylabel(r"Damping $\hat{B}$ (N·m·s/rad)")
     bars, remark = spread_entries({stiffness: "K", damping: "B"}, table)
-    handles = [*damping.get_legend_handles_labels()[0], *bars]
-    figure.legend(handles=handles, loc="outside upper center", ncols=2, columnspacing=1.5)
+    figure.legend(handles=[*entries(table), *bars], loc="outside upper center", ncols=6, columnspacing=1.4)
     figure.supxlabel(remark, fontsize=8)
     return figure
 
@@ -81,34 +89,51 @@ def draw_quantity(ax: Axes, table: pl.DataFrame, symbol: str) -> None:
     """One quantity, `K` or `B`, against its desired value."""
     desired = f"{symbol}_d"
     table = table.with_columns(x=side_by_side(table, desired, "B_d" if symbol == "K" else "K_d"))
+    levels = table[desired].unique().sort().to_numpy()
+    half = CLUSTER / 2 * spacing(table[desired])
+    ax.hlines(levels, levels - 1.15 * half, levels + 1.15 * half, color=BLACK, linestyle=DASHES, linewidth=0.7)
     for controller in ("compensated", "uncompensated"):
         look = LOOKS[controller]
         rows = table.filter(pl.col("controller") == controller)
         draw_spread(ax, rows, "x", symbol, look.colour)
-        ax.plot(rows["x"], rows[f"{symbol}_predicted"], "_", color=look.colour, markersize=8, mew=0.6)
-        ax.plot(
-            rows["x"],
-            rows[symbol],
-            look.marker,
-            color=look.colour,
-            mfc="none",
-            mew=0.8,
-            markersize=look.size,
-            label=look.label,
-        )
-    doubtful = table.filter(IS_DOUBTFUL)
-    if len(doubtful):
-        ax.plot(doubtful["x"], doubtful[symbol], ".", color=BLACK, markersize=3.4, mew=0, label="Doubtful fit")
-    ax.axline((0, 0), slope=1, color=BLACK, linestyle=(0, (4, 2)), linewidth=0.7, label="Desired")
-    if table[f"{symbol}_predicted"].count():
-        ax.plot([], [], "_", color=BLACK, markersize=8, mew=0.6, label="Linear model")
-    ax.margins(x=0.1)
-    ax.set_xticks(table[desired].unique().sort().to_list())
+        ax.plot(rows["x"], rows[f"{symbol}_predicted"], "_", color=look.colour, markersize=5.5, mew=0.6)
+        sound = rows.filter(~IS_DOUBTFUL)
+        for fits, fill, label in ((rows, WHITE, look.label), (sound, look.colour, SOUND)):
+            x, y = fits["x"], fits[symbol]
+            ax.plot(x, y, look.marker, color=look.colour, mfc=fill, mew=0.7, markersize=look.size, label=label)
+    ax.set_xticks(levels.tolist())
+    ax.tick_params(axis="x", length=0)
+
+
+def entries(table: pl.DataFrame) -> list[Line2D]:
+    """Legend of the markers, of the desired values and of linear theory, as far as the table has them."""
+
+    def entry(marker: str, label: str, **look: Any) -> Line2D:
+        """A marker of the legend."""
+        return Line2D([], [], linestyle="", marker=marker, label=label, **look)
+
+    looks = [look for name, look in LOOKS.items() if name in table["controller"]]
+    found = [entry(look.marker, look.label, color=look.colour, markersize=look.size) for look in looks]
+    if len(table.filter(IS_DOUBTFUL)):
+        found.append(entry("o", "Open: doubtful fit", color=GREY, mfc=WHITE, markersize=3.8, mew=0.7))
+    found.append(Line2D([], [], color=BLACK, linestyle=DASHES, linewidth=0.7, label="Desired"))
+    if table["K_predicted"].count() or table["B_predicted"].count():
+        found.append(entry("_", "Linear model", color=BLACK, markersize=5.5, mew=0.6))
+    return found
+
+
+def spacing(desired: pl.Series) -> float:
+    """Smallest distance between two desired values (n,); 1 if all are equal."""
+    return float(np.min(np.diff(desired.unique().sort().to_numpy()), initial=np.inf)) if desired.n_unique() > 1 else 1.0
 
 
 def side_by_side(table: pl.DataFrame, desired: str, other: str) -> pl.Series:
-    """Places of the trials on the axis of one desired value; trials that share it stand in the order of the other."""
-    levels = table[other].unique().sort().to_list()
-    place = np.array([levels.index(value) for value in table[other]]) - (len(levels) - 1) / 2
-    values = table[desired].to_numpy()
-    return pl.Series(values + BESIDE * np.ptp(values) * place)
+    """Places of the trials on the axis of one desired value: controller by controller, in the order of the other."""
+    levels, controllers = (table[column].unique().sort().to_list() for column in (other, "controller"))
+    slots = len(controllers) * (len(levels) + 1) - 1  # one stays free between two controllers
+    slot = [
+        controllers.index(controller) * (len(levels) + 1) + levels.index(value)
+        for controller, value in table.select("controller", other).iter_rows()
+    ]
+    place = (np.array(slot) - (slots - 1) / 2) / max(slots - 1, 1)
+    return pl.Series(table[desired].to_numpy() + CLUSTER * spacing(table[desired]) * place)

@@ -1,13 +1,13 @@
 """Headline numbers of a campaign, computed from its result tables, each with its interval."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import polars as pl
 
-from osl_analysis.doubtful import DOUBTFUL, doubtful_count
+from osl_analysis.doubtful import DOUBTFUL, counted, doubtful_count
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import judged_tables
 from osl_analysis.summary.labels import (
@@ -77,6 +77,10 @@ class Headline(Label):
     """Kind of the interval; None if there is none."""
     n: int
     """Number of trials or fits that the number is computed from."""
+    n_doubtful: int = 0
+    """Number of doubtful trials or fits among those that could be in the number."""
+    n_left_out: int = 0
+    """Number of these that are not in it."""
     amplitudes_low: float | None = None
     """Lowest result of the fits to single amplitudes; None if there are none."""
     amplitudes_high: float | None = None
@@ -106,7 +110,8 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame]) -> list[Headline]:
 
 def transmission_headlines(table: pl.DataFrame) -> list[Headline]:
     """VAF of the transmission model over trials."""
-    return over_fits(TRANSMISSION_VAF, over_all_amplitudes(table)["VAF"], np.mean)
+    trials = over_all_amplitudes(table)
+    return said_of(over_fits(TRANSMISSION_VAF, trials["VAF"], np.mean), trials)
 
 
 def walking_summary_headlines(table: pl.DataFrame) -> list[Headline]:
@@ -122,12 +127,16 @@ def impedance_headlines(impedance: pl.DataFrame) -> list[Headline]:
 def controller_headlines(controller: str, impedance: pl.DataFrame) -> list[Headline]:
     """The numbers of the rendered impedance with one controller."""
     fits, labels = impedance.filter(pl.col("controller") == controller), impedance_labels(controller)
-    trials, vaf = over_all_amplitudes(fits), fits.filter(pl.col("amplitude_deg").is_not_null())["VAF"]
+    trials, single = over_all_amplitudes(fits), fits.filter(pl.col("amplitude_deg").is_not_null())
+    used = counted(trials)
+    errors = (
+        *over_fits(labels["K_error"], 100 * (used["K"] / used["K_d"] - 1).abs(), np.mean),
+        *over_fits(labels["B_error"], (used["B"] - used["B_d"]).abs(), np.mean),
+    )
     return [
-        *over_fits(labels["VAF_median"], vaf, np.median),
-        *over_fits(labels["VAF_mean"], vaf, np.mean),
-        *over_fits(labels["K_error"], 100 * (trials["K"] / trials["K_d"] - 1).abs(), np.mean),
-        *over_fits(labels["B_error"], (trials["B"] - trials["B_d"]).abs(), np.mean),
+        *said_of(over_fits(labels["VAF_median"], single["VAF"], np.median), single),
+        *said_of(over_fits(labels["VAF_mean"], single["VAF"], np.mean), single),
+        *said_of(errors, trials, used),
         *example_headlines("K", labels["K_example"], trials),
         *example_headlines("B", labels["B_example"], trials),
     ]
@@ -137,11 +146,21 @@ def example_headlines(symbol: str, label: Label, trials: pl.DataFrame) -> list[H
     """K or B of the trial that Fig. 4 shows; the mean over its repeats, if there are several."""
     rows = trials.filter((pl.col("K_d") == EXAMPLE_K_D) & (pl.col("B_d") == EXAMPLE_B_D))
     if len(rows) != 1:
-        return over_fits(label, rows[symbol], np.mean)
+        used = counted(rows)
+        return said_of(over_fits(label, used[symbol], np.mean), rows, used)
     value, low, high = rows.select(symbol, f"{symbol}_low", f"{symbol}_high").row(0)
     lowest, highest = rows.select(f"{symbol}_amplitudes_low", f"{symbol}_amplitudes_high").row(0)
     number = headline(label, value, 1, Interval(low, high, FIT))
-    return [replace(number, amplitudes_low=lowest, amplitudes_high=highest)]
+    return said_of([replace(number, amplitudes_low=lowest, amplitudes_high=highest)], rows)
+
+
+def said_of(numbers: Iterable[Headline], candidates: pl.DataFrame, used: pl.DataFrame | None = None) -> list[Headline]:
+    """The numbers with the count of doubtful rows among their candidates, and of those that are not in `used`.
+
+    A VAF uses all rows: to leave out fits that are doubtful for a low VAF would raise it.
+    """
+    left_out = 0 if used is None else len(candidates) - len(used)
+    return [replace(n, n_doubtful=doubtful_count(candidates)[0], n_left_out=left_out) for n in numbers]
 
 
 def model_gain_headlines(table: pl.DataFrame) -> list[Headline]:
@@ -178,7 +197,9 @@ def summary_means(table: pl.DataFrame, labels: Mapping[str, Label], interval: st
             raise InputError(
                 f"summary table: the mean of '{quantity}' is {mean}; look for a fit without a result in its trials"
             )
-        numbers.append(headline(label, mean, int(n), Interval(low, high, interval)))
+        found = headline(label, mean, int(n), Interval(low, high, interval))
+        doubtful, left_out = (int(rows[quantity].get(column) or 0) for column in ("n_doubtful", "n_left_out"))
+        numbers.append(replace(found, n_doubtful=doubtful, n_left_out=left_out))
     return numbers
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from osl_analysis.summary.headlines import COUNT, RANGE, Headline
 
 AMPLITUDES = ("amplitudes_low", "amplitudes_high")
-KEPT = ("value", "unit", "low", "high", "interval", "n", "draft", "meaning")
+KEPT = ("value", "unit", "low", "high", "interval", "n", "n_doubtful", "n_left_out", "draft", "meaning")
 MACRO_PREFIX = "osl"
 ROUNDING = 1e-9
 """Relative width of an interval that counts as rounding."""
@@ -39,7 +39,7 @@ def to_tex(campaign: str, headlines: Sequence[Headline]) -> str:
         digits = decimals(h.value, *rounded_by(asdict(h)))
         finer = told_apart(h.low, h.high, digits)
         ends = {
-            "": (h.value, digits, f"{h.unit}, {h.meaning}"),
+            "": (h.value, digits, f"{h.unit}, {h.meaning}{tex_remark(h)}"),
             "Low": (h.low, finer, f"low end: {h.interval}"),
             "High": (h.high, finer, f"high end: {h.interval}"),
             "AmplitudesLow": (h.amplitudes_low, digits, "lowest of the fits to single amplitudes"),
@@ -66,9 +66,22 @@ def to_markdown(numbers: Mapping[str, Mapping[str, Any]]) -> str:
         if number.get("amplitudes_low") is not None:
             lowest, highest = (fixed(number[key], digits) for key in AMPLITUDES)
             interval += f"; single amplitudes {lowest} to {highest}"
-        cells = (number["meaning"], value, interval, str(number["n"]), draft)
+        cells = (number["meaning"], value, interval, trials_text(number), draft)
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
+
+
+def trials_text(number: Mapping[str, Any]) -> str:
+    """Number of trials or fits behind a number, and how many doubtful ones are among them or were left out."""
+    n, doubtful, left_out = (int(number.get(key) or 0) for key in ("n", "n_doubtful", "n_left_out"))
+    if left_out:
+        return f"{n} of {n + left_out}, {left_out} doubtful left out"
+    return f"{n}, {doubtful} of them doubtful" if doubtful else str(n)
+
+
+def tex_remark(h: Headline) -> str:
+    """The same for the comment of a macro; empty without doubtful trials."""
+    return f", n = {trials_text(asdict(h))}" if h.n_doubtful else ""
 
 
 def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, str | None]:

@@ -1,5 +1,6 @@
 """Common parts of the commands of `osl-analysis`: options, lists of numbers, and how errors are shown."""
 
+import errno
 import math
 import sys
 import warnings
@@ -8,7 +9,7 @@ from typing import Any
 
 import click
 
-from osl_analysis.errors import OslAnalysisError
+from osl_analysis.errors import OslAnalysisError, printable
 
 MOST_NUMBERS = 300
 """Largest number of values in a range."""
@@ -41,6 +42,8 @@ class NumberList(click.ParamType[list[float]]):
 
 
 FILE = click.Path(path_type=Path)
+WRITTEN = {"output", "plot", "draft_path"}
+"""Parameters of commands that name a file to write."""
 NUMBERS = NumberList()
 PARAMETERS = click.option(
     "--parameters",
@@ -60,14 +63,42 @@ CONFIG = click.option(
 AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON in SI units instead of a table.")
 
 
+class KeepsItsInput(click.Command):
+    """A command that never writes to a file that it reads."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command, unless the file of an option that writes is the file of another option or argument."""
+        files = {name: value for name, value in ctx.params.items() if isinstance(value, Path)}
+        for written in WRITTEN & files.keys():
+            for name, path in files.items():
+                if name != written and same_file(path, files[written]):
+                    raise click.UsageError(f"{files[written]} would be overwritten while it is read; name another file")
+        return super().invoke(ctx)
+
+
+def same_file(one: Path, other: Path) -> bool:
+    """Whether two paths name one file that exists, also through links."""
+    try:
+        return one.samefile(other)
+    except OSError:
+        return False
+
+
 class OneLineErrors(click.Group):
     """Shows a user's mistake as one line on standard error, exit code 1, and a warning as one line."""
 
+    command_class = KeepsItsInput
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; show its warnings and the user's mistakes as one line each."""
-        warnings.showwarning = lambda message, *_, **__: click.echo(f"warning: {message}", err=True)
+        warnings.showwarning = lambda message, *_, **__: click.echo(f"warning: {printable(str(message))}", err=True)
         try:
             return super().invoke(ctx)
         except OslAnalysisError as error:
             click.echo(f"error: {error}", err=True)
-            sys.exit(1)
+        except OSError as error:
+            if error.filename is None or error.errno == errno.EPIPE:
+                raise
+            text = f"{error.filename}: {error.strerror}; check the path, its permissions and the space on the disk"
+            click.echo(f"error: {printable(text)}", err=True)
+        sys.exit(1)

@@ -201,3 +201,37 @@ def test_a_call_that_does_not_fit_is_explained_with_exit_code_2(arguments):
 @pytest.mark.parametrize("command", ["simulate", "ingest", "fit", "gains", "results"])
 def test_every_command_has_help_with_an_example(command):
     assert "Example: osl-analysis" in call(command, "--help").stdout
+
+
+@pytest.mark.parametrize("name", ["log.csv", "sub/../log.csv", "link.csv"])
+def test_a_log_is_never_written_over(tmp_path, name):
+    log = tmp_path / "log.csv"
+    log.write_text("time,theta\n0,1\n1,2\n")
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "link.csv").symlink_to(log)
+    result = call("ingest", "--log", log, "--log-source", "bench_csv", "--output", tmp_path / name)
+    assert result.exit_code == 2
+    assert "would be overwritten while it is read; name another file" in result.stderr
+    assert log.read_text() == "time,theta\n0,1\n1,2\n"
+
+
+def test_an_inspected_file_is_not_its_own_draft(tmp_path):
+    log = tmp_path / "log.csv"
+    log.write_text("time,theta\n0,1\n1,2\n")
+    assert call("inspect", log, "--draft", log).exit_code == 2
+    assert log.read_text() == "time,theta\n0,1\n1,2\n"
+
+
+def test_a_fault_of_the_disk_is_one_line(tmp_path, monkeypatch):
+    """A full disk raises in the middle of a command."""
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device", str(tmp_path / "a\x1b[2Jb.parquet"))
+
+    monkeypatch.setattr("osl_analysis.commands.ingest.ingest_trial", full)
+    result = call("ingest", "--log", "x.csv", "--log-source", "bench_csv", "--output", tmp_path / "a.parquet")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("error: ")
+    assert "No space left on device; check the path, its permissions and the space on the disk" in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert "\x1b" not in result.stderr

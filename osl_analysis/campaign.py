@@ -14,6 +14,7 @@ from osl_analysis.experiments import Table
 from osl_analysis.job_log import plain
 from osl_analysis.quality.verdict import CHECKS, unknown_check, validate_rules
 from osl_analysis.sheet import read_sheet
+from osl_analysis.walking.conditions import PERTURBED, STATED, split_keys
 
 RECORDING_COLUMNS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source")
 
@@ -37,6 +38,11 @@ class Campaign:
     def crossings(self, perturbed: bool) -> list[str]:
         """Names of the walking trials that are perturbed, or of those that are not."""
         return [name for name in self.trials("walking") if bool(self.sheet.loc[name, "perturbed"]) == perturbed]
+
+    def conditions(self) -> dict[str, dict[str, Any]]:
+        """Conditions of every walking trial in the sheet, by trial and column; None where empty."""
+        columns = (*STATED, PERTURBED)
+        return {trial: {column: self.row(trial)[column] for column in columns} for trial in self.trials("walking")}
 
     def pattern(self, *experiments: str) -> str:
         """A regular expression that matches the trials of these experiments and nothing else."""
@@ -135,6 +141,21 @@ class Campaign:
                     f"{self.config.sheet}: {count} {what}, walking needs {least} or more; add them, or exclude the "
                     "walking trials"
                 )
+        self.check_conditions()
+
+    def check_conditions(self) -> None:
+        """Refuse conditions of crossings that contradict the configuration, or that the analysis cannot keep apart."""
+        sheet, walking = self.conditions(), self.config.walking
+        for trial, cells in sheet.items():
+            if cells["side"] not in (None, walking.side):
+                raise InputError(
+                    f"{self.config.sheet}: trial '{trial}', side: '{cells['side']}', but walking.side is "
+                    f"'{walking.side}'; correct one of them, and analyse each side in a campaign of its own"
+                )
+        try:
+            split_keys(sheet, walking)
+        except InputError as error:
+            raise InputError(f"{self.config.sheet}: {error}") from error
 
     def recording(self, trial: str) -> Mapping[str, Any]:
         """The cells of a trial's row that ingest uses. A change of other cells does not cause a new ingest."""

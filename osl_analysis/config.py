@@ -61,7 +61,10 @@ class FigureChoices(Settings):
     frequency_response: FrequencyResponseFigure | None
     """The trials of Fig. 7; null: no Fig. 7."""
     midstance_stiffness: Positive | None
-    """Stiffness that the walking controller commands in midstance [N*m/rad], marked in Fig. 9; null: no mark."""
+    """Stiffness that the walking controller commands in midstance [N*m/rad], marked in Fig. 9 where the sheet states no
+    K_d and the campaign has one group; null: no mark."""
+    stance_share: Annotated[float, Field(gt=0, le=1)] = 0.62
+    """Share of the gait cycle that is stance: it converts the phase of `impedance_trajectory` to stance."""
 
 
 class StudySettings(Settings):

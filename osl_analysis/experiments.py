@@ -179,7 +179,15 @@ EXPERIMENTS: dict[str, Experiment] = {
         log="leg",
         mocap="vicon",
         tables=(Table("walking", perturbed_only=True),),
-        further_tables=("walking_summary", "walking_crossings", "walking_excluded", "hinge", "plate"),
+        further_tables=(
+            "walking_summary",
+            "walking_groups",
+            "impedance_over_stance",
+            "walking_crossings",
+            "walking_excluded",
+            "hinge",
+            "plate",
+        ),
     ),
     "overground": Experiment(
         "overground gait with a reference ankle moment in the file",

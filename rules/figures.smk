@@ -106,10 +106,25 @@ rule plot_numbers_walking_page:
     log:
         RESULTS / "logs/figures/walking_page_numbers.log",
     params:
-        code=jobs.code_of("walking.plot_walking_page"),
+        code=jobs.code_of("walking_page.plot_walking_page"),
         settings=CONFIG.walking.part("TimingSettings"),
     run:
-        jobs.run_job(log, "walking.plot_walking_page", input, output, params)
+        jobs.run_job(log, "walking_page.plot_walking_page", input, output, params)
+
+
+rule plot_numbers_impedance_over_stance:
+    input:
+        table=RESULTS / "tables/impedance_over_stance.csv",
+        trajectory=[CONFIG.impedance_trajectory] if CONFIG.impedance_trajectory else [],
+    output:
+        RESULTS / "figures/impedance_over_stance.csv",
+    log:
+        RESULTS / "logs/figures/impedance_over_stance_numbers.log",
+    params:
+        code=jobs.code_of("over_stance.plotted_numbers"),
+        stance_share=CONFIG.figures.stance_share,
+    run:
+        jobs.run_job(log, "over_stance.plotted_numbers", input, output, params)
 
 
 rule draw_figure:

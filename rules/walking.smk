@@ -56,6 +56,7 @@ rule analyse_crossing:
         code=jobs.code_of("crossing.analyse"),
         settings=CONFIG.walking.part("CrossingSettings"),
         perturbed=lambda wildcards: CAMPAIGN.row(wildcards.trial)["perturbed"],
+        direction=lambda wildcards: CAMPAIGN.row(wildcards.trial)["direction"],
     run:
         jobs.run_job(log, "crossing.analyse", input, output, params)
 
@@ -71,6 +72,7 @@ rule select_crossings:
     params:
         code=jobs.code_of("walking.select_crossings"),
         settings=CONFIG.walking.part("SelectionSettings"),
+        sheet=CAMPAIGN.conditions(),
     run:
         jobs.run_job(log, "walking.select_crossings", input, output, params)
 
@@ -118,10 +120,28 @@ rule summarise_walking:
         output=RESULTS / "tables/walking_summary.csv",
         responses=RESULTS / "tables/walking_responses.csv",
         excluded=RESULTS / "tables/walking_excluded.csv",
+        groups=RESULTS / "tables/walking_groups.csv",
     log:
         RESULTS / "logs/walking/summary.log",
     params:
         code=jobs.code_of("walking.summarise_perturbations"),
         settings=CONFIG.walking.part("EnsembleSettings"),
+        sheet=CAMPAIGN.conditions(),
     run:
         jobs.run_job(log, "walking.summarise_perturbations", input, output, params)
+
+
+rule impedance_over_stance:
+    input:
+        summary=RESULTS / "tables/walking_summary.csv",
+        groups=RESULTS / "tables/walking_groups.csv",
+        trajectory=[CONFIG.impedance_trajectory] if CONFIG.impedance_trajectory else [],
+    output:
+        RESULTS / "tables/impedance_over_stance.csv",
+    log:
+        RESULTS / "logs/walking/over_stance.log",
+    params:
+        code=jobs.code_of("over_stance.tabulate"),
+        stance_share=CONFIG.figures.stance_share,
+    run:
+        jobs.run_job(log, "over_stance.tabulate", input, output, params)

@@ -28,6 +28,7 @@ from osl_analysis.figures import (
     fig7,
     fig8,
     fig9,
+    impedance_over_stance,
     model_comparison,
     walking_page,
 )
@@ -119,7 +120,7 @@ def walking_summary():
     mean, sd = np.array([338.0, 4.3, 0.012, 97.0]), [20.0, 0.7, 0.02, 1.0]
     fits = {"estimator": fig9.PER_PERTURBATION, "mean": mean, "sd": sd, "low": 0.9 * mean, "high": 1.1 * mean}
     ensemble = {"estimator": fig9.ENSEMBLE, "mean": 1.1 * mean, "sd": None, "low": 1.09 * mean, "high": 1.12 * mean}
-    shared = {"quantity": ["K", "B", "I", "VAF"], "n": 31, "n_doubtful": 0}
+    shared = {"group": "all", "quantity": ["K", "B", "I", "VAF"], "n": 31, "n_doubtful": 0, "commanded": None}
     return pl.concat([pl.DataFrame(shared | rows) for rows in (fits, ensemble)], how="vertical_relaxed")
 
 
@@ -143,7 +144,21 @@ def walking_page_table():
             frames.append(rows)
     fit = pl.DataFrame({"x": after[10:], "mean": np.clip(after[10:], 0, 60) - 1})
     frames.append(fit.with_columns(panel=pl.lit("response torque"), curve=pl.lit("fit"), trial=pl.lit("ensemble")))
-    return pl.concat(frames, how="diagonal").with_columns(doubtful=pl.lit(None, pl.String))
+    return pl.concat(frames, how="diagonal").with_columns(doubtful=pl.lit(None, pl.String), group=pl.lit("all"))
+
+
+def impedance_over_stance_table():
+    """Three timings of one series, and a commanded trajectory that is 10 above them."""
+    phase, rows = [0.25, 0.45, 0.65], []
+    for quantity, size in (("K", 300.0), ("B", 4.0), ("I", 0.02)):
+        rows += [
+            {"series": "all", "quantity": quantity, "phase": x, "onset_phase": x - 0.1, "end_phase": x + 0.04,
+             "estimate": size * x, "low": 0.9 * size * x, "high": 1.1 * size * x,
+             "commanded": 10 + size * x if quantity == "K" else None}
+            for x in phase
+        ]  # fmt: skip
+    rows += [{"series": "commanded", "quantity": "K", "phase": x, "commanded": 10 + 300 * x} for x in (0.0, 0.5, 1.0)]
+    return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def model_scores():
@@ -171,6 +186,7 @@ def plotted(name):
         "fig8": lambda: fig8.points(gains()),
         "fig9": lambda: fig9.points(walking_summary(), 340.0),
         "walking_page": walking_page_table,
+        "impedance_over_stance": impedance_over_stance_table,
         "model_comparison": lambda: model_comparison.points(model_scores()),
     }
     return tables[name]()
@@ -448,6 +464,47 @@ def test_fig9_needs_both_estimators():
         without = walking_summary().filter(pl.col("estimator") != estimator)
         with pytest.raises(InputError, match=f"no 'K' by the estimator '{estimator}', which Fig. 9 draws"):
             fig9.points(without, None)
+
+
+def several_groups():
+    """Three groups; K of the second is twice that of the first, the third has no result."""
+    one = walking_summary().with_columns(group=pl.lit("K_d 200"), commanded=pl.lit(200.0))
+    two = one.with_columns(
+        group=pl.lit("K_d 400"), commanded=pl.lit(400.0), **{c: 2 * pl.col(c) for c in ("mean", "low", "high")}
+    )
+    none = one.with_columns(group=pl.lit("K_d 600"), **{c: pl.lit(None, pl.Float64) for c in ("mean", "low", "high")})
+    return pl.concat([one, two, none], how="diagonal_relaxed")
+
+
+def test_fig9_has_bars_for_every_group_with_a_result_and_each_group_s_command():
+    figure = fig9.draw(fig9.points(several_groups(), 340.0))
+    panel = figure.axes[0]
+    assert [bar.get_height() for bar in panel.patches] == [338.0, 676.0]
+    assert [label.get_text() for label in panel.get_xticklabels()] == ["$K_d$ 200 (31)", "$K_d$ 400 (31)"]
+    assert [float(a.get_ydata()[0]) for a in panel.lines if a.is_dashed()] == [200.0, 400.0]
+    assert "62 perturbations, in 2 groups" in texts(figure)
+
+
+def test_the_walking_page_has_four_panels_per_group_each_with_its_own_curves():
+    one = walking_page_table()
+    two = one.with_columns(group=pl.lit("slow"), mean=2 * pl.col("mean"))
+    axes = walking_page.draw(pl.concat([one.with_columns(group=pl.lit("fast")), two])).axes
+    assert len(axes) == 8
+    first, second = (next(a for a in ax.lines if a.get_label() == "Mean").get_ydata() for ax in (axes[2], axes[6]))
+    np.testing.assert_allclose(second, 2 * first)
+
+
+def test_impedance_over_stance_shows_estimates_at_their_phases_with_intervals_windows_and_the_command():
+    panel = impedance_over_stance.draw(impedance_over_stance_table()).axes[0]
+    (dots,) = [a for a in panel.lines if a.get_marker() == "o"]
+    np.testing.assert_allclose(dots.get_xydata(), [[25, 75], [45, 135], [65, 195]])
+    (commanded,) = [a for a in panel.lines if a.get_label() == "Commanded"]
+    np.testing.assert_allclose(commanded.get_xydata(), [[0, 10], [50, 160], [100, 310]])
+    segments = [np.asarray(s) for c in panel.collections if hasattr(c, "get_segments") for s in c.get_segments()]
+    windows = [s[:, 0] for s in segments if s[0, 1] == s[1, 1]]
+    np.testing.assert_allclose(windows, [[15, 29], [35, 49], [55, 69]])
+    intervals = [s[:, 1] for s in segments if s[0, 0] == s[1, 0]]
+    np.testing.assert_allclose(intervals, [[67.5, 82.5], [121.5, 148.5], [175.5, 214.5]])
 
 
 def test_the_walking_page_shows_both_gaits_every_response_their_mean_and_its_fit():

@@ -32,8 +32,8 @@ def summary_rows(**means):
     ])  # fmt: skip
 
 
-def walked(estimator=ENSEMBLE, **means):
-    return summary_rows(**means).with_columns(estimator=pl.lit(estimator))
+def walked(estimator=ENSEMBLE, group="all", **means):
+    return summary_rows(**means).with_columns(estimator=pl.lit(estimator), group=pl.lit(group))
 
 
 def impedance():

@@ -21,7 +21,6 @@ from osl_analysis.commands.tables import gather
 from osl_analysis.commands.walking import (
     average_unperturbed,
     fit_perturbation,
-    plot_walking_page,
     select_crossings,
     summarise_perturbations,
 )
@@ -33,6 +32,7 @@ from osl_analysis.commands.walking_files import (
     write_crossing,
     write_plate,
 )
+from osl_analysis.commands.walking_page import plot_walking_page
 from osl_analysis.doubtful import Doubt
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
@@ -125,6 +125,7 @@ def summarise(session: Session, crossings: list[Path], chosen: WalkingAnalysis, 
         output=folder / "summary.csv",
         responses=folder / "responses.csv",
         excluded=folder / "excluded.csv",
+        groups=folder / "groups.csv",
     )
 
 

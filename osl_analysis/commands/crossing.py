@@ -20,6 +20,7 @@ from osl_analysis.trial import read_trial
 from osl_analysis.walking.ankle import static_calibration
 from osl_analysis.walking.crossing import RefusedCrossing
 from osl_analysis.walking.crossing_analysis import analyse_crossing
+from osl_analysis.walking.direction import check_direction
 from osl_analysis.walking.hinge import hinge_of_trials, hinge_row, with_hinge
 from osl_analysis.walking.plate_model import identify_plate_model, plate_table
 from osl_analysis.walking.settings import CalibrationSettings, CrossingSettings, PlateModelSettings
@@ -62,9 +63,16 @@ def identify_plate(
 
 
 def analyse(
-    trial: Path, calibration: Path, plate: Path, perturbed: bool, settings: CrossingSettings, output: Path
+    trial: Path,
+    calibration: Path,
+    plate: Path,
+    perturbed: bool,
+    settings: CrossingSettings,
+    output: Path,
+    direction: str | None = None,
 ) -> None:
-    """Angle and torque of one crossing, with its events, to a Parquet file. `perturbed` is the entry of the sheet.
+    """Angle and torque of one crossing, with its events, to a Parquet file. `perturbed` and `direction` are entries of
+    the sheet.
 
     A crossing that cannot be analysed does not stop the others. Its file contains the reason instead of samples, and a
     warning states the reason.
@@ -72,6 +80,7 @@ def analyse(
     static, model, walked = read_calibration(calibration), read_plate(plate), read_trial(trial)
     try:
         crossing = analyse_crossing(walked, static, model, perturbed, settings)
+        check_direction(walked.name, direction, crossing.turn)
     except OslAnalysisError as error:
         warnings.warn(f"excluded: {error}", stacklevel=2)
         write_refusal(RefusedCrossing(walked.name, perturbed, str(error)), output)

@@ -1,59 +1,106 @@
 """Jobs from analysed crossings to tables: selection, unperturbed gait, fits, and the numbers of Fig. 9."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 
-from osl_analysis.commands.walking_files import (
-    read_crossing,
-    read_crossing_files,
-    read_unperturbed_gait,
-    write_unperturbed_gait,
-)
-from osl_analysis.doubtful import DOUBTFUL, EXCLUDED, doubtful_row
+from osl_analysis.commands.unperturbed_file import read_unperturbed_gaits, write_unperturbed_gaits
+from osl_analysis.commands.walking_files import read_crossing, read_crossing_files
+from osl_analysis.doubtful import EXCLUDED, doubtful_row
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
+from osl_analysis.walking.conditions import ALL, statements
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.ensemble import bootstrap, common_errors, ensemble_response
+from osl_analysis.walking.group_table import commanded, fitted_time, group_row, groups_of
+from osl_analysis.walking.headline import Headline, group_headline
 from osl_analysis.walking.overground import overground_rows
-from osl_analysis.walking.response import isolate_response
-from osl_analysis.walking.selection import selection_rows
+from osl_analysis.walking.selection import SEPARATOR, selection_rows
 from osl_analysis.walking.settings import (
     EnsembleSettings,
     OvergroundAnalysis,
     ResponseSettings,
     SelectionSettings,
-    TimingSettings,
     UnperturbedSettings,
 )
 from osl_analysis.walking.tables import (
-    ensemble_rows,
     excluded_crossings,
-    mean_rows,
+    headline_rows,
     perturbation_row,
+    reason_rows,
     response_table,
-    walking_page_points,
 )
-from osl_analysis.walking.unperturbed import unperturbed_gait
+from osl_analysis.walking.unperturbed import UnperturbedGait, unperturbed_gait
+
+FEWEST_PERTURBED = 2
+"""Fewest perturbations of a result."""
+NO_GAIT = (
+    "no mean unperturbed gait under the same conditions: fewer unperturbed crossings than fewest_unperturbed are used; "
+    "record more, or leave the condition empty in the sheet where unperturbed crossings serve every value"
+)
 
 
-def select_crossings(crossings: Sequence[Path], settings: SelectionSettings, output: Path) -> None:
-    """One row per crossing, in the order of the files: its quality and, if it is excluded, the reason."""
-    rows = selection_rows(*read_crossing_files(crossings), settings)
-    write_table(pl.DataFrame([rows[path.stem] for path in crossings], infer_schema_length=None), output)
+def select_crossings(
+    crossings: Sequence[Path],
+    settings: SelectionSettings,
+    output: Path,
+    sheet: Mapping[str, Mapping[str, Any]] | None = None,
+) -> None:
+    """One row per crossing, in the order of the files: its quality, its group and, if it is excluded, the reason.
+
+    `sheet` has the conditions of every crossing of the campaign; None: there are none. A warning says by which
+    conditions results are split although the configuration does not ask for it.
+    """
+    rows = selection_rows(*read_crossing_files(crossings), settings, sheet)
+    table = pl.DataFrame([rows[path.stem] for path in crossings], infer_schema_length=None)
+    for sentence in [*statements(sheet or {}, settings), *timing_statements(table, settings)]:
+        warnings.warn(sentence, stacklevel=2)
+    write_table(table, output)
+
+
+def timing_statements(table: pl.DataFrame, settings: SelectionSettings) -> list[str]:
+    """A sentence if results are split by timing although the configuration does not ask for it."""
+    timed = [name for name in table["group"].drop_nulls().unique(maintain_order=True) if "timing " in name]
+    if not timed or "timing" in settings.group_by:
+        return []
+    return [
+        f"perturbations begin at {len(timed)} different phases of stance ({'; '.join(sorted(timed))}): each has "
+        "a result of its own; write timing under walking.group_by to keep that, or under walking.pool for one result"
+    ]
 
 
 def average_unperturbed(
     crossings: Sequence[Path], selection: Path, settings: UnperturbedSettings, output: Path
 ) -> None:
-    """The unperturbed ones of the crossings on a common grid of stance phase, to a Parquet file.
+    """The unperturbed ones of the crossings on a common grid of stance phase, by gait, to a Parquet file.
 
-    Crossings that the table `selection`, `walking_crossings.csv`, excludes are not used.
+    Crossings that the table `selection`, `walking_crossings.csv`, excludes are not used. A gait with too few of them is
+    left out with a warning.
+
+    Raises
+    ------
+    InputError
+        Every gait has too few.
     """
     unperturbed = [crossing for crossing in selected_crossings(crossings, selection) if crossing.onset is None]
-    write_unperturbed_gait(unperturbed_gait(unperturbed, settings.fewest_unperturbed), output)
+    table = read_table(selection, ["trial", "gait"])
+    served = {row["trial"]: (row["gait"] or "").split(SEPARATOR) for row in table.iter_rows(named=True)}
+    names = dict.fromkeys(name for gaits in served.values() for name in gaits if name) or {ALL: None}
+    gaits, problems = {}, []
+    for name in names:
+        try:
+            own = [crossing for crossing in unperturbed if name in served[crossing.name]]
+            gaits[name] = unperturbed_gait(own, settings.fewest_unperturbed)
+        except InputError as error:
+            problems.append(f"{error}" if name == ALL else f"{name}: {error}")
+    if not gaits:
+        raise InputError("; ".join(problems))
+    for problem in problems:
+        warnings.warn(problem, stacklevel=2)
+    write_unperturbed_gaits(gaits, output)
 
 
 def fit_perturbation(
@@ -63,14 +110,18 @@ def fit_perturbation(
 
     A crossing that is excluded, or whose response cannot be fitted, has a row with the reason and no numbers.
     """
-    gait, reason = read_unperturbed_gait(unperturbed), exclusion_reason(crossing, selection)
+    gaits, place = read_unperturbed_gaits(unperturbed), place_of(crossing, selection)
+    reason, gait = place["reason"], gaits.get(place["gait"] or ALL)
     row: dict[str, object] = {}
-    if reason is None:
+    if reason is None and gait is None:
+        reason = NO_GAIT
+    if reason is None and gait is not None:
         try:
             row = perturbation_row(read_crossing(crossing), gait, settings)
         except OslAnalysisError as error:
             reason = str(error)
-    write_table(pl.DataFrame([(row or {"trial": crossing.stem}) | {EXCLUDED: reason}]), output)
+    known = {"trial": crossing.stem, "group": place["group"], "direction": place["direction"]}
+    write_table(pl.DataFrame([known | row | {EXCLUDED: reason}]), output)
 
 
 def summarise_perturbations(
@@ -83,56 +134,74 @@ def summarise_perturbations(
     output: Path,
     responses: Path,
     excluded: Path,
+    groups: Path,
+    sheet: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> None:
-    """Mean over perturbations and ensemble fit to `output`, every response in its window to `responses`, and the
-    crossings that are not used, with the reason, to `excluded`.
+    """Per group the mean over perturbations and the ensemble fit to `output`, its conditions to `groups`, every
+    response in its window to `responses`, and the crossings that are not used, with the reason, to `excluded`.
 
-    `table` is `walking.csv`, `crossings` are the perturbed ones, `selection` is `walking_crossings.csv`.
+    `table` is `walking.csv`, `crossings` are the perturbed ones, `selection` is `walking_crossings.csv`. A group
+    without a result has rows with the reason.
+
+    Raises
+    ------
+    InputError
+        No group has a result.
     """
-    fits = read_table(table, ["trial"])
+    fits, chosen = read_table(table, ["trial"]), read_table(selection, ["trial", "reason", "gait", "group"])
     reasons = fits.select("trial", pl.col(EXCLUDED).alias("reason"))
-    write_table(excluded_crossings(read_table(selection, ["trial", "reason"]), reasons), excluded)
+    write_table(excluded_crossings(chosen, reasons), excluded)
     fitted = fits.filter(pl.col(EXCLUDED).is_null())
-    if len(fitted) < 2:
+    if len(fitted) < FEWEST_PERTURBED:
         raise InputError(
-            f"{table}: {len(fitted)} of {len(fits)} perturbations can be used, expected 2 or more for a scatter; see "
-            f"the reasons in {excluded.name}, or record more"
+            f"{table}: {len(fitted)} of {len(fits)} perturbations can be used, expected {FEWEST_PERTURBED} or more for "
+            f"a scatter; see the reasons in {excluded.name}, or record more"
         )
-    gait, names = read_unperturbed_gait(unperturbed), set(fitted["trial"])
-    isolated = [
-        isolate_response(read_crossing(path), gait, settings.timing, settings.perturbed_stance)
-        for path in crossings
-        if path.stem in names
-    ]
-    ensemble = ensemble_response(isolated)
-    rows = [row | doubtful_row(fitted) for row in mean_rows(fitted, common_errors(isolated))]
-    rows += ensemble_rows(ensemble, bootstrap(isolated, settings.bootstrap_samples))
-    write_table(pl.DataFrame(rows), output)
-    write_table(response_table(isolated, ensemble), responses)
+    gaits, files = read_unperturbed_gaits(unperturbed), {path.stem: path for path in crossings}
+    rows, facts, curves, why = [], [], [], {}
+    for group in groups_of(chosen, sheet):
+        own = fitted.filter(pl.col("trial").is_in(group.trials))
+        gait, known = gaits.get(group.gait), {"group": group.name}
+        fact: dict[str, object] = group_row(group, gait, settings.window_s) | {"fitted_phase": None, "reason": None}
+        try:
+            headline = headline_of(own, files, gait, settings)
+        except OslAnalysisError as error:
+            why[group.name] = fact["reason"] = str(error)
+            warnings.warn(f"no result of {group.name}: {error}", stacklevel=2)
+            rows += [known | row for row in reason_rows(str(error), len(own))]
+        else:
+            fact["fitted_phase"] = phase_after(fact, fitted_time(headline.ensemble, settings.timing))
+            rows += [
+                known | row | {"commanded": commanded(group.cells, str(row["quantity"])), "reason": None}
+                for row in headline_rows(headline, own, doubtful_row(own))
+            ]
+            curves.append(response_table(group.name, headline.responses, headline.ensemble))
+        facts.append(fact)
+    if not curves:
+        said = "; ".join(reason if name == ALL else f"{name}: {reason}" for name, reason in why.items())
+        raise InputError(f"{table}: no result from {len(fits)} perturbations: {said}; see {excluded.name}")
+    write_table(pl.DataFrame(rows, infer_schema_length=None), output)
+    write_table(pl.DataFrame(facts, infer_schema_length=None), groups)
+    write_table(pl.concat(curves), responses)
 
 
-def plot_walking_page(
-    *,
-    crossings: Sequence[Path],
-    selection: Path,
-    unperturbed: Path,
-    responses: Path,
-    table: Path,
-    settings: TimingSettings,
-    output: Path,
-) -> None:
-    """Write the numbers that the walking page plots.
+def headline_of(
+    fits: pl.DataFrame, files: Mapping[str, Path], gait: UnperturbedGait | None, settings: EnsembleSettings
+) -> Headline:
+    """Result of the crossings of one group that have rows in `fits`; `files` are the crossings' by trial."""
+    if gait is None:
+        raise InputError(NO_GAIT)
+    if len(fits) < FEWEST_PERTURBED:
+        raise InputError(
+            f"{len(fits)} perturbations can be used, expected {FEWEST_PERTURBED} or more for a scatter; see the "
+            "reasons in walking_excluded.csv, or record more"
+        )
+    return group_headline([read_crossing(files[trial]) for trial in fits["trial"]], gait, settings)
 
-    `crossings` are the perturbed ones, `selection` is `walking_crossings.csv`, `responses` `walking_responses.csv`,
-    `table` `walking.csv`.
-    """
-    isolated = read_table(responses, ["trial", "time", "theta_deg", "torque", "torque_model"])
-    doubtful = read_table(table, ["trial", DOUBTFUL]).select("trial", DOUBTFUL)
-    isolated = isolated.join(doubtful, on="trial", how="left", maintain_order="left")
-    names = set(isolated["trial"])
-    perturbed = [c for c in selected_crossings(crossings, selection) if c.name in names]
-    gaits = {"unperturbed": read_unperturbed_gait(unperturbed), "perturbed": unperturbed_gait(perturbed, 2)}
-    write_table(walking_page_points(perturbed, gaits, isolated, settings.window_s), output)
+
+def phase_after(fact: Mapping[str, Any], time: float) -> float:
+    """Phase of stance a time [s] after the onset of a group, whose row of `walking_groups.csv` is given."""
+    return float(fact["onset_phase"] + time / fact["stance_s"])
 
 
 def selected_crossings(crossings: Sequence[Path], selection: Path) -> list[Crossing]:
@@ -142,8 +211,15 @@ def selected_crossings(crossings: Sequence[Path], selection: Path) -> list[Cross
 
 def exclusion_reason(crossing: Path, selection: Path) -> str | None:
     """Why the table `selection` excludes a crossing; None if it does not."""
-    rows = read_table(selection, ["trial", "reason"]).filter(pl.col("trial") == crossing.stem)
-    return None if rows.is_empty() else rows["reason"][0]
+    reason: str | None = place_of(crossing, selection)["reason"]
+    return reason
+
+
+def place_of(crossing: Path, selection: Path) -> dict[str, Any]:
+    """Reason, gait, group and direction of a crossing in the table `selection`; None where it has no row."""
+    columns = ("reason", "gait", "group", "direction")
+    rows = read_table(selection, ["trial", *columns]).filter(pl.col("trial") == crossing.stem)
+    return dict.fromkeys(columns) if rows.is_empty() else rows.select(columns).row(0, named=True)
 
 
 def compare_ankle_moment(

@@ -23,7 +23,6 @@ from osl_analysis.walking.events import Stance
 from osl_analysis.walking.load import Load
 from osl_analysis.walking.plate_inertia import COMPONENTS, PARAMETERS, PlateInertia
 from osl_analysis.walking.plate_model import PlateModel
-from osl_analysis.walking.unperturbed import PHASES, UnperturbedGait
 
 SIGNALS = ("time", "phase", "theta", "torque", "platform")
 LOAD, LOAD_LEFT = "load", "pressure_left"
@@ -124,6 +123,7 @@ def write_crossing(crossing: Crossing, path: Path) -> None:
         "toe_off_s": crossing.stance.toe_off,
         "onset_s": crossing.onset,
         "bridged": crossing.bridged,
+        "turn_rad": crossing.turn,
         "quality": asdict(crossing.quality),
     }
     write_trial(Trial(crossing.name, samples, events), path)
@@ -186,6 +186,7 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
         quality=quality_from_events(events["quality"]),
         plate_errors=plate_error_columns(trial.samples).reshape(-1, len(time)),
         load=Load(*trial.signals(LOAD, LOAD_LEFT)[1:]) if LOAD in trial.samples.columns else None,
+        turn=events.get("turn_rad"),
     )
 
 
@@ -210,37 +211,3 @@ def quality_from_events(facts: dict[str, Any]) -> CrossingQuality:
 def plate_error_columns(frame: pl.DataFrame) -> np.ndarray:
     """The plate's errors (m, rows) [N*m] in a file's columns `plate_error_0`, ..."""
     return frame.select(pl.col(f"^{PLATE_ERROR}.*$")).to_numpy().T
-
-
-def write_unperturbed_gait(gait: UnperturbedGait, path: Path) -> None:
-    """Write unperturbed crossings: a row per crossing and phase."""
-    n = len(PHASES)
-    frame = pl.DataFrame(
-        {
-            "trial": [name for name in gait.names for _ in range(n)],
-            "stance_s": np.repeat(gait.stance, n),
-            "phase": np.tile(PHASES, len(gait.names)),
-            "theta": gait.theta.ravel(),
-            "torque": gait.torque.ravel(),
-            **{f"{PLATE_ERROR}{i}": error.ravel() for i, error in enumerate(gait.plate_errors)},
-        }
-    )
-    with atomic_path(path) as temporary:
-        frame.write_parquet(temporary)
-
-
-def read_unperturbed_gait(path: Path) -> UnperturbedGait:
-    """Read what `write_unperturbed_gait` wrote."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; run the step 'average-unperturbed' first")
-    try:
-        frame = pl.read_parquet(path)
-        names = frame["trial"].unique(maintain_order=True).to_list()
-        theta, torque, stance = (frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s"))
-    except (pl.exceptions.PolarsError, OSError) as error:
-        raise InputError(
-            f"{path}: not unperturbed gait ({str(error).splitlines()[0]}); delete it and run the step "
-            "'average-unperturbed'"
-        ) from error
-    errors = plate_error_columns(frame).reshape(-1, *theta.shape)
-    return UnperturbedGait(tuple(names), theta, torque, stance[:, 0], errors)

@@ -1,8 +1,10 @@
 """The walking page: how the responses of Fig. 9 follow from perturbed and unperturbed crossings."""
 
+import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from osl_analysis.figures.style import (
     BLACK,
@@ -16,7 +18,7 @@ from osl_analysis.figures.style import (
     paper_style,
 )
 
-COLUMNS = ("panel", "curve", "trial", "x", "mean", "sd", "doubtful")
+COLUMNS = ("group", "panel", "curve", "trial", "x", "mean", "sd", "doubtful")
 GAIT = {"unperturbed": (PURPLE, "Unperturbed"), "perturbed": (ORANGE, "Perturbed")}
 STANCE = "Stance (%)"
 AFTER_ONSET = "Time from the platform’s onset (ms)"
@@ -24,13 +26,23 @@ AFTER_ONSET = "Time from the platform’s onset (ms)"
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """Over stance (a) angle and (b) torque, over time (c) isolated angle and (d) isolated torque.
+    """Over stance (a) angle and (b) torque, over time (c) isolated angle and (d) isolated torque, for each group.
 
     (a) and (b) show mean and SD of unperturbed and perturbed crossings, (c) and (d) every perturbation, their mean, and
     the fit of Eq. 15 to the mean. The fitted window is shaded. Perturbations with a doubtful fit are dotted.
     """
-    figure = Figure(figsize=(DOUBLE_COLUMN, 4.4), layout="constrained")
-    axes = figure.subplots(2, 2)
+    groups = table.partition_by("group", maintain_order=True)
+    figure = Figure(figsize=(DOUBLE_COLUMN, 4.4 * len(groups)), layout="constrained")
+    parts = figure.subfigures(len(groups), 1, squeeze=False)[:, 0]
+    for part, rows in zip(parts, groups, strict=True):
+        if len(groups) > 1:
+            part.suptitle(rows["group"][0], fontsize=9)
+        draw_group(part.subplots(2, 2), rows)
+    return figure
+
+
+def draw_group(axes: NDArray[np.object_], table: pl.DataFrame) -> None:
+    """The four panels (2, 2) of one group."""
     for ax, letter in zip(axes.ravel(), "abcd", strict=True):
         ax.set_title(f"({letter})", loc="left")
     window = curve(table, "angle", "window")["x"]
@@ -44,7 +56,6 @@ def draw(table: pl.DataFrame) -> Figure:
     axes[1, 1].set_ylabel("Isolated torque (N·m)")
     axes[0, 1].legend(loc="upper left", handlelength=1.1, handletextpad=0.5)
     axes[1, 1].legend(loc="upper left")
-    return figure
 
 
 def curve(table: pl.DataFrame, panel: str, name: str) -> pl.DataFrame:

@@ -39,21 +39,31 @@ class CommonError:
     """Degrees of freedom of this variance."""
 
 
-def over_repeats(values: ArrayLike, common: Sequence[CommonError] = ()) -> Repeats:
+def over_repeats(values: ArrayLike, common: Sequence[CommonError] = (), kinds: ArrayLike | None = None) -> Repeats:
     """Summary of one estimate per trial, shape (n,). Standard error and interval include the `common` errors.
+
+    Trials of different `kinds` (n,) count as one mean per kind: their mean is the result, so that what differs from
+    kind to kind is no scatter. `sd` is then the scatter within kinds.
 
     Raises
     ------
     InputError
-        Fewer than two trials: scatter and interval need repeats.
+        Fewer than two trials of a kind: scatter and interval need repeats.
     """
     values = np.asarray(values, dtype=float)
-    if len(values) < 2:
-        raise InputError(f"{len(values)} trial cannot give a scatter; repeat the experiment at least twice")
-    mean, sd = float(np.mean(values)), float(np.std(values, ddof=1))
-    variances = [sd**2 / len(values), *(error.variance for error in common)]
-    each = [len(values) - 1, *(error.degrees_of_freedom for error in common)]
+    labels = np.zeros(len(values)) if kinds is None else np.asarray(kinds)
+    parts = [values[labels == kind] for kind in np.unique(labels)] or [values]
+    least = min(len(part) for part in parts)
+    if least < 2:
+        raise InputError(f"{least} trial cannot give a scatter; repeat the experiment at least twice")
+    scatter = [float(np.var(part, ddof=1)) for part in parts]
+    freedom = [len(part) - 1 for part in parts]
+    mean = float(np.mean([np.mean(part) for part in parts]))
+    sd = float(np.sqrt(np.average(scatter, weights=freedom)))
+    of_means = [s / len(part) / len(parts) ** 2 for s, part in zip(scatter, parts, strict=True)]
+    variances = [*of_means, *(error.variance for error in common)]
     se = float(np.sqrt(sum(variances)))
+    each = [*freedom, *(error.degrees_of_freedom for error in common)]
     half = float(stdtrit(welch_satterthwaite(variances, each), 0.975)) * se
     return Repeats(len(values), mean, sd, se, mean - half, mean + half)
 

@@ -16,6 +16,7 @@ from osl_analysis.summary.labels import (
     CONTROLLERS,
     EXAMPLE_B_D,
     EXAMPLE_K_D,
+    SYMMETRY_LABELS,
     TRANSMISSION_LABELS,
     TRANSMISSION_VAF,
     WALKING_LABELS,
@@ -24,6 +25,7 @@ from osl_analysis.summary.labels import (
     doubtful_label,
     impedance_labels,
     model_gain_labels,
+    of_group,
 )
 from osl_analysis.trial import Array
 
@@ -36,6 +38,9 @@ COUNT = "count"
 ENSEMBLE = "ensemble"
 """Estimator of the walking summary that is the headline. Its bias decreases with the number of crossings; the bias of
 the mean over perturbations does not."""
+
+UP_MINUS_DOWN = "up minus down"
+"""Estimator of the walking summary that compares the directions of the platform."""
 
 SUMMARY_COLUMNS = ("quantity", "n", "mean", "low", "high")
 TABLES = {
@@ -50,7 +55,7 @@ TABLES = {
     "model_comparison_summary": (
         "experiment", "controller", "model", "trials", "VAF_gain", "VAF_gain_low", "VAF_gain_high",
     ),
-    "walking_summary": ("quantity", "estimator", "n", "mean", "low", "high"),
+    "walking_summary": ("group", "quantity", "estimator", "n", "mean", "low", "high"),
     "walking": ("VAF",),
 }  # fmt: skip
 """The tables with headline numbers, and the columns that these need."""
@@ -115,8 +120,14 @@ def transmission_headlines(table: pl.DataFrame) -> list[Headline]:
 
 
 def walking_summary_headlines(table: pl.DataFrame) -> list[Headline]:
-    """The ensemble's K, B and I."""
-    return summary_means(table.filter(pl.col("estimator") == ENSEMBLE), WALKING_LABELS, BOOTSTRAP)
+    """The ensemble's K, B and I of each group with a result, and the differences between directions."""
+    found = table.filter(pl.col("mean").is_not_null())
+    numbers = []
+    for rows in found.partition_by("group", maintain_order=True):
+        for estimator, labels in ((ENSEMBLE, WALKING_LABELS), (UP_MINUS_DOWN, SYMMETRY_LABELS)):
+            own = {quantity: of_group(label, rows["group"][0]) for quantity, label in labels.items()}
+            numbers += summary_means(rows.filter(pl.col("estimator") == estimator), own, BOOTSTRAP)
+    return numbers
 
 
 def impedance_headlines(impedance: pl.DataFrame) -> list[Headline]:

@@ -1,12 +1,16 @@
 """Labels of the headline numbers: name, unit, value in the paper's draft, LaTeX macro and meaning."""
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 
 from osl_analysis.experiments import judged_tables
 
 CONTROLLERS = ("compensated", "uncompensated")
 EXAMPLE_K_D, EXAMPLE_B_D = 300.0, 5.0
 """The desired impedance of Fig. 4 [N*m/rad, N*m*s/rad], whose estimates are headline numbers."""
+DIGITS = ("Zero", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
+ONE_GROUP = "all"
+"""Name of the group of crossings of a campaign that is not split."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,7 @@ ACTUATOR_LABELS = {
     "B_m": Label("B_m", "N*m*s/rad", 5.6e-3, "MotorDamping", "damping of the actuator, mean of trials"),
     "J_m": Label("J_m", "kg*m^2", 9.211e-3, "MotorInertia", "inertia of the actuator, mean of trials"),
 }
+SYMMETRY = "of the ankle while walking, turns up minus turns down"
 WALKING_LABELS = {
     "K": Label(
         "walking_K", "N*m/rad", 340.0, "WalkingStiffness", "ankle stiffness while walking, fit to the mean response"
@@ -46,6 +51,10 @@ WALKING_LABELS = {
         "walking_B", "N*m*s/rad", None, "WalkingDamping", "ankle damping while walking, fit to the mean response"
     ),
     "I": Label("walking_I", "kg*m^2", None, "WalkingInertia", "ankle inertia while walking, fit to the mean response"),
+}
+SYMMETRY_LABELS = {
+    quantity: Label(f"{label.name}_up_minus_down", label.unit, None, f"{label.macro}UpMinusDown", f"{word} {SYMMETRY}")
+    for (quantity, label), word in zip(WALKING_LABELS.items(), ("stiffness", "damping", "inertia"), strict=True)
 }
 WALKING_VAF = Label("walking_VAF", "%", None, "WalkingVAF", "VAF of the walking fits, mean of perturbations")
 BELT_GAIN = "held-out VAF of the quadratic belt with hysteresis less the linear belt's, mean of trials"
@@ -86,6 +95,23 @@ def model_gain_labels() -> dict[tuple[str, str | None, str], Label]:
     }
 
 
+def of_group(label: Label, group: str) -> Label:
+    """The label of one group of crossings; unchanged for a campaign of one group.
+
+    The draft's value is of one group. The macro has the group's name in letters, digits as words.
+    """
+    if group == ONE_GROUP:
+        return label
+    named = f"{label.meaning}, {group}"
+    return replace(label, name=f"{label.name} ({group})", draft=None, macro=label.macro + letters(group), meaning=named)
+
+
+def letters(text: str) -> str:
+    """Text as letters only, for the name of a macro: `K_d 200, timing 41 %` gives `KdTwoZeroZeroTimingFourOne`."""
+    words = re.findall(r"[A-Za-z]+|[0-9]", text.replace("_", ""))
+    return "".join(DIGITS[int(word)] if word.isdigit() else word[0].upper() + word[1:] for word in words)
+
+
 def doubtful_label(table: str) -> Label:
     """The number of doubtful fits of a table."""
     meaning = f"doubtful fits in {table}.csv, whose column says why"
@@ -102,6 +128,7 @@ def all_labels() -> list[Label]:
         *(label for controller in CONTROLLERS for label in impedance_labels(controller).values()),
         *model_gain_labels().values(),
         *WALKING_LABELS.values(),
+        *SYMMETRY_LABELS.values(),
         WALKING_VAF,
         *map(doubtful_label, judged_tables()),
     ]

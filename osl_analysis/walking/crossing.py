@@ -43,6 +43,8 @@ class Crossing:
     plate_errors: changes (m, n) [N*m] of the torque. Row i is the change if the plate's model is identified without the
         i-th of m plate trials. With a single plate trial m = 0.
     load: ground reaction on the foot; None if it is not known.
+    turn: largest turn [rad] of the platform about the ankle's axis in the window, toes up positive; None if
+        unperturbed or unknown.
     """
 
     name: str
@@ -56,6 +58,12 @@ class Crossing:
     quality: CrossingQuality
     plate_errors: Array
     load: Load | None = None
+    turn: float | None = None
+
+    @property
+    def sign(self) -> int:
+        """-1 if the platform turned the toes down, else 1."""
+        return -1 if self.turn is not None and self.turn < 0 else 1
 
 
 @dataclass(frozen=True)

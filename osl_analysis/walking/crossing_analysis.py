@@ -28,6 +28,7 @@ from osl_analysis.walking.cluster import (
     segment_poses,
 )
 from osl_analysis.walking.crossing import Crossing, CrossingQuality
+from osl_analysis.walking.direction import platform_turn
 from osl_analysis.walking.encoder import FEWEST_SAMPLES, EncoderCheck, compare_encoder
 from osl_analysis.walking.events import Stance, check_onset, find_onset, find_stances, only_stance
 from osl_analysis.walking.load import furthest_outside, load_on_foot
@@ -163,7 +164,13 @@ class RecordedCrossing:
             quality=quality,
             plate_errors=np.reshape(errors, (-1, len(torque))),
             load=load,
+            turn=None if onset is None else self.turn(time, poses, onset),
         )
+
+    def turn(self, time: Array, poses: Mapping[str, Poses], onset: float) -> float:
+        """Turn [rad] of the platform in the window, toes up positive."""
+        axis = ankle_in_lab(poses["foot"], poses["shank"], self.calibration)[1]
+        return platform_turn(time, poses["platform"], axis, (onset, onset + self.settings.window_s))
 
     def filtered(self, name: str, rows: slice) -> Poses:
         """Filtered poses of a segment in some rows."""

@@ -1,14 +1,20 @@
-"""The mean response of all perturbations, its fit, and the bootstrap of that fit."""
+"""The mean response of all perturbations, its fit, and the bootstrap of that fit.
+
+Responses to turns in both directions are joined by half their difference, mean up minus mean down over 2. What a person
+does after either turn, whichever its direction, and the error of the mean unperturbed gait cancel in it.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
 from osl_analysis.errors import InputError
 from osl_analysis.second_order import ImpedanceFit
 from osl_analysis.signals import Motion, differentiate
+from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.repeats import CommonError
 from osl_analysis.trial import Array
 from osl_analysis.walking.response import PerturbationResponse, window_samples
@@ -41,14 +47,14 @@ class Bootstrap:
     """Estimates of resampled ensembles, one entry per sample.
 
     K, B, I, VAF: units as in `ImpedanceFit`, VAF in percent.
-    degrees_of_freedom: the smaller of the numbers of perturbations and unperturbed crossings, minus 1.
+    degrees_of_freedom: the smaller of those of the perturbations (`freedom_of`) and of the unperturbed crossings.
     """
 
     K: Array
     B: Array
     I: Array
     VAF: Array
-    degrees_of_freedom: int
+    degrees_of_freedom: float
 
     def se(self, name: str) -> float:
         """Standard error of a quantity, in its unit."""
@@ -65,27 +71,56 @@ class Bootstrap:
         return float(np.cov(getattr(self, first), getattr(self, second))[0, 1])
 
 
+def signs_of(responses: Sequence[PerturbationResponse]) -> NDArray[np.int_]:
+    """Directions (n,) of responses: 1 or -1 if there are two, else all 1."""
+    signs = np.array([r.sign for r in responses])
+    return signs if len(np.unique(signs)) > 1 else np.ones_like(signs)
+
+
+def joining_weights(signs: NDArray[np.int_]) -> Array:
+    """Weights (n,) of responses with `signs` (n,) in their mean, or in half the difference of two directions."""
+    count = np.where(signs > 0, np.sum(signs > 0), np.sum(signs < 0))
+    return np.asarray(signs / count / len(np.unique(signs)))
+
+
 def ensemble_response(responses: Sequence[PerturbationResponse]) -> EnsembleResponse:
-    """Mean response and its fit in the common window.
+    """Mean response, or half the difference of two directions, and its fit in the common window.
 
     Raises
     ------
     InputError
-        Fewer than two responses, or their time grids or numbers of unperturbed crossings differ.
+        Fewer than two responses of a direction, or their time grids or numbers of unperturbed crossings differ.
     """
     check_alike(responses)
-    first = responses[0]
-    theta = np.mean([r.motion.theta for r in responses], axis=0)
-    torque = np.mean([r.torque for r in responses], axis=0)
+    weights, first = joining_weights(signs_of(responses)), responses[0]
+    theta = weights @ np.array([r.motion.theta for r in responses])
+    torque = weights @ np.array([r.torque for r in responses])
     motion = differentiate(first.time, theta)
     rows = first.window
     return EnsembleResponse(len(responses), first.time, motion, torque, fit_without_offset(motion[rows], torque[rows]))
+
+
+def freedom_of(signs: NDArray[np.int_]) -> float:
+    """Degrees of freedom of a mean of perturbations, or of a difference of two means (Welch, equal variances)."""
+    counts = np.unique(signs, return_counts=True)[1].tolist()
+    return (
+        float(welch_satterthwaite([1 / n for n in counts], [n - 1 for n in counts]))
+        if len(counts) > 1
+        else float(counts[0] - 1)
+    )
 
 
 def check_alike(responses: Sequence[PerturbationResponse]) -> None:
     """Refuse responses that cannot be averaged."""
     if len(responses) < 2:
         raise InputError(f"perturbations in the ensemble: {len(responses)}, expected 2 or more; record more")
+    signs = signs_of(responses)
+    for sign, word in ((1, "up"), (-1, "down")):
+        if np.sum(signs == sign) == 1:
+            raise InputError(
+                f"1 perturbation turns the toes {word} and {len(signs) - 1} the other way, expected 2 or more of each "
+                "to join them; record more, or exclude it in the sheet"
+            )
     first = responses[0]
     for r in responses[1:]:
         shapes = r.thetas.shape, r.plate_errors.shape
@@ -103,30 +138,64 @@ def bootstrap(responses: Sequence[PerturbationResponse], samples: int) -> Bootst
 
     All three are resampled. The mean unperturbed gait is subtracted from every response, and the plate's model is part
     of every torque: their errors are common to all responses and do not show in the scatter between perturbations. The
-    plate's model is resampled to first order, by the influence of each trial on the torque.
+    plate's model is resampled to first order, by the influence of each trial on the torque. Perturbations are drawn
+    within their direction.
     """
     check_alike(responses)
-    random = np.random.default_rng(SEED)
-    theta, torque, plate = (
-        np.array([getattr(r, name) for r in responses]) for name in ("thetas", "torques", "plate_errors")
-    )
-    trials = plate.shape[1]
-    weights = [resampling_weights(random, samples, n) for n in (*theta.shape[:2], trials)]
-    time, rows = responses[0].time, window_samples(responses[0].time, responses[0].timing)
-    influence = -(trials - 1) * (plate - plate.mean(axis=1, keepdims=True)) if trials > 1 else plate
-    fits = []
-    for perturbed, unperturbed, unloaded in zip(*weights, strict=True):
-        motion = differentiate(time, unperturbed @ np.tensordot(perturbed, theta, 1))
-        plate_torque = unloaded @ np.tensordot(perturbed, influence, 1)
-        resampled = unperturbed @ np.tensordot(perturbed, torque, 1) + plate_torque
-        fits.append(fit_without_offset(motion[rows], resampled[rows]))
-    return Bootstrap(
-        K=np.array([f.K for f in fits]),
-        B=np.array([f.B for f in fits]),
-        I=np.array([f.I for f in fits]),
-        VAF=np.array([f.fit.vaf for f in fits]),
-        degrees_of_freedom=min(theta.shape[:2]) - 1,
-    )
+    signs = signs_of(responses)
+    draws = Draws.of(responses, samples)
+    return draws.refitted(draws.perturbed * signs / len(np.unique(signs)), freedom_of(signs))
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Resampled perturbations, unperturbed crossings and plate trials of a bootstrap.
+
+    responses: the n responses.
+    perturbed: (samples, n) weights with a sum of 1 within each direction.
+    unperturbed: (samples, crossings).
+    unloaded: (samples, m).
+    """
+
+    responses: Sequence[PerturbationResponse]
+    perturbed: Array
+    unperturbed: Array
+    unloaded: Array
+
+    @classmethod
+    def of(cls, responses: Sequence[PerturbationResponse], samples: int) -> "Draws":
+        """Draws of checked responses, with the seed of every bootstrap."""
+        random, signs = np.random.default_rng(SEED), signs_of(responses)
+        perturbed = np.empty((samples, len(signs)))
+        for sign in np.unique(signs)[::-1]:
+            perturbed[:, signs == sign] = resampling_weights(random, samples, int(np.sum(signs == sign)))
+        crossings, trials = len(responses[0].thetas), len(responses[0].plate_errors)
+        return cls(responses, perturbed, *(resampling_weights(random, samples, n) for n in (crossings, trials)))
+
+    def refitted(self, weights: Array, perturbations_freedom: float) -> Bootstrap:
+        """Fits to the responses joined with `weights` (samples, n), which follow from `perturbed`."""
+        theta, torque, plate = (
+            np.array([getattr(r, name) for r in self.responses]) for name in ("thetas", "torques", "plate_errors")
+        )
+        trials, first = plate.shape[1], self.responses[0]
+        influence = -(trials - 1) * (plate - plate.mean(axis=1, keepdims=True)) if trials > 1 else plate
+        angles, torques = np.empty((2, len(first.time), len(weights)))
+        for i, (w, unperturbed, unloaded) in enumerate(zip(weights, self.unperturbed, self.unloaded, strict=True)):
+            angles[:, i] = unperturbed @ np.tensordot(w, theta, 1)
+            torques[:, i] = unperturbed @ np.tensordot(w, torque, 1) + unloaded @ np.tensordot(w, influence, 1)
+        rows = window_samples(first.time, first.timing)
+        freedom = min(perturbations_freedom, theta.shape[1] - 1)
+        return Bootstrap(*fits_of_samples(differentiate(first.time, angles)[rows], torques[rows]), freedom)
+
+
+def fits_of_samples(motion: Motion, torques: Array) -> tuple[Array, Array, Array, Array]:
+    """K, B, I and VAF, (samples,) each, of motions and torques (k, samples): `fit_without_offset` of all at once."""
+    columns = np.stack([motion.theta.T, motion.omega.T, motion.alpha.T], axis=-1)
+    sizes = np.linalg.norm(columns, axis=1, keepdims=True)
+    estimates = np.linalg.pinv(columns / sizes) @ torques.T[..., None] / sizes.swapaxes(1, 2)
+    residuals = torques.T - (columns @ estimates)[..., 0]
+    vaf = 100 * (1 - residuals.var(axis=1) / torques.var(axis=0))
+    return estimates[:, 0, 0], estimates[:, 1, 0], estimates[:, 2, 0], vaf
 
 
 def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[CommonError]]:
@@ -136,9 +205,10 @@ def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[C
     jackknife's over the plate trials. Variances are in the squared units of `ImpedanceFit`.
     """
     check_alike(responses)
+    shares = np.abs(joining_weights(signs_of(responses)))
     fits = [fit_without_offset(r.fitted_motion, r.fitted_torque) for r in responses]
-    gait = np.mean([gait_errors(*each) for each in zip(responses, fits, strict=True)], axis=0)
-    plate = np.mean([plate_errors(r) for r in responses], axis=0)
+    gait = np.average([gait_errors(*each) for each in zip(responses, fits, strict=True)], axis=0, weights=shares)
+    plate = np.average([plate_errors(r) for r in responses], axis=0, weights=shares)
     gait_variances, plate_variances = np.var(gait, axis=0, ddof=1) / len(gait), np.diag(jackknife_covariance(plate))
     return {
         name: [CommonError(float(g), len(gait) - 1), CommonError(float(p), max(len(plate) - 1, 1))]

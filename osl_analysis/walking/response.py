@@ -28,6 +28,7 @@ class PerturbationResponse:
     torques: the same for the torque [N*m].
     plate_errors: changes (m, k) [N*m] of the torque if the plate's model is identified without each of m plate trials.
     timing: window, baseline and guard.
+    sign: -1 if the platform turned the toes down, else 1.
     """
 
     name: str
@@ -38,6 +39,7 @@ class PerturbationResponse:
     torques: Array
     plate_errors: Array
     timing: Timing
+    sign: int = 1
 
     @property
     def window(self) -> slice:
@@ -91,7 +93,8 @@ def isolate_response(
     baseline = slice(MARGIN, MARGIN + round(timing.baseline * sampling_rate(time)))
     thetas, torques, errors = (without_baseline(curves, baseline) for curves in (thetas, torques, errors))
     motion = differentiate(time, thetas.mean(axis=0))
-    return PerturbationResponse(crossing.name, time, motion, torques.mean(axis=0), thetas, torques, errors, timing)
+    torque = torques.mean(axis=0)
+    return PerturbationResponse(crossing.name, time, motion, torque, thetas, torques, errors, timing, crossing.sign)
 
 
 def check_phase(name: str, phase: Array) -> None:

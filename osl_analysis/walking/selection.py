@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.trial import Array
+from osl_analysis.walking.conditions import PERTURBED, Sheet, split_keys
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
+from osl_analysis.walking.groups import Place, places
 from osl_analysis.walking.settings import OutlierRule, SelectionSettings, Timing
 from osl_analysis.walking.unperturbed import PHASES, signal_at, stance_times
 
@@ -15,6 +17,8 @@ NORMAL_MAD = 1.4826
 """Standard deviation of a normal distribution divided by its median absolute deviation."""
 USED, OUTLIER, REFUSED = "used", "outlier", "refused"
 """Status of a crossing in `walking_crossings.csv`."""
+SEPARATOR = "; "
+"""Between the names of gaits in one cell; no name has a semicolon."""
 
 
 @dataclass(frozen=True)
@@ -41,16 +45,50 @@ class Feature:
 
 
 def selection_rows(
-    crossings: Sequence[Crossing], refused: Sequence[RefusedCrossing], settings: SelectionSettings
+    crossings: Sequence[Crossing],
+    refused: Sequence[RefusedCrossing],
+    settings: SelectionSettings,
+    sheet: Sheet | None = None,
 ) -> dict[str, dict[str, object]]:
-    """Rows of `walking_crossings.csv` by crossing: its quality and, if it is excluded, the reason."""
-    rule = settings.outliers
-    features = crossing_features(crossings, settings.timing, rule) if rule and crossings else []
-    reasons = outlier_reasons(features, [c.name for c in crossings], rule.limit) if rule and crossings else {}
-    rows = {c.name: crossing_row(c, k, features, reasons.get(c.name)) for k, c in enumerate(crossings)}
-    return rows | {
+    """Rows of `walking_crossings.csv` by crossing: its quality, its group and, if it is excluded, the reason.
+
+    `sheet` has the conditions of all crossings; None: there are none. Crossings are compared with those that share all
+    conditions by which the campaign is split.
+    """
+    sheet = without_conditions(crossings, refused) if sheet is None else sheet
+    keys = split_keys(sheet, settings)
+    alike: dict[tuple[object, ...], list[Crossing]] = {}
+    for c in crossings:
+        alike.setdefault(tuple(sheet[c.name].get(key) for key in keys), []).append(c)
+    rows = {name: row for some in alike.values() for name, row in compared_rows(some, settings).items()}
+    used = [c for c in crossings if rows[c.name]["reason"] is None]
+    rows |= {
         r.name: {"trial": r.name, "perturbed": r.perturbed, "status": REFUSED, "reason": r.reason} for r in refused
     }
+    found = places(used, sheet, settings)
+    return {name: row | place_row(found[name]) for name, row in rows.items()}
+
+
+def without_conditions(crossings: Sequence[Crossing], refused: Sequence[RefusedCrossing]) -> Sheet:
+    """The sheet of crossings about which no conditions are stated."""
+    kinds = {c.name: c.onset is not None for c in crossings} | {r.name: r.perturbed for r in refused}
+    return {name: {PERTURBED: perturbed} for name, perturbed in kinds.items()}
+
+
+def place_row(place: Place) -> dict[str, object]:
+    """Columns of `walking_crossings.csv` that say where a crossing belongs."""
+    gait = SEPARATOR.join(place.gaits) or None
+    return {
+        "gait": gait, "group": place.group, "direction": place.direction, "onset_phase": place.onset_phase
+    }  # fmt: skip
+
+
+def compared_rows(crossings: Sequence[Crossing], settings: SelectionSettings) -> dict[str, dict[str, object]]:
+    """Rows of crossings that are compared with each other, by crossing."""
+    rule = settings.outliers
+    features = crossing_features(crossings, settings.timing, rule) if rule else []
+    reasons = outlier_reasons(features, [c.name for c in crossings], rule.limit) if rule else {}
+    return {c.name: crossing_row(c, k, features, reasons.get(c.name)) for k, c in enumerate(crossings)}
 
 
 def crossing_row(crossing: Crossing, index: int, features: Sequence[Feature], reason: str | None) -> dict[str, object]:

@@ -5,19 +5,22 @@ from dataclasses import asdict
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row, lag_damping_row
 from osl_analysis.stats.repeats import CommonError, over_repeats
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.ensemble import Bootstrap, EnsembleResponse
+from osl_analysis.walking.direction import DOWN, UP
+from osl_analysis.walking.ensemble import Bootstrap, EnsembleResponse, signs_of
+from osl_analysis.walking.headline import Headline, Symmetry
 from osl_analysis.walking.response import PerturbationResponse, isolate_response
 from osl_analysis.walking.response_fit import fit_response, offset_comparison, response_lag
 from osl_analysis.walking.settings import ResponseSettings
 from osl_analysis.walking.unperturbed import PHASES, UnperturbedGait
 
 QUANTITIES = ("K", "B", "I", "VAF")
-MEAN, ENSEMBLE = "mean of perturbations", "ensemble"
+MEAN, ENSEMBLE, UP_MINUS_DOWN = "mean of perturbations", "ensemble", "up minus down"
 WITH_COMMON_ERRORS = "Student + shared errors"
 """Interval of a mean over perturbations: from their scatter, and from the errors that all of them share."""
 PHASE_STEP = 4
@@ -60,13 +63,53 @@ def response_lag_row(response: PerturbationResponse, K: float) -> Row:
     return {**columns, "lag_out_of_reach": float(delay is None)}
 
 
-def mean_rows(fits: pl.DataFrame, common: Mapping[str, Sequence[CommonError]]) -> list[dict[str, object]]:
-    """Mean and scatter of the estimates per perturbation; `se` and interval include the errors that are `common`."""
+def headline_rows(headline: Headline, fits: pl.DataFrame, doubtful: Mapping[str, int]) -> list[dict[str, object]]:
+    """Rows of `walking_summary.csv` of one group.
+
+    `fits` are its rows of `walking.csv`, `doubtful` the column with the number of doubtful ones.
+    """
+    rows = [{**row, **doubtful} for row in mean_rows(fits, headline.common, signs_of(headline.responses))]
+    rows += ensemble_rows(headline.ensemble, headline.resampled)
+    return rows if headline.symmetry is None else rows + symmetry_rows(headline.symmetry)
+
+
+def mean_rows(
+    fits: pl.DataFrame, common: Mapping[str, Sequence[CommonError]], signs: NDArray[np.int_] | None = None
+) -> list[dict[str, object]]:
+    """Mean and scatter of the estimates per perturbation; `se` and interval include the errors that are `common`.
+
+    With `signs` (n,) of two directions it is the mean of both directions' means.
+    """
     return [
         {"quantity": name, "estimator": MEAN, "interval_method": WITH_COMMON_ERRORS if name in common else "Student"}
-        | asdict(over_repeats(fits[name].to_numpy(), common.get(name, ())))
+        | asdict(over_repeats(fits[name].to_numpy(), common.get(name, ()), signs))
         for name in QUANTITIES
     ]
+
+
+def symmetry_rows(symmetry: Symmetry) -> list[dict[str, object]]:
+    """K, B and I of each direction alone, and of up minus down, with intervals from the bootstrap."""
+    up, down = symmetry.up, symmetry.down
+    rows: list[dict[str, object]] = []
+    for quantity in "KBI":
+        values = getattr(up, quantity), getattr(down, quantity)
+        parts = (
+            (UP, values[0], symmetry.up_draws, symmetry.counts[0]),
+            (DOWN, values[1], symmetry.down_draws, symmetry.counts[1]),
+            (UP_MINUS_DOWN, values[0] - values[1], symmetry.difference, sum(symmetry.counts)),
+        )
+        for estimator, value, drawn, n in parts:
+            low, high = drawn.interval(quantity)
+            rows.append(
+                {"quantity": quantity, "estimator": estimator, "n": n, "mean": value, "se": drawn.se(quantity)}
+                | {"low": low, "high": high, "interval_method": "bootstrap"}
+            )
+    return rows
+
+
+def reason_rows(reason: str, n: int) -> list[dict[str, object]]:
+    """Rows of `walking_summary.csv` of a group without a result: its number of perturbations and the reason."""
+    return [{"quantity": q, "estimator": ENSEMBLE, "n": n, "mean": None, "reason": reason} for q in QUANTITIES]
 
 
 def ensemble_rows(ensemble: EnsembleResponse, resampled: Bootstrap) -> list[dict[str, object]]:
@@ -96,15 +139,16 @@ def excluded_crossings(selection: pl.DataFrame, unfitted: pl.DataFrame) -> pl.Da
     return both.select("trial", "perturbed", reason).filter(pl.col("reason").is_not_null())
 
 
-def response_table(responses: Sequence[PerturbationResponse], ensemble: EnsembleResponse) -> pl.DataFrame:
-    """Isolated responses around the onset: trial (or 'ensemble'), time [s], angle [deg], torque [N*m] and its fit.
+def response_table(group: str, responses: Sequence[PerturbationResponse], ensemble: EnsembleResponse) -> pl.DataFrame:
+    """Isolated responses of a group around the onset: trial (or 'ensemble'), time [s], angle [deg], torque [N*m] and
+    its fit.
 
     The fitted torque is null outside the window.
     """
     window = responses[0].window
     frames = [response_frame(r.name, r, fit_response(r).torque(r.motion), window) for r in responses]
     frames.append(response_frame(ENSEMBLE, ensemble, ensemble.fit.torque(ensemble.motion), window))
-    return pl.concat(frames)
+    return pl.concat(frames).with_columns(group=pl.lit(group))
 
 
 def response_frame(

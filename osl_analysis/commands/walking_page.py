@@ -1,0 +1,45 @@
+"""The job that writes the numbers of the walking page."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import polars as pl
+
+from osl_analysis.commands.unperturbed_file import read_unperturbed_gaits
+from osl_analysis.commands.walking import selected_crossings
+from osl_analysis.doubtful import DOUBTFUL
+from osl_analysis.table import read_table, write_table
+from osl_analysis.walking.settings import TimingSettings
+from osl_analysis.walking.tables import walking_page_points
+from osl_analysis.walking.unperturbed import unperturbed_gait
+
+
+def plot_walking_page(
+    *,
+    crossings: Sequence[Path],
+    selection: Path,
+    unperturbed: Path,
+    responses: Path,
+    table: Path,
+    settings: TimingSettings,
+    output: Path,
+) -> None:
+    """Write the numbers that the walking page plots.
+
+    `crossings` are the perturbed ones, `selection` is `walking_crossings.csv`, `responses` `walking_responses.csv`,
+    `table` `walking.csv`.
+    """
+    isolated = read_table(responses, ["group", "trial", "time", "theta_deg", "torque", "torque_model"])
+    doubtful = read_table(table, ["trial", DOUBTFUL]).select("trial", DOUBTFUL)
+    isolated = isolated.join(doubtful, on="trial", how="left", maintain_order="left")
+    chosen, gaits = selected_crossings(crossings, selection), read_unperturbed_gaits(unperturbed)
+    places = {row["trial"]: row for row in read_table(selection, ["trial", "gait"]).iter_rows(named=True)}
+    frames = []
+    for of_group in isolated.partition_by("group", maintain_order=True):
+        names, group = set(of_group["trial"]), of_group["group"][0]
+        perturbed = [c for c in chosen if c.name in names]
+        gait = gaits[places[perturbed[0].name]["gait"]]
+        both = {"unperturbed": gait, "perturbed": unperturbed_gait(perturbed, 2)}
+        points = walking_page_points(perturbed, both, of_group.drop("group"), settings.window_s)
+        frames.append(points.with_columns(group=pl.lit(group)))
+    write_table(pl.concat(frames, how="diagonal"), output)

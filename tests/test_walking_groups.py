@@ -1,0 +1,339 @@
+"""Crossings under different conditions have results of their own, and opposite directions are joined rightly."""
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy.spatial.transform import Rotation
+from walking_crossings import TURN, Walk, campaign, several, walked
+from walking_synthetic import settings
+
+from osl_analysis.commands.over_stance import plotted_numbers, tabulate
+from osl_analysis.errors import InputError
+from osl_analysis.table import read_table
+from osl_analysis.walking.cluster import Poses
+from osl_analysis.walking.conditions import gaits_served, label, split_keys
+from osl_analysis.walking.direction import check_direction, platform_turn
+from osl_analysis.walking.ensemble import ensemble_response, freedom_of, joining_weights
+from osl_analysis.walking.group_table import fitted_time
+from osl_analysis.walking.groups import timings
+from osl_analysis.walking.headline import group_headline
+from osl_analysis.walking.response_fit import fit_response
+from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.walking.unperturbed import unperturbed_gait
+from osl_analysis.yaml_settings import validated
+
+NOT_ASKED = "ignore:.*(differ in|different phases):UserWarning"
+MIDSTANCE = Walk(0.4)
+
+
+def crossings(walks):
+    return [walked(name, walk) for name, walk in walks.items()]
+
+
+def headline(walks, count=8, **choices):
+    gait = unperturbed_gait(crossings(several("u", count, Walk())), 3)
+    return group_headline(crossings(walks), gait, settings(**choices))
+
+
+# Opposite directions
+
+
+BOTH = several("up", 6, MIDSTANCE, common=12.0) | several("down", 4, MIDSTANCE, common=12.0, sign=-1)
+
+
+def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn():
+    """12 N*m after either turn read 138 N*m/rad too much up, and as much too little down: 12/0.087."""
+    result = headline(BOTH)
+    assert result.ensemble.fit.K == pytest.approx(340.0, abs=6)
+    assert (result.ensemble.fit.B, result.ensemble.fit.I) == pytest.approx((5.0, 0.03), abs=0.2)
+    assert abs(result.ensemble.fit.K - 340.0) < 4 * result.resampled.se("K") < 20
+
+
+def test_the_difference_of_directions_is_stated_with_an_interval_that_sees_it():
+    symmetry = headline(BOTH).symmetry
+    assert symmetry.counts == (6, 4)
+    assert (symmetry.up.K, symmetry.down.K) == pytest.approx((340 + 12 / TURN, 340 - 12 / TURN), abs=12)
+    low, high = symmetry.difference.interval("K")
+    assert low < 24 / TURN < high
+    assert low > 0
+
+
+def test_a_joint_that_answers_alike_up_and_down_passes_the_test_of_symmetry():
+    """The interval of 95 % misses zero in 1 of 20 campaigns: of 30, at most 5 (3 Monte Carlo errors)."""
+    missed = 0
+    for k in range(30):
+        gait = unperturbed_gait(crossings(several(f"u{k}_", 6, Walk())), 3)
+        walks = several(f"a{k}_", 5, MIDSTANCE) | several(f"b{k}_", 5, MIDSTANCE, sign=-1)
+        low, high = group_headline(
+            crossings(walks), gait, settings(bootstrap_samples=100)
+        ).symmetry.difference.interval("K")
+        missed += not low < 0 < high
+    assert missed <= 5
+
+
+def test_directions_count_alike_however_many_crossings_each_has():
+    np.testing.assert_allclose(joining_weights(np.array([1, 1, 1, -1])), [1 / 6, 1 / 6, 1 / 6, -1 / 2])
+    np.testing.assert_allclose(joining_weights(np.array([1, 1, 1, 1])), 0.25)
+    assert freedom_of(np.ones(7)) == 6
+    assert freedom_of(np.array([1] * 5 + [-1] * 5)) == pytest.approx(8)  # Student's for two equal samples: 2 n - 2
+    assert 3 < freedom_of(np.array([1] * 30 + [-1] * 4)) < 4  # the few decide: 4 - 1, and a little
+
+
+def test_turns_of_one_direction_give_the_same_whichever_it_is():
+    """A mirrored campaign: angle and torque of every response change sign, K stays."""
+    up, down = (headline(several("p", 5, MIDSTANCE, sign=sign, noise=0.0)) for sign in (1, -1))
+    assert up.symmetry is None
+    assert down.ensemble.fit.K == pytest.approx(up.ensemble.fit.K, rel=0.01)
+
+
+def test_the_bootstrap_draws_within_directions():
+    """Responses up scatter, responses down do not: half the difference has half the error of the mean up. Without the
+    noise of unperturbed crossings, 400 draws of 9 crossings leave the ratio an error of a few per cent."""
+    gait = unperturbed_gait(crossings(several("u", 4, Walk(noise=0.0))), 3)
+    walks = several("a", 9, MIDSTANCE) | several("d", 9, MIDSTANCE, sign=-1, noise=0.0)
+    result = group_headline(crossings(walks), gait, settings(bootstrap_samples=400))
+    assert result.symmetry.counts == (9, 9)
+    assert result.resampled.se("K") == pytest.approx(result.symmetry.up_draws.se("K") / 2, rel=0.1)
+    fits = [fit_response(r).K for r in result.responses if r.sign > 0]
+    assert result.symmetry.up_draws.se("K") == pytest.approx(np.std(fits, ddof=1) / 3, rel=0.15)
+
+
+def test_a_single_turn_the_other_way_is_refused_with_the_numbers():
+    walks = several("p", 5, MIDSTANCE) | several("d", 1, MIDSTANCE, sign=-1)
+    with pytest.raises(InputError, match="1 perturbation turns the toes down and 5 the other way, expected 2 or more"):
+        headline(walks)
+
+
+def test_the_mean_of_perturbations_is_the_mean_of_both_directions_means(tmp_path):
+    tables = campaign(tmp_path, BOTH | several("u", 6, Walk()), bootstrap_samples=100)
+    fits = tables["walking"]
+    up, down = (fits.filter(pl.col("direction") == d)["K"] for d in ("up", "down"))
+    row = tables.estimate("all", "K", "mean of perturbations")
+    assert row["mean"] == pytest.approx((up.mean() + down.mean()) / 2)
+    assert row["sd"] < 60  # not the 138 either side that the directions differ by
+    assert row["low"] < 340 < row["high"]
+    difference = tables.estimate("all", "K", "up minus down")
+    assert difference["low"] > 0
+    assert difference["mean"] == pytest.approx(24 / TURN, abs=20)
+
+
+def test_directions_can_be_groups(tmp_path):
+    tables = campaign(tmp_path, BOTH | several("u", 6, Walk()), group_by=["direction"], bootstrap_samples=100)
+    assert tables["groups"]["group"].to_list() == ["direction down", "direction up"]
+    assert tables.estimate("direction up")["mean"] > 400 > 300 > tables.estimate("direction down")["mean"]
+
+
+# Which way the platform turned
+
+
+@pytest.mark.parametrize("heading", [0.0, 180.0, 57.0])
+@pytest.mark.parametrize("turn", [0.087, -0.05])
+def test_the_turn_is_toes_up_positive_whichever_way_the_person_walks_and_the_platform_lay(heading, turn):
+    time = np.arange(60) / 300
+    yaw, rest = Rotation.from_euler("z", heading, degrees=True), Rotation.from_euler("xyz", [3, -2, 20], degrees=True)
+    axis = yaw.apply([0.0, 1.0, 0.0])
+    angles = turn * np.clip((time - 0.05) / 0.1, 0, 1)
+    rotation = np.array([(Rotation.from_rotvec(-a * axis) * rest).as_matrix() for a in angles])
+    pose = Poses(rotation, np.zeros((60, 3)), np.zeros(3), np.zeros(60), np.zeros(60, dtype=bool))
+    assert platform_turn(time, pose, np.tile(axis, (60, 1)), (0.05, 0.15)) == pytest.approx(turn)
+
+
+def test_a_direction_in_the_sheet_that_the_markers_contradict_is_refused_by_name():
+    check_direction("w7", "up", 0.08)
+    check_direction("w7", None, -0.08)
+    with pytest.raises(InputError, match=r"trial w7: the platform turned by -4\.6 deg .* 'up', expected 'down'"):
+        check_direction("w7", "up", -0.08)
+
+
+# Conditions
+
+
+def stated(names, **cells):
+    """The same cells of the sheet for several crossings."""
+    return dict.fromkeys(names, cells)
+
+
+def of_stiffness(values, count=5):
+    walks, cells = {}, {}
+    for K in values:
+        some = several(f"p{K:.0f}_", count, MIDSTANCE, impedance=(K, 5.0, 0.03))
+        others = several(f"u{K:.0f}_", 4, Walk(gait=0.8 + K / 2000))
+        walks |= some | others
+        cells |= stated([*some, *others], K_d=float(K), B_d=5.0)
+    return walks, cells
+
+
+def test_each_commanded_stiffness_has_its_own_result_and_one_line_says_so(tmp_path):
+    walks, cells = of_stiffness((200.0, 340.0, 480.0))
+    walks = {n: Walk(w.phase, impedance=w.impedance, gait=0.8 + cells[n]["K_d"] / 2000) for n, w in walks.items()}
+    with pytest.warns(UserWarning, match=r"differ in K_d \(200, 340, 480\): each value has a result of its own"):
+        tables = campaign(tmp_path, walks, cells, bootstrap_samples=100)
+    assert tables["groups"]["group"].to_list() == ["K_d 200", "K_d 340", "K_d 480"]
+    for K in (200.0, 340.0, 480.0):
+        row = tables.estimate(f"K_d {K:.0f}")
+        assert row["mean"] == pytest.approx(K, abs=10)
+        assert row["low"] < K < row["high"]
+        assert row["commanded"] == K
+    assert tables["responses"]["group"].n_unique() == 3
+    assert dict(tables["walking"].select("trial", "group").iter_rows())["p340_2"] == "K_d 340"
+
+
+def test_pooled_on_request_there_is_one_result_which_says_what_was_pooled(tmp_path):
+    walks, cells = of_stiffness((200.0, 480.0), 3)
+    tables = campaign(tmp_path, walks, cells, pool=["K_d"], bootstrap_samples=100, outliers=None)
+    assert tables["groups"].select("group", "pooled").row(0) == ("all", "K_d 200, 480")
+    assert tables.estimate("all")["commanded"] is None
+
+
+@pytest.mark.filterwarnings(NOT_ASKED)
+def test_each_subject_has_a_gait_of_its_own(tmp_path):
+    """Two subjects, one with half the torque: with the other's gait subtracted K would be off by hundreds."""
+    walks, cells = {}, {}
+    for subject, gait, stance, K in (("S1", 1.0, 0.72, 300.0), ("S2", 0.5, 0.9, 200.0)):
+        some = several(f"{subject}p", 5, Walk(0.4, gait=gait, stance=stance, impedance=(K, 5.0, 0.03)))
+        some |= several(f"{subject}u", 5, Walk(gait=gait, stance=stance))
+        walks, cells = walks | some, cells | stated(some, subject=subject)
+    tables = campaign(tmp_path, walks, cells, bootstrap_samples=100)
+    assert set(tables["selection"]["status"]) == {"used"}
+    for subject, K, stance in (("S1", 300.0, 0.72), ("S2", 200.0, 0.9)):
+        assert tables.estimate(f"subject {subject}")["mean"] == pytest.approx(K, abs=10)
+        (facts,) = tables["groups"].filter(pl.col("subject") == subject).to_dicts()
+        assert facts["stance_s"] == pytest.approx(stance, rel=0.02)
+        assert facts["onset_phase"] == pytest.approx(0.4, abs=0.01)
+        assert (facts["n"], facts["n_unperturbed"], facts["gait"]) == (5, 5, f"subject {subject}")
+
+
+def test_an_unperturbed_crossing_without_a_value_serves_every_value():
+    gaits = {"K_d 200": {"K_d": 200.0}, "K_d 400": {"K_d": 400.0}}
+    assert gaits_served({"K_d": None}, gaits, ["K_d"]) == ["K_d 200", "K_d 400"]
+    assert gaits_served({"K_d": 400.0}, gaits, ["K_d"]) == ["K_d 400"]
+    assert gaits_served({"K_d": 300.0}, gaits, ["K_d"]) == []
+
+
+@pytest.mark.parametrize(
+    ("cells", "choices", "message"),
+    [
+        ([{"K_d": 200.0}, {"K_d": None}], {}, "trial p1: no K_d in the sheet, but other crossings state 200; fill in"),
+        ([{}, {}], {"group_by": ["subject"]}, "group_by names 'subject', but no crossing states it"),
+    ],
+)
+def test_conditions_that_do_not_tell_crossings_apart_are_refused(cells, choices, message):
+    sheet = {f"p{k}": {"perturbed": True, **each} for k, each in enumerate(cells)}
+    with pytest.raises(InputError, match=message):
+        split_keys(sheet, settings(**choices))
+
+
+def test_a_condition_is_split_or_pooled_not_both():
+    with pytest.raises(InputError, match="'K_d' stands in group_by and in pool; remove it from one of them"):
+        validated(
+            settings().model_dump() | {"group_by": ["K_d"], "pool": ["K_d"]}, WalkingAnalysis, Path("config.yaml")
+        )
+
+
+def test_names_of_groups_have_the_conditions_in_order():
+    assert label({}) == "all"
+    assert label({"group": "slow", "K_d": 340.0, "timing": "41 %"}) == "slow, K_d 340, timing 41 %"
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_a_group_without_a_result_has_rows_that_say_why_and_the_others_go_on(tmp_path):
+    walks, cells = of_stiffness((200.0, 340.0), 4)
+    few = several("few", 1, MIDSTANCE) | several("few_u", 3, Walk())
+    bare = several("bare", 3, MIDSTANCE)
+    walks |= few | bare
+    cells |= stated(few, K_d=500.0, B_d=5.0) | stated(bare, K_d=600.0, B_d=5.0)
+    tables = campaign(tmp_path, walks, cells, bootstrap_samples=100)
+    reasons = dict(tables["groups"].select("group", "reason").iter_rows())
+    assert reasons["K_d 200"] is None
+    assert reasons["K_d 500"].startswith("1 perturbations can be used, expected 2 or more")
+    assert reasons["K_d 600"].startswith("no mean unperturbed gait under the same conditions")
+    assert tables.estimate("K_d 600")["mean"] is None
+    assert "no mean unperturbed gait" in tables.estimate("K_d 600")["reason"]
+    assert tables["excluded"].filter(pl.col("trial") == "bare1")["reason"][0].startswith("no mean unperturbed gait")
+
+
+# Timing
+
+
+def test_timings_are_parted_by_clear_gaps_and_one_protocol_s_scatter_is_not():
+    random = np.random.default_rng(2)
+    for _ in range(200):
+        assert timings(0.4 + 0.02 * random.standard_normal(30), 0.05).max() == 0
+    phases = np.concatenate([0.6 + 0.01 * random.standard_normal(6), 0.2 + 0.01 * random.standard_normal(6)])
+    np.testing.assert_array_equal(timings(phases, 0.05), [1] * 6 + [0] * 6)
+    close = np.concatenate([0.40 + 0.004 * random.standard_normal(6), 0.46 + 0.004 * random.standard_normal(6)])
+    np.testing.assert_array_equal(timings(close, 0.05), [0] * 6 + [1] * 6)  # their SD is 0.03
+
+
+def test_timings_without_a_gap_are_cut_into_narrow_bins():
+    parts = timings(np.linspace(0.2, 0.7, 51), 0.05)
+    assert parts.max() == 4
+    assert list(np.bincount(parts)) == pytest.approx([10] * 5, abs=1)
+    assert len(timings(np.array([]), 0.05)) == 0
+
+
+@pytest.fixture(scope="module")
+def three_timings(tmp_path_factory):
+    """K 120, 300, 450 at 20, 40, 60 % of stance."""
+    walks = several("u", 8, Walk())
+    for phase, K in ((0.2, 120.0), (0.4, 300.0), (0.6, 450.0)):
+        walks |= several(f"p{K:.0f}_", 6, Walk(phase, impedance=(K, 5.0, 0.03)))
+    with pytest.warns(
+        UserWarning, match=r"begin at 3 different phases of stance \(timing 20 %; timing 40 %; timing 60"
+    ):
+        return campaign(tmp_path_factory.mktemp("timings"), walks, bootstrap_samples=200)
+
+
+def test_each_timing_has_its_own_result(three_timings):
+    for timing, K in ((20, 120.0), (40, 300.0), (60, 450.0)):
+        row = three_timings.estimate(f"timing {timing} %")
+        assert row["mean"] == pytest.approx(K, abs=10)
+        assert row["low"] < K < row["high"]
+    phases = dict(three_timings["selection"].drop_nulls("onset_phase").select("trial", "onset_phase").iter_rows())
+    assert phases["p450_1"] == pytest.approx(0.6, abs=0.02)
+
+
+def test_impedance_over_stance_lists_the_timings_in_order_beside_the_commanded_impedance(three_timings, tmp_path):
+    (tmp_path / "trajectory.csv").write_text("phase,K_d,B_d\n0,0,1\n0.62,620,1\n1,0,1\n")
+    table, points = tmp_path / "table.csv", tmp_path / "points.csv"
+    summary, groups = three_timings.folder / "summary.csv", three_timings.folder / "groups.csv"
+    tabulate(summary, groups, table, 0.62, [tmp_path / "trajectory.csv"])
+    rows = read_table(table)
+    assert rows["quantity"].to_list() == ["K"] * 3 + ["B"] * 3 + ["I"] * 3
+    stiffness = rows.filter(pl.col("quantity") == "K")
+    assert stiffness["series"].to_list() == ["all"] * 3
+    np.testing.assert_allclose(stiffness["estimate"], [120, 300, 450], atol=10)
+    np.testing.assert_allclose(stiffness["commanded"], 620 * stiffness["phase"], rtol=1e-3)
+    np.testing.assert_allclose(stiffness["onset_phase"], [0.2, 0.4, 0.6], atol=0.005)
+    assert (stiffness["onset_phase"] < stiffness["phase"]).all()
+    np.testing.assert_allclose(stiffness["end_phase"] - stiffness["onset_phase"], 0.1 / 0.72, rtol=0.02)
+    plotted_numbers(table, points, 0.62, [tmp_path / "trajectory.csv"])
+    commanded = read_table(points).filter((pl.col("series") == "commanded") & (pl.col("quantity") == "K"))
+    np.testing.assert_allclose(commanded["commanded"], 620 * commanded["phase"], rtol=1e-6, atol=1e-6)
+    tabulate(summary, groups, table, 0.62)
+    assert read_table(table)["commanded"].is_null().all()
+
+
+def test_the_phase_that_a_fit_reads_is_where_a_stiffness_that_changes_linearly_has_its_value():
+    result = headline(several("p", 4, MIDSTANCE, noise=0.0))
+    ensemble, timing = result.ensemble, settings().timing
+    before = ensemble.fit.K
+    rows = result.responses[0].window
+    slope = 1000.0  # N*m/rad per second
+    torque = ensemble.torque + slope * ensemble.time * ensemble.motion.theta
+    columns = np.column_stack([ensemble.motion.theta, ensemble.motion.omega, ensemble.motion.alpha])[rows]
+    after = np.linalg.lstsq(columns, torque[rows])[0][0]
+    assert after - before == pytest.approx(slope * fitted_time(ensemble, timing), rel=1e-9)
+    assert 0.05 < fitted_time(ensemble, timing) < 0.1
+
+
+def test_a_campaign_of_one_kind_is_one_group_called_all(tmp_path):
+    tables = campaign(tmp_path, several("p", 4, MIDSTANCE) | several("u", 4, Walk()), bootstrap_samples=100)
+    assert set(tables["summary"]["group"]) == {"all"}
+    assert tables["groups"].select("group", "gait", "n", "n_down", "pooled").row(0) == ("all", "all", 4, 0, None)
+    assert set(tables["summary"]["estimator"]) == {"mean of perturbations", "ensemble"}
+    responses = [r.name for r in headline(several("p", 4, MIDSTANCE)).responses]
+    assert responses == ["p0", "p1", "p2", "p3"]
+    assert ensemble_response(headline(several("p", 4, MIDSTANCE)).responses).n == 4

@@ -1,0 +1,124 @@
+"""Crossings by formula, with a turn up or down, for tests of groups: their files, and every job on them."""
+
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from walking_synthetic import RATE, bump, settings
+
+from osl_analysis.commands.tables import gather
+from osl_analysis.commands.walking import (
+    average_unperturbed,
+    fit_perturbation,
+    select_crossings,
+    summarise_perturbations,
+)
+from osl_analysis.commands.walking_files import write_crossing
+from osl_analysis.table import read_table
+from osl_analysis.walking.crossing import Crossing, CrossingQuality
+from osl_analysis.walking.events import Stance
+
+LEAD, RISE, TURN = 0.045, 0.018, 0.087
+"""The turn is an error function, at rest to 0.02 % at the onset, `LEAD` [s] before its middle; its size is 5 deg."""
+
+
+@dataclass(frozen=True)
+class Walk:
+    """A way to make a crossing.
+
+    phase: onset of the perturbation as a share of stance; None: unperturbed.
+    sign: 1 toes up, -1 toes down.
+    impedance: K, B, I of the ankle.
+    gait: factor of angle and torque of the gait.
+    stance: duration [s].
+    common: torque [N*m] that follows a turn in either direction.
+    noise: size [N*m] of the slow deviations of the torque.
+    """
+
+    phase: float | None = None
+    sign: int = 1
+    impedance: tuple[float, float, float] = (340.0, 5.0, 0.03)
+    gait: float = 1.0
+    stance: float = 0.72
+    common: float = 0.0
+    noise: float = 0.4
+
+
+def walked(name: str, walk: Walk) -> Crossing:
+    """A crossing with its own slow deviations, which its name determines."""
+    random = np.random.default_rng(zlib.crc32(name.encode()))
+    stance = walk.stance * (1 + 0.01 * random.standard_normal())
+    time = 0.3 + np.arange(-30, round(stance * RATE) + 30) / RATE
+    phase = (time - 0.3) / stance
+    theta = walk.gait * (0.2 * np.sin(5 * phase) - 0.1 * phase**2)
+    torque = walk.gait * 90 * np.sin(np.pi * phase) ** 2 * (1 + phase)
+    onset = None
+    if walk.phase is not None:
+        onset = 0.3 + walk.phase * walk.stance + 0.003 * random.standard_normal()
+        steps = bump(time, onset + LEAD, RISE)
+        d, v, a = (walk.sign * TURN * part for part in steps)
+        K, B, I = walk.impedance
+        theta, torque = theta + d, torque + K * d + B * v + I * a + walk.common * steps[0]
+    slow = walk.noise * random.standard_normal() * np.sin(2 * np.pi * (2 * time + random.random()))
+    quality = CrossingQuality({}, None, tuple(0.003 * random.standard_normal(2)), None)
+    turn = None if onset is None else walk.sign * TURN
+    span, no_plate = Stance(0.3, 0.3 + stance), np.zeros((0, len(time)))
+    return Crossing(name, time, theta, torque + slow, 0 * time, span, onset, 0.0, quality, no_plate, turn=turn)
+
+
+@dataclass(frozen=True)
+class Tables:
+    """The tables of a campaign, by name."""
+
+    folder: Path
+
+    def __getitem__(self, name: str) -> pl.DataFrame:
+        return read_table(self.folder / f"{name}.csv")
+
+    def estimate(self, group: str, quantity: str = "K", estimator: str = "ensemble") -> dict[str, Any]:
+        """One row of the summary."""
+        rows = self["summary"].filter(
+            (pl.col("group") == group) & (pl.col("quantity") == quantity) & (pl.col("estimator") == estimator)
+        )
+        return dict(rows.row(0, named=True))
+
+
+def campaign(
+    folder: Path, walks: Mapping[str, Walk], cells: Mapping[str, Mapping[str, object]] | None = None, **choices: Any
+) -> Tables:
+    """Write crossings and run every job on them. `cells` are conditions in the sheet, by trial."""
+    chosen = settings(**choices)
+    files = {name: folder / f"crossings/{name}.parquet" for name in walks}
+    (folder / "crossings").mkdir(parents=True)
+    for name, walk in walks.items():
+        write_crossing(walked(name, walk), files[name])
+    sheet = {name: {"perturbed": w.phase is not None, **(cells or {}).get(name, {})} for name, w in walks.items()}
+    selection, gait = folder / "selection.csv", folder / "gait.parquet"
+    select_crossings(list(files.values()), chosen, selection, sheet)
+    average_unperturbed([files[n] for n, w in walks.items() if w.phase is None], selection, chosen, gait)
+    perturbed = [n for n, w in walks.items() if w.phase is not None]
+    rows = [folder / f"fits/{name}.csv" for name in perturbed]
+    for name, row in zip(perturbed, rows, strict=True):
+        fit_perturbation(files[name], selection, gait, chosen, row)
+    gather(rows, folder / "walking.csv")
+    outputs = {name: folder / f"{name}.csv" for name in ("responses", "excluded", "groups")}
+    summarise_perturbations(
+        table=folder / "walking.csv",
+        crossings=[files[n] for n in perturbed],
+        selection=selection,
+        unperturbed=gait,
+        settings=chosen,
+        output=folder / "summary.csv",
+        sheet=sheet,
+        **outputs,
+    )
+    return Tables(folder)
+
+
+def several(prefix: str, count: int, walk: Walk, **changes: Any) -> dict[str, Walk]:
+    """So many crossings of one kind, by name."""
+    return {f"{prefix}{k}": replace(walk, **changes) for k in range(count)}

@@ -57,6 +57,7 @@ rule analyse_crossing:
         settings=CONFIG.walking.part("CrossingSettings"),
         perturbed=lambda wildcards: CAMPAIGN.row(wildcards.trial)["perturbed"],
         direction=lambda wildcards: CAMPAIGN.row(wildcards.trial)["direction"],
+        body_mass_kg=lambda wildcards: CAMPAIGN.row(wildcards.trial)["body_mass_kg"],
     run:
         jobs.run_job(log, "crossing.analyse", input, output, params)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from test_walking_response import TIMING, crossing
-from walking_synthetic import FOOT, SHANK
+from walking_synthetic import FOOT, SHANK, settings
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
@@ -15,11 +15,15 @@ from osl_analysis.walking.ankle import StaticCalibration
 from osl_analysis.walking.cluster import Poses, cluster_poses
 from osl_analysis.walking.crossing import Crossing, CrossingQuality
 from osl_analysis.walking.encoder import compare_encoder
+from osl_analysis.walking.features import crossing_features
 from osl_analysis.walking.hinge import functional_hinge, with_hinge
-from osl_analysis.walking.selection import crossing_features, outlier_reasons
+from osl_analysis.walking.load import Load
+from osl_analysis.walking.selection import outlier_reasons, selection_rows
 from osl_analysis.walking.settings import OutlierRule
 
-RULE = OutlierRule(limit=5, stance_s=0.01, placement_m=0.005, angle_deg=0.5)
+RULE = OutlierRule(
+    limit=5, stance_s=0.01, placement_m=0.005, angle_deg=0.5, torque_nm=2, load_share=0.03, pressure_m=0.005
+)
 
 
 # The encoder
@@ -154,7 +158,7 @@ def test_a_foot_beside_its_place_a_long_stance_and_another_gait_are_named_with_t
     long = session()[-1]
     assert "stance 1 s lies" in reasons(session(stance=replace(long.stance, toe_off=1.3)))["w10"]
     stiff = reasons(session(theta=long.theta + 0.3 * np.sin(9 * long.time)))
-    assert "gait before the onset" in stiff["w10"]
+    assert "angle before the onset" in stiff["w10"]
 
 
 def test_a_crossing_is_not_judged_by_its_perturbation() -> None:
@@ -165,3 +169,71 @@ def test_a_crossing_is_not_judged_by_its_perturbation() -> None:
     few = [replace(c, onset=0.6 if k % 4 == 1 else None) for k, c in enumerate(crossings)]
     longer = [replace(c, stance=replace(c.stance, toe_off=c.stance.toe_off + 0.2)) if c.onset else c for c in few]
     assert crossing_features(longer, TIMING, RULE)[0].distance.max() < 5
+
+
+# The load
+
+
+def loaded(
+    crossing: Crossing, share: float = 1.0, left: float = 0.01, mass: float | None = None, seed: int = 0
+) -> Crossing:
+    """The crossing of 70 kg with a share of its load, and its centre of pressure [m] to the left of the ankle."""
+    phase = (crossing.time - crossing.stance.heel_strike) / crossing.stance.duration
+    noise = np.random.default_rng(seed).standard_normal(2)
+    force = share * (1 + 0.02 * noise[0]) * 9.81 * 70 * np.clip(np.sin(np.pi * np.clip(phase, 0, 1)) * 1.15, 0, 0.95)
+    load = Load(force, np.full_like(force, left + 0.002 * noise[1]))
+    return replace(crossing, load=load, torque=share * crossing.torque, body_mass=mass)
+
+
+def loaded_session(**last: float) -> list[Crossing]:
+    """Eleven crossings with their load, the last of which is changed."""
+    crossings = session()
+    return [loaded(c, seed=k, **(last if k == 10 else {})) for k, c in enumerate(crossings)]
+
+
+def test_loads_that_scatter_by_two_percent_all_stay() -> None:
+    assert reasons(loaded_session()) == {}
+
+
+def test_a_crossing_with_seventy_percent_of_the_load_is_named() -> None:
+    assert "load" in reasons(loaded_session(share=0.7))["w10"]
+
+
+def test_three_of_five_unperturbed_crossings_with_seventy_percent_of_the_load_are_named() -> None:
+    """The perturbed ones show what is usual: before the onset, all are compared."""
+    crossings = [loaded(c, share=0.7 if k in (0, 4, 8) else 1.0, seed=k) for k, c in enumerate(session())]
+    assert set(reasons(crossings)) == {"w0", "w4", "w8"}
+
+
+def test_a_second_foot_on_the_plate_moves_the_pressure_beside_the_ankle() -> None:
+    assert "pressure beside the ankle" in reasons(loaded_session(left=0.06))["w10"]
+
+
+def test_crossings_whose_load_is_unknown_are_compared_without_it() -> None:
+    crossings = [*loaded_session()[:-1], session()[-1]]
+    assert reasons(crossings) == {}
+
+
+SELECTION = settings(outliers=None)
+
+
+def reason_of(crossing: Crossing) -> str | None:
+    row = selection_rows([crossing], [], SELECTION)[crossing.name]
+    assert row["status"] == ("used" if row["reason"] is None else "outlier")
+    return row["reason"]  # type: ignore[return-value]
+
+
+def test_a_load_far_from_the_weight_is_excluded_where_the_mass_is_known() -> None:
+    one = session()[0]
+    assert reason_of(loaded(one, mass=70)) is None
+    assert reason_of(loaded(one, share=0.6)) is None
+    assert "the plate carries 0.54 of the weight of 70 kg" in (reason_of(loaded(one, share=0.6, mass=70)) or "")
+    assert "the plate carries 1.8" in (reason_of(loaded(one, mass=35)) or "")
+
+
+def test_a_foot_beside_the_plate_is_excluded() -> None:
+    one = session()[0]
+    inside = replace(one, quality=replace(one.quality, outside=0.02))
+    assert reason_of(inside) is None
+    outside = replace(one, quality=replace(one.quality, outside=0.05))
+    assert "a foot marker lies 5.0 cm outside the plate" in (reason_of(outside) or "")

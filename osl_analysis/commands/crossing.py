@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import polars as pl
@@ -18,6 +19,7 @@ from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.table import write_table
 from osl_analysis.trial import read_trial
 from osl_analysis.walking.ankle import static_calibration
+from osl_analysis.walking.body_mass import body_mass
 from osl_analysis.walking.crossing import RefusedCrossing
 from osl_analysis.walking.crossing_analysis import analyse_crossing
 from osl_analysis.walking.direction import check_direction
@@ -70,9 +72,10 @@ def analyse(
     settings: CrossingSettings,
     output: Path,
     direction: str | None = None,
+    body_mass_kg: float | None = None,
 ) -> None:
-    """Angle and torque of one crossing, with its events, to a Parquet file. `perturbed` and `direction` are entries of
-    the sheet.
+    """Angle and torque of one crossing, with its events, to a Parquet file. `perturbed`, `direction` and `body_mass_kg`
+    are entries of the sheet.
 
     A crossing that cannot be analysed does not stop the others. Its file contains the reason instead of samples, and a
     warning states the reason.
@@ -81,6 +84,7 @@ def analyse(
     try:
         crossing = analyse_crossing(walked, static, model, perturbed, settings)
         check_direction(walked.name, direction, crossing.turn)
+        crossing = replace(crossing, body_mass=body_mass(walked, body_mass_kg))
     except OslAnalysisError as error:
         warnings.warn(f"excluded: {error}", stacklevel=2)
         write_refusal(RefusedCrossing(walked.name, perturbed, str(error)), output)

@@ -124,6 +124,7 @@ def write_crossing(crossing: Crossing, path: Path) -> None:
         "onset_s": crossing.onset,
         "bridged": crossing.bridged,
         "turn_rad": crossing.turn,
+        "body_mass_kg": crossing.body_mass,
         "quality": asdict(crossing.quality),
     }
     write_trial(Trial(crossing.name, samples, events), path)
@@ -187,6 +188,7 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
         plate_errors=plate_error_columns(trial.samples).reshape(-1, len(time)),
         load=Load(*trial.signals(LOAD, LOAD_LEFT)[1:]) if LOAD in trial.samples.columns else None,
         turn=events.get("turn_rad"),
+        body_mass=events.get("body_mass_kg"),
     )
 
 

@@ -45,6 +45,7 @@ class Crossing:
     load: ground reaction on the foot; None if it is not known.
     turn: largest turn [rad] of the platform about the ankle's axis in the window, toes up positive; None if
         unperturbed or unknown.
+    body_mass: [kg]; None if nobody states it.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Crossing:
     plate_errors: Array
     load: Load | None = None
     turn: float | None = None
+    body_mass: float | None = None
 
     @property
     def sign(self) -> int:

@@ -1,47 +1,27 @@
 """Which crossings are excluded: those that lie too far from the median crossing, each with a reason."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from osl_analysis.trial import Array
 from osl_analysis.walking.conditions import PERTURBED, Sheet, split_keys
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
+from osl_analysis.walking.features import ANGLE, LOAD, PRESSURE, TORQUE, Feature, crossing_features
 from osl_analysis.walking.groups import Place, places
-from osl_analysis.walking.settings import OutlierRule, SelectionSettings, Timing
-from osl_analysis.walking.unperturbed import PHASES, signal_at, stance_times
+from osl_analysis.walking.load import load_of_weight
+from osl_analysis.walking.settings import SelectionSettings
 
-NORMAL_MAD = 1.4826
-"""Standard deviation of a normal distribution divided by its median absolute deviation."""
 USED, OUTLIER, REFUSED = "used", "outlier", "refused"
 """Status of a crossing in `walking_crossings.csv`."""
+DEVIATIONS = (
+    ("gait_deviation_deg", ANGLE),
+    ("torque_deviation", TORQUE),
+    ("load_deviation", LOAD),
+    ("pressure_deviation_m", PRESSURE),
+)
+"""Columns of `walking_crossings.csv` with the features that compare curves."""
 SEPARATOR = "; "
 """Between the names of gaits in one cell; no name has a semicolon."""
-
-
-@dataclass(frozen=True)
-class Feature:
-    """One feature of n crossings.
-
-    name: name of the feature, for messages.
-    unit: unit of the feature, for messages.
-    values: one value per crossing (n,).
-    median: for each crossing (n,), the median of the crossings with which it is compared.
-    scatter: scatter about the medians.
-    """
-
-    name: str
-    unit: str
-    values: Array
-    median: Array
-    scatter: float
-
-    @property
-    def distance(self) -> Array:
-        """Distance (n,) from the median, in scatters."""
-        return np.asarray(np.abs(self.values - self.median) / self.scatter)
 
 
 def selection_rows(
@@ -88,12 +68,39 @@ def compared_rows(crossings: Sequence[Crossing], settings: SelectionSettings) ->
     rule = settings.outliers
     features = crossing_features(crossings, settings.timing, rule) if rule else []
     reasons = outlier_reasons(features, [c.name for c in crossings], rule.limit) if rule else {}
+    reasons |= {c.name: reason for c in crossings if (reason := load_reason(c, settings))}
     return {c.name: crossing_row(c, k, features, reasons.get(c.name)) for k, c in enumerate(crossings)}
+
+
+def load_reason(crossing: Crossing, settings: SelectionSettings) -> str:
+    """Why a crossing is excluded whatever the others are: its share of the weight, or a foot beside the plate."""
+    (low, high), share = settings.load_of_weight, share_of_weight(crossing)
+    if share is not None and not low <= share <= high:
+        return (
+            f"the plate carries {share:.2f} of the weight of {crossing.body_mass:g} kg in single support, expected "
+            f"{low:g} to {high:g}: another foot stands on or beside the plate, somebody leans on a rail, or the body "
+            "mass is wrong"
+        )
+    outside, most = crossing.quality.outside, settings.largest_outside_m
+    if outside > most:
+        return (
+            f"a foot marker lies {100 * outside:.1f} cm outside the plate while the foot is flat, expected "
+            f"{100 * most:g} cm or less: the foot stands beside the plate, or its corners are wrong"
+        )
+    return ""
+
+
+def share_of_weight(crossing: Crossing) -> float | None:
+    """Mean load in single support as a share of the weight; None if load or mass is unknown."""
+    if crossing.load is None:
+        return None
+    return load_of_weight(crossing.time, crossing.load.force, crossing.stance, crossing.body_mass)
 
 
 def crossing_row(crossing: Crossing, index: int, features: Sequence[Feature], reason: str | None) -> dict[str, object]:
     """One row of `walking_crossings.csv`: angles in deg, residuals in mm, the encoder's delay in ms."""
     quality, encoder = crossing.quality, crossing.quality.encoder
+    values = {f.name: float(f.values[index]) for f in features}
     furthest = max((float(f.distance[index]) for f in features), default=None)
     return {
         "trial": crossing.name,
@@ -104,7 +111,9 @@ def crossing_row(crossing: Crossing, index: int, features: Sequence[Feature], re
         "onset_s": crossing.onset,
         "foot_forward_m": quality.placement[0],
         "foot_left_m": quality.placement[1],
-        "gait_deviation_deg": next((float(f.values[index]) for f in features if f.unit == "deg"), None),
+        **{column: values.get(name) for column, name in DEVIATIONS},
+        "load_of_weight": share_of_weight(crossing),
+        "foot_outside_m": quality.outside,
         "furthest_scatters": furthest,
         "bridged": crossing.bridged,
         **{f"{name}_residual_mm": 1e3 * size for name, size in quality.residuals.items()},
@@ -113,53 +122,6 @@ def crossing_row(crossing: Crossing, index: int, features: Sequence[Feature], re
         "encoder_delay_ms": encoder and 1e3 * encoder.delay,
         "encoder_rms_deg": encoder and float(np.rad2deg(encoder.rms)),
     }
-
-
-def crossing_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule) -> list[Feature]:
-    """Features by which crossings are compared: duration of stance, place of the foot, deviation of the angle.
-
-    A perturbation changes only the duration of stance. For this feature, perturbed crossings are compared with
-    perturbed crossings only.
-    """
-    stance = np.array([c.stance.duration for c in crossings])
-    place = np.array([c.quality.placement for c in crossings])
-    deviation = np.rad2deg(gait_deviation(crossings, timing))
-    perturbed = np.array([c.onset is not None for c in crossings])
-    return [
-        feature_of("stance", "s", stance, rule.stance_s, perturbed),
-        feature_of("foot forward", "m", place[:, 0], rule.placement_m),
-        feature_of("foot to the left", "m", place[:, 1], rule.placement_m),
-        feature_of("gait before the onset", "deg", deviation, rule.angle_deg),
-    ]
-
-
-def feature_of(
-    name: str, unit: str, values: Array, smallest_scatter: float, kind: NDArray[np.bool_] | None = None
-) -> Feature:
-    """A feature of crossings. Its medians are over all crossings, or over the crossings of the same `kind` (n,)."""
-    kind = np.zeros(len(values), dtype=bool) if kind is None else kind
-    median = np.array([np.median(values[kind == own]) for own in kind])
-    scatter = NORMAL_MAD * float(np.median(np.abs(values - median)))
-    return Feature(name, unit, values, median, max(scatter, smallest_scatter))
-
-
-def gait_deviation(crossings: Sequence[Crossing], timing: Timing) -> Array:
-    """RMS deviation (n,) [rad] of the ankle angle from the median crossing's at the same phase of stance.
-
-    From heel strike to the end of the earliest baseline, so that a perturbation has no influence; over the whole
-    stance if no crossing is perturbed.
-    """
-    phases = PHASES[PHASES <= earliest_baseline_end(crossings, timing)]
-    angle = np.array([signal_at(c, c.theta, stance_times(c, phases)) for c in crossings])
-    return np.asarray(np.sqrt(np.mean((angle - np.median(angle, axis=0)) ** 2, axis=1)))
-
-
-def earliest_baseline_end(crossings: Sequence[Crossing], timing: Timing) -> float:
-    """Phase of stance at which the first of all baselines ends; 1 without perturbed crossings."""
-    ends = [
-        (c.onset - timing.guard - c.stance.heel_strike) / c.stance.duration for c in crossings if c.onset is not None
-    ]
-    return min(ends, default=1.0)
 
 
 def outlier_reasons(features: Sequence[Feature], names: Sequence[str], limit: float) -> dict[str, str]:

@@ -71,6 +71,12 @@ class OutlierRule(Settings):
     angle_deg: Positive
     """Smallest scatter [deg] of the ankle angle's RMS deviation from the median gait, from heel strike to the end of
     the earliest baseline."""
+    torque_nm: Positive
+    """Smallest scatter [N*m] of the ankle torque's RMS deviation from the median gait, over the same time."""
+    load_share: Positive
+    """Smallest scatter of the vertical force's RMS deviation, as a share of the usual load."""
+    pressure_m: Positive
+    """Smallest scatter [m] of the RMS deviation of the centre of pressure, to the left of the ankle."""
 
 
 class MarkerSettings(Settings):
@@ -191,7 +197,11 @@ class SelectionSettings(TimingSettings, GroupSettings):
     """Which crossings are excluded, and to which group each belongs."""
 
     outliers: OutlierRule | None
-    """Rule by which crossings are excluded; null: no crossing is excluded."""
+    """Rule by which crossings are compared and excluded; null: they are not compared."""
+    load_of_weight: tuple[Positive, Positive]
+    """Smallest and largest mean vertical force in single support, as a share of the weight, where the mass is known."""
+    largest_outside_m: NotNegative
+    """Largest distance [m] by which a foot marker may lie outside the plate while the foot is flat."""
 
 
 class UnperturbedSettings(Settings):

@@ -5,7 +5,16 @@ from pathlib import Path
 
 import click
 
-from osl_analysis.cli_options import AS_JSON, CONFIG, FILE, NUMBERS, PARAMETERS, OneLineErrors
+from osl_analysis.cli_options import (
+    AS_JSON,
+    CONFIG,
+    FILE,
+    NUMBERS,
+    PARAMETERS,
+    OneLineErrors,
+    desired_impedance,
+    desired_options,
+)
 from osl_analysis.experiments import EXPERIMENTS
 
 
@@ -115,19 +124,34 @@ def inspect(file: Path, draft_path: Path | None) -> None:
     show_default=True,
     help="K, B, I of Eq. 15; B_j, J_j of Eq. 4; the belt stiffness K_s; or the five actuator parameters of Eqs. 1-2.",
 )
+@desired_options
 @PARAMETERS
 @CONFIG
 @AS_JSON
 @click.option("--plot", type=FILE, help="Draw measured and modelled torque [N·m] to this file.")
-def fit(trial: Path, model: str, parameters: Path, config_path: Path, as_json: bool, plot: Path | None) -> None:
-    """Fit one ingested TRIAL (Parquet) and print the estimates in SI units with 95 % intervals."""
-    from osl_analysis.commands.fit import estimates_text, fit_one_trial, read_fit_settings
-    from osl_analysis.config import read_section
-    from osl_analysis.doubtful import DoubtfulFits
+def fit(
+    trial: Path,
+    model: str,
+    stiffness: float | None,
+    damping: float | None,
+    controller: str,
+    parameters: Path,
+    config_path: Path,
+    as_json: bool,
+    plot: Path | None,
+) -> None:
+    """Fit one ingested TRIAL (Parquet) and print the estimates in SI units with 95 % intervals.
+
+    The configuration may be a campaign's own, which overrides fields of the default. With --stiffness and --damping an
+    impedance trial is judged as in a campaign: whether the torque is late, and whether K is plausible.
+    """
+    from osl_analysis.commands.fit import NOT_CHECKED, estimates_text, fit_one_trial, fit_request
     from osl_analysis.table import finite_or_null
 
-    limits = read_section(config_path, "doubtful", DoubtfulFits)
-    fitted = fit_one_trial(model, trial, parameters, read_fit_settings(model, config_path), limits)
+    desired = desired_impedance(model, stiffness, damping, controller)
+    fitted = fit_one_trial(model, trial, parameters, fit_request(model, config_path, desired))
+    if model == "impedance" and desired is None:
+        click.echo(NOT_CHECKED, err=True)
     if plot is not None:
         from osl_analysis.commands.figure import draw_table
 

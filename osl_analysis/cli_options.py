@@ -5,11 +5,14 @@ import math
 import sys
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from osl_analysis.errors import OslAnalysisError, printable
+
+if TYPE_CHECKING:
+    from osl_analysis.bench.impedance import DesiredImpedance
 
 MOST_NUMBERS = 300
 """Largest number of values in a range."""
@@ -60,6 +63,37 @@ CONFIG = click.option(
     show_default=True,
     help="Configuration with the filter [Hz] and the stepped-sine protocol [deg, Hz].",
 )
+K_D = click.option("--stiffness", type=float, help="Desired K_d [N·m/rad] of the trial, for --model impedance.")
+B_D = click.option("--damping", type=float, help="Desired B_d [N·m·s/rad] of the trial, for --model impedance.")
+CONTROLLER = click.option(
+    "--controller",
+    type=click.Choice(["compensated", "uncompensated"]),
+    default="compensated",
+    show_default=True,
+    help="Controller of the trial, with --stiffness and --damping.",
+)
+
+
+def desired_options(command: Any) -> Any:
+    """The options of a command for the desired impedance of a trial."""
+    return K_D(B_D(CONTROLLER(command)))
+
+
+def desired_impedance(
+    model: str, stiffness: float | None, damping: float | None, controller: str
+) -> "DesiredImpedance | None":
+    """The desired impedance of a trial; None without it. One value alone, or values without a use, are refused."""
+    from osl_analysis.bench.impedance import DesiredImpedance
+
+    if (stiffness is None) != (damping is None):
+        raise click.UsageError("--stiffness and --damping go together")
+    if stiffness is None or damping is None:
+        return None
+    if model != "impedance":
+        raise click.UsageError("--stiffness and --damping are those of an impedance trial: give --model impedance")
+    return DesiredImpedance(controller, stiffness, damping)
+
+
 AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON in SI units instead of a table.")
 
 

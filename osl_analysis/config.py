@@ -142,6 +142,34 @@ class Config(Settings):
     """The Monte Carlo study."""
 
 
+DEFAULT_CONFIG = Path("config/config.yaml")
+"""The default configuration, relative to the folder in which the pipeline runs."""
+
+
+def overriding(base: Any, override: Any) -> Any:
+    """A nested mapping with the fields of another in place of its own, as `snakemake --configfile` merges them."""
+    if not isinstance(base, dict) or not isinstance(override, dict):
+        return override
+    return base | {name: overriding(base.get(name), value) for name, value in override.items()}
+
+
+def read_campaign_section(path: Path, section: str, model: type[Model]) -> Model:
+    """One section of a campaign's configuration, whose file overrides fields of the default configuration.
+
+    Raises
+    ------
+    InputError
+        As `read_section`.
+    """
+    if not DEFAULT_CONFIG.is_file():
+        return read_section(path, section, model)
+    content = overriding(read_mapping(DEFAULT_CONFIG), read_mapping(path))
+    unknown = [name for name in content if name not in Config.model_fields]
+    if unknown:
+        raise InputError(f"{path}: unknown field '{unknown[0]}'; give a configuration, or fields that override it")
+    return validated(content[section], model, path)
+
+
 def read_section(path: Path, section: str, model: type[Model]) -> Model:
     """One section of a configuration file.
 

@@ -1,14 +1,18 @@
 """Phasors of a trial, and the frequency response over amplitudes."""
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
 from bench_synthetic import second_order, stepped_sine
 
-from osl_analysis.bench.frequency_response import phasor_table, trial_phasors
+from osl_analysis.bench.frequency_response import frequency_response_table, phasor_table, trial_phasors
+from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.commands.bench import average_over_amplitudes
 from osl_analysis.doubtful import Doubt, marked
 from osl_analysis.errors import InputError
+from osl_analysis.signals import filtered_motion
 from osl_analysis.table import read_table, write_table
 
 
@@ -43,3 +47,31 @@ def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_inte
     assert mean["magnitude_low"] < mean["magnitude"] < mean["magnitude_high"]
     assert mean["phase_low_deg"] < mean["phase_deg"] < mean["phase_high_deg"]
     assert mean["doubtful"] == "at 5.7296 deg: amplitude_deg 5.73 is above 4".replace("5.7296", f"{np.rad2deg(0.1):g}")
+
+
+def test_rounding_that_every_cycle_repeats_is_in_the_interval_of_a_phasor():
+    """12 bits, no noise: the cycles agree exactly, and every zero of the encoder gives another amplitude."""
+    step, sound = 2 * np.pi / 2**12, stepped_sine(second_order)
+    true, off = [s.admittance.value for s in trial_phasors(sound)], []
+    for zero in np.random.default_rng(5).uniform(0, step, 25):
+        theta = np.rint((sound.theta + zero) / step) * step - zero
+        motion, torque = filtered_motion(sound.time, theta, sound.torque, sound.low_pass)
+        record = replace(sound, theta=theta, motion=motion, filtered_torque=torque, steps=(step, None))
+        found = [s.admittance for s in trial_phasors(record)]
+        off += [(abs(Y.value) - abs(Z)) / Y.magnitude_se for Y, Z in zip(found, true, strict=True)]
+        assert phasor_table("made", trial_phasors(record))["interval_method"].unique().to_list() == [
+            "cycles + rounding"
+        ]
+    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.3
+
+
+def test_an_error_of_the_bench_s_stiffness_is_in_the_admittance_and_is_not_averaged_away():
+    """theta = theta_bench - torque/k: an error of 1/k is an error of Y, real and the same at every amplitude."""
+    bench = BenchStiffness(value="3000 N*m/rad", standard_error="300 N*m/rad")
+    record = replace(stepped_sine(second_order, noise=0.01), bench=bench)
+    table = phasor_table("made", trial_phasors(record))
+    assert table["Y_se_bench"].unique().to_list() == pytest.approx([300 / 3000**2])
+    assert (table["Y_var_re"] > (300 / 3000**2) ** 2).all()
+    condition = {"controller": pl.lit("compensated"), "K_d": pl.lit(200.0), "B_d": pl.lit(4.0), "doubtful": pl.lit("")}
+    mean = frequency_response_table(table.with_columns(**condition)).row(0, named=True)
+    assert np.sqrt(mean["Y_var_re"]) == pytest.approx(300 / 3000**2, rel=0.01)

@@ -8,11 +8,11 @@ import pytest
 from bench_synthetic import PROTOCOL, second_order, stepped_sine
 from conftest import ROOT
 
-from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.bench.impedance import AskedImpedance, DesiredImpedance
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.causes import wrong_scale
 from osl_analysis.commands.bench import fit_actuator_trial, fit_belt_trial, fit_impedance_trial, fit_transmission_trial
-from osl_analysis.commands.fit import fit_one_trial
+from osl_analysis.commands.fit import FitRequest, fit_one_trial
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.errors import InputError
@@ -91,11 +91,11 @@ def in_campaign(tmp_path, experiment, recording, bench=BENCH):
     return marked(read_table(tables[experiment]), LIMITS.of(experiment), experiment).to_dicts()[-1]
 
 
-def on_the_command_line(tmp_path, experiment, recording, bench=BENCH):
-    """The same by `osl-analysis fit`, which does not know K_d."""
+def on_the_command_line(tmp_path, experiment, recording, bench=BENCH, asked=None):
+    """The same by `osl-analysis fit`, which does not know K_d unless it is `asked`."""
     write_trial(Trial("made", pl.DataFrame(recording)), tmp_path / "made.parquet")
     settings = ACTUATOR if experiment == "actuator" else bench
-    fitted = fit_one_trial(experiment, tmp_path / "made.parquet", DEVICE, settings, LIMITS)
+    fitted = fit_one_trial(experiment, tmp_path / "made.parquet", DEVICE, FitRequest(settings, LIMITS, asked))
     return fitted.estimates.to_dicts()[-1]
 
 
@@ -196,3 +196,21 @@ def test_a_joint_without_stiffness_is_not_refused_for_a_stiffness_of_noise(tmp_p
 )
 def test_a_ratio_names_the_units_whose_factor_it_is(ratio, factor):
     assert re.search(factor or "check unit and scale", wrong_scale(ratio))
+
+
+@pytest.mark.parametrize(
+    ("torque", "words"),
+    [
+        (np.roll(RECORDINGS["impedance"]["torque"], 2), "lag_share"),
+        (1.3558 * RECORDINGS["impedance"]["torque"], "lbf\\*ft"),
+        (RECORDINGS["impedance"]["torque"], None),
+    ],
+    ids=["4 ms late", "lbf*ft", "sound"],
+)
+def test_the_command_line_that_knows_k_d_judges_as_a_campaign_does(torque, words, tmp_path):
+    recording = RECORDINGS["impedance"] | {"torque": torque}
+    asked = AskedImpedance(DesiredImpedance("compensated", 200, 4), PAPER_WEIGHT, BENCH.frequencies_hz)
+    said = on_the_command_line(tmp_path, "impedance", recording, asked=asked)["doubtful"]
+    assert said == in_campaign(tmp_path, "impedance", recording)["doubtful"]
+    assert re.search(words, said) if words else said == ""
+    assert on_the_command_line(tmp_path, "impedance", recording)["doubtful"] == ""  # without K_d it cannot tell

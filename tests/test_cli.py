@@ -77,6 +77,28 @@ def test_the_interval_of_a_belt_counts_the_drift_that_the_configuration_names(fo
     assert shares == pytest.approx([drift / 60 * slope for drift in (50, 100)], rel=0.06)
 
 
+def test_fit_says_what_it_cannot_check_and_takes_a_campaign_s_overriding_file(folder, tmp_path):
+    own = yaml.safe_load((folder / "config.yaml").read_text())
+    (tmp_path / "own.yaml").write_text(yaml.safe_dump({"campaign": "mine", "dynamometer": own["dynamometer"]}))
+    whole, over = (
+        call("fit", folder / f"{TRIAL}.parquet", "--config", config, "--json")
+        for config in (folder / "config.yaml", tmp_path / "own.yaml")
+    )
+    assert over.exit_code == 0, over.stderr
+    assert [row["K"] for row in json.loads(over.stdout)] == [row["K"] for row in json.loads(whole.stdout)]
+    assert "not checked without --stiffness and --damping" in over.stderr
+    asked = ("--stiffness", "300", "--damping", "5", "--config", tmp_path / "own.yaml", "--json")
+    known = call("fit", folder / f"{TRIAL}.parquet", *asked)
+    assert known.exit_code == 0, known.stderr
+    assert known.stderr == ""
+    assert json.loads(known.stdout)[-1]["K_ratio"] == pytest.approx(1, abs=0.1)
+    (tmp_path / "typo.yaml").write_text("dynamometr: {cutoff_hz: 10}")
+    typo = call("fit", folder / f"{TRIAL}.parquet", "--config", tmp_path / "typo.yaml")
+    assert (typo.exit_code, "unknown field 'dynamometr'" in typo.stderr) == (1, True)
+    alone = call("fit", folder / f"{TRIAL}.parquet", "--stiffness", "300")
+    assert (alone.exit_code, "go together" in alone.stderr) == (2, True)
+
+
 def test_fit_as_json_holds_numbers_near_linear_theory(folder):
     result = call("fit", folder / f"{TRIAL}.parquet", "--config", folder / "config.yaml", "--json")
     whole = next(row for row in json.loads(result.stdout) if row["amplitude_deg"] is None)

@@ -1,12 +1,13 @@
 """Frequency response of the joint (Fig. 7): phasors of angle and torque, and the admittance Y = theta/torque."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from osl_analysis.bench.rounding import Rounded, repeated_error
 from osl_analysis.bench.segments import Segment, repeated_cycles
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.errors import InputError
@@ -20,7 +21,9 @@ from osl_analysis.stats.complex_estimate import (
     complex_quotient,
     complex_row,
     polar_row,
+    with_known_error,
 )
+from osl_analysis.stats.covariance import RepeatedError
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.sinusoid import Phasor, fit_sinusoid
 from osl_analysis.trial import Array
@@ -43,11 +46,16 @@ class SegmentPhasors:
     """Of the joint angle [rad]."""
     torque: Phasor
     """Of the resisting torque [N*m]."""
+    compliance_error: float = 0.0
+    """Standard error [rad/(N*m)] of the bench's compliance, whose yielding was taken off the angle."""
 
     @property
     def admittance(self) -> ComplexEstimate:
-        """Integral admittance Y = theta/torque [rad/(N*m)]."""
-        return complex_quotient(self.theta, self.torque)
+        """Integral admittance Y = theta/torque [rad/(N*m)].
+
+        An error of the bench's compliance c changes the angle by -c torque, and Y by -c.
+        """
+        return with_known_error(complex_quotient(self.theta, self.torque), self.compliance_error)
 
 
 def trial_phasors(trial: SteppedSineTrial) -> list[SegmentPhasors]:
@@ -62,13 +70,34 @@ def trial_phasors(trial: SteppedSineTrial) -> list[SegmentPhasors]:
         As `segment_phasors`, naming the trial.
     """
     try:
-        return [segment_phasors(trial.time, trial.theta, trial.torque, s) for s in trial.segments(None)]
+        return [phasors_of(trial, segment) for segment in trial.segments(None)]
     except InputError as error:
         raise InputError(f"trial {trial.name}, {error}") from error
 
 
-def segment_phasors(time: Array, theta: Array, torque: Array, segment: Segment) -> SegmentPhasors:
+def phasors_of(trial: SteppedSineTrial, segment: Segment) -> SegmentPhasors:
+    """Phasors of one segment of a trial, with the errors that the spread of its cycles does not show."""
+    cycles, repeated = repeated_cycles([segment]), list[RepeatedError | None]()
+    pairs = ((trial.theta, trial.motion.theta), (trial.torque, trial.filtered_torque))
+    for step, (signal, smooth) in zip(trial.steps, pairs, strict=True):
+        if step is None or cycles is None:
+            repeated.append(None)
+        else:
+            repeated.append(repeated_error(Rounded(step, signal, smooth), smooth, [segment], cycles))
+    found = segment_phasors(trial.time, trial.theta, trial.torque, segment, repeated)
+    return found if trial.bench is None else replace(found, compliance_error=trial.bench.compliance_error)
+
+
+def segment_phasors(
+    time: Array,
+    theta: Array,
+    torque: Array,
+    segment: Segment,
+    repeated: Sequence[RepeatedError | None] = (None, None),
+) -> SegmentPhasors:
     """Phasors of one segment of the raw signals (n,) [s, rad, N*m].
+
+    `repeated` are the errors of angle and torque that every cycle repeats, in the rows of the segment.
 
     Raises
     ------
@@ -76,12 +105,12 @@ def segment_phasors(time: Array, theta: Array, torque: Array, segment: Segment) 
         As `fit_sinusoid`, naming the signal.
     """
     rows, cycles, phasors = segment.rows, repeated_cycles([segment]), []
-    for name, signal in (("theta", theta), ("torque", torque)):
+    for name, signal, error in (("theta", theta, repeated[0]), ("torque", torque, repeated[1])):
         try:
-            phasors.append(fit_sinusoid(time[rows], signal[rows], segment.frequency_hz, cycles))
+            phasors.append(fit_sinusoid(time[rows], signal[rows], segment.frequency_hz, cycles, error))
         except InputError as error:
             raise InputError(f"{name} from {time[rows[0]]:.1f} s: {error}") from error
-    return SegmentPhasors(segment.amplitude_deg, segment.frequency_hz, *phasors)
+    return SegmentPhasors(segment.amplitude_deg, segment.frequency_hz, phasors[0], phasors[1])
 
 
 def at_amplitude(phasors: Sequence[SegmentPhasors], amplitude: float | None) -> list[SegmentPhasors]:
@@ -105,7 +134,8 @@ def phasor_row(segment: SegmentPhasors) -> Row:
         "torque_distortion": segment.torque.distortion,
         **complex_row("Y", segment.admittance),
         **{f"Y_{name}": value for name, value in polar_row(segment.admittance).items()},
-        "interval_method": segment.torque.interval_method,
+        "Y_se_bench": segment.compliance_error,
+        "interval_method": max(segment.theta.interval_method, segment.torque.interval_method, key=len),
     }
 
 
@@ -122,8 +152,10 @@ def mean_response_row(amplitudes: pl.DataFrame) -> Row:
     Their phases are computed relative to that of the mean, so that they do not jump at 180 degrees. `doubtful` lists
     the reasons of doubtful phasors with their amplitudes.
     """
-    responses = [complex_from_row("Y", row) for row in amplitudes.iter_rows(named=True)]
-    mean = complex_mean(responses)
+    rows = list(amplitudes.iter_rows(named=True))
+    shared = max(float(row["Y_se_bench"]) for row in rows)
+    responses = [complex_from_row("Y", row | {"Y_var_re": row["Y_var_re"] - shared**2}) for row in rows]
+    mean = with_known_error(complex_mean(responses), shared)  # all amplitudes share the error of the bench
     phases = [np.rad2deg(mean.phase + np.angle(r.value / mean.value)) for r in responses]
     reasons = amplitudes.select("amplitude_deg", "doubtful").drop_nulls().filter(pl.col("doubtful") != "").rows()
     return {

@@ -16,11 +16,10 @@ from osl_analysis.bench.frequency_response import (
     trial_phasors,
 )
 from osl_analysis.bench.impedance import (
+    AskedImpedance,
     DesiredImpedance,
     amplitude_series,
-    impedance_table,
     impedance_time_base,
-    prediction_columns,
 )
 from osl_analysis.bench.model_comparison import (
     SCORE_COLUMNS,
@@ -32,9 +31,9 @@ from osl_analysis.bench.model_comparison import (
 )
 from osl_analysis.bench.plausibility import (
     check_recording,
+    judged_impedance,
     plausible_actuator,
     plausible_belt,
-    plausible_impedance,
     plausible_transmission,
 )
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, SteppedSineAnalysis
@@ -46,8 +45,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.figures.fig7 import LINEAR_MODEL, RESPONSE, points, response_curve
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import select_gains
-from osl_analysis.model.drivetrain import joint_admittance
-from osl_analysis.model.rendering import predicted_impedance
 from osl_analysis.parameters import read_parameters
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
@@ -90,12 +87,10 @@ def fit_impedance_trial(
     p, read = read_parameters(parameters), read_trial(trial)
     check_recording(read, settings)
     stepped = stepped_sine_trial(read, settings)
-    gains, phasors = condition.gains(p, weight), trial_phasors(stepped)
-    table = impedance_table(stepped, phasors, joint_admittance(gains.K_1, gains.B_1, p, p.J_j))
-    predicted = predicted_impedance(gains, p, settings.frequencies_hz)
-    plausible = plausible_impedance(table, read, p, predicted[0])
-    write_table(plausible.with_columns(**condition.columns(), **prediction_columns(predicted)), tables["impedance"])
-    write_table(phasor_table(stepped.name, phasors).with_columns(**condition.columns()), tables["phasors"])
+    asked = AskedImpedance(condition, weight, settings.frequencies_hz)
+    phasors = phasor_table(stepped.name, trial_phasors(stepped)).with_columns(**condition.columns())
+    write_table(judged_impedance(stepped, read, p, asked), tables["impedance"])
+    write_table(phasors, tables["phasors"])
     write_table(estimator_table(stepped).with_columns(**condition.columns()), tables["estimators"])
     write_table(impedance_time_base(stepped), tables["timebase"])
 

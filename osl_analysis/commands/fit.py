@@ -9,19 +9,18 @@ import polars as pl
 
 from osl_analysis.bench.actuator import actuator_table, actuator_trial
 from osl_analysis.bench.belt import belt_series, belt_table, belt_trial
-from osl_analysis.bench.frequency_response import trial_phasors
-from osl_analysis.bench.impedance import impedance_series, impedance_table
+from osl_analysis.bench.impedance import AskedImpedance, DesiredImpedance, impedance_series
 from osl_analysis.bench.plausibility import (
     check_recording,
+    judged_impedance,
     plausible_actuator,
     plausible_belt,
-    plausible_impedance,
     plausible_transmission,
 )
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, DynamometerAnalysis, SteppedSineAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.transmission import transmission_series, transmission_table
-from osl_analysis.config import read_section
+from osl_analysis.config import WeightSettings, read_campaign_section
 from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.parameters import read_parameters
 from osl_analysis.trial import Array, Trial, read_trial
@@ -48,65 +47,94 @@ class FittedTrial:
     """Time [s] from the start, measured and modelled torque [N*m] of the fit to all data."""
 
 
-def read_fit_settings(experiment: str, config: Path) -> Settings:
-    """The section of a configuration file that the fit of an experiment uses."""
-    section = SECTIONS[experiment]
-    return read_section(config, *section)
+@dataclass(frozen=True)
+class FitRequest:
+    """What the fit of a trial uses besides the trial: settings and limits of a campaign, and what the leg was asked."""
+
+    settings: Any
+    """The section of the configuration that the fit uses, of the model in `SECTIONS`."""
+    limits: DoubtfulFits
+    """Limits beyond which a fit is doubtful."""
+    asked: AskedImpedance | None = None
+    """What the leg was asked to render; None if it is not known."""
 
 
-def fit_one_trial(
-    experiment: str, trial: Path, parameters: Path, settings: Settings, limits: DoubtfulFits
-) -> FittedTrial:
-    """Fit an ingested trial of one of the `FITS`; `settings` as `read_fit_settings` gives them.
+def fit_request(experiment: str, config: Path, desired: DesiredImpedance | None = None) -> FitRequest:
+    """What the fit of an experiment uses, from a configuration file that may override fields of the default only.
+
+    Raises
+    ------
+    InputError
+        The file is not a configuration.
+    """
+    settings = read_campaign_section(config, *SECTIONS[experiment])
+    limits = read_campaign_section(config, "doubtful", DoubtfulFits)
+    if desired is None or not isinstance(settings, SteppedSineAnalysis):
+        return FitRequest(settings, limits)
+    weight = read_campaign_section(config, "gain_weight", WeightSettings).weight
+    return FitRequest(settings, limits, AskedImpedance(desired, weight, settings.frequencies_hz))
+
+
+NOT_CHECKED = (
+    "not checked without --stiffness and --damping: whether the torque is late or the bench's frame yields, and "
+    "whether K is what the gains should give"
+)
+
+
+def fit_one_trial(experiment: str, trial: Path, parameters: Path, request: FitRequest) -> FittedTrial:
+    """Fit an ingested trial of one of the `FITS`; `request` as `fit_request` gives it.
 
     Raises
     ------
     InputError, IdentifiabilityError
         The trial lacks a signal, does not follow the protocol, or cannot identify the model.
     """
-    table, series = FITS[experiment](read_trial(trial), parameters, settings)
-    return FittedTrial(marked(table, limits.of(experiment), experiment), series_table(*series))
+    table, series = FITS[experiment](read_trial(trial), parameters, request)
+    return FittedTrial(marked(table, request.limits.of(experiment), experiment), series_table(*series))
 
 
-def fit_belt(trial: Trial, parameters: Path, settings: BeltAnalysis) -> Estimated:
+def fit_belt(trial: Trial, parameters: Path, request: FitRequest) -> Estimated:
     """The belt's row, and its series."""
+    settings: BeltAnalysis = request.settings
     p = read_parameters(parameters)
     check_recording(trial, settings)
     belt = belt_trial(trial, p, settings)
     return plausible_belt(belt_table(belt), trial, p), belt_series(belt)
 
 
-def fit_transmission_losses(trial: Trial, parameters: Path, settings: SteppedSineAnalysis) -> Estimated:
+def fit_transmission_losses(trial: Trial, parameters: Path, request: FitRequest) -> Estimated:
     """The transmission's rows, and the series of the fit to all amplitudes."""
+    settings: SteppedSineAnalysis = request.settings
     check_recording(trial, settings)
     stepped = stepped_sine_trial(trial, settings)
     table = plausible_transmission(transmission_table(stepped), trial, read_parameters(parameters))
     return table, transmission_series(stepped)
 
 
-def fit_rendered_impedance(trial: Trial, parameters: Path, settings: SteppedSineAnalysis) -> Estimated:
+def fit_rendered_impedance(trial: Trial, parameters: Path, request: FitRequest) -> Estimated:
     """The rows of Eq. 15, and the series of the fit to all amplitudes."""
+    settings: SteppedSineAnalysis = request.settings
     check_recording(trial, settings)
     stepped = stepped_sine_trial(trial, settings)
-    table = impedance_table(stepped, trial_phasors(stepped))
-    return plausible_impedance(table, trial, read_parameters(parameters)), impedance_series(stepped)
+    return judged_impedance(stepped, trial, read_parameters(parameters), request.asked), impedance_series(stepped)
 
 
-def fit_actuator_bench(trial: Trial, parameters: Path, settings: ActuatorAnalysis) -> Estimated:
+def fit_actuator_bench(trial: Trial, parameters: Path, request: FitRequest) -> Estimated:
     """The actuator's row, and its series."""
+    settings: ActuatorAnalysis = request.settings
     check_recording(trial, settings, "torque_m", angle=None)
     actuator = actuator_trial(trial, settings)
     table = plausible_actuator(actuator_table(actuator), trial, read_parameters(parameters))
     return table, (actuator.time, actuator.torque, actuator.modelled)
 
 
-FITS: dict[str, Callable[[Trial, Path, Any], Estimated]] = {
+FITS: dict[str, Callable[[Trial, Path, FitRequest], Estimated]] = {
     "belt": fit_belt,
     "transmission": fit_transmission_losses,
     "actuator": fit_actuator_bench,
     "impedance": fit_rendered_impedance,
 }
-"""By experiment: the fit of one trial, from the trial, the parameter file and the settings."""
+"""By experiment: the fit of one trial, from the trial, the parameter file and the request."""
 SECTIONS: dict[str, tuple[str, type[Settings]]] = dict.fromkeys(FITS, ("dynamometer", DynamometerAnalysis)) | {
     "actuator": ("actuator", ActuatorAnalysis)
 }

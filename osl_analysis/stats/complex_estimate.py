@@ -1,7 +1,8 @@
 """Complex estimates with their covariance: quotient, mean, and their columns in a result table."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.special import stdtrit
@@ -53,6 +54,9 @@ class ComplexEstimate:
         return float(np.sqrt(unit @ self.covariance @ unit))
 
 
+Estimate = TypeVar("Estimate", bound=ComplexEstimate)
+
+
 def complex_quotient(numerator: ComplexEstimate, denominator: ComplexEstimate) -> ComplexEstimate:
     """numerator/denominator. The covariance is of first order; the two errors must be independent."""
     ratio = numerator.value / denominator.value
@@ -68,6 +72,15 @@ def complex_mean(numbers: Sequence[ComplexEstimate]) -> ComplexEstimate:
     """Mean of complex numbers whose errors are independent."""
     covariances = [number.covariance / len(numbers) ** 2 for number in numbers]
     return ComplexEstimate(complex(np.mean([n.value for n in numbers])), *sum_covariances(covariances, numbers))
+
+
+def with_known_error(number: Estimate, error: complex) -> Estimate:
+    """The number with one more error of known size, one standard deviation, in the direction of `error` (type B)."""
+    parts = np.array([error.real, error.imag])
+    covariances = [number.covariance, np.outer(parts, parts)]
+    each = [number.degrees_of_freedom, np.inf]
+    degrees_of_freedom = float(welch_satterthwaite([np.trace(C) for C in covariances], each))
+    return replace(number, covariance=np.sum(covariances, axis=0), degrees_of_freedom=degrees_of_freedom)
 
 
 def as_matrix(z: complex) -> Array:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.stats.complex_estimate import ComplexEstimate
-from osl_analysis.stats.covariance import FEWEST_CYCLES, Cycles, ResidualCorrelation
+from osl_analysis.stats.covariance import FEWEST_CYCLES, Cycles, RepeatedError, ResidualCorrelation
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.trial import Array
 
@@ -36,11 +36,18 @@ class Phasor(ComplexEstimate):
         return np.abs(self.harmonics)
 
 
-def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, cycles: Cycles | None = None) -> Phasor:
+def fit_sinusoid(
+    time: Array,
+    signal: Array,
+    frequency_hz: float,
+    cycles: Cycles | None = None,
+    repeated: RepeatedError | None = None,
+) -> Phasor:
     """Phasor of a settled signal (n,) at a known frequency, with offset and harmonics 2 to 5.
 
     `time` [s] sets the zero of the phase: fit angle and torque with the same times. `cycles` are the signal's cycles,
-    whose spread gives the covariance; None: it is divided from its first sample on.
+    whose spread gives the covariance; None: it is divided from its first sample on. `repeated` is the signal's error
+    that every cycle repeats, to which that spread is blind.
 
     Raises
     ------
@@ -50,7 +57,9 @@ def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, cycles: Cycles
     step = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
     check_sampling(len(time), step, frequency_hz)
     cycles = cycles or whole_cycles(len(time), 1 / (step * frequency_hz))
-    fit = linear_fit(signal, harmonic_columns(time, frequency_hz), ResidualCorrelation(cycles=cycles))
+    fit = linear_fit(
+        signal, harmonic_columns(time, frequency_hz), ResidualCorrelation(cycles=cycles, repeated=repeated)
+    )
     cosines, sines = fit.estimates[1::2], fit.estimates[2::2]
     amplitudes = np.hypot(cosines, sines)
     if amplitudes[0] <= NO_SINE * np.abs(signal).max():

@@ -66,6 +66,12 @@ PYTHON_LOOP = at_rate(
     500, one(jitter=on(1e-4, "s", distribution="exponential"), dropped=on(2e-4, "1"), burst=on(2, "sample"))
 )
 """As a soft real-time loop writes: 0.1 ms of scatter, some steps of 6 ms."""
+SET_APART = Remedy(
+    "stated: `delay`, what the clocks differ by at the largest amplitude",
+    source={"channels": {"torque": {"delay": "0.1 ms"}}},
+)
+EVERY_100 = on(100, "sample", scatter=3)
+NAN = {"recorder": {"sensors": {name: {"failed": on(5e-3, "1")} for name in ("joint_angle", "load_cell_torque")}}}
 RECORDERS = [
     Case("none"),
     *(Case(f"true jitter, {s * 1e6:g} µs", one(jitter=jitter(s))) for s in (1e-6, 20e-6, 50e-6, 300e-6)),
@@ -80,6 +86,11 @@ RECORDERS = [
     Case("0.1 % of the samples missing", one(dropped=on(1e-3, "1"))),
     Case("gaps of 20 ms, 0.2 % of the samples", one(dropped=on(2e-3, "1"), burst=on(20, "sample"))),
     Case("gaps of 200 ms, 0.6 % of the samples", one(dropped=on(6e-3, "1"), burst=on(200, "sample"))),
+    *(
+        Case(f"gaps of {ms} ms in every cycle", one(lost_every=on(200, "sample"), burst=on(ms, "sample")))
+        for ms in (20, 50)
+    ),
+    Case("0.5 % of the angle and of the torque NaN", NAN),
     Case("1 % of the samples written twice", one(duplicated=on(0.01, "1"))),
     Case("two nodes, 0.3 ms apart", two({})),
     Case("two nodes, 20 µs of true jitter each", two({"jitter": jitter(20e-6)}, jitter=jitter(20e-6))),
@@ -90,6 +101,19 @@ RECORDERS = [
         "two nodes, the same, and 1 % of the torque missing",
         two({"latency": latency(5e-4), "dropped": on(0.01, "1")}),
     ),
+    *(
+        Case(
+            f"two nodes, the same, and one in {n} of the torque missing",
+            two({"latency": latency(5e-4), "lost_every": on(n, "sample", scatter=n // 33)}),
+        )
+        for n in (50, 100, 300)
+    ),
+    Case("two nodes, 2 ms, and one in 100 missing", two({"latency": latency(2e-3), "lost_every": EVERY_100})),
+    Case(
+        "two nodes, torque's host latency 0.5 ms, one in 100 of the angle missing",
+        two({"latency": latency(5e-4)}, lost_every=EVERY_100),
+    ),
+    Case("two nodes, clocks 1 ppm apart", two({"clock_drift": on(1, "ppm")}), SET_APART),
     Case("two nodes, clocks 2 ppm apart", two({"clock_drift": on(2, "ppm")})),
     Case("two nodes, clocks 50 ppm apart", two({"clock_drift": on(50, "ppm")})),
 ]

@@ -65,6 +65,11 @@ def plate_columns(plate: int, quantity: str) -> tuple[str, str, str]:
     return x, y, z
 
 
+def counter_column(column: str) -> str:
+    """Column with the device's own count of the samples of a column, where the source file names its `counter`."""
+    return f"{column}_counter"
+
+
 def unit_of(column: str) -> str:
     """Canonical unit of a column.
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_analysis.columns import counter_column
 from osl_analysis.errors import InputError
 from osl_analysis.sensor_dynamics import SensorLowPass, lacking
 from osl_analysis.timebase.gaps import GapLimits
@@ -122,11 +123,18 @@ def streams(trial: Trial, rows: Mapping[str, NDArray[np.bool_]], silent: frozens
             time[rows[first]],
             {name: trial.samples[name].drop_nulls().to_numpy() for name in names},
             choice=stated_stamps(trial, first),
+            counter=counter_of(trial, names),
             silent=silent,
             delays={name: origin(trial, name).get("delay") or 0.0 for name in names},
         )
         for first, names in groups.items()
     ]
+
+
+def counter_of(trial: Trial, names: Sequence[str]) -> NDArray[np.int64] | None:
+    """The device's count of the samples of columns that share their stamps; None where the log has none."""
+    name = next((c for c in map(counter_column, names) if c in trial.samples.columns), None)
+    return None if name is None else np.asarray(trial.samples[name].drop_nulls().to_numpy(), dtype=np.int64)
 
 
 def devices(rows: Mapping[str, NDArray[np.bool_]]) -> dict[str, str]:

@@ -343,3 +343,11 @@ def test_a_sensor_that_is_stated_wrongly_is_refused_with_the_remedy(stated: dict
 def test_a_delay_longer_than_the_recording_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"torque: a delay of 2 s is longer than the recording of 1 s; correct"):
         read(tmp_path, LOG, source(channels={"torque": {"column": "load", "unit": "Nm", "delay": "2 s"}}))
+
+
+def test_a_device_s_counter_is_read_beside_its_channel_and_must_be_whole(tmp_path: Path) -> None:
+    text = "t,angle,load,n\n0,0,1,5\n0.5,90,2,6\n1,-180,3,8\n"
+    counted = source(channels={"theta": {"column": "angle", "unit": "deg", "counter": "n"}})
+    assert read(tmp_path, text, counted).samples["theta_counter"].to_list() == [5, 6, 8]
+    for broken in ("6.5", ""):
+        assert "line 3, column 'n': " in refused(tmp_path, text.replace("2,6", f"2,{broken}"), counted)

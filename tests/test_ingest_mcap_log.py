@@ -271,3 +271,15 @@ def test_a_bad_schema_hurts_its_own_topic_only() -> None:
     bad = source("log", theta={"topic": "/bad/data", "field": "data", "unit": "rad"})
     with pytest.raises(InputError, match="schema broken_msgs/Garbage"):
         read_mcap_log(path, bad)
+
+
+def test_a_device_s_counter_is_read_beside_its_channel(tmp_path: Path) -> None:
+    log = [(time, {**fields, "seq": 7 + 2 * row}) for row, (time, fields) in enumerate(samples())]
+    path = write_log(tmp_path / "log.mcap", log, SAMPLE.replace("bool sync", "bool sync\nuint32 seq"))
+    counted = source(theta={"topic": "/lab", "field": "angle", "unit": "rad", "counter": "seq"})
+    read = read_mcap_log(path, counted)
+    assert read.samples["theta_counter"].to_list() == [7 + 2 * row for row in range(len(log))]
+    assert read.columns["theta"]["counter"] == "seq"
+    assert "no field 'count'" in refused(
+        path, source(theta={**counted.channels["theta"].model_dump(), "counter": "count"})
+    )

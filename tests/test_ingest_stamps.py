@@ -140,3 +140,32 @@ def test_messages_that_are_late_together_fill_the_gap_that_they_left(tmp_path: P
     read = recording(tmp_path, [*range(100), *range(150, COUNT), *range(100, 150)])
     assert read.samples["time"].is_sorted()
     assert read.facts["stamps"]["/lab"]["late"] == 50
+
+
+def test_stamps_rounded_to_more_than_a_sampling_step_are_kept_for_the_time_base(tmp_path: Path) -> None:
+    log = messages([round(1000 * i / 1024) for i in range(COUNT)])
+    log = [(time, {**fields, "angle": float(i)}) for i, (time, fields) in enumerate(log)]
+    read = read_mcap_log(write_log(tmp_path / "log.mcap", log), source(largest_loss=0.0))
+    assert read.samples["theta"].to_list() == list(range(COUNT))
+    assert (read.samples["time"].diff() == 0).sum() == 5  # 200 messages on 195 ticks
+
+
+def test_two_topics_with_rounded_stamps_keep_every_message_in_a_row_of_its_own(tmp_path: Path) -> None:
+    stamps = [round(1000 * i / 1024) for i in range(COUNT)]
+    logs = [[(t, {**m, "angle": float(i)}) for i, (t, m) in enumerate(messages(s))] for s in (stamps, stamps[:-1])]
+    topics = {"/lab": (SAMPLE_NAME, SAMPLE, logs[0]), "/other": (SAMPLE_NAME, SAMPLE, logs[1])}
+    channels = {
+        "theta": {"topic": "/lab", "field": "angle", "unit": "rad"},
+        "theta_m": {"topic": "/other", "field": "angle", "unit": "rad"},
+    }
+    content = {"format": "mcap", "time": {"source": "header"}, "channels": channels}
+    samples = read_mcap_log(write_topics(tmp_path / "log.mcap", topics), McapSource.model_validate(content)).samples
+    assert samples["theta"].drop_nulls().to_list() == list(range(COUNT))
+    assert samples["theta_m"].drop_nulls().to_list() == list(range(COUNT - 1))
+
+
+def test_a_clock_that_stands_for_a_while_is_not_rounded(tmp_path: Path) -> None:
+    stamps = [*range(100), *[100] * 10, *range(110, COUNT)]
+    log = [(t, {**m, "angle": float(i)}) for i, (t, m) in enumerate(messages(stamps))]
+    with pytest.raises(InputError, match="9 of 200 messages have the stamp of an earlier one"):
+        read_mcap_log(write_log(tmp_path / "log.mcap", log), source())

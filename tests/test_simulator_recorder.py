@@ -359,3 +359,19 @@ def test_cycles_and_seconds_are_not_both_stated():
         schedule(seconds=2.0)
     with pytest.raises(ValueError, match="3 numbers of cycles for 2 frequencies"):
         schedule(cycles=(1, 2, 3))
+
+
+def test_samples_are_lost_at_nearly_regular_intervals(tmp_path):
+    every = {"enabled": True, "size": 100, "unit": "sample", "scatter": 3}
+    log, _ = written(tmp_path, node(lost_every=every, burst=effect(5, "sample")))
+    step = np.round(np.diff(log["time"]) * 1000).astype(int)
+    assert set(step) == {1, 6}
+    between = np.diff(np.flatnonzero(step == 6)) + 5
+    assert (between.min(), between.max()) == (97, 103)
+
+
+def test_failed_readings_are_nan_in_the_log(tmp_path):
+    log, _ = written(tmp_path, {"recorder": {"sensors": {"load_cell_torque": {"failed": effect(0.01, "1")}}}})
+    failed = np.isnan(log["load_cell_torque"])
+    assert failed.mean() == pytest.approx(0.01, rel=0.5)
+    assert not np.isnan(log["joint_angle"]).any()

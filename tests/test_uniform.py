@@ -231,3 +231,17 @@ def test_clocks_of_two_devices_that_drift_apart_are_measured_and_refused_beyond_
         assert row["clock_drift_se_ppm"] < 5
         assert row["certain_clock_drift_ppm"] == 0
     assert fitted(trial_of(motion(times())[0], torque(times())))["clock_drift_ppm"] is None
+
+
+@pytest.mark.parametrize("counted", [False, True])
+def test_a_counter_in_the_log_tells_which_samples_a_late_host_lost(counted):
+    random, late = np.random.default_rng(8), times()[:-1] + 0.3e-3
+    kept = np.flatnonzero(np.arange(len(late)) % 100 != 50)
+    stamps = np.maximum.accumulate(late + random.exponential(0.5e-3, len(late))) + 1e-9 * np.arange(len(late))
+    two = trial_of(motion(times())[0], torque(late)[kept], stamps[kept])
+    if not counted:
+        with pytest.raises(InputError, match=r"torque: about 12[89] samples are missing, and .* sample counter"):
+            fitted(two)
+        return
+    count = pl.DataFrame({"time": stamps[kept], "torque_counter": kept + 1000})
+    assert_right(fitted(Trial("made", two.samples.join(count, on="time", how="left"), two.provenance)))

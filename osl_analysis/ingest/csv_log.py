@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.columns import unit_of
+from osl_analysis.columns import counter_column, unit_of
 from osl_analysis.errors import InputError
 from osl_analysis.formats.csv_table import CsvTable, read_csv_table
 from osl_analysis.formats.csv_text import UnreadableCellError, numbers
@@ -41,6 +41,8 @@ def read_csv_log(path: Path, source: CsvSource) -> Recording:
         except InputError as error:
             where = f"{path}: column '{channel.column}'"
             raise InputError(f"{where}: {error}, as `unit` of {column} in the source file") from error
+        if channel.counter is not None:
+            columns.append(counter_of(table, channel.counter, source).alias(counter_column(column)))
         origins[column] = channel.origin(column, table.units[place])
     facts = {
         "time": {**source.time.model_dump(exclude_none=True), "start": start},
@@ -88,6 +90,20 @@ def column_of(table: CsvTable, place: int, source: CsvSource) -> tuple[Array, ND
             f"a number; add the word to `missing`, or state `decimal`, `header` or `units_row`"
         ) from error
     return values, absent
+
+
+def counter_of(table: CsvTable, name: str, source: CsvSource) -> pl.Series:
+    """The device's count of its samples, (rows,); refused where it is missing or not whole."""
+    place = table.column(name)
+    raw, _ = column_of(table, place, source)
+    wrong = raw != np.rint(raw)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise InputError(
+            f"{table.path}: line {table.rows[row][0]}, column '{name}': {raw[row]} is no count of samples; remove "
+            "`counter` from the source file, or the line from the log"
+        )
+    return pl.Series(raw.astype(np.int64))
 
 
 def missing_in(table: CsvTable, place: int, absent: NDArray[np.bool_], source: CsvSource) -> int:

@@ -21,6 +21,8 @@ class CsvChannel(Conversion):
     column: str
     """Name in the header, with or without its unit (`torque` finds `torque [Nm]`), or the column's number, counted
     from 1, in a file without a header."""
+    counter: str | None = None
+    """Name of the column in which the device counts its samples. It tells which samples are missing."""
 
     @field_validator("column", mode="before")
     @classmethod

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 from pydantic import Field
 
-from osl_analysis.columns import unit_of
+from osl_analysis.columns import counter_column, unit_of
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap.mcap_file import McapFile, read_mcap
 from osl_analysis.formats.mcap.topics import Decoded, decode_topics
@@ -31,6 +31,13 @@ class LogChannel(Conversion):
     `position[name=ankle]`."""
     unit: str
     """Unit of the field; MCAP files state none."""
+    counter: str | None = None
+    """Path of the field in which the device counts its samples, such as `seq`. It tells which samples are missing."""
+
+    @property
+    def fields(self) -> list[str]:
+        """Paths of the fields to read."""
+        return [self.field] if self.counter is None else [self.field, self.counter]
 
 
 class TimeSource(Settings):
@@ -106,8 +113,10 @@ def read_mcap_log(path: Path, source: McapSource) -> Recording:
 
 
 def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
-    """One table with a row per stamp of any of the tables."""
+    """One table with a row per stamp of any of the tables; rows of their own where stamps are rounded and equal."""
     joined, *others = tables
+    if any(table["stamp"].is_duplicated().any() for table in tables) and others:
+        return pl.concat(tables, how="diagonal").sort("stamp", maintain_order=True)
     for table in others:
         if joined["stamp"].equals(table["stamp"]):
             joined = joined.hstack(table.drop("stamp"))
@@ -121,7 +130,7 @@ def decode_wanted(file: McapFile, by_topic: dict[str, dict[str, LogChannel]], so
     stamps = [name for pair in stamp_fields(source.time.field) for name in pair]
     from_header = source.time.source == "header"
     wanted = {
-        topic: [*dict.fromkeys([*(stamps if from_header else []), *(one.field for one in channels.values())])]
+        topic: [*dict.fromkeys([*(stamps if from_header else []), *(f for c in channels.values() for f in c.fields)])]
         for topic, channels in by_topic.items()
     }
     try:
@@ -153,6 +162,11 @@ def read_topic(
     stamp = stamps_of(topic, decoded, source.time.field) if from_header else decoded.log_time
     most = source.most_missing
     columns = [canonical_series(column, channel, decoded, stamp, most) for column, channel in channels.items()]
+    columns += [
+        pl.Series(counter_column(column), decoded.values[channel.counter].astype(np.int64))
+        for column, channel in channels.items()
+        if channel.counter is not None
+    ]
     table = pl.DataFrame([pl.Series("stamp", stamp), *columns])
     return in_order(topic, table, len(decoded.how), source.largest_loss)
 

@@ -4,7 +4,8 @@ Messages are sorted by their stamps; those of equal stamp keep the order in whic
 late by up to `LATEST`; a larger step back means that the clock was set, and the log is refused. Messages of equal stamp
 become one sample; a field that one message lacks is taken from another. If they contradict each other, the first one is
 used, and the others count as lost. A log with more contradictions than the allowed share is refused. So is a log with
-more repeated stamps within one channel, because its clock stands still. The counts are reported.
+more repeated stamps within one channel, because its clock stands still. Stamps that repeat because they are rounded
+to a sampling step or more are kept as they are. The counts are reported.
 """
 
 from dataclasses import asdict, dataclass
@@ -19,6 +20,7 @@ from osl_analysis.formats.messages.leaves import Indices
 
 SECOND = 1_000_000_000
 LATEST = SECOND  # by which a message may come after one of a later stamp [ns]
+EMPTY_TICKS = 0.5  # of the messages that repeat a stamp: more ticks without one are no rounding
 SET_BACK = 10  # messages in a row that fall among as many earlier ones
 LAST_SECOND = 2**63 // SECOND - 1
 PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
@@ -114,6 +116,9 @@ def in_order(topic: str, table: pl.DataFrame, channels: int, largest_loss: float
         return table, Ordering(0, 0, 0)
     once = table.group_by("stamp", maintain_order=True).agg(pl.all().drop_nulls().first()).sort("stamp")
     contradicted, most = contradictions(table, once), largest_loss * stamp.size
+    repeats = int(table.is_duplicated().sum())
+    if channels == 1 and not repeats and rounded(stamp):
+        return table.sort("stamp", maintain_order=True), Ordering(int((behind > 0).sum()), 0, 0)
     standing = int(np.maximum(np.unique(stamp, return_counts=True)[1] - channels, 0).sum())
     if standing > most:
         raise InputError(
@@ -126,6 +131,22 @@ def in_order(topic: str, table: pl.DataFrame, channels: int, largest_loss: float
             "values; stamps must be their own: check the recorder's clock or the time source in the source file"
         )
     return once, Ordering(int((behind > 0).sum()), stamp.size - once.height, contradicted)
+
+
+def rounded(stamp: Indices) -> bool:
+    """Whether stamps [ns] repeat because they are rounded to a step that is not shorter than the sampling step.
+
+    Every tick of the rounding then has a message, and none has two more than another. The messages are kept: the time
+    base finds when they were sampled, as in a CSV log.
+    """
+    ticks, messages = np.unique(stamp, return_counts=True)
+    if ticks.size < 2:
+        return False
+    step = int(np.diff(ticks).min())
+    empty = (int(ticks[-1] - ticks[0]) // step + 1) - ticks.size
+    inner = messages[1:-1]
+    even = inner.size > 0 and int(inner.max()) - int(np.median(inner)) <= 1
+    return bool(even and empty <= EMPTY_TICKS * (stamp.size - ticks.size))
 
 
 def check_not_set_back(topic: str, table: pl.DataFrame) -> None:

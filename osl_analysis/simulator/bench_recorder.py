@@ -129,6 +129,12 @@ class Bench:
             slots = stream(seed, self.trial, f"{name}.dropped").permutation((n - 2) // (burst + 1))[:gaps]
             for first in 1 + slots * (burst + 1):
                 copies[first : first + burst] = 0
+        if node.lost_every.enabled:
+            every, scatter, burst = int(node.lost_every.size), node.lost_every.scatter, int(node.burst.value) or 1
+            draws = stream(seed, self.trial, f"{name}.lost_every")
+            intervals = draws.integers(every - scatter, every + scatter + 1, n // max(every - scatter, 1) + 1)
+            for first in np.cumsum(intervals):
+                copies[first : min(first + burst, n - 1)] = 0
         return np.repeat(np.arange(n), copies)
 
     def reading(self, channel: str, true: Array, sampling: Sampling) -> Array:
@@ -147,7 +153,11 @@ class Bench:
         if sensor.adc.enabled:
             reading = rounded_to(reading, 2 * sensor.clipping.size / 2**sensor.adc.size)
         reading = rounded_to(reading, getattr(effects, STEPS[channel]).value)
-        return reading * sensor.gain.size if sensor.gain.enabled else reading
+        reading = reading * sensor.gain.size if sensor.gain.enabled else reading
+        if sensor.failed.enabled:
+            failed = stream(self.settings.seed, self.trial, f"{channel}.failed").random(n) < sensor.failed.size
+            reading = np.where(failed, np.nan, reading)
+        return reading
 
     def sampled(self, true: Array, channel: str, sampling: Sampling) -> Array:
         """The true signal through the sensor's low-pass and delay, at the sampled instants."""

@@ -42,6 +42,13 @@ class Scatter(Effect):
     absolute value is taken) or `exponential` (size: mean)."""
 
 
+class RegularGaps(Effect):
+    """Gaps at nearly regular intervals, whose mean is the size."""
+
+    scatter: Annotated[int, Field(ge=0)] = 0
+    """Largest deviation of an interval from the mean [samples]."""
+
+
 class Hum(Effect):
     """A sine whose amplitude is the size."""
 

@@ -6,6 +6,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from osl_analysis.simulator.effect import (
     Effect,
+    RegularGaps,
     Scatter,
     Seconds,
     SensorLowPass,
@@ -48,6 +49,10 @@ class NodeSettings(Settings):
     """Share of the samples that are missing, at drawn places; at least one gap."""
     burst: WholeSamples = off("sample", 1.0)
     """Missing samples in a row; off: one."""
+    lost_every: Annotated[RegularGaps, in_unit("sample"), AfterValidator(whole_number), AfterValidator(positive)] = (
+        RegularGaps(enabled=False, size=100, unit="sample")
+    )
+    """Interval between regular gaps of `burst` missing samples, from the beginning of one to that of the next."""
     duplicated: Share = off("1")
     """Share of the samples that are written twice, with the same stamp."""
 
@@ -71,6 +76,8 @@ class SensorSettings(Settings):
     """Largest value in size that the sensor gives, noise and offset included."""
     adc: Annotated[Effect, in_unit("bit"), AfterValidator(whole_number)] = off("bit")
     """Bits of the converter, whose range is from minus to plus `clipping`."""
+    failed: Share = off("1")
+    """Share of the readings that fail, at drawn places: the log has NaN there."""
     gain: Annotated[SignedEffect, in_unit("1")] = SignedEffect(enabled=False, size=1, unit="1")
     """What the recorder multiplies a value with by mistake: a wrong unit or sign."""
 

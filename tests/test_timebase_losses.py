@@ -137,13 +137,23 @@ def test_values_that_are_missing_cost_nothing_and_split_no_device(kind, change):
     assert_recovers_the_joint(grid)
 
 
-@pytest.mark.parametrize(("length", "bridged", "marked"), [(20, 1, 0), (22, 0, 1)])
+@pytest.mark.parametrize(("length", "bridged", "marked"), [(20, 1, 0), (21, 0, 1)])
 def test_missing_values_in_a_row_are_a_gap_of_their_own_length(length, bridged, marked):
     def change(signals, _random):
         signals["torque"][5000 : 5000 + length] = np.nan
 
     grid = one_time_base([with_nan(np.random.default_rng(8), change)])
     assert [(s.empty, s.bridged, s.marked) for s in grid.report.streams] == [(0, 0, 0), (length, bridged, marked)]
+    assert_recovers_the_joint(grid)
+
+
+def test_losses_behind_a_late_host_are_not_refused_where_one_device_has_channels_with_missing_values():
+    t, random = clock(RATE, DURATION), np.random.default_rng(13)
+    kept = lost(len(t), 100, 3, random)
+    one = log(late(t, 2e-4, random)[kept], t[kept], random)
+    one.signals["torque"][::150] = np.nan
+    grid = one_time_base([one])
+    assert [stream.signals for stream in grid.report.streams] == [("theta",), ("torque",)]
     assert_recovers_the_joint(grid)
 
 

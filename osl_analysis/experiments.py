@@ -187,6 +187,7 @@ EXPERIMENTS: dict[str, Experiment] = {
             "walking_excluded",
             "hinge",
             "plate",
+            "platform",
         ),
     ),
     "overground": Experiment(

@@ -43,11 +43,29 @@ rule identify_plate:
         jobs.run_job(log, "crossing.identify_plate", input, output, params)
 
 
+rule measure_platform:
+    input:
+        trials=[trial_file(trial) for trial in CAMPAIGN.crossings(perturbed=True)],
+        quality=checked(CAMPAIGN.crossings(perturbed=True)),
+        calibration=RESULTS / "fits/calibration.json",
+    output:
+        output=RESULTS / "fits/platform.json",
+        comparison=RESULTS / "tables/platform.csv",
+    log:
+        RESULTS / "logs/walking/platform.log",
+    params:
+        code=jobs.code_of("crossing.measure_platform"),
+        settings=CONFIG.walking.part("PlatformMotionSettings"),
+    run:
+        jobs.run_job(log, "crossing.measure_platform", input, output, params)
+
+
 rule analyse_crossing:
     input:
         trial=RESULTS / "trials/{trial}.parquet",
         calibration=RESULTS / "fits/calibration.json",
         plate=RESULTS / "fits/plate.json",
+        platform=RESULTS / "fits/platform.json",
     output:
         RESULTS / "crossings/{trial}.parquet",
     log:

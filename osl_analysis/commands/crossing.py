@@ -7,6 +7,7 @@ from pathlib import Path
 
 import polars as pl
 
+from osl_analysis.commands.platform_file import read_platform, write_platform
 from osl_analysis.commands.walking_files import (
     read_calibration,
     read_plate,
@@ -21,11 +22,17 @@ from osl_analysis.trial import read_trial
 from osl_analysis.walking.ankle import static_calibration
 from osl_analysis.walking.body_mass import body_mass
 from osl_analysis.walking.crossing import RefusedCrossing
-from osl_analysis.walking.crossing_analysis import analyse_crossing
+from osl_analysis.walking.crossing_analysis import ALONE, analyse_crossing
 from osl_analysis.walking.direction import check_direction
 from osl_analysis.walking.hinge import hinge_of_trials, hinge_row, with_hinge
 from osl_analysis.walking.plate_model import identify_plate_model, plate_table
-from osl_analysis.walking.settings import CalibrationSettings, CrossingSettings, PlateModelSettings
+from osl_analysis.walking.platform_model import identify_platform, platform_table
+from osl_analysis.walking.settings import (
+    CalibrationSettings,
+    CrossingSettings,
+    PlateModelSettings,
+    PlatformMotionSettings,
+)
 
 
 def calibrate(
@@ -64,6 +71,18 @@ def identify_plate(
     write_table(plate_table(model), comparison)
 
 
+def measure_platform(
+    trials: Sequence[Path], calibration: Path, settings: PlatformMotionSettings, output: Path, comparison: Path
+) -> None:
+    """The motion that the platform's perturbations share, from the perturbed crossings, to a JSON file.
+
+    The table `comparison` shows when each crossing's perturbation starts, and whether it follows the shared motion.
+    """
+    model = identify_platform([read_trial(path) for path in trials], read_calibration(calibration), settings)
+    write_platform(model, output)
+    write_table(platform_table(model), comparison)
+
+
 def analyse(
     trial: Path,
     calibration: Path,
@@ -73,16 +92,20 @@ def analyse(
     output: Path,
     direction: str | None = None,
     body_mass_kg: float | None = None,
+    platform: Path | None = None,
 ) -> None:
     """Angle and torque of one crossing, with its events, to a Parquet file. `perturbed`, `direction` and `body_mass_kg`
     are entries of the sheet.
+
+    Without the file `platform` of `measure_platform`, the crossing has its own motion and onset of the platform.
 
     A crossing that cannot be analysed does not stop the others. Its file contains the reason instead of samples, and a
     warning states the reason.
     """
     static, model, walked = read_calibration(calibration), read_plate(plate), read_trial(trial)
+    shared = ALONE if platform is None else read_platform(platform)
     try:
-        crossing = analyse_crossing(walked, static, model, perturbed, settings)
+        crossing = analyse_crossing(walked, static, model, perturbed, settings, shared)
         check_direction(walked.name, direction, crossing.turn)
         crossing = replace(crossing, body_mass=body_mass(walked, body_mass_kg))
     except OslAnalysisError as error:

@@ -65,13 +65,13 @@ def plate_content(plate: PlateModel) -> dict[str, Any]:
         for name, value, se in zip(PARAMETERS, inertia.parameters, inertia.standard_errors, strict=True)
     }
     before, after = (dict(zip(COMPONENTS, v.tolist(), strict=True)) for v in (inertia.rms_before, inertia.rms_after))
-    lag = {"lag_s": plate.lag, "lag_se_s": plate.lag_se, "lags_s": plate.lags.tolist()}
+    lag = {"lag_s": plate.lag, "lag_unknown": plate.lag_reason, "lag_se_s": plate.lag_se, "lags_s": plate.lags.tolist()}
     return {"parameters": parameters, **lag, "rms_before": before, "rms_after": after}
 
 
 def read_plate(path: Path) -> PlateModel:
     """Read what `write_plate` wrote."""
-    fields = ("parameters", "lag_s", "lag_se_s", "lags_s", "rms_before", "rms_after", "leave_one_out")
+    fields = ("parameters", "lag_s", "lag_unknown", "lag_se_s", "lags_s", "rms_before", "rms_after", "leave_one_out")
     content = read_json(path, "identify-plate", *fields)
     others = tuple(plate_from_content(model) for model in content["leave_one_out"])
     return replace(plate_from_content(content), leave_one_out=others)
@@ -82,7 +82,8 @@ def plate_from_content(content: Mapping[str, Any]) -> PlateModel:
     values, errors = (np.array([content["parameters"][p][field] for p in PARAMETERS]) for field in ("value", "se"))
     before, after = (np.array([content[f][c] for c in COMPONENTS]) for f in ("rms_before", "rms_after"))
     inertia = PlateInertia(values, errors, before, after)
-    return PlateModel(inertia, content["lag_s"], content["lag_se_s"], np.array(content["lags_s"], dtype=float))
+    lags = np.array(content["lags_s"], dtype=float)
+    return PlateModel(inertia, content["lag_s"], content["lag_se_s"], lags, lag_reason=content["lag_unknown"])
 
 
 def write_json(content: Mapping[str, Any], path: Path) -> None:

@@ -182,6 +182,15 @@ class BodyMotion:
     point: Array
     acceleration: Array
 
+    def __getitem__(self, rows: slice) -> "BodyMotion":
+        parts = (self.rotation, self.omega, self.alpha, self.point, self.acceleration)
+        return BodyMotion(*(part[rows] for part in parts))
+
+    def weighted(self, weights: Array) -> "BodyMotion":
+        """The same poses with angular velocity and accelerations times weights (n,): 0 where the body rests."""
+        w = weights[:, None]
+        return replace(self, omega=w * self.omega, alpha=w * self.alpha, acceleration=w * self.acceleration)
+
 
 def body_motion(time: Array, poses: Poses, point: Array) -> BodyMotion:
     """Motion at times (n,) [s] of a body and of its point with the reference position `point` (3,) [m].

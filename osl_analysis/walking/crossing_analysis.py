@@ -20,6 +20,7 @@ from osl_analysis.walking.ankle import (
     foot_torque,
 )
 from osl_analysis.walking.cluster import (
+    BodyMotion,
     Mask,
     Poses,
     body_motion,
@@ -44,19 +45,31 @@ from osl_analysis.walking.plate import (
 )
 from osl_analysis.walking.plate_faults import check_plate, check_type_on_platform
 from osl_analysis.walking.plate_model import PlateModel
+from osl_analysis.walking.platform_jackknife import jackknife_rows
+from osl_analysis.walking.platform_model import PlatformModel, inertial_motion, track_about
+from osl_analysis.walking.platform_shape import PlatformTemplate
 from osl_analysis.walking.settings import CrossingSettings
 from osl_analysis.walking.visible_frames import check_gaps, rms_residual, rows_of_stance
 
 PERTURBED_SEGMENTS = ("foot", "platform")
 """Segments that a perturbation moves. The shank carries the body and moves as in any stance."""
+ALONE = PlatformModel(None, "each crossing is analysed alone", {}, {}, None)
+"""No shared motion of the platform."""
 FOOT_FLAT = (0.15, 0.35)
 """Phases of stance, before the perturbation, over which the foot's place on the plate is averaged."""
 
 
 def analyse_crossing(
-    trial: Trial, calibration: StaticCalibration, plate: PlateModel, perturbed: bool, settings: CrossingSettings
+    trial: Trial,
+    calibration: StaticCalibration,
+    plate: PlateModel,
+    perturbed: bool,
+    settings: CrossingSettings,
+    platform: PlatformModel = ALONE,
 ) -> Crossing:
     """Angle and torque of a crossing. `perturbed` comes from the sheet and is checked against the platform's motion.
+
+    `platform` is what the platform's motions share; without it each crossing has its own motion and onset.
 
     Markers and wrench first pass the same low-pass at the same rate. Angle and torque are not filtered again.
 
@@ -67,9 +80,9 @@ def analyse_crossing(
         or a cluster that is hidden in stance. Names the trial.
     """
     try:
-        recorded = RecordedCrossing.of(trial, calibration, plate.lag, settings)
-        onset = recorded.onset(perturbed)
-        return recorded.analysed(plate, onset)
+        recorded = RecordedCrossing.of(trial, calibration, plate.delay, settings)
+        onset = recorded.onset(perturbed, platform)
+        return recorded.analysed(plate, platform, onset)
     except InputError as error:
         text = str(error)
         raise InputError(text if trial.name in text else f"trial {trial.name}: {text}") from error
@@ -116,11 +129,12 @@ class RecordedCrossing:
         check_plate(trial, settings.plate, stance, vertical)
         return cls(trial, calibration, settings, time, poses, plate, zero, stance)
 
-    def onset(self, perturbed: bool) -> float | None:
+    def onset(self, perturbed: bool, platform: PlatformModel) -> float | None:
         """Onset [s] of the perturbation, checked against the sheet, the stance and hidden markers."""
         settings = self.settings
         threshold = float(np.deg2rad(settings.perturbation_deg))
         onset = find_onset(self.time, rotation_from_rest(self.poses["platform"]), threshold)
+        onset = None if onset is None else platform.onset(self.trial.name, onset)
         check_onset(onset, self.stance, perturbed, settings.timing)
         if onset is not None:
             check_type_on_platform(self.trial, settings.plate)
@@ -129,16 +143,21 @@ class RecordedCrossing:
                 check_gaps(name, self.time, self.poses[name], window, settings.longest_fitted_gap_s)
         return onset
 
-    def analysed(self, model: PlateModel, onset: float | None) -> Crossing:
+    def analysed(self, model: PlateModel, platform: PlatformModel, onset: float | None) -> Crossing:
         """Filtered angle and torque over stance, with their quality."""
         rows = rows_of_stance(self.time, self.poses, self.stance)
         time, poses = self.time[rows], {name: self.filtered(name, rows) for name in SEGMENTS}
         theta = ankle_angle(poses["foot"], poses["shank"], self.calibration.ankle_axis)
-        reaction, centre = self.reaction(rows, poses["platform"], model)
+        motion = self.inertial_motion(rows, platform, platform.template)
+        reaction, centre = self.reaction(rows, poses["platform"], model, motion)
         ankle, axis = ankle_in_lab(poses["foot"], poses["shank"], self.calibration)
         load = load_on_foot(reaction, centre, ankle, axis)
-        torque = self.torque(rows, poses, model)
-        errors = [self.torque(rows, poses, other) - torque for other in model.leave_one_out]
+        torque = self.torque(rows, poses, model, motion)
+        without_plate = [self.torque(rows, poses, other, motion) - torque for other in model.leave_one_out]
+        without_crossings = [
+            self.torque(rows, poses, model, self.inertial_motion(rows, platform, other)) - torque
+            for other in platform.leave_out
+        ]
         phase = (time - self.stance.heel_strike) / self.stance.duration
         check_heading(phase, poses["shank"].position - ankle, axis)
         if onset is None:
@@ -162,7 +181,7 @@ class RecordedCrossing:
             onset=onset,
             bridged=float(np.mean(bridged[inside])),
             quality=quality,
-            plate_errors=np.reshape(errors, (-1, len(torque))),
+            plate_errors=np.reshape(jackknife_rows(without_plate, without_crossings), (-1, len(torque))),
             load=load,
             turn=None if onset is None else self.turn(time, poses, onset),
         )
@@ -178,24 +197,36 @@ class RecordedCrossing:
         reference = reference_positions(cluster, labels, self.trial.name)
         return filtered_poses(self.poses[name][rows], reference, self.settings.low_pass, sampling_rate(self.time))
 
-    def torque(self, rows: slice, poses: Mapping[str, Poses], model: PlateModel) -> Array:
-        """Internal plantarflexion moment (n,) [N*m] from filtered poses in some rows and the filtered wrench."""
+    def torque(self, rows: slice, poses: Mapping[str, Poses], model: PlateModel, motion: BodyMotion) -> Array:
+        """Internal plantarflexion moment (n,) [N*m] from filtered poses in some rows and the filtered wrench.
+
+        `motion` is the plate's, for its own inertia.
+        """
         time, calibration, foot = self.time[rows], self.calibration, self.settings.foot
-        reaction, centre_now = self.reaction(rows, poses["platform"], model)
+        reaction, centre_now = self.reaction(rows, poses["platform"], model, motion)
         ankle, axis = ankle_in_lab(poses["foot"], poses["shank"], calibration)
         torque = ankle_torque(reaction, centre_now, ankle, axis)
         if foot is None:
             return torque
         inertia = FootInertia(foot.mass_kg, np.array(foot.centre_of_mass_m), foot.inertia_kg_m2)
-        motion = body_motion(time, poses["foot"], calibration.ankle_centre + inertia.centre_of_mass)
-        return torque + foot_torque(motion, ankle, axis, inertia)
+        moved = body_motion(time, poses["foot"], calibration.ankle_centre + inertia.centre_of_mass)
+        return torque + foot_torque(moved, ankle, axis, inertia)
 
-    def reaction(self, rows: slice, platform: Poses, model: PlateModel) -> tuple[PlateWrench, Array]:
+    def reaction(
+        self, rows: slice, platform: Poses, model: PlateModel, motion: BodyMotion
+    ) -> tuple[PlateWrench, Array]:
         """Ground reaction on the foot in some rows, and the plate's centre (n, 3) [m], about which its moment acts."""
         centre = plate_centre(self.trial, self.settings.plate)
-        wrench = self.plate.at(self.time, model.lag).filtered(self.settings.low_pass, sampling_rate(self.time))[rows]
-        own = model.inertia.wrench(body_motion(self.time[rows], platform, centre))
-        return in_laboratory(wrench - own, platform, centre)
+        wrench = self.plate.at(self.time, model.delay).filtered(self.settings.low_pass, sampling_rate(self.time))[rows]
+        return in_laboratory(wrench - model.inertia.wrench(motion), platform, centre)
+
+    def inertial_motion(self, rows: slice, platform: PlatformModel, template: PlatformTemplate | None) -> BodyMotion:
+        """Motion of the plate's centre in some rows: by the shape that crossings share, if this one follows it."""
+        time, centre = self.time[rows], plate_centre(self.trial, self.settings.plate)
+        track = track_about(self.trial, self.calibration, self.settings, float(time[0]))
+        first = int(np.searchsorted(track.time, time[0] - 1e-9))
+        motion = inertial_motion(track, centre, template, platform.followed(self.trial.name))
+        return motion[first : first + len(time)]
 
     def outside(self, time: Array, foot: Poses) -> float:
         """Largest distance [m] by which a foot marker lies outside the plate while the foot is flat."""

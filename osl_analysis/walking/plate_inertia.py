@@ -1,4 +1,4 @@
-"""The force plate's own inertia and its lag: identified on a plate that moves unloaded, then removed from every wrench.
+"""The force plate's own inertia identified on a plate that moves unloaded, then removed from every wrench.
 
 The wrench that the plate itself causes in its sensors is linear in the plate's inertial parameters. In axes that turn
 with the plate, after the zero has removed the weight at rest,
@@ -7,9 +7,6 @@ with the plate, after the zero has removed the weight at rest,
 
 where m is the mass, mc mass times centre of mass, I the inertia about the plate's centre, a the acceleration of that
 centre, w the angular velocity and z the angular acceleration.
-
-A lag d of the torque behind the angle changes the damping by -K d. It does not change the VAF, so that walking data do
-not show it. The unloaded plate shows it: its inertial force and its acceleration must peak at the same time.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,11 +28,10 @@ EXCITED = 0.1
 """An axis counts as excited if its RMS angular acceleration is at least this fraction of the largest one."""
 LEVER = 0.1
 """Weight [m] of forces relative to moments: about the height of the ankle, which is a force's lever about the ankle."""
-LARGEST_PLATE_LAG_S = 0.012
-PLATE_LAG_STEP_S = 0.002
-"""Step [s] between the lags that are tried. A parabola between them is exact to 1 % for motions below 20 Hz."""
-LIGHT = 0.1
-"""RMS [N*m] of an unloaded wrench, forces with their lever, below which a plate is too light to show its lag."""
+WEIGHT = np.array([LEVER] * 3 + [1.0] * 3)
+"""Weights (6,) [m, 1] of forces and moments."""
+LARGEST_NOISE_SHARE = 0.5
+"""Largest share of noise in the columns' squares that is corrected."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +101,7 @@ def identify_plate_inertia(
     recordings: Sequence[tuple[BodyMotion, PlateWrench]],
     smooth: Callable[[Array], Array] = unfiltered,
     names: tuple[str, ...] | None = None,
+    noise: Array | None = None,
 ) -> PlateInertia:
     """Parameters from unloaded recordings: motion of the plate's centre, and wrench in the plate's axes.
 
@@ -113,6 +110,9 @@ def identify_plate_inertia(
     instead, a filter of 8 Hz would make the plate's lag 0.05 ms too small. The mean of each recording is removed,
     because each has its own zero. Moments of inertia about axes that are not excited are 0. If the remaining parameters
     cannot be told apart, only the four planar ones are identified. `names` replaces this choice.
+
+    `noise` (10, 10) is the sum of squares that marker noise alone causes in the columns (`noise_squares`). It is
+    subtracted from theirs, because least squares with noise in its columns makes every estimate too small.
 
     Raises
     ------
@@ -124,23 +124,68 @@ def identify_plate_inertia(
     columns = np.concatenate([centred(smooth(regressors(motion))) for motion, _ in recordings])
     wrench = np.concatenate([centred(w.components()) for _, w in recordings])
     fit = fit_parameters(columns, wrench, names or excited_parameters([motion for motion, _ in recordings]))
-    parameters = np.array([fit[name] if name in fit.names else 0.0 for name in PARAMETERS])
-    errors = np.array([fit.se(name) if name in fit.names else 0.0 for name in PARAMETERS])
+    chosen = [PARAMETERS.index(name) for name in fit.names]
+    parameters, errors = np.zeros(len(PARAMETERS)), np.zeros(len(PARAMETERS))
+    correction = np.eye(len(chosen)) if noise is None else noise_correction(columns, noise, fit.names)
+    parameters[chosen] = correction @ fit.estimates
+    errors[chosen] = np.sqrt(np.diag(correction @ fit.covariance @ correction.T))
     return PlateInertia(parameters, errors, rms(wrench), rms(wrench - columns @ parameters))
 
 
 def fit_parameters(columns: Array, wrench: Array, names: tuple[str, ...]) -> LinearFit:
     """Regress wrenches (n, 6) on the named columns of (n, 6, 10). If these look alike, use only the planar ones."""
-    weight = np.array([LEVER] * 3 + [1.0] * 3)
-    stacked = {
-        name: (columns[:, :, PARAMETERS.index(name)] * weight).T.ravel() for name in names
-    }  # component after component: residuals stay correlated in time, as the regression assumes
+    stacked = dict(zip(names, stacked_columns(columns, names).T, strict=True))
     try:
-        return linear_fit((wrench * weight).T.ravel(), stacked)
+        return linear_fit((wrench * WEIGHT).T.ravel(), stacked)
     except IdentifiabilityError:
         if names == PLANAR:
             raise
         return fit_parameters(columns, wrench, PLANAR)
+
+
+def noise_squares(
+    motion: BodyMotion, resting: Sequence[slice], frames: float, smooth: Callable[[Array], Array]
+) -> Array:
+    """Weighted sum of squares (10, 10) that marker noise causes in the columns of `frames` frames.
+
+    `motion` is that of a platform as measured. It shows nothing but noise in the runs of frames in which it is
+    `resting`.
+    """
+    columns = smooth(regressors(motion))
+    still = [stacked_columns(centred(columns[run]), PARAMETERS) for run in resting]
+    count = sum(run.stop - run.start for run in resting)
+    return np.asarray(sum((one.T @ one for one in still), np.zeros((10, 10))) * frames / max(count, 1))
+
+
+def noise_correction(columns: Array, noise: Array, names: Sequence[str]) -> Array:
+    """The matrix (p, p) that turns least-squares estimates into those without the bias from noise in the columns.
+
+    With the columns' squares G, of which N are noise, it is (G - N)^-1 G (Fuller, Measurement Error Models, 1987, 1.4).
+
+    Raises
+    ------
+    IdentifiabilityError
+        Some combination of the parameters is seen with more noise than motion.
+    """
+    chosen = [PARAMETERS.index(name) for name in names]
+    stacked, own = stacked_columns(columns, names), noise[np.ix_(chosen, chosen)]
+    squares = stacked.T @ stacked
+    share = np.linalg.eigvals(np.linalg.solve(squares, own)).real.max()
+    if share > LARGEST_NOISE_SHARE:
+        raise IdentifiabilityError(
+            f"marker noise is {share:.0%} of what moves the unloaded plate in one of its directions, expected "
+            f"{LARGEST_NOISE_SHARE:.0%} or less; record larger or faster motions of the unloaded plate"
+        )
+    return np.asarray(np.linalg.solve(squares - own, squares))
+
+
+def stacked_columns(columns: Array, names: Sequence[str]) -> Array:
+    """Weighted columns (6 n, p) of the named parameters out of (n, 6, 10).
+
+    Component after component: residuals stay correlated in time, as the regression assumes.
+    """
+    chosen = columns[:, :, [PARAMETERS.index(name) for name in names]] * WEIGHT[:, None]
+    return np.asarray(chosen.transpose(1, 0, 2).reshape(-1, len(names)))
 
 
 def excited_parameters(motions: Sequence[BodyMotion]) -> tuple[str, ...]:
@@ -161,37 +206,3 @@ def centred(values: Array) -> Array:
 def rms(values: Array) -> Array:
     """Root mean square over the first axis."""
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
-
-
-def weighted_square(size: Array) -> float:
-    """Sum of squares [N^2*m^2] of RMS forces and moments (6,), forces with the lever of the identification."""
-    return float(np.sum((size[:3] * LEVER) ** 2) + np.sum(size[3:] ** 2))
-
-
-def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], PlateWrench], smooth: Callable[[Array], Array]) -> float:
-    """Lag [s] of the plate behind the markers in one unloaded recording, positive if the plate is late.
-
-    `wrench_at` returns the wrench read a lag [s] later, filtered with `smooth`. The motion has not passed this filter.
-    The estimated lag minimises the misfit of `identify_plate_inertia`. It is NaN if the plate is too light to show a
-    lag.
-
-    Raises
-    ------
-    InputError
-        No lag within the search explains the wrench: the recorders are not synchronised.
-    """
-    lags = np.arange(-LARGEST_PLATE_LAG_S, LARGEST_PLATE_LAG_S + PLATE_LAG_STEP_S / 2, PLATE_LAG_STEP_S)
-    readings = [wrench_at(float(lag)) for lag in lags]
-    misfit = [weighted_square(identify_plate_inertia([(motion, w)], smooth).rms_after) for w in readings]
-    best = int(np.argmin(misfit))
-    size = weighted_square(rms(centred(readings[best].components())))
-    if size < LIGHT**2:
-        return float("nan")
-    if misfit[best] > 0.5 * size or best in (0, len(lags) - 1):
-        raise InputError(
-            f"the unloaded plate's wrench does not follow its motion within {LARGEST_PLATE_LAG_S * 1e3:g} ms; "
-            "synchronise the recorders, check the platform's markers and the plate's channels, or set "
-            "correct_plate_lag to false"
-        )
-    before, least, after = misfit[best - 1 : best + 2]
-    return float(lags[best] + 0.5 * PLATE_LAG_STEP_S * (before - after) / (before - 2 * least + after))

@@ -159,7 +159,11 @@ class PlateModelSettings(PlatformSettings):
         return LowPass(self.plate_cutoff_hz, self.order)
 
 
-class CrossingSettings(PlatformSettings, TimingSettings):
+class PlatformMotionSettings(PlatformSettings, TimingSettings):
+    """How the motion that perturbations share is found."""
+
+
+class CrossingSettings(PlatformMotionSettings):
     """How angle and torque of a crossing are computed."""
 
     load_on_n: Positive

@@ -1,0 +1,110 @@
+"""The motion of a platform in one trial: in its few directions, and without noise while it rests."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from osl_analysis.signals import LowPass, sampling_rate
+from osl_analysis.trial import Array
+from osl_analysis.walking.cluster import BodyMotion, Mask, Poses, body_motion, filtered_poses
+from osl_analysis.walking.platform_rank import Screws, directions, frame_noise, gate, moving, speed
+
+SPREAD_S = 0.025
+"""Time [s] by which the low-pass widens a motion, for a cut-off of `SPREAD_CUTOFF_HZ`: half a period."""
+SPREAD_CUTOFF_HZ = 20.0
+
+FEWEST_FRAMES = 10
+"""Fewest frames from which a position at rest is read."""
+
+
+@dataclass(frozen=True)
+class PlatformTrack:
+    """The platform's scaled coordinates in n consecutive frames of one trial.
+
+    name: the trial.
+    time: (n,) [s], uniform.
+    reference: positions (m, 3) [m] of the cluster's markers in the static trial.
+    measured: coordinates (n, 6) [m], each frame with its noise.
+    filtered: the same through the low-pass of the crossings.
+    low_pass: that low-pass.
+    noise: standard deviation [m] of the noise in one frame of `measured`.
+    """
+
+    name: str
+    time: Array
+    reference: Array
+    measured: Array
+    filtered: Array
+    low_pass: LowPass
+    noise: float
+
+    @classmethod
+    def of(cls, name: str, time: Array, poses: Poses, reference: Array, low_pass: LowPass) -> "PlatformTrack":
+        """The track of a platform's poses (n,), none NaN, whose markers were at the reference (m, 3) [m] at rest."""
+        measured = Screws.of(reference).coordinates(poses)
+        filtered = low_pass(measured, sampling_rate(time))
+        return cls(name, time, reference, measured, filtered, low_pass, frame_noise(measured[~poses.bridged]))
+
+    @property
+    def rate(self) -> float:
+        """Frames per second [Hz]."""
+        return sampling_rate(self.time)
+
+    @property
+    def spread(self) -> float:
+        """Time [s] by which the low-pass widens a motion."""
+        return SPREAD_S * SPREAD_CUTOFF_HZ / self.low_pass.cutoff_hz
+
+    def moves(self, axes: Array) -> Mask:
+        """Frames (n,) in which the platform moves along some of the directions (r, 6).
+
+        The ends of a recording do not count: a low-pass passes more noise there.
+        """
+        inside = (self.time > self.time[0] + self.spread) & (self.time < self.time[-1] - self.spread)
+        return np.asarray(inside & moving(self.time, self.filtered @ axes.T, self.noise, self.low_pass))
+
+    def rest(self) -> Array:
+        """Coordinates (6,) [m] at rest: their mean while the platform rests, until it moves fastest."""
+        resting = gate(self.time, self.moves(np.eye(6)), self.spread) == 0
+        fastest = int(np.argmax(speed(self.time, self.filtered)))
+        before = resting & (self.time < self.time[fastest])
+        if before.sum() < FEWEST_FRAMES:
+            before = self.time <= self.time[0] + self.spread
+        return np.asarray(self.measured[before].mean(axis=0))
+
+    def displaced(self) -> Array:
+        """Filtered coordinates (k, 6) [m] from rest, in the frames in which the platform moves."""
+        near = gate(self.time, self.moves(np.eye(6)), self.spread) > 0
+        return np.asarray((self.filtered - self.rest())[near])
+
+    def own_motion(self, axes: Array, centre: Array) -> tuple[BodyMotion, Array]:
+        """Motion of the point that rests at `centre` (3,) [m], as measured along the directions (r, 6), and weights
+        (n,) that are 0 where the platform rests."""
+        rest = self.rest()
+        motion = self.motion_of(rest + (self.measured - rest) @ axes.T @ axes, centre)
+        return motion, gate(self.time, self.moves(axes), self.spread)
+
+    def motion_of(self, coordinates: Array, centre: Array) -> BodyMotion:
+        """Motion (n,) of the point that rests at `centre` (3,) [m] for other coordinates (n, 6) [m], not filtered.
+
+        The markers of that pose pass the low-pass, as the wrench does; its coordinates do not.
+        """
+        poses = Screws.of(self.reference).poses(coordinates)
+        return body_motion(self.time, filtered_poses(poses, self.reference, self.low_pass, self.rate), centre)
+
+
+def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
+    """Directions (r, 6) of the motion in each trial: those of all trials together, where these are no more than each
+    trial has alone. A platform that only turns in one trial and shifts in another has other directions in each.
+    """
+    low_pass, rate = tracks[0].low_pass, tracks[0].rate
+    moved = [track.displaced() for track in tracks]
+    noise = float(np.sqrt(np.mean([track.noise**2 for track in tracks])))
+    alone = [
+        directions([one], track.noise, low_pass, rate) if len(one) else np.zeros((0, 6))
+        for one, track in zip(moved, tracks, strict=True)
+    ]
+    known = [one for one in moved if len(one)]
+    together = directions(known, noise, low_pass, rate) if known else np.zeros((0, 6))
+    return [together if len(own) == len(together) else own for own in alone]

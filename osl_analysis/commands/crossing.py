@@ -22,11 +22,11 @@ from osl_analysis.trial import read_trial
 from osl_analysis.walking.ankle import static_calibration
 from osl_analysis.walking.body_mass import body_mass
 from osl_analysis.walking.crossing import RefusedCrossing
-from osl_analysis.walking.crossing_analysis import ALONE, analyse_crossing
+from osl_analysis.walking.crossing_analysis import analyse_crossing
 from osl_analysis.walking.direction import check_direction
 from osl_analysis.walking.hinge import hinge_of_trials, hinge_row, with_hinge
 from osl_analysis.walking.plate_model import identify_plate_model, plate_table
-from osl_analysis.walking.platform_model import identify_platform, platform_table
+from osl_analysis.walking.platform_model import ALONE, identify_platform, platform_table
 from osl_analysis.walking.settings import (
     CalibrationSettings,
     CrossingSettings,

@@ -46,15 +46,13 @@ from osl_analysis.walking.plate import (
 from osl_analysis.walking.plate_faults import check_plate, check_type_on_platform
 from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.platform_jackknife import jackknife_rows
-from osl_analysis.walking.platform_model import PlatformModel, inertial_motion, track_about
+from osl_analysis.walking.platform_model import ALONE, PlatformModel, inertial_motion, track_about
 from osl_analysis.walking.platform_shape import PlatformTemplate
 from osl_analysis.walking.settings import CrossingSettings
 from osl_analysis.walking.visible_frames import check_gaps, rms_residual, rows_of_stance
 
 PERTURBED_SEGMENTS = ("foot", "platform")
 """Segments that a perturbation moves. The shank carries the body and moves as in any stance."""
-ALONE = PlatformModel(None, "each crossing is analysed alone", {}, {}, None)
-"""No shared motion of the platform."""
 FOOT_FLAT = (0.15, 0.35)
 """Phases of stance, before the perturbation, over which the foot's place on the plate is averaged."""
 

@@ -24,8 +24,9 @@ PARAMETERS = ("m", "mc_x", "mc_y", "mc_z", "I_xx", "I_yy", "I_zz", "I_xy", "I_xz
 COMPONENTS = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
 PLANAR = ("m", "mc_x", "mc_z", "I_yy")
 """Parameters that can be identified if the platform only turns about the mediolateral axis and shifts across it."""
-EXCITED = 0.1
-"""An axis counts as excited if its RMS angular acceleration is at least this fraction of the largest one."""
+EXCITED = 0.02
+"""An axis counts as excited if its RMS angular acceleration is at least this fraction of the largest one. Motion along
+its few directions leaves less than 0.005 of it about an axis that does not turn."""
 LEVER = 0.1
 """Weight [m] of forces relative to moments: about the height of the ankle, which is a force's lever about the ankle."""
 WEIGHT = np.array([LEVER] * 3 + [1.0] * 3)
@@ -191,7 +192,7 @@ def stacked_columns(columns: Array, names: Sequence[str]) -> Array:
 def excited_parameters(motions: Sequence[BodyMotion]) -> tuple[str, ...]:
     """Parameters that motions excite: mass, its moments, and the inertias of axes that turn by more than noise.
 
-    An axis counts if its RMS angular acceleration is above a tenth of the largest.
+    An axis counts if its RMS angular acceleration is above a fiftieth of the largest.
     """
     size = rms(np.concatenate([motion.alpha for motion in motions]))
     excited = {axis for axis, one in zip("xyz", size, strict=True) if one > EXCITED * size.max()}

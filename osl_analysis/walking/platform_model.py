@@ -74,6 +74,10 @@ class PlatformModel:
         return a if self.template is not None and a is not None and a.follows else None
 
 
+ALONE = PlatformModel(None, "each crossing is analysed alone", {}, {}, None)
+"""No shared motion of the platform."""
+
+
 def identify_platform(
     trials: Sequence[Trial], calibration: StaticCalibration, settings: PlatformMotionSettings
 ) -> PlatformModel:

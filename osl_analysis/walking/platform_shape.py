@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import make_interp_spline, make_lsq_spline
+from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
 
 from osl_analysis.trial import Array
 from osl_analysis.walking.platform_motion import PlatformTrack
@@ -69,11 +70,15 @@ class PlatformTemplate:
     crossings: int
     scaled: bool
 
+    @cached_property
+    def spline(self) -> BSpline:
+        """The spline through the shape."""
+        return make_interp_spline(self.time, self.shape, k=5)
+
     def at(self, time: Array, derivative: int = 0) -> Array:
         """Coordinates (n, r) [m], or their derivative, at times [s] from the start; constant beyond the grid."""
-        spline = make_interp_spline(self.time, self.shape, k=5)
         inside = (time >= self.time[0]) & (time <= self.time[-1])
-        values = spline(np.clip(time, self.time[0], self.time[-1]), derivative)
+        values = self.spline(np.clip(time, self.time[0], self.time[-1]), derivative)
         return np.asarray(values if derivative == 0 else values * inside[:, None])
 
     def curve(self, time: Array, alignment: Alignment) -> Array:
@@ -160,4 +165,4 @@ def misfit_of(track: PlatformTrack, a: Alignment, template: PlatformTemplate) ->
     level = max(template.noise**2 * gain, float(np.mean(before**2)) if before.size else 0.0)
     misfit = float(np.mean(filtered**2)) / level
     independent = max(filtered.size * gain, 1.0)
-    return misfit, misfit < 1 + UNLIKE * np.sqrt(2 / independent)
+    return misfit, bool(misfit < 1 + UNLIKE * np.sqrt(2 / independent))

@@ -1,0 +1,214 @@
+"""The platform's motion: its directions, its shared shape, the onset, and what marker noise leaves of a heavy plate."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import polars as pl
+import pytest
+from walking_platform import Ramp, Rig, ankle_answer, campaign, plate_trials, standing, walked
+from walking_synthetic import PLATE_RATE, PLATFORM, settings
+
+from osl_analysis.commands.platform_file import read_platform, write_platform
+from osl_analysis.signals import LowPass
+from osl_analysis.trial import Trial
+from osl_analysis.walking.ankle import static_calibration
+from osl_analysis.walking.cluster import cluster_poses
+from osl_analysis.walking.crossing_analysis import analyse_crossing
+from osl_analysis.walking.events import start_of_rise
+from osl_analysis.walking.plate_model import PlateModel, identify_plate_model
+from osl_analysis.walking.platform_jackknife import jackknife_rows
+from osl_analysis.walking.platform_model import PlatformModel, identify_platform, platform_table
+from osl_analysis.walking.platform_rank import Screws, directions, frame_noise, noise_gain
+
+CALIBRATION = static_calibration(standing(), settings())
+RIG, HEAVE = Rig(), 0.003
+
+
+def ramps(count: int, seed: int, **changes: float) -> list[Ramp]:
+    """Ramps of one kind, at scattered onsets."""
+    starts = np.random.default_rng(seed).uniform(1.18, 1.2, count)
+    return [replace(Ramp(**changes), onset=float(start)) for start in starts]
+
+
+@cache
+def plate(heave: float = 0.0) -> PlateModel:
+    return identify_plate_model(plate_trials(RIG, Ramp(heave=heave), 3), CALIBRATION, settings())
+
+
+def torque_error(trials: list[Trial], turned: list[Ramp], model: PlatformModel, heave: float = 0.0) -> float:
+    """RMS error [N*m] of the torque in the windows, against the exact torque through the same low-pass."""
+    stamps, errors = np.arange(3 * PLATE_RATE) / PLATE_RATE, []
+    for trial, ramp in zip(trials, turned, strict=True):
+        crossing = analyse_crossing(trial, CALIBRATION, plate(heave), True, settings(), model)
+        exact = LowPass(20.0)(ankle_answer(stamps, ramp, RIG), PLATE_RATE)
+        inside = (crossing.time >= ramp.onset) & (crossing.time < ramp.onset + 0.1)
+        errors.append((crossing.torque - np.interp(crossing.time, stamps, exact))[inside])
+    return float(np.sqrt(np.mean(np.square(errors[0] if len(errors) == 1 else np.concatenate(errors)))))
+
+
+def test_coordinates_of_poses_are_a_screw_and_come_back() -> None:
+    """A rotation about a fixed axis is a straight line, to the precision of numbers."""
+    t = np.linspace(0, 1, 50)
+    moved = walked("w", Ramp(angle=20, onset=0.0, rise=3.0), replace(RIG, marker=0.0), 1, loaded=False)
+    labels = [f"marker_PLAT{k}_{axis}" for k in range(1, 5) for axis in "xyz"]
+    tracks = moved.samples.drop_nulls(labels).select(labels).to_numpy().reshape(-1, 4, 3)[: len(t) * 10 : 10]
+    poses = cluster_poses(PLATFORM, tracks)
+    screws = Screws.of(PLATFORM)
+    found = screws.coordinates(poses)
+    size = np.linalg.svd(found, compute_uv=False)
+    assert size[1] < 1e-9 * size[0]
+    np.testing.assert_allclose(screws.poses(found).points(PLATFORM), tracks, atol=1e-12)
+
+
+def test_noise_of_markers_is_the_same_in_every_coordinate() -> None:
+    random = np.random.default_rng(4)
+    noisy = PLATFORM + random.normal(0, 3e-4, (20000, *PLATFORM.shape))
+    found = Screws.of(PLATFORM).coordinates(cluster_poses(PLATFORM, noisy))
+    np.testing.assert_allclose(found.std(axis=0), 3e-4, rtol=0.03)  # 1/sqrt(2 n) is 0.5 %
+    assert frame_noise(found) == pytest.approx(3e-4, rel=0.03)
+
+
+def test_the_gain_of_noise_is_that_of_the_low_pass() -> None:
+    low_pass, random = LowPass(20.0), np.random.default_rng(1)
+    filtered = low_pass(random.standard_normal(200000), 300.0)
+    assert noise_gain(low_pass, 300.0) == pytest.approx(np.var(filtered), rel=0.03)
+    speed = np.gradient(filtered, 1 / 300)
+    assert noise_gain(low_pass, 300.0, 1) == pytest.approx(np.var(speed), rel=0.05)
+
+
+def test_noise_has_no_direction_and_a_small_heave_has_one() -> None:
+    random, low_pass = np.random.default_rng(2), LowPass(20.0)
+    turn = np.outer(np.linspace(0, 0.02, 300), [1.0, 0, 0, 0, 0, 0])
+    noise = low_pass(random.normal(0, 3e-4, (300, 6)), 300.0)
+    assert len(directions([turn + noise], 3e-4, low_pass, 300.0)) == 1
+    heave = np.outer(np.sin(np.linspace(0, 20, 300)), [0, 0, 0, 0, 0, 5e-4])
+    assert len(directions([turn + noise + heave], 3e-4, low_pass, 300.0)) == 2
+
+
+def test_the_mass_of_a_heavy_plate_is_inside_its_interval_although_markers_are_noisy() -> None:
+    """25 kg, 0.3 mm, 2.5 deg: all six coordinates at 8 Hz read 22.9 +- 0.2 kg. Over 12 seeds -0.02 +- 0.06 (0.06)."""
+    for heave in (0.0, HEAVE):
+        inertia = plate(heave).inertia
+        assert abs(inertia.parameters[0] - RIG.mass) < 2.5 * inertia.standard_errors[0]
+        assert inertia.standard_errors[0] < 0.3
+        assert abs(inertia.parameters[3] - RIG.mass * RIG.com[2]) < 0.04
+
+
+def test_torque_and_onset_are_free_of_each_crossings_own_noise() -> None:
+    """RMS over 8 crossings; each crossing's own motion in six coordinates leaves 1.6 N*m and 7 ms."""
+    turned = ramps(8, 1)
+    trials, _ = campaign(RIG, turned, 1, 0)
+    model = identify_platform(trials, CALIBRATION, settings())
+    assert model.template is not None
+    assert (len(model.template.axes), model.template.scaled) == (1, False)
+    assert torque_error(trials, turned, model) < 0.3
+    late = [model.alignments[t.name].start - r.onset for t, r in zip(trials, turned, strict=True)]
+    assert np.std(late) < 4e-4
+    assert abs(np.mean(late)) < 1.2e-3
+    table = platform_table(model)
+    assert table["follows"].to_list() == [1] * 8
+    assert table["template_onset_se_s"].max() < 3e-4  # type: ignore[operator]
+
+
+def test_a_hexapod_that_heaves_has_two_directions_and_no_single_axis_is_forced_on_it() -> None:
+    """A single axis reads 9.4 N*m."""
+    turned = ramps(5, 2, heave=HEAVE)
+    trials, _ = campaign(RIG, turned, 2, 0)
+    model = identify_platform(trials, CALIBRATION, settings())
+    assert model.template is not None
+    assert len(model.template.axes) == 2
+    assert torque_error(trials, turned, model, HEAVE) < 0.8
+
+
+def test_slower_ramps_are_the_same_shape_in_another_time() -> None:
+    turned = [replace(r, rise=r.rise * (1.2 if k % 2 else 1.0)) for k, r in enumerate(ramps(8, 3))]
+    trials, _ = campaign(RIG, turned, 3, 0)
+    model = identify_platform(trials, CALIBRATION, settings())
+    assert model.template is not None
+    assert model.template.scaled
+    found = np.array([model.alignments[t.name].duration for t in trials])
+    assert found[1::2].mean() / found[::2].mean() == pytest.approx(1.2, abs=0.02)
+    late = [model.alignments[t.name].start - r.onset for t, r in zip(trials, turned, strict=True)]
+    assert np.std(late) < 1e-3
+    assert torque_error(trials, turned, model) < 0.5
+
+
+def test_a_crossing_that_shivers_keeps_its_own_motion_by_name() -> None:
+    turned = ramps(6, 4)
+    turned[2] = replace(turned[2], shiver=0.5)
+    trials, _ = campaign(RIG, turned, 4, 0)
+    with pytest.warns(UserWarning, match="trial walk_02: the platform does not move as in the other crossings"):
+        model = identify_platform(trials, CALIBRATION, settings())
+    assert [a.follows for a in model.alignments.values()] == [True, True, False, True, True, True]
+    assert model.followed("walk_02") is None
+    assert torque_error(trials[2:3], turned[2:3], model) < 1.5
+    assert model.onset("walk_02", 1.234) == 1.234
+
+
+def test_the_other_direction_is_the_same_shape_with_a_negative_amplitude() -> None:
+    turned = [replace(r, angle=r.angle * (-1 if k % 2 else 1)) for k, r in enumerate(ramps(6, 5))]
+    trials, _ = campaign(RIG, turned, 5, 0)
+    model = identify_platform(trials, CALIBRATION, settings())
+    signs = np.sign([model.alignments[t.name].amplitude for t in trials])
+    assert (signs[::2] == -signs[1::2]).all()
+    assert torque_error(trials, turned, model) < 0.4
+
+
+def test_a_resting_platform_adds_nothing() -> None:
+    trial = walked("flat", None, RIG, 7)
+    crossing = analyse_crossing(trial, CALIBRATION, plate(), False, settings())
+    massless = replace(plate(), inertia=replace(plate().inertia, parameters=np.zeros(10)))
+    bare = analyse_crossing(trial, CALIBRATION, massless, False, settings())
+    assert np.sqrt(np.mean((crossing.torque - bare.torque) ** 2)) < 0.05
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.004])
+def test_a_trigger_tells_the_onset_only_if_its_latency_is_constant(scatter: float) -> None:
+    turned, random = ramps(6, 6), np.random.default_rng(8)
+    trials = []
+    for k, ramp in enumerate(turned):
+        trial = walked(f"walk_{k:02d}", ramp, RIG, 6000 + k)
+        since = trial.samples["time"] - (ramp.onset - 0.012 - float(random.normal(0, scatter)))
+        level = ((since >= 0) & (since < 0.02)).cast(pl.Float64) * 5
+        trials.append(Trial(trial.name, trial.samples.with_columns(trigger=level), trial.provenance))
+    model = identify_platform(trials, CALIBRATION, settings())
+    assert model.latency is not None
+    assert model.latency.used == (scatter == 0.0)
+    if scatter == 0.0:
+        assert model.latency.mean == pytest.approx(0.012, abs=1.2e-3)
+        assert model.onset("walk_99", 1.3) == 1.3
+    assert platform_table(model)["trigger_s"].null_count() == 0
+
+
+def test_the_shared_motion_survives_its_file(tmp_path) -> None:
+    trials, _ = campaign(RIG, ramps(3, 9), 9, 0)
+    model = identify_platform(trials, CALIBRATION, settings())
+    write_platform(model, tmp_path / "platform.json")
+    again = read_platform(tmp_path / "platform.json")
+    assert platform_table(again).equals(platform_table(model))
+    assert len(again.leave_out) == len(model.leave_out) == 3
+    write_platform(identify_platform(trials[:1], CALIBRATION, settings()), tmp_path / "none.json")
+    assert read_platform(tmp_path / "none.json").template is None
+
+
+def test_the_jackknife_of_both_sources_is_the_sum_of_their_variances() -> None:
+    random = np.random.default_rng(0)
+    plates, groups = random.normal(size=(4, 5)), random.normal(size=(10, 5))
+
+    def variance(rows: np.ndarray) -> np.ndarray:
+        return (len(rows) - 1) * np.var(rows, axis=0)
+
+    joined = jackknife_rows(list(plates), list(groups))
+    np.testing.assert_allclose(variance(joined), variance(plates) + variance(groups))
+    np.testing.assert_array_equal(jackknife_rows(list(plates), []), plates)
+
+
+@pytest.mark.parametrize("degree", [1, 3, 5, 7])
+def test_the_start_of_a_mean_rise_has_no_bias_for_any_smooth_step(degree: int) -> None:
+    """0.25 % of noise, as in the mean of 20 crossings."""
+    x = np.clip((np.arange(-0.06, 0.2, 0.002) - 0.0131) / 0.1, 0, 1)
+    steps = {1: x, 3: x**2 * (3 - 2 * x), 5: x**3 * (10 - 15 * x + 6 * x**2)}
+    steps[7] = x**4 * (35 - 84 * x + 70 * x**2 - 20 * x**3)
+    rise = steps[degree] + np.random.default_rng(degree).normal(0, 5e-4, len(x))
+    assert start_of_rise(np.arange(-0.06, 0.2, 0.002), rise) == pytest.approx(0.0131, abs=1e-3)

@@ -123,6 +123,8 @@ SLOW = Remedy(
     "stated: `low_pass` of the torque", source={"channels": {"torque": {"low_pass": {"cutoff": "100 Hz", "order": 1}}}}
 )
 STIFFNESS = {"value": "3000 N*m/rad", "standard_error": "3 N*m/rad"}
+STIFFER = {"value": "8000 N*m/rad", "standard_error": "8 N*m/rad"}
+STIFF_FRAME = Remedy("stated: `bench_stiffness`", config={"dynamometer": {"bench_stiffness": STIFFER}})
 FRAME = Remedy("stated: `bench_stiffness`", config={"dynamometer": {"bench_stiffness": STIFFNESS}})
 BITS = Remedy("stated: `bits` of the angle", source={"channels": {"theta": {"bits": 14}}}, needed=False)
 SENSOR_FAULTS = [
@@ -137,16 +139,22 @@ SENSOR_FAULTS = [
     Case("encoder of 12 bits", {"effects": {"joint_encoder": on(12, "bit")}}),
     Case("torque with 12 bits over ± 50 N·m", sensor("load_cell_torque", clipping=on(50, "N*m"), adc=on(12, "bit"))),
     *(Case(f"log at {rate:g} Hz", at_rate(rate)) for rate in (100, 250)),
-    *(Case(f"torque × {gain:g}", sensor("load_cell_torque", gain=on(gain, "1"))) for gain in (4.45, 0.113, 0.01, -1)),
+    *(
+        Case(f"torque × {gain:g}", sensor("load_cell_torque", gain=on(gain, "1")))
+        for gain in (4.45, 1.3558, 0.113, 0.01, -1)
+    ),
     Case("angle × 57.3: degrees declared as radians", sensor("joint_angle", gain=on(57.29578, "1"))),
     Case("load cell clips at 30 N·m", sensor("load_cell_torque", clipping=on(30, "N*m"))),
+    Case("encoder sticks at 5.5°", sensor("joint_angle", clipping=on(0.096, "rad"))),
     Case("hum of 0.3 N·m at 50 Hz", {"effects": {"load_cell_hum": on(0.3, "N*m", frequency_hz=50)}}),
     Case("1/f noise, 0.05 N·m in a decade", {"effects": {"load_cell_flicker": on(0.05, "N*m")}}),
     Case("the bench's frame yields, 3000 N·m/rad", {"effects": {"mount_stiffness": on(3000, "N*m/rad")}}, FRAME),
+    Case("the bench's frame yields, 8000 N·m/rad", {"effects": {"mount_stiffness": on(8000, "N*m/rad")}}, STIFF_FRAME),
 ]
 JOINTS = [
-    Case("backlash of 0.1°", {"joint": {"backlash": on(1.745e-3, "rad")}}),
-    Case("Coulomb friction, 3 N·m", {"joint": {"coulomb": on(3, "N*m")}}),
+    *(Case(f"backlash of {deg:g}°", {"joint": {"backlash": on(deg * 0.01745, "rad")}}) for deg in (0.05, 0.1)),
+    *(Case(f"Coulomb friction, {size:g} N·m", {"joint": {"coulomb": on(size, "N*m")}}) for size in (1, 3)),
+    Case("a spring that is 8 % stiffer at 6°", {"joint": {"stiffening": on(7.3, "1/rad^2")}}),
     Case("a spring that is 20 % stiffer at 6°", {"joint": {"stiffening": on(18.2, "1/rad^2")}}),
     Case(
         "motion with 2 % of second and 5 % of third harmonic",

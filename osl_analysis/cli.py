@@ -1,6 +1,5 @@
 """The command line `osl-analysis`: one trial, or one pair of gains, at a time; `snakemake` runs whole campaigns."""
 
-import json
 from pathlib import Path
 
 import click
@@ -145,8 +144,7 @@ def fit(
     The configuration may be a campaign's own, which overrides fields of the default. With --stiffness and --damping an
     impedance trial is judged as in a campaign: whether the torque is late, and whether K is plausible.
     """
-    from osl_analysis.commands.fit import NOT_CHECKED, estimates_text, fit_one_trial, fit_request
-    from osl_analysis.table import finite_or_null
+    from osl_analysis.commands.fit import NOT_CHECKED, estimates_json, estimates_text, fit_one_trial, fit_request
 
     desired = desired_impedance(model, stiffness, damping, controller)
     fitted = fit_one_trial(model, trial, parameters, fit_request(model, config_path, desired))
@@ -156,10 +154,7 @@ def fit(
         from osl_analysis.commands.figure import draw_table
 
         draw_table("torque", fitted.series, [plot])
-    rows = fitted.estimates.to_dicts()
-    click.echo(
-        json.dumps([finite_or_null(row) for row in rows], indent=2) if as_json else estimates_text(fitted.estimates)
-    )
+    click.echo(estimates_json(fitted.estimates) if as_json else estimates_text(fitted.estimates))
 
 
 @main.command(epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (or 100:400:50 and 0,5 for a grid)")

@@ -34,7 +34,8 @@ def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int
     """Longest run [samples] of a channel at an end of its range, stated or seen; 0 for a command, which has levels.
 
     A channel with noise is at an end where it repeats its lowest or highest value. An angle also rests at an extreme:
-    it is clipped only where `torque` goes on to change meanwhile.
+    it is clipped only where `torque` goes on to change meanwhile. This holds for an angle that a bench drives; a motor
+    behind a belt may stand by its own friction while the torque changes.
     """
     if column not in trial.samples.columns:
         return 0

@@ -3,13 +3,15 @@
 import re
 
 import numpy as np
+import polars as pl
 import pytest
 from bench_synthetic import PROTOCOL, RATE, second_order, stepped_sine
 from conftest import ROOT
 
-from osl_analysis.bench.diagnostics import check_resists
+from osl_analysis.bench.diagnostics import check_resists, over_amplitudes
 from osl_analysis.bench.frequency_response import trial_phasors
 from osl_analysis.bench.impedance import impedance_table
+from osl_analysis.bench.plausibility import plausible_impedance
 from osl_analysis.bench.protocol import find_blocks
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.bench.torque_lag import ImpedancePoints, torque_lag
@@ -21,6 +23,7 @@ from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass, filtered_motion
+from osl_analysis.trial import Trial
 
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 LIMITS = read_section(ROOT / "config/config.yaml", "doubtful", DoubtfulFits).of("impedance")
@@ -188,3 +191,46 @@ def test_a_late_torque_is_named_alone_where_k_is_that_of_the_gains():
 
 def test_a_torque_that_comes_early_has_no_frame():
     assert measured_lag(SECOND_ORDER * np.exp(2e-3 * S)).frame_stiffness is None
+
+
+def row_at(amplitude_deg, K, B=0.5, **more):
+    """A row of the impedance table with intervals of no width."""
+    causes = {"backlash_share": 0.0, "backlash_deg": 0.0, "stiffening": 0.0, "coulomb_torque": 0.0}
+    return {"amplitude_deg": amplitude_deg, "K": K, "K_high": K, "B": B, "B_high": B, **causes, **more}
+
+
+def test_a_change_of_a_small_damping_is_a_share_of_two_newton_metres_per_rad_per_second_too():
+    *_, whole = over_amplitudes([row_at(2.0, 300.0, 0.8), row_at(6.0, 300.0, 0.4), row_at(None, 300.0, 0.5)])
+    assert whole["B_change"] == pytest.approx(-0.4 / np.hypot(0.5, 2))
+    assert whole["K_change"] == 0
+
+
+@pytest.mark.parametrize(("K", "stiffening"), [(301.0, 0.0), (312.0, 0.06), (290.0, 0.0)])
+def test_a_spring_stiffens_only_if_k_rises_by_half_of_what_the_harmonic_implies(K, stiffening):
+    """A stiffening of 6 % at 6 deg raises K by 0.75 0.06 (1 - 1/9) = 4 % from 2 to 6 deg."""
+    rows_of_trial = [row_at(2.0, 300.0), row_at(6.0, K), row_at(None, 300.0, stiffening=0.06, backlash_share=-0.0)]
+    assert over_amplitudes(rows_of_trial)[-1]["stiffening"] == stiffening
+
+
+@pytest.mark.parametrize(("coulomb", "share"), [(0.1, 0.009), (-0.4, 0.0)])
+def test_with_one_amplitude_a_gap_counts_only_beside_less_friction(coulomb, share):
+    """0.1 deg at K = 300 N*m/rad takes off 0.26 N*m."""
+    found = row_at(6.0, 300.0, backlash_deg=0.1, backlash_share=0.009, coulomb_torque=coulomb)
+    assert [row["backlash_share"] for row in over_amplitudes([found, found | {"amplitude_deg": None}])] == [share] * 2
+
+
+def test_k_over_what_the_gains_should_give_is_that_of_the_largest_amplitude_in_every_row():
+    amplitudes = pl.DataFrame({"amplitude_deg": [6.0, 2.0, 4.0, None], "K": [200.0, 240.0, 220.0, 210.0]})
+    table = amplitudes.with_columns(K_high=pl.col("K"))
+    trial = Trial("made", pl.DataFrame({"time": [0.0, 1.0], "torque": [0.0, 1.0]}))
+    assert plausible_impedance(table, trial, P, 200.0)["K_ratio"].to_list() == [1.0] * 4
+
+
+def test_beside_a_gap_no_lag_is_certain():
+    late = {"certain_lag_damping": 2.7, "lag_share": 0.5, "frame_stiffness": 4e3, "lag_s": -9e-3}
+    trial = [row_at(2.0, 296.0, **late), row_at(6.0, 300.0, **late), row_at(None, 299.0, backlash_share=0.008, **late)]
+    for row in over_amplitudes(trial):
+        assert (row["certain_lag_damping"], row["lag_share"], row["frame_stiffness"]) == (0, 0, None)
+        assert row["lag_s"] == -9e-3
+    sound = [{**row, "backlash_share": 0.0} for row in trial]
+    assert over_amplitudes(sound)[-1]["lag_share"] == 0.5

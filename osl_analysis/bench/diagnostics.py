@@ -19,6 +19,8 @@ LITTLE = {"K": 0.0, "B": 2.0}
 """Size of an estimate below which its own share says little, added in quadrature to what a change is divided by.
 Friction changes B by as many N*m*s/rad where B is nearly 0. At 5 Hz, 2 N*m*s/rad make a fifth of the torque of
 K = 300 N*m/rad."""
+GAP = 3e-3
+"""Share of K that a gap takes off, from which on a lag cannot be told from it. At 6 deg, a gap of 0.02 deg."""
 CONFIRMED = 0.5
 """Part of the change of K over the amplitudes, as a cause implies it, that must be seen for the cause to count."""
 
@@ -61,7 +63,14 @@ def over_amplitudes(rows: Sequence[Row]) -> list[Row]:
     found = {name: number_in(rows[-1], name) for name in implied}
     whole = {name: x if K * x > CONFIRMED * implied[name] * x**2 else 0.0 for name, x in found.items()}
     hidden: Row = dict.fromkeys((*implied, "K_change", "B_change"))
-    return [*({**row, **hidden} for row in rows[:-1]), {**rows[-1], **whole, "K_change": K, "B_change": B}]
+    table = [*({**row, **hidden} for row in rows[:-1]), {**rows[-1], **whole, "K_change": K, "B_change": B}]
+    return [{**row, **no_lag(row)} for row in table] if whole["backlash_share"] > GAP else table
+
+
+def no_lag(row: Row) -> Row:
+    """What takes the certainty from the lag of a row: beside a gap, a lag is a part of what the gap leaves."""
+    found = {"certain_lag_damping": 0.0, "lag_share": 0.0, "frame_stiffness": None}
+    return {name: value for name, value in found.items() if row.get(name) is not None}
 
 
 def gap_beside_friction(row: Row) -> Row:

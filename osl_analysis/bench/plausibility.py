@@ -94,7 +94,7 @@ def plausible_belt(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters) -
         K_s is negative.
     """
     check_resists(trial.name, "K_s", table["K_s"][-1])
-    return with_clipping(table, trial, "torque", "theta", "theta_m").with_columns(ratio("K_s", p.K_s, "K_s_ratio"))
+    return with_clipping(table, trial, "torque", "theta").with_columns(ratio("K_s", p.K_s, "K_s_ratio"))
 
 
 def plausible_transmission(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters) -> pl.DataFrame:

@@ -1,5 +1,6 @@
 """One trial fitted for the command line: the estimates, and the torque beside the fitted model's."""
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,7 @@ from osl_analysis.bench.transmission import transmission_series, transmission_ta
 from osl_analysis.config import WeightSettings, read_campaign_section
 from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.parameters import read_parameters
+from osl_analysis.table import finite_or_null
 from osl_analysis.trial import Array, Trial, read_trial
 from osl_analysis.yaml_settings import Settings
 
@@ -144,6 +146,11 @@ SECTIONS: dict[str, tuple[str, type[Settings]]] = dict.fromkeys(FITS, ("dynamome
 def series_table(time: Array, torque: Array, torque_model: Array) -> pl.DataFrame:
     """Time [s] from the start, measured and modelled torque [N*m], shape (n,) each, as a table."""
     return pl.DataFrame({"time": time - time[0], "torque": torque, "torque_model": torque_model})
+
+
+def estimates_json(estimates: pl.DataFrame) -> str:
+    """The estimates as JSON in SI units: an object per fit, null for what is not finite."""
+    return json.dumps([finite_or_null(row) for row in estimates.to_dicts()], indent=2)
 
 
 def estimates_text(estimates: pl.DataFrame) -> str:

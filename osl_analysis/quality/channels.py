@@ -21,8 +21,6 @@ from osl_analysis.quality.stuck import measure_stuck
 from osl_analysis.rails import samples_at_rail, stated_range
 from osl_analysis.trial import Array
 
-ANGLES = ("theta", "theta_m")
-"""Measured angles: their encoders may stand at the end of their range."""
 TURNS = (2 * np.pi, 360.0)  # one turn, and one turn in degrees that the source file calls radians
 TURN_TOLERANCE = 0.1  # of a turn
 WINDOW = 0.2  # s, in which the level of a plate is read
@@ -38,7 +36,8 @@ def measure_saturation(examined: Examined) -> CheckResult:
     """
     trial, torque, raw = examined.trial, examined.experiment.torque, raw_channels(examined.trial)
     names = [name for name, (_, values) in own_channels(examined, raw).items() if values.size]
-    names += [name for name in trial.samples.columns if name in ANGLES or stated_range(trial, name)]
+    driven = examined.experiment.motion  # what nobody drives may stand by friction
+    names += [name for name in trial.samples.columns if name == driven or stated_range(trial, name)]
     lengths = {name: samples_at_rail(trial, name, torque) for name in names}
     return worst(lengths | {name: facts["clipped_samples"] for name, facts in raw.items()}, NO_ANALOG)
 

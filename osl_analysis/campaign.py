@@ -15,6 +15,7 @@ from osl_analysis.job_log import plain
 from osl_analysis.quality.verdict import CHECKS, unknown_check, validate_rules
 from osl_analysis.sheet import read_sheet
 from osl_analysis.walking.conditions import PERTURBED, STATED, split_keys
+from osl_analysis.walking.static_choice import side_of, static_of
 
 RECORDING_COLUMNS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source")
 
@@ -43,6 +44,42 @@ class Campaign:
         """Conditions of every walking trial in the sheet, by trial and column; None where empty."""
         columns = (*STATED, PERTURBED)
         return {trial: {column: self.row(trial)[column] for column in columns} for trial in self.trials("walking")}
+
+    def static(self, trial: str) -> str:
+        """The static trial that calibrates a crossing or plate trial.
+
+        Raises
+        ------
+        InputError
+            There is none, or the sheet does not tell several apart.
+        """
+        try:
+            return static_of(trial, self.row(trial), {name: self.row(name) for name in self.trials("static")})
+        except InputError as error:
+            raise InputError(f"{self.config.sheet}: {error}") from error
+
+    def plate_trials(self) -> list[str]:
+        """Names of the plate trials from which the plate's inertia is identified; none if it is not."""
+        return self.trials("plate") if self.config.walking.plate_inertia == "identified" else []
+
+    def statics(self) -> dict[str, list[str]]:
+        """The crossings that each static trial in use calibrates, by static trial, in the order of the sheet."""
+        used = {self.static(trial): trial for trial in (*self.trials("walking"), *self.plate_trials())}
+        crossings = {trial: self.static(trial) for trial in self.trials("walking")}
+        return {s: [t for t, own in crossings.items() if own == s] for s in self.trials("static") if s in used}
+
+    def calibration_settings(self, static: str) -> dict[str, Any]:
+        """Settings for the calibration by a static trial: those of the configuration, with the side of the sheet.
+
+        A static trial of plate trials alone has no ankle that moves: its axis stays the anatomical one.
+        """
+        settings = self.config.walking.part("CalibrationSettings")
+        served = {trial: self.row(trial) for trial in self.statics().get(static, [])}
+        try:
+            side = side_of(static, self.row(static), served, self.config.walking.side)
+        except InputError as error:
+            raise InputError(f"{self.config.sheet}: {error}") from error
+        return settings | {"side": side} | ({} if served else {"hinge": "anatomical"})
 
     def pattern(self, *experiments: str) -> str:
         """A regular expression that matches the trials of these experiments and nothing else."""
@@ -131,7 +168,6 @@ class Campaign:
         fewest = self.config.walking.fewest_unperturbed
         needs = {
             "trial of experiment 'static'": (len(self.trials("static")), 1),
-            "trial of experiment 'plate' (unloaded platform, moved)": (len(self.trials("plate")), 1),
             "unperturbed crossings": (len(self.crossings(perturbed=False)), fewest),
             "perturbed crossings": (len(self.crossings(perturbed=True)), 2),
         }
@@ -141,19 +177,20 @@ class Campaign:
                     f"{self.config.sheet}: {count} {what}, walking needs {least} or more; add them, or exclude the "
                     "walking trials"
                 )
+        if self.config.walking.plate_inertia == "identified" and not self.trials("plate"):
+            raise InputError(
+                f"{self.config.sheet}: 0 trial of experiment 'plate' (unloaded platform, moved), walking needs 1 or "
+                "more to remove the plate's own inertia; add them, or state `plate_inertia: none` under `walking` if "
+                "the plate is light or compensates its inertia itself"
+            )
+        for static in self.statics():
+            self.calibration_settings(static)
         self.check_conditions()
 
     def check_conditions(self) -> None:
-        """Refuse conditions of crossings that contradict the configuration, or that the analysis cannot keep apart."""
-        sheet, walking = self.conditions(), self.config.walking
-        for trial, cells in sheet.items():
-            if cells["side"] not in (None, walking.side):
-                raise InputError(
-                    f"{self.config.sheet}: trial '{trial}', side: '{cells['side']}', but walking.side is "
-                    f"'{walking.side}'; correct one of them, and analyse each side in a campaign of its own"
-                )
+        """Refuse conditions of crossings that the analysis cannot keep apart."""
         try:
-            split_keys(sheet, walking)
+            split_keys(self.conditions(), self.config.walking)
         except InputError as error:
             raise InputError(f"{self.config.sheet}: {error}") from error
 

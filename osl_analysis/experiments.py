@@ -185,7 +185,6 @@ EXPERIMENTS: dict[str, Experiment] = {
             "impedance_over_stance",
             "walking_crossings",
             "walking_excluded",
-            "hinge",
             "plate",
             "platform",
         ),

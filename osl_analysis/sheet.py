@@ -19,7 +19,7 @@ COLUMNS = {
     "trial": "string", "experiment": "string", "controller": "string", "K_d": "float64", "B_d": "float64",
     "perturbed": "boolean", "log": "string", "log_source": "string", "mocap": "string", "mocap_source": "string",
     "exclude": "string", "accept": "string",
-    **dict.fromkeys(CONDITIONS, "string"), "body_mass_kg": "float64",
+    **dict.fromkeys(CONDITIONS, "string"), "body_mass_kg": "float64", "static": "string",
 }  # fmt: skip
 REQUIRED = ("trial", "experiment")
 
@@ -38,6 +38,7 @@ def read_sheet(path: Path) -> pd.DataFrame:
     group, subject, session, speed: conditions of a crossing, as words of the laboratory's own.
     side: leg that steps on the platform, left or right.
     body_mass_kg: of the person who walks, with clothes and leg. The load on the plate is compared with it.
+    static: the static trial that calibrates a crossing or plate trial; empty: that of its subject, session and side.
     direction: turn of the platform, up (toes up, dorsiflexion) or down. It is checked against the markers.
 
     Raises

@@ -7,8 +7,9 @@ PER_TRIAL = {
 } | {
     "model_comparison": COMPARISONS,
     "quality": CAMPAIGN.trials(),
+    "hinge": list(CALIBRATED),
 }
-"""Per table, the trials (or comparisons) that have rows in it."""
+"""Per table, the trials (or comparisons) that have rows in it. `hinge` has the static trials."""
 DOUBTS_OF = {table.name: table.doubts_of for _, table in TABLES if table.doubts_of}
 """Per table, the table of the same trials whose doubts its rows share."""
 UNPUBLISHED = {table.name for name, table in TABLES if not table.published}

@@ -1,7 +1,28 @@
 """Ankle impedance of a walking person, from perturbed and unperturbed crossings (Fig. 9)."""
 
-CALIBRATED_ON = CAMPAIGN.crossings(perturbed=False)[:3]
-"""Crossings that show how foot and shank turn against each other."""
+CALIBRATED = CAMPAIGN.statics() if CAMPAIGN.trials("walking") else {}
+"""The crossings that each static trial calibrates."""
+
+
+def motion_of(static: str) -> list[str]:
+    """Crossings that show how foot and shank turn against each other: the first unperturbed ones of a static trial."""
+    unperturbed = CAMPAIGN.crossings(perturbed=False)
+    return [trial for trial in CALIBRATED[static] if trial in unperturbed][:3]
+
+
+def calibration(static: str) -> Path:
+    """The calibration by a static trial."""
+    return RESULTS / f"fits/calibration/{static}.json"
+
+
+def statics(trials) -> dict[str, str]:
+    """The static trial of each of these trials."""
+    return {trial: CAMPAIGN.static(trial) for trial in trials}
+
+
+def calibrations(trials) -> list[Path]:
+    """The calibrations that these trials need."""
+    return [calibration(static) for static in dict.fromkeys(statics(trials).values())]
 
 
 def crossings(trials) -> list[Path]:
@@ -11,26 +32,28 @@ def crossings(trials) -> list[Path]:
 
 rule calibrate_markers:
     input:
-        trial=lambda wildcards: trial_file(CAMPAIGN.trials("static")[0]),
-        motion=[trial_file(trial) for trial in CALIBRATED_ON],
-        quality=checked([*CAMPAIGN.trials("static")[:1], *CALIBRATED_ON]),
+        trial=lambda wildcards: trial_file(wildcards.static),
+        motion=lambda wildcards: [trial_file(trial) for trial in motion_of(wildcards.static)],
+        quality=lambda wildcards: checked([wildcards.static, *motion_of(wildcards.static)]),
     output:
-        output=RESULTS / "fits/calibration.json",
-        comparison=RESULTS / "tables/hinge.csv",
+        output=RESULTS / "fits/calibration/{static}.json",
+        comparison=RESULTS / "fits/hinge/{static}.csv",
     log:
-        RESULTS / "logs/walking/calibration.log",
+        RESULTS / "logs/calibration/{static}.log",
+    wildcard_constraints:
+        static=CAMPAIGN.pattern("static"),
     params:
         code=jobs.code_of("crossing.calibrate"),
-        settings=CONFIG.walking.part("CalibrationSettings"),
+        settings=lambda wildcards: CAMPAIGN.calibration_settings(wildcards.static),
     run:
         jobs.run_job(log, "crossing.calibrate", input, output, params)
 
 
 rule identify_plate:
     input:
-        trials=ingested("plate"),
-        quality=checked(CAMPAIGN.trials("plate")),
-        calibration=RESULTS / "fits/calibration.json",
+        trials=[trial_file(trial) for trial in CAMPAIGN.plate_trials()],
+        quality=checked(CAMPAIGN.plate_trials()),
+        calibrations=lambda wildcards: calibrations(CAMPAIGN.plate_trials()),
     output:
         output=RESULTS / "fits/plate.json",
         comparison=RESULTS / "tables/plate.csv",
@@ -39,6 +62,7 @@ rule identify_plate:
     params:
         code=jobs.code_of("crossing.identify_plate"),
         settings=CONFIG.walking.part("PlateModelSettings"),
+        statics=lambda wildcards: statics(CAMPAIGN.plate_trials()),
     run:
         jobs.run_job(log, "crossing.identify_plate", input, output, params)
 
@@ -47,7 +71,7 @@ rule measure_platform:
     input:
         trials=[trial_file(trial) for trial in CAMPAIGN.crossings(perturbed=True)],
         quality=checked(CAMPAIGN.crossings(perturbed=True)),
-        calibration=RESULTS / "fits/calibration.json",
+        calibrations=lambda wildcards: calibrations(CAMPAIGN.crossings(perturbed=True)),
     output:
         output=RESULTS / "fits/platform.json",
         comparison=RESULTS / "tables/platform.csv",
@@ -56,6 +80,7 @@ rule measure_platform:
     params:
         code=jobs.code_of("crossing.measure_platform"),
         settings=CONFIG.walking.part("PlatformMotionSettings"),
+        statics=lambda wildcards: statics(CAMPAIGN.crossings(perturbed=True)),
     run:
         jobs.run_job(log, "crossing.measure_platform", input, output, params)
 
@@ -63,7 +88,7 @@ rule measure_platform:
 rule analyse_crossing:
     input:
         trial=RESULTS / "trials/{trial}.parquet",
-        calibration=RESULTS / "fits/calibration.json",
+        calibration=lambda wildcards: calibration(CAMPAIGN.static(wildcards.trial)),
         plate=RESULTS / "fits/plate.json",
         platform=RESULTS / "fits/platform.json",
     output:

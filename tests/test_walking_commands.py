@@ -91,7 +91,8 @@ class Session:
         motion = [self.trial(n) for n in self.unperturbed[:3]]
         calibrate(self.trial("static_1"), motion, chosen, self.calibration, self.folder / "hinge.csv")
         unloaded = [self.trial(f"plate_0{k}") for k in (1, 2, 3)]
-        identify_plate(unloaded, self.calibration, chosen, self.plate, self.folder / "plate.csv")
+        of = {path.stem: self.calibration.stem for path in unloaded}
+        identify_plate(unloaded, [self.calibration], of, chosen, self.plate, self.folder / "plate.csv")
         for name in (*self.perturbed, *self.unperturbed):
             walked = name in self.perturbed
             analyse(self.trial(name), self.calibration, self.plate, walked, chosen, self.crossing(name))

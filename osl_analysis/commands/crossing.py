@@ -1,7 +1,7 @@
 """Jobs up to the analysed crossing: static calibration, the plate's model, and each crossing."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,13 +19,13 @@ from osl_analysis.commands.walking_files import (
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.table import write_table
 from osl_analysis.trial import read_trial
-from osl_analysis.walking.ankle import static_calibration
+from osl_analysis.walking.ankle import StaticCalibration, static_calibration
 from osl_analysis.walking.body_mass import body_mass
 from osl_analysis.walking.crossing import RefusedCrossing
 from osl_analysis.walking.crossing_analysis import analyse_crossing
 from osl_analysis.walking.direction import check_direction
 from osl_analysis.walking.hinge import hinge_of_trials, hinge_row, with_hinge
-from osl_analysis.walking.plate_model import identify_plate_model, plate_table
+from osl_analysis.walking.plate_model import NO_CORRECTION, NOT_REMOVED, identify_plate_model, plate_table
 from osl_analysis.walking.platform_model import ALONE, identify_platform, platform_table
 from osl_analysis.walking.settings import (
     CalibrationSettings,
@@ -55,30 +55,56 @@ def calibrate(
     else:
         row = hinge_row(hinge, settings.hinge)
         static = with_hinge(static, hinge) if settings.hinge == "functional" else static
-    write_table(pl.DataFrame([row]), comparison)
+    write_table(pl.DataFrame([{"trial": standing.name} | row]), comparison)
     write_calibration(static, standing.name, output)
 
 
+def calibrations_of(calibrations: Sequence[Path], statics: Mapping[str, str]) -> dict[str, StaticCalibration]:
+    """The calibration of each trial. `statics` has the static trial of each trial, by whose name a file is called."""
+    read = {path.stem: read_calibration(path) for path in calibrations}
+    return {trial: read[static] for trial, static in statics.items()}
+
+
 def identify_plate(
-    trials: Sequence[Path], calibration: Path, settings: PlateModelSettings, output: Path, comparison: Path
+    trials: Sequence[Path],
+    calibrations: Sequence[Path],
+    statics: Mapping[str, str],
+    settings: PlateModelSettings,
+    output: Path,
+    comparison: Path,
 ) -> None:
     """The plate's inertia and lag from trials of the unloaded plate, to a JSON file.
 
-    The table `comparison` shows the unloaded plate's wrench before and after both are removed.
+    `calibrations` are the files of the static trials, `statics` the static trial of each trial. The table `comparison`
+    shows the unloaded plate's wrench before and after both are removed. Where the settings say that nothing is to be
+    removed, trials are not used and a warning says so.
     """
-    model = identify_plate_model([read_trial(path) for path in trials], read_calibration(calibration), settings)
+    if settings.plate_inertia == "none":
+        warnings.warn(f"the plate's own inertia and lag stay in the torque: {NOT_REMOVED}", stacklevel=2)
+        model = NO_CORRECTION
+    else:
+        read = [read_trial(path) for path in trials]
+        model = identify_plate_model(read, calibrations_of(calibrations, statics), settings)
     write_plate(model, output)
-    write_table(plate_table(model), comparison)
+    table = plate_table(model).fill_nan(None)
+    write_table(table.with_columns(plate_inertia=pl.lit(settings.plate_inertia)), comparison)
 
 
 def measure_platform(
-    trials: Sequence[Path], calibration: Path, settings: PlatformMotionSettings, output: Path, comparison: Path
+    trials: Sequence[Path],
+    calibrations: Sequence[Path],
+    statics: Mapping[str, str],
+    settings: PlatformMotionSettings,
+    output: Path,
+    comparison: Path,
 ) -> None:
     """The motion that the platform's perturbations share, from the perturbed crossings, to a JSON file.
 
-    The table `comparison` shows when each crossing's perturbation starts, and whether it follows the shared motion.
+    `calibrations` and `statics` as for `identify_plate`. The table `comparison` shows when each crossing's perturbation
+    starts, and whether it follows the shared motion.
     """
-    model = identify_platform([read_trial(path) for path in trials], read_calibration(calibration), settings)
+    read = [read_trial(path) for path in trials]
+    model = identify_platform(read, calibrations_of(calibrations, statics), settings)
     write_platform(model, output)
     write_table(platform_table(model), comparison)
 

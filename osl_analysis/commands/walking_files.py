@@ -15,6 +15,7 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
+from osl_analysis.table import finite_or_null
 from osl_analysis.trial import NAME_KEY, PROVENANCE_KEY, Trial, read_trial, write_trial
 from osl_analysis.walking.ankle import SEGMENTS, StaticCalibration
 from osl_analysis.walking.crossing import Crossing, CrossingQuality, RefusedCrossing
@@ -64,7 +65,10 @@ def plate_content(plate: PlateModel) -> dict[str, Any]:
         name: {"value": float(value), "se": float(se)}
         for name, value, se in zip(PARAMETERS, inertia.parameters, inertia.standard_errors, strict=True)
     }
-    before, after = (dict(zip(COMPONENTS, v.tolist(), strict=True)) for v in (inertia.rms_before, inertia.rms_after))
+    before, after = (
+        finite_or_null(dict(zip(COMPONENTS, rms.tolist(), strict=True)))
+        for rms in (inertia.rms_before, inertia.rms_after)
+    )
     lag = {"lag_s": plate.lag, "lag_unknown": plate.lag_reason, "lag_se_s": plate.lag_se, "lags_s": plate.lags.tolist()}
     return {"parameters": parameters, **lag, "rms_before": before, "rms_after": after}
 
@@ -80,7 +84,7 @@ def read_plate(path: Path) -> PlateModel:
 def plate_from_content(content: Mapping[str, Any]) -> PlateModel:
     """The model that `plate_content` described."""
     values, errors = (np.array([content["parameters"][p][field] for p in PARAMETERS]) for field in ("value", "se"))
-    before, after = (np.array([content[f][c] for c in COMPONENTS]) for f in ("rms_before", "rms_after"))
+    before, after = (np.array([content[f][c] for c in COMPONENTS], dtype=float) for f in ("rms_before", "rms_after"))
     inertia = PlateInertia(values, errors, before, after)
     lags = np.array(content["lags_s"], dtype=float)
     return PlateModel(inertia, content["lag_s"], content["lag_se_s"], lags, lag_reason=content["lag_unknown"])

@@ -1,6 +1,6 @@
 """The ankle in the laboratory: static calibration, joint angle, and the moment about the joint's axis."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -31,6 +31,15 @@ class StaticCalibration:
     platform: Vectors
     ankle_centre: Array
     ankle_axis: Array
+
+
+Calibrations = StaticCalibration | Mapping[str, StaticCalibration]
+"""One calibration of all trials, or that of each trial by its name."""
+
+
+def calibration_of(calibrations: Calibrations, trial: str) -> StaticCalibration:
+    """The calibration of a trial."""
+    return calibrations if isinstance(calibrations, StaticCalibration) else calibrations[trial]
 
 
 @dataclass(frozen=True)

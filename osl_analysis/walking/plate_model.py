@@ -9,9 +9,9 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.ankle import StaticCalibration
+from osl_analysis.walking.ankle import Calibrations, calibration_of
 from osl_analysis.walking.plate_faults import check_type_on_platform
-from osl_analysis.walking.plate_inertia import COMPONENTS, PlateInertia, identify_plate_inertia
+from osl_analysis.walking.plate_inertia import COMPONENTS, PARAMETERS, PlateInertia, identify_plate_inertia
 from osl_analysis.walking.plate_lag import plate_lag
 from osl_analysis.walking.platform_motion import shared_directions
 from osl_analysis.walking.settings import PlateModelSettings
@@ -19,6 +19,7 @@ from osl_analysis.walking.unloaded_plate import UnloadedRecording, unloaded_reco
 
 NOT_ASKED = "not estimated: correct_plate_lag is false"
 TOO_LIGHT = "the unloaded plate is too light to show it"
+NOT_REMOVED = "walking.plate_inertia is none"
 
 
 @dataclass(frozen=True)
@@ -46,8 +47,18 @@ class PlateModel:
         return 0.0 if self.lag is None else self.lag
 
 
+NO_CORRECTION = PlateModel(
+    PlateInertia(*(np.zeros(len(PARAMETERS)),) * 2, *(np.full(len(COMPONENTS), np.nan),) * 2),
+    None,
+    None,
+    np.zeros(0),
+    lag_reason=f"not estimated: {NOT_REMOVED}",
+)
+"""The model of a plate that is light or compensates its own inertia: nothing is removed from its wrench."""
+
+
 def identify_plate_model(
-    trials: Sequence[Trial], calibration: StaticCalibration, settings: PlateModelSettings
+    trials: Sequence[Trial], calibrations: Calibrations, settings: PlateModelSettings
 ) -> PlateModel:
     """Lag and inertia from unloaded trials: first the lag of each trial, then one inertia from all at the mean lag.
 
@@ -60,7 +71,7 @@ def identify_plate_model(
         raise InputError("no trials of the unloaded plate; add trials of experiment 'plate' to the sheet")
     for trial in trials:
         check_type_on_platform(trial, settings.plate)
-    seen = without_hidden_turns([unloaded_recording(trial, calibration, settings) for trial in trials])
+    seen = without_hidden_turns([unloaded_recording(t, calibration_of(calibrations, t.name), settings) for t in trials])
     axes = shared_directions([r.track for r in seen])
     recordings = [r.along(own) for r, own in zip(seen, axes, strict=True)]
     lags = [trial_lag(r) if settings.correct_plate_lag else float("nan") for r in recordings]

@@ -10,7 +10,7 @@ import polars as pl
 from osl_analysis.errors import InputError
 from osl_analysis.signals import runs
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.ankle import StaticCalibration
+from osl_analysis.walking.ankle import Calibrations, StaticCalibration, calibration_of
 from osl_analysis.walking.cluster import BodyMotion, Mask, reference_positions, segment_poses
 from osl_analysis.walking.plate import rotation_from_rest
 from osl_analysis.walking.platform_jackknife import without_groups
@@ -79,7 +79,7 @@ ALONE = PlatformModel(None, "each crossing is analysed alone", {}, {}, None)
 
 
 def identify_platform(
-    trials: Sequence[Trial], calibration: StaticCalibration, settings: PlatformMotionSettings
+    trials: Sequence[Trial], calibrations: Calibrations, settings: PlatformMotionSettings
 ) -> PlatformModel:
     """The shape that the platform's motions share in perturbed crossings. Without one, each keeps its own motion.
 
@@ -88,7 +88,7 @@ def identify_platform(
     tracks = []
     for trial in trials:
         try:
-            tracks.append(turning_track(trial, calibration, settings))
+            tracks.append(turning_track(trial, calibration_of(calibrations, trial.name), settings))
         except InputError as error:
             warnings.warn(f"trial {trial.name}: has no part in the platform's shared motion: {error}", stacklevel=2)
     try:

@@ -147,6 +147,9 @@ class CalibrationSettings(MarkerSettings):
 class PlateModelSettings(PlatformSettings):
     """How the plate's own inertia and lag are identified."""
 
+    plate_inertia: Literal["identified", "none"] = "identified"
+    """Source of the plate's own inertia: `identified`, the plate trials; or `none`, nothing is corrected, neither
+    inertia nor lag, because the plate is light or compensates its inertia itself."""
     plate_cutoff_hz: Positive
     """Cut-off [Hz] of the low-pass with which the inertia of the unloaded plate is identified. Marker noise in the
     acceleration biases the inertia: a mass of 12 kg is estimated as 10.8 kg at 20 Hz and 12.0 kg at 8 Hz."""

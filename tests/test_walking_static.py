@@ -1,0 +1,164 @@
+"""Which static trial calibrates which trial, on which side, and what happens without plate trials."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from conftest import ROOT
+from test_walking_platform import standing
+from walking_platform import Ramp, Rig, ankle_answer, plate_trials, walked
+from walking_synthetic import PLATE_RATE, settings
+
+from osl_analysis.campaign import Campaign, open_campaign
+from osl_analysis.commands.crossing import calibrate, identify_plate
+from osl_analysis.commands.walking_files import read_calibration, read_plate, write_calibration
+from osl_analysis.config import campaign_config
+from osl_analysis.errors import InputError
+from osl_analysis.signals import LowPass
+from osl_analysis.table import read_table
+from osl_analysis.trial import Trial, write_trial
+from osl_analysis.walking.ankle import static_calibration
+from osl_analysis.walking.crossing_analysis import analyse_crossing
+from osl_analysis.walking.plate_model import NO_CORRECTION, identify_plate_model
+from osl_analysis.walking.static_choice import static_of
+
+QUIET = Rig(marker=1e-5)
+
+
+def campaign(folder: Path, rows: str, **walking: Any) -> Campaign:
+    """A campaign with these rows: trial, experiment, perturbed, subject, session, side, static."""
+    lines = [line.split(",") for line in rows.split()]
+    cells = [",".join([*line, "a.c3d", "vicon"]) for line in lines]
+    header = "trial,experiment,perturbed,subject,session,side,static,mocap,mocap_source"
+    (folder / "trials.csv").write_text("\n".join([header, *cells]) + "\n")
+    content = yaml.safe_load((ROOT / "config/config.yaml").read_text())
+    content |= {"sheet": folder / "trials.csv", "simulation": None, "walking": content["walking"] | walking}
+    return open_campaign(campaign_config(content, [ROOT / "config/config.yaml"]), None)
+
+
+CROSSINGS = "u1,walking,false,{0} u2,walking,false,{0} u3,walking,false,{0} p1,walking,true,{0} p2,walking,true,{0}"
+
+
+def test_each_crossing_has_the_static_trial_of_its_subject_and_session(tmp_path: Path) -> None:
+    rows = "sA,static,,A,1,, sB,static,,B,1,, sA2,static,,A,2,, wA,walking,false,A,1,, wB,walking,false,B,1,,"
+    sheet = campaign(tmp_path, rows + " wA2,walking,true,A,2,, m,plate,,,,,sB")
+    assert [sheet.static(trial) for trial in ("wA", "wB", "wA2", "m")] == ["sA", "sB", "sA2", "sB"]
+    assert sheet.statics() == {"sA": ["wA"], "sB": ["wB"], "sA2": ["wA2"]}
+
+
+def test_a_named_static_trial_goes_before_that_of_the_subject() -> None:
+    statics = {"s1": {"subject": "A"}, "s2": {"subject": "A", "session": "2"}}
+    assert static_of("w", {"subject": "A", "session": "2", "static": "s1"}, statics) == "s1"
+    assert static_of("w", {"subject": "A", "session": "2"}, statics) == "s2"
+
+
+def test_the_only_static_trial_serves_a_sheet_that_states_nothing() -> None:
+    assert static_of("w", {"subject": "A"}, {"s1": {}}) == "s1"
+    assert static_of("w", {}, {"s1": {"subject": "A"}}) == "s1"
+
+
+@pytest.mark.parametrize(
+    ("cells", "statics", "message"),
+    [
+        ({}, {"s1": {}, "s2": {}}, r"states no subject, session or side: 2 static trials .*\(s1, s2\); name one"),
+        ({"subject": "A"}, {"s1": {}, "s2": {}}, r"\(subject A\): 2 static trials could be its own"),
+        ({"subject": "A"}, {"s1": {"subject": "B"}}, r"\(subject A\): no static trial of the same conditions"),
+        ({"side": "left"}, {"s1": {"side": "right"}}, r"\(side left\): no static trial of the same conditions"),
+        ({"static": "w1"}, {"s1": {}}, "static: 'w1' is no trial of experiment 'static' that is used; .* s1"),
+    ],
+)
+def test_static_trials_that_are_not_told_apart_are_refused_with_the_remedy(
+    cells: dict[str, str], statics: dict[str, dict[str, str]], message: str
+) -> None:
+    with pytest.raises(InputError, match=f"trial 'w'.*{message}"):
+        static_of("w", cells, statics)
+
+
+def test_two_static_trials_without_a_statement_are_refused_before_any_job(tmp_path: Path) -> None:
+    rows = "s1,static,,,,, s2,static,,,,, m,plate,,,,, " + CROSSINGS.format(",,,")
+    with pytest.raises(InputError, match=r"trials.csv: trial 'u1'.*: 2 static trials could be its own \(s1, s2\)"):
+        campaign(tmp_path, rows).check_walking()
+
+
+def test_the_side_of_the_sheet_goes_before_that_of_the_configuration(tmp_path: Path) -> None:
+    rows = "s1,static,,,,{0}, m,plate,,,,, " + CROSSINGS.format(",,{1},")
+    for own, crossings, side in (("left", "", "left"), ("", "left", "left"), ("", "", "right")):
+        sheet = campaign(tmp_path, rows.format(own, crossings), side="right")
+        sheet.check_walking()
+        assert sheet.calibration_settings("s1")["side"] == side
+
+
+def test_a_static_trial_of_both_sides_is_refused(tmp_path: Path) -> None:
+    rows = "s1,static,,,,, m,plate,,,,, " + CROSSINGS.format(",,right,") + " p3,walking,true,,,left,"
+    with pytest.raises(InputError, match=r"'s1' serves trials of the sides left, right \(trial 'p3': left\)"):
+        campaign(tmp_path, rows).check_walking()
+
+
+def test_a_static_trial_of_plate_trials_alone_needs_no_hinge(tmp_path: Path) -> None:
+    rows = "s1,static,,A,,, s2,static,,B,,, m,plate,,B,,, " + CROSSINGS.format("A,,,")
+    sheet = campaign(tmp_path, rows, hinge="functional")
+    assert [sheet.calibration_settings(s)["hinge"] for s in ("s1", "s2")] == ["functional", "anatomical"]
+
+
+def test_without_plate_trials_the_error_names_the_option_and_the_option_needs_none(tmp_path: Path) -> None:
+    rows = "s1,static,,,,, " + CROSSINGS.format(",,,")
+    with pytest.raises(InputError, match=r"0 trial of experiment 'plate'.*state `plate_inertia: none` under `walking`"):
+        campaign(tmp_path, rows).check_walking()
+    light = campaign(tmp_path, rows, plate_inertia="none")
+    light.check_walking()
+    assert light.plate_trials() == []
+
+
+def with_platform_markers_moved(trial: Trial, shift: float) -> Trial:
+    """The platform's first marker glued elsewhere: `shift` [m] to the left, along the axis about which it turns."""
+    return Trial(
+        trial.name,
+        trial.samples.with_columns(marker_PLAT1_y=trial.samples["marker_PLAT1_y"] + shift),
+        {**trial.provenance},
+    )
+
+
+def test_plate_trials_of_two_sessions_are_each_read_with_their_own_cluster() -> None:
+    """The second session's PLAT1 was glued 30 mm beside: with the first static trial its residual exceeds the limit."""
+    first, second = (
+        static_calibration(standing(), settings()),
+        static_calibration(with_platform_markers_moved(standing(), 0.03), settings()),
+    )
+    trials = plate_trials(QUIET, Ramp(), 2)
+    sessions = [trials[0], with_platform_markers_moved(trials[1], 0.03)]
+    own = {sessions[0].name: first, sessions[1].name: second}
+    alike = identify_plate_model(trials, first, settings())
+    model = identify_plate_model(sessions, own, settings())
+    np.testing.assert_allclose(model.inertia.parameters, alike.inertia.parameters, atol=0.05)  # 0.01 mm of noise
+    with pytest.raises(InputError, match="are seen together in 0 frames"):
+        identify_plate_model(sessions, first, settings())
+
+
+def test_without_a_correction_the_torque_of_a_light_plate_is_that_of_the_wrench_as_recorded(tmp_path: Path) -> None:
+    outputs, chosen = (tmp_path / "plate.json", tmp_path / "plate.csv"), settings(plate_inertia="none")
+    with pytest.warns(UserWarning, match="own inertia and lag stay in the torque: walking.plate_inertia is none"):
+        identify_plate([], [], {}, chosen, *outputs)
+    table = read_table(outputs[1])
+    assert table["plate_inertia"].unique().to_list() == ["none"]
+    assert table["rms_before"].null_count() == len(table)
+    model = read_plate(outputs[0])
+    assert (model.delay, model.lag, model.leave_one_out) == (0.0, None, ())
+    calibration = static_calibration(standing(), settings())
+    weightless, stamps = replace(QUIET, mass=1e-9), np.arange(3 * PLATE_RATE) / PLATE_RATE
+    crossing = analyse_crossing(walked("w", Ramp(), weightless, 1), calibration, model, True, chosen)
+    heavy = analyse_crossing(walked("w", Ramp(), QUIET, 1), calibration, NO_CORRECTION, True, chosen)
+    exact = np.interp(crossing.time, stamps, LowPass(20.0)(ankle_answer(stamps, Ramp(), weightless), PLATE_RATE))
+    window = (crossing.time > 1.1) & (crossing.time < 1.3)
+    # 0.4 N and 0.08 N*m of noise at 1500 Hz through 20 Hz leave 0.02 N*m; the filters' rates differ by 0.1
+    np.testing.assert_allclose(crossing.torque[window], exact[window], atol=0.3)
+    assert np.abs(heavy.torque - crossing.torque).max() > 5
+
+
+def test_the_comparison_of_hinges_names_its_static_trial(tmp_path: Path) -> None:
+    write_trial(standing(), tmp_path / "s.parquet")
+    calibrate(tmp_path / "s.parquet", [], settings(), tmp_path / "c.json", tmp_path / "h.csv")
+    assert read_table(tmp_path / "h.csv")["trial"].to_list() == [standing().name]
+    write_calibration(read_calibration(tmp_path / "c.json"), "s", tmp_path / "d.json")

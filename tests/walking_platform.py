@@ -106,8 +106,10 @@ def ankle_answer(t: Array, ramp: Ramp | None, rig: Rig) -> Array:
 
 
 def stance_load(t: Array) -> Array:
-    """Share of the load (n,), from 0 to 1 in stance."""
-    return step(t, STANCE[0], 0.15)[0] - step(t, STANCE[1] - 0.15, 0.15)[0]
+    """Share of the load (n,), about 1 in stance, with the two humps of gait."""
+    phase = np.clip((t - STANCE[0]) / (STANCE[1] - STANCE[0]), 0, 1)
+    held = step(t, STANCE[0], 0.15)[0] - step(t, STANCE[1] - 0.15, 0.15)[0]
+    return np.asarray(held * (1 - 0.15 * np.cos(4 * np.pi * phase)))
 
 
 def shank_lean(t: Array) -> Array:

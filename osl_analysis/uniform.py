@@ -60,6 +60,11 @@ class UniformSignals:
         """What was decided about the stamps of every stream."""
         return self.grid.report
 
+    def sampled(self, column: str) -> Array:
+        """When the sensor of a column took its samples (k,) [s], on the clock of the grid."""
+        taken = next(one for one in self.grid.taken if column in one.decision.signals)
+        return taken.samples().times
+
     def other(self) -> "UniformSignals | None":
         """The same if the streams whose stamps nothing decided were taken the other way; None where all are decided."""
         grid = self.grid.other_hypothesis()

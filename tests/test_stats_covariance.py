@@ -141,3 +141,28 @@ def test_a_record_of_few_cycles_has_an_interval_that_holds_behind_the_filter():
         bounds = [fit.interval(name) for name in ("K", "B", "I")]
         covered += [low <= truth <= high for (low, high), truth in zip(bounds, (300, 5, 0.02), strict=True)]
     assert np.mean(covered) == pytest.approx(0.95, abs=0.045)
+
+
+def test_cycles_that_a_filter_correlates_have_the_spread_of_the_noise_before_it():
+    """2000 seeded records of five cycles of 5 Hz: the filter smears noise over the edges, where a cosine is largest.
+
+    The standard error is 6 % too small from the filtered residual; Monte Carlo errors are 1 %.
+    """
+    low_pass, rng, f = LowPass(15), np.random.default_rng(9), 5.0
+    t = np.arange(2000) / RATE
+    inside = slice(500, 1500)
+    columns = {"cosine": np.cos(2 * np.pi * f * t)[inside], "offset": np.ones(1000)}
+    edges = 200.0 * np.arange(6)
+    cycles = Cycles(edges[:-1], edges[1:], np.zeros(5, dtype=np.intp))
+    variances, errors = {"before": [], "behind": []}, []
+    for _ in range(2000):
+        noise = rng.standard_normal(len(t))
+        filtered = low_pass(noise, RATE)
+        taken = {"behind": None, "before": (noise - filtered)[inside]}
+        for name, off in taken.items():
+            fit = linear_fit(filtered[inside], columns, ResidualCorrelation(cycles, filtered_off=off))
+            variances[name].append(fit.se("cosine") ** 2)
+        errors.append(fit["cosine"])
+    ratio = {name: np.sqrt(np.mean(each)) / np.std(errors) for name, each in variances.items()}
+    assert ratio["before"] == pytest.approx(1, abs=0.05)
+    assert ratio["behind"] < 0.96

@@ -65,7 +65,8 @@ def fit_segments(raw: RawSignals, low_pass: LowPass, signals: FilteredSignals, c
         cycles=repeated_cycles(raw.segments) if choice.cycles else None,
         every=low_pass.independent_samples(raw.rate_hz),
         lags=choice.lags or None,
-        repeated=raw.repeated if choice.cycles else None,
+        filtered_off=raw.torque[rows] - signals.torque[rows],
+        repeated=raw.repeated if choice.cycles else (),
     )
     return linear_fit(
         signals.torque[rows],

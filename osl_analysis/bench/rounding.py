@@ -1,56 +1,118 @@
 """What the rounding of an encoder or converter adds to the error of a stepped-sine fit where every cycle repeats it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from osl_analysis.bench.segments import Segment, rows_of
-from osl_analysis.stats.covariance import Cycles, RepeatedError
-from osl_analysis.stats.rounding import scatter_between_cycles
+from osl_analysis.stats.covariance import Cycles, nearest_covariance
+from osl_analysis.stats.rounding import (
+    HARMONICS,
+    noise_before_rounding,
+    rounding_harmonics,
+    scatter_between_cycles,
+)
 from osl_analysis.trial import Array
 
-IN_PHASE = 0.0247
-"""Variance of a rounded sine's gain, times (amplitude/step)^3, over all zeros of the encoder: 2 zeta(3)/pi^4, from the
-Bessel functions of the rounding's fundamental."""
-DITHERED = 1.5
-"""Scatter between cycles, as a share of step^2/12, from which on noise dithers the rounding; then it averages out."""
+DITHERED = 1e-3
+"""Share of the rounding that survives the noise before it, below which there is nothing to repeat."""
 
 
 @dataclass(frozen=True)
 class Rounded:
-    """A signal that was rounded, shape (n,)."""
+    """A signal that was rounded, in its unit, on the grid with times `time` (n,) [s]."""
 
     step: float
-    """The step, in the unit of the signal."""
+    """The step."""
     signal: Array
-    """The signal as it was recorded."""
+    """The signal as it was recorded, shape (n,)."""
     smooth: Array
-    """The signal without rounding, noise and anything else that is fast."""
+    """The signal without rounding, noise and anything else that is fast, shape (n,)."""
+    time: Array
+    """Uniform times [s]."""
+    sampled: Array
+    """When the sensor took its samples, shape (k,) [s]."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Rate [Hz] of the grid."""
+        return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
 
 
-def repeated_error(rounded: Rounded, torque: Array, segments: Sequence[Segment], cycles: Cycles) -> RepeatedError:
-    """The rounding as an error of the torque (n,) [N*m] in the rows of the segments.
+@dataclass(frozen=True)
+class RepeatedRounding:
+    """The rounding of one signal as an error of the estimates of a fit to the rows of the segments.
 
-    An error of the angle acts as a torque, by the ratio of both in its segment. There are two parts. The samples of a
-    cycle fall anywhere between two steps: their errors, independent with the variance step^2/12, repeat in the next
-    cycle as far as they have no scatter between cycles. The rounding of a sine also changes its amplitude a little, by
-    as much at every frequency.
+    The zero of the sensor lies anywhere within a step. The smooth signal is rounded at the instants at which the sensor
+    took its samples. What this does to the estimates is computed cycle by cycle, as a variance over all zeros.
+    Rounding that differs from cycle to cycle is already in the spread between cycles, and is taken off. Nothing is
+    assumed on how the errors of neighbouring samples depend on one another: at 1 Hz there is one sample per step of 14
+    bits, and independent errors of variance step^2/12 were wrong by a factor of two.
     """
-    each = [segment.rows for segment in segments]
-    fundamental = [float(np.std(torque[rows])) / float(np.std(rounded.smooth[rows])) for rows in each]
-    uniform = rounded.step**2 / 12
-    scatter = scatter_between_cycles((rounded.signal - rounded.smooth)[rows_of(segments)], cycles)
-    times = np.array([len(segment.used) for segment in segments])
-    variance = np.square(fundamental) * np.maximum(uniform - scatter, 0.0) * times
-    repeats = scatter < DITHERED * uniform
-    amplitudes = list(dict.fromkeys(segment.amplitude for segment in segments))
-    common = np.zeros((sum(map(len, each)), len(amplitudes)))
-    ends = np.cumsum([0, *map(len, each)])
-    for k, rows in enumerate(each):
-        if repeats[k]:
-            deviation = torque[rows] - np.mean(torque[rows])
-            size = np.sqrt(2) * float(np.std(rounded.smooth[rows]))
-            gain = np.sqrt(IN_PHASE * (rounded.step / size) ** 3)
-            common[ends[k] : ends[k + 1], amplitudes.index(segments[k].amplitude)] = gain * deviation
-    return RepeatedError(np.repeat(variance, [len(rows) for rows in each]), common)
+
+    rounded: Rounded
+    torque: Array
+    """The filtered torque (n,) [N*m]."""
+    segments: Sequence[Segment]
+    cycles: Cycles
+    """The cycles of the segments."""
+
+    def covariance(self, influence: Array) -> Array:
+        """Covariance (p, p) of estimates that change by `influence` (rows, p) with each row of the torque."""
+        p, first = influence.shape[1], 0
+        total, shown = np.zeros((p, HARMONICS), dtype=complex), np.zeros((p, p))
+        smooth = CubicSpline(self.rounded.time, self.rounded.smooth)
+        for segment, left in zip(self.segments, self.surviving(), strict=True):
+            rows = len(segment.rows)
+            if left[0] > DITHERED:
+                sums = left * np.array(list(self.cycle_sums(segment, influence[first : first + rows], smooth)))
+                total += sums.sum(axis=0)
+                apart = sums - sums.mean(axis=0)
+                shown += len(sums) / (len(sums) - 1) * np.einsum("mpk,mqk->pq", apart, apart.conj()).real
+            first += rows
+        return nearest_covariance((total @ total.conj().T).real - shown)
+
+    def cycle_sums(self, segment: Segment, influence: Array, smooth: CubicSpline) -> Iterator[NDArray[np.complex128]]:
+        """What the rounding in each cycle of a segment does to the estimates, (p, HARMONICS) each."""
+        signal, first = self.rounded, 0
+        stiffness, damping = self.transfer(segment)
+        for piece in segment.pieces:
+            rows = slice(first, first + piece.stop - piece.start)
+            first, own = rows.stop, influence[rows]
+            # the error acts as stiffness e + damping de/dt; by parts, the derivative is the influence's
+            weights = stiffness * own - damping * signal.rate_hz * np.gradient(own, axis=0)
+            used = [k for k in segment.used if piece.start - 1 < segment.edges[k] < piece.stop - 1]
+            edges = signal.time[0] + segment.edges[[*used, used[-1] + 1]] / signal.rate_hz
+            low, *_, high = cuts = np.searchsorted(signal.sampled, edges)
+            at = signal.sampled[low:high]
+            per_row = signal.rate_hz * (edges[-1] - edges[0]) / len(at)
+            each = per_row * np.array([np.interp(at, signal.time[piece], column) for column in weights.T])
+            errors = rounding_harmonics(smooth(at), signal.step)
+            yield from (each[:, i:j] @ errors[:, i:j].T for i, j in pairwise(cuts - low))
+
+    def transfer(self, segment: Segment) -> tuple[float, float]:
+        """By how much the torque follows the signal in a segment, and its derivative; (1, 0) for the torque itself."""
+        rows = segment.rows
+        smooth, w = self.rounded.smooth[rows], 2 * np.pi * segment.frequency_hz
+        phase = np.exp(-1j * w * self.rounded.time[rows])
+        ratio = np.sum((self.torque[rows] - np.mean(self.torque[rows])) * phase) / np.sum(
+            (smooth - np.mean(smooth)) * phase
+        )
+        return float(ratio.real), float(ratio.imag) / w
+
+    def surviving(self) -> Array:
+        """Share of each harmonic of the rounding that the noise before it leaves in the mean, (segments, HARMONICS).
+
+        The noise is what cycles differ by, beyond what the rounding of the smooth signal itself makes different.
+        """
+        signal, rows = self.rounded, rows_of(self.segments)
+        smooth = signal.smooth[rows]
+        seen = scatter_between_cycles(signal.signal[rows] - smooth, self.cycles)
+        rounded = signal.step * np.rint(smooth / signal.step)
+        expected = scatter_between_cycles(rounded - smooth, self.cycles)
+        noise = noise_before_rounding(np.maximum(seen - expected, 0.0) / signal.step**2)
+        return np.exp(-2 * (np.pi * noise[:, None] * np.arange(1, HARMONICS + 1)) ** 2)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.alternatives import joint_angle
 from osl_analysis.bench.protocol import find_blocks
-from osl_analysis.bench.rounding import Rounded, repeated_error
+from osl_analysis.bench.rounding import RepeatedRounding, Rounded
 from osl_analysis.bench.segments import Block, Segment, repeated_cycles, rows_of, settled
 from osl_analysis.bench.settings import BenchStiffness, SteppedSineAnalysis
 from osl_analysis.errors import InputError
@@ -35,8 +35,8 @@ class RawSignals:
     """Sampling rate [Hz]."""
     segments: Sequence[Segment]
     """The settled segments."""
-    repeated: RepeatedError | None = None
-    """What the rounding of angle and torque adds to the torque in the rows of the segments."""
+    repeated: Sequence[RepeatedError] = ()
+    """The rounding of angle and of torque as errors of the torque in the rows of the segments."""
 
 
 @dataclass(frozen=True)
@@ -106,22 +106,35 @@ class SteppedSineTrial:
 
     def residual_correlation(self, amplitude: float | None) -> ResidualCorrelation:
         """How residuals in these rows depend on one another: the cycles repeat, and the filter correlates noise."""
-        every, segments = self.low_pass.independent_samples(self.rate_hz), self.segments(amplitude)
-        return ResidualCorrelation(repeated_cycles(segments), every, repeated=self.repeated_rounding(segments))
+        segments = self.segments(amplitude)
+        rows = rows_of(segments)
+        return ResidualCorrelation(
+            repeated_cycles(segments),
+            self.low_pass.independent_samples(self.rate_hz),
+            filtered_off=self.torque[rows] - self.filtered_torque[rows],
+            repeated=self.repeated_rounding(segments),
+        )
 
-    def repeated_rounding(self, segments: Sequence[Segment]) -> RepeatedError | None:
-        """What the rounding of angle and torque, which the cycles of the segments repeat, is as an error of the torque.
+    def repeated_rounding(self, segments: Sequence[Segment]) -> list[RepeatedError]:
+        """The rounding of angle and torque, which the cycles of the segments may repeat, as errors of the torque.
 
         None where no step is known, or where cycles do not repeat.
         """
         cycles = repeated_cycles(segments)
-        if cycles is None or not any(self.steps):
-            return None
-        pairs = ((self.theta, self.motion.theta), (self.torque, self.filtered_torque))
-        known = [(step, *pair) for step, pair in zip(self.steps, pairs, strict=True) if step is not None]
-        parts = [repeated_error(Rounded(*one), self.filtered_torque, segments, cycles) for one in known]
-        variance = np.sum([part.variance for part in parts], axis=0)
-        return RepeatedError(variance, np.column_stack([part.common for part in parts]))
+        if cycles is None:
+            return []
+        pairs = {"theta": (self.theta, self.motion.theta), "torque": (self.torque, self.filtered_torque)}
+        return [
+            RepeatedRounding(
+                Rounded(step, *pair, self.time, self.sampled(column)), self.filtered_torque, segments, cycles
+            )
+            for step, (column, pair) in zip(self.steps, pairs.items(), strict=True)
+            if step is not None
+        ]
+
+    def sampled(self, column: str) -> Array:
+        """When the sensor of a column took its samples [s]."""
+        return self.time if self.uniform is None else self.uniform.sampled(column)
 
 
 def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis) -> SteppedSineTrial:
@@ -132,18 +145,27 @@ def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis) -> SteppedSi
     InputError
         A signal is missing, has no time base, or does not follow the protocol; the message names the trial.
     """
-    signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
-    other, bench = signals.other(), settings.bench_stiffness
+    made, bench = stepped_sine_alone(trial, settings), settings.bench_stiffness
+    assert made.uniform is not None
     try:
-        made = stepped_sine_of(signals, settings)
+        other = made.uniform.other()
         return replace(
             made,
-            steps=(resolution_of(trial, "theta"), resolution_of(trial, "torque")),
             other=None if other is None else stepped_sine_of(other, settings),
-            softer=None if bench is None else stepped_sine_of(signals, settings, bench.compliance_error),
+            softer=None if bench is None else stepped_sine_of(made.uniform, settings, bench.compliance_error),
         )
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
+
+
+def stepped_sine_alone(trial: Trial, settings: SteppedSineAnalysis) -> SteppedSineTrial:
+    """As `stepped_sine_trial`, without `other` and `softer`, which cost as much again."""
+    signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
+    try:
+        made = stepped_sine_of(signals, settings)
+    except InputError as error:
+        raise InputError(f"trial {trial.name}: {error}") from error
+    return replace(made, steps=(resolution_of(trial, "theta"), resolution_of(trial, "torque")))
 
 
 def resolution_of(trial: Trial, column: str) -> float | None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,19 +37,12 @@ class Cycles:
     """Number of the stratum that each cycle belongs to, shape (m,)."""
 
 
-@dataclass(frozen=True)
-class RepeatedError:
+class RepeatedError(Protocol):
     """An error of y that every cycle repeats, as the rounding of a sensor does: the spread of cycles is blind to it."""
 
-    variance: Array
-    """Variance (n,) of what is independent within a cycle, times the number of cycles [squared unit of y]."""
-    common: Array
-    """Errors (n, k) of known size, one standard deviation each [unit of y]."""
-
     def covariance(self, influence: Array) -> Array:
-        """Covariance (p, p) of estimates that change by `influence` (n, p) with each sample of y."""
-        shift = influence.T @ self.common
-        return np.asarray((influence * self.variance[:, None]).T @ influence + shift @ shift.T)
+        """Covariance (p, p) of estimates that change by `influence` (n, p) with each sample of y, beyond the spread."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -63,8 +57,12 @@ class ResidualCorrelation:
     lags: int | None = None
     """Number of samples over which residuals may be correlated. None: the bandwidth that `correlation_samples` finds
     with `every`."""
-    repeated: RepeatedError | None = None
-    """Error of y that every cycle repeats, which is added as a component of type B (JCGM 100:2008, 4.3)."""
+    filtered_off: Array | None = None
+    """What a filter took away from y (n,). Noise that is independent from sample to sample is so only before the
+    filter, which smears it over the edge between two cycles: behind it neighbouring cycles are correlated by 0.05
+    where a column is not zero at the edge, as the velocity is not, and the spread of cycles is too small by 5 %."""
+    repeated: Sequence[RepeatedError] = ()
+    """Errors of y that every cycle repeats, which are added as components of type B (JCGM 100:2008, 4.3)."""
 
     @property
     def method(self) -> str:
@@ -80,13 +78,13 @@ class ResidualCorrelation:
 
         `influence` (n, p) is by how much each estimate changes with each sample of y, `residual` (n,) what is left.
         """
-        scores = influence * residual[:, None]
         if self.cycles is None:
-            return *moving_sums(scores, window, slow=self.every > 1), self.method
-        covariance, degrees_of_freedom = between_cycles(scores, self.cycles)
-        if self.repeated is None:
+            return *moving_sums(influence * residual[:, None], window, slow=self.every > 1), self.method
+        noise = residual if self.filtered_off is None else residual + self.filtered_off
+        covariance, degrees_of_freedom = between_cycles(influence * noise[:, None], self.cycles)
+        if not self.repeated:
             return covariance, degrees_of_freedom, self.method
-        rounding = self.repeated.covariance(influence)
+        rounding = np.sum([error.covariance(influence) for error in self.repeated], axis=0)
         scatter, added = np.diag(covariance), np.diag(rounding)
         each = zip(scatter, added, degrees_of_freedom, strict=True)
         total = [float(welch_satterthwaite([s, a], [f, np.inf])) for s, a, f in each]
@@ -165,6 +163,13 @@ def cumulative_at(totals: Array, place: Array) -> Array:
     weights = (-x * (x - 1) * (x - 2) / 6, (x + 1) * (x - 1) * (x - 2) / 2, -(x + 1) * x * (x - 2) / 2)
     parts = zip(weights, (far_below, below, above), strict=True)
     return np.asarray(sum(w * totals[k] for w, k in parts) + (x + 1) * x * (x - 1) / 6 * totals[far_above])
+
+
+def nearest_covariance(matrix: Array) -> Array:
+    """The symmetric matrix (p, p) without its negative eigenvalues, which a difference of covariances may have."""
+    scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale))
 
 
 def welch_satterthwaite(variances: Sequence[ArrayLike], degrees_of_freedom: ArrayLike) -> Array:

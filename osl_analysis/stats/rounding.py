@@ -1,12 +1,15 @@
 """Rounding of an encoder or converter that every cycle repeats, so that the spread between cycles is blind to it."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from osl_analysis.stats.covariance import Cycles
 from osl_analysis.trial import Array
 
 DISTINCT = 0.5
 """Largest share of distinct values among the samples of a signal whose step is visible."""
+HARMONICS = 8
+"""Harmonics of the error of rounding: 93 % of its variance."""
 WHOLE_STEPS = 0.99
 """Smallest share of the differences between neighbouring values that are a whole number of steps."""
 
@@ -24,6 +27,35 @@ def visible_step(values: Array) -> float | None:
     step = float(np.median(apart[apart < 1.5 * np.min(apart)]))
     off = np.abs(apart / step - np.rint(apart / step))
     return step if float(np.mean(off < 0.02)) >= WHOLE_STEPS else None
+
+
+def rounding_harmonics(signal: Array, step: float) -> NDArray[np.complex128]:
+    """The error of the rounded signal (n,) as `HARMONICS` harmonics (k, n) of its place between two steps.
+
+    The error is sum of step/(pi k) sin(2 pi k (signal + zero)/step), with a sign that alternates. A zero of the sensor
+    that lies anywhere makes the phases of the harmonics random: what is linear in the error then has the sum of squared
+    magnitudes as its variance. The harmonics that are left out count as those that are kept.
+    """
+    k = np.arange(1, HARMONICS + 1)
+    size = step / (np.sqrt(2) * np.pi) / k / np.sqrt(np.sum(1 / k**2) * 6 / np.pi**2)
+    turn = np.exp(2j * np.pi / step * signal)
+    harmonics = np.empty((HARMONICS, len(signal)), dtype=complex)
+    harmonics[0] = turn
+    for n in range(1, HARMONICS):
+        np.multiply(harmonics[n - 1], turn, out=harmonics[n])
+    return np.asarray(harmonics * size[:, None], dtype=np.complex128)
+
+
+def noise_before_rounding(scatter: Array) -> Array:
+    """Standard deviation [steps] of the noise before the rounding from the scatter [steps^2] of what it leaves.
+
+    Noise of standard deviation s makes the error of a rounded signal s^2 + 1/12 large on average over all places within
+    a step. Of this, sum exp(-(2 pi k s)^2)/(2 pi^2 k^2) over k repeats; the rest is the scatter (Widrow and Kollar,
+    Quantization Noise, 2008, ch. 5).
+    """
+    s, k = np.linspace(0, 1, 501), np.arange(1, 101)[:, None]
+    left = s**2 + np.sum((1 - np.exp(-((2 * np.pi * k * s) ** 2))) / (2 * (np.pi * k) ** 2), axis=0)
+    return np.where(scatter > left[-1], np.sqrt(scatter), np.interp(scatter, left, s))
 
 
 def scatter_between_cycles(error: Array, cycles: Cycles) -> Array:

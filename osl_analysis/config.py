@@ -80,7 +80,7 @@ class StudySettings(Settings):
     trials: Annotated[int, Field(ge=2)]
     """Number of trials of each bench experiment."""
     campaigns: Annotated[int, Field(ge=0)]
-    """Number of campaigns of walking."""
+    """Number of campaigns of walking, and of repeated belt and transmission trials."""
     recorded: Annotated[int, Field(ge=0)]
     """Number of further walking campaigns that are written to files and ingested."""
     crossings: Annotated[int, Field(ge=3)]

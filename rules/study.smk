@@ -1,10 +1,12 @@
 """`snakemake study`: the Monte Carlo study of bias, efficiency and coverage of the estimators."""
 
 STUDY = CONFIG.study
-STUDIED = {name: (STUDY.trials, STUDY.batch) for name in STUDY_ON_BENCH} | {
-    name: (getattr(STUDY, number), batch) for name, (number, batch) in STUDY_OF_WALKING.items()
-}
-"""Trials (campaigns of walking) of each experiment, and how many of them one job takes."""
+STUDIED = (
+    {name: (STUDY.trials, STUDY.batch) for name in STUDY_ON_BENCH}
+    | {name: (STUDY.campaigns, batch) for name, batch in STUDY_OF_REPEATS.items()}
+    | {name: (getattr(STUDY, number), batch) for name, (number, batch) in STUDY_OF_WALKING.items()}
+)
+"""Trials or campaigns of each experiment, and how many of them one job takes."""
 STUDIED_BY_FILE = {name.replace(",", "").replace(" ", "_"): name for name in STUDIED}
 
 
@@ -55,6 +57,19 @@ rule study_table:
         jobs.run_job(log, "study.summarise", input, output, params)
 
 
+rule study_page:
+    input:
+        table=RESULTS / "study/study.csv",
+    output:
+        RESULTS / "study/study.md",
+    log:
+        RESULTS / "logs/study/page.log",
+    params:
+        code=jobs.code_of("study.write_page"),
+    run:
+        jobs.run_job(log, "study.write_page", input, output, params)
+
+
 rule study_figure:
     input:
         table_csv=RESULTS / "study/study.csv",
@@ -72,4 +87,5 @@ rule study_figure:
 rule study:
     input:
         rules.study_table.output,
+        rules.study_page.output,
         rules.study_figure.output,

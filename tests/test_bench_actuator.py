@@ -11,7 +11,7 @@ import yaml
 from click.testing import CliRunner
 from conftest import ROOT
 
-from osl_analysis.bench.actuator import PARAMETERS, ActuatorSignals, actuator_columns, fit_actuator
+from osl_analysis.bench.actuator import PARAMETERS, ActuatorSignals, actuator_columns, actuator_trial, fit_actuator
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.cli import main
 from osl_analysis.columns import COLUMNS
@@ -27,6 +27,7 @@ from osl_analysis.signals import LowPass
 from osl_analysis.simulator.actuator_bench import current_schedule, simulate_actuator_trial, turning
 from osl_analysis.simulator.recorder_settings import RecorderSettings
 from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.study.recorded import recorded_trial
 from osl_analysis.summary.headlines import headline_numbers
 from osl_analysis.summary.labels import ACTUATOR_LABELS
 from osl_analysis.table import read_table
@@ -83,6 +84,33 @@ def test_what_is_simulated_obeys_equations_1_and_2():
     assert log.output_torque == pytest.approx(expected, abs=1e-12)
     assert log.actuator_angle == pytest.approx(motion.theta, abs=0)
     assert truth["parameters"]["f_G"] == P.f_G
+
+
+def two_nodes(later_s):
+    """The bench without noise, its torque sampled so much later than the angle by a node of its own."""
+    phase = {"enabled": True, "size": later_s, "unit": "s"}
+    recorder = RecorderSettings.model_validate({"node": {}, "torque_node": {"phase": phase}})
+    return settings(effects=False).model_copy(update={"recorder": recorder})
+
+
+def test_friction_jumps_where_the_velocity_is_zero_whenever_the_torque_is_sampled():
+    """The curve through samples every millisecond is off by half a jump at each reversal."""
+    log, _ = simulate_actuator_trial("actuator_1", two_nodes(3e-4), P)
+    fine = turning(settings().actuator, 10 * RATE)
+    rows = np.rint((log.torque_time - log.torque_time[0] + 3e-4) * 10 * RATE).astype(int)
+    current = current_schedule(settings().actuator, 10 * RATE)[rows]
+    expected = by_hand(fine.theta[rows], fine.omega[rows], fine.alpha[rows], current)
+    assert log.output_torque == pytest.approx(expected, abs=1e-3), "alpha bends where the fade ends"
+
+
+@pytest.mark.parametrize("later_s", [0.0, 3e-4, 5e-4, 7e-4])
+def test_inertia_does_not_depend_on_when_the_torque_is_sampled(later_s):
+    """0.01 %, a sixth of a standard error; 0.05 % where friction jumped at the sample after the reversal."""
+    log, _ = simulate_actuator_trial("actuator_1", two_nodes(later_s), P)
+    motion = {"theta_m": log.actuator_angle, "current": log.motor_current}
+    trial = recorded_trial("actuator_1", log.time, motion, log.torque_time, {"torque_m": log.output_torque})
+    fit = actuator_trial(trial, ActuatorAnalysis(cutoff_hz=15, order=4, sign_width=0.002, slowest=0.5)).fit
+    assert fit["J_m"] == pytest.approx(TRUE["J_m"], rel=2e-4)
 
 
 def test_the_schedule_fades_in_and_out_with_true_derivatives():

@@ -74,12 +74,21 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> ActuatorTrial:
     InputError, IdentifiabilityError
         As `actuator_columns` and `fit_actuator`, or a signal is missing; the message names the trial.
     """
+    made = actuator_alone(trial, settings)
+    assert made.uniform is not None
+    try:
+        other = made.uniform.other()
+        return replace(made, other=None if other is None else actuator_of(other, made.motion, settings).fit)
+    except (InputError, IdentifiabilityError) as error:
+        raise type(error)(f"trial {trial.name}: {error}") from error
+
+
+def actuator_alone(trial: Trial, settings: ActuatorAnalysis) -> ActuatorTrial:
+    """As `actuator_trial`, without `other`, which costs as much again."""
     motion = next((name for name in ("theta_m", "omega_m") if name in trial.samples.columns), "theta_m")
     uniform = uniform_signals(trial, (motion, "current", "torque_m"), settings.gap_limits)
-    other = uniform.other()
     try:
-        made = actuator_of(uniform, motion, settings)
-        return replace(made, other=None if other is None else actuator_of(other, motion, settings).fit)
+        return actuator_of(uniform, motion, settings)
     except (InputError, IdentifiabilityError) as error:
         raise type(error)(f"trial {trial.name}: {error}") from error
 

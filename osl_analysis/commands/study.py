@@ -14,6 +14,7 @@ from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.study.batch import batch_rows
+from osl_analysis.study.page import page
 from osl_analysis.study.performance import performance_table
 from osl_analysis.study.trials import StudyInputs
 from osl_analysis.table import read_table, write_table
@@ -39,6 +40,11 @@ def run_batch(
     inputs = StudyInputs(study, simulation, gait, p, dynamometer, actuator_analysis, walking, sources)
     rows = batch_rows(experiment, range(first, first + number), inputs)
     write_table(pl.DataFrame(rows, infer_schema_length=None), output)
+
+
+def write_page(table: Path, output: Path) -> None:
+    """The study's table in Markdown, as docs/study.md has it, and what of it lies outside the aim."""
+    output.write_text(page(read_table(table)), encoding="utf-8")
 
 
 def summarise(batches: Sequence[Path], output: Path) -> None:

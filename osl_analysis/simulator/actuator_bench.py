@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from osl_analysis.model.drivetrain import actuator_torque
 from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.simulator.bench_recorder import recorded
+from osl_analysis.simulator.bench_recorder import Jumping, TrueSignal, recorded
 from osl_analysis.simulator.dynamometer import moved
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.schedules import ActuatorBench, Tone
@@ -44,8 +45,7 @@ def simulate_actuator_trial(
     current = current_schedule(settings.actuator, settings.dynamometer.rate_hz)
     friction = settings.effects.friction.value
     actuator = replace(p, f_C=friction * p.f_C, f_G=friction * p.f_G)
-    torque = actuator_torque(current, motion.omega, motion.alpha, actuator)
-    log, drawn = recorded_actuator(trial, motion, current, torque, settings)
+    log, drawn = recorded_actuator(trial, motion, current, actuator, settings)
     return log, bench_truth(trial, settings, actuator, None, drawn)
 
 
@@ -89,10 +89,27 @@ def tones(schedule: Sequence[Tone], time: Array) -> Array:
 
 
 def recorded_actuator(
-    trial: str, motion: JointMotion, current: Array, torque: Array, settings: SimulationSettings
+    trial: str, motion: JointMotion, current: Array, p: DrivetrainParameters, settings: SimulationSettings
 ) -> tuple[ActuatorLog, dict[str, float]]:
-    """The recorded log, and the errors that were drawn for this trial."""
-    signals = {"actuator_angle": motion.theta, "motor_current": current, "output_torque": torque}
+    """The recorded log of an actuator with these parameters, and the errors that were drawn for this trial."""
+    torque = torque_of(motion, current, p, settings.dynamometer.rate_hz)
+    signals: dict[str, TrueSignal] = {"actuator_angle": motion.theta, "motor_current": current, "output_torque": torque}
     nodes, drawn = recorded(trial, signals, settings)
     channels = {name: values for node in nodes for name, values in node.channels.items()}
     return ActuatorLog(time=nodes[0].time, torque_time=nodes[-1].time, **channels), drawn
+
+
+def torque_of(motion: JointMotion, current: Array, p: DrivetrainParameters, rate_hz: float) -> Jumping:
+    """True torque [N*m] of the actuator. Its friction jumps where the velocity is zero, and not at the next sample.
+
+    A curve through the samples has every jump half a step after a sample. A torque transducer that samples later than
+    the encoder would read all of them late, which looks like inertia.
+    """
+    between = CubicSpline(np.arange(len(current)) / rate_hz, np.stack([current, motion.omega, motion.alpha], axis=1))
+
+    def at(instants: Array) -> Array:
+        """The torque at any instants [s]."""
+        amperes, omega, alpha = between(instants).T
+        return actuator_torque(amperes, omega, alpha, p)
+
+    return Jumping(actuator_torque(current, motion.omega, motion.alpha, p), at)

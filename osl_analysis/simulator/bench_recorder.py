@@ -3,7 +3,7 @@
 With everything off a channel is sampled at the even instants of the simulation, and the stamps are those.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,6 +43,23 @@ class TopicRecording:
 
 
 @dataclass(frozen=True)
+class Jumping:
+    """A true signal that jumps, as Coulomb friction does: the curve through its samples is not what it is in between.
+
+    samples: (n,) at the even instants of the simulation. at: its values at any instants [s].
+    """
+
+    samples: Array
+    at: Callable[[Array], Array]
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+
+TrueSignal = Array | Jumping
+
+
+@dataclass(frozen=True)
 class Sampling:
     """When a node takes its samples and what it writes of them.
 
@@ -57,7 +74,7 @@ class Sampling:
 
 
 def recorded(
-    trial: str, signals: Mapping[str, Array], settings: SimulationSettings
+    trial: str, signals: Mapping[str, TrueSignal], settings: SimulationSettings
 ) -> tuple[tuple[TopicRecording, ...], dict[str, float]]:
     """What the nodes of a bench write, the torque's own last, and the numbers that were drawn for this trial.
 
@@ -81,7 +98,7 @@ class Bench:
     settings: SimulationSettings
     drawn: Mapping[str, float]
 
-    def recording(self, name: str, node: NodeSettings, signals: Mapping[str, Array]) -> TopicRecording:
+    def recording(self, name: str, node: NodeSettings, signals: Mapping[str, TrueSignal]) -> TopicRecording:
         """What one node writes of its channels."""
         duration = len(next(iter(signals.values()))) / self.settings.dynamometer.rate_hz
         sampling = self.sampling(name, node, duration)
@@ -137,7 +154,7 @@ class Bench:
                 copies[first : min(first + burst, n - 1)] = 0
         return np.repeat(np.arange(n), copies)
 
-    def reading(self, channel: str, true: Array, sampling: Sampling) -> Array:
+    def reading(self, channel: str, true: TrueSignal, sampling: Sampling) -> Array:
         """What the sensor of a channel reads at the sampled instants: dynamics, errors, noise, range and steps."""
         effects, sensor, n = self.settings.effects, self.settings.recorder.sensor(channel), len(sampling.instants)
         reading = self.sampled(true, channel, sampling)
@@ -159,16 +176,16 @@ class Bench:
             reading = np.where(failed, np.nan, reading)
         return reading
 
-    def sampled(self, true: Array, channel: str, sampling: Sampling) -> Array:
+    def sampled(self, true: TrueSignal, channel: str, sampling: Sampling) -> Array:
         """The true signal through the sensor's low-pass and delay, at the sampled instants."""
         sensor, rate = self.settings.recorder.sensor(channel), self.settings.dynamometer.rate_hz
         if sensor.low_pass.enabled:
-            true = low_passed(true, rate, sensor.low_pass)
+            true = low_passed(true.samples if isinstance(true, Jumping) else true, rate, sensor.low_pass)
         even = np.arange(len(true)) / rate
-        instants = sampling.instants - sensor.delay.value
-        if np.array_equal(instants, even):
-            return true
-        return np.asarray(CubicSpline(even, true)(np.maximum(instants, 0.0)))
+        instants = np.maximum(sampling.instants - sensor.delay.value, 0.0)
+        if isinstance(true, Jumping):
+            return true.at(instants)
+        return true if np.array_equal(instants, even) else np.asarray(CubicSpline(even, true)(instants))
 
     def torque_errors(self, instants: Array) -> Array:
         """Offset, drift, hum and 1/f noise [N*m] of a torque sensor at the sampled instants [s]."""

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from osl_analysis.bench.actuator import EDGE_PERIODS, PARAMETERS, actuator_trial
+from osl_analysis.bench.actuator import EDGE_PERIODS, PARAMETERS, actuator_alone
 from osl_analysis.bench.estimators import DEFAULT
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.model.drivetrain import actuator_torque
+from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.actuator_bench import current_schedule, recorded_actuator, turning
 from osl_analysis.simulator.dynamometer import moved
@@ -17,14 +17,14 @@ from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.study.performance import regression_bound
-from osl_analysis.study.recorded import ideal_sensors, recorded_trial
+from osl_analysis.study.recorded import at_any_phase, ideal_sensors, recorded_trial
 from osl_analysis.study.trials import Estimates, StudyInputs, estimates_of, torque_noise
 from osl_analysis.trial import Array, Trial
 
 
 @dataclass(frozen=True)
 class ActuatorExperiment:
-    """The actuator's bench: the motion and torque that every trial repeats, and the analysis.
+    """The actuator's bench: the motion and the actuator that every trial repeats, and the analysis.
 
     Attributes
     ----------
@@ -32,8 +32,8 @@ class ActuatorExperiment:
         True motion of the actuator's output.
     current
         True q-axis current [A], shape (n,).
-    torque
-        True torque [N*m] at the actuator's output, shape (n,).
+    actuator
+        Parameters that made the torque, with the friction of the settings.
     settings
         The simulated campaign.
     analysis
@@ -46,7 +46,7 @@ class ActuatorExperiment:
 
     motion: JointMotion
     current: Array
-    torque: Array
+    actuator: DrivetrainParameters
     settings: SimulationSettings
     analysis: ActuatorAnalysis
     exact: Mapping[str, float]
@@ -59,16 +59,16 @@ class ActuatorExperiment:
 
     def trial(self, name: str, ideal: bool = False) -> Trial:
         """One trial as ingest would give it. The encoder's zero lies anywhere between two of its steps."""
-        settings = ideal_sensors(self.settings) if ideal else self.settings
+        settings = ideal_sensors(self.settings) if ideal else at_any_phase(name, self.settings)
         zero = settings.effects.actuator_encoder.value * stream(settings.seed, name, "encoder_zero").random()
         motion = replace(self.motion, theta=self.motion.theta + zero)
-        log, _ = recorded_actuator(name, motion, self.current, self.torque, settings)
+        log, _ = recorded_actuator(name, motion, self.current, self.actuator, settings)
         actuator = {"theta_m": log.actuator_angle, "current": log.motor_current}
         return recorded_trial(name, log.time, actuator, log.torque_time, {"torque_m": log.output_torque})
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
         """The estimates of the pipeline's fit."""
-        fit = actuator_trial(self.trial(trial, ideal), self.analysis).fit
+        fit = actuator_alone(self.trial(trial, ideal), self.analysis).fit
         yield DEFAULT, fit.interval_method, estimates_of(fit, self.names)
 
     def bounds(self) -> dict[str, float]:
@@ -109,6 +109,5 @@ def actuator(inputs: StudyInputs) -> ActuatorExperiment:
     rate, friction = settings.dynamometer.rate_hz, settings.effects.friction.value
     _, motion = moved(turning(settings.actuator, rate), settings)
     current, true = current_schedule(settings.actuator, rate), replace(p, f_C=friction * p.f_C, f_G=friction * p.f_G)
-    torque = actuator_torque(current, motion.omega, motion.alpha, true)
     exact = {"k_tau_n_m": p.k_tau * p.n_m, "f_C": true.f_C, "f_G": true.f_G, "B_m": p.B_m, "J_m": p.J_m}
-    return ActuatorExperiment(motion, current, torque, settings, inputs.actuator, exact)
+    return ActuatorExperiment(motion, current, true, settings, inputs.actuator, exact)

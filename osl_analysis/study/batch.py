@@ -1,21 +1,19 @@
 """One batch of the study: the estimates of some trials, or some campaigns of walking, of one experiment."""
 
-from typing import Any
-
-from osl_analysis.study import BENCH, WALKING, actuator, bench, phasors, recorded, repeats
+from osl_analysis.study import BENCH, RECORDINGS, WALKING, actuator, bench, phasors, recorded, repeats
 from osl_analysis.study.trials import StudiedExperiment, StudyInputs, StudyRow, trial_rows
 from osl_analysis.study.walking import walking_rows
 
-MODULES = {"actuator": actuator, "bench": bench, "phasors": phasors, "recorded": recorded, "repeats": repeats}
+MODULES = {"actuator": actuator, "bench": bench, "phasors": phasors, "repeats": repeats}
 
 
 def studied(experiment: str, inputs: StudyInputs) -> StudiedExperiment:
     """An experiment on a bench, ready to be repeated."""
-    made: Any = inputs
-    for step in BENCH[experiment]:
-        module, _, function = step.partition(".")
-        made = getattr(MODULES[module], function)(made)
-    ready: StudiedExperiment = made
+    _, _, recording = experiment.partition(", ")
+    if recording in RECORDINGS:
+        return bench.default_only(bench.second_order(recorded.recorded_as(inputs, RECORDINGS[recording])))
+    module, _, function = BENCH[experiment].partition(".")
+    ready: StudiedExperiment = getattr(MODULES[module], function)(inputs)
     return ready
 
 

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from osl_analysis.bench.belt import belt_trial
-from osl_analysis.bench.estimators import DEFAULT, ESTIMATORS, CovarianceChoice
+from osl_analysis.bench.estimators import DEFAULT, ESTIMATORS, CovarianceChoice, FilteredSignals, fit_segments
+from osl_analysis.bench.impedance import impedance_of
 from osl_analysis.bench.segments import rows_of
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.bench.stepped_sine import RawSignals, stepped_sine_trial
+from osl_analysis.bench.stepped_sine import RawSignals, stepped_sine_alone
 from osl_analysis.bench.transmission import fit_transmission
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.model.rendering import predicted_impedance
@@ -30,7 +31,7 @@ from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.study.performance import regression_bound
-from osl_analysis.study.recorded import ideal_sensors, recorded_trial
+from osl_analysis.study.recorded import at_any_phase, ideal_sensors, recorded_trial
 from osl_analysis.study.trials import Estimates, StudyInputs, estimates_of, torque_noise
 from osl_analysis.trial import Array, Trial
 
@@ -85,7 +86,7 @@ class StudyBench:
 
     def trial(self, name: str, ideal: bool = False) -> Trial:
         """One trial as ingest would give it. The encoder's zero lies anywhere between two of its steps."""
-        settings = ideal_sensors(self.settings) if ideal else self.settings
+        settings = ideal_sensors(self.settings) if ideal else at_any_phase(name, self.settings)
         zero = settings.effects.joint_encoder.value * stream(settings.seed, name, "encoder_zero").random()
         motion = replace(self.motion, theta=self.motion.theta + zero)
         log, _ = recorded_dynamometer(name, self.command, motion, self.response, settings)
@@ -94,7 +95,7 @@ class StudyBench:
 
     def record(self, name: str, ideal: bool = False) -> RawSignals:
         """The signals of one trial of a stepped sine, as the estimators get them."""
-        return stepped_sine_trial(self.trial(name, ideal), self.analysis).raw
+        return stepped_sine_alone(self.trial(name, ideal), self.analysis).raw
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
         """The estimates of every estimator, from noisy or ideal sensors."""
@@ -117,18 +118,29 @@ class StudyBench:
 
 def impedance_fits(bench: StudyBench, trial: Trial) -> Iterator[tuple[str, str, LinearFit]]:
     """K, B and I of every estimator with the covariance of cycles, and of the default one with HAC too."""
-    record = stepped_sine_trial(trial, bench.analysis).raw
+    stepped = stepped_sine_alone(trial, bench.analysis)
+    raw, default = stepped.raw, FilteredSignals(stepped.motion, stepped.filtered_torque)
+    for method, covariance in COVARIANCES.items():
+        yield DEFAULT, method, fit_segments(raw, stepped.low_pass, default, covariance)
     for name, estimator in ESTIMATORS.items():
-        for method, covariance in COVARIANCES.items():
-            if method == "cycles" or name == DEFAULT:
-                yield name, method, estimator(record, bench.analysis.low_pass, covariance)
+        if name != DEFAULT:
+            yield name, "cycles", estimator(raw, stepped.low_pass, CovarianceChoice())
+
+
+def default_fits(bench: StudyBench, trial: Trial) -> Iterator[tuple[str, str, LinearFit]]:
+    """K, B and I as the pipeline's tables have them."""
+    yield DEFAULT, "cycles", impedance_of(stepped_sine_alone(trial, bench.analysis), None)
+
+
+def default_only(bench: StudyBench) -> StudyBench:
+    """The bench without the estimators that are no default."""
+    return replace(bench, fit=default_fits)
 
 
 def transmission_fits(bench: StudyBench, trial: Trial) -> Iterator[tuple[str, str, LinearFit]]:
     """B_j and J_j of a transmission trial."""
-    stepped = stepped_sine_trial(trial, bench.analysis)
-    *_, (_, motion, torque) = stepped.parts()
-    yield DEFAULT, "cycles", fit_transmission(motion, torque, stepped.residual_correlation(None))
+    stepped = stepped_sine_alone(trial, bench.analysis)
+    yield DEFAULT, "cycles", fit_transmission(*stepped.part(None), stepped.residual_correlation(None))
 
 
 def belt_fits(bench: StudyBench, trial: Trial) -> Iterator[tuple[str, str, LinearFit]]:
@@ -185,7 +197,8 @@ def drivetrain(inputs: StudyInputs) -> StudyBench:
 def linear_drivetrain(inputs: StudyInputs) -> StudyBench:
     """The joint of a compensated controller, without friction and hysteresis."""
     effects = inputs.simulation.effects.without("friction", "belt_hysteresis")
-    return drivetrain(replace(inputs, simulation=inputs.simulation.model_copy(update={"effects": effects})))
+    changed = inputs.simulation.model_copy(update={"effects": effects})
+    return default_only(drivetrain(replace(inputs, simulation=changed)))
 
 
 def transmission(inputs: StudyInputs) -> StudyBench:

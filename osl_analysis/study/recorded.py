@@ -6,9 +6,11 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 
-from osl_analysis.simulator.effect import Encoder
+from osl_analysis.simulator.effect import Effect, Encoder
 from osl_analysis.simulator.recorder_settings import RecorderSettings
+from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.study import Recording
 from osl_analysis.study.trials import StudyInputs
 from osl_analysis.trial import Array, Trial
 
@@ -17,13 +19,6 @@ SENSORS = (
     "load_cell_flicker", "joint_encoder", "actuator_encoder", "current_noise", "current_quantisation", "encoder_zero",
 )  # fmt: skip
 """Effects of sensors, which ideal ones do not have."""
-JITTER = {"enabled": True, "size": 20e-6, "unit": "s"}
-TWO_NODES = {"node": {"jitter": JITTER}, "torque_node": {"phase": JITTER | {"size": 3e-4}, "jitter": JITTER}}
-"""Two nodes that sample 0.3 ms apart, each with 20 us of true jitter."""
-PRINTED = {"node": {"decimals": {"enabled": True, "size": 4, "unit": "decimal"}}}
-PRINTED_RATE_HZ = 1024.0
-"""Four decimals of a second are a tenth of a step of this rate."""
-BITS = 14
 
 
 def ideal_sensors(settings: SimulationSettings) -> SimulationSettings:
@@ -43,27 +38,31 @@ def recorded_trial(
     return Trial(name, samples.join(other, on="time", how="full", coalesce=True).sort("time"))
 
 
-def with_recorder(inputs: StudyInputs, recorder: Mapping[str, object]) -> StudyInputs:
-    """The inputs with another recorder of the benches."""
-    chosen = RecorderSettings.model_validate(recorder)
-    return replace(inputs, simulation=inputs.simulation.model_copy(update={"recorder": chosen}))
+def at_any_phase(trial: str, settings: SimulationSettings) -> SimulationSettings:
+    """The settings with recorders that start anywhere between two instants of the simulated motion.
+
+    Every trial repeats the motion. With samples at the same phases of it the rounding of an encoder would repeat too.
+    """
+    later = float(stream(settings.seed, trial, "sampling_phase").random()) / settings.dynamometer.rate_hz
+    recorder = settings.recorder
+    nodes = {"node": recorder.node, "torque_node": recorder.torque_node}
+    moved = {
+        name: node.model_copy(update={"phase": Effect(enabled=True, size=node.phase.value + later, unit="s")})
+        for name, node in nodes.items()
+        if node is not None
+    }
+    return settings.model_copy(update={"recorder": recorder.model_copy(update=moved)})
 
 
-def with_jitter(inputs: StudyInputs) -> StudyInputs:
-    """The inputs with two nodes that jitter."""
-    return with_recorder(inputs, TWO_NODES)
-
-
-def with_printed_stamps(inputs: StudyInputs) -> StudyInputs:
-    """The inputs with stamps of four decimals at 1024 Hz."""
-    bench = inputs.simulation.dynamometer.model_copy(update={"rate_hz": PRINTED_RATE_HZ})
-    printed = with_recorder(inputs, PRINTED)
-    return replace(printed, simulation=printed.simulation.model_copy(update={"dynamometer": bench}))
-
-
-def with_fewer_bits(inputs: StudyInputs) -> StudyInputs:
-    """The inputs with a joint encoder of 14 bits."""
-    effects = inputs.simulation.effects
-    encoder = Encoder(enabled=True, size=BITS, unit="bit")
-    changed = effects.model_copy(update={"joint_encoder": encoder})
-    return replace(inputs, simulation=inputs.simulation.model_copy(update={"effects": changed}))
+def recorded_as(inputs: StudyInputs, recording: Recording) -> StudyInputs:
+    """The inputs with another recorder, rate or encoder of the bench."""
+    simulation = inputs.simulation
+    bench = simulation.dynamometer.model_copy(update={"rate_hz": recording.rate_hz})
+    changes: dict[str, object] = {
+        "dynamometer": bench,
+        "recorder": RecorderSettings.model_validate(recording.recorder),
+    }
+    if recording.bits is not None:
+        encoder = Encoder(enabled=True, size=recording.bits, unit="bit")
+        changes["effects"] = simulation.effects.model_copy(update={"joint_encoder": encoder})
+    return replace(inputs, simulation=simulation.model_copy(update=changes))

@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.rounding import Rounded, repeated_error
+from osl_analysis.bench.rounding import RepeatedRounding
 from osl_analysis.bench.segments import Segment, repeated_cycles
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.errors import InputError
@@ -77,13 +77,12 @@ def trial_phasors(trial: SteppedSineTrial) -> list[SegmentPhasors]:
 
 def phasors_of(trial: SteppedSineTrial, segment: Segment) -> SegmentPhasors:
     """Phasors of one segment of a trial, with the errors that the spread of its cycles does not show."""
-    cycles, repeated = repeated_cycles([segment]), list[RepeatedError | None]()
-    pairs = ((trial.theta, trial.motion.theta), (trial.torque, trial.filtered_torque))
-    for step, (signal, smooth) in zip(trial.steps, pairs, strict=True):
-        if step is None or cycles is None:
-            repeated.append(None)
-        else:
-            repeated.append(repeated_error(Rounded(step, signal, smooth), smooth, [segment], cycles))
+    cycles, rounded = repeated_cycles([segment]), trial.rounded
+    repeated = [
+        [] if cycles is None or column not in rounded
+        else [RepeatedRounding(rounded[column], rounded[column].smooth, [segment], cycles)]
+        for column in ("theta", "torque")
+    ]  # fmt: skip
     found = segment_phasors(trial.time, trial.theta, trial.torque, segment, repeated)
     return found if trial.bench is None else replace(found, compliance_error=trial.bench.compliance_error)
 
@@ -93,7 +92,7 @@ def segment_phasors(
     theta: Array,
     torque: Array,
     segment: Segment,
-    repeated: Sequence[RepeatedError | None] = (None, None),
+    repeated: Sequence[Sequence[RepeatedError]] = ((), ()),
 ) -> SegmentPhasors:
     """Phasors of one segment of the raw signals (n,) [s, rad, N*m].
 
@@ -105,9 +104,9 @@ def segment_phasors(
         As `fit_sinusoid`, naming the signal.
     """
     rows, cycles, phasors = segment.rows, repeated_cycles([segment]), []
-    for name, signal, error in (("theta", theta, repeated[0]), ("torque", torque, repeated[1])):
+    for name, signal, errors in (("theta", theta, repeated[0]), ("torque", torque, repeated[1])):
         try:
-            phasors.append(fit_sinusoid(time[rows], signal[rows], segment.frequency_hz, cycles, error))
+            phasors.append(fit_sinusoid(time[rows], signal[rows], segment.frequency_hz, cycles, errors))
         except InputError as error:
             raise InputError(f"{name} from {time[rows[0]]:.1f} s: {error}") from error
     return SegmentPhasors(segment.amplitude_deg, segment.frequency_hz, phasors[0], phasors[1])

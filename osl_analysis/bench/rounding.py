@@ -55,28 +55,27 @@ class RepeatedRounding:
     """
 
     rounded: Rounded
-    torque: Array
-    """The filtered torque (n,) [N*m]."""
+    fitted: Array
+    """The smooth signal (n,) that is fitted: the torque where the angle was rounded, or the rounded signal itself."""
     segments: Sequence[Segment]
     cycles: Cycles
     """The cycles of the segments."""
 
     def covariance(self, influence: Array) -> Array:
-        """Covariance (p, p) of estimates that change by `influence` (rows, p) with each row of the torque."""
+        """Covariance (p, p) of estimates that change by `influence` (rows, p) with each row of what is fitted."""
         p, first = influence.shape[1], 0
         total, shown = np.zeros((p, HARMONICS), dtype=complex), np.zeros((p, p))
-        smooth = CubicSpline(self.rounded.time, self.rounded.smooth)
         for segment, left in zip(self.segments, self.surviving(), strict=True):
             rows = len(segment.rows)
             if left[0] > DITHERED:
-                sums = left * np.array(list(self.cycle_sums(segment, influence[first : first + rows], smooth)))
+                sums = left * np.array(list(self.cycle_sums(segment, influence[first : first + rows])))
                 total += sums.sum(axis=0)
                 apart = sums - sums.mean(axis=0)
                 shown += len(sums) / (len(sums) - 1) * np.einsum("mpk,mqk->pq", apart, apart.conj()).real
             first += rows
         return nearest_covariance((total @ total.conj().T).real - shown)
 
-    def cycle_sums(self, segment: Segment, influence: Array, smooth: CubicSpline) -> Iterator[NDArray[np.complex128]]:
+    def cycle_sums(self, segment: Segment, influence: Array) -> Iterator[NDArray[np.complex128]]:
         """What the rounding in each cycle of a segment does to the estimates, (p, HARMONICS) each."""
         signal, first = self.rounded, 0
         stiffness, damping = self.transfer(segment)
@@ -91,15 +90,16 @@ class RepeatedRounding:
             at = signal.sampled[low:high]
             per_row = signal.rate_hz * (edges[-1] - edges[0]) / len(at)
             each = per_row * np.array([np.interp(at, signal.time[piece], column) for column in weights.T])
-            errors = rounding_harmonics(smooth(at), signal.step)
+            near = slice(max(piece.start - 2, 0), piece.stop + 2)
+            errors = rounding_harmonics(CubicSpline(signal.time[near], signal.smooth[near])(at), signal.step)
             yield from (each[:, i:j] @ errors[:, i:j].T for i, j in pairwise(cuts - low))
 
     def transfer(self, segment: Segment) -> tuple[float, float]:
-        """By how much the torque follows the signal in a segment, and its derivative; (1, 0) for the torque itself."""
+        """By how much what is fitted follows the signal and its derivative in a segment; (1, 0): the signal itself."""
         rows = segment.rows
         smooth, w = self.rounded.smooth[rows], 2 * np.pi * segment.frequency_hz
         phase = np.exp(-1j * w * self.rounded.time[rows])
-        ratio = np.sum((self.torque[rows] - np.mean(self.torque[rows])) * phase) / np.sum(
+        ratio = np.sum((self.fitted[rows] - np.mean(self.fitted[rows])) * phase) / np.sum(
             (smooth - np.mean(smooth)) * phase
         )
         return float(ratio.real), float(ratio.imag) / w

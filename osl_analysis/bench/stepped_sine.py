@@ -1,7 +1,8 @@
 """A stepped-sine trial as the fits need it: raw and filtered signals, the settled cycles, the load cell's drift."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,18 +124,17 @@ class SteppedSineTrial:
         cycles = repeated_cycles(segments)
         if cycles is None:
             return []
+        return [RepeatedRounding(one, self.filtered_torque, segments, cycles) for one in self.rounded.values()]
+
+    @cached_property
+    def rounded(self) -> Mapping[str, Rounded]:
+        """The signals, angle and torque, whose steps are known, by column."""
         pairs = {"theta": (self.theta, self.motion.theta), "torque": (self.torque, self.filtered_torque)}
-        return [
-            RepeatedRounding(
-                Rounded(step, *pair, self.time, self.sampled(column)), self.filtered_torque, segments, cycles
-            )
+        return {
+            column: Rounded(step, *pair, self.time, self.time if self.uniform is None else self.uniform.sampled(column))
             for step, (column, pair) in zip(self.steps, pairs.items(), strict=True)
             if step is not None
-        ]
-
-    def sampled(self, column: str) -> Array:
-        """When the sensor of a column took its samples [s]."""
-        return self.time if self.uniform is None else self.uniform.sampled(column)
+        }
 
 
 def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis) -> SteppedSineTrial:

@@ -51,7 +51,7 @@ class ComplexEstimate:
 
     def _se_along(self, direction: complex) -> float:
         unit = np.array([direction.real, direction.imag])
-        return float(np.sqrt(unit @ self.covariance @ unit))
+        return float(np.sqrt(max(float(unit @ self.covariance @ unit), 0.0)))
 
 
 Estimate = TypeVar("Estimate", bound=ComplexEstimate)

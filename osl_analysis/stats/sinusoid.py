@@ -1,5 +1,6 @@
 """Fit of a sine of known frequency with its harmonics: the phasor, its covariance and the distortion."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,12 +42,12 @@ def fit_sinusoid(
     signal: Array,
     frequency_hz: float,
     cycles: Cycles | None = None,
-    repeated: RepeatedError | None = None,
+    repeated: Sequence[RepeatedError] = (),
 ) -> Phasor:
     """Phasor of a settled signal (n,) at a known frequency, with offset and harmonics 2 to 5.
 
     `time` [s] sets the zero of the phase: fit angle and torque with the same times. `cycles` are the signal's cycles,
-    whose spread gives the covariance; None: it is divided from its first sample on. `repeated` is the signal's error
+    whose spread gives the covariance; None: it is divided from its first sample on. `repeated` are the signal's errors
     that every cycle repeats, to which that spread is blind.
 
     Raises

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from osl_analysis.bench.frequency_response import SegmentPhasors, segment_phasors
+from osl_analysis.bench.frequency_response import SegmentPhasors, trial_phasors
+from osl_analysis.bench.stepped_sine import stepped_sine_alone
 from osl_analysis.signals import LowPass
 from osl_analysis.stats.complex_estimate import polar_row
 from osl_analysis.study.bench import StudyBench, drivetrain
@@ -36,15 +37,14 @@ class ResponseBench:
         for segment in self.phasors(trial, ideal):
             f, row = segment.frequency_hz, polar_row(segment.admittance)
             parts = {"magnitude": "", "phase": "_deg"}
-            yield f"sinusoid, {f:g} Hz", segment.torque.interval_method, {
+            yield f"sinusoid, {f:g} Hz", "cycles", {
                 f"{part}, {f:g} Hz": Estimate(*(row[f"{part}{end}{unit}"] for end in ("", "_se", "_low", "_high")))
                 for part, unit in parts.items()
             }  # fmt: skip
 
     def phasors(self, trial: str, ideal: bool) -> list[SegmentPhasors]:
         """Phasors of each settled segment of a trial."""
-        record = self.bench.record(trial, ideal)
-        return [segment_phasors(record.time, record.theta, record.torque, segment) for segment in record.segments]
+        return trial_phasors(stepped_sine_alone(self.bench.trial(trial, ideal), self.bench.analysis))
 
     def bounds(self) -> dict[str, float]:
         """Bounds from that of a phasor in white noise, 2 sigma^2/N per quadrature.

@@ -1,12 +1,15 @@
-"""Effect of each imperfection of a gait laboratory on the estimated ankle impedance, and effect of each remedy.
+"""What each imperfection of gait, platform, plate and laboratory does to the ankle's impedance, and what mends it.
 
 Run from the repository: `python benchmarks/walking_imperfections.py`. Simulated crossings pass through C3D files,
 ingest and the walking analysis of `config/config.yaml`. The truth is the impedance that the simulated leg rendered.
-Writes the tables of `docs/walking_validation.md`; less than ten minutes on one core. The same seeds give the same
-tables.
+Writes the tables of `docs/walking_validation.md`. The remedies for plate and sensors take ten minutes on one core,
+the whole campaigns (`walking_cases.py`) half an hour on two. With `campaigns`, or names of tables of campaigns, as
+arguments only these are made. With other words the rows that have one in their labels are printed, and nothing is
+written. The same seeds give the same tables.
 """
 
 import json
+import sys
 import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -15,6 +18,8 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from walking_cases import TABLES
+from walking_headlines import headline_table
 
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.config import read_section
@@ -223,18 +228,33 @@ def cell(mean: float, error: float | None, digits: int) -> str:
 
 
 def main() -> None:
+    chosen = [name for name in TABLES if name in sys.argv[1:]]
+    words = [word for word in sys.argv[1:] if word not in (*TABLES, "campaigns")]
+    if words:
+        for name in chosen or TABLES:
+            headline_table(name, words)
+        return
+    tables = {name: headline_table(name) for name in chosen or (TABLES if "campaigns" in sys.argv[1:] else ())}
+    if len(sys.argv) == 1:
+        tables = remedy_tables() | {name: headline_table(name) for name in TABLES}
+    text = REPORT.read_text(encoding="utf-8")
+    for mark, rows in tables.items():
+        head, _, rest = text.partition(f"<!-- {mark} -->\n")
+        text = f"{head}<!-- {mark} -->\n{rows}\n<!-- end -->{rest.partition('<!-- end -->')[2]}"
+    REPORT.write_text(text, encoding="utf-8")
+
+
+def remedy_tables() -> dict[str, str]:
+    """The tables of the remedies for gait, plate and sensors, by their marks in the page."""
     shipped_settings = read_yaml(SETTINGS, SimulationSettings)
     assert shipped_settings.walking is not None
     shipped = Laboratory(shipped_settings, read_yaml(shipped_settings.walking, WalkingSettings))
     settings = read_section(CONFIG, "walking", WalkingAnalysis)
     with tempfile.TemporaryDirectory() as name:
-        everything = table(together(shipped, settings, Path(name)))
-        single = table(alone(shipped, settings, Path(name)))
-    text = REPORT.read_text(encoding="utf-8")
-    for mark, rows in (("together", everything), ("alone", single)):
-        head, _, rest = text.partition(f"<!-- {mark} -->\n")
-        text = f"{head}<!-- {mark} -->\n{rows}\n<!-- end -->{rest.partition('<!-- end -->')[2]}"
-    REPORT.write_text(text, encoding="utf-8")
+        return {
+            "together": table(together(shipped, settings, Path(name))),
+            "alone": table(alone(shipped, settings, Path(name))),
+        }
 
 
 if __name__ == "__main__":

@@ -114,6 +114,12 @@ def test_persons_and_sessions_follow_each_other_in_equal_blocks(setup: Setup, tm
     found = [condition_of(row, mixed.settings) for row in rows]
     assert [c.subject.name for c in found if c.subject] == list("AAAABBBB")
     assert [c.session for c in found] == [1, 1, 2, 2, 1, 1, 2, 2]
+    named = with_conditions(setup, subjects=people, sessions=2, stated=("subject", "session", "body_mass_kg", "side"))
+    sheet = plan_trials(named.settings).query("experiment == 'walking'").set_index("trial")
+    columns = ["subject", "session", "body_mass_kg", "side"]
+    assert sheet.loc[["walking_01", "walking_24"], columns].to_numpy().tolist() == [
+        ["A", "1", 60, "right"], ["B", "2", 90, "right"]
+    ]  # fmt: skip
     light, heavy = (decoded(mixed, tmp_path, trial, False) for trial in ("walking_01", "walking_24"))
     assert light.force[:, 2].max() / heavy.force[:, 2].max() == pytest.approx(60 / 90, rel=1e-3)
     assert np.ptp(light.stance) / np.ptp(heavy.stance) == pytest.approx(0.6 / 0.8, abs=0.01)  # one frame of 0.6 s

@@ -8,7 +8,7 @@ from osl_analysis.simulator.effect import NotNegative, Positive
 from osl_analysis.yaml_settings import Settings
 
 Direction = Literal["up", "down"]
-StatedColumn = Literal["K_d", "B_d", "direction", "subject", "session", "side", "group"]
+StatedColumn = Literal["K_d", "B_d", "direction", "subject", "session", "side", "group", "body_mass_kg"]
 
 
 class Subject(Settings):

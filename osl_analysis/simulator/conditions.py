@@ -93,6 +93,7 @@ def stated_columns(row: Mapping[str, object], settings: SimulationSettings) -> d
     lists, condition = settings.experiments.conditions, condition_of(row, settings)
     person = condition.subject.name if condition.subject else None
     facts: dict[str, object] = {"subject": person, "session": str(condition.session), "side": lists.side}
+    facts["body_mass_kg"] = condition.subject.body_mass_kg if condition.subject else None
     if row["experiment"] == "walking":
         timing = condition.stance_phase
         parts = [condition.direction, *(f"K{v:g}" for v in [condition.K_d] if v), *(f"{t:.0%}" for t in [timing] if t)]

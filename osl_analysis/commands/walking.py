@@ -86,14 +86,17 @@ def average_unperturbed(
         Every gait has too few.
     """
     unperturbed = [crossing for crossing in selected_crossings(crossings, selection) if crossing.onset is None]
-    table = read_table(selection, ["trial", "gait"])
+    names_of = {path.stem for path in crossings}
+    table = read_table(selection, ["trial", "gait", "reason"]).filter(pl.col("trial").is_in(names_of))
     served = {row["trial"]: (row["gait"] or "").split(SEPARATOR) for row in table.iter_rows(named=True)}
+    reasons = {row["trial"]: row["reason"] for row in table.iter_rows(named=True) if row["reason"]}
     names = dict.fromkeys(name for gaits in served.values() for name in gaits if name) or {ALL: None}
     gaits, problems = {}, []
     for name in names:
         try:
             own = [crossing for crossing in unperturbed if name in served[crossing.name]]
-            gaits[name] = unperturbed_gait(own, settings.fewest_unperturbed)
+            lost = {trial: why for trial, why in reasons.items() if name in (*served[trial], ALL)}
+            gaits[name] = unperturbed_gait(own, settings.fewest_unperturbed, lost)
         except InputError as error:
             problems.append(f"{error}" if name == ALL else f"{name}: {error}")
     if not gaits:

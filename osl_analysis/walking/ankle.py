@@ -15,6 +15,9 @@ from osl_analysis.walking.settings import CalibrationSettings
 Side = Literal["left", "right"]
 Vectors = dict[str, Array]
 SEGMENTS = ("foot", "shank", "platform")
+HIGHEST_FOOT = 0.05
+"""Height [m] of the foot's markers above the shank's beyond which the clusters are exchanged. Standing, they are
+lower by 0.1 m and more."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,7 @@ def calibrate_static(clusters: dict[str, Vectors], medial: Array, lateral: Array
     Raises
     ------
     InputError
-        A marker was never seen, or a cluster's markers lie on a line.
+        A marker was never seen, a cluster's markers lie on a line, or the foot's are above the shank's.
     """
     means = {
         segment: {name: mean_position(name, track) for name, track in tracks.items()}
@@ -93,10 +96,22 @@ def calibrate_static(clusters: dict[str, Vectors], medial: Array, lateral: Array
                 f"the {segment} markers {', '.join(markers)} lie on a line or are fewer than three, expected three or "
                 "more that span a plane; name others under `markers` in the configuration"
             )
+    check_heights(means["foot"], means["shank"])
     inner, outer = mean_position("medial ankle", medial), mean_position("lateral ankle", lateral)
     across = inner - outer if side == "right" else outer - inner
     centre, axis = (inner + outer) / 2, across / np.linalg.norm(across)
     return StaticCalibration(means["foot"], means["shank"], means["platform"], centre, axis)
+
+
+def check_heights(foot: Vectors, shank: Vectors) -> None:
+    """Refuse a foot whose markers (3,) [m] stand above the shank's: names or labels of the clusters are exchanged."""
+    above = float(np.mean([p[2] for p in foot.values()]) - np.mean([p[2] for p in shank.values()]))
+    if above > HIGHEST_FOOT:
+        raise InputError(
+            f"the foot markers {', '.join(foot)} stand {100 * above:.0f} cm above the shank markers "
+            f"{', '.join(shank)}: exchange them under `markers` or in Nexus; or z does not point up, then state `axes` "
+            "in the source file"
+        )
 
 
 def mean_position(name: str, track: Array) -> Array:

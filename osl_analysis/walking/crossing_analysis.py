@@ -32,6 +32,7 @@ from osl_analysis.walking.crossing import Crossing, CrossingQuality
 from osl_analysis.walking.direction import platform_turn
 from osl_analysis.walking.encoder import FEWEST_SAMPLES, EncoderCheck, compare_encoder
 from osl_analysis.walking.events import Stance, check_onset, find_onset, find_stances, only_stance
+from osl_analysis.walking.labels import exchanged_labels
 from osl_analysis.walking.load import furthest_outside, load_on_foot
 from osl_analysis.walking.orientation import check_heading, check_push, check_vertical
 from osl_analysis.walking.plate import (
@@ -49,6 +50,7 @@ from osl_analysis.walking.platform_jackknife import jackknife_rows
 from osl_analysis.walking.platform_model import ALONE, PlatformModel, inertial_motion, track_about
 from osl_analysis.walking.platform_shape import PlatformTemplate
 from osl_analysis.walking.settings import CrossingSettings
+from osl_analysis.walking.translation import check_translation
 from osl_analysis.walking.visible_frames import check_gaps, rms_residual, rows_of_stance
 
 PERTURBED_SEGMENTS = ("foot", "platform")
@@ -82,7 +84,7 @@ def analyse_crossing(
         onset = recorded.onset(perturbed, platform)
         return recorded.analysed(plate, platform, onset)
     except InputError as error:
-        text = str(error)
+        text = "; ".join(filter(None, [str(error), exchanged_labels(trial, calibration, settings)]))
         raise InputError(text if trial.name in text else f"trial {trial.name}: {text}") from error
 
 
@@ -132,6 +134,8 @@ class RecordedCrossing:
         settings = self.settings
         threshold = float(np.deg2rad(settings.perturbation_deg))
         onset = find_onset(self.time, rotation_from_rest(self.poses["platform"]), threshold)
+        if onset is None:
+            check_translation(self.time, self.poses["platform"], self.stance, 1e-3 * settings.largest_shift_mm)
         onset = None if onset is None else platform.onset(self.trial.name, onset)
         check_onset(onset, self.stance, perturbed, settings.timing)
         if onset is not None:

@@ -175,6 +175,9 @@ class CrossingSettings(PlatformMotionSettings):
     """Vertical force [N] below which a stance ends."""
     shortest_stance_s: Positive
     """Shortest stance [s]; shorter contacts are ignored."""
+    largest_shift_mm: Positive = 10.0
+    """Largest shift [mm] of a platform that does not turn. A platform that shifts further is refused: a translation is
+    not analysed, and is no unperturbed crossing. A platform yields by a few mm under a person."""
     unloaded_s: Positive | None
     """Length [s] of the interval before the step from which the plate's zero is read; null: no zero is removed."""
     foot: FootSettings | None = None

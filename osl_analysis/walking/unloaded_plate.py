@@ -9,6 +9,7 @@ from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import StaticCalibration
 from osl_analysis.walking.cluster import BodyMotion, Poses, gap_duration, reference_positions, segment_poses
+from osl_analysis.walking.labels import exchanged_labels
 from osl_analysis.walking.plate import PlateWrench, RecordedWrench, plate_centre, recorded_wrench, rotation_from_rest
 from osl_analysis.walking.plate_inertia import noise_squares
 from osl_analysis.walking.platform_motion import PlatformTrack
@@ -77,6 +78,7 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
         raise InputError(
             f"trial {trial.name}: markers {', '.join(names)} are seen together in {rows.stop - rows.start} frames in a "
             f"row, expected {FEWEST_FRAMES} or more; fill the gaps in Nexus, or record the trial again"
+            + (f"; {hint}" if (hint := exchanged_labels(trial, calibration, settings, ("platform",))) else "")
         )
     reference = reference_positions(calibration.platform, names, trial.name)
     track = PlatformTrack.of(trial.name, time[rows], poses[rows], reference, settings.low_pass)

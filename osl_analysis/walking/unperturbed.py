@@ -1,6 +1,8 @@
 """Unperturbed gait: the unperturbed crossings on a common grid of stance phase."""
 
-from collections.abc import Sequence
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,8 +46,10 @@ class UnperturbedGait:
         return at_phases(self.plate_errors.mean(axis=1), phase)
 
 
-def unperturbed_gait(crossings: Sequence[Crossing], fewest: int) -> UnperturbedGait:
-    """Crossings on the common grid of stance phase.
+def unperturbed_gait(
+    crossings: Sequence[Crossing], fewest: int, lost: Mapping[str, str] | None = None
+) -> UnperturbedGait:
+    """Crossings on the common grid of stance phase. `lost` has the reasons of those that are not used, by trial.
 
     Raises
     ------
@@ -53,6 +57,11 @@ def unperturbed_gait(crossings: Sequence[Crossing], fewest: int) -> UnperturbedG
         There are fewer than `fewest`.
     """
     if len(crossings) < fewest:
+        if lost:
+            raise InputError(
+                f"{len(crossings)} of {len(crossings) + len(lost)} unperturbed crossings can be used, expected "
+                f"{fewest} or more; {most_frequent(lost)}"
+            )
         raise InputError(
             f"{len(crossings)} unperturbed crossings ({', '.join(c.name for c in crossings) or 'none'}), expected "
             f"{fewest} or more; record more, or exclude fewer in the sheet"
@@ -63,6 +72,20 @@ def unperturbed_gait(crossings: Sequence[Crossing], fewest: int) -> UnperturbedG
     )
     stance = np.array([c.stance.duration for c in crossings])
     return UnperturbedGait(tuple(c.name for c in crossings), theta, torque, stance, plate_errors)
+
+
+def most_frequent(reasons: Mapping[str, str]) -> str:
+    """The most frequent reason by trial, with one trial's words, and how often; for a message.
+
+    Reasons that differ in numbers and in the trial's name alone are one.
+    """
+    said = {trial: why.removeprefix(f"trial {trial}: ") for trial, why in reasons.items()}
+    kinds = {trial: re.sub(r"[-+]?\d+(\.\d+)?", "#", why) for trial, why in said.items()}
+    kind, count = Counter(kinds.values()).most_common(1)[0]
+    trial = next(name for name, of in kinds.items() if of == kind)
+    others = len(reasons) - count
+    more = f"; {others} for other reasons, which walking_crossings.csv lists" if others else ""
+    return f"{count} times, as in {trial}: {said[trial]}{more}"
 
 
 def stance_times(crossing: Crossing, phases: Array = PHASES) -> Array:

@@ -176,6 +176,24 @@ def test_without_imperfections_the_rendered_stiffness_comes_out_to_half_a_percen
         assert ideal.estimate("I", estimator)["mean"] == pytest.approx(ideal.rendered("I"), abs=0.002)
 
 
+def test_a_turn_of_the_toes_down_is_measured_with_its_sign_and_not_taken_for_one_up(
+    ideal: Session, tmp_path: Path
+) -> None:
+    row = {"trial": "walking_77", "experiment": "walking", "perturbed": True, "direction": "down"}
+    load_setup().ideal().record(tmp_path, row)
+    files = {"mocap": "vicon/walking_77.c3d", "mocap_source": "vicon"}
+    ingest_trial(row | files, tmp_path, ROOT / "config/sources", tmp_path / "w.parquet")
+    common = tmp_path / "w.parquet", ideal.calibration, ideal.plate, True, settings()
+    analyse(*common, tmp_path / "down.parquet", "down")
+    turn = read_crossing(tmp_path / "down.parquet").turn
+    assert turn is not None
+    assert np.rad2deg(turn) == pytest.approx(-5, abs=0.1)
+    with pytest.warns(UserWarning, match=r"walking_77: the platform turned by -5\.\d deg .* expected 'down'"):
+        analyse(*common, tmp_path / "up.parquet", "up")
+    assert isinstance(read_crossing_file(tmp_path / "up.parquet"), RefusedCrossing)
+    assert {read_crossing(ideal.crossing(name)).sign for name in ideal.perturbed} == {1}
+
+
 def test_the_onset_is_the_platforms(real: Session) -> None:
     late = [read_crossing(real.crossing(n)).onset - real.truth(n)["onset_s"] for n in real.perturbed]  # type: ignore[operator]
     assert abs(np.mean(late)) < 0.004

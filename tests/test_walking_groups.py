@@ -17,9 +17,10 @@ from osl_analysis.walking.conditions import gaits_served, label, split_keys
 from osl_analysis.walking.direction import check_direction, platform_turn
 from osl_analysis.walking.ensemble import ensemble_response, freedom_of, joining_weights
 from osl_analysis.walking.group_table import fitted_time
-from osl_analysis.walking.groups import timings
+from osl_analysis.walking.groups import onset_phases, timings
 from osl_analysis.walking.headline import group_headline
 from osl_analysis.walking.response_fit import fit_response
+from osl_analysis.walking.selection import selection_rows
 from osl_analysis.walking.settings import WalkingAnalysis
 from osl_analysis.walking.unperturbed import unperturbed_gait
 from osl_analysis.yaml_settings import validated
@@ -205,6 +206,16 @@ def test_each_subject_has_a_gait_of_its_own(tmp_path):
         assert (facts["n"], facts["n_unperturbed"], facts["gait"]) == (5, 5, f"subject {subject}")
 
 
+def test_a_person_who_walks_slower_than_the_others_is_no_outlier_among_them():
+    walks = several("a", 7, MIDSTANCE) | several("au", 7, Walk())
+    slow = several("b", 3, MIDSTANCE, stance=0.9) | several("bu", 3, Walk(stance=0.9))
+    sheet = {name: {"perturbed": walk.phase is not None} for name, walk in (walks | slow).items()}
+    of_two = {name: cells | {"subject": name[0]} for name, cells in sheet.items()}
+    mixed, apart = (selection_rows(crossings(walks | slow), [], settings(), each) for each in (sheet, of_two))
+    assert {name for name, row in mixed.items() if row["status"] == "outlier"} == set(slow)
+    assert {row["status"] for row in apart.values()} == {"used"}
+
+
 def test_an_unperturbed_crossing_without_a_value_serves_every_value():
     gaits = {"K_d 200": {"K_d": 200.0}, "K_d 400": {"K_d": 400.0}}
     assert gaits_served({"K_d": None}, gaits, ["K_d"]) == ["K_d 200", "K_d 400"]
@@ -257,6 +268,13 @@ def test_a_group_without_a_result_has_rows_that_say_why_and_the_others_go_on(tmp
 # Timing
 
 
+def test_the_phase_of_an_onset_is_a_share_of_the_mean_stance_of_its_gait():
+    slow = walked("slow", Walk(0.4, stance=0.9))
+    since = slow.onset - slow.stance.heel_strike
+    np.testing.assert_allclose(onset_phases([slow], 0.75), [since / 0.75])
+    np.testing.assert_allclose(onset_phases([slow], None), [since / slow.stance.duration])
+
+
 def test_timings_are_parted_by_clear_gaps_and_one_protocol_s_scatter_is_not():
     random = np.random.default_rng(2)
     for _ in range(200):
@@ -265,6 +283,12 @@ def test_timings_are_parted_by_clear_gaps_and_one_protocol_s_scatter_is_not():
     np.testing.assert_array_equal(timings(phases, 0.05), [1] * 6 + [0] * 6)
     close = np.concatenate([0.40 + 0.004 * random.standard_normal(6), 0.46 + 0.004 * random.standard_normal(6)])
     np.testing.assert_array_equal(timings(close, 0.05), [0] * 6 + [1] * 6)  # their SD is 0.03
+
+
+def test_a_slow_crossing_at_the_edge_of_its_timing_stays_in_it():
+    """Three timings; the last one has a crossing 4 % of stance before and one after the others."""
+    phases = np.array([0.19, 0.20, 0.20, 0.39, 0.40, 0.41, 0.56, 0.60, 0.605, 0.61, 0.65])
+    np.testing.assert_array_equal(timings(phases, 0.05), [0] * 3 + [1] * 3 + [2] * 5)
 
 
 def test_timings_without_a_gap_are_cut_into_narrow_bins():

@@ -86,21 +86,36 @@ def onset_phases(crossings: Sequence[Crossing], stance: float | None) -> Array:
 def timings(phases: Array, scatter: float) -> NDArray[np.intp]:
     """The timing (n,) of each onset phase (n,), counted from 0 in the order of phase.
 
-    Phases are cut at gaps above `CLEAR_GAP`, if their SD is above `scatter` or the gap has `FEWEST_BESIDE_GAP` phases
-    or more on either side. A part whose SD is still above `scatter` is cut into equal bins of at most twice `scatter`.
+    Phases are cut at their largest gap, then each part again, while `clear_gap` finds one. A part whose SD is still
+    above `scatter` is cut into equal bins of at most twice `scatter`.
     """
-    order = np.argsort(phases, kind="stable")
-    ordered = phases[order]
-    gaps = np.flatnonzero(np.diff(ordered) > CLEAR_GAP) + 1
-    if not wide(ordered, scatter):
-        inside = (gaps >= FEWEST_BESIDE_GAP) & (gaps <= len(ordered) - FEWEST_BESIDE_GAP)
-        gaps = gaps[inside]
     numbers, count = np.empty(len(phases), dtype=np.intp), 0
-    for rows in np.split(order, gaps):
+    for rows in parted(phases, np.argsort(phases, kind="stable"), scatter):
         bins = equal_bins(phases[rows], scatter) if wide(phases[rows], scatter) else np.zeros(len(rows), dtype=np.intp)
         numbers[rows] = count + bins
         count += int(bins.max(initial=-1)) + 1
     return numbers
+
+
+def parted(phases: Array, order: NDArray[np.intp], scatter: float) -> list[NDArray[np.intp]]:
+    """The parts between clear gaps of phases (n,), whose indices are given in their `order` (k,)."""
+    cut = clear_gap(phases[order], scatter)
+    if cut is None:
+        return [order]
+    return [part for half in (order[:cut], order[cut:]) for part in parted(phases, half, scatter)]
+
+
+def clear_gap(ordered: Array, scatter: float) -> int | None:
+    """Where the largest gap above `CLEAR_GAP` of ordered phases (n,) ends; None without one.
+
+    If their SD is that of one timing, a gap counts only with `FEWEST_BESIDE_GAP` phases or more on either side: one
+    crossing alone is no timing.
+    """
+    least = 1 if wide(ordered, scatter) else FEWEST_BESIDE_GAP
+    gaps = np.diff(ordered)[least - 1 : max(len(ordered) - least, 0)]
+    if not len(gaps) or gaps.max() <= CLEAR_GAP:
+        return None
+    return int(np.argmax(gaps)) + least
 
 
 def wide(phases: Array, scatter: float) -> bool:

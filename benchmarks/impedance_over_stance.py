@@ -1,0 +1,98 @@
+"""Impedance over stance: how often the intervals of a simulated campaign cover what the leg rendered, and the figure.
+
+Run from the repository: `python benchmarks/impedance_over_stance.py [campaigns]`. The leg follows the trajectory of
+`config/impedance/synthetic_walking.csv`; the platform turns at four timings. Crossings pass through the simulated
+sensors' noise and the walking analysis of `config/config.yaml`, not through files. Prints the coverage at each timing,
+and writes the figure of `docs/impedance_over_stance.md`. About ten seconds a campaign. The same seeds give the same.
+"""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.commands.figure import draw_table
+from osl_analysis.commands.over_stance import over_stance
+from osl_analysis.config import read_section
+from osl_analysis.parameters import read_parameters
+from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.study.laboratory import StudyLaboratory
+from osl_analysis.walking.group_table import fitted_time
+from osl_analysis.walking.headline import group_headline
+from osl_analysis.walking.over_stance import trajectory_points, with_trajectory
+from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.walking.unperturbed import unperturbed_gait
+from osl_analysis.yaml_settings import read_yaml
+
+SETTINGS, CONFIG, FIGURE = Path("config/simulation"), Path("config/config.yaml"), Path("docs/impedance_over_stance.png")
+TRAJECTORY, STANCE_SHARE = Path("config/impedance/synthetic_walking.csv"), 0.62
+TIMINGS = (0.18, 0.33, 0.51, 0.69)
+"""Phases of stance at which the ramp is commanded."""
+CROSSINGS = 10
+"""Perturbed crossings at each timing, and unperturbed crossings, in a campaign."""
+RESAMPLES = 500
+QUANTITIES = ("K", "B", "I")
+
+
+def laboratory() -> StudyLaboratory:
+    """The shipped gait laboratory."""
+    settings = read_yaml(SETTINGS / "default.yaml", SimulationSettings)
+    analysis = read_section(CONFIG, "walking", WalkingAnalysis).model_copy(update={"bootstrap_samples": RESAMPLES})
+    gait = read_yaml(SETTINGS / "walking.yaml", WalkingSettings)
+    return StudyLaboratory(settings, gait, read_parameters(Path("config/parameters/default.yaml")), analysis)
+
+
+def at_timing(shipped: StudyLaboratory, phase: float) -> StudyLaboratory:
+    """The laboratory whose platform turns at another phase of stance, with the shipped scatter."""
+    first, last = shipped.gait.perturbation.stance_phase
+    half = (last - first) / 2
+    ramp = shipped.gait.perturbation.model_copy(update={"stance_phase": (phase - half, phase + half)})
+    return replace(shipped, gait=shipped.gait.model_copy(update={"perturbation": ramp}))
+
+
+def campaign(number: int, shipped: StudyLaboratory) -> list[dict[str, object]]:
+    """Rows as in `impedance_over_stance.csv` with the truth: the same estimator's for the perturbations alone."""
+    names = [f"over_{number:04d}_{k}" for k in range(CROSSINGS)]
+    gait = unperturbed_gait([shipped.unperturbed(f"{name}_u") for name in names], 3)
+    rows, stance = [], float(np.mean(gait.stance))
+    for timing in TIMINGS:
+        walked = [at_timing(shipped, timing).perturbed(f"{name}_{timing:g}") for name in names]
+        result = group_headline([one.crossing for one in walked], gait, shipped.analysis)
+        onset = float(np.mean([(one.crossing.onset - one.crossing.stance.heel_strike) / stance for one in walked]))
+        phase = onset + fitted_time(result.ensemble, shipped.analysis.timing) / stance
+        places = {"phase": phase, "onset_phase": onset, "end_phase": onset + shipped.analysis.window_s / stance}
+        for quantity in QUANTITIES:
+            low, high = result.resampled.interval(quantity)
+            row = {"series": "all", "quantity": quantity, "timing": timing, **places, "low": low, "high": high}
+            truth = float(np.mean([getattr(one.exact, quantity) for one in walked]))
+            rows.append(row | {"estimate": getattr(result.ensemble.fit, quantity), "truth": truth, "commanded": None})
+    return rows
+
+
+def main(campaigns: int, first: int = 0) -> None:
+    """Print the coverage and the error at each timing; draw the first campaign."""
+    shipped = laboratory()
+    rows = [row | {"campaign": k} for k in range(first, first + campaigns) for row in campaign(k, shipped)]
+    table = pl.DataFrame(rows, schema_overrides={"commanded": pl.Float64})
+    covered = (pl.col("low") <= pl.col("truth")) & (pl.col("truth") <= pl.col("high"))
+    error = pl.col("estimate") - pl.col("truth")
+    order = pl.col("quantity").replace_strict({q: i for i, q in enumerate(QUANTITIES)}, return_dtype=pl.Int64)
+    by_timing = table.group_by("quantity", "timing").agg(
+        covered.sum().alias("covered"), pl.len().alias("of"), pl.col("phase").mean(), pl.col("truth").mean(),
+        error.mean().alias("bias"), (error.std() / pl.len().sqrt()).alias("bias_se"),
+        ((pl.col("high") - pl.col("low")) / 2).mean().alias("half_width"),
+    )  # fmt: skip
+    with pl.Config(tbl_rows=-1, tbl_cols=-1, tbl_width_chars=200):
+        print(by_timing.sort(order, "timing"))
+        print(table.group_by("quantity").agg(covered.mean().alias("coverage"), pl.len()).sort(order))
+    if first == 0:
+        curve = over_stance(TRAJECTORY, STANCE_SHARE)
+        shown = with_trajectory(table.filter(pl.col("campaign") == 0).drop("truth", "timing", "campaign"), *curve)
+        draw_table("impedance_over_stance", pl.concat([shown, trajectory_points(*curve)], how="diagonal"), [FIGURE])
+
+
+if __name__ == "__main__":
+    main(*(int(argument) for argument in sys.argv[1:] or ["100"]))

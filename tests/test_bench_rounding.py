@@ -186,3 +186,12 @@ def test_scatter_between_cycles_is_that_of_what_does_not_repeat():
     assert scatter_between_cycles(repeats, cycles) == pytest.approx([0, 0], abs=1e-20)
     noisy = repeats + np.repeat([0.1, 0.3], 500) * rng.standard_normal(1000)
     assert scatter_between_cycles(noisy, cycles) == pytest.approx([0.01, 0.09], rel=0.2)
+
+
+def test_the_fits_of_a_trial_know_what_the_filter_took_off_the_torque():
+    """Without it the spread between cycles is that of noise which the filter has correlated."""
+    stepped = stepped_sine_trial(record(3, 1000.0), SETTINGS)
+    rows = rows_of(stepped.segments(None))
+    taken = stepped.residual_correlation(None).filtered_off
+    np.testing.assert_allclose(taken, (stepped.torque - stepped.filtered_torque)[rows])
+    assert np.std(taken) == pytest.approx(0.05, rel=0.05)

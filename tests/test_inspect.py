@@ -280,6 +280,40 @@ def test_a_drafted_c3d_source_is_complete(tmp_path: Path) -> None:
     assert some.markers[1].startswith('a\x1b[2J": {x\n# y')
 
 
+MARKERS = ["S01:FOOT1", "FOOT2", "HEEL", "SHANK1", "SHANK2", "TIB_M", "PLAT1", "PLAT2", "ANKLE_MED", "ANK_L", "C7"]
+
+
+def walking_draft(path: Path, labels: list[str]) -> str:
+    """The lines of the draft that are the section `walking`, without their comment signs."""
+    write_c3d(path, np.ones((4, len(labels), 4)), np.ones((8, 1)), POINT__LABELS=labels)
+    text = draft_source(inspect_file(path), path.name)
+    (path.parent / "source.yaml").write_text(text)
+    assert read_source(path.parent / "source.yaml").markers == "all"  # it is a draft, below a source file that is whole
+    return "\n".join(line.removeprefix("# ") for line in text.partition("# Draft of the section")[2].splitlines()[1:])
+
+
+def test_a_capture_of_walking_drafts_the_walking_section_and_asks_for_what_names_do_not_tell(tmp_path: Path) -> None:
+    draft = walking_draft(tmp_path / "a.c3d", MARKERS)
+    walking = yaml.safe_load(draft)["walking"]
+    assert walking == {
+        "side": "UNKNOWN",
+        "plate": "UNKNOWN",
+        "markers": {
+            "foot": ["S01:FOOT1", "FOOT2", "HEEL"],
+            "shank": ["SHANK1", "SHANK2", "TIB_M"],
+            "platform": ["PLAT1", "PLAT2"],
+            "ankle_medial": "ANKLE_MED",
+            "ankle_lateral": "ANK_L",
+        },
+    }
+    assert 'platform: ["PLAT1", "PLAT2"]  # UNKNOWN: a cluster has 3 or more' in draft
+    assert "named in the static trial" in walking_draft(tmp_path / "b.c3d", MARKERS[:8])
+
+
+def test_a_capture_without_a_platform_drafts_no_walking_section(tmp_path: Path) -> None:
+    assert walking_draft(tmp_path / "a.c3d", MARKERS[:6]) == ""
+
+
 @pytest.mark.parametrize("kind", ["mcap", "c3d", "csv", "nexus"])
 def test_nothing_of_a_file_reaches_the_terminal_raw_or_leaves_its_quotes(tmp_path: Path, kind: str) -> None:
     path = tmp_path / f"a.{kind}"

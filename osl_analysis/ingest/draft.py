@@ -7,6 +7,7 @@ every control character as an escape.
 import json
 
 from osl_analysis.columns import COLUMNS
+from osl_analysis.ingest.draft_walking import draft_walking
 from osl_analysis.ingest.known_formats import FORMATS
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 
@@ -39,14 +40,14 @@ def log_lines(overview: Overview) -> list[str]:
 
 
 def capture_lines(overview: Overview) -> list[str]:
-    """All markers; analog channels and model outputs as comments, for the user to name."""
+    """All markers; analog channels and model outputs as comments, for the user to name; so is a walking section."""
     labels = [json.dumps(c.address["label"]) for c in overview.channels if c.kind == "marker"]
     lines = ["markers: all", f"# or some: markers: [{', '.join(dict.fromkeys(labels))}]"]
     for key, kinds in (("analogs", ("analog", "device")), ("outputs", ("model output",))):
         channels = [c for c in overview.channels if c.kind in kinds]
         lines += [f"# {key}:"] if channels else []
         lines += [f"# {channel_line(number, channel)}" for number, channel in enumerate(channels, start=1)]
-    return lines
+    return [*lines, *draft_walking(overview)]
 
 
 def channel_line(number: int, channel: RecordedChannel) -> str:

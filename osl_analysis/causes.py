@@ -112,6 +112,17 @@ REMEDIES: dict[str, str | Words] = {
     "coulomb_share": "this share of B is Coulomb friction and not damping",
     "stiffening": "the spring stiffens by this share up to the largest amplitude, or softens if it is negative",
     "backlash_share": "this share of K is lost to backlash, the play between joint and bench",
+    "coherence": "perturbations cancel each other, look at their directions and onsets",
+    "outside_interval": "an estimate lies outside its own interval, look at the single responses for one unlike the "
+    "others",
+    "heterogeneity": "perturbations show several stiffnesses, state K_d or group in the sheet to part them",
+    "onset_phase_sd": "perturbations begin at several phases of stance, name timing under walking.group_by",
+    "uncorrected_stance_change": "the perturbation changes the stance, set walking.perturbed_stance: matched",
+    "residual_over_gait": "neither a second-order joint nor ordinary gait explains the torque, look for clipped "
+    "channels and a second foot",
+    "estimator_difference": "the fit to the mean response and the mean of the single fits disagree, look at the single "
+    "responses",
+    "K_se_share": "record more crossings, or larger perturbations",
 }
 """By column of a result table: what a number beyond its limit means, and what to do; as words, or as a function of the
 number and its row. No text contains a semicolon, which separates the reasons."""

@@ -69,6 +69,7 @@ class Experiment:
     mocap: source file of the simulated capture; None if the simulator records none.
     tables: the result tables with rows of every trial; the fit writes them in this order.
     further_tables: result tables that separate rules compute from all trials together.
+    judged_further: those of them whose rows have limits under `doubtful` in the configuration.
     fit: the job that fits one trial; None if separate rules do this.
     """
 
@@ -85,6 +86,7 @@ class Experiment:
     mocap: str | None = None
     tables: tuple[Table, ...] = ()
     further_tables: tuple[str, ...] = ()
+    judged_further: tuple[str, ...] = ()
     fit: Fit | None = None
 
     @property
@@ -188,6 +190,7 @@ EXPERIMENTS: dict[str, Experiment] = {
             "plate",
             "platform",
         ),
+        judged_further=("walking_groups",),
     ),
     "overground": Experiment(
         "overground gait with a reference ankle moment in the file",
@@ -210,4 +213,5 @@ RENAMED = {"gait": "overground", "recording": "ingest_only"}
 
 def judged_tables() -> tuple[str, ...]:
     """The tables whose fits have limits under `doubtful` in the configuration."""
-    return tuple(table.name for facts in EXPERIMENTS.values() for table in facts.tables if table.judged)
+    fitted = [table.name for facts in EXPERIMENTS.values() for table in facts.tables if table.judged]
+    return (*fitted, *(name for facts in EXPERIMENTS.values() for name in facts.judged_further))

@@ -171,6 +171,7 @@ rule summarise_walking:
         code=jobs.code_of("walking.summarise_perturbations"),
         settings=CONFIG.walking.part("EnsembleSettings"),
         sheet=CAMPAIGN.conditions(),
+        limits=CONFIG.doubtful.of("walking_groups").model_dump(mode="json"),
     run:
         jobs.run_job(log, "walking.summarise_perturbations", input, output, params)
 

@@ -44,6 +44,7 @@ class Number(Settings):
     n: int
     n_doubtful: int
     n_left_out: int
+    doubt: str | None = None
     draft: float | None
     meaning: str
     amplitudes_low: float | None = None

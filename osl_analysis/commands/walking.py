@@ -9,7 +9,7 @@ import polars as pl
 
 from osl_analysis.commands.unperturbed_file import read_unperturbed_gaits, write_unperturbed_gaits
 from osl_analysis.commands.walking_files import read_crossing, read_crossing_files
-from osl_analysis.doubtful import EXCLUDED, doubtful_row
+from osl_analysis.doubtful import DOUBTFUL, EXCLUDED, Doubt, doubtful_row, marked
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
@@ -17,6 +17,7 @@ from osl_analysis.walking.conditions import ALL, statements
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.group_table import commanded, fitted_time, group_row, groups_of
 from osl_analysis.walking.headline import Headline, group_headline
+from osl_analysis.walking.headline_doubts import group_facts
 from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.selection import SEPARATOR, selection_rows
 from osl_analysis.walking.settings import (
@@ -27,6 +28,7 @@ from osl_analysis.walking.settings import (
     UnperturbedSettings,
 )
 from osl_analysis.walking.tables import (
+    ENSEMBLE,
     excluded_crossings,
     headline_rows,
     perturbation_row,
@@ -139,12 +141,13 @@ def summarise_perturbations(
     excluded: Path,
     groups: Path,
     sheet: Mapping[str, Mapping[str, Any]] | None = None,
+    limits: Doubt | None = None,
 ) -> None:
     """Per group the mean over perturbations and the ensemble fit to `output`, its conditions to `groups`, every
     response in its window to `responses`, and the crossings that are not used, with the reason, to `excluded`.
 
     `table` is `walking.csv`, `crossings` are the perturbed ones, `selection` is `walking_crossings.csv`. A group
-    without a result has rows with the reason.
+    without a result has rows with the reason. A group beyond one of the `limits` is doubtful, and so is its ensemble.
 
     Raises
     ------
@@ -173,7 +176,8 @@ def summarise_perturbations(
             warnings.warn(f"no result of {group.name}: {error}", stacklevel=2)
             rows += [known | row for row in reason_rows(str(error), len(own))]
         else:
-            fact["fitted_phase"] = phase_after(fact, fitted_time(headline.ensemble, settings.timing))
+            fact |= {"fitted_phase": phase_after(fact, fitted_time(headline.ensemble, settings.timing))}
+            fact |= group_facts(headline)
             rows += [
                 known | row | {"commanded": commanded(group.cells, str(row["quantity"])), "reason": None}
                 for row in headline_rows(headline, own, doubtful_row(own))
@@ -183,8 +187,11 @@ def summarise_perturbations(
     if not curves:
         said = "; ".join(reason if name == ALL else f"{name}: {reason}" for name, reason in why.items())
         raise InputError(f"{table}: no result from {len(fits)} perturbations: {said}; see {excluded.name}")
+    judged = marked(pl.DataFrame(facts, infer_schema_length=None), limits or Doubt(), "walking_groups")
+    doubts = dict(zip(judged["group"], judged[DOUBTFUL], strict=True))
+    rows = [row | {"doubt": doubts[str(row["group"])] if row["estimator"] == ENSEMBLE else None} for row in rows]
     write_table(pl.DataFrame(rows, infer_schema_length=None), output)
-    write_table(pl.DataFrame(facts, infer_schema_length=None), groups)
+    write_table(judged, groups)
     write_table(pl.concat(curves), responses)
 
 

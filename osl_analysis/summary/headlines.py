@@ -86,6 +86,8 @@ class Headline(Label):
     """Number of doubtful trials or fits among those that could be in the number."""
     n_left_out: int = 0
     """Number of these that are not in it."""
+    doubt: str | None = None
+    """Why the number itself is doubtful; None if it is not, or not judged."""
     amplitudes_low: float | None = None
     """Lowest result of the fits to single amplitudes; None if there are none."""
     amplitudes_high: float | None = None
@@ -210,7 +212,8 @@ def summary_means(table: pl.DataFrame, labels: Mapping[str, Label], interval: st
             )
         found = headline(label, mean, int(n), Interval(low, high, interval))
         doubtful, left_out = (int(rows[quantity].get(column) or 0) for column in ("n_doubtful", "n_left_out"))
-        numbers.append(replace(found, n_doubtful=doubtful, n_left_out=left_out))
+        doubt = rows[quantity].get("doubt") or None
+        numbers.append(replace(found, n_doubtful=doubtful, n_left_out=left_out, doubt=doubt))
     return numbers
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from osl_analysis.summary.headlines import COUNT, RANGE, Headline
 
 AMPLITUDES = ("amplitudes_low", "amplitudes_high")
-KEPT = ("value", "unit", "low", "high", "interval", "n", "n_doubtful", "n_left_out", "draft", "meaning")
+KEPT = ("value", "unit", "low", "high", "interval", "n", "n_doubtful", "n_left_out", "doubt", "draft", "meaning")
 MACRO_PREFIX = "osl"
 ROUNDING = 1e-9
 """Relative width of an interval that counts as rounding."""
@@ -72,7 +72,10 @@ def to_markdown(numbers: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def trials_text(number: Mapping[str, Any]) -> str:
-    """Number of trials or fits behind a number, and how many doubtful ones are among them or were left out."""
+    """Number of trials or fits behind a number, and how many doubtful ones are among them or were left out; or why the
+    number itself is doubtful."""
+    if number.get("doubt"):
+        return f"{number['n']}, DOUBTFUL: {number['doubt']}"
     n, doubtful, left_out = (int(number.get(key) or 0) for key in ("n", "n_doubtful", "n_left_out"))
     if left_out:
         return f"{n} of {n + left_out}, {left_out} doubtful left out"
@@ -81,7 +84,7 @@ def trials_text(number: Mapping[str, Any]) -> str:
 
 def tex_remark(h: Headline) -> str:
     """The same for the comment of a macro; empty without doubtful trials."""
-    return f", n = {trials_text(asdict(h))}" if h.n_doubtful else ""
+    return f", n = {trials_text(asdict(h))}" if h.n_doubtful or h.doubt else ""
 
 
 def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, str | None]:

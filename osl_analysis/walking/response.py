@@ -8,6 +8,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import Motion, differentiate, sampling_rate
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.phase import aligned_gait
 from osl_analysis.walking.settings import StanceSource, Timing
 from osl_analysis.walking.unperturbed import UnperturbedGait, signal_at
 
@@ -29,6 +30,9 @@ class PerturbationResponse:
     plate_errors: changes (m, k) [N*m] of the torque if the plate's model is identified without each of m plate trials.
     timing: window, baseline and guard.
     sign: -1 if the platform turned the toes down, else 1.
+    stance: duration of stance [s] that converts time to phase.
+    stance_change: own duration over the one that the gait before the onset leads to expect, minus 1.
+    matched: whether phase follows the gait before the onset.
     """
 
     name: str
@@ -40,6 +44,9 @@ class PerturbationResponse:
     plate_errors: Array
     timing: Timing
     sign: int = 1
+    stance: float = float("nan")
+    stance_change: float = 0.0
+    matched: bool = False
 
     @property
     def window(self) -> slice:
@@ -68,33 +75,45 @@ def isolate_response(
 ) -> PerturbationResponse:
     """The crossing's response to its perturbation.
 
-    Phase is the time since heel strike divided by a duration of stance. With `own` this is the crossing's own duration.
-    With the other choice it is the mean of the unperturbed crossings, for perturbations that change the duration. The
-    baseline ends before the onset, because the filter spreads the response to earlier times. A response zeroed at the
-    onset itself gives K = 321 N*m/rad for a true 340.
+    Phase is the time since heel strike divided by a duration of stance. With `own` this is the crossing's own duration,
+    with `unperturbed` the mean of the unperturbed crossings. With `matched` it is the duration at which the crossing's
+    angle and torque before the onset are most like the mean unperturbed gait; the unperturbed crossings are matched in
+    the same way. The baseline ends before the onset, because the filter spreads the response to earlier times. A
+    response zeroed at the onset itself gives K = 321 N*m/rad for a true 340.
 
     Raises
     ------
     InputError
-        The crossing has no onset, or baseline or window leave the stance.
+        The crossing has no onset, baseline or window leave the stance, or no duration matches.
     """
     if crossing.onset is None:
         raise InputError(
             f"trial {crossing.name}: no onset, expected a perturbed crossing; mark it as unperturbed in the sheet"
         )
-    stance = crossing.stance.duration if perturbed_stance == "own" else float(np.mean(gait.stance))
+    aligned = aligned_gait(crossing, gait, perturbed_stance)
     time = response_times(sampling_rate(crossing.time), timing)
-    phase = (crossing.onset + time - crossing.stance.heel_strike) / stance
+    phase = (crossing.onset + time - crossing.stance.heel_strike) / aligned.stance
     check_phase(crossing.name, phase[MARGIN:-MARGIN])
     own_time, phase = crossing.onset + time, np.clip(phase, 0.0, 1.0)
-    thetas = signal_at(crossing, crossing.theta, own_time) - gait.theta_at(phase)
-    torques = signal_at(crossing, crossing.torque, own_time) - gait.torque_at(phase)
+    thetas = signal_at(crossing, crossing.theta, own_time) - aligned.curves(gait.theta, phase)
+    torques = signal_at(crossing, crossing.torque, own_time) - aligned.curves(gait.torque, phase)
     errors = signal_at(crossing, crossing.plate_errors, own_time) - gait.mean_plate_errors_at(phase)
     baseline = slice(MARGIN, MARGIN + round(timing.baseline * sampling_rate(time)))
     thetas, torques, errors = (without_baseline(curves, baseline) for curves in (thetas, torques, errors))
-    motion = differentiate(time, thetas.mean(axis=0))
-    torque = torques.mean(axis=0)
-    return PerturbationResponse(crossing.name, time, motion, torque, thetas, torques, errors, timing, crossing.sign)
+    return PerturbationResponse(
+        name=crossing.name,
+        time=time,
+        motion=differentiate(time, thetas.mean(axis=0)),
+        torque=torques.mean(axis=0),
+        thetas=thetas,
+        torques=torques,
+        plate_errors=errors,
+        timing=timing,
+        sign=crossing.sign,
+        stance=aligned.stance,
+        stance_change=aligned.stance_change,
+        matched=perturbed_stance == "matched",
+    )
 
 
 def check_phase(name: str, phase: Array) -> None:

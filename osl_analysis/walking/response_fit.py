@@ -90,14 +90,16 @@ def jackknife_covariance(changes: Array) -> Array:
     return (m - 1) ** 2 / m * np.cov(changes, rowvar=False) if m > 1 else np.zeros((p, p))
 
 
-def offset_comparison(response: PerturbationResponse, K: float) -> dict[str, float | None]:
-    """A fit with an offset [N*m], for comparison. A large difference shows that the response is not of second order.
+def offset_comparison(motion: Motion, torque: Array, K: float) -> dict[str, float | None]:
+    """A fit to a motion and torque (n,) with an offset [N*m], for comparison.
+
+    A large difference shows that the response is not of second order.
 
     `offset_share` is the relative decrease of K [N*m/rad] in the fit with an offset. All are null if that fit is
     impossible.
     """
     try:
-        free = fit_impedance(response.fitted_motion, response.fitted_torque)
+        free = fit_impedance(motion, torque)
     except IdentifiabilityError:
         return {"offset": None, "K_with_offset": None, "offset_share": None}
     return {"offset": free.offset, "K_with_offset": free.K, "offset_share": 1 - free.K / K}

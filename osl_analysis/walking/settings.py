@@ -10,7 +10,7 @@ from osl_analysis.yaml_settings import Positive, Settings
 
 NotNegative = Annotated[float, Field(ge=0)]
 Cluster = Annotated[tuple[str, ...], Field(min_length=3)]
-StanceSource = Literal["own", "unperturbed"]
+StanceSource = Literal["own", "unperturbed", "matched"]
 PoolKey = Literal["group", "subject", "session", "side", "speed", "K_d", "B_d", "timing"]
 GroupKey = PoolKey | Literal["direction"]
 
@@ -225,8 +225,10 @@ class ResponseSettings(WalkingFilter, TimingSettings):
     """How a response is isolated and fitted."""
 
     perturbed_stance: StanceSource
-    """Duration of stance that converts the time of a perturbed crossing to phase: its own, or the mean of the
-    unperturbed crossings. Use the mean for perturbations that change the duration of stance."""
+    """Duration of stance that converts the time of a perturbed crossing to phase. `own`: its own; wrong if the
+    perturbation changes it, which is seen and makes the headline doubtful. `matched`: the one at which its gait before
+    the onset is most like the mean unperturbed gait; right then too, but less certain, because the gait's shape varies.
+    `unperturbed`: the mean of the unperturbed crossings; wrong if whole crossings are slower."""
 
 
 class EnsembleSettings(ResponseSettings):

@@ -14,6 +14,7 @@ from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.direction import DOWN, UP
 from osl_analysis.walking.ensemble import Bootstrap, EnsembleResponse, signs_of
 from osl_analysis.walking.headline import Headline, Symmetry
+from osl_analysis.walking.headline_doubts import single_facts
 from osl_analysis.walking.response import PerturbationResponse, isolate_response
 from osl_analysis.walking.response_fit import fit_response, offset_comparison, response_lag
 from osl_analysis.walking.settings import ResponseSettings
@@ -36,17 +37,20 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
         As `isolate_response` and `fit_response`.
     """
     response = isolate_response(crossing, gait, settings.timing, settings.perturbed_stance)
-    fit = fit_response(response).fit
+    impedance = fit_response(response)
+    fit = impedance.fit
     onset = crossing.onset or 0.0
     return {
         "trial": crossing.name,
         "onset_s": onset,
         "onset_phase": (onset - crossing.stance.heel_strike) / crossing.stance.duration,
         "stance_s": crossing.stance.duration,
+        "phase_stance_s": response.stance,
         "bridged": crossing.bridged,
         **estimates_row(fit, "K", "B", "I"),
         **covariance_row(fit, "K", "B", "I"),
-        **offset_comparison(response, fit["K"]),
+        **offset_comparison(response.fitted_motion, response.fitted_torque, fit["K"]),
+        **single_facts(response, impedance),
         **response_lag_row(response, fit["K"]),
         **diagnostics_row(fit, 1 / (response.time[1] - response.time[0]), settings.low_pass),
     }

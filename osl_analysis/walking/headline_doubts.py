@@ -1,0 +1,145 @@
+"""Numbers that say whether the result of a group, or of a single perturbation, can be believed.
+
+The residual of a fit is compared with what ordinary gait leaves: each unperturbed crossing's deviation from their mean,
+fitted with the same columns. A residual that is a small share of the torque does not count, however regular the gait.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from osl_analysis.second_order import ImpedanceFit, impedance_torque
+from osl_analysis.signals import Motion, differentiate
+from osl_analysis.stats.repeats import over_repeats
+from osl_analysis.trial import Array
+from osl_analysis.walking.ensemble import signs_of
+from osl_analysis.walking.headline import Headline
+from osl_analysis.walking.response import PerturbationResponse
+from osl_analysis.walking.response_fit import fit_response, offset_comparison
+
+SMALL_RESIDUAL = 0.03
+"""Share of the torque's RMS below which a residual does not count."""
+SMALL_OFFSET = 0.15
+"""Relative change of K by an offset below which the offset does not count."""
+SMALL_DIFFERENCE = 0.03
+"""Share of the mean stiffness by which single ones may differ."""
+CERTAIN_T = 3.0
+"""Value of t from which a change of stance is certain."""
+QUANTITIES = ("K", "B", "I")
+Facts = dict[str, float | None]
+
+
+def single_facts(response: PerturbationResponse, impedance: ImpedanceFit) -> Facts:
+    """Columns of `walking.csv`: residual and offset of one fit over those that ordinary gait causes.
+
+    Null where the residual is a small share of the torque, or the offset hardly changes K.
+    """
+    motion, torque, left = response.fitted_motion, response.fitted_torque, gait_torque(response, impedance)
+    compared = offset_comparison(motion, torque, impedance.K)
+    scatter = float(np.std(offsets(motion, left), ddof=1))
+    counts = abs(compared["offset_share"] or 0.0) > SMALL_OFFSET and scatter > 0
+    return {
+        "residual_over_gait": residual_over_gait(motion, torque, left),
+        "offset_over_gait": abs(compared["offset"] or 0.0) / scatter if counts else None,
+    }
+
+
+def group_facts(headline: Headline) -> Facts:
+    """Columns of `walking_groups.csv` on which limits may stand; the dictionary of tables says what each is."""
+    ensemble, responses = headline.ensemble, headline.responses
+    rows, fit = responses[0].window, headline.ensemble.fit
+    motion, torque = ensemble.motion[rows], ensemble.torque[rows]
+    left = np.mean([gait_torque(r, fit) for r in responses], axis=0)
+    values = {name: float(getattr(fit, name)) for name in QUANTITIES}
+    intervals = {name: headline.resampled.interval(name) for name in QUANTITIES}
+    singles = [fit_response(r) for r in responses]
+    outside = sum(not low <= values[name] <= high for name, (low, high) in intervals.items())
+    return {
+        "coherence": coherence(responses),
+        "VAF": fit.fit.vaf,
+        "residual_over_gait": residual_over_gait(motion, torque, left),
+        "offset_share": offset_comparison(motion, torque, fit.K)["offset_share"],
+        "outside_interval": float(outside),
+        "estimator_difference": estimator_difference(headline, singles, values, intervals),
+        "heterogeneity": heterogeneity(singles),
+        "K": values["K"],
+        "K_se_share": headline.resampled.se("K") / abs(values["K"]),
+        "B_high": intervals["B"][1],
+        "I_high": intervals["I"][1],
+        **stance_facts(responses),
+    }
+
+
+def gait_torque(response: PerturbationResponse, impedance: ImpedanceFit) -> Array:
+    """Torque (crossings, k) [N*m] in the window that each unperturbed crossing's deviation adds to a residual."""
+    deviation = differentiate(response.time, (response.motion.theta - response.thetas).T)
+    explained = impedance_torque(impedance.K, impedance.B, impedance.I, deviation)
+    return np.asarray(((response.torque - response.torques).T - explained).T[:, response.window])
+
+
+def residual_over_gait(motion: Motion, torque: Array, left: Array) -> float | None:
+    """RMS residual of Eq. 15 over the RMS residual of what ordinary gait leaves (crossings, k).
+
+    Null if the residual is below 3 % of the torque, or gait leaves none.
+    """
+    columns = np.column_stack([motion.theta, motion.omega, motion.alpha])
+    own, gait = rms(unexplained(columns, torque[None])), rms(unexplained(columns, left))
+    return own / gait if own > SMALL_RESIDUAL * rms(torque) and gait > 0 else None
+
+
+def offsets(motion: Motion, left: Array) -> Array:
+    """Offsets (crossings,) [N*m] of Eq. 15 fitted to torques (crossings, k)."""
+    columns = np.column_stack([motion.theta, motion.omega, motion.alpha, np.ones_like(motion.theta)])
+    return np.asarray(np.linalg.lstsq(columns, left.T, rcond=None)[0][-1])
+
+
+def unexplained(columns: Array, torques: Array) -> Array:
+    """Residuals (m, k) of torques (m, k) fitted with columns (k, p)."""
+    return np.asarray(torques - (columns @ np.linalg.lstsq(columns, torques.T, rcond=None)[0]).T)
+
+
+def rms(values: Array) -> float:
+    """Root mean square of all values."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def coherence(responses: Sequence[PerturbationResponse]) -> float:
+    """RMS of the mean angle in the window over the RMS of single ones: 1 for equal responses, 0 if they cancel."""
+    angles = np.array([r.sign * r.fitted_motion.theta for r in responses])
+    return rms(angles.mean(axis=0)) / rms(angles)
+
+
+def estimator_difference(
+    headline: Headline,
+    singles: Sequence[ImpedanceFit],
+    values: Mapping[str, float],
+    intervals: Mapping[str, tuple[float, float]],
+) -> float:
+    """Largest distance of ensemble and mean of perturbations, over the sum of the halves of both intervals."""
+    distances, signs = [], signs_of(headline.responses)
+    for name, (low, high) in intervals.items():
+        mean = over_repeats([getattr(fit, name) for fit in singles], headline.common.get(name, ()), signs)
+        distances.append(2 * abs(values[name] - mean.mean) / (high - low + mean.high - mean.low))
+    return max(distances, default=0.0)
+
+
+def heterogeneity(singles: Sequence[ImpedanceFit]) -> float | None:
+    """Scatter of single stiffnesses over that of their standard errors: Cochran's Q over its degrees of freedom.
+
+    Standard errors count as at least 3 % of the mean stiffness: smaller differences are of no interest.
+    """
+    K, se = np.array([fit.K for fit in singles]), np.array([fit.fit.se("K") for fit in singles])
+    if len(K) < 2 or not np.isfinite(se).all():
+        return None
+    weight = 1 / (se**2 + (SMALL_DIFFERENCE * K.mean()) ** 2)
+    return float(np.sum(weight * (K - np.average(K, weights=weight)) ** 2) / (len(K) - 1))
+
+
+def stance_facts(responses: Sequence[PerturbationResponse]) -> Facts:
+    """Mean change of stance by the perturbation, as a share, and the same if it is certain and phase ignores it."""
+    changes = np.array([r.stance_change for r in responses if np.isfinite(r.stance_change)])
+    if len(changes) < 2:
+        return {"stance_change": None, "uncorrected_stance_change": None}
+    mean, error = float(changes.mean()), float(changes.std(ddof=1) / np.sqrt(len(changes)))
+    certain = abs(mean) > CERTAIN_T * error and not responses[0].matched
+    return {"stance_change": mean, "uncorrected_stance_change": mean if certain else None}

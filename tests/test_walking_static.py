@@ -97,6 +97,12 @@ def test_a_static_trial_of_both_sides_is_refused(tmp_path: Path) -> None:
         campaign(tmp_path, rows).check_walking()
 
 
+def test_a_static_trial_that_is_named_for_the_other_side_is_refused(tmp_path: Path) -> None:
+    rows = "s1,static,,,,right, m,plate,,,,, " + CROSSINGS.format(",,left,s1")
+    with pytest.raises(InputError, match=r"'s1' serves trials of the sides left, right \(trial 'p2': left\)"):
+        campaign(tmp_path, rows).check_walking()
+
+
 def test_a_static_trial_of_plate_trials_alone_needs_no_hinge(tmp_path: Path) -> None:
     rows = "s1,static,,A,,, s2,static,,B,,, m,plate,,B,,, " + CROSSINGS.format("A,,,")
     sheet = campaign(tmp_path, rows, hinge="functional")

@@ -23,6 +23,7 @@ from osl_analysis.trial import Trial, write_trial
 from osl_analysis.walking.ankle import static_calibration
 from osl_analysis.walking.crossing_analysis import analyse_crossing
 from osl_analysis.walking.plate_model import NO_CORRECTION, identify_plate_model
+from osl_analysis.walking.platform_model import identify_platform
 from osl_analysis.walking.static_choice import static_of
 
 QUIET = Rig(marker=1e-5)
@@ -141,6 +142,17 @@ def test_plate_trials_of_two_sessions_are_each_read_with_their_own_cluster() -> 
     np.testing.assert_allclose(model.inertia.parameters, alike.inertia.parameters, atol=0.05)  # 0.01 mm of noise
     with pytest.raises(InputError, match="are seen together in 0 frames"):
         identify_plate_model(sessions, first, settings())
+
+
+def test_platform_markers_that_were_moved_between_sessions_have_no_shared_motion() -> None:
+    """The coordinates of one cluster are not those of another: crossings keep their own motion, and a line says so."""
+    first, second = (static_calibration(with_platform_markers_moved(standing(), s), settings()) for s in (0.0, 0.03))
+    trials = [walked(f"w{k}", Ramp(), Rig(), k) for k in range(4)]
+    own = {"w0": first, "w1": first, "w2": second, "w3": second}
+    moved = [*trials[:2], *(with_platform_markers_moved(trial, 0.03) for trial in trials[2:])]
+    with pytest.warns(UserWarning, match=r"keeps its own motion of the platform: .* stand 13 mm \(RMS\) otherwise"):
+        assert identify_platform(moved, own, settings()).template is None
+    assert identify_platform(trials, dict.fromkeys(own, first), settings()).template is not None
 
 
 def test_without_a_correction_the_torque_of_a_light_plate_is_that_of_the_wrench_as_recorded(tmp_path: Path) -> None:

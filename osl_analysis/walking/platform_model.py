@@ -85,6 +85,9 @@ def identify_platform(
 
     A crossing whose platform is hidden, or does not turn by `perturbation_deg`, has no part; its analysis says so.
     """
+    if moved := differing_clusters([calibration_of(calibrations, trial.name) for trial in trials], settings):
+        warnings.warn(f"each crossing keeps its own motion of the platform: {moved}", stacklevel=2)
+        return PlatformModel(None, moved, {}, {}, None)
     tracks = []
     for trial in trials:
         try:
@@ -108,6 +111,23 @@ def identify_platform(
     latency = trigger_latency([a for a in alignments if a.follows], triggers, step)
     left = without_groups(tracks, alignments, template)
     return PlatformModel(template, None, {a.name: a for a in alignments}, triggers, latency, left)
+
+
+def differing_clusters(calibrations: Sequence[StaticCalibration], settings: PlatformMotionSettings) -> str:
+    """Why motions measured with these calibrations cannot be compared, for a message; empty if they can.
+
+    The coordinates of a motion are those of its cluster: of the place of each platform marker among the others.
+    """
+    labels, limit = settings.markers.platform, settings.largest_residual_mm
+    clusters = [reference_positions(c.platform, labels, "static") for c in calibrations]
+    local = [cluster - cluster.mean(axis=0) for cluster in clusters]
+    apart = [1e3 * float(np.sqrt(np.mean(np.sum((one - local[0]) ** 2, axis=1)))) for one in local]
+    if max(apart, default=0.0) <= limit:
+        return ""
+    return (
+        f"the platform markers {', '.join(labels)} stand {max(apart):.0f} mm (RMS) otherwise in one static trial than "
+        f"in another, expected {limit:g} mm or less; leave them in place between sessions, or analyse sessions apart"
+    )
 
 
 def turning_track(trial: Trial, calibration: StaticCalibration, settings: PlatformMotionSettings) -> PlatformTrack:

@@ -48,18 +48,6 @@ class DesiredImpedance:
         return {"controller": pl.lit(self.controller), "K_d": pl.lit(self.K_d), "B_d": pl.lit(self.B_d)}
 
 
-@dataclass(frozen=True)
-class AskedImpedance:
-    """What the leg was asked to render, and all that linear theory needs to say what it should have rendered."""
-
-    desired: DesiredImpedance
-    """Controller and desired impedance."""
-    weight: Weight
-    """W of Eq. 14 with which the gains were selected."""
-    frequencies_hz: Sequence[float]
-    """Frequencies [Hz] of the protocol."""
-
-
 def impedance_table(
     trial: SteppedSineTrial, phasors: Sequence[SegmentPhasors], expected: Admittance | None = None
 ) -> pl.DataFrame:

@@ -8,15 +8,10 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.diagnostics import check_resists
-from osl_analysis.bench.frequency_response import trial_phasors
-from osl_analysis.bench.impedance import AskedImpedance, impedance_table, prediction_columns
 from osl_analysis.bench.settings import BenchAnalysis
-from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.causes import wrong_scale
 from osl_analysis.columns import unit_of
 from osl_analysis.errors import InputError
-from osl_analysis.model.drivetrain import joint_admittance
-from osl_analysis.model.rendering import predicted_impedance
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.rails import samples_at_rail, stated_range
 from osl_analysis.trial import Array, Trial
@@ -136,26 +131,6 @@ def plausible_impedance(
     of_gains = (largest / predicted if predicted else pl.lit(None, pl.Float64)).alias("K_ratio")
     ratios = (ratio("K", p.K_s, "K_over_K_s"), of_gains)
     return with_clipping(table, trial, "torque", "theta").with_columns(*ratios)
-
-
-def judged_impedance(
-    stepped: SteppedSineTrial, trial: Trial, p: DrivetrainParameters, asked: AskedImpedance | None
-) -> pl.DataFrame:
-    """The rows of Eq. 15 with all that judges them; what the gains should give only where it is known what was asked.
-
-    Raises
-    ------
-    InputError, UnreachableImpedanceError
-        As `plausible_impedance`, and as `DesiredImpedance.gains`.
-    """
-    phasors = trial_phasors(stepped)
-    if asked is None:
-        return plausible_impedance(impedance_table(stepped, phasors), trial, p)
-    gains = asked.desired.gains(p, asked.weight)
-    table = impedance_table(stepped, phasors, joint_admittance(gains.K_1, gains.B_1, p, p.J_j))
-    predicted = predicted_impedance(gains, p, asked.frequencies_hz)
-    plausible = plausible_impedance(table, trial, p, predicted[0])
-    return plausible.with_columns(**asked.desired.columns(), **prediction_columns(predicted))
 
 
 def plausible_actuator(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters) -> pl.DataFrame:

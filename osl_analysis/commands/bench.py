@@ -7,6 +7,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.actuator import actuator_summary, actuator_table, actuator_time_base, actuator_trial
+from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
 from osl_analysis.bench.belt import belt_curve, belt_figure_points, belt_summary, belt_table, belt_time_base, belt_trial
 from osl_analysis.bench.estimators import estimator_table
 from osl_analysis.bench.frequency_response import (
@@ -16,7 +17,6 @@ from osl_analysis.bench.frequency_response import (
     trial_phasors,
 )
 from osl_analysis.bench.impedance import (
-    AskedImpedance,
     DesiredImpedance,
     amplitude_series,
     impedance_time_base,
@@ -31,7 +31,6 @@ from osl_analysis.bench.model_comparison import (
 )
 from osl_analysis.bench.plausibility import (
     check_recording,
-    judged_impedance,
     plausible_actuator,
     plausible_belt,
     plausible_transmission,

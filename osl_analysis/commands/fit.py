@@ -9,11 +9,11 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench.actuator import actuator_table, actuator_trial
+from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
 from osl_analysis.bench.belt import belt_series, belt_table, belt_trial
-from osl_analysis.bench.impedance import AskedImpedance, DesiredImpedance, impedance_series
+from osl_analysis.bench.impedance import DesiredImpedance, impedance_series
 from osl_analysis.bench.plausibility import (
     check_recording,
-    judged_impedance,
     plausible_actuator,
     plausible_belt,
     plausible_transmission,

@@ -69,6 +69,14 @@ def test_friction_a_spring_that_stiffens_and_a_wrong_scale_are_no_lag(joint):
     assert abs(found.lag) < 10 * found.se
 
 
+def test_beside_noise_alone_a_lag_of_five_standard_errors_is_certain():
+    """With B = 1, 0.3 ms are a tenth of B, and seven standard errors of a trial of 142 s."""
+    noise = float(np.sqrt(np.mean(1e-6 / FREQUENCY)))  # of `measured_lag`, weighed by theta/sqrt(f)
+    assert measured_lag(SECOND_ORDER * np.exp(-S * 3e-4)).certain_from(noise) == 5
+    odd = measured_lag(SECOND_ORDER + 2 * np.exp(1j * FREQUENCY * 2))
+    assert odd.certain_from(noise) == 10
+
+
 def test_where_neither_model_of_the_joint_fits_their_difference_makes_the_lag_uncertain():
     odd = SECOND_ORDER + 20 * np.exp(1j * FREQUENCY * 2)
     assert measured_lag(odd).se > 1e-3

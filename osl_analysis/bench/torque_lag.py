@@ -8,6 +8,7 @@ import numpy as np
 from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors
 from osl_analysis.bench.nonlinearity import Phasors, stacked
 from osl_analysis.errors import OslAnalysisError
+from osl_analysis.stats.complex_estimate import complex_quotient
 from osl_analysis.stats.fit_row import Row, lag_damping_row
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.trial import Array
@@ -15,6 +16,10 @@ from osl_analysis.trial import Array
 CERTAIN_LAG = 10.0
 """Standard errors from which a lag is certain. They come from what the fit leaves, so that a lag is certain only if it
 explains most of what a fit without it leaves. Friction and higher dynamics also leave something."""
+CERTAIN_BESIDE_NOISE = 5.0
+"""The same where the fit leaves no more than the noise of the phasors."""
+ONLY_NOISE = 1.5
+"""What the fit leaves, over the noise of the phasors, up to which it counts as noise."""
 LAG_STEPS = 5
 """Steps of Gauss and Newton to the lag; a lag of 5 ms is found to a nanosecond in four."""
 LAG_CONDITION = 1e6
@@ -37,6 +42,10 @@ class TorqueLag:
     """Standard deviation of what the fit leaves [N*m, at 1 Hz]."""
     frame_stiffness: float | None = None
     """Stiffness [N*m/rad] of a frame whose yielding explains the data as well as the lag; None if none does."""
+
+    def certain_from(self, noise: float) -> float:
+        """Standard errors from which the lag is certain, if the phasors have this `noise` [N*m, at 1 Hz]."""
+        return CERTAIN_BESIDE_NOISE if self.misfit < ONLY_NOISE * noise else CERTAIN_LAG
 
 
 @dataclass(frozen=True)
@@ -138,10 +147,19 @@ def torque_lag_row(phasors: Sequence[SegmentPhasors], fit: LinearFit, expected: 
     lag = None if expected is None else lag_of(phasors, expected)
     row = lag_damping_row(None, None, fit["K"])
     if lag is not None:
-        row = lag_damping_row(lag.lag, lag.se, fit["K"], CERTAIN_LAG)
+        row = lag_damping_row(lag.lag, lag.se, fit["K"], lag.certain_from(noise_of(phasors)))
     certain = row["certain_lag_damping"]
     share = abs(certain / fit["B"]) if isinstance(certain, float) else None
     return {**row, "lag_share": share, "frame_stiffness": lag.frame_stiffness if lag is not None and share else None}
+
+
+def noise_of(phasors: Sequence[SegmentPhasors]) -> float:
+    """RMS standard error of measured impedances, weighed as `lag_beyond` weighs them [N*m, at 1 Hz]."""
+    variances = [
+        abs(s.theta.value) ** 2 / s.frequency_hz * np.trace(complex_quotient(s.torque, s.theta).covariance) / 2
+        for s in phasors
+    ]
+    return float(np.sqrt(np.mean(variances)))
 
 
 def lag_of(phasors: Sequence[SegmentPhasors], expected: Admittance) -> TorqueLag | None:

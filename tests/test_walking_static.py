@@ -117,6 +117,7 @@ def test_without_plate_trials_the_error_names_the_option_and_the_option_needs_no
     light = campaign(tmp_path, rows, plate_inertia="none")
     light.check_walking()
     assert light.plate_trials() == []
+    assert campaign(tmp_path, rows + " m,plate,,,,,", plate_inertia="none").plate_trials() == []
 
 
 def with_platform_markers_moved(trial: Trial, shift: float) -> Trial:

@@ -168,7 +168,8 @@ def test_a_crossing_is_not_judged_by_its_perturbation() -> None:
     assert reasons(turned) == {}
     few = [replace(c, onset=0.6 if k % 4 == 1 else None) for k, c in enumerate(crossings)]
     longer = [replace(c, stance=replace(c.stance, toe_off=c.stance.toe_off + 0.2)) if c.onset else c for c in few]
-    assert crossing_features(longer, TIMING, RULE)[0].distance.max() < 5
+    (stance,) = (f for f in crossing_features(longer, TIMING, RULE) if f.name == "stance")
+    assert stance.distance.max() < 5
 
 
 # The load
@@ -201,8 +202,11 @@ def test_a_crossing_with_seventy_percent_of_the_load_is_named() -> None:
 
 def test_three_of_five_unperturbed_crossings_with_seventy_percent_of_the_load_are_named() -> None:
     """The perturbed ones show what is usual: before the onset, all are compared."""
-    crossings = [loaded(c, share=0.7 if k in (0, 4, 8) else 1.0, seed=k) for k, c in enumerate(session())]
-    assert set(reasons(crossings)) == {"w0", "w4", "w8"}
+    bad = ("w0", "w4", "w8")
+    crossings = [loaded(c, share=0.7 if c.name in bad else 1.0, seed=k) for k, c in enumerate(session())]
+    fewer = [c for c in crossings if c.name != "w2"]  # three of five
+    assert sum(c.onset is None for c in fewer) == 5
+    assert set(reasons(fewer)) == set(bad)
 
 
 def test_a_second_foot_on_the_plate_moves_the_pressure_beside_the_ankle() -> None:

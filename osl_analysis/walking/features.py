@@ -17,7 +17,9 @@ NORMAL_MAD = 1.4826
 ANGLE, TORQUE = "angle before the onset", "torque before the onset"
 LOAD, LOAD_LATER, PRESSURE = "load before the onset", "load in single support", "pressure beside the ankle"
 """Names of the features that compare curves."""
-Kind = NDArray[np.int_]
+OF_LOAD = "of the usual load"
+MIDDLE = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])]
+"""Phases of single support."""
 
 
 @dataclass(frozen=True)
@@ -44,36 +46,55 @@ class Feature:
 
 
 def crossing_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule) -> list[Feature]:
-    """Features by which crossings are compared.
+    """Features by which crossings are compared, `early_features` and `later_features`.
 
-    Before the onset, all crossings are compared with each other. What a perturbation changes, duration of stance and
-    the load after the onset, is compared among the unperturbed crossings and among those of each direction.
+    Crossings that are unlike the others before the onset do not count in the medians of the later features: three bad
+    ones of five unperturbed crossings would make the two good ones outliers.
     """
+    early = early_features(crossings, timing, rule)
+    sound = np.max([feature.distance for feature in early], axis=0) <= rule.limit
+    return early + later_features(crossings, rule, sound)
+
+
+def early_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule) -> list[Feature]:
+    """What no perturbation can change, compared among all crossings: the foot's place, and curves before the onset."""
     place = np.array([c.quality.placement for c in crossings])
-    stance = np.array([c.stance.duration for c in crossings])
-    kind = np.array([0 if c.onset is None else c.sign for c in crossings])
-    alike = np.zeros_like(kind)
-    early = PHASES[PHASES <= earliest_baseline_end(crossings, timing)]
-    angle = np.rad2deg(deviation(crossings, theta_of, early, alike))
+    phases = PHASES[PHASES <= earliest_baseline_end(crossings, timing)]
+    alike = Compared(np.zeros(len(crossings), dtype=int), np.ones(len(crossings), dtype=bool))
+    angle = np.rad2deg(deviation(crossings, theta_of, phases, alike))
+    torque = deviation(crossings, torque_of, phases, alike)
     features = [
-        feature_of("stance", "s", stance, rule.stance_s, kind),
         feature_of("foot forward", "m", place[:, 0], rule.placement_m, alike),
         feature_of("foot to the left", "m", place[:, 1], rule.placement_m, alike),
         feature_of(ANGLE, "deg", angle, rule.angle_deg, alike),
-        feature_of(TORQUE, "N*m", deviation(crossings, torque_of, early, alike), rule.torque_nm, alike),
+        feature_of(TORQUE, "N*m", torque, rule.torque_nm, alike),
     ]
     if any(c.load is None for c in crossings):
         return features
-    middle = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])]
-    usual = float(np.median([signal_at(c, force_of(c), stance_times(c, middle)).mean() for c in crossings]))
-    before, after = (deviation(crossings, force_of, *at) / usual for at in ((early, alike), (middle, kind)))
-    beside = deviation(crossings, left_of, middle, kind)
+    load = deviation(crossings, force_of, phases, alike) / usual_load(crossings)
+    return [*features, feature_of(LOAD, OF_LOAD, load, rule.load_share, alike)]
+
+
+def later_features(crossings: Sequence[Crossing], rule: OutlierRule, sound: NDArray[np.bool_]) -> list[Feature]:
+    """What a perturbation changes, compared among the `sound` (n,) unperturbed crossings, and those of each direction:
+    duration of stance, load and pressure in single support."""
+    stance = np.array([c.stance.duration for c in crossings])
+    kinds = Compared(np.array([0 if c.onset is None else c.sign for c in crossings]), sound)
+    features = [feature_of("stance", "s", stance, rule.stance_s, kinds)]
+    if any(c.load is None for c in crossings):
+        return features
+    load = deviation(crossings, force_of, MIDDLE, kinds) / usual_load(crossings)
+    beside = deviation(crossings, left_of, MIDDLE, kinds)
     return [
         *features,
-        feature_of(LOAD, "of the usual load", before, rule.load_share, alike),
-        feature_of(LOAD_LATER, "of the usual load", after, rule.load_share, kind),
-        feature_of(PRESSURE, "m", beside, rule.pressure_m, kind),
+        feature_of(LOAD_LATER, OF_LOAD, load, rule.load_share, kinds),
+        feature_of(PRESSURE, "m", beside, rule.pressure_m, kinds),
     ]
+
+
+def usual_load(crossings: Sequence[Crossing]) -> float:
+    """Median over crossings of the mean vertical force [N] in single support."""
+    return float(np.median([signal_at(c, force_of(c), stance_times(c, MIDDLE)).mean() for c in crossings]))
 
 
 def theta_of(crossing: Crossing) -> Array:
@@ -98,18 +119,40 @@ def left_of(crossing: Crossing) -> Array:
     return crossing.load.left
 
 
-def feature_of(name: str, unit: str, values: Array, smallest_scatter: float, kind: Kind) -> Feature:
-    """A feature of crossings. Each is compared with the median of the crossings of its kind (n,)."""
-    median = np.array([np.median(values[kind == own]) for own in kind])
-    scatter = NORMAL_MAD * float(np.median(np.abs(values - median)))
+def feature_of(name: str, unit: str, values: Array, smallest_scatter: float, compared: "Compared") -> Feature:
+    """A feature of crossings, with the medians of those that they are compared with."""
+    median = compared.medians(values)
+    scatter = NORMAL_MAD * float(np.median(np.abs(values - median)[compared.sound]))
     return Feature(name, unit, values, median, max(scatter, smallest_scatter))
 
 
-def deviation(crossings: Sequence[Crossing], signal: Callable[[Crossing], Array], phases: Array, kind: Kind) -> Array:
-    """RMS deviation (n,) of each crossing's signal, at phases of stance, from the median of its kind (n,)."""
+def deviation(
+    crossings: Sequence[Crossing], signal: Callable[[Crossing], Array], phases: Array, compared: "Compared"
+) -> Array:
+    """RMS deviation (n,) of each crossing's signal at phases of stance from the median of those it is compared with."""
     curves = np.array([signal_at(c, signal(c), stance_times(c, phases)) for c in crossings])
-    median = np.array([np.median(curves[kind == own], axis=0) for own in kind])
-    return np.asarray(np.sqrt(np.mean((curves - median) ** 2, axis=1)))
+    return np.asarray(np.sqrt(np.mean((curves - compared.medians(curves)) ** 2, axis=1)))
+
+
+@dataclass(frozen=True)
+class Compared:
+    """With which crossings each of n crossings is compared.
+
+    kind: a crossing is compared with those of the same kind (n,).
+    sound: those that count in the medians (n,). If none of a kind is sound, all of it count.
+    """
+
+    kind: NDArray[np.int_]
+    sound: NDArray[np.bool_]
+
+    def medians(self, values: Array) -> Array:
+        """For each crossing the median of values (n, ...) over those with which it is compared."""
+        found = np.empty_like(values)
+        for kind in np.unique(self.kind):
+            own = self.kind == kind
+            counted = own & self.sound if (own & self.sound).any() else own
+            found[own] = np.median(values[counted], axis=0)
+        return found
 
 
 def earliest_baseline_end(crossings: Sequence[Crossing], timing: Timing) -> float:

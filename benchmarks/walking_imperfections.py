@@ -34,6 +34,7 @@ from osl_analysis.walking.ankle import static_calibration
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.crossing_analysis import analyse_crossing
 from osl_analysis.walking.plate_model import PlateModel, identify_plate_model
+from osl_analysis.walking.platform_model import identify_platform
 from osl_analysis.walking.response import isolate_response
 from osl_analysis.walking.response_fit import fit_response
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
@@ -116,8 +117,9 @@ def analysed(session: Session, settings: WalkingAnalysis, weigh_plate: bool = Tr
     plate: PlateModel = identify_plate_model(unloaded, calibration, settings)
     if not weigh_plate:
         plate = replace(plate, inertia=replace(plate.inertia, parameters=0 * plate.inertia.parameters))
+    platform = identify_platform([session.trials[name] for name in session.perturbed], calibration, settings)
     return [
-        analyse_crossing(session.trials[name], calibration, plate, name in session.perturbed, settings)
+        analyse_crossing(session.trials[name], calibration, plate, name in session.perturbed, settings, platform)
         for name in (*session.perturbed, *session.unperturbed)
     ]
 

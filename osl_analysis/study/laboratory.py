@@ -1,11 +1,13 @@
 """The gait laboratory in the study: crossings whose truth is known, from sensors or from recorded files."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from osl_analysis.errors import OslAnalysisError
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import ImpedanceFit
@@ -25,6 +27,7 @@ from osl_analysis.walking.crossing import Crossing, CrossingQuality
 from osl_analysis.walking.crossing_analysis import analyse_crossing
 from osl_analysis.walking.events import Stance
 from osl_analysis.walking.plate_model import PlateModel, identify_plate_model
+from osl_analysis.walking.platform_model import ALONE, PlatformModel, identify_platform
 from osl_analysis.walking.response import isolate_response
 from osl_analysis.walking.response_fit import fit_without_offset
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
@@ -95,6 +98,11 @@ class StudyLaboratory:
         exact = fit_without_offset(ideal.fitted_motion, ideal.fitted_torque)
         return PerturbedCrossing(self.seen(name, walked, noisy=True), exact, rendered_impedance(walked, unperturbed))
 
+    def sharing(self, names: Sequence[str]) -> "StudyLaboratory":
+        """The laboratory that knows what the platform's motions share in the perturbed crossings of these names. Ideal
+        sensors tell each onset, so that it is this one."""
+        return self
+
     def walk(self, name: str, perturbed: bool) -> SimulatedCrossing:
         """One crossing. Its name determines its random quantities, which are the same with and without the
         perturbation."""
@@ -139,21 +147,37 @@ class RecordedLaboratory(StudyLaboratory):
         Result of the static trial.
     plate
         Model of the plate, from the trials of the unloaded plate.
+    platform
+        What the platform's motions share.
     """
 
     folder: Path
     sources: Path
     calibration: StaticCalibration
     plate: PlateModel
+    platform: PlatformModel = ALONE
+
+    def sharing(self, names: Sequence[str]) -> "RecordedLaboratory":
+        """As `StudyLaboratory.sharing`, from the recordings of these crossings. One that cannot be read has no part."""
+        trials = []
+        for name in names:
+            with suppress(OslAnalysisError):
+                trials.append(self.recorded(name, self.walk(name, True)))
+        return replace(self, platform=identify_platform(trials, self.calibration, self.analysis))
+
+    def recorded(self, name: str, walked: SimulatedCrossing) -> Trial:
+        """The ingested trial of a crossing, which is written as C3D first unless it already is."""
+        path = self.folder / "vicon" / f"{name}.c3d"
+        if not path.exists():
+            write_c3d(path, vicon_recording(name, self.settings.seed, scene_of(walked, self.gait), self.gait))
+        return ingested(name, self.folder, self.sources)
 
     def seen(self, name: str, walked: SimulatedCrossing, noisy: bool) -> Crossing:
         """As `StudyLaboratory.seen`. A noisy crossing comes from files."""
         if not noisy:
             return super().seen(name, walked, noisy)
-        recording = vicon_recording(name, self.settings.seed, scene_of(walked, self.gait), self.gait)
-        write_c3d(self.folder / "vicon" / f"{name}.c3d", recording)
-        trial, perturbed = ingested(name, self.folder, self.sources), walked.motion.platform.onset is not None
-        return analyse_crossing(trial, self.calibration, self.plate, perturbed, self.analysis)
+        trial, perturbed = self.recorded(name, walked), walked.motion.platform.onset is not None
+        return analyse_crossing(trial, self.calibration, self.plate, perturbed, self.analysis, self.platform)
 
 
 def calibrated(laboratory: StudyLaboratory, folder: Path, sources: Path) -> RecordedLaboratory:

@@ -61,7 +61,7 @@ def campaign_rows(number: int, crossings: int, laboratory: StudyLaboratory) -> l
     without gait, with ideal sensors. `model_error` is the truth minus the impedance that the leg rendered.
     """
     names = [f"study_{number:05d}_{i}" for i in range(2 * crossings)]
-    analysis = laboratory.analysis
+    analysis, laboratory = laboratory.analysis, laboratory.sharing(names[1::2])
     gait = unperturbed_gait(usable(laboratory.unperturbed, names[::2]), analysis.fewest_unperturbed)
     perturbed = usable(laboratory.perturbed, names[1::2])
     responses = [isolate_response(one.crossing, gait, analysis.timing, analysis.perturbed_stance) for one in perturbed]

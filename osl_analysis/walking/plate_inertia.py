@@ -112,7 +112,7 @@ def identify_plate_inertia(
     because each has its own zero. Moments of inertia about axes that are not excited are 0. If the remaining parameters
     cannot be told apart, only the four planar ones are identified. `names` replaces this choice.
 
-    `noise` (10, 10) is the sum of squares that marker noise alone causes in the columns (`noise_squares`). It is
+    `noise` (10, 10) is the sum of squares that marker noise alone causes in the columns. It is
     subtracted from theirs, because least squares with noise in its columns makes every estimate too small.
 
     Raises
@@ -144,18 +144,16 @@ def fit_parameters(columns: Array, wrench: Array, names: tuple[str, ...]) -> Lin
         return fit_parameters(columns, wrench, PLANAR)
 
 
-def noise_squares(
-    motion: BodyMotion, resting: Sequence[slice], frames: float, smooth: Callable[[Array], Array]
-) -> Array:
-    """Weighted sum of squares (10, 10) that marker noise causes in the columns of `frames` frames.
+def noise_squares(motion: BodyMotion, resting: Sequence[slice]) -> Array:
+    """Mean weighted square (10, 10), per frame, that marker noise causes in the columns before `smooth`.
 
     `motion` is that of a platform as measured. It shows nothing but noise in the runs of frames in which it is
-    `resting`.
+    `resting`. After `smooth`, which is far slower, the columns of such frames would hold the motions beside them too.
     """
-    columns = smooth(regressors(motion))
+    columns = regressors(motion)
     still = [stacked_columns(centred(columns[run]), PARAMETERS) for run in resting]
     count = sum(run.stop - run.start for run in resting)
-    return np.asarray(sum((one.T @ one for one in still), np.zeros((10, 10))) * frames / max(count, 1))
+    return np.asarray(sum((one.T @ one for one in still), np.zeros((10, 10))) / max(count, 1))
 
 
 def noise_correction(columns: Array, noise: Array, names: Sequence[str]) -> Array:

@@ -13,6 +13,7 @@ from osl_analysis.walking.labels import exchanged_labels
 from osl_analysis.walking.plate import PlateWrench, RecordedWrench, plate_centre, recorded_wrench, rotation_from_rest
 from osl_analysis.walking.plate_inertia import noise_squares
 from osl_analysis.walking.platform_motion import PlatformTrack
+from osl_analysis.walking.platform_rank import gated_noise
 from osl_analysis.walking.settings import PlateModelSettings
 
 FEWEST_FRAMES = 10
@@ -53,7 +54,8 @@ class UnloadedRecording:
         """The same with the motion along the directions (r, 6), and with the noise in the columns of its regression."""
         motion, weights = self.track.own_motion(axes, self.centre)
         resting = [run for run in runs(weights == 0) if run.stop - run.start >= FEWEST_FRAMES]
-        noise = noise_squares(motion, resting, float(np.sum(weights**2)), self.smooth)
+        passed = gated_noise(weights, self.track.rate, self.low_pass, self.plate_low_pass)
+        noise = noise_squares(motion, resting) * passed
         return replace(self, motion=motion.weighted(weights), noise=noise)
 
     def smooth(self, values: Array) -> Array:

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from osl_analysis.errors import InputError
-from osl_analysis.walking.settings import GroupSettings
+from osl_analysis.walking.group_settings import GroupSettings
 
 STATED = ("group", "subject", "session", "side", "speed", "K_d", "B_d")
 """Columns of the sheet that can split results. Each value has a mean unperturbed gait of its own."""

@@ -7,9 +7,7 @@ import numpy as np
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import sampling_rate
-from osl_analysis.timebase.gaps import GapLimits
 from osl_analysis.trial import Array, Trial
-from osl_analysis.uniform import uniform_signals
 from osl_analysis.walking.ankle import (
     SEGMENTS,
     FootInertia,
@@ -30,7 +28,7 @@ from osl_analysis.walking.cluster import (
 )
 from osl_analysis.walking.crossing import Crossing, CrossingQuality
 from osl_analysis.walking.direction import platform_turn
-from osl_analysis.walking.encoder import FEWEST_SAMPLES, EncoderCheck, compare_encoder
+from osl_analysis.walking.encoder import encoder_check
 from osl_analysis.walking.events import Stance, check_onset, find_onset, find_stances, only_stance
 from osl_analysis.walking.labels import exchanged_labels
 from osl_analysis.walking.load import furthest_outside, load_on_foot
@@ -170,7 +168,7 @@ class RecordedCrossing:
             {name: rms_residual(pose[inside]) for name, pose in poses.items()},
             self.zero,
             self.placement(time, poses["foot"]),
-            self.encoder_check(time, theta),
+            encoder_check(self.trial, time, theta, self.settings.low_pass),
             self.outside(time, poses["foot"]),
         )
         return Crossing(
@@ -246,12 +244,3 @@ class RecordedCrossing:
         centre = plate_centre(self.trial, self.settings.plate)
         ankle = foot[self.flat(time)].point(self.calibration.ankle_centre).mean(axis=0) - centre
         return float(ankle[0]), float(ankle[1])
-
-    def encoder_check(self, time: Array, theta: Array) -> EncoderCheck | None:
-        """The leg's joint encoder compared with the angle from markers, where the trial has one."""
-        samples = self.trial.samples
-        if "theta" not in samples.columns or samples["theta"].count() < FEWEST_SAMPLES:
-            return None
-        low_pass = self.settings.low_pass
-        own = uniform_signals(self.trial, ["theta"], GapLimits(cutoff_hz=low_pass.cutoff_hz))
-        return compare_encoder(time, theta, own.time, own["theta"], low_pass, own.usable)

@@ -8,7 +8,9 @@ from scipy.interpolate import make_interp_spline
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, sampling_rate
-from osl_analysis.trial import Array
+from osl_analysis.timebase.gaps import GapLimits
+from osl_analysis.trial import Array, Trial
+from osl_analysis.uniform import uniform_signals
 
 LARGEST_DELAY_S = 0.05
 """Largest delay [s] between the clocks; beyond it they are not aligned."""
@@ -70,3 +72,12 @@ def compare_encoder(
             )
     difference = spline(time[rows] + delay) - theta[rows] - offset
     return EncoderCheck(offset, delay, float(np.sqrt(np.mean(difference**2))))
+
+
+def encoder_check(trial: Trial, time: Array, theta: Array, low_pass: LowPass) -> EncoderCheck | None:
+    """The leg's joint encoder compared with the angle (n,) [rad] from markers; None in a trial without one."""
+    samples = trial.samples
+    if "theta" not in samples.columns or samples["theta"].count() < FEWEST_SAMPLES:
+        return None
+    own = uniform_signals(trial, ["theta"], GapLimits(cutoff_hz=low_pass.cutoff_hz))
+    return compare_encoder(time, theta, own.time, own["theta"], low_pass, own.usable)

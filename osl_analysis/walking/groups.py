@@ -10,7 +10,7 @@ from osl_analysis.trial import Array
 from osl_analysis.walking.conditions import Sheet, gaits_of, gaits_served, label, split_keys
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.direction import DOWN, UP
-from osl_analysis.walking.settings import GroupSettings
+from osl_analysis.walking.group_settings import GroupSettings
 
 CLEAR_GAP = 0.03
 """Gap between onset phases [share of stance] that parts two timings. One timing with an SD of 0.02 has such a gap, with

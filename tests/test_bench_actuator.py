@@ -16,7 +16,7 @@ from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.cli import main
 from osl_analysis.columns import COLUMNS
 from osl_analysis.commands.bench import fit_actuator_trial, summarise_actuator
-from osl_analysis.commands.fit import fit_one_trial
+from osl_analysis.commands.fit import FitRequest, fit_one_trial
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.config import read_section
@@ -266,7 +266,7 @@ def test_the_command_line_fits_a_trial_with_its_model(tmp_path, campaign):
     assert said.exit_code == 0, said.output
     assert re.search(r"k_tau_n_m +1\.0\d+ ± \S+ +N·m/A", said.output)
     analysis = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
-    series = fit_one_trial("actuator", tmp_path / "a.parquet", DEVICE, analysis, DoubtfulFits()).series
+    series = fit_one_trial("actuator", tmp_path / "a.parquet", DEVICE, FitRequest(analysis, DoubtfulFits())).series
     assert (series["torque"] - series["torque_model"]).std() < 0.05 * series["torque"].std()
 
 
@@ -297,7 +297,7 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_the_mcap_log_by_the_documen
     row = {"trial": "a", "experiment": "actuator", "log": "actuator/actuator_1.mcap", "log_source": "actuator"}
     ingest_trial(row, tmp_path, ROOT / "config/sources", tmp_path / "a.parquet")
     analysis = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
-    expected = fit_one_trial("actuator", tmp_path / "a.parquet", DEVICE, analysis, DoubtfulFits()).estimates
+    expected = fit_one_trial("actuator", tmp_path / "a.parquet", DEVICE, FitRequest(analysis, DoubtfulFits())).estimates
     log, _ = simulate_actuator_trial("actuator_1", read_yaml(campaign, SimulationSettings), P)
 
     shutil.copytree(ROOT / "config", tmp_path / "laboratory/config")
@@ -311,7 +311,7 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_the_mcap_log_by_the_documen
         said = CliRunner().invoke(main, command.split())
         assert said.exit_code == 0, said.output
     assert re.search(r"J_m +0\.009\d+ ± \S+ +kg·m²", said.output)
-    found = fit_one_trial("actuator", Path("bench.parquet"), DEVICE, analysis, DoubtfulFits()).estimates
+    found = fit_one_trial("actuator", Path("bench.parquet"), DEVICE, FitRequest(analysis, DoubtfulFits())).estimates
     assert (found["motion"][0], expected["motion"][0]) == (motion, "theta_m")
     assert found.select(PARAMETERS).row(0) == pytest.approx(expected.select(PARAMETERS).row(0), rel=1e-3)
     assert found["J_m_se"][0] == pytest.approx(expected["J_m_se"][0], rel=0.02)
@@ -334,11 +334,11 @@ def test_of_angle_and_velocity_the_angle_is_used_and_a_bench_without_either_is_r
     t, theta, omega, alpha, current = schedule()
     samples = {"time": t, "current": current, "torque_m": by_hand(theta, omega, alpha, current)}
     write_trial(Trial("a", pl.DataFrame({**samples, "theta_m": theta, "omega_m": 7 * omega})), tmp_path / "a.parquet")
-    both = fit_one_trial("actuator", tmp_path / "a.parquet", DEVICE, analysis, DoubtfulFits()).estimates
+    both = fit_one_trial("actuator", tmp_path / "a.parquet", DEVICE, FitRequest(analysis, DoubtfulFits())).estimates
     assert (both["motion"][0], both["J_m"][0]) == ("theta_m", pytest.approx(TRUE["J_m"], rel=0.02))
     write_trial(Trial("b", pl.DataFrame(samples)), tmp_path / "b.parquet")
     with pytest.raises(InputError, match="trial b: no column 'theta_m'"):
-        fit_one_trial("actuator", tmp_path / "b.parquet", DEVICE, analysis, DoubtfulFits())
+        fit_one_trial("actuator", tmp_path / "b.parquet", DEVICE, FitRequest(analysis, DoubtfulFits()))
 
 
 def test_an_error_names_the_trial(tmp_path, campaign):

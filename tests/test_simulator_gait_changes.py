@@ -50,8 +50,9 @@ def test_less_load_is_less_force_and_torque_at_the_same_angle(
     # damping and the actuator's inertia follow the angle, which is the same: 2 N*m where the impedance is constant
     level = (usual.time > 0.9 + 0.36 * 0.72) & (usual.time < 0.9 + 0.56 * 0.72)
     np.testing.assert_allclose(light.torque[level], 0.7 * usual.torque[level], atol=2)
-    assert (usual.torque[level] > 30).all()
-    np.testing.assert_allclose(light.pressure[middle], usual.pressure[middle], atol=5e-3)
+    assert (usual.torque[level] > 20).all()
+    # the torque that does not scale moves the pressure: 4 N*m over 280 N
+    np.testing.assert_allclose(light.pressure[middle], usual.pressure[middle], atol=1.5e-2)
 
 
 def test_a_smaller_amplitude_is_one_factor_of_angle_torque_and_force(

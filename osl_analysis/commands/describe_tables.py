@@ -66,6 +66,7 @@ SUMMARY_FIELDS = {
     "`meaning`": "what the number is",
     "`n_doubtful`, `n_left_out`": "how many of the trials or fits that could be in the number are doubtful, and "
     "how many of these are not in it",
+    "`doubt`": "why the number itself is doubtful; null if it is not, or not judged",
     "`amplitudes_low`, `amplitudes_high`": "lowest and highest of the fits to single amplitudes, if there are any",
 }
 

@@ -46,11 +46,17 @@ def read_csv_log(path: Path, source: CsvSource) -> Recording:
         origins[column] = channel.origin(column, table.units[place])
     facts = {
         "time": {**source.time.model_dump(exclude_none=True), "start": start},
-        "rates_hz": {path.name: float(1 / np.median(np.diff(time))) if time.size > 1 else None},
+        "rates_hz": {path.name: median_rate(time)},
         "missing": missing,
         "comments": table.comments[:COMMENTS],
     }
     return Recording(pl.DataFrame(columns), origins, facts, csv_warnings(table, source, missing))
+
+
+def median_rate(time: Array) -> float | None:
+    """Median sampling rate [Hz] of stamps (n,) [s]; None for a single row, or if most rows repeat a stamp."""
+    step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    return 1 / step if step > 0 else None
 
 
 def time_of(table: CsvTable, source: CsvSource) -> tuple[Array, float]:

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -161,9 +162,10 @@ def run_workflow(config: Path, targets: Iterable[Path]) -> str:
 
 def first_error(printed: str) -> str:
     """The first message of the workflow that says why a campaign has no headline."""
-    lines = [line.strip() for line in printed.splitlines()]
-    errors = [line for line in lines if "rror: " in line or line.startswith("error")]
-    return short((errors or [line for line in lines if line][-1:] or ["no message"])[0])
+    lines = [line.strip() for line in printed.splitlines() if line.strip()]
+    errors = [line for line in lines if "rror: " in line]
+    errors += [after for line, after in pairwise(lines) if line.startswith("WorkflowError")]
+    return short((errors or lines[-1:] or ["no message"])[0])
 
 
 def failed_checks(path: Path) -> tuple[str, ...]:

@@ -146,7 +146,7 @@ class Campaign:
             off = row["mean"] - true
             errors[q] = (off if q == "I" else 100 * off / true, off / row["se"] if row["se"] else float("nan"))
             wrong |= abs(errors[q][0]) > ACCEPTED[q] and not row["low"] <= true <= row["high"]
-            doubts.add(str(row.get("doubtful") or ""))
+            doubts.add(str(row.get("doubt") or ""))
         return Group(name, errors, wrong, "; ".join(sorted(doubts - {""})))
 
 

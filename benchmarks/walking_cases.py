@@ -83,6 +83,7 @@ PROTOCOL = (
         "two persons, 60 kg and 95 kg, stance 0.62 s and 0.78 s",
         experiments={
             "walking": 20,
+            "static": 2,
             "conditions": {
                 "subjects": [
                     {"name": "A", "body_mass_kg": 60, "stance_s": 0.62},

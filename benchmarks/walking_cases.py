@@ -91,6 +91,7 @@ PROTOCOL = (
                 ]
             },
         },
+        asked=Remedy("", sheet={"static": "static_1"}),
         remedy=Remedy("subject " + STATED, stated=("subject",)),
     ),
     Case("platform shifts by 50 mm in place of a turn", {"perturbation": {"shift_mm": 50}}),
@@ -167,6 +168,7 @@ LABORATORY = (
         "markers placed anew by 5 mm for a second session",
         effect("marker_placement", 5, "mm"),
         TWO_SESSIONS,
+        asked=Remedy("", sheet={"static": "static_1"}),
         remedy=Remedy("session " + STATED, stated=("session",)),
     ),
     Case(

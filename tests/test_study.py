@@ -133,11 +133,11 @@ def test_a_single_belt_says_how_far_noise_and_drift_carry_it():
 
 
 def test_the_mean_of_repeated_belts_scatters_as_belts_do():
-    """100 seeded campaigns of ten belts of 1 %: three Monte Carlo errors are 21 % of a ratio, 6.5 % of a coverage."""
-    table = rows("repeated belt", 100)
+    """40 seeded campaigns of ten belts of 1 %: three Monte Carlo errors are 34 % of a ratio, 10 % of a coverage."""
+    table = rows("repeated belt", 40)
     assert table["bound"][0] == pytest.approx(0.01 * 685.6 / np.sqrt(10), rel=1e-3)
-    assert float(np.sqrt((table["error"] ** 2).mean())) / table["bound"][0] == pytest.approx(1, abs=0.21)
-    assert covered(table) == pytest.approx(0.95, abs=0.065)
+    assert float(np.sqrt((table["error"] ** 2).mean())) / table["bound"][0] == pytest.approx(1, abs=0.34)
+    assert covered(table) == pytest.approx(0.95, abs=0.1)
     assert set(table["truth"]) == set(rows("belt", 1)["truth"])
 
 

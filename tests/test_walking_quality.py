@@ -209,6 +209,12 @@ def test_three_of_five_unperturbed_crossings_with_seventy_percent_of_the_load_ar
     assert set(reasons(fewer)) == set(bad)
 
 
+def test_four_of_twelve_with_less_load_do_not_hide_in_the_scatter_that_they_make() -> None:
+    bad = {"w0": 0.7, "w2": 0.72, "w4": 0.78, "w8": 0.6}
+    crossings = [loaded(c, share=bad.get(c.name, 1.0), seed=k) for k, c in enumerate(session())]
+    assert set(reasons(crossings)) == set(bad)
+
+
 def test_a_second_foot_on_the_plate_moves_the_pressure_beside_the_ankle() -> None:
     assert "pressure beside the ankle" in reasons(loaded_session(left=0.06))["w10"]
 

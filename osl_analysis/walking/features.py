@@ -17,6 +17,7 @@ NORMAL_MAD = 1.4826
 ANGLE, TORQUE = "angle before the onset", "torque before the onset"
 LOAD, LOAD_LATER, PRESSURE = "load before the onset", "load in single support", "pressure beside the ankle"
 """Names of the features that compare curves."""
+Mask = NDArray[np.bool_]
 OF_LOAD = "of the usual load"
 MIDDLE = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])]
 """Phases of single support."""
@@ -48,19 +49,34 @@ class Feature:
 def crossing_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule) -> list[Feature]:
     """Features by which crossings are compared, `early_features` and `later_features`.
 
-    Crossings that are unlike the others before the onset do not count in the medians of the later features: three bad
-    ones of five unperturbed crossings would make the two good ones outliers.
+    A crossing beyond the limit does not count in medians and scatters, which are computed anew until no further one is
+    beyond it: four bad crossings of twelve widen the scatter so that none of them stands out. Crossings that are unlike
+    the others before the onset do not count in the later features either.
     """
-    early = early_features(crossings, timing, rule)
-    sound = np.max([feature.distance for feature in early], axis=0) <= rule.limit
-    return early + later_features(crossings, rule, sound)
+    sound = np.ones(len(crossings), dtype=bool)
+    early, sound = without_beyond(lambda mask: early_features(crossings, timing, rule, mask), sound, rule.limit)
+    later, _ = without_beyond(lambda mask: later_features(crossings, rule, mask), sound, rule.limit)
+    return early + later
 
 
-def early_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule) -> list[Feature]:
-    """What no perturbation can change, compared among all crossings: the foot's place, and curves before the onset."""
+def without_beyond(features: Callable[[Mask], list[Feature]], sound: Mask, limit: float) -> tuple[list[Feature], Mask]:
+    """Features among the `sound` crossings (n,), and which of these are within the limit in all, settled by repetition.
+
+    At least half of the crossings stay: fewer would be a selection.
+    """
+    while True:
+        found = features(sound)
+        within = sound & (np.max([feature.distance for feature in found], axis=0) <= limit)
+        if within.sum() == sound.sum() or 2 * within.sum() < len(within):
+            return found, within
+        sound = within
+
+
+def early_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule, sound: Mask) -> list[Feature]:
+    """What no perturbation can change, among the `sound` (n,): the place of the foot, and curves before the onset."""
     place = np.array([c.quality.placement for c in crossings])
     phases = PHASES[PHASES <= earliest_baseline_end(crossings, timing)]
-    alike = Compared(np.zeros(len(crossings), dtype=int), np.ones(len(crossings), dtype=bool))
+    alike = Compared(np.zeros(len(crossings), dtype=int), sound)
     angle = np.rad2deg(deviation(crossings, theta_of, phases, alike))
     torque = deviation(crossings, torque_of, phases, alike)
     features = [
@@ -75,7 +91,7 @@ def early_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierR
     return [*features, feature_of(LOAD, OF_LOAD, load, rule.load_share, alike)]
 
 
-def later_features(crossings: Sequence[Crossing], rule: OutlierRule, sound: NDArray[np.bool_]) -> list[Feature]:
+def later_features(crossings: Sequence[Crossing], rule: OutlierRule, sound: Mask) -> list[Feature]:
     """What a perturbation changes, compared among the `sound` (n,) unperturbed crossings, and those of each direction:
     duration of stance, load and pressure in single support."""
     stance = np.array([c.stance.duration for c in crossings])
@@ -143,7 +159,7 @@ class Compared:
     """
 
     kind: NDArray[np.int_]
-    sound: NDArray[np.bool_]
+    sound: Mask
 
     def medians(self, values: Array) -> Array:
         """For each crossing the median of values (n, ...) over those with which it is compared."""

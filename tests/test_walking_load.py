@@ -1,13 +1,15 @@
 """How the foot loads the plate, and whether axes, side and malleoli are right: by geometry, and on simulated files."""
 
 import numpy as np
+import polars as pl
 import pytest
 
 from osl_analysis.errors import InputError
+from osl_analysis.trial import Trial
 from osl_analysis.walking.events import Stance
 from osl_analysis.walking.load import furthest_outside, load_of_weight, load_on_foot
 from osl_analysis.walking.orientation import check_heading, check_push, check_vertical
-from osl_analysis.walking.plate import PlateWrench
+from osl_analysis.walking.plate import PlateWrench, recorded_corners
 
 CORNERS = np.array([[0.3, 0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0], [0.3, -0.2, 0]]) + np.array([1.0, 2.0, 0.1])
 PHASE = np.linspace(0, 1, 11)
@@ -79,3 +81,15 @@ def test_a_moment_that_lifts_the_toes_in_late_stance_is_refused() -> None:
     check_push(PHASE, torque)
     with pytest.raises(InputError, match=r"moment in late stance is -53 N\*m"):
         check_push(PHASE, -torque)
+
+
+@pytest.mark.parametrize(
+    ("axes", "named"), [([0, 2, 1], r"across the y axis.*`axes: \[x, -z, y\]`"), ([2, 1, 0], "across the x")]
+)
+def test_a_plate_that_stands_on_edge_says_that_z_is_not_up(axes: list[int], named: str) -> None:
+    facts = {"plates": [{"plate": 1, "type": 2, "corners": CORNERS[:, axes].tolist()}]}
+    trial = Trial("plate_1", pl.DataFrame({"time": [0.0]}), facts)
+    with pytest.raises(InputError, match=named):
+        recorded_corners(trial, 1)
+    level = Trial("plate_1", trial.samples, {"plates": [{"plate": 1, "type": 2, "corners": CORNERS.tolist()}]})
+    np.testing.assert_allclose(recorded_corners(level, 1), CORNERS)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
-from osl_analysis.columns import plate_columns
+from osl_analysis.columns import AXES, plate_columns
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, longest_run, sampling_rate
 from osl_analysis.trial import Array, Trial
@@ -15,6 +15,8 @@ from osl_analysis.walking.settings import CrossingSettings
 
 ANTI_ALIAS = 1 / 3
 """Cut-off of the low-pass before resampling, as a fraction of the marker rate."""
+LEVEL = 0.8
+"""Smallest vertical part of a plate's normal: ramps and stairs are less steep."""
 CLIPPED_S = 0.02
 """A force that keeps its largest value for this time [s] has reached the plate's limit. Noise and gait never do so."""
 
@@ -152,7 +154,7 @@ def recorded_corners(trial: Trial, plate: int) -> Array:
     Raises
     ------
     InputError
-        The recording describes no such plate.
+        The recording describes no such plate, or the plate stands on edge: z does not point up.
     """
     plates = trial.provenance.get("plates", [])
     corners = [p["corners"] for p in plates if p["plate"] == plate]
@@ -162,7 +164,28 @@ def recorded_corners(trial: Trial, plate: int) -> Array:
             f"trial {trial.name}: no corners of force plate {plate}; the recording has those of {numbers}. Correct "
             "`plate` in the configuration"
         )
-    return np.asarray(corners[0], dtype=float)
+    found = np.asarray(corners[0], dtype=float)
+    check_level(trial.name, plate, found)
+    return found
+
+
+def check_level(name: str, plate: int, corners: Array) -> None:
+    """Refuse a plate whose corners (4, 3) [m] stand on edge.
+
+    Raises
+    ------
+    InputError
+        Names the axis across the plate, and `axes` of the source file that turns it up.
+    """
+    across = np.abs(plate_axes(corners)[:, 2])
+    if across[2] >= LEVEL:
+        return
+    axis = AXES[int(np.argmax(across))]
+    remedy = "`axes: [x, -z, y]`" if axis == "y" else "`axes`"
+    raise InputError(
+        f"trial {name}: the corners of force plate {plate} stand on edge, across the {axis} axis: z does not point up; "
+        f"state {remedy} in the source file"
+    )
 
 
 def plate_centre(trial: Trial, plate: int) -> Array:

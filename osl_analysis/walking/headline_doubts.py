@@ -8,14 +8,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from osl_analysis.second_order import ImpedanceFit, impedance_torque
-from osl_analysis.signals import Motion, differentiate
+from osl_analysis.second_order import ImpedanceFit
+from osl_analysis.signals import Motion
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array
 from osl_analysis.walking.ensemble import signs_of
 from osl_analysis.walking.headline import Headline
 from osl_analysis.walking.response import PerturbationResponse
-from osl_analysis.walking.response_fit import fit_response, offset_comparison
+from osl_analysis.walking.response_fit import fit_response, gait_torque, offset_comparison
 
 SMALL_RESIDUAL = 0.03
 """Share of the torque's RMS below which a residual does not count."""
@@ -34,7 +34,11 @@ def single_facts(response: PerturbationResponse, impedance: ImpedanceFit) -> Fac
 
     Null where the residual is a small share of the torque, or the offset hardly changes K.
     """
-    motion, torque, left = response.fitted_motion, response.fitted_torque, gait_torque(response, impedance)
+    motion, torque, left = (
+        response.fitted_motion,
+        response.fitted_torque,
+        gait_torque(response, impedance)[:, response.window],
+    )
     compared = offset_comparison(motion, torque, impedance.K)
     scatter = float(np.std(offsets(motion, left), ddof=1))
     counts = abs(compared["offset_share"] or 0.0) > SMALL_OFFSET and scatter > 0
@@ -49,7 +53,7 @@ def group_facts(headline: Headline) -> Facts:
     ensemble, responses = headline.ensemble, headline.responses
     rows, fit = responses[0].window, headline.ensemble.fit
     motion, torque = ensemble.motion[rows], ensemble.torque[rows]
-    left = np.mean([gait_torque(r, fit) for r in responses], axis=0)
+    left = np.mean([gait_torque(r, fit)[:, rows] for r in responses], axis=0)
     values = {name: float(getattr(fit, name)) for name in QUANTITIES}
     intervals = {name: headline.resampled.interval(name) for name in QUANTITIES}
     singles = [fit_response(r) for r in responses]
@@ -68,13 +72,6 @@ def group_facts(headline: Headline) -> Facts:
         "I_high": intervals["I"][1],
         **stance_facts(responses),
     }
-
-
-def gait_torque(response: PerturbationResponse, impedance: ImpedanceFit) -> Array:
-    """Torque (crossings, k) [N*m] in the window that each unperturbed crossing's deviation adds to a residual."""
-    deviation = differentiate(response.time, (response.motion.theta - response.thetas).T)
-    explained = impedance_torque(impedance.K, impedance.B, impedance.I, deviation)
-    return np.asarray(((response.torque - response.torques).T - explained).T[:, response.window])
 
 
 def residual_over_gait(motion: Motion, torque: Array, left: Array) -> float | None:

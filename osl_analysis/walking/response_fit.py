@@ -64,9 +64,17 @@ def gait_errors(response: PerturbationResponse, impedance: ImpedanceFit) -> Arra
     first order, the error of an estimate is the regression of d_torque - K d_theta - B d_omega - I d_alpha on the
     response's motion.
     """
+    return estimate_changes(gait_torque(response, impedance), response)
+
+
+def gait_torque(response: PerturbationResponse, impedance: ImpedanceFit) -> Array:
+    """Torque (crossings, k) [N*m] that each unperturbed crossing's deviation from their mean adds to a residual.
+
+    It is d_torque - K d_theta - B d_omega - I d_alpha.
+    """
     deviation = differentiate(response.time, (response.motion.theta - response.thetas).T)
     explained = impedance_torque(impedance.K, impedance.B, impedance.I, deviation)
-    return estimate_changes(((response.torque - response.torques).T - explained).T, response)
+    return np.asarray(((response.torque - response.torques).T - explained).T)
 
 
 def plate_errors(response: PerturbationResponse) -> Array:

@@ -170,6 +170,39 @@ def test_a_message_shorter_than_its_schema_is_refused() -> None:
             layout_of(definitions, "lab_msgs/S", payload)
 
 
+def test_a_message_with_more_than_its_schema_describes_is_refused_and_padding_is_not() -> None:
+    definitions = parse_schema("lab_msgs/msg/S", "float64 a")
+    payload = struct.pack("<4sd", b"\0\1\0\0", 1.0)
+    for padding in (b"\xff", b"\xff" * 3, bytes(4), bytes(7)):  # to four bytes with any content, to eight with zeros
+        assert layout_of(definitions, "lab_msgs/S", payload + padding).leaves["a"].offset == 4
+    for more in (b"\0\0\0\1", struct.pack("<d", 2.0), bytes(8)):
+        with pytest.raises(InputError, match=f"a message of {12 + len(more)} bytes has {len(more)} more than its"):
+            layout_of(definitions, "lab_msgs/S", payload + more)
+
+
+def test_padding_that_is_zero_in_one_message_does_not_let_another_with_content_pass(tmp_path: Path) -> None:
+    definitions = parse_schema("lab_msgs/msg/S", "float64 a")
+    layout = layout_of(definitions, "lab_msgs/S", struct.pack("<4sdi", b"\0\1\0\0", 1.0, 0))
+    other = np.frombuffer(struct.pack("<4sdi", b"\0\1\0\0", 1.0, 7), np.uint8)
+    assert not template_of(layout, ["a"]).fits(other[None])[0]
+
+
+def test_a_char_is_an_unsigned_byte_as_rosidl_defines_it() -> None:
+    payload = b"\0\1\0\0\xc8\xc8\xc8"
+    layout = layout_of(parse_schema("l/S", "char a\nint8 b\nbyte c"), "l/S", payload)
+    read = [layout.leaves[name].read(np.frombuffer(payload, np.uint8)[None])[0] for name in "abc"]
+    assert read == [200, -56, 200]
+
+
+def test_an_unknown_joint_is_refused_with_the_joints_there_are(tmp_path: Path) -> None:
+    schema = "std_msgs/Header header\nstring[] name\nfloat64[] position\n" + HEADER
+    log = [stamped(0, name=["knee", "left ankle"], position=[1.0, 2.0])]
+    path = write_log(tmp_path / "log.mcap", log, schema, "sensor_msgs/msg/JointState")
+    expected = r"no field 'position\[name=ankel\]'; it has position\[name=knee\], position\[name=left ankle\]$"
+    with pytest.raises(InputError, match=expected):
+        decode_topics(read_mcap(path), {"/lab": ["position[name=ankel]"]})
+
+
 def test_an_encapsulation_other_than_plain_cdr_is_refused() -> None:
     with pytest.raises(InputError, match="encapsulation 00070000 is not plain CDR"):
         layout_of(parse_schema("l/S", "uint8 a"), "l/S", b"\x00\x07\x00\x00\x01")

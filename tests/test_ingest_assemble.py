@@ -1,7 +1,11 @@
 """From the sheet's row to the trial's file: joined recordings, provenance, and mistakes that leave nothing behind."""
 
 import hashlib
+import os
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -18,6 +22,7 @@ from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.ingest.alignment import marker_angle
 from osl_analysis.ingest.assemble import merged
 from osl_analysis.ingest.clock import ClockFit
+from osl_analysis.ingest.known_formats import FORMATS
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.trial import Trial, read_trial, write_trial
 
@@ -190,6 +195,61 @@ def test_the_provenance_names_files_hashes_and_every_columns_channel(laboratory:
     assert columns["marker_M1_y"] == {
         "file": "mocap", "label": "M1", "component": "y", "unit": "mm", "factor": 0.001, "si_unit": "m"
     }  # fmt: skip
+
+
+def rewritten(path: Path) -> None:
+    """The same size and the same times, and one byte that differs."""
+    times = path.stat()
+    content = path.read_bytes()
+    path.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
+    os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+
+
+def appended(path: Path) -> None:
+    with path.open("ab") as file:
+        file.write(b"more")
+
+
+def replaced(path: Path) -> None:
+    other = path.with_suffix(".new")
+    other.write_bytes(path.read_bytes())
+    other.rename(path)
+
+
+CHANGES_OF_A_FILE = [appended, rewritten, replaced, Path.unlink]
+
+
+@pytest.mark.parametrize("change", CHANGES_OF_A_FILE, ids=lambda change: change.__name__)
+@pytest.mark.parametrize("role", ["log", "mocap"])
+def test_a_file_that_changes_while_it_is_read_is_refused(
+    laboratory: Path, monkeypatch: pytest.MonkeyPatch, change: Callable[[Path], None], role: str
+) -> None:
+    kind = {"log": "mcap", "mocap": "c3d"}[role]
+    read = FORMATS[kind].read
+
+    def read_and_change(path: Path, source: Any) -> Recording:
+        recording = read(path, source)
+        change(path)
+        return recording
+
+    monkeypatch.setitem(FORMATS, kind, replace(FORMATS[kind], read=read_and_change))
+    other = {"log": "mocap", "mocap": "log"}[role]
+    message = refused(laboratory, **{other: None, f"{other}_source": None})
+    assert message.startswith(str(laboratory / row()[role]))
+    assert "the file changed while it was read; wait until it is recorded or copied" in message
+
+
+def test_a_file_that_is_damaged_by_a_change_is_refused_for_the_change(
+    laboratory: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = FORMATS["mcap"].read
+
+    def change_and_read(path: Path, source: Any) -> Recording:
+        path.write_bytes(b"half")
+        return read(path, source)
+
+    monkeypatch.setitem(FORMATS, "mcap", replace(FORMATS["mcap"], read=change_and_read))
+    assert "changed while it was read" in refused(laboratory, mocap=None, mocap_source=None)
 
 
 def test_a_log_alone_is_a_trial(laboratory: Path) -> None:

@@ -79,7 +79,8 @@ def channels_of(survey: ChannelSurvey, fields: list[FieldDescription]) -> Iterat
     for path, field in numbers[:MOST_FIELDS]:
         array = "" if field.length is None else f"[{field.length}]"
         address = {"topic": topic, "field": path}
-        yield RecordedChannel(kind, address, "", survey.messages, rate, timing, f"{field.type}{array}")
+        samples = 0 if field.length == 0 else survey.messages
+        yield RecordedChannel(kind, address, "", samples, rate, timing, f"{field.type}{array}")
     if len(numbers) > MOST_FIELDS or not numbers:
         more = f"and {len(numbers) - MOST_FIELDS} more numbers" if numbers else ""
         yield RecordedChannel(kind, {"topic": topic}, "", survey.messages, rate, timing, more)

@@ -1,7 +1,10 @@
 """The raw files of one trial, read by their source files and put together."""
 
 import hashlib
+import os
+import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +13,9 @@ from osl_analysis.ingest.assemble import assemble
 from osl_analysis.ingest.known_formats import FORMATS, Source, read_source
 from osl_analysis.ingest.source_fields import CaptureSource, LogSource
 from osl_analysis.trial import Trial
+
+COARSEST_CLOCK = 2_000_000_000
+"""Steps [ns] in which file systems count the times of a file: FAT 2 s, most others some milliseconds."""
 
 
 def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path) -> Trial:
@@ -20,7 +26,8 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     Raises
     ------
     InputError
-        A file is missing, empty or not what its source file says, or the recordings do not fit together.
+        A file is missing, empty or not what its source file says, changes while it is read, or the recordings do
+        not fit together.
     """
     name = text(row, "trial")
     files = {role: text(row, role) for role in ("log", "mocap") if text(row, role)}
@@ -32,12 +39,16 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         if not source:
             raise InputError(f"trial {name}: {role}_source is empty; name the file in {sources_folder} for {given}")
         check_file(path)
+        before = identity(path, given, source)
         described = read_source(sources_folder / f"{source}.yaml")
         if len(files) == 2:
             check_alignment(described, sources_folder / f"{source}.yaml")
-        recordings[role] = FORMATS[described.format].read(path, described)
+        try:
+            recordings[role] = FORMATS[described.format].read(path, described)
+        finally:
+            check_unchanged(path, before)  # also where it cannot be read: it may have changed in between
         shared = described.shared if isinstance(described, CaptureSource) else shared
-        identities[role] = identity(path, given, source)
+        identities[role] = before.report
     try:
         return assemble(name, recordings, identities, shared)
     except InputError as error:
@@ -77,8 +88,49 @@ def text(row: Mapping[str, Any], column: str) -> str:
     return value.strip() if isinstance(value, str) else ""
 
 
-def identity(path: Path, given: str, source: str) -> dict[str, Any]:
-    """What identifies a raw file: its name in the sheet, size and SHA-256, and the source file that describes it."""
+@dataclass(frozen=True)
+class Identity:
+    """A raw file at the moment at which it was hashed."""
+
+    report: dict[str, Any]
+    """What identifies it in the provenance: name in the sheet, size, SHA-256, and the source file that describes it."""
+    state: tuple[int, ...]
+    """Device, number, size and times [ns] of the file; another value means another file or other bytes."""
+    hashed: int
+    """When it was hashed [ns]."""
+
+
+def identity(path: Path, given: str, source: str) -> Identity:
+    """Hash a raw file before it is read."""
     with path.open("rb") as file:
+        state, now = state_of(os.fstat(file.fileno())), time.time_ns()
         digest = hashlib.file_digest(file, "sha256").hexdigest()
-    return {"path": given, "bytes": path.stat().st_size, "sha256": digest, "source": source}
+        size = file.tell()
+    return Identity({"path": given, "bytes": size, "sha256": digest, "source": source}, state, now)
+
+
+def state_of(stat: os.stat_result) -> tuple[int, ...]:
+    """What changes in a file's entry when the file is replaced or written to."""
+    return stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns
+
+
+def check_unchanged(path: Path, before: Identity) -> None:
+    """Refuse a file that is not the one that was hashed, now that it has been read.
+
+    The times of a file that was written shortly before do not tell two writes apart. Such a file is hashed again.
+
+    Raises
+    ------
+    InputError
+        The file was replaced or written to.
+    """
+    try:
+        same = state_of(path.stat()) == before.state and before.report["bytes"] == before.state[2]
+        if same and before.hashed - max(before.state[3:]) < COARSEST_CLOCK:
+            same = identity(path, "", "").report["sha256"] == before.report["sha256"]
+    except OSError:
+        same = False
+    if not same:
+        raise InputError(
+            f"{path}: the file changed while it was read; wait until it is recorded or copied, then run again"
+        )

@@ -111,7 +111,7 @@ def decode_topics(
     for topic, one in by_name.items():
         for path in wanted[topic]:
             if path not in {*optional, *either} and not one.present[path].any():
-                names = names_of_fields(by_topic[topic][0])
+                names = names_of_fields(by_topic[topic][0], path)
                 raise InputError(f"topic '{topic}' has no field '{path}'; it has {names}")
     return by_name
 
@@ -181,13 +181,19 @@ def describe_message(channel: Channel, schema: Schema | None, payload: bytes | N
     return protobuf.describe_protobuf(schema, payload)
 
 
-def names_of_fields(one: ChannelReader) -> str:
-    """The fields of a channel's first message, for a message to the user."""
+def names_of_fields(one: ChannelReader, path: str) -> str:
+    """The fields of a channel's first message, for a message to the user about `path`.
+
+    Where the path chooses an element by name, these are the names that its array has, if it has any.
+    """
     try:
         fields = describe_message(one.channel, one.schema, one.first)
     except (ValueError, RecursionError):
         fields = []
-    return ", ".join(field.in_words() for field in fields if field.length != 0) or "none"
+    array, bracket, name = path.rpartition("[")
+    chosen = [field for field in fields if bracket and "=" in name and field.path == array and field.labels]
+    words = [field.addresses() if chosen else [field.in_words()] for field in chosen or fields if field.length != 0]
+    return ", ".join(one for several in words for one in several) or "none"
 
 
 def reader_of(file: McapFile, number: int, paths: Sequence[str], either: Collection[str]) -> ChannelReader:

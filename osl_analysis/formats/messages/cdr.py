@@ -19,6 +19,8 @@ from osl_analysis.formats.messages.templates import ByShape, MessageWalk, Templa
 
 HEADER = 4  # encapsulation header; alignment counts from the byte after it
 MOST_VISITS = 1_000_000
+PADDING = 3  # bytes of any content after the last field: DDS pads a message to four bytes (RTPS 2.5, 9.4.1)
+ZERO_PADDING = 7  # bytes after the last field if they are zero: to eight
 EMPTY = b"\0\1\0\0" + bytes(1 << 16)  # every number 0, every string and sequence empty
 
 
@@ -109,15 +111,23 @@ def layout_of(definitions: Definitions, name: str, payload: bytes) -> CdrWalk:
     Raises
     ------
     InputError
-        The encapsulation is not plain CDR, or the message is shorter than its schema asks for.
+        The encapsulation is not plain CDR, or the message is shorter or longer than its schema asks for.
     """
     if len(payload) < HEADER or payload[0] != 0 or payload[1] > 1:
         raise InputError(f"encapsulation {payload[:HEADER].hex()} is not plain CDR; record with the default encoding")
     order = "<" if payload[1] else ">"
     layout = CdrWalk(payload, position=HEADER, guards=[0, 1], definitions=definitions, order=order)
     layout.message(name, "")
+    left = payload[layout.position :]
     if layout.position > len(payload):
         raise cdr_misfit(payload)
+    padding = PADDING if any(left) else ZERO_PADDING
+    if payload is not EMPTY and len(left) > padding:
+        raise InputError(
+            f"a message of {len(payload)} bytes has {len(left)} more than its schema describes; the schema is not its "
+            "own: record the log again with the definitions that its publisher was built with"
+        )
+    layout.guards += range(layout.position, len(payload)) if PADDING < len(left) <= ZERO_PADDING else ()
     return layout
 
 

@@ -17,6 +17,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from osl_analysis.formats.messages.json_keys import names_on_the_way, repeating
 from osl_analysis.formats.messages.leaves import Indices
 from osl_analysis.formats.messages.one_by_one import PART, Numbers, Values, batches, numbers_at
 
@@ -47,7 +48,7 @@ class ByText:
     read_alone: int = 0
     """Messages that were read one by one."""
     misfits: int = 0
-    """Messages that are not JSON."""
+    """Messages that are not JSON, or write a field twice."""
     misfit: str = ""
     """What is wrong with the first of these."""
 
@@ -55,16 +56,28 @@ class ByText:
         """Batches of messages: their places among `starts`, and their numbers by path; misfits are only counted."""
         stops = (starts + lengths).tolist()
         texts = [buffer[start:stop] for start, stop in zip(starts.tolist(), stops, strict=True)]
+        sound = self.unambiguous(texts)
+        if sound.size < len(texts):
+            texts = [texts[row] for row in sound]
+        if not texts:
+            return
         try:
             columns = self.at_once(texts)
             for rows, values in batches_alike(columns, len(texts)):
-                yield rows, {path: self.in_kind(path, numbers) for path, numbers in values.items()}
+                yield sound[rows], {path: self.in_kind(path, numbers) for path, numbers in values.items()}
         except ERRORS:
-            yield from self.one_by_one(texts)
+            for rows, values in self.one_by_one(texts):
+                yield sound[rows], values
+
+    def unambiguous(self, texts: Sequence[bytes]) -> Indices:
+        """Places of the messages that write no field twice; the others are counted as misfits."""
+        faults = repeating(texts, names_on_the_way(self.paths))
+        self.misfits += len(faults)
+        self.misfit = self.misfit or next(iter(faults.values()), "")
+        return np.delete(np.arange(len(texts)), list(faults))
 
     def at_once(self, texts: Sequence[bytes]) -> dict[str, pl.Series]:
         """The wanted fields that exist, null where a message lacks one."""
-        json.loads(texts[0], object_pairs_hook=unrepeated)
         frame = self.of_known_types(texts)
         return self.of_new_types(texts) if frame is None else self.fields_in(frame)
 
@@ -199,13 +212,6 @@ def steps_of(path: str) -> tuple[Step, ...]:
 def last_name(steps: Sequence[Step]) -> bytes:
     """The last name on the way, as JSON writes it."""
     return json.dumps([step for step in steps if isinstance(step, str)][-1], ensure_ascii=False).encode()
-
-
-def unrepeated(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    """An object, unless a field is written twice: polars would take the first value and Python takes the last."""
-    if len(dict(pairs)) < len(pairs):
-        raise NoTypesError("a field is written twice")
-    return dict(pairs)
 
 
 def wanted_types(types: Mapping[str, pl.DataType], steps: Sequence[Sequence[Step]]) -> Types:

@@ -8,9 +8,10 @@ from typing import Literal
 from osl_analysis.errors import InputError
 
 PRIMITIVES = {
-    "bool": "?", "byte": "u1", "char": "i1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
+    "bool": "?", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
     "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
+"""Types in numpy's spelling. rosidl maps `char` to uint8: design.ros2.org/articles/legacy_interface_definition.html."""
 STRINGS = ("string", "wstring")
 
 FIELD = re.compile(r"(?P<type>[A-Za-z][\w/]*)(<=\d+)?(?P<array>\[(?P<bound><=)?(?P<size>\d*)\])?\s+(?P<name>\w+)")

@@ -137,7 +137,7 @@ def test_the_source_files_unit_wins_over_the_files_and_says_so(tmp_path: Path) -
         (LOG.replace("90,2", "90"), {}, "line 3 has 2 cells under 3 names"),
         (LOG.replace("90", '"90'), {}, "line 3: a quote is not closed"),
         (LOG.replace("90", "9" * 200_000), {}, "line 3: field larger than field limit"),
-        (b"\x89MCAP0\r\n\0\0\0", {}, "not a text file"),
+        (b"\x89MCAP0\r\n\0\0\0", {}, "line 2 holds zero bytes"),
         (LOG, {"time": {"column": "t"}}, "column 't': the unit is empty; write one of s, ms"),
         (LOG, {"channels": {"theta": {"column": "angle"}}}, "column 'angle': the unit is empty; write one of rad"),
         ("t,angle,load\n1,2\n", {"ragged": "skip", "most_missing": 1.0}, "none of its rows fits the header's 3 names"),

@@ -151,9 +151,3 @@ def test_a_file_is_recognised_by_its_content_and_where_that_says_nothing_by_its_
         "b.csv": "mcap",
         "c.csv": "nexus_csv",
     }
-
-
-def test_a_recording_of_a_format_that_is_not_read_yet_is_refused_by_its_name(tmp_path: Path) -> None:
-    (tmp_path / "a.trc").write_text("PathFileType\t4\n")
-    with pytest.raises(InputError, match="a TRC file, which is not read yet; convert it to MCAP, C3D or CSV"):
-        inspect_file(tmp_path / "a.trc")

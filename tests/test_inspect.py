@@ -349,7 +349,12 @@ def test_the_draft_is_written_where_it_is_asked_for_and_never_over_a_file(tmp_pa
 
 @pytest.mark.parametrize(
     ("content", "problem"),
-    [(b"", "the file is empty"), (b"PK\x03\x04\0\0\0", "neither MCAP, C3D nor text"), (b"\n\n", "holds no rows")],
+    [
+        (b"", "the file is empty"),
+        (b"PK\x03\x04\0\0\0", "a ZIP archive"),
+        (b"\1\0\2", "neither MCAP, C3D nor text"),
+        (b"\n\n", "holds no rows"),
+    ],
 )
 def test_a_file_of_no_known_format_is_refused(tmp_path: Path, content: bytes, problem: str) -> None:
     (tmp_path / "a").write_bytes(content)

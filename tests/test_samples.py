@@ -62,7 +62,7 @@ def test_what_is_refused_is_told_with_the_reason_and_without_the_folder(folder: 
     assert found["lab.tdms"] == [
         "",
         "",
-        "refused: a LabVIEW TDMS file, which is not read yet; convert it to MCAP, C3D or CSV",
+        "refused: a LabVIEW TDMS file, which is not read; export its table as CSV in UTF-8",
     ]
     assert str(folder) not in samples_table(folder, RULES)
 

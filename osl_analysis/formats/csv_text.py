@@ -13,6 +13,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
 DELIMITERS = {"tab": "\t", "space": " "}
+CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a]")  # bytes that no text has
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 SNIFFED = 50  # lines from which the delimiter is inferred
 UNIT = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))", re.DOTALL)
@@ -31,7 +32,11 @@ def read_lines(path: Path) -> Lines:
     """
     text = decoded_text(path.read_bytes())
     if "\0" in text:
-        raise InputError(f"{path}: not a text file; check the path and the source's format")
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise InputError(
+            f"{path}: line {line} holds zero bytes, as a loss of power leaves them; delete the file from there on, or "
+            "name a text file"
+        )
     return list(enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1))
 
 
@@ -46,8 +51,8 @@ def decoded_text(data: bytes) -> str:
 
 
 def is_text(begin: bytes) -> bool:
-    """Whether a file that begins with these bytes is text."""
-    return b"\0" not in begin or begin[:2] in UTF_16_MARKS
+    """Whether a file that begins with these bytes is text, by its first line: a loss of power leaves zeros behind."""
+    return begin[:2] in UTF_16_MARKS or CONTROL.search(begin.partition(b"\n")[0]) is None
 
 
 def delimiter_of(lines: Lines, given: str) -> str:

@@ -12,6 +12,7 @@ from osl_analysis.formats.c3d_header import is_c3d
 from osl_analysis.formats.csv_text import is_text
 from osl_analysis.formats.mcap.walk import MAGIC
 from osl_analysis.formats.nexus_csv import is_nexus
+from osl_analysis.formats.other_formats import FIRST_BYTES, refuse_others
 from osl_analysis.ingest.c3d_capture import read_c3d_capture
 from osl_analysis.ingest.c3d_source import C3dSource
 from osl_analysis.ingest.capture_overview import inspect_c3d, inspect_nexus
@@ -24,8 +25,6 @@ from osl_analysis.ingest.overview import Overview
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source_fields import CaptureSource, LogSource
 from osl_analysis.yaml_settings import Settings, read_yaml
-
-FIRST_BYTES = 1 << 16
 
 Source = LogSource | CaptureSource
 
@@ -61,15 +60,8 @@ FORMATS = {
 }
 ANY_TEXT = "csv"
 """Format of a text file that is not recognised by content or name."""
-NOT_READ = {
-    ".bag": "a ROS 1 bag",
-    ".db3": "a ROS 2 bag in SQLite",
-    ".mat": "a MATLAB file",
-    ".mot": "an OpenSim motion",
-    ".tdms": "a LabVIEW TDMS file",
-    ".trc": "a TRC file",
-}
-"""Recordings of formats that are not read yet, by the ending of the file."""
+NOT_READ = (".bag", ".db3", ".h5", ".mat", ".mot", ".sto", ".tdms", ".trc", ".tsv", ".xlsx")
+"""Endings of recordings whose formats are not read: `samples` lists them with the remedy."""
 
 
 class NamedFormat(Settings):
@@ -107,14 +99,45 @@ def recognise(path: Path) -> str:
     InputError
         The file is of no format that is read.
     """
-    suffix = path.suffix.lower()
-    if suffix in NOT_READ:
-        raise InputError(f"{path}: {NOT_READ[suffix]}, which is not read yet; convert it to MCAP, C3D or CSV")
-    with path.open("rb") as file:
-        begin = file.read(FIRST_BYTES)
-    by_content = [name for name, known in FORMATS.items() if known.begins(begin)]
-    by_suffix = [name for name, known in FORMATS.items() if suffix in known.suffixes]
-    candidates = [*(name for name in by_content if name != ANY_TEXT), *by_suffix, *by_content]
+    begin = beginning(path)
+    by_suffix = [name for name, known in FORMATS.items() if path.suffix.lower() in known.suffixes]
+    candidates = [*formats_of(path, begin), *by_suffix, *[ANY_TEXT] * is_text(begin)]
     if not candidates:
-        raise InputError(f"{path}: neither MCAP, C3D nor text (it begins with {begin[:8]!r}); convert it")
+        raise InputError(
+            f"{path}: neither MCAP, C3D nor text (it begins with {begin[:8]!r}); export it as one of these"
+        )
     return candidates[0]
+
+
+def check_format(path: Path, source: Source) -> None:
+    """Refuse a file whose content is of another format than its source file says.
+
+    Raises
+    ------
+    InputError
+        The file is of another format, or of one that is not read.
+    """
+    begin = beginning(path)
+    found = formats_of(path, begin)
+    if (found and source.format not in found) or (source.format == ANY_TEXT and not is_text(begin)):
+        what = f"is {found[0]}" if found else f"is no text (it begins with {begin[:8]!r})"
+        remedy = f"write `format: {found[0]}` in a source file for it" if found else "name the recording itself"
+        raise InputError(f"{path}: {what}, its source file says {source.format}; {remedy}")
+
+
+def formats_of(path: Path, begin: bytes) -> list[str]:
+    """The formats that a file has by what it begins with; none for text that only its name can tell.
+
+    Raises
+    ------
+    InputError
+        The file is of a format that is not read.
+    """
+    refuse_others(path, begin)  # first: a PNG image begins like C3D
+    return [name for name, known in FORMATS.items() if name != ANY_TEXT and known.begins(begin)]
+
+
+def beginning(path: Path) -> bytes:
+    """The first bytes of a file, which tell its format."""
+    with path.open("rb") as file:
+        return file.read(FIRST_BYTES)

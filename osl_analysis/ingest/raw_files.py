@@ -10,7 +10,7 @@ from typing import Any
 
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.assemble import assemble
-from osl_analysis.ingest.known_formats import FORMATS, Source, read_source
+from osl_analysis.ingest.known_formats import FORMATS, Source, check_format, read_source
 from osl_analysis.ingest.source_fields import CaptureSource, LogSource
 from osl_analysis.trial import Trial
 
@@ -41,6 +41,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         check_file(path)
         before = identity(path, given, source)
         described = read_source(sources_folder / f"{source}.yaml")
+        check_format(path, described)
         if len(files) == 2:
             check_alignment(described, sources_folder / f"{source}.yaml")
         try:

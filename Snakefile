@@ -5,10 +5,9 @@ A rule names its inputs, its outputs and the settings that its job uses; `jobs.r
 """
 
 import os
+import sys
 from operator import attrgetter
 from pathlib import Path
-
-from snakemake.exceptions import WorkflowError
 
 from osl_analysis import workflow as jobs
 from osl_analysis.campaign import open_campaign
@@ -19,6 +18,8 @@ from osl_analysis.errors import OslAnalysisError
 from osl_analysis.exclusion import exclusion_report
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.figures import FIGURES, drawn_figures
+from osl_analysis.files import size_and_date
+from osl_analysis.refusal_report import refusal_report
 from osl_analysis.study import BENCH as STUDY_ON_BENCH, REPEATED as STUDY_OF_REPEATS, WALKING as STUDY_OF_WALKING
 
 
@@ -31,7 +32,7 @@ try:
     CAMPAIGN.check()
     SIMULATION_FILES = settings_files(CONFIG.simulation) if CONFIG.simulation else []
 except OslAnalysisError as error:
-    raise WorkflowError(str(error)) from None
+    sys.exit(f"error: {error}")  # an exception would be printed with the line of this file and a traceback
 
 RESULTS, RAW = CONFIG.results, CONFIG.raw_data
 
@@ -67,19 +68,17 @@ rule:
         RESULTS / "numbers.tex",
 
 
-def end_of_run() -> str:
-    """What a user must know at the end of a run."""
+def end_of_run(refused) -> str:
+    """What a user must know at the end of a run; what was refused stands last."""
+    recordings = {trial: [str(path) for path in CAMPAIGN.logs(trial)] for trial in CAMPAIGN.trials()}
     said = [
         jobs.report(RESULTS / "logs"),
         doubt_report(result_tables()),
         exclusion_report(checked(CAMPAIGN.trials()), CAMPAIGN.excluded),
+        refusal_report(refused, recordings, ACCEPT),
     ]
     return "\n".join(filter(None, said))
 
 
-onsuccess:
-    print(end_of_run())
-
-
-onerror:
-    print(end_of_run())
+ACCEPT = CONFIG.failed_trials == "accept"
+jobs.at_end_of_run(workflow, [RESULTS, *([RAW] if CONFIG.simulation else [])], end_of_run, ACCEPT)

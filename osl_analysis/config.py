@@ -134,6 +134,8 @@ class Config(Settings):
     """Analysis of the crossings."""
     overground: OvergroundAnalysis
     """Comparison of the ankle moment in overground gait."""
+    failed_trials: Literal["refuse", "accept"]
+    """Whether a run in which something was refused, or failed, ends with exit code 1 or 0."""
     quality: QualityRules
     """Thresholds of quality control."""
     figures: FigureChoices

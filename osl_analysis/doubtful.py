@@ -11,6 +11,7 @@ from pydantic import ConfigDict, Field, model_validator
 from osl_analysis.causes import remedy
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import judged_tables
+from osl_analysis.refusal import is_refused
 from osl_analysis.table import read_table
 from osl_analysis.yaml_settings import Settings
 
@@ -138,7 +139,7 @@ def doubtful_count(table: pl.DataFrame) -> tuple[int, int]:
 
 def doubt_report(tables: Iterable[Path]) -> str:
     """Message at the end of a run: the number of doubtful fits of each table; empty without doubtful fits."""
-    written = {path.stem: read_table(path) for path in tables if path.is_file()}
+    written = {path.stem: read_table(path) for path in tables if path.is_file() and not is_refused(path)}
     counts = {name: doubtful_count(table) for name, table in written.items() if DOUBTFUL in table.columns}
     parts = [f"{name} {doubtful} of {fits}" for name, (doubtful, fits) in counts.items() if doubtful]
     return f"doubtful fits (the column `{DOUBTFUL}` of each table says why): {', '.join(parts)}" if parts else ""

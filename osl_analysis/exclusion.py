@@ -1,13 +1,56 @@
-"""Trials that quality control excludes. They are not used in any result of several trials, and are always listed."""
+"""Trials that are not used in any result of several trials: those that quality control excludes, and those without a
+result of their own (`refusal.py`). Both are always listed.
+"""
 
 import csv
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
 from osl_analysis.errors import InputError
+from osl_analysis.refusal import Refusal, distinct, is_refused, read_refusals
 
 REMEDY = "record again, give a reason under `exclude` in the sample sheet, or name the check under `accept`"
+JUDGES = ("quality", "fitted")
+"""Inputs that only tell which trials are used: verdicts of quality control, and other results of the same trials."""
+
+
+@dataclass(frozen=True)
+class Usable:
+    """The inputs of a job without refusal records.
+
+    inputs: what is left, by name.
+    refused: the causes of everything that was removed.
+    missing: the causes without which the job cannot run; empty if it can.
+    """
+
+    inputs: Mapping[str, Any]
+    refused: tuple[Refusal, ...] = ()
+    missing: tuple[Refusal, ...] = ()
+
+
+def without_refused(inputs: Mapping[str, Any], unnamed: Sequence[str] = ()) -> Usable:
+    """The named inputs of a job without refusal records.
+
+    A trial with a record in one list, or among the verdicts in `quality` or the results in `fitted`, is removed from
+    every list. The job cannot run if a record stands for a single input or for one of the `unnamed` files, if the input
+    `trial` is such a trial, or if nothing is left of a list; beside an input `trial`, lists may become empty.
+    """
+    lists = {name: files for name, files in inputs.items() if isinstance(files, list)}
+    groups = {name: files for name, files in inputs.items() if isinstance(files, Mapping)}
+    alone = [file for name, file in inputs.items() if name not in lists and name not in groups]
+    gone = {Path(file).stem: read_refusals(file) for files in lists.values() for file in files if is_refused(file)}
+    kept: dict[str, Any] = {name: [f for f in files if Path(f).stem not in gone] for name, files in lists.items()}
+    kept |= {name: {key: f for key, f in files.items() if not is_refused(f)} for name, files in groups.items()}
+    missing = [cause for file in (*alone, *unnamed) for cause in read_refusals(file)]
+    if "trial" not in inputs:
+        emptied = [files for name, files in lists.items() if files and not kept[name] and name not in JUDGES]
+        missing += [cause for files in emptied for file in files for cause in gone[Path(file).stem]]
+    missing += gone.get(Path(str(inputs.get("trial"))).stem, ())
+    causes = [cause for found in gone.values() for cause in found]
+    causes += [cause for files in groups.values() for file in files.values() for cause in read_refusals(file)]
+    return Usable({**inputs, **kept}, distinct([*causes, *missing]), distinct(missing))
 
 
 def excluded(quality: Iterable[Path]) -> dict[str, str]:
@@ -25,7 +68,7 @@ def excluded(quality: Iterable[Path]) -> dict[str, str]:
 def without_excluded(inputs: Mapping[str, Any]) -> dict[str, Any]:
     """The named inputs of a job without the files of excluded trials; the input `quality` has the verdicts.
 
-    Files with the name of an excluded trial are removed from every list.
+    Files with the name of an excluded trial are removed from every list. The inputs `JUDGES` are not passed on.
 
     Raises
     ------
@@ -34,13 +77,13 @@ def without_excluded(inputs: Mapping[str, Any]) -> dict[str, Any]:
     """
     quality = [Path(path) for path in inputs.get("quality", ())]
     judged, reasons = {path.stem for path in quality}, excluded(quality)
-    lists = {name: files for name, files in inputs.items() if isinstance(files, list) and name != "quality"}
+    lists = {name: files for name, files in inputs.items() if isinstance(files, list) and name not in JUDGES}
     needed = {Path(file).stem for files in lists.values() for file in files} & judged
     single = {Path(str(inputs.get("trial"))).stem} & judged
     if single & set(reasons) or (needed | single and needed | single <= set(reasons)):
         refuse({trial: reasons[trial] for trial in sorted(single or needed)})
     kept = {name: [file for file in files if Path(file).stem not in reasons] for name, files in lists.items()}
-    return {name: kept.get(name, value) for name, value in inputs.items() if name != "quality"}
+    return {name: kept.get(name, value) for name, value in inputs.items() if name not in JUDGES}
 
 
 def refuse(reasons: Mapping[str, str]) -> NoReturn:
@@ -54,7 +97,7 @@ def exclusion_report(quality: Iterable[Path], by_sheet: Mapping[str, str]) -> st
 
     `by_sheet` has the reasons in the sample sheet. Trials without a quality table are ignored.
     """
-    reasons = excluded(path for path in quality if path.is_file())
+    reasons = excluded(path for path in quality if path.is_file() and not is_refused(path))
     judged = [f"excluded from tables and figures by quality control: {trial} ({why})" for trial, why in reasons.items()]
     stated = [f"excluded by the sample sheet: {trial} ({why})" for trial, why in by_sheet.items()]
     return "\n".join([*stated, *judged, *([f"to change that: {REMEDY}"] if judged else [])])

@@ -21,9 +21,23 @@ def atomic_path(path: Path) -> Iterator[Path]:
         raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
     if path.is_dir():
         raise InputError(f"{path}: is a folder; name a file")
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    temporary = temporary_path(path, os.getpid())
     try:
         yield temporary
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def temporary_path(path: Path, pid: int) -> Path:
+    """The file that process `pid` writes before it becomes `path`."""
+    return path.with_name(f".{path.stem}.{pid}{path.suffix}")
+
+
+def size_and_date(path: Path) -> list[int] | None:
+    """Size [bytes] and date of the last change [ns] of a file; None if there is none, or nobody may look."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return [found.st_size, found.st_mtime_ns]

@@ -15,7 +15,7 @@ import yaml
 
 from osl_analysis.files import atomic_path
 
-Outcome = Literal["done", "refused", "failed", "died"]
+Outcome = Literal["done", "refused", "failed", "died", "skipped"]
 REQUEST = ("input", "output", "settings")
 """The last entries of a log: the request."""
 UNLIMITED = 10**9
@@ -29,7 +29,7 @@ class JobLog:
 
     job: the command, `module.function`.
     outcome: `done`; `refused`, because of an input that the user can correct; `failed`, by an error of the program;
-        `died`, if its process was ended from outside.
+        `died`, if its process was ended from outside; `skipped`, because a result that it needs was refused or failed.
     seconds: wall time [s].
     error: one line that says what was wrong; empty without an error.
     warnings: one line each.
@@ -85,19 +85,9 @@ def plain(value: Any) -> Any:
 
 
 def run_report(logs: Iterable[JobLog]) -> str:
-    """The report at the end of a run: failures, warnings, and times per stage."""
+    """The report at the end of a run: warnings, and times per stage. Failures are in `refusal_report`."""
     jobs = list(logs)
-    return "\n".join(filter(None, [failure_report(jobs), warning_report(jobs), time_table(jobs)]))
-
-
-def failure_report(logs: Iterable[JobLog]) -> str:
-    """One line per failed job with the reason, and the consequence for other results; empty without failures."""
-    errors = list(dict.fromkeys(f"error: {log.error}" for log in logs if log.outcome != "done"))
-    remedy = (
-        "tables and figures that need these were not updated; correct the input, or give a reason under `exclude` in "
-        "the sample sheet, and run again"
-    )
-    return "\n".join(["what failed:", *errors, remedy]) if errors else ""
+    return "\n".join(filter(None, [warning_report(jobs), time_table(jobs)]))
 
 
 def warning_report(logs: Iterable[JobLog]) -> str:

@@ -8,6 +8,7 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
+from osl_analysis.refusal import check_not_refused
 
 TEXT_COLUMNS = (
     "trial", "controller", "condition", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
@@ -34,6 +35,7 @@ def read_table(path: Path, required: Sequence[str] = ()) -> pl.DataFrame:
     InputError
         The file is missing, empty or not a CSV table, or a required column is missing or not numeric.
     """
+    check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such table; run the step that writes it, or check the path")
     try:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
+from osl_analysis.refusal import check_not_refused
 
 Array = NDArray[np.float64]
 NAME_KEY = "osl_analysis.trial"
@@ -112,6 +113,7 @@ def read_trial(path: Path) -> Trial:
     InputError
         The file is missing, is not Parquet, or is Parquet that ingest did not write.
     """
+    check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such trial; ingest it first (osl-analysis ingest)")
     try:

@@ -1,28 +1,28 @@
 """How the Snakefile runs the commands: each job in a process that is forked from a process with all imports done.
 
 Starting Python with numpy, scipy and polars takes 0.8 s per job. Forking a process that has imported them takes 0.05 s.
-Each job still runs in its own process.
+Each job still runs in its own process. A job that does not end well leaves refusal records in place of its results.
 """
 
-import importlib
 import multiprocessing
+import multiprocessing.util
 import os
+import sys
+import tempfile
 import time
-import traceback
-import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from pydantic import ConfigDict, validate_call
-
-from osl_analysis.errors import OslAnalysisError, printable
-from osl_analysis.exclusion import without_excluded
+from osl_analysis.errors import InputError
 from osl_analysis.fingerprint import code, code_of
-from osl_analysis.job_log import JobLog, Outcome, plain, read_log, read_logs, run_report, write_log
+from osl_analysis.job import Job, died, run
+from osl_analysis.job_log import plain, read_log, read_logs, run_report
+from osl_analysis.refusal import Refusal, forget_failures
+from osl_analysis.refusal_report import refusals_in
 
-__all__ = ["code", "code_of", "report", "run_job"]
+__all__ = ["at_end_of_run", "code", "code_of", "report", "run_job"]
 PRELOADED = [
     "snakemake.cli",  # what a job's __main__, the snakemake script, imports before the job begins
     "osl_analysis.commands.bench",
@@ -36,51 +36,53 @@ PRELOADED = [
     "matplotlib.figure",
 ]
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS")
-FOR_SNAKEMAKE = ("code", "command")
+FOR_SNAKEMAKE = ("code", "command", "recorded")
+LONGEST_PLACE = 70
+"""Largest length [bytes] of the folder for temporary files: a socket's path has 107, of which our part takes 32."""
 STARTED = time.time()
 """Start of this run [s]. Its report covers the logs that were written after this time."""
 
 
-class JobError(OslAnalysisError):
-    """A job failed; the message is the reason, on one line."""
-
-
-def run_job(log: Any, command: str, input: Any, output: Any, params: Any) -> None:
+def run_job(log: Any, command: str, input: Any, output: Any, params: Any, files: Any = None) -> None:
     """Run one job in its own process, and wait for it.
 
     `command` is "module.function" under `osl_analysis.commands`. `log`, `input`, `output` and `params` are those of the
-    Snakemake rule. The function is called with the names that the rule gives to its inputs, outputs and parameters:
+    Snakemake rule; `files` are its outputs if `output` is not, because the command finds their names itself. The
+    function is called with the names that the rule gives to its inputs, outputs and parameters:
 
     * an output without a name is called `output`, several `outputs`;
     * an input without a name is a dependency and not passed on;
-    * if an input is called `quality`, the files of the trials that it excludes are removed from the other inputs
+    * refusal records are removed from the inputs (`without_refused`), and the trials that the input `quality` excludes
       (`without_excluded`);
-    * the parameters `code` and `command` are used only by the rule.
+    * a function with an argument `refused` is given the causes of what was removed, and runs without it. Any other one
+      does not run if it lacks something that it needs;
+    * the parameters `FOR_SNAKEMAKE` are used only by the rule.
 
     Every value takes the type that the function's signature gives: a path, a settings model, a dataclass.
 
-    Raises
-    ------
-    JobError
-        The command raised an error, or its process died.
+    If the job does not end well, refusal records stand in place of all its outputs. Snakemake goes on.
     """
-    path = Path(str(log))
-    request = {"input": named(input), "output": outputs(output), "settings": named(params)}
+    path, request = Path(str(log)), {"input": named(input), "output": outputs(output), "settings": named(params)}
+    unnamed = [] if isinstance(input, Mapping) else sorted(set(map(str, input)) - set(flat(request["input"])))
+    job = Job(command, request, unnamed, flat(plain(list(files)) if files else request["output"]))
     path.unlink(missing_ok=True)
-    process = fork_server().Process(target=_run, args=(path, command, request), daemon=True)
+    process = fork_server().Process(target=run, args=(path, job), daemon=True)
     process.start()
     process.join()
-    ended = read_log(path) if path.is_file() else None
-    if ended is None:
-        ended = JobLog(command, "died", error=f"{command}: its process died (exit code {process.exitcode})")
-        write_log(path, ended, request)
-    if ended.outcome != "done":
-        raise JobError(ended.error)
+    if not path.is_file() or read_log(path) is None:
+        died(path, job, process.pid, process.exitcode)
 
 
 def named(items: Any) -> dict[str, Any]:
     """The named items of a rule's inputs, outputs or parameters, as values that can be sent to another process."""
     return {str(name): plain(value) for name, value in items.items() if name not in FOR_SNAKEMAKE}
+
+
+def flat(files: Any) -> list[str]:
+    """The paths in a list or mapping of paths, lists and mappings."""
+    if isinstance(files, Mapping):
+        return flat(list(files.values()))
+    return [path for inner in files for path in flat(inner)] if isinstance(files, list | tuple) else [str(files)]
 
 
 def outputs(files: Any) -> dict[str, Any]:
@@ -96,34 +98,65 @@ def fork_server() -> multiprocessing.context.ForkServerContext:
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(PRELOADED)
+    make_folder_of_sockets()
     return context
 
 
-def _run(log: Path, command: str, request: Mapping[str, Mapping[str, Any]]) -> None:
-    """In the job's process: call the command and write the log, also after an error."""
-    start, error, trace = time.perf_counter(), "", ""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("default")
-        try:
-            call(command, request)
-        except OslAnalysisError as refusal:
-            error = str(refusal)
-        except Exception as fault:
-            trace = traceback.format_exc()
-            error = printable(f"unexpected {type(fault).__name__}: {fault} (the traceback is in {log})")
-    warned = dict.fromkeys(printable(str(warning.message)) for warning in caught)
-    outcome: Outcome = "failed" if trace else "refused" if error else "done"
-    write_log(log, JobLog(command, outcome, time.perf_counter() - start, error, tuple(warned), trace), request)
+def make_folder_of_sockets() -> None:
+    """Make the folder in which `multiprocessing` puts its sockets, in a short place if TMPDIR is too long for them.
 
-
-def call(command: str, request: Mapping[str, Mapping[str, Any]]) -> None:
-    """Call a command with the named values of a rule, each converted to the type that the command declares."""
-    module, _, name = command.partition(".")
-    function = getattr(importlib.import_module(f"osl_analysis.commands.{module}"), name)
-    convert = validate_call(config=ConfigDict(arbitrary_types_allowed=True))
-    convert(function)(**without_excluded(request["input"]), **request["output"], **request["settings"])
+    Raises
+    ------
+    InputError
+        There is no short place to write to.
+    """
+    stated, places = tempfile.gettempdir(), (*filter(None, [tempfile.gettempdir()]), "/tmp", "/var/tmp", "/dev/shm")
+    for place in places:
+        if len(os.fsencode(place)) <= LONGEST_PLACE and os.access(place, os.W_OK):
+            try:
+                tempfile.tempdir = place
+                multiprocessing.util.get_temp_dir()
+            finally:
+                tempfile.tempdir = stated
+            return
+    raise InputError(
+        f"TMPDIR {stated}: {len(os.fsencode(stated))} characters are too long for the sockets of the jobs, which allow "
+        f"{LONGEST_PLACE}; set TMPDIR to a shorter folder that can be written to"
+    )
 
 
 def report(logs: Path) -> str:
     """The report at the end of a run: failures, warnings and times, from the logs of the run's jobs."""
     return run_report(read_logs(logs, STARTED))
+
+
+def at_end_of_run(
+    workflow: Any, folders: Iterable[Path], said: Callable[[tuple[Refusal, ...]], str], accept: bool
+) -> None:
+    """Let a run of Snakemake end with our report, and with exit code 1 if something that was asked for is refused.
+
+    `said` writes the report, from the refusal records among the files that the run was to bring up to date. Before the
+    run, the records of failed and killed jobs below the `folders` are deleted. `accept`: refusals do not count.
+
+    The hooks `onsuccess` and `onerror` do not serve: they are not called if nothing is left to do, as in the run after
+    a refusal. Dry runs, and the runs of single jobs that Snakemake starts, stay as they are.
+    """
+    execute = workflow.execute
+
+    def executed(*args: Any, **settings: Any) -> None:
+        dry = settings["executor_plugin"].common_settings.dryrun_exec
+        if dry or not workflow.is_main_process:
+            execute(*args, **settings)
+            return
+        if not any(Path(".snakemake/locks").glob("*")):
+            forget_failures(folders)
+        try:
+            execute(*args, **settings)
+        finally:
+            jobs = () if workflow.dag is None else workflow.dag.jobs
+            refused = refusals_in(str(file) for job in jobs for file in job.output)
+            print(said(refused), file=sys.stderr, flush=True)
+        if refused and not accept:
+            raise SystemExit(1)
+
+    workflow.execute = executed

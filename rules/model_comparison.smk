@@ -11,6 +11,7 @@ rule compare_belt_models:
     input:
         trials=ingested("belt"),
         quality=checked(CAMPAIGN.trials("belt")),
+        fitted=lambda wildcards: rows("belt"),
         parameters=CONFIG.parameters,
     output:
         RESULTS / "fits/model_comparison/belt_trials.csv",
@@ -27,6 +28,7 @@ rule compare_transmission_models:
     input:
         trials=ingested("transmission"),
         quality=checked(CAMPAIGN.trials("transmission")),
+        fitted=lambda wildcards: rows("transmission"),
     output:
         RESULTS / "fits/model_comparison/transmission_trials.csv",
     log:
@@ -42,6 +44,7 @@ rule compare_transmission_models:
 rule compare_impedance_models:
     input:
         trial=RESULTS / "trials/{trial}.parquet",
+        fitted=lambda wildcards: rows("impedance", [wildcards.trial]),
         parameters=CONFIG.parameters,
     output:
         RESULTS / "fits/model_comparison/{trial}.csv",

@@ -42,4 +42,4 @@ if CONFIG.simulation:
                 campaign_folder=str(RAW),
                 trial="{trial}",
             run:
-                jobs.run_job(log, "simulate.simulate_trial", input, {}, params)
+                jobs.run_job(log, "simulate.simulate_trial", input, {}, params, output)

@@ -12,9 +12,17 @@ def trial_file(trial: str) -> Path:
 
 
 def raw_files(wildcards) -> list[Path]:
-    """A trial's logs and source files. A recording that does not exist is left to the job, which names it and fails."""
+    """A trial's simulated logs, which other jobs write. Real recordings are no inputs: see `recorded`."""
+    return [*CAMPAIGN.logs(wildcards.trial), *CAMPAIGN.sources(wildcards.trial)] if CONFIG.simulation else []
+
+
+def recorded(wildcards) -> dict[str, list | None]:
+    """Size [bytes] and date [ns] of a trial's recordings and source files; a change in any direction ingests it again.
+
+    As inputs, Snakemake would ignore an older date, and stop the run for a file that it cannot read. The job names it.
+    """
     files = [*CAMPAIGN.logs(wildcards.trial), *CAMPAIGN.sources(wildcards.trial)]
-    return [path for path in files if CONFIG.simulation or path.exists()]
+    return {} if CONFIG.simulation else {str(path): size_and_date(path) for path in files}
 
 
 def checked(trials) -> list[Path]:
@@ -31,6 +39,7 @@ rule ingest:
         RESULTS / "logs/ingest/{trial}.log",
     params:
         code=jobs.code_of("ingest.ingest_trial"),
+        recorded=recorded,
         row=lambda wildcards: CAMPAIGN.recording(wildcards.trial),
         raw_folder=str(RAW),
         sources_folder=str(CONFIG.sources),

@@ -60,9 +60,12 @@ def calibrate(
 
 
 def calibrations_of(calibrations: Sequence[Path], statics: Mapping[str, str]) -> dict[str, StaticCalibration]:
-    """The calibration of each trial. `statics` has the static trial of each trial, by whose name a file is called."""
+    """The calibration of each trial that has one. `statics` has the static trial of each, which names the file.
+
+    A trial whose static trial was refused has none, and is not used.
+    """
     read = {path.stem: read_calibration(path) for path in calibrations}
-    return {trial: read[static] for trial, static in statics.items()}
+    return {trial: read[static] for trial, static in statics.items() if static in read}
 
 
 def identify_plate(
@@ -83,8 +86,9 @@ def identify_plate(
         warnings.warn(f"the plate's own inertia and lag stay in the torque: {NOT_REMOVED}", stacklevel=2)
         model = NO_CORRECTION
     else:
-        read = [read_trial(path) for path in trials]
-        model = identify_plate_model(read, calibrations_of(calibrations, statics), settings)
+        calibrated = calibrations_of(calibrations, statics)
+        read = [read_trial(path) for path in trials if path.stem in calibrated]
+        model = identify_plate_model(read, calibrated, settings)
     write_plate(model, output)
     table = plate_table(model).fill_nan(None)
     write_table(table.with_columns(plate_inertia=pl.lit(settings.plate_inertia)), comparison)
@@ -103,8 +107,9 @@ def measure_platform(
     `calibrations` and `statics` as for `identify_plate`. The table `comparison` shows when each crossing's perturbation
     starts, and whether it follows the shared motion.
     """
-    read = [read_trial(path) for path in trials]
-    model = identify_platform(read, calibrations_of(calibrations, statics), settings)
+    calibrated = calibrations_of(calibrations, statics)
+    read = [read_trial(path) for path in trials if path.stem in calibrated]
+    model = identify_platform(read, calibrated, settings)
     write_platform(model, output)
     write_table(platform_table(model), comparison)
 

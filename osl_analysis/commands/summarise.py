@@ -7,6 +7,7 @@ from typing import Any
 
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
+from osl_analysis.refusal import check_not_refused
 from osl_analysis.summary.headlines import headline_numbers, needed_columns
 from osl_analysis.summary.text import to_json, to_markdown, to_tex
 from osl_analysis.table import read_table
@@ -66,6 +67,7 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
     InputError
         The file is missing or is not a summary; the message names the number and what is wrong with it.
     """
+    check_not_refused(summary_json)
     if not summary_json.is_file():
         raise InputError(f"{summary_json}: no such summary; run `snakemake reproduce-all` first")
     try:

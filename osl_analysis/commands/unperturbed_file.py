@@ -9,6 +9,7 @@ import polars as pl
 from osl_analysis.commands.walking_files import PLATE_ERROR, plate_error_columns
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
+from osl_analysis.refusal import check_not_refused
 from osl_analysis.walking.unperturbed import PHASES, UnperturbedGait
 
 
@@ -35,6 +36,7 @@ def write_unperturbed_gaits(gaits: Mapping[str, UnperturbedGait], path: Path) ->
 
 def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
     """Read what `write_unperturbed_gaits` wrote: gaits with fewer crossings than the least are not among them."""
+    check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such file; run the step 'average-unperturbed' first")
     try:

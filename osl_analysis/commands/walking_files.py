@@ -15,6 +15,7 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
+from osl_analysis.refusal import check_not_refused
 from osl_analysis.table import finite_or_null
 from osl_analysis.trial import NAME_KEY, PROVENANCE_KEY, Trial, read_trial, write_trial
 from osl_analysis.walking.ankle import SEGMENTS, StaticCalibration
@@ -104,6 +105,7 @@ def read_json(path: Path, step: str, *required: str) -> dict[str, Any]:
     InputError
         The file is missing or damaged, or a required field is absent.
     """
+    check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such file; run the step '{step}' first")
     try:

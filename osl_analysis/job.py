@@ -1,0 +1,165 @@
+"""A job of the workflow, in its own process: it calls the command, and leaves records where there is no result."""
+
+import importlib
+import inspect
+import os
+import signal
+import time
+import traceback
+import warnings
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ConfigDict, validate_call
+
+from osl_analysis.errors import OslAnalysisError, printable
+from osl_analysis.exclusion import without_excluded, without_refused
+from osl_analysis.files import temporary_path
+from osl_analysis.job_log import JobLog, write_log
+from osl_analysis.refusal import Refusal, write_refusals
+
+REMEDIES = {
+    "refused": "correct or replace the file, or give a reason under `exclude` in the sample sheet",
+    "failed": "a fault of this program: report it with the traceback in {log}; the next run tries it again",
+    "died": "run again; if memory was short, with fewer jobs at once (`--cores 1`)",
+}
+SHORTEST_REMEDY = 12
+"""Length [characters] of the end of a message from which on it is taken for the remedy."""
+
+LONGEST_WAIT_S = 2.0
+"""For the end of a killed process [s]."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What one job is to do.
+
+    command: `module.function` under `osl_analysis.commands`.
+    request: its `input`, `output` and `settings`, each with the names of the rule.
+    unnamed: further files that it depends on.
+    files: all the files that it writes.
+    """
+
+    command: str
+    request: Mapping[str, Mapping[str, Any]]
+    unnamed: Sequence[str]
+    files: Sequence[str]
+
+
+class MissingInputError(Exception):
+    """A job cannot run, because a result that it needs was refused or failed."""
+
+    def __init__(self, causes: Sequence[Refusal]) -> None:
+        super().__init__("; ".join(f"{cause.trial or cause.file}: {cause.reason}" for cause in causes))
+        self.causes = causes
+
+
+def run(log: Path, job: Job) -> None:
+    """Call the command, and write log and, where there is no result, records: also after an error."""
+    start, ended, causes = time.perf_counter(), JobLog(job.command, "done"), None
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("default")
+        try:
+            call(job)
+        except MissingInputError as missing:
+            ended, causes = JobLog(job.command, "skipped", error=str(missing)), missing.causes
+        except OslAnalysisError as refusal:
+            ended = JobLog(job.command, "refused", error=str(refusal))
+        except Exception as fault:
+            error = printable(f"unexpected {type(fault).__name__}: {fault}")
+            ended = JobLog(job.command, "failed", error=error, traceback=traceback.format_exc())
+    warned = tuple(dict.fromkeys(printable(str(warning.message)) for warning in caught))
+    seconds = time.perf_counter() - start
+    end(log, job, JobLog(ended.job, ended.outcome, seconds, ended.error, warned, ended.traceback), causes)
+
+
+def call(job: Job) -> None:
+    """Call the command with the named values of its rule, each converted to the type that the command declares.
+
+    Raises
+    ------
+    MissingInputError
+        The command needs something that was refused, and has no argument `refused`.
+    """
+    module, _, name = job.command.partition(".")
+    function = getattr(importlib.import_module(f"osl_analysis.commands.{module}"), name)
+    usable = without_refused(job.request["input"], job.unnamed)
+    told: dict[str, Any] = {}
+    if "refused" in inspect.signature(function).parameters:
+        told = {"refused": usable.refused}
+    elif usable.missing:
+        raise MissingInputError(usable.missing)
+    convert = validate_call(config=ConfigDict(arbitrary_types_allowed=True))
+    convert(function)(**without_excluded(usable.inputs), **job.request["output"], **job.request["settings"], **told)
+
+
+def end(log: Path, job: Job, ended: JobLog, causes: Sequence[Refusal] | None = None) -> None:
+    """Write the log of a job, and unless it is done a record for each of its files.
+
+    `causes` are those of a job that lacks an input; otherwise the job itself is the cause.
+    """
+    if ended.outcome != "done":
+        for path in job.files:
+            write_refusals(causes or [refusal(job, ended, log)], Path(path))
+    write_log(log, ended, job.request)
+
+
+def refusal(job: Job, ended: JobLog, log: Path) -> Refusal:
+    """The record of a job that refused its input, failed or died. The end of a refusal's message is its remedy."""
+    reason, remedy = ended.error, REMEDIES[ended.outcome].format(log=log)
+    head, separator, tail = ended.error.rpartition("; ")
+    if ended.outcome == "refused" and separator and len(tail) >= SHORTEST_REMEDY:
+        reason, remedy = head, tail
+    return Refusal(trial_of(job), file_of(job, reason), job.command, ended.outcome, reason, remedy)
+
+
+def trial_of(job: Job) -> str:
+    """The trial of a job; empty for a job over several."""
+    settings, inputs = job.request["settings"], job.request["input"]
+    named = settings.get("trial") or (settings.get("row") or {}).get("trial")
+    return str(named or Path(str(inputs.get("trial") or inputs.get("crossing") or "")).stem)
+
+
+def file_of(job: Job, reason: str) -> str:
+    """The file that a reason names: a recording, an input or an output; the first of these if it names none."""
+    row = job.request["settings"].get("row") or {}
+    raw = [Path(job.request["settings"]["raw_folder"], row[role]) for role in ("log", "mocap") if row.get(role)]
+    inputs = job.request["input"]
+    own = [file for file in (inputs.get("trial"), inputs.get("crossing")) if file]
+    files = [str(file) for file in (*raw, *own, *job.files)]
+    return next((file for file in files if file in reason), files[0] if files else "")
+
+
+def died(log: Path, job: Job, pid: int | None, exit_code: int | None) -> None:
+    """End a job whose process was ended from outside, or lives on without the process that started it."""
+    if pid is not None:
+        kill(pid)
+        for path in map(Path, job.files):
+            temporary_path(path, pid).unlink(missing_ok=True)
+    number = -(exit_code or 0)
+    known = {int(one): one.name for one in signal.Signals}
+    by = f"signal {number}, {known[number]}" if number in known else "from outside"
+    end(log, job, JobLog(job.command, "died", error=f"the process of this job was killed ({by})"))
+
+
+def kill(pid: int) -> None:
+    """End a process, and wait until it can write no more."""
+    with suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGKILL)
+    deadline = time.monotonic() + LONGEST_WAIT_S
+    while runs(pid) and time.monotonic() < deadline:
+        time.sleep(0.01)
+
+
+def runs(pid: int) -> bool:
+    """Whether a process still runs; one that has ended, and whose parent has not asked for it yet, does not."""
+    try:
+        os.kill(pid, 0)
+        return ") Z " not in Path(f"/proc/{pid}/stat").read_text(encoding="utf-8")
+    except ProcessLookupError:
+        return False
+    except OSError:  # no /proc on this system
+        return True

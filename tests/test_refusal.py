@@ -1,0 +1,199 @@
+"""A refused recording or a failed job leaves a record, and every other result is made."""
+
+import subprocess
+from pathlib import Path
+from types import SimpleNamespace
+
+import polars as pl
+import pytest
+
+from osl_analysis import workflow
+from osl_analysis.commands.walking_files import read_json
+from osl_analysis.errors import InputError
+from osl_analysis.exclusion import without_refused
+from osl_analysis.files import size_and_date, temporary_path
+from osl_analysis.job import Job, died, refusal, run
+from osl_analysis.job_log import JobLog, read_log
+from osl_analysis.refusal import Refusal, forget_failures, is_refused, read_refusals, write_refusals
+from osl_analysis.refusal_report import refusal_report, refusals_in
+from osl_analysis.table import read_table, write_table
+from osl_analysis.trial import read_trial
+
+LOST = Refusal("b_1", "raw/b_1.mcap", "ingest.ingest_trial", "refused", "raw/b_1.mcap: no such file", "copy it there")
+KILLED = Refusal("b_2", "raw/b_2.mcap", "bench.fit", "died", "the process of this job was killed", "run again")
+
+
+def record(path: Path, *causes: Refusal) -> str:
+    write_refusals(causes, path)
+    return str(path)
+
+
+def result(path: Path) -> str:
+    write_table(pl.DataFrame({"trial": [path.stem], "K_s": [685.6]}), path)
+    return str(path)
+
+
+def test_a_record_reads_back_whatever_the_reason_holds(tmp_path: Path) -> None:
+    odd = Refusal("b,1", 'a "file"', "j", "refused", "columns 'a', \"b\": 1,2; # no", "")
+    assert read_refusals(record(tmp_path / "x.parquet", odd, LOST)) == (odd, LOST)
+
+
+def test_results_folders_and_missing_files_are_no_records(tmp_path: Path) -> None:
+    assert not any(map(is_refused, (result(tmp_path / "b.csv"), tmp_path, tmp_path / "nowhere")))
+
+
+@pytest.mark.parametrize("read", [read_trial, read_table, lambda path: read_json(path, "calibrate")])
+def test_who_reads_a_record_for_a_result_is_told_the_reason(tmp_path: Path, read) -> None:
+    with pytest.raises(InputError, match=r"no result: trial b_1: raw/b_1\.mcap: no such file; copy it there"):
+        read(Path(record(tmp_path / "b_1.csv", LOST)))
+
+
+def test_a_trial_refused_in_one_list_is_missing_from_every_list_and_the_job_goes_on(tmp_path: Path) -> None:
+    good = [result(tmp_path / f"{folder}/b_2.csv") for folder in ("trials", "fits", "quality")]
+    bad = [result(tmp_path / "trials/b_1.csv"), record(tmp_path / "fits/b_1.csv", LOST)]
+    inputs = {"trials": [bad[0], good[0]], "fitted": [bad[1], good[1]], "quality": [good[2]]}
+    usable = without_refused(inputs)
+    assert usable.inputs == {"trials": [good[0]], "fitted": [good[1]], "quality": [good[2]]}
+    assert (usable.refused, usable.missing) == ((LOST,), ())
+
+
+def test_a_job_without_its_table_or_with_an_empty_list_or_of_a_refused_trial_cannot_run(tmp_path: Path) -> None:
+    bad, trial = record(tmp_path / "fits/b_1.csv", LOST), result(tmp_path / "trials/b_1.csv")
+    for inputs in ({"table": bad}, {"rows": [bad]}, {"trial": trial, "fitted": [bad]}):
+        assert without_refused(inputs).missing == (LOST,)
+    assert without_refused({}, [bad]).missing == (LOST,)
+    other = result(tmp_path / "trials/b_9.csv")
+    assert without_refused({"trial": other, "motion": [bad]}).missing == ()
+    assert without_refused({"table": result(tmp_path / "tables/b_1.csv"), "rows": [bad, other]}).missing == ()
+    assert without_refused({"tables": {"a": bad, "b": other}}).inputs == {"tables": {"b": other}}
+
+
+def job(tmp_path: Path, command: str, inputs: dict, **settings) -> Job:
+    output = str(tmp_path / "tables/belt.csv")
+    return Job(command, {"input": inputs, "output": {"output": output}, "settings": settings}, [], [output])
+
+
+def ended(tmp_path: Path, job: Job) -> tuple[str, tuple[Refusal, ...]]:
+    log = tmp_path / "logs/belt.log"
+    run(log, job)
+    return read_log(log).outcome, read_refusals(job.files[0])
+
+
+def test_a_job_that_refuses_its_input_leaves_reason_and_remedy_in_place_of_an_old_result(tmp_path: Path) -> None:
+    result(tmp_path / "tables/belt.csv")
+    inputs = {"trial": str(tmp_path / "trials/b_1.parquet")}
+    outcome, (cause,) = ended(tmp_path, job(tmp_path, "walking.compare_ankle_moment", inputs, settings={}, tables={}))
+    assert outcome == "failed"
+    assert (cause.trial, cause.file, cause.outcome) == ("b_1", inputs["trial"], "failed")
+    assert "logs/belt.log" in cause.remedy
+    outcome, (cause,) = ended(tmp_path, job(tmp_path, "tables.gather", {"rows": [str(tmp_path / "b_1.csv")]}))
+    assert (outcome, cause.outcome) == ("refused", "refused")
+    assert cause.reason == f"{tmp_path}/b_1.csv: no such table"
+    assert cause.remedy == "run the step that writes it, or check the path"
+
+
+def test_a_job_that_lacks_an_input_passes_its_causes_on_and_is_no_cause_itself(tmp_path: Path) -> None:
+    inputs = {"table": record(tmp_path / "belt.csv", LOST, KILLED)}
+    assert ended(tmp_path, job(tmp_path, "bench.summarise_belt", inputs)) == ("skipped", (LOST, KILLED))
+
+
+def test_a_table_is_made_of_the_trials_that_are_left(tmp_path: Path) -> None:
+    rows = [record(tmp_path / "b_1.csv", LOST), result(tmp_path / "b_2.csv")]
+    assert ended(tmp_path, job(tmp_path, "tables.gather", {"rows": rows})) == ("done", ())
+    assert read_table(tmp_path / "tables/belt.csv")["trial"].to_list() == ["b_2"]
+
+
+def test_a_killed_job_is_named_with_its_trial_and_can_write_no_more(tmp_path: Path) -> None:
+    one = job(tmp_path, "bench.fit", {"trial": "results/trials/b_7.parquet"})
+    worker = subprocess.Popen(["sleep", "60"])
+    left = temporary_path(Path(one.files[0]), worker.pid)
+    left.parent.mkdir()
+    left.write_text("half a table")
+    died(tmp_path / "belt.log", one, worker.pid, -9)
+    assert worker.wait(timeout=5) == -9
+    assert not left.exists()
+    (cause,) = read_refusals(one.files[0])
+    assert (cause.trial, cause.outcome) == ("b_7", "died")
+    assert cause.reason == "the process of this job was killed (signal 9, SIGKILL)"
+
+
+def test_a_recording_that_the_reason_names_is_the_file_to_blame(tmp_path: Path) -> None:
+    row = {"trial": "w_1", "log": "leg/w_1.mcap", "mocap": "vicon/w_1.c3d"}
+    request = {"input": {}, "output": {}, "settings": {"row": row, "raw_folder": "raw"}}
+    said = JobLog("ingest.ingest_trial", "refused", error="raw/vicon/w_1.c3d: truncated")
+    cause = refusal(Job("ingest.ingest_trial", request, [], []), said, tmp_path)
+    assert (cause.trial, cause.file) == ("w_1", "raw/vicon/w_1.c3d")
+    assert "`exclude`" in cause.remedy
+
+
+def test_failed_and_killed_jobs_are_tried_again_and_refused_ones_stay(tmp_path: Path) -> None:
+    lost, killed = (record(tmp_path / f"fits/{name}.csv", cause) for name, cause in (("1", LOST), ("2", KILLED)))
+    mixed, good = record(tmp_path / "tables/3.csv", LOST, KILLED), result(tmp_path / "tables/4.csv")
+    forget_failures([tmp_path])
+    assert [Path(file).exists() for file in (lost, killed, mixed, good)] == [True, False, False, True]
+
+
+def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_path: Path) -> None:
+    table = Refusal("", "tables/walking.csv", "j", "refused", "tables/walking.csv: 1 perturbation", "record more")
+    files = [record(tmp_path / f"{i}.csv", *causes) for i, causes in enumerate([(table,), (KILLED, LOST), (LOST,)])]
+    recordings = {name: [f"raw/{name}.mcap", f"raw/{name}.c3d"] for name in ("b_1", "b_2", "b_3")}
+    told = refusal_report(refusals_in([*files, tmp_path]), recordings, accept=False).splitlines()
+    assert told[1:5] == [
+        "NOT ANALYSED: 2 of 3 trials; results are of the others.",
+        "  trial b_1, file raw/b_1.mcap: no such file; remedy: copy it there",
+        "  trial b_2, file raw/b_2.mcap: the process of this job was killed; remedy: run again",
+        "  result tables/walking.csv: 1 perturbation; remedy: record more",
+    ]
+    assert "`exclude` in the sample sheet" in told[5]
+    assert "`failed_trials: accept`" in told[5]
+    assert refusal_report((), recordings, accept=False) == ""
+
+
+@pytest.mark.parametrize(("accept", "code"), [(False, 1), (True, 0)])
+def test_a_run_in_which_nothing_is_left_to_do_ends_like_the_one_that_was_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], accept: bool, code: int
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    jobs = [SimpleNamespace(output=[record(tmp_path / "fits/b_1.csv", LOST)])]
+    killed = record(tmp_path / "fits/b_2.csv", KILLED)
+    run = SimpleNamespace(execute=lambda **_: None, is_main_process=True, dag=SimpleNamespace(jobs=jobs))
+    workflow.at_end_of_run(run, [tmp_path], lambda refused: f"{len(refused)} refused", accept)
+    plugin = SimpleNamespace(common_settings=SimpleNamespace(dryrun_exec=True))
+    run.execute(executor_plugin=plugin)
+    assert Path(killed).exists()
+    plugin.common_settings.dryrun_exec = False
+    if code:
+        with pytest.raises(SystemExit) as caught:
+            run.execute(executor_plugin=plugin)
+        assert caught.value.code == code
+    else:
+        run.execute(executor_plugin=plugin)
+    assert capsys.readouterr().err == "1 refused\n"
+    assert not Path(killed).exists()
+
+
+def test_size_and_date_tell_an_older_copy_and_a_file_that_appears(tmp_path: Path) -> None:
+    file = tmp_path / "b.mcap"
+    assert size_and_date(file) is None
+    file.write_bytes(b"abc")
+    before = size_and_date(file)
+    assert before == [3, file.stat().st_mtime_ns]
+    subprocess.run(["touch", "-d", "2001-01-01", str(file)], check=True)
+    assert size_and_date(file) != before
+
+
+def test_a_long_TMPDIR_does_not_keep_jobs_from_starting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A socket's path has at most 107 bytes."""
+    long = tmp_path / ("t" * 100)
+    long.mkdir()
+    monkeypatch.setattr(workflow.tempfile, "tempdir", str(long))
+    made: list[str] = []
+    monkeypatch.setattr(
+        workflow.multiprocessing.util, "get_temp_dir", lambda: made.append(workflow.tempfile.gettempdir())
+    )
+    workflow.make_folder_of_sockets()
+    assert len(made[0]) < 71
+    assert workflow.tempfile.gettempdir() == str(long)
+    monkeypatch.setattr(workflow.os, "access", lambda *_: False)
+    with pytest.raises(InputError, match=r"TMPDIR .* characters are too long .*; set TMPDIR to a shorter folder"):
+        workflow.make_folder_of_sockets()

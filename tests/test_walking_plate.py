@@ -32,7 +32,14 @@ from osl_analysis.walking.plate import (
     rotation_from_rest,
     unloaded_zero,
 )
-from osl_analysis.walking.plate_inertia import PARAMETERS, identify_plate_inertia, regressors
+from osl_analysis.walking.plate_inertia import (
+    PARAMETERS,
+    PLANAR,
+    centred,
+    identify_plate_inertia,
+    regressors,
+    stacked_columns,
+)
 from osl_analysis.walking.plate_model import identify_plate_model, plate_table
 
 G = 9.80665
@@ -108,6 +115,26 @@ def test_an_axis_that_does_not_turn_has_no_inertia_and_the_rest_is_right() -> No
     shown = np.array([name not in ("I_xx", "I_zz", "I_xz") for name in PARAMETERS])
     np.testing.assert_allclose(inertia.parameters[shown], TRUE[shown], rtol=1e-7, atol=1e-9)
     assert (inertia.parameters[~shown] == 0).all()
+
+
+def test_what_recordings_do_not_show_stays_as_it_is_known() -> None:
+    """A jackknife without the only trial about x must not call I_xx zero."""
+    inertia = identify_plate_inertia([plate_motion(1, 0.09, 0.03)], names=PARAMETERS, known=TRUE)
+    np.testing.assert_allclose(inertia.parameters, TRUE, rtol=1e-6, atol=1e-8)
+    assert "I_xx" not in inertia.identified
+    only = identify_plate_inertia([plate_motion(1, 0.09, 0.03)], names=("m", "mc_z"), known=TRUE)
+    assert only.identified == ("m", "mc_z")
+    np.testing.assert_allclose(only.parameters, TRUE, rtol=1e-6, atol=1e-8)
+
+
+def test_parameters_that_noise_would_decide_are_left_out_and_the_planar_ones_are_right() -> None:
+    """Squares of noise in the columns, larger for an axis that hardly turns than those of its motion."""
+    pairs = [plate_motion(1, 0.09, 0.03), plate_motion(0, 0.004, 0.04)]
+    columns = np.concatenate([stacked_columns(centred(regressors(motion)), PARAMETERS) for motion, _ in pairs])
+    assert set(identify_plate_inertia(pairs).identified) == set(PARAMETERS) - {"I_zz"}
+    noise = np.zeros((10, 10))
+    noise[4, 4] = 0.9 * columns[:, 4] @ columns[:, 4]
+    assert identify_plate_inertia(pairs, noise=noise).identified == PLANAR
 
 
 def test_each_recording_may_have_its_own_zero() -> None:
@@ -211,8 +238,10 @@ def test_the_models_without_a_trial_know_nothing_of_it() -> None:
     for k, other in enumerate(model.leave_one_out):
         alone = identify_plate_model([t for i, t in enumerate(trials) if i != k], CALIBRATION, settings())
         assert other.lag == pytest.approx(np.delete(model.lags, k).mean())
-        # the directions of the motion are those of all three
-        np.testing.assert_allclose(other.inertia.parameters, alone.inertia.parameters, rtol=1e-6)
+        np.testing.assert_allclose(other.inertia.parameters, alone.inertia.parameters, rtol=1e-9)
+    left = np.array([other.inertia.parameters for other in model.leave_one_out])
+    jackknife = np.sqrt(2 / 3 * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
+    assert (model.inertia.standard_errors >= (1 - 1e-9) * jackknife).all()
     assert identify_plate_model(trials[:1], CALIBRATION, settings()).leave_one_out == ()
 
 

@@ -16,13 +16,13 @@ from osl_analysis.trial import Trial
 from osl_analysis.walking.ankle import static_calibration
 from osl_analysis.walking.cluster import cluster_poses
 from osl_analysis.walking.crossing_analysis import analyse_crossing
-from osl_analysis.walking.events import start_of_rise
 from osl_analysis.walking.plate_inertia import identify_plate_inertia
 from osl_analysis.walking.plate_model import PlateModel, identify_plate_model
 from osl_analysis.walking.platform_jackknife import jackknife_rows
 from osl_analysis.walking.platform_model import PlatformModel, identify_platform, platform_table
 from osl_analysis.walking.platform_motion import shared_directions
 from osl_analysis.walking.platform_rank import Screws, directions, frame_noise, gated_noise, noise_gain
+from osl_analysis.walking.rise import start_of_rise
 from osl_analysis.walking.unloaded_plate import unloaded_recording
 
 CALIBRATION = static_calibration(standing(), settings())
@@ -109,6 +109,23 @@ def test_a_large_turn_with_little_noise_does_not_make_the_plate_heavier() -> Non
     assert (np.abs(error) < [0.03, 0.005, 0.0014]).all()
 
 
+def test_hidden_markers_of_a_resting_platform_are_no_motion() -> None:
+    """Two markers are hidden for 80 ms. A cubic over the gap moved by 25 standard deviations of noise, in directions in
+    which the platform never moves; the plate was then 1 % too light."""
+    trials = plate_trials(replace(RIG, marker=1e-4), Ramp(angle=5, rise=0.08), 1, 2)
+    gone = pl.col("time").is_between(1.5, 1.58)
+    columns = [f"marker_PLAT{k}_{axis}" for k in (1, 4) for axis in "xyz"]
+    hidden = [pl.when(gone & pl.col(c).is_not_null()).then(float("nan")).otherwise(pl.col(c)).alias(c) for c in columns]
+    trials[0] = Trial(trials[0].name, trials[0].samples.with_columns(hidden), trials[0].provenance)
+    tracks = [unloaded_recording(trial, CALIBRATION, settings()).track for trial in trials]
+    inside = (tracks[0].time > 1.49) & (tracks[0].time < 1.59)
+    held = tracks[0].filtered[(tracks[0].time > 1.4) & (tracks[0].time < 1.8)].mean(axis=0)
+    assert np.abs(tracks[0].filtered[inside] - held).max() < 3e-4
+    assert [len(axes) for axes in shared_directions(tracks)] == [1, 1]
+    found = identify_plate_model(trials, CALIBRATION, settings()).inertia
+    assert found.parameters[0] == pytest.approx(RIG.mass, abs=0.06)
+
+
 def test_a_slow_return_that_noise_hides_is_not_taken_for_rest() -> None:
     """The gate of 0.3 mm on a motion without noise. One that falls after one spread reads 24.93 kg for 25."""
     quiet, pairs = replace(RIG, marker=1e-7, force=1e-3, moment=1e-3), []
@@ -143,10 +160,10 @@ def test_torque_and_onset_are_free_of_each_crossings_own_noise() -> None:
     assert torque_error(trials, turned, model) < 0.3
     late = [model.alignments[t.name].start - r.onset for t, r in zip(trials, turned, strict=True)]
     assert np.std(late) < 4e-4
-    assert abs(np.mean(late)) < 1.2e-3
+    assert abs(np.mean(late)) < 2.5 * model.template.start_se
     table = platform_table(model)
     assert table["follows"].to_list() == [1] * 8
-    assert table["template_onset_se_s"].max() < 3e-4  # type: ignore[operator]
+    assert table["template_onset_se_s"].max() < 4e-4  # type: ignore[operator]
 
 
 def test_a_hexapod_that_heaves_has_two_directions_and_no_single_axis_is_forced_on_it() -> None:
@@ -242,11 +259,41 @@ def test_the_jackknife_of_both_sources_is_the_sum_of_their_variances() -> None:
     np.testing.assert_array_equal(jackknife_rows(list(plates), []), plates)
 
 
-@pytest.mark.parametrize("degree", [1, 3, 5, 7])
-def test_the_start_of_a_mean_rise_has_no_bias_for_any_smooth_step(degree: int) -> None:
-    """0.25 % of noise, as in the mean of 20 crossings."""
-    x = np.clip((np.arange(-0.06, 0.2, 0.002) - 0.0131) / 0.1, 0, 1)
+GRID = np.arange(-0.06, 0.2, 0.002)
+
+
+def rise(degree: int, start: float, height: float = 0.04, duration: float = 0.1) -> np.ndarray:
+    """A rise (n, 1) [m] on the grid, of the degree of its polynomial."""
+    x = np.clip((GRID - start) / duration, 0, 1)
     steps = {1: x, 3: x**2 * (3 - 2 * x), 5: x**3 * (10 - 15 * x + 6 * x**2)}
     steps[7] = x**4 * (35 - 84 * x + 70 * x**2 - 20 * x**3)
-    rise = steps[degree] + np.random.default_rng(degree).normal(0, 5e-4, len(x))
-    assert start_of_rise(np.arange(-0.06, 0.2, 0.002), rise) == pytest.approx(0.0131, abs=1e-3)
+    return np.asarray(height * steps[degree][:, None])
+
+
+@pytest.mark.parametrize("degree", [1, 3, 5, 7])
+def test_the_start_of_a_mean_rise_has_no_bias_for_any_smooth_step(degree: int) -> None:
+    """0.05 % of noise, as in the mean of 20 crossings of 5 deg."""
+    noise = np.random.default_rng(degree).normal(0, 2e-5, (len(GRID), 1))
+    found = start_of_rise(GRID, rise(degree, 0.0131) + noise, 2e-5)
+    assert found.time == pytest.approx(0.0131, abs=1e-3)
+    assert found.shape == 0.0
+
+
+def test_the_start_of_a_rise_has_the_error_of_its_noise() -> None:
+    """Two directions, 0.3 % of noise. A length in place of a displacement would start early, by noise alone."""
+    random, axis = np.random.default_rng(3), np.array([[0.6, 0.8]])
+    found = [
+        start_of_rise(GRID, rise(5, 0.0) @ axis + random.normal(0, 1.2e-4, (len(GRID), 2)), 1.2e-4) for _ in range(60)
+    ]
+    z = np.array([one.time / one.se for one in found])
+    assert {one.kind for one in found} == {3}
+    assert abs(z.mean()) < 0.4  # 3 / sqrt(60)
+    assert 0.75 < z.std() < 1.25  # 1 +- 2.7 / sqrt(120)
+
+
+def test_a_start_that_noise_hides_says_what_another_kind_of_start_would_change() -> None:
+    """A step of seventh degree, 1 % of noise: minimum jerk starts 7 ms later, and the statement covers it."""
+    noise = np.random.default_rng(5).normal(0, 4e-4, (len(GRID), 1))
+    found = start_of_rise(GRID, rise(7, 0.0) + noise, 4e-4)
+    assert (found.kind, round(1e3 * found.time)) == (3, 7)
+    assert abs(found.time) < found.shape + 3 * found.se

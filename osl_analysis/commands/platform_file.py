@@ -13,6 +13,8 @@ from osl_analysis.walking.platform_shape import Alignment, PlatformTemplate
 from osl_analysis.walking.trigger import TriggerLatency
 
 FIELDS = ("template", "reason", "alignments", "triggers", "latency", "leave_out")
+NUMBERS = ("noise", "crossings", "scaled", "start_se", "start_shape")
+"""Of a shape, beside its arrays."""
 
 
 def write_platform(model: PlatformModel, path: Path) -> None:
@@ -31,13 +33,13 @@ def write_platform(model: PlatformModel, path: Path) -> None:
 def template_content(template: PlatformTemplate) -> dict[str, Any]:
     """A shape as lists of numbers."""
     arrays = {name: getattr(template, name).tolist() for name in ("axes", "time", "shape")}
-    return arrays | {"noise": template.noise, "crossings": template.crossings, "scaled": template.scaled}
+    return arrays | {name: getattr(template, name) for name in NUMBERS}
 
 
 def template_from(content: Mapping[str, Any]) -> PlatformTemplate:
     """The shape that `template_content` described."""
-    arrays = {name: np.array(content[name], dtype=float) for name in ("axes", "time", "shape")}
-    return PlatformTemplate(**arrays, noise=content["noise"], crossings=content["crossings"], scaled=content["scaled"])
+    arrays: dict[str, Any] = {name: np.array(content[name], dtype=float) for name in ("axes", "time", "shape")}
+    return PlatformTemplate(**arrays, **{name: content[name] for name in NUMBERS})
 
 
 def read_platform(path: Path) -> PlatformModel:

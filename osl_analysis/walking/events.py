@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.special import betainc
 
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
@@ -23,11 +21,6 @@ POWERS = np.arange(1.0, 4.01, 0.25)
 """Powers of time that are tried. 1 is a straight ramp."""
 START_STEP_S = 0.0002
 """Resolution [s] of the onset."""
-KINDS = (3, 1, 2, 4)
-"""Smooth steps that a mean rise is compared with: I(x; p, p) is a straight ramp for p = 1, a cubic for 2, minimum jerk
-for 3, of seventh degree for 4."""
-PREFERRED = 1.3
-"""Minimum jerk is used unless another step has a misfit smaller by this factor: the others differ by several ms."""
 
 
 @dataclass(frozen=True)
@@ -146,34 +139,6 @@ def power_law_start(time: Array, turned: Array) -> float:
         size = shape @ turned / np.sum(shape**2, axis=1)
         misfits.append(np.sum((turned - size[:, None] * shape) ** 2, axis=1))
     return float(starts[np.argmin(misfits) % len(starts)])
-
-
-def start_of_rise(time: Array, turned: Array) -> float:
-    """Time [s] at which a mean rotation `turned` (n,) with little noise, from 0 to its largest value, starts.
-
-    The smooth step that fits the first half of the rise best, of `KINDS`, starts there. Its start has no bias for any
-    of them, and is less sensitive to noise than that of a power of time (0.4 ms against 8 ms for 2.5 deg and 0.3 mm).
-    """
-    height = float(np.mean(turned[-max(len(turned) // 20, 1) :]))
-    rising = np.flatnonzero(turned >= height / 2)
-    half = int(rising[0])
-    level = int(np.flatnonzero(turned[:half] < height / 10)[-1])
-    near = slice(0, half + 1)
-    quick = 2 * float(time[half] - time[level]) / 0.6
-    found = {p: fitted_step(time[near], turned[near] / height, float(time[half]), quick, p) for p in KINDS}
-    best = min(found, key=lambda p: found[p][1])
-    kind = KINDS[0] if found[KINDS[0]][1] < PREFERRED * found[best][1] else best
-    return found[kind][0]
-
-
-def fitted_step(time: Array, share: Array, half: float, duration: float, p: int) -> tuple[float, float]:
-    """Start [s] and misfit of the step I(x; p, p) that fits a rise from 0 towards 1; it passes 0.5 near `half` [s]."""
-
-    def difference(guess: Array) -> Array:
-        return np.asarray(betainc(p, p, np.clip((time - guess[0]) / guess[1], 0, 1)) - share)
-
-    fit = least_squares(difference, [half - duration / 2, duration], x_scale=[0.01, 0.05], diff_step=[1e-4, 1e-4])
-    return float(fit.x[0]), float(fit.cost)
 
 
 def check_onset(onset: float | None, stance: Stance, perturbed: bool, timing: Timing) -> None:

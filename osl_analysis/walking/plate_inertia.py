@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.stats.regression import LinearFit, linear_fit
+from osl_analysis.stats.regression import linear_fit
 from osl_analysis.trial import Array
 from osl_analysis.walking.cluster import GRAVITY, BodyMotion
 from osl_analysis.walking.plate import PlateWrench
@@ -103,6 +103,7 @@ def identify_plate_inertia(
     smooth: Callable[[Array], Array] = unfiltered,
     names: tuple[str, ...] | None = None,
     noise: Array | None = None,
+    known: Array | None = None,
 ) -> PlateInertia:
     """Parameters from unloaded recordings: motion of the plate's centre, and wrench in the plate's axes.
 
@@ -110,7 +111,8 @@ def identify_plate_inertia(
     products of motions, because the low-pass of a product is not the product of low-passes. With filtered motions
     instead, a filter of 8 Hz would make the plate's lag 0.05 ms too small. The mean of each recording is removed,
     because each has its own zero. Moments of inertia about axes that are not excited are 0. If the remaining parameters
-    cannot be told apart, only the four planar ones are identified. `names` replaces this choice.
+    cannot be told apart, or some are seen with more noise than motion, only the four planar ones are identified.
+    `names` are those that may be identified, all if None. The others are as in `known` (10,), 0 if None.
 
     `noise` (10, 10) is the sum of squares that marker noise alone causes in the columns. It is
     subtracted from theirs, because least squares with noise in its columns makes every estimate too small.
@@ -124,24 +126,34 @@ def identify_plate_inertia(
         raise InputError("no recordings of the unloaded plate; add trials of experiment 'plate' to the sheet")
     columns = np.concatenate([centred(smooth(regressors(motion))) for motion, _ in recordings])
     wrench = np.concatenate([centred(w.components()) for _, w in recordings])
-    fit = fit_parameters(columns, wrench, names or excited_parameters([motion for motion, _ in recordings]))
-    chosen = [PARAMETERS.index(name) for name in fit.names]
-    parameters, errors = np.zeros(len(PARAMETERS)), np.zeros(len(PARAMETERS))
-    correction = np.eye(len(chosen)) if noise is None else noise_correction(columns, noise, fit.names)
-    parameters[chosen] = correction @ fit.estimates
-    errors[chosen] = np.sqrt(np.diag(correction @ fit.covariance @ correction.T))
+    excited = excited_parameters([motion for motion, _ in recordings])
+    wanted = tuple(name for name in excited if names is None or name in names)
+    held = np.zeros(len(PARAMETERS)) if known is None else known
+    parameters, errors = fit_parameters(columns, wrench, wanted, noise, held)
     return PlateInertia(parameters, errors, rms(wrench), rms(wrench - columns @ parameters))
 
 
-def fit_parameters(columns: Array, wrench: Array, names: tuple[str, ...]) -> LinearFit:
-    """Regress wrenches (n, 6) on the named columns of (n, 6, 10). If these look alike, use only the planar ones."""
-    stacked = dict(zip(names, stacked_columns(columns, names).T, strict=True))
+def fit_parameters(
+    columns: Array, wrench: Array, names: tuple[str, ...], noise: Array | None, held: Array
+) -> tuple[Array, Array]:
+    """Parameters and standard errors (10,) from wrenches (n, 6) and the named ones of the columns (n, 6, 10).
+
+    The others are `held` (10,), with errors of 0. If the named ones look alike, or are noise, use only the planar ones.
+    """
+    chosen = [PARAMETERS.index(name) for name in names]
+    parameters, errors = held.copy(), np.zeros(len(PARAMETERS))
+    parameters[chosen] = 0.0
+    left = wrench - columns @ parameters
     try:
-        return linear_fit((wrench * WEIGHT).T.ravel(), stacked)
+        fit = linear_fit((left * WEIGHT).T.ravel(), dict(zip(names, stacked_columns(columns, names).T, strict=True)))
+        correction = np.eye(len(chosen)) if noise is None else noise_correction(columns, noise, names)
     except IdentifiabilityError:
         if names == PLANAR:
             raise
-        return fit_parameters(columns, wrench, PLANAR)
+        return fit_parameters(columns, wrench, PLANAR, noise, held)
+    parameters[chosen] = correction @ fit.estimates
+    errors[chosen] = np.sqrt(np.diag(correction @ fit.covariance @ correction.T))
+    return parameters, errors
 
 
 def noise_squares(motion: BodyMotion, resting: Sequence[slice]) -> Array:

@@ -72,25 +72,44 @@ def identify_plate_model(
     for trial in trials:
         check_type_on_platform(trial, settings.plate)
     seen = without_hidden_turns([unloaded_recording(t, calibration_of(calibrations, t.name), settings) for t in trials])
-    axes = shared_directions([r.track for r in seen])
-    recordings = [r.along(own) for r, own in zip(seen, axes, strict=True)]
+    recordings = along_shared_directions(seen)
     lags = [trial_lag(r) if settings.correct_plate_lag else float("nan") for r in recordings]
     reason = NOT_ASKED if not settings.correct_plate_lag else None if np.isfinite(lags).any() else TOO_LIGHT
     model, every = replace(plate_model(recordings, lags), lag_reason=reason), range(len(recordings))
     if len(recordings) == 1:
         return model
-    others, names = [[i for i in every if i != one] for one in every], model.inertia.identified
-    leave_one_out = [plate_model([recordings[i] for i in kept], [lags[i] for i in kept], names) for kept in others]
-    return replace(model, leave_one_out=tuple(leave_one_out))
+    others = [[i for i in every if i != one] for one in every]
+    leave_one_out = [
+        plate_model(along_shared_directions([seen[i] for i in kept]), [lags[i] for i in kept], model.inertia)
+        for kept in others
+    ]
+    return with_jackknife(replace(model, leave_one_out=tuple(leave_one_out)))
+
+
+def along_shared_directions(recordings: Sequence[UnloadedRecording]) -> list[UnloadedRecording]:
+    """The recordings with their motions along the directions that they share."""
+    axes = shared_directions([r.track for r in recordings])
+    return [r.along(own) for r, own in zip(recordings, axes, strict=True)]
+
+
+def with_jackknife(model: PlateModel) -> PlateModel:
+    """The model whose standard errors are no smaller than those of the jackknife over its trials.
+
+    The regression's are blind to what all samples of a trial share: the directions of the motion, and bridged gaps.
+    """
+    left = np.array([other.inertia.parameters for other in model.leave_one_out])
+    jackknife = np.sqrt((len(left) - 1) / len(left) * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
+    errors = np.maximum(model.inertia.standard_errors, jackknife)
+    return replace(model, inertia=replace(model.inertia, standard_errors=errors))
 
 
 def plate_model(
-    recordings: Sequence[UnloadedRecording], lags: Sequence[float], names: tuple[str, ...] | None = None
+    recordings: Sequence[UnloadedRecording], lags: Sequence[float], whole: PlateInertia | None = None
 ) -> PlateModel:
     """The mean of the recordings' lags [s], and one inertia from all recordings at that lag.
 
-    A lag is NaN if its recording shows none. `names` are the inertial parameters to identify, if they are already
-    known.
+    A lag is NaN if its recording shows none. `whole` is the inertia from more recordings: only what they identified is
+    identified, and what these recordings do not show stays as it is there.
     """
     known = np.array([lag for lag in lags if np.isfinite(lag)])
     lag = float(np.mean(known)) if len(known) else None
@@ -98,7 +117,8 @@ def plate_model(
         [(r.motion, r.wrench_at(lag or 0.0)) for r in recordings],
         np.sum([r.noise for r in recordings], axis=0),
     )
-    inertia = identify_plate_inertia(pairs, recordings[0].smooth, names, noise)
+    limits = (None, noise, None) if whole is None else (whole.identified, noise, whole.parameters)
+    inertia = identify_plate_inertia(pairs, recordings[0].smooth, *limits)
     error = float(np.std(known, ddof=1) / np.sqrt(len(known))) if len(known) > 1 else None
     return PlateModel(inertia, lag, error, known)
 

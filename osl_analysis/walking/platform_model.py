@@ -24,7 +24,10 @@ from osl_analysis.walking.trigger import TriggerLatency, trigger_edge, trigger_l
 FADE_S = 0.025
 """Time [s] over which the shape gives way to a crossing's own motion, at the shape's end."""
 
-NUMBERS = ("onset_s", "template_onset_s", "template_onset_se_s", "amplitude", "duration", "misfit")
+NUMBERS = (
+    "onset_s", "template_onset_s", "template_onset_se_s", "shared_onset_se_s", "onset_shape_s", "amplitude", "duration",
+    "misfit",
+)  # fmt: skip
 MORE_NUMBERS = ("trigger_s", "latency_s", "latency_sd_s")
 PLATFORM_COLUMNS = (
     {"trial": pl.String}
@@ -67,6 +70,10 @@ class PlatformModel:
         if late is not None and constant and (not follows or late.resolution < late.template_se):
             return self.triggers[trial] + late.mean
         return a.start if a is not None and follows else own
+
+    def onset_se(self, a: Alignment) -> float:
+        """Standard error [s] of a start by the shape: its crossing's noise, and that of the shape's own start."""
+        return float(np.hypot(a.start_se, self.template.start_se if self.template is not None else 0.0))
 
     def followed(self, trial: str) -> Alignment | None:
         """How a trial follows the shape; None if it does not."""
@@ -197,7 +204,9 @@ def platform_table(model: PlatformModel) -> pl.DataFrame:
             "trial": a.name,
             "onset_s": model.onset(a.name, a.start),
             "template_onset_s": a.start,
-            "template_onset_se_s": a.start_se,
+            "template_onset_se_s": model.onset_se(a),
+            "shared_onset_se_s": model.template and model.template.start_se,
+            "onset_shape_s": model.template and model.template.start_shape,
             "amplitude": a.amplitude,
             "duration": a.duration,
             "misfit": a.misfit,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from osl_analysis.signals import LowPass, sampling_rate
+from osl_analysis.signals import LowPass, runs, sampling_rate
 from osl_analysis.trial import Array
 from osl_analysis.walking.cluster import BodyMotion, Mask, Poses, body_motion, filtered_poses
 from osl_analysis.walking.platform_rank import Screws, directions, frame_noise, gate, moving, speed
@@ -14,6 +14,10 @@ SPREAD_S = 0.025
 """Time [s] by which the low-pass widens a motion, for a cut-off of `SPREAD_CUTOFF_HZ`: half a period."""
 SPREAD_CUTOFF_HZ = 20.0
 
+LONG_GAP_S = 0.015
+"""Shortest gap [s] of the platform's markers that is bridged by a straight line. A turn is never hidden for as long."""
+BESIDE = 4
+"""Frames beside a gap whose mean is the end of that line."""
 FEWEST_FRAMES = 10
 """Fewest frames from which a position at rest is read."""
 
@@ -42,7 +46,7 @@ class PlatformTrack:
     @classmethod
     def of(cls, name: str, time: Array, poses: Poses, reference: Array, low_pass: LowPass) -> "PlatformTrack":
         """The track of a platform's poses (n,), none NaN, whose markers were at the reference (m, 3) [m] at rest."""
-        measured = Screws.of(reference).coordinates(poses)
+        measured = straight_over_gaps(Screws.of(reference).coordinates(poses), poses.bridged, sampling_rate(time))
         filtered = low_pass(measured, sampling_rate(time))
         return cls(name, time, reference, measured, filtered, low_pass, frame_noise(measured[~poses.bridged]))
 
@@ -92,6 +96,25 @@ class PlatformTrack:
         """
         poses = Screws.of(self.reference).poses(coordinates)
         return body_motion(self.time, filtered_poses(poses, self.reference, self.low_pass, self.rate), centre)
+
+
+def straight_over_gaps(coordinates: Array, bridged: Mask, rate: float) -> Array:
+    """Coordinates (n, 6) [m] with straight lines in place of the curves that bridge longer gaps, between the means of
+    the frames beside them.
+
+    A cubic over 50 ms carries the noise of the frames beside it to 20 times its size: a motion that never was.
+    """
+    found = coordinates.copy()
+    for gap in runs(bridged):
+        if (gap.stop - gap.start) / rate < LONG_GAP_S:
+            continue
+        before = [row for row in range(max(gap.start - BESIDE, 0), gap.start) if not bridged[row]]
+        after = [row for row in range(gap.stop, min(gap.stop + BESIDE, len(bridged))) if not bridged[row]]
+        ends = np.mean(before), np.mean(after)
+        share = (np.arange(gap.start, gap.stop) - ends[0]) / (ends[1] - ends[0])
+        first, last = coordinates[before].mean(axis=0), coordinates[after].mean(axis=0)
+        found[gap] = first + share[:, None] * (last - first)
+    return found
 
 
 def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:

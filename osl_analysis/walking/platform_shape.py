@@ -31,10 +31,11 @@ class Alignment:
 
     name: the trial.
     start: time [s] at which the motion starts.
-    start_se: its standard error [s] from marker noise.
+    start_se: its standard error [s] from the marker noise of this crossing. What all share is in `PlatformTemplate`.
     amplitude: size of the motion, 1 on average, negative in the other direction.
     duration: time scale of the motion, 1 on average; 1 for all where it does not scatter.
     duration_se: standard error of a free time scale.
+    shared: covariance [s] of the errors of start and time scale.
     offset: coordinates (r,) [m] at rest.
     misfit: mean square of the filtered difference between motion and shape, over that of noise.
     follows: whether the misfit is that of noise.
@@ -46,6 +47,7 @@ class Alignment:
     amplitude: float
     duration: float
     duration_se: float
+    shared: float
     offset: Array
     misfit: float
     follows: bool
@@ -61,6 +63,8 @@ class PlatformTemplate:
     noise: standard deviation [m] of the noise in one frame of a crossing.
     crossings: number of crossings whose mean the shape is.
     scaled: whether the duration of the motion differs between crossings.
+    start_se: standard error [s] of the start of the shape, which shifts the start of every crossing alike.
+    start_shape: [s], as `shape` of `RiseStart`.
     """
 
     axes: Array
@@ -69,6 +73,8 @@ class PlatformTemplate:
     noise: float
     crossings: int
     scaled: bool
+    start_se: float = 0.0
+    start_shape: float = 0.0
 
     @cached_property
     def spline(self) -> BSpline:
@@ -80,6 +86,11 @@ class PlatformTemplate:
         inside = (time >= self.time[0]) & (time <= self.time[-1])
         values = self.spline(np.clip(time, self.time[0], self.time[-1]), derivative)
         return np.asarray(values if derivative == 0 else values * inside[:, None])
+
+    def grid_noise(self, rate: float) -> float:
+        """Standard deviation [m] of the noise in each sample of the shape, as if it were independent of the others, for
+        crossings of `rate` frames per second [Hz]."""
+        return float(self.noise / np.sqrt(self.crossings * rate * GRID_S))
 
     def curve(self, time: Array, alignment: Alignment) -> Array:
         """Coordinates (n, r) [m] from rest, at times [s], of a crossing that follows the shape."""
@@ -140,14 +151,27 @@ def aligned(track: PlatformTrack, guess: Alignment, template: PlatformTemplate, 
             duration=float(np.clip(a.duration + (change[2] if scaled else 0.0), 0.5, 2.0)),
             offset=change[-r:],
         )
-    errors = template.noise * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
+    covariance = template.noise**2 * np.linalg.inv(design.T @ design)
+    errors, shared = np.sqrt(np.diag(covariance)), float(covariance[1, 2])
     misfit, follows = misfit_of(track, a, template)
     return replace(
         a,
         start_se=float(errors[1]),
         duration_se=float(errors[2]) if scaled else 0.0,
+        shared=shared if scaled else 0.0,
         misfit=misfit,
         follows=follows,
+    )
+
+
+def moved_start(a: Alignment, later: float) -> Alignment:
+    """The alignment whose start is a point of the shape `later` [s] than now: more uncertain where durations are."""
+    variance = a.start_se**2 + 2 * later * a.shared + (later * a.duration_se) ** 2
+    return replace(
+        a,
+        start=a.start + later * a.duration,
+        start_se=float(np.sqrt(variance)),
+        shared=a.shared + later * a.duration_se**2,
     )
 
 

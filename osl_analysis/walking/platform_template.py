@@ -13,10 +13,18 @@ from scipy.special import chdtri
 
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
-from osl_analysis.walking.events import start_of_rise
 from osl_analysis.walking.platform_motion import PlatformTrack
 from osl_analysis.walking.platform_rank import directions
-from osl_analysis.walking.platform_shape import LEAD_S, ROUNDS, Alignment, PlatformTemplate, aligned, mean_shape
+from osl_analysis.walking.platform_shape import (
+    LEAD_S,
+    ROUNDS,
+    Alignment,
+    PlatformTemplate,
+    aligned,
+    mean_shape,
+    moved_start,
+)
+from osl_analysis.walking.rise import start_of_rise
 
 CHANCE = 1e-3
 """The duration of the motion is free where noise alone would scatter it as much with this probability only."""
@@ -58,9 +66,9 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
             break
     if sum(a.follows for a in alignments) < FEWEST:
         raise InputError("the platform moves in another way in each crossing, so that each keeps its own motion")
-    start = start_of_rise(template.time, np.linalg.norm(template.shape, axis=1))
-    begun = [replace(a, start=a.start + start * a.duration) for a in alignments]
-    return replace(template, time=template.time - start), begun
+    rise = start_of_rise(template.time, template.shape, template.grid_noise(tracks[0].rate))
+    begun = [moved_start(a, rise.time) for a in alignments]
+    return replace(template, time=template.time - rise.time, start_se=rise.se, start_shape=rise.shape), begun
 
 
 def alternated(
@@ -104,4 +112,4 @@ def first_alignment(track: PlatformTrack, axes: Array) -> Alignment:
     middle, _ = middle_of_rise(track)
     moved = (track.filtered - track.rest()) @ axes.T
     size = float(moved[np.argmax(np.abs(moved[:, 0])), 0])
-    return Alignment(track.name, middle, 0.0, size, 1.0, 0.0, track.rest() @ axes.T, 0.0, True)
+    return Alignment(track.name, middle, 0.0, size, 1.0, 0.0, 0.0, track.rest() @ axes.T, 0.0, True)

@@ -8,8 +8,11 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.errors import InputError
+from osl_analysis.measured import check_finite
 from osl_analysis.trial import Array
 
+DEGREE = 5
+"""Degree of the spline that gives derivatives."""
 UNIFORM_TOLERANCE = 0.2
 """Largest accepted deviation of a sampling step from the mean step, as a fraction of the mean step."""
 
@@ -36,8 +39,10 @@ class LowPass:
         Raises
         ------
         InputError
-            The cut-off is not below half the sampling rate, or the signal is shorter than the filter's edge.
+            The cut-off is not below half the sampling rate, the signal is shorter than the filter's edge, or it has a
+            value that is not finite, which the filter would spread over all of it.
         """
+        check_finite("the signal", signal)
         if not 0 < self.cutoff_hz < rate_hz / 2:
             raise InputError(
                 f"filter cut-off {self.cutoff_hz:g} Hz must lie between 0 and half the sampling rate of {rate_hz:g} Hz"
@@ -95,9 +100,9 @@ def run_at_extreme(values: Array) -> slice:
 
     Every noisy channel has one sample at its extreme; a clipped one has many in a row. The peak of a slow signal also
     repeats a value for as long as it stays within one step of its converter. It is not clipped: the parabola that has
-    the slopes at the ends of the plateau rises by less than `CUT_OFF` steps.
+    the slopes at the ends of the plateau rises by less than `CUT_OFF` steps. Empty for a channel that is not finite.
     """
-    if not values.size:
+    if not values.size or not np.isfinite(values).all():
         return slice(0, 0)
     low, high = float(values.min()), float(values.max())
     span, middle = high - low, float(np.median(values))
@@ -129,10 +134,14 @@ def sampling_rate(time: Array) -> float:
     Raises
     ------
     InputError
-        A step deviates from the mean step by more than 20 %: resample, or cut the trial at the gap.
+        A step deviates from the mean step by more than 20 %: resample, or cut the trial at the gap. Fewer than two
+        stamps, or stamps that are equal or not finite, have no rate.
     """
+    check_finite("time", time)
     step = np.diff(time)
-    mean = float(np.mean(step))
+    mean = float(np.mean(step)) if len(step) else 0.0
+    if not mean > 0:
+        raise InputError(f"{len(time)} stamps that do not go forward have no rate; check the time's channel")
     worst = int(np.argmax(np.abs(step - mean)))
     if abs(step[worst] - mean) > UNIFORM_TOLERANCE * mean:
         raise InputError(
@@ -146,8 +155,20 @@ def differentiate(time: Array, theta: Array) -> Motion:
     """Angle [rad] at times [s] with its derivatives, from the quintic spline through the (already filtered) samples.
 
     Central differences lose 3 % of a velocity at 20 Hz sampled at 300 Hz; the spline loses less than 0.1 %.
+
+    Raises
+    ------
+    InputError
+        Fewer than six samples, times that do not go forward, or a value that is not finite.
     """
-    spline = make_interp_spline(time, theta, k=5)
+    check_finite("time", time)
+    check_finite("the angle", theta)
+    if len(time) <= DEGREE or not (np.diff(time) > 0).all():
+        raise InputError(
+            f"{len(time)} samples cannot be differentiated: {DEGREE + 1} or more are needed, each later than the one "
+            "before; take a longer window, or check the time's channel"
+        )
+    spline = make_interp_spline(time, theta, k=DEGREE)
     return Motion(np.asarray(theta), np.asarray(spline(time, 1)), np.asarray(spline(time, 2)))
 
 

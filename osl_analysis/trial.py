@@ -18,6 +18,8 @@ from osl_analysis.refusal import check_not_refused
 Array = NDArray[np.float64]
 NAME_KEY = "osl_analysis.trial"
 PROVENANCE_KEY = "osl_analysis.provenance"
+LARGEST_TIME_S, SHORTEST_S = 1e20, 1e-9
+"""Latest stamp [s], beyond that of nanoseconds since 1970 taken for seconds, and shortest span [s] of a log."""
 LISTED = 6
 """Largest number of names in a message."""
 
@@ -83,12 +85,20 @@ def like(name: str, known: Sequence[str]) -> str:
 
 
 def check_time(name: str, time: Array) -> None:
-    """Refuse stamps [s] that are not finite or go back. The message names the first such stamp.
+    """Refuse stamps [s] that are not finite, go back, or span no time that a clock can tell.
+
+    The message names the first such stamp.
 
     Equal stamps are allowed: a logger printed few decimals or wrote a row twice. The time base handles them.
     """
     if not np.isfinite(time).all():
         raise InputError(f"{name}: time is not finite at row {int(np.argmin(np.isfinite(time)))}; repair the log")
+    span = float(np.max(np.abs(time), initial=0.0)), float(np.ptp(time)) if len(time) else 0.0
+    if span[0] > LARGEST_TIME_S or 0 < span[1] < SHORTEST_S:
+        raise InputError(
+            f"{name}: time reaches {span[0]:.3g} s and spans {span[1]:.3g} s; correct its `unit` in the source file, "
+            "or take another time source"
+        )
     step = np.diff(time)
     if (step < 0).any():
         row = int(np.argmax(step < 0))

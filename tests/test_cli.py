@@ -153,6 +153,14 @@ def test_gains_prints_the_paper_s_example_with_its_proof():
     assert "proved: exactly one local minimum" in result.stdout
 
 
+def test_gains_of_one_pair_are_drawn_without_bars_of_data_that_are_not_there(tmp_path):
+    result = call("gains", "--stiffness", 300, "--damping", 5, "--plot", tmp_path / "gains.svg")
+    assert result.exit_code == 0, result.output
+    drawn = (tmp_path / "gains.svg").read_text()
+    assert len(drawn) > 5000
+    assert "interval" not in drawn
+
+
 def test_gains_of_a_grid_is_a_row_per_pair(tmp_path):
     arguments = ("--stiffness", "100:400:100", "--damping", "0,5", "--output", tmp_path / "gains.csv")
     result = call("gains", *arguments, "--plot", tmp_path / "gains.svg", "--json")

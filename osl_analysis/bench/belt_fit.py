@@ -9,6 +9,7 @@ from osl_analysis.bench.alternatives import (
     widened,
 )
 from osl_analysis.errors import InputError
+from osl_analysis.measured import check_measured
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.slow_motion import fit_slow_motion
 from osl_analysis.trial import Array
@@ -65,8 +66,13 @@ def fit_belt_stiffness(
     Raises
     ------
     InputError
-        The deflection stays below 0.5 degrees, the trial ends before unloading, or there is more than one loading.
+        The deflection stays below 0.5 degrees, the trial ends before unloading, or there is more than one loading;
+        there are no samples, or a value is not finite or cannot be measured.
     """
+    check_measured("theta_s", theta_s)
+    check_measured("torque", torque)
+    if not len(theta_s):
+        raise InputError("no samples of the belt; record the trial again")
     deflection = theta_s - theta_s[0]
     onset, peak, release = loaded_rows(deflection)
     velocity = np.gradient(theta_s)

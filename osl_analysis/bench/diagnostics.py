@@ -8,6 +8,7 @@ import polars as pl
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.doubtful import counted, doubtful_row
 from osl_analysis.errors import InputError
+from osl_analysis.measured import check_measured
 from osl_analysis.signals import Motion
 from osl_analysis.stats.comparison import held_out_vaf
 from osl_analysis.stats.fit_row import Row
@@ -108,8 +109,9 @@ def check_changes(column: str, values: Array) -> None:
     Raises
     ------
     InputError
-        Every value is the same; the message names the column.
+        Every value is the same, or no sensor can have given them; the message names the column.
     """
+    check_measured(column, values)
     if not np.ptp(values):
         raise InputError(
             f"{column} stays at {values[0]:g} throughout; check its sensor and its channel in the source file, or "

@@ -63,10 +63,11 @@ def check_within_range(trial: Trial, column: str) -> None:
 
 
 def recorded_values(trial: Trial, column: str | None) -> Array:
-    """The values of a column where it was sampled, (n,); empty where the trial does not have it."""
+    """The finite values of a column where it was sampled, (n,); empty where the trial does not have it."""
     if column is None or column not in trial.samples.columns:
         return np.empty(0)
-    return trial.samples[column].drop_nulls().drop_nans().to_numpy()
+    values = trial.samples[column].drop_nulls().to_numpy()
+    return np.asarray(values[np.isfinite(values)])
 
 
 def with_clipping(table: pl.DataFrame, trial: Trial, torque: str = "torque", *others: str) -> pl.DataFrame:

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.errors import InputError, UnreachableImpedanceError
-from osl_analysis.figures.fig7 import LINEAR_MODEL, response_curve
+from osl_analysis.figures.fig7 import COLUMNS as FIG7_COLUMNS
+from osl_analysis.figures.fig7 import CURVES, LINEAR_MODEL, response_curve
 from osl_analysis.figures.fig8 import points as fig8_points
 from osl_analysis.files import atomic_path
 from osl_analysis.model.admittance_error import Weight
@@ -215,5 +216,5 @@ def pair_response(row: dict[str, float], p: DrivetrainParameters) -> pl.DataFram
         f"compensated{LINEAR_MODEL}": joint_admittance(row["K_1"], row["B_1"], p, p.J_j),
     }
     frames = [response_curve(name, f, Y(2j * np.pi * f)) for name, Y in curves.items()]
-    intervals = ("magnitude_low", "magnitude_high", "phase_low", "phase_high")
-    return pl.concat(frames).with_columns(pl.lit(None, pl.Float64).alias(name) for name in intervals)
+    observed_only = (name for name in FIG7_COLUMNS if name not in CURVES)
+    return pl.concat(frames).with_columns(pl.lit(None, pl.Float64).alias(name) for name in observed_only)

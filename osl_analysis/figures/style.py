@@ -142,6 +142,8 @@ def spread_entries(panels: Mapping[Axes, str], table: pl.DataFrame) -> tuple[lis
     handles = []
     if any(table[f"{quantity}_amplitudes_low"].count() for quantity in panels.values()):
         handles.append(bar(THIN, "Range over amplitudes"))
+    if not any(table[f"{quantity}_low"].count() for quantity in panels.values()):
+        return handles, ""
     longest = max(longest_bar(ax, table[f"{q}_low"], table[f"{q}_high"]) for ax, q in panels.items())
     if longest <= min(look.size for look in LOOKS.values() if look.marker):
         return handles, "95 % intervals of noise are shorter than the markers"

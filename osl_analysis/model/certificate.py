@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.errors import UnreachableImpedanceError
 from osl_analysis.model.admittance_error import Weight, admittance_error
+from osl_analysis.model.compensator import check_request
 from osl_analysis.parameters import DrivetrainParameters
 
 Polynomial = NDArray[Any]
@@ -60,8 +61,9 @@ def certify(K_d: float, B_d: float, p: DrivetrainParameters, weight: Weight, J_j
     Raises
     ------
     UnreachableImpedanceError
-        The error does not depend on B_1 at all: every gain is stationary.
+        As `check_request`, or the error does not depend on B_1 at all: every gain is stationary.
     """
+    check_request(K_d, B_d, p)
     slope = slope_numerator(K_d, B_d, p, weight, J_j)
     if not slope.any():
         raise UnreachableImpedanceError(

@@ -116,7 +116,16 @@ def compensated_gains(K_d: float, B_d: float, p: DrivetrainParameters, weight: W
 
 
 def uncompensated_gains(K_d: float, B_d: float, p: DrivetrainParameters) -> Gains:
-    """Gains that neglect the drivetrain's dynamics: K_1 = K_d/n_T^2, B_1 = B_d/n_T^2, no friction term."""
+    """Gains that neglect the drivetrain's dynamics: K_1 = K_d/n_T^2, B_1 = B_d/n_T^2, no friction term.
+
+    Raises
+    ------
+    UnreachableImpedanceError
+        K_d or B_d is negative or not finite.
+    """
+    for name, value in (("K_d", K_d), ("B_d", B_d)):
+        if not 0 <= value < np.inf:
+            raise UnreachableImpedanceError(f"{name} = {value:g} cannot be asked for; give a finite number, 0 or more")
     return Gains(K_d / p.n_T**2, B_d / p.n_T**2, cancels_friction=False)
 
 

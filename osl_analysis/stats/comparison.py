@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from osl_analysis.errors import InputError
+from osl_analysis.measured import check_finite, check_measured, rounding_of, varies
 from osl_analysis.stats.regression import LinearFit, variance_accounted_for
 from osl_analysis.stats.repeats import Repeats, over_repeats
 from osl_analysis.trial import Array
@@ -12,8 +14,6 @@ from osl_analysis.trial import Array
 PREFERRED, TIED, WORSE = "preferred", "tied", "worse"
 LARGEST_LAG = 0.1
 """Largest lag of the residual's autocorrelation, as a share of the samples."""
-ROUNDING = 1e-24
-"""Mean square of the rounding error of an exact fit, as a share of that of y; the error depends on the processor."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Candidate:
     residual: Array
     """Residual of the fit to all data, shape (n,) [unit of y]."""
     held_out_residual: Array
-    """Residual on data that the fit did not use, shape (n,) [unit of y]."""
+    """Residual on data that the fit did not use, shape (n,) [unit of y]; NaN where there are no other data."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Score:
     vaf: float
     """Variance accounted for [percent]."""
     vaf_held_out: float
-    """The same for data that were held out of the fit [percent]."""
+    """The same for data that were held out of the fit [percent]; NaN where no other data were there to fit."""
     bic: float
     """Bayesian information criterion; lower is better."""
     effective_samples: float
@@ -61,11 +61,22 @@ def score_models(y: Array, candidates: Sequence[Candidate]) -> list[Score]:
     place of n. A filtered signal has far fewer independent samples than n; with n, BIC would accept any term that is
     not exactly 0. All models of y share one m. It is computed from the smallest residual, which contains the least
     model error. A residual below the rounding error counts as rounding error. Among models that fit exactly, the one
-    with the fewest parameters then ranks first.
+    with the fewest parameters then ranks first, and all samples count as independent: what rounding leaves depends on
+    the processor.
+
+    Raises
+    ------
+    InputError
+        y or a residual has no samples, or a value that cannot be measured.
     """
-    rounding = max(ROUNDING * float(np.mean(y**2)), np.finfo(float).tiny)
+    for name, values in (("y", y), *((f"the residual of {c.model}", c.residual) for c in candidates)):
+        check_measured(name, values)
+    if not len(y):
+        raise InputError("no samples to compare models by; take a longer recording")
+    rounding = max(rounding_of(y), np.finfo(float).tiny)
     power = [max(float(np.mean(c.residual**2)), rounding) for c in candidates]
-    m = effective_samples(candidates[int(np.argmin(power))].residual)
+    best = candidates[int(np.argmin(power))].residual
+    m = effective_samples(best) if min(power) > rounding else float(len(y))
     bic = [m * np.log(s) + c.parameters * np.log(m) for s, c in zip(power, candidates, strict=True)]
     return [
         Score(
@@ -73,7 +84,7 @@ def score_models(y: Array, candidates: Sequence[Candidate]) -> list[Score]:
             c.terms,
             c.parameters,
             variance_accounted_for(y, c.residual),
-            variance_accounted_for(y, c.held_out_residual),
+            np.nan if np.isnan(c.held_out_residual).all() else variance_accounted_for(y, c.held_out_residual),
             float(b),
             m,
             1 + sum(bool(other < b) for other in bic),
@@ -88,15 +99,21 @@ def effective_samples(residual: Array) -> float:
     n / sum of rho_k^2 over all lags k (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8, 1946). The autocorrelation rho
     is computed up to a tenth of the samples. Its squares are 1/n by chance alone; the numerator is corrected for them,
     so that white noise gives n. A residual that does not vary (an exact fit) counts as n independent samples.
+
+    Raises
+    ------
+    InputError
+        The residual has a value that cannot be measured.
     """
+    check_measured("the residual", residual)
+    if not varies(residual):
+        return float(len(residual))
     n, lags = len(residual), int(LARGEST_LAG * len(residual))
     centred = residual - np.mean(residual)
     spectrum = np.abs(np.fft.rfft(centred, 2 * n)) ** 2
     covariance = np.fft.irfft(spectrum)[: lags + 1]
-    if covariance[0] <= n * ROUNDING * float(np.mean(residual**2)):
-        return float(n)
     rho = covariance / covariance[0]
-    return float(np.clip(n * (1 + 2 * LARGEST_LAG) / (1 + 2 * np.sum(rho[1:] ** 2)), 2.0, n))
+    return float(np.clip(n * (1 + 2 * LARGEST_LAG) / (1 + 2 * np.sum(rho[1:] ** 2)), min(2.0, n), n))
 
 
 def held_out_vaf(fit: LinearFit, columns: Mapping[str, Array], y: Array) -> float:
@@ -131,7 +148,13 @@ def rank_words(loss: Array, shared: bool = False) -> list[str | None]:
     Smaller losses are better. A model is tied with the best one if the interval of their paired difference contains
     zero. The first of the tied models is preferred: a more complicated model must show that it is better. Without
     trials every word is None.
+
+    Raises
+    ------
+    InputError
+        A loss is not finite.
     """
+    check_finite("the loss", loss)
     if not len(loss):
         return [None] * loss.shape[1]
     tied = [not mean_over_trials(behind, shared).low > 0 for behind in loss_behind_best(loss).T]

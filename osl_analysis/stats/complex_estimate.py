@@ -7,6 +7,8 @@ from typing import TypeVar
 import numpy as np
 from scipy.special import stdtrit
 
+from osl_analysis.errors import InputError
+from osl_analysis.measured import SMALLEST, check_finite
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.trial import Array
 
@@ -16,13 +18,23 @@ PARTS = ("re", "im", "var_re", "cov", "var_im", "degrees_of_freedom")
 
 @dataclass(frozen=True)
 class ComplexEstimate:
-    """A complex number that was estimated."""
+    """A complex number that was estimated.
+
+    Raises
+    ------
+    InputError
+        Value or covariance is not finite or cannot be measured.
+    """
 
     value: complex
     covariance: Array
     """Covariance (2, 2) of real and imaginary part."""
     degrees_of_freedom: float
-    """Degrees of freedom of its variances."""
+    """Degrees of freedom of its variances; infinite where these are 0."""
+
+    def __post_init__(self) -> None:
+        check_finite("the estimate", [self.value.real, self.value.imag])
+        check_finite("the estimate's standard error", np.sqrt(np.abs(self.covariance)))
 
     @property
     def magnitude(self) -> float:
@@ -36,18 +48,24 @@ class ComplexEstimate:
 
     @property
     def magnitude_se(self) -> float:
-        """Standard error of the magnitude, in the unit of the number."""
-        return self._se_along(self.value / abs(self.value))
+        """Standard error of the magnitude, in the unit of the number; refused for 0."""
+        return self._se_along(self.value / self._size)
 
     @property
     def phase_se(self) -> float:
-        """Standard error of the phase [rad]."""
-        return self._se_along(1j * self.value / abs(self.value)) / abs(self.value)
+        """Standard error of the phase [rad]; refused for 0."""
+        return self._se_along(1j * self.value / self._size) / self._size
 
     @property
     def quantile(self) -> float:
         """Student's quantile: half the width of a 95 % interval in standard errors."""
         return float(stdtrit(self.degrees_of_freedom, 0.975))
+
+    @property
+    def _size(self) -> float:
+        if self.magnitude < SMALLEST:
+            raise InputError(f"the number {self.value:.3g} has no phase; check the signals from which it was estimated")
+        return self.magnitude
 
     def _se_along(self, direction: complex) -> float:
         unit = np.array([direction.real, direction.imag])
@@ -58,7 +76,15 @@ Estimate = TypeVar("Estimate", bound=ComplexEstimate)
 
 
 def complex_quotient(numerator: ComplexEstimate, denominator: ComplexEstimate) -> ComplexEstimate:
-    """numerator/denominator. The covariance is of first order; the two errors must be independent."""
+    """numerator/denominator. The covariance is of first order; the two errors must be independent.
+
+    Raises
+    ------
+    InputError
+        The denominator is 0, or smaller than anything measured.
+    """
+    if denominator.magnitude < SMALLEST:
+        raise InputError(f"no quotient by {denominator.value:.3g}; check the signal from which it was estimated")
     ratio = numerator.value / denominator.value
     derivatives = (1 / denominator.value, -ratio / denominator.value)
     covariances = [

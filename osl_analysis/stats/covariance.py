@@ -7,6 +7,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from osl_analysis.errors import InputError
+from osl_analysis.measured import LARGEST_VARIANCE, check_finite, check_measured
 from osl_analysis.trial import Array
 
 Covariance = tuple[Array, Array]
@@ -102,7 +104,13 @@ def correlation_samples(residual: Array, every: int = 1) -> int:
     Low-pass filtered noise is not an AR(1) at the sampling rate. An AR(1) fitted at that rate turns a correlation time
     of 30 ms into 2.5 s. The AR(1) is therefore fitted to every `every`-th sample. These samples are half a period of
     the cut-off apart; at this distance such noise is nearly white.
+
+    Raises
+    ------
+    InputError
+        A value is not finite or cannot be measured.
     """
+    check_measured("the residual", residual)
     if every > 1:
         return min(every * max(correlation_samples(residual[::every]), FILTER_SPAN), max(len(residual) // 8, 1))
     n = len(residual)
@@ -135,13 +143,25 @@ def between_cycles(scores: Array, cycles: Cycles) -> Covariance:
 
     A bootstrap that draws cycles within each stratum converges to this covariance, apart from the factor m/(m - 1)
     for the mean that was estimated from the m cycles of the stratum.
+
+    Raises
+    ------
+    InputError
+        A stratum has a single cycle, which has no spread.
     """
-    sums = sums_between(scores, cycles.first, cycles.stop)
     members = np.bincount(cycles.stratum).astype(float)
+    check_repeated(members)
+    sums = sums_between(scores, cycles.first, cycles.stop)
     mean = np.stack([np.bincount(cycles.stratum, column) for column in sums.T], axis=1) / members[:, None]
     spread = (sums - mean[cycles.stratum]) * np.sqrt(members / (members - 1))[cycles.stratum, None]
     shares = np.stack([np.bincount(cycles.stratum, column**2) for column in spread.T], axis=1)
     return spread.T @ spread, welch_satterthwaite(list(shares), members - 1)
+
+
+def check_repeated(members: Array) -> None:
+    """Refuse strata with fewer than two cycles; `members` (strata,) are their numbers of cycles."""
+    if not len(members) or np.min(members) < 2:
+        raise InputError("one cycle has no spread to take an interval from; record two or more at each frequency")
 
 
 def sums_between(values: Array, first: Array, stop: Array) -> Array:
@@ -166,7 +186,14 @@ def cumulative_at(totals: Array, place: Array) -> Array:
 
 
 def nearest_covariance(matrix: Array) -> Array:
-    """The symmetric matrix (p, p) without its negative eigenvalues, which a difference of covariances may have."""
+    """The symmetric matrix (p, p) without its negative eigenvalues, which a difference of covariances may have.
+
+    Raises
+    ------
+    InputError
+        A value is not finite or beyond `LARGEST_VARIANCE`.
+    """
+    check_finite("the covariance", matrix, LARGEST_VARIANCE)
     scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale))
@@ -175,9 +202,17 @@ def nearest_covariance(matrix: Array) -> Array:
 def welch_satterthwaite(variances: Sequence[ArrayLike], degrees_of_freedom: ArrayLike) -> Array:
     """Degrees of freedom of the sum of k independent variances (k, ...), each with its `degrees_of_freedom` (k,).
 
-    Satterthwaite, Biometrics Bulletin 2, 1946; Welch, Biometrika 34, 1947. Infinite where all variances are zero.
+    Satterthwaite, Biometrics Bulletin 2, 1946; Welch, Biometrika 34, 1947. Infinite where all variances are zero,
+    or the uncertain ones vanish beside the others.
+
+    Raises
+    ------
+    InputError
+        A variance is not finite or beyond `LARGEST_VARIANCE`.
     """
     summands = np.asarray(variances, dtype=float)
+    check_finite("the variance", summands, LARGEST_VARIANCE)
     uncertainty = np.tensordot(1 / np.asarray(degrees_of_freedom, dtype=float), summands**2, axes=1)
     total = np.sum(summands, axis=0) ** 2
-    return np.asarray(np.divide(total, uncertainty, out=np.full_like(total, np.inf), where=uncertainty > 0))
+    counts = uncertainty > np.finfo(float).tiny * total
+    return np.asarray(np.divide(total, uncertainty, out=np.full_like(total, np.inf), where=counts))

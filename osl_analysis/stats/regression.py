@@ -1,12 +1,13 @@
 """The one linear regression under every fit: rank check, covariance for correlated residuals, diagnostics."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import stdtrit
 
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.measured import check_finite, check_measured, rounding_of, varies
 from osl_analysis.stats.covariance import NO_REPEATS, ResidualCorrelation
 from osl_analysis.trial import Array
 
@@ -58,8 +59,10 @@ class LinearFit:
         return float(self.covariance[self.names.index(first), self.names.index(second)])
 
     def correlation(self, first: str, second: str) -> float:
-        """Correlation of two estimates, -1 to 1; near these limits only their combination is known."""
-        return self.cov(first, second) / (self.se(first) * self.se(second))
+        """Correlation of two estimates, -1 to 1; near these limits only their combination is known. 0 for an exact
+        fit, whose errors are 0."""
+        scale = self.se(first) * self.se(second)
+        return self.cov(first, second) / scale if scale > 0 else 0.0
 
     def interval(self, name: str) -> tuple[float, float]:
         """Bounds of the 95 % interval of one estimate, in its unit (Student's quantile)."""
@@ -87,21 +90,21 @@ def linear_fit(
     With `instruments`, as many as columns, the columns are replaced by their projection on the instruments (two-stage
     least squares). Noise of a column that no instrument shares then does not bias the estimates.
 
+    An exact fit has covariance 0, or that of rounding; degrees of freedom are infinite where a variance is 0.
+
     Raises
     ------
     InputError
-        Lengths differ, a value is not finite, or there are not more samples than columns.
+        Lengths differ, a value cannot be measured (`check_measured`), there are not more samples than columns, or a
+        stratum has a single cycle.
     IdentifiabilityError
         The scaled condition number exceeds `condition_limit`; the message names the two columns that look alike.
     """
     names = tuple(columns)
     measured = checked_columns(y, columns)
-    X = measured if instruments is None else projected(measured, checked_columns(y, instruments))
-    scale = np.linalg.norm(X, axis=0)
-    if not (scale > 0).all():
-        raise IdentifiabilityError(
-            f"'{names[int(np.argmin(scale))]}' cannot be estimated: its column is zero throughout"
-        )
+    check_not_zero(names, measured)
+    X = measured if instruments is None else projected(measured, instrument_columns(y, instruments))
+    scale = check_not_zero(names, X)
     U, singular, Vt = np.linalg.svd(X / scale, full_matrices=False)
     condition = float(singular[0] / max(singular[-1], np.finfo(float).tiny))
     if condition > condition_limit:
@@ -152,13 +155,29 @@ def projected(X: Array, Z: Array) -> Array:
     return np.asarray(Q @ (Q.T @ X))
 
 
+def instrument_columns(y: Array, instruments: Mapping[str, Array]) -> Array:
+    """The instruments as a matrix (n, q); none of them is zero throughout."""
+    Z = checked_columns(y, instruments)
+    check_not_zero(tuple(instruments), Z)
+    return Z
+
+
+def check_not_zero(names: Sequence[str], X: Array) -> Array:
+    """Lengths (p,) of the columns X (n, p); a column that is zero throughout is refused."""
+    lengths = np.asarray(np.linalg.norm(X, axis=0))
+    if not (lengths > 0).all():
+        raise IdentifiabilityError(
+            f"'{names[int(np.argmin(lengths))]}' cannot be estimated: its column is zero throughout"
+        )
+    return lengths
+
+
 def checked_columns(y: Array, columns: Mapping[str, Array]) -> Array:
     """The columns as a matrix (n, p), after checks of their lengths, their values and the number of samples."""
     for name, column in {**columns, "y": y}.items():
         if np.shape(column) != np.shape(y):
             raise InputError(f"column '{name}' has shape {np.shape(column)}, expected {np.shape(y)} like y")
-        if not np.isfinite(column).all():
-            raise InputError(f"column '{name}' is not finite at sample {int(np.argmin(np.isfinite(column)))}")
+        check_measured(f"column '{name}'", column)
     if len(y) <= len(columns):
         raise InputError(f"{len(y)} samples cannot determine {len(columns)} parameters; use a longer window")
     return np.column_stack([np.asarray(c, dtype=float) for c in columns.values()])
@@ -175,6 +194,21 @@ def refuse_unidentifiable(names: tuple[str, ...], direction: Array, condition: f
 
 
 def variance_accounted_for(y: Array, residual: Array) -> float:
-    """VAF = 100 (1 - var(residual)/var(y)) [percent]; NaN for a constant y."""
-    variance = float(np.var(y))
-    return 100 * (1 - float(np.var(residual)) / variance) if variance > 0 else float("nan")
+    """VAF = 100 (1 - var(residual)/var(y)) [percent], of y and residual (n,).
+
+    A y that does not vary beyond rounding is accounted for by 100 % if the residual does not vary either, else by 0.
+    NaN without samples.
+
+    Raises
+    ------
+    InputError
+        A value is not finite or cannot be measured.
+    """
+    check_measured("y", y)
+    check_finite("the residual", residual)
+    if not len(y):
+        return float("nan")
+    left = float(np.var(residual))
+    if varies(y):
+        return 100 * (1 - left / float(np.var(y)))
+    return 100.0 if left <= rounding_of(y) else 0.0

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
 from osl_analysis.errors import InputError
+from osl_analysis.measured import check_measured
 from osl_analysis.stats.covariance import welch_satterthwaite
 
 
@@ -48,9 +49,10 @@ def over_repeats(values: ArrayLike, common: Sequence[CommonError] = (), kinds: A
     Raises
     ------
     InputError
-        Fewer than two trials of a kind: scatter and interval need repeats.
+        Fewer than two trials of a kind: scatter and interval need repeats. Or a value cannot be measured.
     """
     values = np.asarray(values, dtype=float)
+    check_measured("the estimate of a trial", values)
     labels = np.zeros(len(values)) if kinds is None else np.asarray(kinds)
     parts = [values[labels == kind] for kind in np.unique(labels)] or [values]
     least = min(len(part) for part in parts)

@@ -3,7 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.stats.covariance import Cycles
+from osl_analysis.errors import InputError
+from osl_analysis.measured import check_finite, check_measured
+from osl_analysis.stats.covariance import Cycles, check_repeated
 from osl_analysis.trial import Array
 
 DISTINCT = 0.5
@@ -15,7 +17,10 @@ WHOLE_STEPS = 0.99
 
 
 def visible_step(values: Array) -> float | None:
-    """The step to which a signal (n,) was rounded, in its unit: between distinct values; None if it is not seen."""
+    """The step to which a signal (n,) was rounded, in its unit: between distinct values; None if it is not seen, and
+    for a signal that is constant, empty or not finite."""
+    if not len(values) or not np.isfinite(values).all():
+        return None
     span = float(np.ptp(values))
     distinct = np.unique(values)
     if span == 0 or len(distinct) > DISTINCT * len(values):
@@ -52,7 +57,13 @@ def noise_before_rounding(scatter: Array) -> Array:
     Noise of standard deviation s makes the error of a rounded signal s^2 + 1/12 large on average over all places within
     a step. Of this, sum exp(-(2 pi k s)^2)/(2 pi^2 k^2) over k repeats; the rest is the scatter (Widrow and Kollar,
     Quantization Noise, 2008, ch. 5).
+
+    Raises
+    ------
+    InputError
+        A scatter is not finite or cannot be measured.
     """
+    check_finite("the scatter", scatter)
     s, k = np.linspace(0, 1, 501), np.arange(1, 101)[:, None]
     left = s**2 + np.sum((1 - np.exp(-((2 * np.pi * k * s) ** 2))) / (2 * (np.pi * k) ** 2), axis=0)
     return np.where(scatter > left[-1], np.sqrt(scatter), np.interp(scatter, left, s))
@@ -63,7 +74,16 @@ def scatter_between_cycles(error: Array, cycles: Cycles) -> Array:
 
     `error` (n,) is the signal in the rows of the fit without its smooth part. Rounding that every cycle repeats has
     none; rounding and noise that differ from cycle to cycle have theirs.
+
+    Raises
+    ------
+    InputError
+        A value cannot be measured, or a stratum has a single cycle.
     """
+    check_measured("the error of rounding", error)
+    check_repeated(np.bincount(cycles.stratum).astype(float))
+    if not len(error):
+        raise InputError("no samples between the cycles' edges; record the trial again")
     variances = []
     for stratum in np.unique(cycles.stratum):
         first, stop = (edge[cycles.stratum == stratum] for edge in (cycles.first, cycles.stop))

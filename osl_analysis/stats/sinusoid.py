@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
+from osl_analysis.measured import check_finite
 from osl_analysis.stats.complex_estimate import ComplexEstimate
 from osl_analysis.stats.covariance import FEWEST_CYCLES, Cycles, RepeatedError, ResidualCorrelation
 from osl_analysis.stats.regression import linear_fit
@@ -53,8 +54,10 @@ def fit_sinusoid(
     Raises
     ------
     InputError
-        The signal lasts less than one cycle, is sampled too slowly for the fifth harmonic, or is constant.
+        The signal lasts less than one cycle, is sampled too slowly for the fifth harmonic, or is constant. A time or
+        value is not finite or cannot be measured.
     """
+    check_finite("time", time)
     step = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
     check_sampling(len(time), step, frequency_hz)
     cycles = cycles or whole_cycles(len(time), 1 / (step * frequency_hz))

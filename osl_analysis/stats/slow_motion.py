@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from osl_analysis.measured import check_measured
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.trial import Array
@@ -49,8 +50,15 @@ def fit_slow_motion(
 def memory_samples(noise: Array, every: int) -> float:
     """Number of samples of a noise (n,) that count as one independent sample: every (1 + rho)/(1 - rho).
 
-    rho is the autocorrelation after `every` samples. The noise is modelled as an AR(1) at this step.
+    rho is the autocorrelation after `every` samples, 0 for a noise of zeros. The noise is modelled as an AR(1) at this
+    step.
+
+    Raises
+    ------
+    InputError
+        A value cannot be measured.
     """
+    check_measured("the noise", noise)
     power = float(noise @ noise)
     rho = float(noise[every:] @ noise[:-every]) / power if power > 0 else 0.0
     return every * (1 + max(rho, 0.0)) / (1 - max(rho, 0.0))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
+from osl_analysis.measured import check_measured
 from osl_analysis.signals import LowPass
 from osl_analysis.trial import Array
 
@@ -36,7 +37,13 @@ def whiteness(residual: Array, rate_hz: float, low_pass: LowPass) -> Whiteness |
     Ljung and Box (Biometrika 65, 1978): Q = n (n + 2) sum_k r_k^2 / (n - k) over `MOST_LAGS` lags, or over a fifth of
     the samples if that is fewer; chi-squared with as many degrees of freedom. A residual with fewer than
     `FEWEST_SAMPLES` samples left, or of zeros, is not judged.
+
+    Raises
+    ------
+    InputError
+        A value of the residual cannot be measured.
     """
+    check_measured("the residual", residual)
     step = max(rate_hz / (2 * low_pass.noise_bandwidth_hz), 1.0)  # not rounded, so that the rate is exact
     thinned = residual[np.rint(np.arange(0, len(residual) - 0.5, step)).astype(np.intp)]
     n, power = len(thinned), float(thinned @ thinned)

@@ -138,9 +138,23 @@ def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
 
     Rotations by slerp between the gap's neighbours, positions by a cubic spline through the frames that were seen. The
     ends of the recording and longer gaps stay NaN.
+
+    Raises
+    ------
+    InputError
+        A stamp is not later than the one before.
     """
-    seen, step = np.flatnonzero(poses.seen()), time[1] - time[0]
-    gaps = [(before, after) for before, after in pairwise(seen) if 0 < (after - before - 1) * step < longest + step / 2]
+    if len(time) < 2:
+        return poses
+    step = np.diff(time)
+    if not (step > 0).all():
+        row = int(np.argmin(step > 0))
+        raise InputError(
+            f"frame {row + 1} is stamped {time[row + 1]:.6f} s, not later than the one before; record again, or cut "
+            "the capture there"
+        )
+    seen, frame = np.flatnonzero(poses.seen()), float(step[0])
+    gaps = [(one, next_) for one, next_ in pairwise(seen) if 0 < (next_ - one - 1) * frame < longest + frame / 2]
     if not gaps or len(seen) < 4:
         return poses
     gap = np.concatenate([np.arange(before + 1, after) for before, after in gaps])

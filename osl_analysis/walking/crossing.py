@@ -3,10 +3,17 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
+from osl_analysis.errors import InputError
+from osl_analysis.measured import check_measured
 from osl_analysis.trial import Array
 from osl_analysis.walking.encoder import EncoderCheck
 from osl_analysis.walking.events import Stance
 from osl_analysis.walking.load import Load
+
+FEWEST_SAMPLES = 6
+"""Samples that a spline of fifth degree needs."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +53,12 @@ class Crossing:
     turn: largest turn [rad] of the platform about the ankle's axis in the window, toes up positive; None if
         unperturbed or unknown.
     body_mass: [kg]; None if nobody states it.
+
+    Raises
+    ------
+    InputError
+        Fewer than six samples, time that does not go forward, a stance without duration, or a signal that is not finite
+        or cannot be measured. The message names the trial.
     """
 
     name: str
@@ -61,6 +74,17 @@ class Crossing:
     load: Load | None = None
     turn: float | None = None
     body_mass: float | None = None
+
+    def __post_init__(self) -> None:
+        for signal in ("time", "theta", "torque", "plate_errors"):
+            check_measured(f"trial {self.name}: {signal}", getattr(self, signal))
+        if len(self.time) < FEWEST_SAMPLES or not (np.diff(self.time) > 0).all():
+            raise InputError(
+                f"trial {self.name}: {len(self.time)} samples, expected {FEWEST_SAMPLES} or more, each later than the "
+                "one before; exclude the trial"
+            )
+        if not self.stance.duration > 0:
+            raise InputError(f"trial {self.name}: stance lasts {self.stance.duration:g} s; exclude the trial")
 
     @property
     def sign(self) -> int:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from osl_analysis.errors import InputError
+from osl_analysis.measured import check_measured
 from osl_analysis.signals import LowPass, sampling_rate
 from osl_analysis.timebase.gaps import GapLimits
 from osl_analysis.trial import Array, Trial
@@ -50,8 +51,11 @@ def compare_encoder(
     Raises
     ------
     InputError
-        The delay exceeds 50 ms: the clocks are not aligned, or the encoder belongs to another joint.
+        The delay exceeds 50 ms: the clocks are not aligned, or the encoder belongs to another joint. Or a signal is not
+        finite or cannot be measured.
     """
+    check_measured("the angle from markers", theta)
+    check_measured("the encoder's angle", encoder)
     spare = LARGEST_DELAY_S + 1 / sampling_rate(time)
     rows = (time > encoder_time[0] + spare) & (time < encoder_time[-1] - spare) if len(encoder_time) else time < -1
     if usable is not None and len(encoder_time):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
 from osl_analysis.errors import InputError
+from osl_analysis.measured import ROUNDING
 from osl_analysis.second_order import ImpedanceFit
 from osl_analysis.signals import Motion, differentiate
 from osl_analysis.stats.covariance import welch_satterthwaite
@@ -189,13 +190,17 @@ class Draws:
 
 
 def fits_of_samples(motion: Motion, torques: Array) -> tuple[Array, Array, Array, Array]:
-    """K, B, I and VAF, (samples,) each, of motions and torques (k, samples): `fit_without_offset` of all at once."""
+    """K, B, I and VAF, (samples,) each, of motions and torques (k, samples): `fit_without_offset` of all at once.
+
+    VAF is that of `variance_accounted_for`.
+    """
     columns = np.stack([motion.theta.T, motion.omega.T, motion.alpha.T], axis=-1)
     sizes = np.linalg.norm(columns, axis=1, keepdims=True)
     estimates = np.linalg.pinv(columns / sizes) @ torques.T[..., None] / sizes.swapaxes(1, 2)
     residuals = torques.T - (columns @ estimates)[..., 0]
-    vaf = 100 * (1 - residuals.var(axis=1) / torques.var(axis=0))
-    return estimates[:, 0, 0], estimates[:, 1, 0], estimates[:, 2, 0], vaf
+    left, variance, rounding = residuals.var(axis=1), torques.var(axis=0), ROUNDING * np.mean(torques**2, axis=0)
+    share = np.divide(left, variance, out=(left > rounding).astype(float), where=variance > rounding)
+    return estimates[:, 0, 0], estimates[:, 1, 0], estimates[:, 2, 0], 100 * (1 - share)
 
 
 def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[CommonError]]:

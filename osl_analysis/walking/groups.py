@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_analysis.measured import check_finite
 from osl_analysis.trial import Array
 from osl_analysis.walking.conditions import Sheet, gaits_of, gaits_served, label, split_keys
 from osl_analysis.walking.crossing import Crossing
@@ -88,7 +89,13 @@ def timings(phases: Array, scatter: float) -> NDArray[np.intp]:
 
     Phases are cut at their largest gap, then each part again, while `clear_gap` finds one. A part whose SD is still
     above `scatter` is cut into equal bins of at most twice `scatter`.
+
+    Raises
+    ------
+    InputError
+        A phase is not finite, or far beyond 1.
     """
+    check_finite("the phase of an onset", phases)
     numbers, count = np.empty(len(phases), dtype=np.intp), 0
     for rows in parted(phases, np.argsort(phases, kind="stable"), scatter):
         bins = equal_bins(phases[rows], scatter) if wide(phases[rows], scatter) else np.zeros(len(rows), dtype=np.intp)

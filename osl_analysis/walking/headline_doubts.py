@@ -23,6 +23,8 @@ SMALL_OFFSET = 0.15
 """Relative change of K by an offset below which the offset does not count."""
 SMALL_DIFFERENCE = 0.03
 """Share of the mean stiffness by which single ones may differ."""
+ROUNDING_SHARE = 1e-9
+"""Width of an interval, as a share of the estimate, from which on it is more than rounding."""
 CERTAIN_T = 3.0
 """Value of t from which a change of stance is certain."""
 QUANTITIES = ("K", "B", "I")
@@ -67,7 +69,7 @@ def group_facts(headline: Headline) -> Facts:
         "estimator_difference": estimator_difference(headline, singles, values, intervals),
         "heterogeneity": heterogeneity(singles),
         "K": values["K"],
-        "K_se_share": headline.resampled.se("K") / abs(values["K"]),
+        "K_se_share": headline.resampled.se("K") / abs(values["K"]) if values["K"] else None,
         "B_high": intervals["B"][1],
         "I_high": intervals["I"][1],
         **stance_facts(responses),
@@ -112,23 +114,30 @@ def estimator_difference(
     values: Mapping[str, float],
     intervals: Mapping[str, tuple[float, float]],
 ) -> float:
-    """Largest distance of ensemble and mean of perturbations, over the sum of the halves of both intervals."""
+    """Largest distance of ensemble and mean of perturbations, over the sum of the halves of both intervals.
+
+    Intervals without width, of crossings that are all equal, do not count.
+    """
     distances, signs = [], signs_of(headline.responses)
     for name, (low, high) in intervals.items():
         mean = over_repeats([getattr(fit, name) for fit in singles], headline.common.get(name, ()), signs)
-        distances.append(2 * abs(values[name] - mean.mean) / (high - low + mean.high - mean.low))
+        width = high - low + mean.high - mean.low
+        if width > ROUNDING_SHARE * abs(values[name]):
+            distances.append(2 * abs(values[name] - mean.mean) / width)
     return max(distances, default=0.0)
 
 
 def heterogeneity(singles: Sequence[ImpedanceFit]) -> float | None:
     """Scatter of single stiffnesses over that of their standard errors: Cochran's Q over its degrees of freedom.
 
-    Standard errors count as at least 3 % of the mean stiffness: smaller differences are of no interest.
+    Standard errors count as at least 3 % of the mean stiffness: smaller differences are of no interest. None of fewer
+    than two stiffnesses, or where all are 0.
     """
     K, se = np.array([fit.K for fit in singles]), np.array([fit.fit.se("K") for fit in singles])
-    if len(K) < 2 or not np.isfinite(se).all():
+    variance = se**2 + (SMALL_DIFFERENCE * K.mean()) ** 2
+    if len(K) < 2 or not np.isfinite(se).all() or not (variance > 0).all():
         return None
-    weight = 1 / (se**2 + (SMALL_DIFFERENCE * K.mean()) ** 2)
+    weight = 1 / variance
     return float(np.sum(weight * (K - np.average(K, weights=weight)) ** 2) / (len(K) - 1))
 
 

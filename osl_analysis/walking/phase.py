@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from osl_analysis.errors import InputError
+from osl_analysis.measured import rounding_of
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.settings import StanceSource
@@ -87,7 +88,7 @@ def matched_scales(phase: Array, curves: Array, mean: Array) -> Array:
 
     A curve is like the mean gait if it is a multiple of it with an offset and a drift: people differ in these from step
     to step, and they would be taken for pace. The squared misfits of the signals are divided by what the mean gait's
-    own shape leaves beside offset and drift.
+    own shape leaves beside offset and drift; a signal whose mean is a straight line shows no pace and does not count.
     """
     coarse = np.array([misfits(scale, phase, curves, mean) for scale in SCALES])
     best = np.argmin(coarse, axis=0)
@@ -112,6 +113,9 @@ def misfits(scale: float, phase: Array, curves: Array, mean: Array) -> Array:
         there = np.interp(scale * phase, grid, signal)
         columns = np.column_stack([there, line])
         shape = there - line @ np.linalg.lstsq(line, there, rcond=None)[0]
+        power = float(shape @ shape)
+        if power <= len(there) * rounding_of(there):
+            continue
         left = own.T - columns @ (np.linalg.pinv(columns) @ own.T)
-        total += np.sum(left**2, axis=0) / max(float(shape @ shape), np.finfo(float).tiny)
+        total += np.sum(left**2, axis=0) / power
     return total

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from osl_analysis.errors import InputError
+from osl_analysis.measured import check_finite
 from osl_analysis.signals import LowPass
 from osl_analysis.trial import Array
 from osl_analysis.walking.cluster import Mask, Poses
@@ -128,7 +130,16 @@ def moving(time: Array, coordinates: Array, noise: float, low_pass: LowPass) -> 
     """Frames (n,) in which a platform moves: filtered coordinates (n, k) [m] whose speed stands out of noise.
 
     `noise` [m] is that of one frame before the low-pass.
+
+    Raises
+    ------
+    InputError
+        Fewer than two frames, a stamp that is not later than the one before, or a coordinate that is not finite.
     """
+    check_finite("the platform's position", coordinates)
+    check_finite("time", time)
+    if len(time) < 2 or not (np.diff(time) > 0).all():
+        raise InputError(f"{len(time)} frames, expected 2 or more, each later than the one before; exclude the trial")
     rate = 1 / (time[1] - time[0])
     return np.asarray(speed(time, coordinates) > STILL * noise * np.sqrt(noise_gain(low_pass, rate, 1)))
 
@@ -160,8 +171,16 @@ def directions(coordinates: Sequence[Array], noise: float, low_pass: LowPass, ra
 
     A direction counts if its mean square is above the largest that filtered noise alone would show in so many frames.
     At least one counts. `noise` [m] is that of one frame before the low-pass.
+
+    Raises
+    ------
+    InputError
+        No frames, or a coordinate that is not finite.
     """
     stacked = np.concatenate(list(coordinates))
+    check_finite("the platform's motion", stacked)
+    if not len(stacked):
+        raise InputError("no frames in which the platform is seen; fill the gaps of its markers")
     _, size, axes = np.linalg.svd(stacked, full_matrices=False)
     gain = noise_gain(low_pass, rate)
     independent = max(len(stacked) * gain, 1.0)

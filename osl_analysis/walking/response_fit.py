@@ -103,14 +103,14 @@ def offset_comparison(motion: Motion, torque: Array, K: float) -> dict[str, floa
 
     A large difference shows that the response is not of second order.
 
-    `offset_share` is the relative decrease of K [N*m/rad] in the fit with an offset. All are null if that fit is
-    impossible.
+    `offset_share` is the relative decrease of K [N*m/rad] in the fit with an offset, null where K is 0. All are null if
+    that fit is impossible.
     """
     try:
         free = fit_impedance(motion, torque)
     except IdentifiabilityError:
         return {"offset": None, "K_with_offset": None, "offset_share": None}
-    return {"offset": free.offset, "K_with_offset": free.K, "offset_share": 1 - free.K / K}
+    return {"offset": free.offset, "K_with_offset": free.K, "offset_share": 1 - free.K / K if K else None}
 
 
 @dataclass(frozen=True)

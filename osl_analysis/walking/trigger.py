@@ -51,12 +51,13 @@ class TriggerLatency:
 
 
 def trigger_edge(trial: Trial) -> TriggerEdge | None:
-    """The first rise of the trigger through the middle of its levels; None without a trigger or an edge."""
+    """The first rise of the trigger through the middle of its levels; None without a trigger that is finite and
+    has an edge."""
     if COLUMN not in trial.samples.columns:
         return None
     rows = trial.sampled(COLUMN)
     time, level = rows["time"].to_numpy(), rows[COLUMN].to_numpy()
-    if len(level) < 2 or np.ptp(level) < SMALLEST_LEVEL_V:
+    if len(level) < 2 or not np.isfinite(level).all() or np.ptp(level) < SMALLEST_LEVEL_V:
         return None
     high = level > (level.max() + level.min()) / 2
     rises = np.flatnonzero(~high[:-1] & high[1:])

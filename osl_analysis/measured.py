@@ -1,0 +1,60 @@
+"""Which numbers can be a measurement: a fit refuses the others before they overflow, vanish or turn into NaN."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from osl_analysis.errors import InputError
+from osl_analysis.trial import Array
+
+LARGEST, SMALLEST = 1e30, 1e-30
+"""Largest size of a value, and smallest size of the largest value of a signal that is not 0 throughout, in SI units.
+
+No signal of a bench or gait laboratory comes near these. Within them the fourth power of a quotient of two signals, the
+largest that any estimate needs (a squared variance), neither overflows nor vanishes."""
+LARGEST_VARIANCE = 1e150
+"""Largest variance; its square is finite."""
+ROUNDING = 1e-24
+"""Mean square of the rounding error of an exact fit, as a share of that of y. Whether an exact fit leaves 0 or 1e-16
+depends on the processor's kernels; nothing may depend on which."""
+NO_SENSOR = "no sensor gives that; check its channel and unit in the source file, and the bytes of the log"
+
+
+def check_finite(name: str, values: ArrayLike, limit: float = LARGEST) -> float:
+    """The largest size of some numbers, of any shape, 0 of none; `name` is for the message.
+
+    Raises
+    ------
+    InputError
+        A value is not finite or beyond the limit.
+    """
+    array = np.asarray(values)
+    largest = float(np.max(np.abs(array), initial=0.0))
+    if not largest <= limit:
+        if not np.isfinite(largest):
+            row = int(np.argmin(np.isfinite(array).ravel()))
+            raise InputError(f"{name} is not finite at sample {row}; repair the log, or cut it there")
+        raise InputError(f"{name} reaches {largest:.3g}, more than {limit:g}: {NO_SENSOR}")
+    return largest
+
+
+def check_measured(name: str, values: ArrayLike) -> None:
+    """Refuse a signal, of any shape, that no sensor can have given; `name` is for the message.
+
+    Raises
+    ------
+    InputError
+        As `check_finite`, or the values are below `SMALLEST` without being 0 throughout.
+    """
+    largest = check_finite(name, values)
+    if 0 < largest < SMALLEST:
+        raise InputError(f"{name} reaches {largest:.3g}, less than {SMALLEST:g} and not 0: {NO_SENSOR}")
+
+
+def rounding_of(y: Array) -> float:
+    """Mean square of what rounding alone leaves of an exact fit to y (n,), in its squared unit; 0 for no samples."""
+    return ROUNDING * float(np.mean(y**2)) if len(y) else 0.0
+
+
+def varies(y: Array) -> bool:
+    """Whether y (n,) varies by more than its rounding. A constant 0.1 has a variance of 2e-34, not of 0."""
+    return bool(len(y)) and float(np.var(y)) > rounding_of(y)

@@ -124,6 +124,8 @@ def test_what_recordings_do_not_show_stays_as_it_is_known() -> None:
     assert "I_xx" not in inertia.identified
     only = identify_plate_inertia([plate_motion(1, 0.09, 0.03)], names=("m", "mc_z"), known=TRUE)
     assert only.identified == ("m", "mc_z")
+    exact = identify_plate_inertia([plate_motion(1, 0.09, 0.03)], names=())
+    assert exact.parameters[0] == pytest.approx(MASS)
     np.testing.assert_allclose(only.parameters, TRUE, rtol=1e-6, atol=1e-8)
 
 

@@ -112,7 +112,8 @@ def identify_plate_inertia(
     instead, a filter of 8 Hz would make the plate's lag 0.05 ms too small. The mean of each recording is removed,
     because each has its own zero. Moments of inertia about axes that are not excited are 0. If the remaining parameters
     cannot be told apart, or some are seen with more noise than motion, only the four planar ones are identified.
-    `names` are those that may be identified, all if None. The others are as in `known` (10,), 0 if None.
+    `names` are those that may be identified, all if None or empty (as an exact fit, without errors, names).
+    The others are as in `known` (10,), 0 if None.
 
     `noise` (10, 10) is the sum of squares that marker noise alone causes in the columns. It is
     subtracted from theirs, because least squares with noise in its columns makes every estimate too small.
@@ -127,7 +128,7 @@ def identify_plate_inertia(
     columns = np.concatenate([centred(smooth(regressors(motion))) for motion, _ in recordings])
     wrench = np.concatenate([centred(w.components()) for _, w in recordings])
     excited = excited_parameters([motion for motion, _ in recordings])
-    wanted = tuple(name for name in excited if names is None or name in names)
+    wanted = tuple(name for name in excited if not names or name in names)
     held = np.zeros(len(PARAMETERS)) if known is None else known
     parameters, errors = fit_parameters(columns, wrench, wanted, noise, held)
     return PlateInertia(parameters, errors, rms(wrench), rms(wrench - columns @ parameters))

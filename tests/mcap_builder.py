@@ -35,12 +35,15 @@ def write_log(
     topic: str = "/lab",
     **options: Any,
 ) -> Path:
-    """One topic; messages are (log time [ns], fields), in file order."""
+    """One topic; messages are (log time [ns], fields), in file order; `sequences` are numbers other than 0, 1 ..."""
     return write_topics(path, {topic: (name, schema, list(messages))}, **options)
 
 
 def write_topics(
-    path: Path, topics: dict[str, tuple[str, str, list[tuple[int, dict[str, Any]]]]], **options: Any
+    path: Path,
+    topics: dict[str, tuple[str, str, list[tuple[int, dict[str, Any]]]]],
+    sequences: list[int] | None = None,
+    **options: Any,
 ) -> Path:
     """Several topics, one after the other; a topic whose name ends in `#2` is a second channel of the same topic."""
     with path.open("wb") as file:
@@ -50,7 +53,7 @@ def write_topics(
             encode = serialize_dynamic(name, schema)[name]
             number = writer.register_schema(name, "ros2msg", schema.encode())
             channel = writer.register_channel(topic.removesuffix("#2"), "cdr", number)
-            for sequence, (log_time, fields) in enumerate(messages):
-                writer.add_message(channel, log_time, encode(fields), log_time, sequence)
+            for row, (log_time, fields) in enumerate(messages):
+                writer.add_message(channel, log_time, encode(fields), log_time, sequences[row] if sequences else row)
         writer.finish()
     return path

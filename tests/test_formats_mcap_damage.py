@@ -18,7 +18,6 @@ from mcap.writer import CompressionType
 from mcap_builder import stamped, write_log
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap.chunk import LARGEST_CHUNK
 from osl_analysis.formats.mcap.walk import CHUNK_HEAD, MAGIC, MESSAGE_HEAD, RECORD, walk_by_index
 from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 
@@ -75,6 +74,7 @@ def test_an_intact_file_is_complete_and_checked(tmp_path: Path) -> None:
         "chunks_lost": 0,
         "messages_lost": 0,
         "share_lost": 0.0,
+        "topics": {"/lab": {"messages": MESSAGES, "messages_lost": 0}},
         "remarks": [],
     }
 
@@ -83,7 +83,7 @@ def test_a_file_without_footer_is_read_and_said_to_be_incomplete(tmp_path: Path)
     samples, damage = read(tmp_path, without_end(written(tmp_path)), 0.0)
     assert len(samples) == MESSAGES
     assert not damage["complete"]
-    assert damage["messages_lost"] == 0
+    assert damage["messages_lost"] is None
     assert "no footer" in damage["remarks"][0]
 
 
@@ -92,10 +92,22 @@ def test_wherever_a_file_is_cut_every_whole_chunk_is_recovered(tmp_path: Path, c
     content = written(tmp_path, compression=compression)
     ends = [end for _, end in chunks(content)]
     counts = np.cumsum([0, *messages_in_chunks(content)])
+    report = None
     for cut in range(ends[0], len(content), 37):
-        samples, damage = read(tmp_path, content[:cut])
+        samples, damage = read(tmp_path, content[:cut], 0.0)
         assert len(samples) == counts[sum(end <= cut for end in ends)]
-        assert not damage["complete"]
+        del damage["topics"]["/lab"]["messages"]
+        report = report or damage
+        assert damage == report  # one rule for every byte
+    assert report == {
+        "complete": False,
+        "crc": "checked",
+        "chunks_lost": None,
+        "messages_lost": None,
+        "share_lost": 0.0,
+        "topics": {"/lab": {"messages_lost": None}},
+        "remarks": ["no footer: the recorder did not finish, or the end is lost; how much is not known"],
+    }
 
 
 def messages_in_chunks(content: bytes) -> list[int]:
@@ -118,7 +130,7 @@ def test_a_chunk_with_an_absurd_length_costs_itself_alone(tmp_path: Path, length
     damaged = content[: start + 1] + struct.pack("<Q", length) + content[start + 9 :]
     samples, damage = read(tmp_path, damaged)
     assert len(samples) == MESSAGES - lost
-    assert (damage["chunks_lost"], damage["messages_lost"]) == (1, lost)
+    assert (damage["chunks_lost"], damage["messages_lost"]) == ((1, lost) if with_summary else (None, None))
     assert damage["share_lost"] == pytest.approx(lost / MESSAGES)
 
 
@@ -128,8 +140,8 @@ def test_the_last_chunk_of_a_killed_recorder_is_lost_alone(tmp_path: Path) -> No
     damaged = content[: start + 1] + struct.pack("<Q", 2**64 - 1) + content[start + 9 : end - 20]
     samples, damage = read(tmp_path, damaged)
     assert len(samples) == sum(messages_in_chunks(content)[:-1])
-    assert (damage["complete"], damage["chunks_lost"], damage["messages_lost"]) == (False, 1, None)
-    assert 0 < damage["share_lost"] < 1
+    assert (damage["complete"], damage["chunks_lost"], damage["messages_lost"]) == (False, None, None)
+    assert damage["share_lost"] == 0.0
 
 
 def test_messages_of_an_uncompressed_chunk_that_is_damaged_do_not_count(tmp_path: Path) -> None:
@@ -153,7 +165,9 @@ def test_a_chunk_that_fails_its_checksum_is_left_out_and_counted(tmp_path: Path)
 def test_more_lost_than_the_source_file_allows_is_refused_by_name(tmp_path: Path) -> None:
     content = bytearray(written(tmp_path))
     content[chunks(bytes(content))[1][1] - 5] ^= 0xFF
-    with pytest.raises(InputError, match=r"damaged.mcap: damaged or incomplete MCAP: 20 % is lost, at most 1 % may be"):
+    with pytest.raises(
+        InputError, match=r"damaged.mcap: damaged or incomplete MCAP: 20 % of topic '/lab' is lost, at most 1 % may be"
+    ):
         read(tmp_path, bytes(content), 0.01)
 
 
@@ -200,9 +214,9 @@ def chunk_of(body: bytes, size: int, name: bytes = b"zstd") -> bytes:
     return RECORD.pack(Opcode.CHUNK, len(content)) + content
 
 
-@pytest.mark.parametrize("size", [2**63, LARGEST_CHUNK + 1, 5000])
+@pytest.mark.parametrize("size", [2**63, 5000])
 @pytest.mark.parametrize("declared_inside", [True, False])
-def test_a_decompression_bomb_is_a_lost_chunk(tmp_path: Path, size: int, declared_inside: bool) -> None:
+def test_a_chunk_that_declares_what_it_cannot_hold_is_lost(tmp_path: Path, size: int, declared_inside: bool) -> None:
     packer = zstandard.ZstdCompressor(write_content_size=declared_inside)
     bomb = chunk_of(packer.compress(bytes(64 << 20)), size)
     content = written(tmp_path)

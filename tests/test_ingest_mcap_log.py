@@ -12,6 +12,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from mcap_builder import SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
 
 from osl_analysis.errors import InputError
+from osl_analysis.ingest.log_overview import inspect_mcap
 from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
@@ -99,11 +100,51 @@ def test_the_files_build_does_not_change_what_is_read(tmp_path: Path, options: d
     assert built.samples.equals(plain.samples)
 
 
-def test_messages_in_any_file_order_come_in_time_order(tmp_path: Path) -> None:
-    shuffled = np.random.default_rng(0).permutation(50)
+@pytest.mark.parametrize("time", ["header", "log"])
+@pytest.mark.parametrize("order", [np.random.default_rng(0).permutation(50), np.roll(np.arange(50), 20)])
+def test_messages_in_any_file_order_come_in_the_order_of_their_sequence_numbers(
+    tmp_path: Path, order: np.ndarray, time: str
+) -> None:
+    log = [stamped(START + 100 * i * MILLISECOND, angle=float(i), torque=0.0, sync=False) for i in range(50)]
+    path = write_log(tmp_path / "log.mcap", [log[i] for i in order], chunk_size=300, sequences=order.tolist())
+    recording = read_mcap_log(path, source(time))
+    np.testing.assert_allclose(recording.samples["theta"], np.arange(50) * DEGREE)
+    assert recording.facts["stamps"]["/lab"]["late"] == 0
+
+
+@pytest.mark.parametrize("by", [0.5, 3600.0])
+@pytest.mark.parametrize("time", ["header", "log"])
+@pytest.mark.parametrize("numbered", [False, True])
+@pytest.mark.parametrize("is_sorted", [False, True])
+def test_a_clock_that_is_set_back_while_recording_is_refused(
+    tmp_path: Path, by: float, time: str, numbered: bool, is_sorted: bool
+) -> None:
+    if is_sorted and not (numbered and by < 1):
+        pytest.skip("sorted since, without numbers: nothing tells; by an hour: a gap of an hour, which a fit refuses")
+    back = [START + i * 10 * MILLISECOND - (round(by * 1e9) if i >= 100 else 0) for i in range(200)]
+    log = [stamped(stamp, angle=float(i), torque=0.0, sync=False) for i, stamp in enumerate(back)]
+    order = np.argsort([t for t, _ in log], kind="stable") if is_sorted else np.arange(200)
+    numbers = order.tolist() if numbered else [0] * 200
+    path = write_log(tmp_path / "log.mcap", [log[i] for i in order], chunk_size=900, sequences=numbers)
+    message = refused(path, source(time))
+    assert "at message 101 of 200" in message
+    assert "the clock was set while recording: its times cannot be used: record again, or exclude the trial" in message
+    assert is_sorted or "the clock was set while recording" in " ".join(inspect_mcap(path).remarks)
+
+
+def test_sequence_numbers_of_a_restarted_publisher_do_not_move_its_messages(tmp_path: Path) -> None:
+    numbers = [*range(100, 130), *range(20)]
+    path = write_log(tmp_path / "log.mcap", samples(), sequences=numbers)
+    np.testing.assert_allclose(read_mcap_log(path, source()).samples["theta"], np.arange(50) * DEGREE)
+
+
+def test_sequence_numbers_that_are_missing_are_remarked(tmp_path: Path) -> None:
     log = samples()
-    path = write_log(tmp_path / "log.mcap", [log[i] for i in shuffled], chunk_size=300)
-    assert read_mcap_log(path, source()).samples["time"].is_sorted()
+    path = write_log(tmp_path / "log.mcap", [*log[:20], *log[23:]], sequences=[*range(20), *range(23, 50)])
+    remark = "log.mcap: the sequence numbers of topic '/lab' say that 3 messages beside its 47 are not in the file"
+    assert remark in read_mcap_log(path, source()).warnings
+    every_other = write_log(tmp_path / "log.mcap", log, sequences=list(range(0, 100, 2)))
+    assert read_mcap_log(every_other, source()).warnings == []
 
 
 def test_two_channels_of_one_topic_are_one(tmp_path: Path) -> None:

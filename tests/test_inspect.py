@@ -213,7 +213,7 @@ def test_a_chunk_that_declares_more_than_memory_holds_is_not_unpacked(tmp_path: 
     overview = inspect_file(path)
     assert tracemalloc.get_traced_memory()[1] < 50e6
     tracemalloc.stop()
-    assert any("bytes, more than the 268435456 that are unpacked" in remark for remark in overview.remarks)
+    assert overview.facts["chunks"] == "0"
 
 
 def test_damage_of_an_mcap_file_is_listed_and_the_rest_too(tmp_path: Path) -> None:

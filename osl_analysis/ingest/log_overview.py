@@ -4,16 +4,18 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.csv_table import is_number_cell, unpadded
 from osl_analysis.formats.csv_text import Rows, delimiter_of, name_and_unit, read_lines, split_rows
+from osl_analysis.formats.mcap.channel_reader import describe_message
 from osl_analysis.formats.mcap.mcap_file import McapFile, read_mcap
 from osl_analysis.formats.mcap.survey import ChannelSurvey, survey_channels
-from osl_analysis.formats.mcap.topics import describe_message
 from osl_analysis.formats.messages.description import FieldDescription
 from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of
+from osl_analysis.ingest.stamps import check_not_set
 
 MOST_FIELDS = 500  # of one topic
 NANOSECOND = 1e-9
@@ -30,11 +32,15 @@ def inspect_mcap(path: Path) -> Overview:
     Raises
     ------
     InputError
-        The file is empty, or no MCAP file.
+        The file is empty, no MCAP file or two logs, or unpacks to too much.
     """
     file = read_mcap(path)
-    surveys = survey_channels(file)
+    try:
+        surveys = survey_channels(file)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
     remarks = list(file.damage.all_remarks())
+    remarks += [remark for survey in surveys for remark in clock_remarks(survey)]
     described = [(survey, fields_of(survey, remarks)) for survey in surveys]
     channels = [channel for survey, fields in described for channel in channels_of(survey, fields)]
     stamped = any(field.path.startswith(f"{STAMP}stamp") for _, fields in described for field in fields)
@@ -53,6 +59,16 @@ def facts_of(file: McapFile) -> dict[str, str]:
         "messages lost": "the file does not tell" if lost is None else str(lost),
         "checksums": damage.crc(),
     }
+
+
+def clock_remarks(survey: ChannelSurvey) -> Iterator[str]:
+    """What ingest will say of a channel's log times, if they go back."""
+    log_time = survey.log_time()
+    table = pl.DataFrame({"stamp": log_time, "message": np.arange(log_time.size)})
+    try:
+        check_not_set(survey.channel.topic, table, "its log times cannot be used")
+    except InputError as error:
+        yield str(error)
 
 
 def fields_of(survey: ChannelSurvey, remarks: list[str]) -> list[FieldDescription]:

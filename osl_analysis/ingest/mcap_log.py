@@ -1,7 +1,7 @@
 """A log in MCAP: its source file, and the canonical columns that it asks for."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -11,14 +11,18 @@ from pydantic import Field
 
 from osl_analysis.columns import counter_column, unit_of
 from osl_analysis.errors import InputError
+from osl_analysis.formats.mcap.limits import RefusedFileError
 from osl_analysis.formats.mcap.mcap_file import McapFile, read_mcap
 from osl_analysis.formats.mcap.topics import Decoded, decode_topics
 from osl_analysis.formats.messages.leaves import Indices
 from osl_analysis.ingest.recording import Recording, check_values
 from osl_analysis.ingest.sensor import Stamps
 from osl_analysis.ingest.source_fields import Conversion, LogSource
-from osl_analysis.ingest.stamps import SECOND, Ordering, in_order, stamp_fields, stamps_of
+from osl_analysis.ingest.stamps import SECOND, Ordering, in_order, log_times_of, stamp_fields, stamps_of
 from osl_analysis.yaml_settings import Settings
+
+LOG_TIME = "write source: log in the source file, or exclude the trial"
+NO_OTHER_CLOCK = "its times cannot be used: record again, or exclude the trial"
 
 
 class LogChannel(Conversion):
@@ -63,7 +67,7 @@ class McapSource(LogSource):
     time: TimeSource
     """Where the time of a message comes from."""
     largest_loss: float = Field(default=0.01, ge=0.0, le=1.0)
-    """Largest share of the file's messages that may be lost; a log that has lost more is refused."""
+    """Largest share of a topic's messages that may be lost; a log that has lost more is refused."""
     most_missing: float = Field(default=0.01, ge=0.0, le=1.0)
     """Largest share of a field's values that may be NaN: readings that failed. More where a field has a lower rate."""
     channels: dict[str, LogChannel] = Field(min_length=1)
@@ -79,9 +83,9 @@ def read_mcap_log(path: Path, source: McapSource) -> Recording:
     Raises
     ------
     InputError
-        A topic or field is missing or has no messages, its encoding or schema cannot be read, a larger share of the
-        file than `source.largest_loss` is lost, a value is infinite, too many values are NaN, or stamps are missing,
-        contradict each other or go back (`stamps.py`).
+        The file is two logs or unpacks to too much, a topic or field is missing or has no messages, its encoding or
+        schema cannot be read, a larger share of a topic than `source.largest_loss` is lost, a value is infinite, too
+        many values are NaN, or stamps are missing, contradict each other or go back (`stamps.py`).
     """
     by_topic: dict[str, dict[str, LogChannel]] = defaultdict(dict)
     for column, channel in source.channels.items():
@@ -102,7 +106,7 @@ def read_mcap_log(path: Path, source: McapSource) -> Recording:
         "decoding": {topic: one.how for topic, one in decoded.items()},
         "stamps": {topic: order.report() for topic, (_, order) in tables.items()},
         "missing": missing,
-        "damage": file.damage.report(),
+        "damage": file.damage.report(channels_of(file, by_topic)),
     }
     columns = {column: channel.origin(column) for column, channel in source.channels.items()}
     says = [text for topic, (_, order) in tables.items() for text in order.says(topic)]
@@ -135,23 +139,33 @@ def decode_wanted(file: McapFile, by_topic: dict[str, dict[str, LogChannel]], so
     }
     try:
         decoded = decode_topics(file, wanted, either=stamps)
+    except RefusedFileError:
+        raise
     except InputError as error:
-        check_loss(file, source)  # if too much is lost, that is the reason
+        check_loss(file, by_topic, source.largest_loss)  # if too much is lost, that is the reason
         if file.damage.remarks:
             raise InputError(f"{error} ({'; '.join(file.damage.all_remarks())})") from error
         raise
-    check_loss(file, source)
+    check_loss(file, by_topic, source.largest_loss)
     return decoded
 
 
-def check_loss(file: McapFile, source: McapSource) -> None:
-    """Refuse a file that has lost more than the source file allows."""
-    share = file.damage.share_lost()
-    if share > source.largest_loss:
-        raise InputError(
-            f"damaged or incomplete MCAP: {100 * share:.3g} % is lost, at most {100 * source.largest_loss:.3g} % may "
-            f"be (largest_loss in the source file): {'; '.join(file.damage.all_remarks())}; record again"
-        )
+def channels_of(file: McapFile, topics: Collection[str]) -> dict[str, Collection[int]]:
+    """Numbers of the channels of each topic, of a file that has been read."""
+    declared = file.declared.channels.values()
+    return {topic: [channel.id for channel in declared if channel.topic == topic] for topic in topics}
+
+
+def check_loss(file: McapFile, topics: Collection[str], most: float) -> None:
+    """Refuse a file that has lost a larger share of a topic than allowed."""
+    for topic, channels in channels_of(file, topics).items():
+        share = file.damage.share_lost(channels or None)
+        if share > most:
+            raise InputError(
+                f"damaged or incomplete MCAP: {100 * share:.3g} % of topic '{topic}' is lost, at most "
+                f"{100 * most:.3g} % may be (largest_loss in the source file): "
+                f"{'; '.join(file.damage.all_remarks())}; record again"
+            )
 
 
 def read_topic(
@@ -159,7 +173,7 @@ def read_topic(
 ) -> tuple[pl.DataFrame, Ordering]:
     """Stamps [ns] and columns of one topic in the order of the stamps, and counts of the sorting."""
     from_header = source.time.source == "header"
-    stamp = stamps_of(topic, decoded, source.time.field) if from_header else decoded.log_time
+    stamp = stamps_of(topic, decoded, source.time.field) if from_header else log_times_of(topic, decoded)
     most = source.most_missing
     columns = [canonical_series(column, channel, decoded, stamp, most) for column, channel in channels.items()]
     columns += [
@@ -168,7 +182,9 @@ def read_topic(
         if channel.counter is not None
     ]
     table = pl.DataFrame([pl.Series("stamp", stamp), *columns])
-    return in_order(topic, table, len(decoded.how), source.largest_loss)
+    logged_in_order = (np.diff(decoded.log_time) >= 0) | (np.diff(decoded.channel) != 0)
+    advice = LOG_TIME if from_header and logged_in_order.all() else NO_OTHER_CLOCK
+    return in_order(topic, table, decoded.channel, source.largest_loss, advice)
 
 
 def canonical_series(

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap.topics import Decoded
@@ -82,6 +83,23 @@ def stamps_of(topic: str, decoded: Decoded, field: str) -> Indices:
     return whole * SECOND + integers(topic, nanoseconds, decoded.values[nanoseconds], SECOND)
 
 
+def log_times_of(topic: str, decoded: Decoded) -> Indices:
+    """When the messages were logged [ns], (n,).
+
+    Raises
+    ------
+    InputError
+        A time is beyond the range of 64 bits with a sign, which ends in the year 2262.
+    """
+    if (decoded.log_time < 0).any():
+        row = int(np.argmax(decoded.log_time < 0))
+        raise InputError(
+            f"topic '{topic}': message {row + 1} was logged at {int(decoded.log_time[row]) + 2**64} ns, which is not a "
+            "time; write source: header, or record again"
+        )
+    return decoded.log_time
+
+
 def integers(topic: str, path: str, values: np.ndarray[Any, Any], most: int) -> Indices:
     """Seconds or nanoseconds of stamps, which must be whole numbers of at most `most`."""
     wrong = (np.abs(values.astype(np.float64)) > most) | (values != np.rint(values))
@@ -93,8 +111,12 @@ def integers(topic: str, path: str, values: np.ndarray[Any, Any], most: int) -> 
     return values.astype(np.int64)
 
 
-def in_order(topic: str, table: pl.DataFrame, channels: int, largest_loss: float) -> tuple[pl.DataFrame, Ordering]:
-    """The topic's rows, given in the order in which they were logged, sorted by strictly increasing `stamp` [ns].
+def in_order(
+    topic: str, table: pl.DataFrame, channel: NDArray[np.uint16], largest_loss: float, advice: str
+) -> tuple[pl.DataFrame, Ordering]:
+    """The topic's rows, given channel by channel in the order of recording, sorted by increasing `stamp` [ns].
+
+    `channel` is the number of each row's channel, (n,); `advice` says what to do where the clock was set.
 
     Raises
     ------
@@ -102,23 +124,18 @@ def in_order(topic: str, table: pl.DataFrame, channels: int, largest_loss: float
         A stamp goes back by more than `LATEST`, or a larger share of the messages than allowed contradict others or
         repeat a stamp of their own channel.
     """
+    numbers = np.unique(channel)
+    channels, late = numbers.size, 0
+    for number in numbers:
+        late += check_not_set(topic, table if channels == 1 else table.filter(channel == number), advice)
     stamp = table["stamp"].to_numpy()
-    behind = np.maximum.accumulate(stamp) - stamp
-    if (behind > LATEST).any():
-        row = int(np.argmax(behind > LATEST))
-        raise InputError(
-            f"topic {topic}: time goes back by {behind[row] / SECOND:.6f} s at message {row + 1} of {stamp.size}; the "
-            "clock was set while recording: write source: log in the source file, or exclude the trial"
-        )
-    if channels == 1:
-        check_not_set_back(topic, table)
     if (np.diff(stamp) > 0).all():
         return table, Ordering(0, 0, 0)
     once = table.group_by("stamp", maintain_order=True).agg(pl.all().drop_nulls().first()).sort("stamp")
     contradicted, most = contradictions(table, once), largest_loss * stamp.size
     repeats = int(table.is_duplicated().sum())
     if channels == 1 and not repeats and rounded(stamp):
-        return table.sort("stamp", maintain_order=True), Ordering(int((behind > 0).sum()), 0, 0)
+        return table.sort("stamp", maintain_order=True), Ordering(late, 0, 0)
     standing = int(np.maximum(np.unique(stamp, return_counts=True)[1] - channels, 0).sum())
     if standing > most:
         raise InputError(
@@ -130,7 +147,7 @@ def in_order(topic: str, table: pl.DataFrame, channels: int, largest_loss: float
             f"topic {topic}: {contradicted} of {stamp.size} messages have the stamp of an earlier one and other "
             "values; stamps must be their own: check the recorder's clock or the time source in the source file"
         )
-    return once, Ordering(int((behind > 0).sum()), stamp.size - once.height, contradicted)
+    return once, Ordering(late, stamp.size - once.height, contradicted)
 
 
 def rounded(stamp: Indices) -> bool:
@@ -149,10 +166,11 @@ def rounded(stamp: Indices) -> bool:
     return bool(even and empty <= EMPTY_TICKS * (stamp.size - ticks.size))
 
 
-def check_not_set_back(topic: str, table: pl.DataFrame) -> None:
-    """Refuse a clock that was set back by less than `LATEST`: many messages in a row fall among those before.
+def check_not_set(topic: str, table: pl.DataFrame, advice: str) -> int:
+    """Refuse a clock that was set back, in one channel's rows; returns how many of them are merely late.
 
-    Messages that are merely late fill the gap that they left; those that repeat others do not count.
+    It was set back by more than `LATEST`, or many messages in a row fall among those before. Messages that are merely
+    late fill the gap that they left; those that repeat others do not count.
 
     Raises
     ------
@@ -160,7 +178,15 @@ def check_not_set_back(topic: str, table: pl.DataFrame) -> None:
         The clock was set back.
     """
     stamp = table["stamp"].to_numpy()
-    behind = stamp < np.maximum.accumulate(stamp)
+    by = np.maximum.accumulate(stamp) - stamp
+    if (by > LATEST).any():
+        row = int(np.argmax(by > LATEST))
+        raise InputError(
+            f"topic {topic}: time goes back by {by[row] / SECOND:.6f} s at message {row + 1} of {stamp.size}; the "
+            f"clock was set while recording: {advice}"
+        )
+    late = by > 0
+    behind = late.copy()
     behind[behind] = ~table.is_duplicated().to_numpy()[behind]
     edges = np.flatnonzero(np.diff(np.concatenate([[0], behind.astype(np.int8), [0]])))
     for first, stop in (run for run in edges.reshape(-1, 2) if run[1] - run[0] >= SET_BACK):
@@ -169,8 +195,9 @@ def check_not_set_back(topic: str, table: pl.DataFrame) -> None:
             raise InputError(
                 f"topic {topic}: time goes back from {before.max() / SECOND:.6f} s to {stamp[first] / SECOND:.6f} s at "
                 f"message {first + 1} of {stamp.size}, and {stop - first} messages fall among those before; the clock "
-                "was set while recording: write source: log in the source file, or exclude the trial"
+                f"was set while recording: {advice}"
             )
+    return int(late.sum())
 
 
 def contradictions(table: pl.DataFrame, once: pl.DataFrame) -> int:

@@ -2,29 +2,33 @@
 
 import struct
 import zlib
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field
 from mmap import mmap
+from typing import Any
 
 import lz4.frame
 import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
+from osl_analysis.formats.mcap.limits import HIGHEST_RATIO, Budget
 from osl_analysis.formats.mcap.walk import (
     CHUNK_HEAD,
+    COMPRESSIONS,
     MESSAGE,
     Buffer,
     RecordWalk,
+    body_of,
     index_offsets,
+    indexed_messages,
     message_heads,
     walk_by_index,
     walk_records,
 )
 from osl_analysis.formats.messages.leaves import Indices
 
-LARGEST_CHUNK = 256 << 20
-"""Bytes that a compressed chunk may declare. Recorders write 1 to 8 MB; a chunk that declares more than the limit is
-damaged or malicious."""
+FRAME_HEADER = 1 << 16  # bytes by which a frame that holds next to nothing may be larger than what its ratio allows
 
 
 class DamagedChunkError(Exception):
@@ -39,53 +43,88 @@ class MessageBlock:
     """The bytes that hold the messages."""
     channel: NDArray[np.uint16]
     """Number of each message's channel."""
+    sequence: NDArray[np.uint32]
+    """Number that the recorder or the publisher gave to each message; often 0."""
     log_time: Indices
     """When each message was logged [ns]."""
     starts: Indices
     """Where each payload begins in the buffer [bytes]."""
     lengths: Indices
     """Length of each payload [bytes]."""
-    others: list[tuple[int, int, int]]
+    others: list[tuple[int, int, int]] = field(default_factory=list)
     """Opcode, start and end of the schemas and channels among the messages."""
+
+    def of(self, rows: Any) -> "MessageBlock":
+        """Some of the messages: a mask or indices."""
+        channel, sequence, log_time = self.channel[rows], self.sequence[rows], self.log_time[rows]
+        return MessageBlock(
+            self.buffer, channel, sequence, log_time, self.starts[rows], self.lengths[rows], self.others
+        )
+
+
+@dataclass(frozen=True)
+class ReadChunk:
+    """A chunk that was read."""
+
+    block: MessageBlock
+    """Its messages."""
+    verified: bool = False
+    """A checksum covers them."""
+    index_is_right: bool = True
+    """Its message index, if it has one, lists these messages and no others."""
+    lost: Counter[int] = field(default_factory=Counter)
+    """Messages of each channel that the index lists and that are records of an unknown opcode instead."""
 
 
 def block_of(buffer: Buffer, walk: RecordWalk) -> MessageBlock:
     """The messages that a walk through the buffer found."""
     heads = message_heads(buffer, walk.messages) if walk.heads is None else walk.heads
     lengths = heads["length"].astype(np.int64) - (MESSAGE.itemsize - 9)
-    channel, log_time = heads["channel"].astype(np.uint16), heads["log_time"].astype(np.int64)
-    return MessageBlock(buffer, channel, log_time, walk.messages + MESSAGE.itemsize, lengths, walk.others)
+    channel, sequence = heads["channel"].astype(np.uint16), heads["sequence"].astype(np.uint32)
+    log_time = heads["log_time"].astype(np.int64)
+    return MessageBlock(buffer, channel, sequence, log_time, walk.messages + MESSAGE.itemsize, lengths, walk.others)
 
 
-def read_chunk(data: Buffer, start: int, end: int, indexes: list[tuple[int, int]]) -> tuple[MessageBlock, bool, bool]:
-    """The messages of a chunk, whether a checksum covers them, and whether the index is right.
-
-    `start` and `end` are those of the chunk record's content in `data`, `indexes` those of its message index records.
+def read_chunk(data: Buffer, start: int, indexes: list[tuple[int, int]], budget: Budget) -> ReadChunk:
+    """The messages of the chunk whose record's content begins at `start`; `indexes` are its message index records.
 
     Raises
     ------
     DamagedChunkError
-        Unknown compression, more bytes than are unpacked, a wrong checksum, or bytes that are not records.
+        Unknown compression, another size than declared, a wrong checksum, or bytes that are not records.
+    InputError
+        It would unpack to more than is allowed.
     """
-    _, _, size, crc, name_length = CHUNK_HEAD.unpack_from(data, start)
-    body = start + CHUNK_HEAD.size + name_length + 8
-    content = unpacked(data[start + CHUNK_HEAD.size : body - 8], data[body:end], size)
+    crc = CHUNK_HEAD.unpack_from(data, start)[3]
+    content = unpacked(data, start, budget)
     if crc and zlib.crc32(content) != crc:
         raise DamagedChunkError("does not match its checksum")
     offsets = index_offsets(data, indexes)
     walk = walk_by_index(content, offsets)
-    indexed = walk is not None
-    walk = walk or walk_records(content, 0, len(content), len(content))
+    if walk is not None:
+        budget.take_records(start, walk.messages.size + len(walk.others))
+        return ReadChunk(block_of(content, walk), crc != 0)
+    walk = walk_records(content, 0, len(content), budget.left_records() + 1, in_chunk=True)
+    budget.take_records(start, walk.messages.size + len(walk.others) + walk.unknown)
     if walk.end != len(content):
         raise DamagedChunkError(f"holds no record at byte {walk.end} of its {len(content)} bytes")
-    right = indexed or not indexes or np.array_equal(np.sort(offsets), walk.messages)
-    return block_of(content, walk), crc != 0, right
+    block = block_of(content, walk)
+    right = not indexes or np.array_equal(np.sort(offsets), walk.messages)
+    lost = Counter[int]()
+    if not crc and walk.unknown and not right:  # without a checksum a flipped opcode passes for a private one
+        lost = indexed_messages(data, indexes) - Counter(block.channel.tolist())
+    return ReadChunk(block, crc != 0, bool(right), lost)
 
 
-def unpacked(name: bytes, body: bytes, size: int) -> bytes:
-    """The chunk's content, which must be of the declared size."""
-    if name and size > LARGEST_CHUNK:
-        raise DamagedChunkError(f"declares {size} bytes, more than the {LARGEST_CHUNK} that are unpacked")
+def unpacked(data: Buffer, start: int, budget: Budget) -> bytes:
+    """The content of a chunk, which must be of the declared size."""
+    _, _, size, _, length = CHUNK_HEAD.unpack_from(data, start)
+    name = data[start + CHUNK_HEAD.size : start + CHUNK_HEAD.size + length]
+    begin, end = body_of(data, start)
+    body = data[begin:end]
+    if name:
+        check_declared(name, body, size)
+        budget.take_chunk(start, len(body), size)
     try:
         content = decompressed(name, body, size)
     except (zstandard.ZstdError, RuntimeError, EOFError, struct.error, MemoryError) as error:
@@ -95,16 +134,26 @@ def unpacked(name: bytes, body: bytes, size: int) -> bytes:
     return content
 
 
+def check_declared(name: bytes, body: bytes, size: int) -> None:
+    """Refuse a chunk whose declared size cannot be right, so that it counts as damaged and not as too large."""
+    if name not in COMPRESSIONS:
+        raise DamagedChunkError(f"says it is compressed with {name[:20].decode('latin1')!a}; zstd and lz4 are read")
+    if size > HIGHEST_RATIO[name] * len(body) + FRAME_HEADER:
+        raise DamagedChunkError(f"declares {size} bytes, which {len(body)} bytes of {name.decode()} cannot hold")
+    if name == b"zstd" and body:
+        try:
+            declared = zstandard.get_frame_parameters(body).content_size
+        except zstandard.ZstdError as error:
+            raise DamagedChunkError(f"cannot be decompressed ({' '.join(str(error).split())})") from error
+        if declared not in (size, zstandard.CONTENTSIZE_UNKNOWN):
+            raise DamagedChunkError(f"holds {declared} of {size} bytes")
+
+
 def decompressed(name: bytes, body: bytes, size: int) -> bytes:
     """Decompress to at most one byte more than the declared size, independent of what the stream declares."""
     if name == b"":
         return body
     if name == b"zstd":
-        declared = zstandard.get_frame_parameters(body).content_size if body else 0
-        if declared not in (size, zstandard.CONTENTSIZE_UNKNOWN):
-            raise DamagedChunkError(f"holds {declared} of {size} bytes")
         return zstandard.ZstdDecompressor().decompress(body, max_output_size=size) if size else b""
-    if name == b"lz4":
-        content: bytes = lz4.frame.LZ4FrameDecompressor().decompress(body, max_length=size + 1)
-        return content
-    raise DamagedChunkError(f"says it is compressed with {name[:20].decode('latin1')!a}; zstd and lz4 are read")
+    content: bytes = lz4.frame.LZ4FrameDecompressor().decompress(body, max_length=size + 1)
+    return content

@@ -3,33 +3,34 @@
 The summary at the end is not needed. The file of a recorder that was killed is therefore read in the same way.
 """
 
-import re
 import struct
-import zlib
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
 from mcap.opcode import Opcode
 
+from osl_analysis.formats.mcap.chunk import DamagedChunkError, unpacked
+from osl_analysis.formats.mcap.joined import refuse_more, refuse_second_header, refuse_second_log
+from osl_analysis.formats.mcap.limits import Budget
+from osl_analysis.formats.mcap.resume import MOST_CANDIDATES, is_sound, record_follows, resume_at
+from osl_analysis.formats.mcap.summary import Summary, check_footer, take_summary_record
 from osl_analysis.formats.mcap.walk import (
     MAGIC,
-    MOST_MESSAGES,
-    NUMBERED,
+    MESSAGE,
+    MOST_RECORDS,
     RECORD,
     Buffer,
     RecordWalk,
-    is_chunk,
+    crc_of,
+    index_entries,
+    is_disguised_chunk,
     is_message_index,
+    message_heads,
     walk_records,
 )
 
-LENGTHS = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
-STATISTICS = struct.Struct("<Q14xI20x")  # messages, chunks
-PRIVATE = 0x80
 OF_CHUNKS = (Opcode.CHUNK, Opcode.MESSAGE_INDEX)
-TO_RESUME_AT = re.compile(rb"[\x06\x07\x0b].{6}\0\0|\x0f\x04\0{7}|\x02\x14\0{7}", re.DOTALL)
-TO_RESUME_AT_UNCHUNKED = re.compile(rb"[\x03-\x07\x0b].{6}\0\0|\x0f\x04\0{7}|\x02\x14\0{7}", re.DOTALL)
-MOST_CANDIDATES = 500_000  # to look at when searching for where to resume: a second of work
 
 
 @dataclass
@@ -56,30 +57,41 @@ class Scan:
 
     sections: list[FileSection] = field(default_factory=list)
     """The parts of the data section, in order."""
-    in_summary: list[tuple[int, int, int]] = field(default_factory=list)
-    """Opcode, start and end of the summary's schemas and channels."""
+    summary: Summary = field(default_factory=Summary)
+    """What the summary says."""
     data_end: int = 0
     """Where the data section ends [bytes]."""
     data_crc: Literal["right", "wrong"] | None = None
     """The checksum of the data section; None if there is none."""
-    declared: tuple[int, int] | None = None
-    """How many messages and chunks the file has, according to its summary."""
     finished: bool = False
     """The file ends with a footer and the magic."""
     chunked: bool = False
     """The file has chunks."""
-    summary_damaged: bool = False
-    """The summary cannot be trusted."""
     candidates: int = MOST_CANDIDATES
     """How many more places may be tried when searching for the next sound record."""
+    unpacked: tuple[int, bytes | None] = (0, None)
+    """Place and content of the chunk that was unpacked last, None if it is damaged."""
+
+    def last_chunk(self) -> FileSection | None:
+        """The last chunk so far, lost or not."""
+        return next((section for section in reversed(self.sections) if "chunk" in section.kind), None)
 
 
 def scan_file(data: Buffer) -> Scan:
-    """Scan a whole file, whose first bytes are its magic."""
+    """Scan a whole file, whose first bytes are its magic.
+
+    Raises
+    ------
+    InputError
+        The file holds two logs, or would unpack to more than is allowed.
+    """
     scan, position = Scan(), len(MAGIC)
     while position < len(data) and not scan.finished:
         position = scan_record(scan, data, position)
     scan.data_end = scan.data_end or len(data)
+    last = scan.sections[-1] if scan.sections else None
+    if not scan.finished and last and "lost" in last.kind and last.end == len(data):
+        scan.sections.pop()  # the record in which the file was cut off: nobody knows what it held
     return scan
 
 
@@ -88,16 +100,16 @@ def scan_record(scan: Scan, data: Buffer, position: int) -> int:
     start = position + RECORD.size
     if start > len(data):
         return take_lost(scan, data, position)
-    opcode, length = record_header(data, position)
-    end = start + length
+    opcode, length = RECORD.unpack_from(data, position)
+    end = int(start + length)
     if end <= len(data) and not scan.data_end and record_follows(data, end):
-        if opcode != Opcode.CHUNK and is_chunk(data, start, end):
+        if opcode != Opcode.CHUNK and is_disguised_chunk(data, start, end):
             scan.sections.append(FileSection("lost chunk", position, end))
             return end
-        if scan.chunked and is_message_index(data, start, end):
-            opcode = Opcode.MESSAGE_INDEX  # a flipped opcode would make it a message
+        if opcode != Opcode.MESSAGE_INDEX and is_disguised_index(scan, data, start, end):
+            opcode = Opcode.MESSAGE_INDEX
     if opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
-        walk = walk_records(data, position, len(data), MOST_MESSAGES)
+        walk = walk_records(data, position, len(data), MOST_RECORDS, in_chunk=False)
         if walk.end > position:
             take_loose(scan, position, walk)
             return walk.end
@@ -107,10 +119,36 @@ def scan_record(scan: Scan, data: Buffer, position: int) -> int:
     return end
 
 
+def is_disguised_index(scan: Scan, data: Buffer, start: int, end: int) -> bool:
+    """Whether a record of another opcode is the message index of the last chunk: a flipped bit makes it a message.
+
+    A message may look like an index. It is one only if each of its entries leads to a message of that channel and log
+    time in the chunk.
+    """
+    chunk = scan.last_chunk()
+    if chunk is None or not is_message_index(data, start, end, exact=True):
+        return False
+    channel, entries = index_entries(data, start)
+    offsets = entries["offset"]
+    if chunk.kind == "chunk" and scan.unpacked[0] != chunk.start:
+        try:
+            scan.unpacked = chunk.start, unpacked(data, chunk.start, Budget(len(data)))
+        except DamagedChunkError:
+            scan.unpacked = chunk.start, None
+    content = scan.unpacked[1] if chunk.kind == "chunk" else None
+    if content is None:
+        return bool((offsets < np.uint64(1 << 32)).all())  # nothing can be compared; two times are no offsets
+    if offsets.size == 0 or int(offsets.max()) > len(content) - MESSAGE.itemsize:
+        return False
+    heads = message_heads(content, offsets.astype(np.int64))
+    same = (heads["channel"] == channel) & (heads["log_time"] == entries["log_time"])
+    return bool((same & (heads["opcode"] == Opcode.MESSAGE)).all())
+
+
 def take_loose(scan: Scan, position: int, walk: RecordWalk) -> None:
     """Take in records outside of chunks; after the end of the data they belong to the summary."""
     if scan.data_end:
-        scan.in_summary += walk.others
+        scan.summary.described += walk.others
     else:
         scan.sections.append(FileSection("loose", position, walk.end, walk))
 
@@ -119,44 +157,26 @@ def take_record(scan: Scan, data: Buffer, opcode: int, start: int, end: int) -> 
     """Take in one sound record."""
     if opcode == Opcode.CHUNK:
         if scan.data_end:  # a chunk after the end of the data shows that this was not the end
-            scan.data_end, scan.data_crc, scan.summary_damaged = 0, None, True
+            scan.data_end, scan.data_crc, scan.summary.damaged = 0, None, True
         scan.chunked = True
         scan.sections.append(FileSection("chunk", start, end))
     elif opcode == Opcode.MESSAGE_INDEX and not scan.data_end:
-        of_chunk = next((section for section in reversed(scan.sections) if "chunk" in section.kind), None)
+        of_chunk = scan.last_chunk()
         if of_chunk:
             of_chunk.indexes.append((start, end))
     elif opcode == Opcode.DATA_END and not scan.data_end:
-        scan.data_end = start - RECORD.size
+        scan.data_end, scan.summary.begin = start - RECORD.size, end
         (expected,) = struct.unpack_from("<I", data, start)
         if expected:
             scan.data_crc = "right" if crc_of(data, 0, scan.data_end) == expected else "wrong"
-    elif opcode == Opcode.STATISTICS:
-        scan.declared = STATISTICS.unpack_from(data, start)
+    elif opcode == Opcode.HEADER and start > len(MAGIC) + RECORD.size:
+        refuse_second_header(data, start, end)
     elif opcode == Opcode.FOOTER:
-        scan.finished = len(data) - end == len(MAGIC) and data[end:] == MAGIC
-        check_summary(scan, data, start)
-
-
-def check_summary(scan: Scan, data: Buffer, start: int) -> None:
-    """Check the summary against its checksum, where 0 means that it has none; ignore what a damaged one declares."""
-    summary, _, expected = struct.unpack_from("<QQI", data, start)
-    if expected and (summary > start or crc_of(data, summary or start - RECORD.size, start + 16) != expected):
-        scan.declared, scan.summary_damaged = None, True
-
-
-def crc_of(data: Buffer, start: int, end: int) -> int:
-    """CRC-32 of a stretch, computed piece by piece because a slice of a mapped file is a copy."""
-    crc = 0
-    for position in range(start, end, 1 << 20):
-        crc = zlib.crc32(data[position : min(position + (1 << 20), end)], crc)
-    return crc
-
-
-def record_header(data: Buffer, position: int) -> tuple[int, int]:
-    """Opcode and length of the record at `position`."""
-    opcode, length = RECORD.unpack_from(data, position)
-    return opcode, length
+        refuse_more(data, end)
+        scan.finished = data[end : end + len(MAGIC)] == MAGIC
+        check_footer(scan.summary, data, start)
+    else:
+        take_summary_record(scan.summary, data, opcode, start, end)
 
 
 def take_lost(scan: Scan, data: Buffer, position: int) -> int:
@@ -165,44 +185,15 @@ def take_lost(scan: Scan, data: Buffer, position: int) -> int:
     In a file with chunks, messages found outside of them are not used: they belong to a damaged chunk, whose checksum
     cannot be checked.
     """
-    resume = resume_at(scan, data, position + 1, TO_RESUME_AT)
+    resume, scan.candidates = resume_at(data, position + 1, scan.candidates, chunked=True)
     scan.chunked |= data[position] == Opcode.CHUNK or (resume < len(data) and data[resume] in OF_CHUNKS)
     if not scan.chunked:
-        resume = resume_at(scan, data, position + 1, TO_RESUME_AT_UNCHUNKED)
+        resume, scan.candidates = resume_at(data, position + 1, scan.candidates, chunked=False)
+    refuse_second_log(data, position, resume)
     if scan.data_end:
-        scan.summary_damaged = True
+        scan.summary.damaged = True
     elif data[position] == Opcode.CHUNK:
         scan.sections.append(FileSection("lost chunk", position, resume))
     else:
         scan.sections.append(FileSection("lost", position, resume, harmless=data[position] == Opcode.MESSAGE_INDEX))
     return resume
-
-
-def resume_at(scan: Scan, data: Buffer, begin: int, pattern: re.Pattern[bytes]) -> int:
-    """Where the next sound record begins at which the scan can go on, or the end of the file."""
-    while scan.candidates and (match := pattern.search(data, begin)):
-        scan.candidates -= 1
-        opcode, length = record_header(data, match.start())
-        start = match.start() + RECORD.size
-        if start + length <= len(data) and is_sound(data, opcode, start, start + length):
-            return match.start()
-        begin = match.start() + 1
-    return len(data)
-
-
-def is_sound(data: Buffer, opcode: int, start: int, end: int) -> bool:
-    """Whether the content of a record fits its opcode. If this is uncertain, another record must follow."""
-    if opcode == Opcode.CHUNK:
-        return is_chunk(data, start, end)
-    if opcode == Opcode.MESSAGE_INDEX:
-        return is_message_index(data, start, end)
-    if opcode in LENGTHS:
-        return end - start == LENGTHS[Opcode(opcode)]
-    if opcode == Opcode.STATISTICS and end - start < STATISTICS.size:
-        return False
-    return opcode != 0 and record_follows(data, end)
-
-
-def record_follows(data: Buffer, end: int) -> bool:
-    """Whether a record, or the end of the file, follows."""
-    return end == len(data) or data[end] in NUMBERED or data[end] >= PRIVATE

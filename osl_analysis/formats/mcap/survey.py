@@ -46,10 +46,10 @@ def survey_channels(file: McapFile) -> list[ChannelSurvey]:
             one.messages += rows.size
             one.stamps += [block.log_time[rows]] if kept < MOST_STAMPS else []
             kept += rows.size
-    return [surveys.get(number, survey_of(file, number)) for number in sorted(file.channels)]
+    return [surveys.get(number, survey_of(file, number)) for number in sorted(file.declared.channels)]
 
 
 def survey_of(file: McapFile, number: int) -> ChannelSurvey:
     """A channel of which no message was seen so far."""
-    channel = file.channels[number]
-    return ChannelSurvey(channel, file.schemas.get(channel.schema_id))
+    channel = file.declared.channels[number]
+    return ChannelSurvey(channel, file.declared.schemas.get(channel.schema_id))

@@ -1,7 +1,9 @@
 """The records of MCAP, one after the other: their headers, and where the messages of a buffer stand."""
 
 import struct
+import zlib
 from array import array
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from mmap import mmap
@@ -23,8 +25,10 @@ CHUNK_HEAD = struct.Struct("<QQQII")  # times of first and last message, size, c
 INDEX_HEAD = struct.Struct("<HI")  # channel, bytes of the entries
 INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
 LONGEST_NAME = 32
+COMPRESSIONS = (b"zstd", b"lz4")
 NUMBERED = range(Opcode.HEADER, Opcode.DATA_END + 1)
-MOST_MESSAGES = 1 << 18  # in one stretch outside of chunks, which bounds what is held at once
+"""Opcodes that the format defines. Records of higher ones are private or of a later version, and are skipped."""
+MOST_RECORDS = 1 << 18  # in one stretch outside of chunks, which bounds what is held at once
 
 Buffer = bytes | mmap
 
@@ -41,28 +45,34 @@ class RecordWalk:
     """End of the walk [bytes]: the end of the buffer, or the first bytes that are not a record."""
     heads: NDArray[Any] | None = None
     """Heads of the message records, where the walk read them all at once."""
+    unknown: int = 0
+    """Records of opcodes that the format does not define, which were skipped."""
 
 
-def walk_records(buffer: Buffer, begin: int, end: int, most: int) -> RecordWalk:
-    """Walk from record to record, up to `most` messages or to the first bytes that are no such record.
+def walk_records(buffer: Buffer, begin: int, end: int, most: int, *, in_chunk: bool) -> RecordWalk:
+    """Walk from record to record, up to `most` records or to the first bytes that are no such record.
 
-    Schema, channel and message records are expected.
+    Schema, channel and message records are expected. In a chunk, records of opcodes that the format does not define are
+    skipped; outside of one they end the walk.
     """
-    messages, others, position = array("q"), [], begin
+    messages, unknown, position = array("q"), 0, begin
+    others: list[tuple[int, int, int]] = []
     unpack, last = RECORD.unpack_from, end - RECORD.size
-    while position <= last and len(messages) < most:
+    while position <= last and len(messages) + len(others) + unknown < most:
         opcode, length = unpack(buffer, position)
         stop = position + RECORD.size + length
         if stop > end:
             break
         if opcode == Opcode.MESSAGE and length >= MESSAGE_HEAD:
             messages.append(position)
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and not is_chunk(buffer, position + RECORD.size, stop):
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and not is_disguised_chunk(buffer, position + RECORD.size, stop):
             others.append((opcode, position + RECORD.size, stop))
+        elif in_chunk and opcode not in NUMBERED and opcode:
+            unknown += 1
         else:
             break
         position = stop
-    return RecordWalk(np.array(messages, np.int64), others, position)
+    return RecordWalk(np.array(messages, np.int64), others, position, unknown=unknown)
 
 
 def walk_by_index(buffer: Buffer, offsets: Indices) -> RecordWalk | None:
@@ -84,12 +94,14 @@ def walk_by_index(buffer: Buffer, offsets: Indices) -> RecordWalk | None:
     if (free > taken).any():
         return None
     others: list[tuple[int, int, int]] = []
+    unknown = 0
     for i in np.flatnonzero(free < taken).tolist():
-        between = walk_records(buffer, int(free[i]), int(taken[i]), 1)
+        between = walk_records(buffer, int(free[i]), int(taken[i]), size, in_chunk=True)
         if between.end != taken[i] or between.messages.size:
             return None
         others += between.others
-    return RecordWalk(starts, others, size, heads)
+        unknown += between.unknown
+    return RecordWalk(starts, others, size, heads, unknown)
 
 
 def message_heads(buffer: Buffer, starts: Indices) -> NDArray[Any]:
@@ -98,28 +110,71 @@ def message_heads(buffer: Buffer, starts: Indices) -> NDArray[Any]:
 
 
 def is_chunk(data: Buffer, start: int, end: int) -> bool:
-    """Whether the content of a record is that of a chunk, for any opcode: its two lengths agree."""
+    """Whether the content of a record can be that of a chunk: what it declares fits in.
+
+    A later version of the format may add fields at the end of a record (MCAP specification, "Records").
+    """
     if end - start < CHUNK_HEAD.size + 8:
         return False
     name = CHUNK_HEAD.unpack_from(data, start)[4]
-    if name > LONGEST_NAME or end - start < CHUNK_HEAD.size + name + 8:
-        return False
     body = start + CHUNK_HEAD.size + name + 8
-    return bool(struct.unpack_from("<Q", data, body - 8)[0] == end - body)
+    if name > LONGEST_NAME or body > end:
+        return False
+    return body_of(data, start)[1] <= end
 
 
-def is_message_index(data: Buffer, start: int, end: int) -> bool:
-    """Whether the content of a record is a message index: its length is that of the entries that it declares."""
+def is_disguised_chunk(data: Buffer, start: int, end: int) -> bool:
+    """Whether the content of a record of another opcode is that of a chunk: names and lengths leave no doubt."""
+    if not is_chunk(data, start, end):
+        return False
+    _, _, size, _, length = CHUNK_HEAD.unpack_from(data, start)
+    name = data[start + CHUNK_HEAD.size : start + CHUNK_HEAD.size + length]
+    body, stop = body_of(data, start)
+    return stop == end and (name in COMPRESSIONS or (name == b"" and size == stop - body))
+
+
+def body_of(data: Buffer, start: int) -> tuple[int, int]:
+    """Start and end of the compressed records of a chunk whose content begins at `start`."""
+    body = start + CHUNK_HEAD.size + CHUNK_HEAD.unpack_from(data, start)[4] + 8
+    return body, body + struct.unpack_from("<Q", data, body - 8)[0]
+
+
+def is_message_index(data: Buffer, start: int, end: int, *, exact: bool = False) -> bool:
+    """Whether the content of a record can be a message index: the entries that it declares fit in.
+
+    If `exact` is asked for, they must fill it.
+    """
     if end - start < INDEX_HEAD.size:
         return False
-    size = INDEX_HEAD.unpack_from(data, start)[1]
-    return bool(size == end - start - INDEX_HEAD.size and size % INDEX_ENTRY.itemsize == 0)
+    size, space = INDEX_HEAD.unpack_from(data, start)[1], end - start - INDEX_HEAD.size
+    return bool(size % INDEX_ENTRY.itemsize == 0 and (size == space or (size < space and not exact)))
+
+
+def index_entries(data: Buffer, start: int) -> tuple[int, NDArray[Any]]:
+    """Channel, and log times and offsets of its messages, from a sound message index record."""
+    channel, size = INDEX_HEAD.unpack_from(data, start)
+    begin = start + INDEX_HEAD.size
+    return channel, np.frombuffer(data[begin : begin + size], INDEX_ENTRY)
 
 
 def index_offsets(data: Buffer, indexes: Sequence[tuple[int, int]]) -> Indices:
     """Offsets of a chunk's messages in its content, from its message index records, in their order."""
-    entries = [
-        np.frombuffer(data[start + INDEX_HEAD.size : end], INDEX_ENTRY)["offset"].astype(np.int64)
-        for start, end in indexes
-    ]
+    entries = [index_entries(data, start)[1]["offset"].astype(np.int64) for start, _ in indexes]
     return np.concatenate([np.empty(0, np.int64), *entries])
+
+
+def indexed_messages(data: Buffer, indexes: Sequence[tuple[int, int]]) -> Counter[int]:
+    """How many messages of each channel a chunk's message index records list."""
+    counts = Counter[int]()
+    for start, _ in indexes:
+        channel, entries = index_entries(data, start)
+        counts[channel] += entries.size
+    return counts
+
+
+def crc_of(data: Buffer, start: int, end: int) -> int:
+    """CRC-32 of a stretch, computed piece by piece because a slice of a mapped file is a copy."""
+    crc = 0
+    for position in range(start, end, 1 << 20):
+        crc = zlib.crc32(data[position : min(position + (1 << 20), end)], crc)
+    return crc

@@ -1,0 +1,130 @@
+"""One channel of an MCAP file: which reader decodes its messages, and which fields they have."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from mcap.records import Channel, Schema
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError
+from osl_analysis.formats.mcap.chunk import MessageBlock
+from osl_analysis.formats.mcap.mcap_file import McapFile
+from osl_analysis.formats.messages import cdr
+from osl_analysis.formats.messages.description import FieldDescription, describe_json
+from osl_analysis.formats.messages.json_messages import ByText
+from osl_analysis.formats.messages.leaves import Indices
+from osl_analysis.formats.messages.one_by_one import Values
+from osl_analysis.formats.messages.templates import ByShape
+
+Reader = ByShape | ByText
+ENCODINGS = (("cdr", "ros2msg"), ("protobuf", "protobuf"))  # of messages and their schema; JSON needs none
+
+
+@dataclass
+class ChannelReader:
+    """One channel's reader, and what it has read so far."""
+
+    channel: Channel
+    """Topic and encoding."""
+    schema: Schema | None
+    """Schema of the messages; None for JSON."""
+    reader: Reader
+    """Reads the wanted fields."""
+    parts: list[tuple[Indices, Values]] = field(default_factory=list)
+    """Places among the channel's messages, and values, of batches of messages."""
+    log_times: list[Indices] = field(default_factory=list)
+    """When the messages of each block were logged [ns]."""
+    sequences: list[NDArray[np.uint32]] = field(default_factory=list)
+    """Their sequence numbers."""
+    first: bytes = b""
+    """The first message, to list its fields."""
+    messages: int = 0
+    """Messages so far."""
+
+    def add(self, mine: MessageBlock) -> None:
+        """Read messages of a block, all of which are the channel's."""
+        if not self.messages:
+            self.first = mine.buffer[int(mine.starts[0]) : int(mine.starts[0] + mine.lengths[0])]
+        for rows, values in self.reader.read(mine.buffer, mine.starts, mine.lengths):
+            self.parts.append((self.messages + rows, values))
+        self.messages += mine.starts.size
+        self.log_times.append(mine.log_time)
+        self.sequences.append(mine.sequence)
+
+    def how(self) -> dict[str, Any]:
+        """How its messages were decoded, for the provenance."""
+        return {
+            "channel": self.channel.id,
+            "encoding": self.channel.message_encoding,
+            "messages": self.messages,
+            "one_by_one": self.reader.read_alone,
+            "misfits": self.reader.misfits,
+        }
+
+
+def describe_message(channel: Channel, schema: Schema | None, payload: bytes | None) -> list[FieldDescription]:
+    """The fields of a channel's message; without a message, the fields of its schema.
+
+    Raises
+    ------
+    InputError
+        The encoding is not read, or the message does not fit its schema.
+    """
+    check_encoding(channel, schema)
+    if channel.message_encoding == "json" or schema is None:
+        return describe_json(payload) if payload is not None else []
+    if channel.message_encoding == "cdr":
+        return cdr.describe_cdr(schema, payload)
+    from osl_analysis.formats.messages import protobuf  # costs time to import, and few logs need it
+
+    return protobuf.describe_protobuf(schema, payload)
+
+
+def names_of_fields(one: ChannelReader, path: str) -> str:
+    """The fields of a channel's first message, for a message to the user about `path`.
+
+    Where the path chooses an element by name, these are the names that its array has, if it has any.
+    """
+    try:
+        fields = describe_message(one.channel, one.schema, one.first)
+    except (ValueError, RecursionError):
+        fields = []
+    array, bracket, name = path.rpartition("[")
+    chosen = [field for field in fields if bracket and "=" in name and field.path == array and field.labels]
+    words = [field.addresses() if chosen else [field.in_words()] for field in chosen or fields if field.length != 0]
+    return ", ".join(one for several in words for one in several) or "none"
+
+
+def reader_of(file: McapFile, number: int, paths: Sequence[str], either: Collection[str]) -> ChannelReader:
+    """A reader for the messages of a channel.
+
+    Raises
+    ------
+    InputError
+        The encoding is not one that is read, or the schema cannot be read.
+    """
+    channel = file.declared.channels[number]
+    schema = file.declared.schemas.get(channel.schema_id)
+    check_encoding(channel, schema)
+    if channel.message_encoding == "json" or schema is None:
+        return ChannelReader(channel, schema, ByText(paths, either))
+    try:
+        if channel.message_encoding == "cdr":
+            return ChannelReader(channel, schema, cdr.cdr_reader(schema, paths))
+        from osl_analysis.formats.messages import protobuf
+
+        return ChannelReader(channel, schema, protobuf.protobuf_reader(schema, paths))
+    except InputError as error:
+        raise InputError(f"topic '{channel.topic}': {error}") from error
+
+
+def check_encoding(channel: Channel, schema: Schema | None) -> None:
+    """Refuse messages of an encoding that is not read."""
+    encoding = (channel.message_encoding, schema.encoding if schema else "no schema")
+    if encoding not in ENCODINGS and channel.message_encoding != "json":
+        raise InputError(
+            f"topic '{channel.topic}' is encoded as {encoding[0]} ({encoding[1]}); read are cdr (ros2msg), protobuf "
+            "(protobuf) and json: convert the log"
+        )

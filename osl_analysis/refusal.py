@@ -90,6 +90,15 @@ def distinct(refusals: Iterable[Refusal]) -> tuple[Refusal, ...]:
     return tuple(found.values())
 
 
+def refused_trials(refusals: Iterable[Refusal]) -> dict[str, Refusal]:
+    """The first cause of each trial, by trial."""
+    found: dict[str, Refusal] = {}
+    for refusal in refusals:
+        if refusal.trial:
+            found.setdefault(refusal.trial, refusal)
+    return found
+
+
 def forget_failures(folders: Iterable[Path]) -> None:
     """Delete the records below these folders that stand for a failed or killed job, so that it is tried again."""
     for folder in folders:

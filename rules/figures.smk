@@ -25,6 +25,17 @@ def time_series_trial() -> str:
     return CAMPAIGN.impedance_trial(TIME_SERIES.controller, TIME_SERIES.K_d, TIME_SERIES.B_d)
 
 
+def shown_rows(figure: str) -> list[Path]:
+    """The results of single trials that a figure shows; those that are missing are named below it."""
+    if figure == "fig4":
+        return []  # one trial, without which it is not drawn
+    if figure == "fig7":
+        sheet = CAMPAIGN.sheet.loc[CAMPAIGN.trials("impedance")]
+        shown = (sheet["K_d"] == RESPONSE.K_d) & (sheet["B_d"] == RESPONSE.B_d)
+        return rows("phasors", sheet.index[shown])
+    return rows_behind(FIGURES[figure].table)
+
+
 rule plot_numbers:
     input:
         table=lambda wildcards: RESULTS / f"tables/{FIGURES[wildcards.figure].table}.csv",
@@ -130,6 +141,7 @@ rule plot_numbers_impedance_over_stance:
 rule draw_figure:
     input:
         table_csv=RESULTS / "figures/{figure}.csv",
+        fitted=lambda wildcards: shown_rows(wildcards.figure),
     output:
         multiext(str(RESULTS / "figures/{figure}"), *(f".{suffix}" for suffix in SUFFIXES)),
     log:

@@ -44,6 +44,19 @@ def limits_of(table: str):
     return CONFIG.doubtful.of(table).model_dump(mode="json") if table in judged_tables() else None
 
 
+def all_rows() -> list[Path]:
+    """The results of single trials, of every kind."""
+    return [*crossings(CAMPAIGN.trials("walking")), *(path for table in PER_TRIAL for path in rows(table))]
+
+
+def rows_behind(table: str) -> list[Path]:
+    """The results of single trials that a table, which may be derived from others, is made of."""
+    if table in EXPERIMENTS["walking"].further_tables:
+        return [*crossings(CAMPAIGN.trials("walking")), *rows("walking")]
+    source = DERIVED.get(table, (table,))[0]
+    return rows(source) if source in PER_TRIAL else []
+
+
 rule table:
     input:
         rows=lambda wildcards: rows(wildcards.table),
@@ -54,7 +67,7 @@ rule table:
     log:
         RESULTS / "logs/tables/{table}.log",
     wildcard_constraints:
-        table="|".join(PER_TRIAL),
+        table="|".join(PER_TRIAL.keys() - {"quality"}),
     params:
         code=jobs.code_of("tables.gather"),
         limits=lambda wildcards: limits_of(wildcards.table),
@@ -97,6 +110,7 @@ rule gains_table:
 rule headline_numbers:
     input:
         tables=result_tables(),
+        excluded=RESULTS / "tables/excluded.csv",
     output:
         summary_json=RESULTS / "summary.json",
         numbers_tex=RESULTS / "numbers.tex",
@@ -105,6 +119,8 @@ rule headline_numbers:
     params:
         code=jobs.code("commands.summarise"),
         campaign=CONFIG.campaign,
+        trials={name: CAMPAIGN.trials(name) for name in EXPERIMENTS if CAMPAIGN.trials(name)},
     run:
         paths = {Path(table).stem: table for table in input.tables}
-        jobs.run_job(log, "summarise.write_summary", {"table_paths": paths}, output, params)
+        files = {"table_paths": paths, "excluded": input.excluded}
+        jobs.run_job(log, "summarise.write_summary", files, output, params)

@@ -65,9 +65,23 @@ rule check_quality:
         jobs.run_job(log, "quality.check_trial", input, output, params)
 
 
+rule quality_table:
+    input:
+        rows=checked(CAMPAIGN.trials()),
+    output:
+        RESULTS / "tables/quality.csv",
+    log:
+        RESULTS / "logs/tables/quality.log",
+    params:
+        code=jobs.code_of("quality.tabulate"),
+    run:
+        jobs.run_job(log, "quality.tabulate", input, output, params)
+
+
 rule excluded_trials:
     input:
         verdicts=RESULTS / "tables/quality.csv",
+        fitted=lambda wildcards: all_rows(),
     output:
         RESULTS / "tables/excluded.csv",
     log:

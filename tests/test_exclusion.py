@@ -7,13 +7,14 @@ import polars as pl
 import pytest
 from conftest import ROOT
 
-from osl_analysis.commands.quality import check_trial, list_excluded
+from osl_analysis.commands.quality import check_trial, list_excluded, tabulate
 from osl_analysis.commands.tables import gather
 from osl_analysis.config import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.exclusion import exclusion_report, without_excluded
 from osl_analysis.quality.checks import Commanded
 from osl_analysis.quality.settings import QualityRules
+from osl_analysis.refusal import Refusal
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, write_trial
 
@@ -59,6 +60,23 @@ def test_who_was_left_out_is_listed_and_told_with_value_threshold_and_remedy(che
     assert "plate_2 (unzeroed_plate 80.0" in told or "plate_2 (unzeroed_plate 79.9" in told
     assert "threshold 20" in told
     assert "`accept`" in told
+
+
+def test_a_trial_that_could_not_be_judged_is_in_both_lists_with_reason_and_remedy(checked: list[Path]) -> None:
+    lost = Refusal("plate_9", "p.c3d", "ingest.ingest_trial", "refused", "p.c3d: truncated", "export it again")
+    folder = checked[0].parent
+    for judged, n in (([], 0), (checked, 3)):
+        tabulate(judged, folder / "quality.csv", [lost])
+        table = read_table(
+            folder / "quality.csv", ["trial", "check", "value", "unit", "threshold", "verdict", "remark"]
+        )
+        assert table["trial"].n_unique() == n + 1
+        (row,) = table.filter(pl.col("verdict") == "refused").to_dicts()
+        assert (row["trial"], row["check"], row["value"]) == ("plate_9", "refused", None)
+        list_excluded(folder / "quality.csv", {}, folder / "excluded.csv", [lost])
+        listed = read_table(folder / "excluded.csv", ["trial", "check", "value", "unit", "threshold", "remark"])
+        assert listed["remark"][0] == "p.c3d: truncated; export it again"
+        assert listed["trial"].to_list() == ["plate_9", "plate_2"][: 1 + (n > 0)]
 
 
 def test_without_exclusions_nothing_is_told_and_the_list_is_empty(checked: list[Path]) -> None:

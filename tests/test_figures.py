@@ -30,9 +30,11 @@ from osl_analysis.figures import (
     fig9,
     impedance_over_stance,
     model_comparison,
+    not_drawn,
     walking_page,
 )
 from osl_analysis.figures.style import LOOKS, MAGENTA, ORANGE, PURPLE, SINGLE_COLUMN
+from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table
 
 K_S = 685.6
@@ -649,6 +651,31 @@ def test_a_table_without_a_column_is_refused_by_file_and_column_and_nothing_is_d
     with pytest.raises(InputError, match=rf"t\.csv: no column '{module.COLUMNS[-1]}'"):
         draw_figure(name, tmp_path / "t.csv", [tmp_path / "f.pdf"])
     assert [path.name for path in tmp_path.iterdir()] == ["t.csv"]
+
+
+def test_a_figure_without_numbers_says_so_with_trial_and_reason_and_equal_files_each_time(tmp_path):
+    lost = Refusal("i_1", "raw/i_1.mcap", "ingest", "refused", "raw/i_1.mcap: $no$ such_file^", "copy it")
+    write_refusals([lost], tmp_path / "fig4.csv")
+    outputs = [tmp_path / f"fig4.{suffix}" for suffix in ("pdf", "svg", "png")]
+    draw_figure("fig4", tmp_path / "fig4.csv", outputs, [lost])
+    first = [path.read_bytes() for path in outputs]
+    draw_figure("fig4", tmp_path / "fig4.csv", outputs, [lost])
+    assert [path.read_bytes() for path in outputs] == first
+    said = not_drawn.draw(pl.DataFrame([{"figure": "fig4", "trial": "i_1", "file": "", "reason": lost.reason}]))
+    assert [text.get_text() for text in said.texts] == [
+        "Fig. 4 is not drawn",
+        "trial i_1: raw/i_1.mcap: $no$ such_file^",
+    ]
+
+
+@pytest.mark.parametrize("name", ["fig6", "fig9"])
+def test_a_figure_names_below_it_the_trials_that_it_lacks(name):
+    figure = import_module(f"osl_analysis.figures.{name}").draw(plotted(name))
+    old = figure.get_supxlabel()
+    not_drawn.remark_missing(figure, [f"trial_{i}" for i in range(6)])
+    below = figure.get_supxlabel().replace("\n", " ")
+    assert below.startswith(old.replace("\n", " "))
+    assert below.endswith("Without 6 refused: trial_0, trial_1, trial_2, trial_3 and 2 more")
 
 
 def test_numbers_in_memory_are_drawn_as_a_file_of_the_format_that_its_suffix_names(tmp_path):

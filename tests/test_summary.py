@@ -6,9 +6,11 @@ import re
 import polars as pl
 import pytest
 
+from osl_analysis.commands.quality import list_excluded
 from osl_analysis.commands.summarise import format_results_table, read_summary, write_summary
 from osl_analysis.errors import InputError
 from osl_analysis.figures import fig9
+from osl_analysis.refusal import Refusal
 from osl_analysis.summary.headlines import (
     BOOTSTRAP,
     ENSEMBLE,
@@ -259,19 +261,56 @@ def test_files_are_written_from_the_tables_that_exist_and_read_back(tmp_path):
     for name, table in all_tables().items():
         paths[name] = tmp_path / f"{name}.csv"
         write_table(table, paths[name])
-    write_summary(
-        "made", paths | {"gains": tmp_path / "not_read.csv"}, tmp_path / "summary.json", tmp_path / "numbers.tex"
-    )
+    paths["gains"] = tmp_path / "not_read.csv"
+    files = {"summary_json": tmp_path / "summary.json", "numbers_tex": tmp_path / "numbers.tex"}
+    write_summary(campaign="made", table_paths=paths, **files)
     summary = read_summary(tmp_path / "summary.json")
-    assert summary == json.loads(to_json("made", headline_numbers(all_tables())))
+    complete = {"trials": {}, "missing_results": {}}
+    assert summary == json.loads(to_json("made", headline_numbers(all_tables()))) | complete
     assert (tmp_path / "numbers.tex").read_text() == to_tex("made", headline_numbers(all_tables()))
 
 
 def test_a_table_without_a_column_stops_the_summary_and_nothing_is_written(tmp_path):
     write_table(summary_rows(K_s=686.2).drop("low"), tmp_path / "belt.csv")
     with pytest.raises(InputError, match=r"belt\.csv: no column 'low'"):
-        write_summary("made", {"belt_summary": tmp_path / "belt.csv"}, tmp_path / "s.json", tmp_path / "n.tex")
+        write_summary(
+            campaign="made",
+            table_paths={"belt_summary": tmp_path / "belt.csv"},
+            summary_json=tmp_path / "s.json",
+            numbers_tex=tmp_path / "n.tex",
+        )
     assert [path.name for path in tmp_path.iterdir()] == ["belt.csv"]
+
+
+def test_missing_trials_are_counted_and_named_with_the_reason_in_every_form_of_the_summary(tmp_path):
+    """A belt trial is refused, an impedance trial excluded by a check, another by the sheet: that is not missing."""
+    lost = Refusal("b_1", "raw/b_1.mcap", "ingest", "refused", "raw/b_1.mcap: no such file", "copy it there")
+    walking = Refusal("", "t/walking.csv", "j", "refused", "t/walking.csv: 1 perturbation", "record more")
+    verdict = {"trial": "i_2", "check": "gap", "value": 0.071, "unit": "s", "threshold": 0.05, "verdict": "exclude"}
+    write_table(pl.DataFrame([verdict | {"remark": "theta"}]), tmp_path / "quality.csv")
+    list_excluded(tmp_path / "quality.csv", {"i_9": "stumbled"}, tmp_path / "excluded.csv", [lost, walking])
+    write_summary(
+        campaign="made",
+        table_paths={},
+        summary_json=tmp_path / "summary.json",
+        numbers_tex=tmp_path / "numbers.tex",
+        trials={"belt": ["b_1", "b_2"], "impedance": ["i_1", "i_2", "i_3"], "static": ["s"]},
+        excluded=tmp_path / "excluded.csv",
+        refused=[lost, walking],
+    )
+    summary = read_summary(tmp_path / "summary.json")
+    refused = "refused: raw/b_1.mcap: no such file; copy it there"
+    assert summary["trials"] == {
+        "belt": {"used": 1, "of": 2, "missing": {"b_1": refused}},
+        "impedance": {"used": 2, "of": 3, "missing": {"i_2": "gap 0.071 s, threshold 0.05"}},
+        "static": {"used": 1, "of": 1, "missing": {}},
+    }
+    said = format_results_table(summary).splitlines()
+    assert f"1 of 2 belt trials; without b_1 ({refused})" in said
+    assert said[-1] == "no t/walking.csv: 1 perturbation"
+    macros = (tmp_path / "numbers.tex").read_text()
+    assert "% 1 of 2 belt trials; without b_1\n% 2 of 3 impedance trials; without i_2\n% no t/walking.csv" in macros
+    assert "static" not in macros
 
 
 NUMBER = (

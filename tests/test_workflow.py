@@ -428,6 +428,13 @@ def test_tables_and_numbers_are_made_of_the_trials_that_are_left(laboratory):
     assert left_out["trial"] == laboratory.mistaken
     assert re.search(r"turns at \d\.\d+ s but the sheet says perturbed = false", left_out["reason"])
     assert not [path for path in (results / "tables").iterdir() if is_refused(path)]
+    assert [path.name for path in (results / "figures").iterdir() if is_refused(path)] == ["fig4.csv"]
+    excluded = table(laboratory, "excluded")
+    assert set(excluded.filter(pl.col("check").is_in(["refused", "died"]))["trial"]) == set(BAD)
+    trials = json.loads((results / "summary.json").read_text())["trials"]
+    counts = {name: (one["used"], one["of"]) for name, one in trials.items()}
+    assert (counts["belt"], counts["walking"], counts["plate"]) == ((1, 2), (6, 8), (3, 3))
+    assert "% 6 of 8 walking trials; without walking_04, walking_05\n" in (results / "numbers.tex").read_text()
     assert {path.stem for path in (results / "trials").iterdir() if is_refused(path)} == set(BAD) - {
         "impedance_K200_B5.0_compensated"
     }

@@ -52,7 +52,11 @@ def summary_section() -> str:
     fields = markdown(("field", "meaning"), SUMMARY_FIELDS.items())
     rows = ((f"`{label.name}`", label.unit, label.meaning) for label in all_labels())
     entries = markdown(("entry", "unit", "meaning"), rows)
-    text = "`campaign` is the name of the campaign. `numbers` has an entry per headline number, with these fields:"
+    text = (
+        "`campaign` is the name of the campaign. `trials` has for every experiment how many trials are `used`, of how "
+        "many (`of`), and the reason of each that is `missing`. `missing_results` has the reason of each result over "
+        "several trials that could not be computed. `numbers` has an entry per headline number, with these fields:"
+    )
     return f"## `summary.json`\n\n{text}\n\n{fields}\nThe entries:\n\n{entries}"
 
 

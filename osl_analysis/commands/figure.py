@@ -10,32 +10,42 @@ import polars as pl
 from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES, OTHER_DRAWINGS
 from osl_analysis.files import atomic_path
+from osl_analysis.refusal import Refusal, is_refused, read_refusals
 from osl_analysis.table import read_table, write_table
 
 METADATA: dict[str, dict[str, Any]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}, ".png": {}}
 """Formats that can be written, with the metadata that would hold the time removed: equal numbers give equal files."""
 
 
-def draw_figure(name: str, table_csv: Path, outputs: Sequence[Path]) -> None:
+def draw_figure(name: str, table_csv: Path, outputs: Sequence[Path], refused: Sequence[Refusal] = ()) -> None:
     """Draw the numbers of `table_csv` as figure `name` (one of `FIGURES`) into PDF, SVG or PNG files, by suffix.
+
+    `refused` are the causes of what the figure lacks. It names these trials; if there are no numbers, it says why.
 
     Raises
     ------
     InputError
         Unknown figure or suffix; the table is missing, has no rows or lacks a column.
     """
+    if is_refused(table_csv):
+        causes = [(name, cause.trial, cause.file, cause.reason) for cause in read_refusals(table_csv)]
+        columns = ("figure", "trial", "file", "reason")
+        draw_table("not_drawn", pl.DataFrame(causes, schema=columns, orient="row"), outputs)
+        return
     table = read_table(table_csv, required=figure_module(name).COLUMNS)
     if table.is_empty():
         raise InputError(f"{table_csv}: no rows to draw as {name}; does the campaign have trials of this experiment?")
-    draw_table(name, table, outputs)
+    draw_table(name, table, outputs, list(dict.fromkeys(cause.trial for cause in refused if cause.trial)))
 
 
-def draw_table(name: str, table: pl.DataFrame, outputs: Sequence[Path]) -> None:
-    """The same for numbers in memory; `name` is one of `FIGURES` or `OTHER_DRAWINGS`."""
+def draw_table(name: str, table: pl.DataFrame, outputs: Sequence[Path], missing: Sequence[str] = ()) -> None:
+    """The same for numbers in memory; `name` is one of `FIGURES` or `OTHER_DRAWINGS`. `missing` trials are named."""
     for path in outputs:
         if path.suffix not in METADATA:
             raise InputError(f"{path}: figures are written as {', '.join(METADATA)}; choose one of these suffixes")
     figure = figure_module(name).draw(table)
+    if missing:
+        figure_module("not_drawn").remark_missing(figure, missing)
     style = import_module("osl_analysis.figures.style")
     for path in outputs:
         with style.paper_style(), atomic_path(path) as temporary:

@@ -1,6 +1,6 @@
 """Quality control of one trial, and the list of those that it excludes."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import polars as pl
@@ -8,6 +8,7 @@ import polars as pl
 from osl_analysis.quality.checks import Commanded
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.quality.verdict import examine, quality_table
+from osl_analysis.refusal import Refusal, refused_trials
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 
@@ -25,9 +26,28 @@ def check_trial(
     write_table(quality_table(record.name, examine(record, experiment, commanded), rules, accept), output)
 
 
-def list_excluded(verdicts: Path, by_sheet: Mapping[str, str], output: Path) -> None:
-    """List the failed checks that exclude a trial, and the trials that the sheet excludes, with reasons."""
+def tabulate(rows: Sequence[Path], output: Path, refused: Sequence[Refusal] = ()) -> None:
+    """One table from the verdicts on single trials, with a row for every trial that could not be judged, and why."""
+    tables = [read_table(path) for path in rows]
+    write_table(pl.concat([*tables, refused_rows(refused, verdict="refused")], how="diagonal_relaxed"), output)
+
+
+def refused_rows(refused: Sequence[Refusal], **cells: str) -> pl.DataFrame:
+    """A row per refused trial, with its outcome as check and its reason and remedy as remark; `cells` are added."""
+    rows = [
+        {"trial": one.trial, "check": one.outcome, "remark": f"{one.reason}; {one.remedy}", **cells}
+        for one in refused_trials(refused).values()
+    ]
+    text, empty = pl.String(), pl.Null()
+    schema = {"trial": text, "check": text, "value": empty, "unit": empty, "threshold": empty}
+    return pl.DataFrame(rows, schema=schema | dict.fromkeys(cells, text) | {"remark": text})
+
+
+def list_excluded(verdicts: Path, by_sheet: Mapping[str, str], output: Path, refused: Sequence[Refusal] = ()) -> None:
+    """List every trial that is not used, with the reason: the failed checks that exclude it, why it was refused, or
+    what the sheet says.
+    """
     failed = read_table(verdicts).filter(pl.col("verdict") == "exclude").drop("verdict")
     rows = [{"trial": trial, "check": "sample sheet", "remark": reason} for trial, reason in by_sheet.items()]
     stated = pl.DataFrame(rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String))
-    write_table(pl.concat([failed, stated], how="diagonal_relaxed"), output)
+    write_table(pl.concat([refused_rows(refused), failed, stated], how="diagonal_relaxed"), output)

@@ -1,25 +1,40 @@
 """The summary of a campaign: headline numbers from its tables, as JSON, LaTeX macros and a table for people."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from pydantic import Field
+
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
-from osl_analysis.refusal import check_not_refused
+from osl_analysis.refusal import Refusal, check_not_refused
 from osl_analysis.summary.headlines import headline_numbers, needed_columns
 from osl_analysis.summary.text import to_json, to_markdown, to_tex
+from osl_analysis.summary.trials import missing_lines, missing_results, trials_content, trials_used
 from osl_analysis.table import read_table
 from osl_analysis.yaml_settings import Settings, validated
 
+NEEDED = ("trial", "check", "value", "unit", "threshold", "remark")
+"""Columns of `excluded.csv`."""
 REMEDY = "delete it and run `snakemake reproduce-all`"
 
 
-def write_summary(campaign: str, table_paths: Mapping[str, Path], summary_json: Path, numbers_tex: Path) -> None:
+def write_summary(
+    *,
+    campaign: str,
+    table_paths: Mapping[str, Path],
+    summary_json: Path,
+    numbers_tex: Path,
+    trials: Mapping[str, Sequence[str]] | None = None,
+    excluded: Path | None = None,
+    refused: Sequence[Refusal] = (),
+) -> None:
     """Write headline numbers of a campaign from the tables that it has, by their names.
 
-    Tables without headline numbers and without doubtful fits are ignored.
+    Tables without headline numbers and without doubtful fits are ignored. `trials` are those of each experiment,
+    `excluded` is the table of those that are not used, `refused` are the causes of tables that are missing.
 
     Raises
     ------
@@ -29,9 +44,11 @@ def write_summary(campaign: str, table_paths: Mapping[str, Path], summary_json: 
     needed = {name: needed_columns(name) for name in table_paths}
     tables = {name: read_table(table_paths[name], required=columns) for name, columns in needed.items() if columns}
     headlines = headline_numbers(tables)
+    used = trials_used(trials or {}, read_table(excluded, NEEDED)) if excluded else []
+    missing = {"trials": trials_content(used), "missing_results": missing_results(refused)}
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
-        json_path.write_text(to_json(campaign, headlines), encoding="utf-8")
-        tex_path.write_text(to_tex(campaign, headlines), encoding="utf-8")
+        json_path.write_text(to_json(campaign, headlines, missing), encoding="utf-8")
+        tex_path.write_text(to_tex(campaign, headlines, missing_lines(missing, reasons=False)), encoding="utf-8")
 
 
 class Number(Settings):
@@ -52,10 +69,20 @@ class Number(Settings):
     amplitudes_high: float | None = None
 
 
+class Trials(Settings):
+    """The trials of one experiment."""
+
+    used: int
+    of: int
+    missing: dict[str, str]
+
+
 class Summary(Settings):
     """The summary of a campaign."""
 
     campaign: str
+    trials: dict[str, Trials] = Field(default_factory=dict)
+    missing_results: dict[str, str] = Field(default_factory=dict)
     numbers: dict[str, Number]
 
 
@@ -84,5 +111,8 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
 
 
 def format_results_table(summary: Mapping[str, Any]) -> str:
-    """The campaign's name and a Markdown table of its numbers: quantity, value, interval, n and the draft's value."""
-    return f"Campaign {summary['campaign']}\n\n{to_markdown(summary['numbers'])}"
+    """The campaign's name, a Markdown table of its numbers (quantity, value, interval, n, the draft's value), and which
+    trials and results are missing.
+    """
+    missing = "".join(f"\n{line}\n" for line in missing_lines(summary, reasons=True))
+    return f"Campaign {summary['campaign']}\n\n{to_markdown(summary['numbers'])}{missing}"

@@ -40,8 +40,9 @@ def read_figures(path: Path) -> dict[str, CampaignFigure]:
 FIGURES = read_figures(Path(__file__).with_name("figures.yaml"))
 """The figures of a campaign by name."""
 
-OTHER_DRAWINGS = ("torque", "gain_grid", "gain_map", "study")
-"""Modules with drawings that are not figures of a campaign: a single fit, requested gains, the Monte Carlo study."""
+OTHER_DRAWINGS = ("torque", "gain_grid", "gain_map", "study", "not_drawn")
+"""Modules with drawings that are not figures of a campaign: a single fit, requested gains, the Monte Carlo study, and
+the page in place of a figure that cannot be drawn."""
 
 
 def drawn_figures(tables: Collection[str], setting: Callable[[str], Any]) -> list[CampaignFigure]:

@@ -17,8 +17,10 @@ SMALLEST_PLAIN = 1e-4
 """Numbers smaller than this are written with a power of ten."""
 
 
-def to_json(campaign: str, headlines: Sequence[Headline]) -> str:
+def to_json(campaign: str, headlines: Sequence[Headline], missing: Mapping[str, Any] | None = None) -> str:
     """The name of the campaign, and under `numbers` an object per headline number, in full precision.
+
+    `missing` are further entries: which trials and results are missing.
 
     Null where there is no interval or the draft has no value; only numbers with a range over single amplitudes have it.
     """
@@ -26,15 +28,17 @@ def to_json(campaign: str, headlines: Sequence[Headline]) -> str:
         h.name: {key: getattr(h, key) for key in (*KEPT, *(AMPLITUDES if h.amplitudes_low is not None else ()))}
         for h in headlines
     }
-    return json.dumps({"campaign": campaign, "numbers": numbers}, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    content = {"campaign": campaign, **(missing or {}), "numbers": numbers}
+    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def to_tex(campaign: str, headlines: Sequence[Headline]) -> str:
+def to_tex(campaign: str, headlines: Sequence[Headline], remarks: Sequence[str] = ()) -> str:
     r"""Macros such as `\oslBeltStiffness`, with `Low` and `High` where there is an interval, rounded, without unit.
 
-    Each line ends in a comment, so that reading the file puts no space into the text.
+    Each line ends in a comment, so that reading the file puts no space into the text. `remarks` are comments too.
     """
     lines = [f"% Headline numbers of campaign {campaign}, by osl-analysis; \\input this file and use the macros."]
+    lines += [f"% {remark}" for remark in remarks]
     for h in headlines:
         digits = decimals(h.value, *rounded_by(asdict(h)))
         finer = told_apart(h.low, h.high, digits)

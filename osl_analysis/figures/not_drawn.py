@@ -1,0 +1,38 @@
+"""The page in place of a figure that cannot be drawn, and the remark below one that lacks trials."""
+
+import textwrap
+from collections.abc import Sequence
+
+import polars as pl
+from matplotlib.figure import Figure
+
+from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, GREY, paper_style
+
+COLUMNS = ("figure", "trial", "file", "reason")
+CHARACTERS_PER_INCH = 17
+"""Of the text below a figure."""
+MOST_NAMED = 4
+"""Trials that the remark below a figure names."""
+
+
+@paper_style()
+def draw(table: pl.DataFrame) -> Figure:
+    """Which figure is missing, and because of which trials and files: a row per cause."""
+    name = str(table["figure"][0])
+    title = f"Fig. {name.removeprefix('fig')}" if name.startswith("fig") else f"The figure {name}"
+    causes = [f"trial {row['trial']}: {row['reason']}" if row["trial"] else f"{row['file']}: {row['reason']}"
+              for row in table.iter_rows(named=True)]  # fmt: skip
+    lines = [line for cause in causes for line in textwrap.wrap(cause, int(DOUBLE_COLUMN * CHARACTERS_PER_INCH))]
+    figure = Figure(figsize=(DOUBLE_COLUMN, 0.6 + 0.14 * len(lines)))
+    figure.text(0.02, 0.95, f"{title} is not drawn", color=BLACK, fontsize=11, va="top")
+    below = 1 - 0.4 / figure.get_figheight()
+    figure.text(0.02, below, "\n".join(lines), color=GREY, va="top", parse_math=False)
+    return figure
+
+
+def remark_missing(figure: Figure, trials: Sequence[str]) -> None:
+    """Name below a figure the trials that it lacks."""
+    more = f" and {len(trials) - MOST_NAMED} more" if len(trials) > MOST_NAMED else ""
+    text = f"Without {len(trials)} refused: {', '.join(trials[:MOST_NAMED])}{more}"
+    lines = textwrap.wrap(text, int(figure.get_figwidth() * CHARACTERS_PER_INCH))
+    figure.supxlabel("\n".join([line for line in (figure.get_supxlabel(), *lines) if line]), fontsize=8)

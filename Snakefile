@@ -30,7 +30,7 @@ try:
     CONFIG = campaign_config(config, [Path(os.path.relpath(f)) for f in reversed(workflow.configfiles)])
     CAMPAIGN = open_campaign(CONFIG, planned_sheet(CONFIG.simulation, CONFIG.sheet) if CONFIG.simulation else None)
     CAMPAIGN.check()
-    SIMULATION_FILES = settings_files(CONFIG.simulation) if CONFIG.simulation else []
+    SIMULATION_FILES = settings_files(CONFIG.simulation, CONFIG.shared()) if CONFIG.simulation else []
 except OslAnalysisError as error:
     sys.exit(f"error: {error}")  # an exception would be printed with the line of this file and a traceback
 

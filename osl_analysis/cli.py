@@ -36,14 +36,22 @@ def main() -> None:
     help="What to simulate: experiments, protocol [Hz, deg], imperfections with their units, seed.",
 )
 @click.option("--trial", help="Name of a single trial of the plan; default: the whole campaign.")
-def simulate(folder: Path, settings: Path, trial: str | None) -> None:
+@click.option(
+    "--config",
+    "config_path",
+    type=FILE,
+    help="Take parameters, protocol, gain weight and desired impedance from this configuration, as snakemake does.",
+)
+def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path | None) -> None:
     """Simulate a campaign into FOLDER: sample sheet, MCAP and C3D logs, and the truth beside them."""
-    from osl_analysis.commands.simulate import simulate_campaign, simulate_trial
+    from osl_analysis.commands.simulate import NOTHING, simulate_campaign, simulate_trial
+    from osl_analysis.config import read_config
 
+    followed = NOTHING if config_path is None else read_config(config_path).shared()
     if trial is None:
-        simulate_campaign(settings, folder)
+        simulate_campaign(settings, folder, followed)
     else:
-        simulate_trial(settings, folder, trial)
+        simulate_trial(settings, folder, trial, followed)
 
 
 @main.command(

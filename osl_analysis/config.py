@@ -9,24 +9,10 @@ from pydantic import Field
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison
 from osl_analysis.doubtful import DoubtfulFits
 from osl_analysis.errors import InputError
-from osl_analysis.model.admittance_error import FASTEST_HZ, HIGHEST_ORDER, SLOWEST_HZ, Weight
 from osl_analysis.quality.settings import QualityRules
+from osl_analysis.shared_choices import FOLLOWED, FollowedProtocol, SharedChoices, WeightSettings
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
 from osl_analysis.yaml_settings import Model, Positive, Settings, read_mapping, validated
-
-
-class WeightSettings(Settings):
-    """W of Eq. 14, the Butterworth low-pass with which the laboratory selected its gains."""
-
-    cutoff_hz: Annotated[float, Field(ge=SLOWEST_HZ, le=FASTEST_HZ)]
-    """Cut-off [Hz]."""
-    order: Annotated[int, Field(ge=1, le=HIGHEST_ORDER)]
-    """Order."""
-
-    @property
-    def weight(self) -> Weight:
-        """The weight W of these settings."""
-        return Weight(self.cutoff_hz, self.order)
 
 
 class TimeSeriesFigure(Settings):
@@ -143,6 +129,18 @@ class Config(Settings):
     study: StudySettings
     """The Monte Carlo study."""
 
+    def shared(self, experiment: str | None = None) -> SharedChoices:
+        """What the simulator follows in the trials of one experiment, or in all (None)."""
+        bench = self.dynamometer.model_dump(include=set(FollowedProtocol.model_fields))
+        every = {
+            "parameters": self.parameters,
+            "gain_weight": self.gain_weight,
+            "protocol": FollowedProtocol.model_validate(bench),
+            "impedance_trajectory": self.impedance_trajectory,
+        }
+        used = every if experiment is None else FOLLOWED.get(experiment, ())
+        return SharedChoices.model_validate({name: every[name] for name in used})
+
 
 DEFAULT_CONFIG = Path("config/config.yaml")
 """The default configuration, relative to the folder in which the pipeline runs."""
@@ -170,6 +168,18 @@ def read_campaign_section(path: Path, section: str, model: type[Model]) -> Model
     if unknown:
         raise InputError(f"{path}: unknown field '{unknown[0]}'; give a configuration, or fields that override it")
     return validated(content[section], model, path)
+
+
+def read_config(path: Path) -> Config:
+    """A whole configuration from a file that may override fields of the default only.
+
+    Raises
+    ------
+    InputError
+        As `campaign_config`.
+    """
+    default = read_mapping(DEFAULT_CONFIG) if DEFAULT_CONFIG.is_file() else {}
+    return validated(overriding(default, read_mapping(path)), Config, path)
 
 
 def read_section(path: Path, section: str, model: type[Model]) -> Model:

@@ -41,5 +41,6 @@ if CONFIG.simulation:
                 settings_path=str(CONFIG.simulation),
                 campaign_folder=str(RAW),
                 trial="{trial}",
+                followed=CONFIG.shared(experiment).model_dump(mode="json"),
             run:
                 jobs.run_job(log, "simulate.simulate_trial", input, {}, params, output)

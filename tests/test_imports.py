@@ -10,7 +10,7 @@ COMMON = {"errors", "trial", "measured"}
 MAY_IMPORT = {
     "model": COMMON | {"model", "parameters"},
     "simulator": COMMON
-    | {"simulator", "model", "parameters", "columns", "sheet", "yaml_settings", "files"}
+    | {"simulator", "shared_choices", "model", "parameters", "columns", "sheet", "yaml_settings", "files"}
     | {"trajectory", "experiments"},
     "formats": COMMON | {"formats"},
     "ingest": COMMON | {"ingest", "formats", "columns", "signals", "yaml_settings"},

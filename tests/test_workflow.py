@@ -264,7 +264,6 @@ CROSSINGS = {"identify_plate", "analyse_crossing", "select_crossings", "average_
             {"dynamometer": PROTOCOL | {"settle_cycles": 1}},
             (BENCH | RIVALS) - {"fit_belt_trial", "compare_belt_models"},
         ),
-        ({"gain_weight": {"order": 2}}, {"fit_impedance_trial", "compare_impedance_models", "gains_table"}),
         ({"actuator": {"slowest": 0.6}}, {"fit_actuator_trial"}),
         ({"model_comparison": {"sign_width": 0.06}}, RIVALS - {"compare_belt_models"}),
         ({"walking": {"bootstrap_samples": 200}}, {"summarise_walking"}),
@@ -281,6 +280,15 @@ def test_a_changed_setting_reruns_the_jobs_that_use_it_and_no_others(workspace, 
     first = BENCH | RIVALS | CROSSINGS | {"ingest", "check_quality", "calibrate_markers", "fit_actuator_trial"}
     follows = first - {"check_quality", "ingest"} if "check_quality" in fits else set()
     assert set(planned) & (first | {"gains_table", "summarise_walking"}) - follows <= fits | {"summarise_walking"}
+
+
+def test_a_changed_gain_weight_simulates_the_controlled_leg_anew_and_nothing_else(workspace):
+    workspace.configure({"gain_weight": {"order": 2}})
+    planned = workspace.planned()
+    workspace.configure({})
+    assert {"simulate_impedance", "simulate_walking", "fit_impedance_trial", "gains_table"} <= set(planned)
+    others = {"simulate_belt", "simulate_transmission", "simulate_actuator", "simulate_static", "simulate_plate"}
+    assert not set(planned) & (others | {"fit_belt_trial", "fit_transmission_trial", "fit_actuator_trial"})
 
 
 @pytest.mark.parametrize(

@@ -21,9 +21,10 @@ from osl_analysis.bench.plausibility import (
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, DynamometerAnalysis, SteppedSineAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.transmission import transmission_series, transmission_table
-from osl_analysis.config import WeightSettings, read_campaign_section
+from osl_analysis.config import read_campaign_section
 from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.parameters import read_parameters
+from osl_analysis.shared_choices import WeightSettings
 from osl_analysis.table import finite_or_null
 from osl_analysis.trial import Array, Trial, read_trial
 from osl_analysis.yaml_settings import Settings

@@ -10,12 +10,15 @@ from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.files import atomic_path
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
+from osl_analysis.shared_choices import SharedChoices
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.yaml_settings import read_yaml
+from osl_analysis.yaml_settings import read_yaml, validated
 
 TRUTH = "truth"
+NOTHING = SharedChoices()
+"""No configuration to follow: the settings alone decide."""
 
 
 def check_folder(folder: Path) -> None:
@@ -61,23 +64,52 @@ def write_sheet(settings_path: Path, sheet: Path) -> None:
         plan.to_csv(path, index=False)
 
 
-def settings_files(settings_path: Path) -> list[Path]:
-    """The files that decide what is simulated: the settings and those that they name.
+def settings_files(settings_path: Path, followed: SharedChoices = NOTHING) -> list[Path]:
+    """The files that decide what is simulated: the settings and those that they, or the `followed` choices, name.
 
     Raises
     ------
     InputError
         One of them is missing or not valid.
     """
-    settings = read_yaml(settings_path, SimulationSettings)
+    settings = read_simulation(settings_path, followed)
     files = [settings_path, settings.parameters]
     if settings.walking is not None:
-        files += [settings.walking, read_yaml(settings.walking, WalkingSettings).impedance]
+        files += [settings.walking, read_laboratory(settings, settings.walking, followed).impedance]
     return files
 
 
-def simulate_trial(settings_path: Path, campaign_folder: Path, trial: str) -> None:
+def read_simulation(settings_path: Path, followed: SharedChoices) -> SimulationSettings:
+    """The settings of a simulated campaign, with what its configuration decides in place of their own.
+
+    Raises
+    ------
+    InputError
+        They are not valid, or not with what the configuration decides.
+    """
+    settings = read_yaml(settings_path, SimulationSettings)
+    chosen: dict[str, Any] = {}
+    if followed.parameters is not None:
+        chosen["parameters"] = followed.parameters
+    if followed.gain_weight is not None:
+        chosen["gain_weight"] = followed.gain_weight.model_dump()
+    if followed.protocol is not None:
+        chosen["protocol"] = settings.protocol.model_dump() | followed.protocol.schedule()
+    return validated(settings.model_dump() | chosen, SimulationSettings, settings_path) if chosen else settings
+
+
+def read_laboratory(settings: SimulationSettings, walking: Path, followed: SharedChoices) -> WalkingSettings:
+    """The gait laboratory of a simulated campaign, whose gains are selected as on the bench."""
+    chosen: dict[str, Any] = {"gain_weight": settings.gain_weight}
+    if followed.impedance_trajectory is not None:
+        chosen["impedance"] = followed.impedance_trajectory
+    return read_yaml(walking, WalkingSettings).model_copy(update=chosen)
+
+
+def simulate_trial(settings_path: Path, campaign_folder: Path, trial: str, followed: SharedChoices = NOTHING) -> None:
     """Simulate one trial of the plan: its logs where the sheet says, and `truth/<trial>.json`.
+
+    What the campaign's configuration decides (`followed`) replaces what the settings have.
 
     Raises
     ------
@@ -85,18 +117,16 @@ def simulate_trial(settings_path: Path, campaign_folder: Path, trial: str) -> No
         The settings are not valid, or plan no such trial.
     """
     check_folder(campaign_folder)
-    settings = read_yaml(settings_path, SimulationSettings)
-    p = read_parameters(settings.parameters)
-    record_trial(row_of_trial(settings, settings_path, trial), settings, p, campaign_folder)
+    settings = read_simulation(settings_path, followed)
+    record_trial(row_of_trial(settings, settings_path, trial), settings, followed, campaign_folder)
 
 
-def simulate_campaign(settings_path: Path, campaign_folder: Path) -> None:
+def simulate_campaign(settings_path: Path, campaign_folder: Path, followed: SharedChoices = NOTHING) -> None:
     """Write the sample sheet and simulate all of its trials, one after the other."""
-    settings = read_yaml(settings_path, SimulationSettings)
-    p = read_parameters(settings.parameters)
+    settings = read_simulation(settings_path, followed)
     write_sheet(settings_path, campaign_folder / "trials.csv")
     for row in plan_trials(settings).to_dict("records"):
-        record_trial({str(k): v for k, v in row.items()}, settings, p, campaign_folder)
+        record_trial({str(k): v for k, v in row.items()}, settings, followed, campaign_folder)
 
 
 def row_of_trial(settings: SimulationSettings, settings_path: Path, trial: str) -> dict[str, Any]:
@@ -112,15 +142,16 @@ def row_of_trial(settings: SimulationSettings, settings_path: Path, trial: str) 
 
 
 def record_trial(
-    row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, campaign_folder: Path
+    row: Mapping[str, Any], settings: SimulationSettings, followed: SharedChoices, campaign_folder: Path
 ) -> None:
     """Simulate the trial of one row and let its recorders write."""
+    p = read_parameters(settings.parameters)
     if EXPERIMENTS[row["experiment"]].log == "dynamometer":
         record_bench_trial(row, settings, p, campaign_folder)
     elif row["experiment"] == "actuator":
         record_actuator_trial(row, settings, p, campaign_folder)
     else:
-        record_laboratory_trial(row, settings, p, campaign_folder)
+        record_laboratory_trial(row, settings, followed, campaign_folder)
 
 
 def record_bench_trial(
@@ -150,12 +181,12 @@ def record_actuator_trial(
 
 
 def record_laboratory_trial(
-    row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, campaign_folder: Path
+    row: Mapping[str, Any], settings: SimulationSettings, followed: SharedChoices, campaign_folder: Path
 ) -> None:
     """A trial of the gait laboratory, whose simulator has its own recorders."""
     from osl_analysis.simulator.walking import simulate_walking_trial
 
     if settings.walking is None:
         raise InputError(f"trial '{row['trial']}': the settings name no 'walking' file; add it")
-    walking = read_yaml(settings.walking, WalkingSettings)
+    walking, p = read_laboratory(settings, settings.walking, followed), read_parameters(settings.parameters)
     simulate_walking_trial(row, settings, walking, p, campaign_folder)

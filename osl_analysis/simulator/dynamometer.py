@@ -72,7 +72,8 @@ def simulate_dynamometer_trial(
             torque = second_order_torque(settings.joint, motion, settings.dynamometer.rate_hz)
             response = BenchResponse(still, still, torque)
         else:
-            gains = select_gains(str(row["controller"]), float(row["K_d"]), float(row["B_d"]), p)
+            weight = settings.gain_weight.weight
+            gains = select_gains(str(row["controller"]), float(row["K_d"]), float(row["B_d"]), p, weight)
             response = simulate_impedance(settings.dynamometer.rate_hz, motion, gains, drivetrain_effects(settings), p)
     log, drawn = recorded_dynamometer(trial, command, motion, response, settings)
     return log, bench_truth(trial, settings, p, gains, drawn)

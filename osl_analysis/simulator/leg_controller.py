@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.model.compensator import PAPER_WEIGHT, check_request, stiffness_gain
+from osl_analysis.model.admittance_error import Weight
+from osl_analysis.model.compensator import check_request, stiffness_gain
 from osl_analysis.model.gain_selection import optimal_damping
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.simulator import gait
@@ -21,7 +22,7 @@ B_1_GRID = 50
 
 @lru_cache(maxsize=32)
 def compensated_damping(
-    path: Path, K_d: float | None, B_d: float | None, p: DrivetrainParameters
+    path: Path, K_d: float | None, B_d: float | None, p: DrivetrainParameters, weight: Weight
 ) -> tuple[Array, Array]:
     """A grid of phases, and B_1 [N*m*s/rad] (Eq. 14) at these. A grid is enough because B_1 is a smooth curve."""
     desired = Condition(K_d=K_d, B_d=B_d).desired(path)
@@ -29,7 +30,7 @@ def compensated_damping(
     stiffness, damping = desired.at(desired.K_d, grid), desired.at(desired.B_d, grid)
     # at() is periodic, so the grid's last point is its first
     check_request(stiffness, damping, p)
-    B_1 = optimal_damping(stiffness[:-1], damping[:-1], p, PAPER_WEIGHT).B_1
+    B_1 = optimal_damping(stiffness[:-1], damping[:-1], p, weight).B_1
     return grid, np.array([*B_1, B_1[0]])
 
 
@@ -44,7 +45,7 @@ def walking_commands(
     c, desired = step.cycle_phase(time[::stride]), condition.desired(walking.impedance)
     K_d, B_d = desired.at(desired.K_d, c), desired.at(desired.B_d, c)
     if compensates:
-        damping = compensated_damping(walking.impedance, condition.K_d, condition.B_d, p)
+        damping = compensated_damping(walking.impedance, condition.K_d, condition.B_d, p, walking.gain_weight.weight)
         K_1, B_1 = stiffness_gain(K_d, p), np.interp(np.mod(c, 1.0), *damping)
     else:
         K_1, B_1 = K_d / p.n_T**2, B_d / p.n_T**2

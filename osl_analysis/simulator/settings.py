@@ -8,6 +8,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from osl_analysis.shared_choices import PAPER, WeightSettings
 from osl_analysis.simulator.condition_settings import Conditions
 from osl_analysis.simulator.effect import NotNegative, Positive
 from osl_analysis.simulator.effect_settings import Effects, SecondOrderJoint
@@ -116,6 +117,10 @@ class SimulationSettings(Settings):
     """The schedule of actuator trials."""
     walking: Path | None = None
     """Settings file of the gait laboratory."""
+    gain_weight: WeightSettings = PAPER
+    """W of Eq. 14, with which the leg's gains are selected. That of a campaign's configuration replaces it.
+
+    So do its `parameters`, its `impedance_trajectory`, and the frequencies, amplitudes and cycles of `dynamometer`."""
 
     @model_validator(mode="after")
     def _actuator_is_described(self) -> Self:

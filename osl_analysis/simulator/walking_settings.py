@@ -10,6 +10,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
+from osl_analysis.shared_choices import PAPER, WeightSettings
 from osl_analysis.simulator.capture_settings import CaptureSettings
 from osl_analysis.simulator.effect import NotNegative, Positive
 from osl_analysis.simulator.gait_changes import StepChange
@@ -148,5 +149,7 @@ class WalkingSettings(Settings):
     """Every imperfection of gait and gait laboratory."""
     changes: tuple[StepChange, ...] = ()
     """What makes some crossings differ from the others."""
+    gain_weight: WeightSettings = PAPER
+    """W of Eq. 14 with which the leg's gains are selected; that of the simulated campaign replaces it."""
     capture: CaptureSettings = CaptureSettings()
     """How the C3D file is recorded."""

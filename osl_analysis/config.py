@@ -167,7 +167,7 @@ def read_campaign_section(path: Path, section: str, model: type[Model]) -> Model
     unknown = [name for name in content if name not in Config.model_fields]
     if unknown:
         raise InputError(f"{path}: unknown field '{unknown[0]}'; give a configuration, or fields that override it")
-    return validated(content[section], model, path)
+    return validated(content[section], model, path, (DEFAULT_CONFIG, path), (section,))
 
 
 def read_config(path: Path) -> Config:
@@ -193,7 +193,7 @@ def read_section(path: Path, section: str, model: type[Model]) -> Model:
     content = read_mapping(path)
     if section not in content:
         raise InputError(f"{path}: no section '{section}'; give a configuration like config/config.yaml")
-    return validated(content[section], model, path)
+    return validated(content[section], model, path, (path,), (section,))
 
 
 def campaign_config(content: Any, files: Sequence[Path]) -> Config:
@@ -206,4 +206,4 @@ def campaign_config(content: Any, files: Sequence[Path]) -> Config:
     """
     for file in files:
         read_mapping(file)
-    return validated(content, Config, Path(" overridden by ".join(map(str, files))))
+    return validated(content, Config, Path(" overridden by ".join(map(str, files))), files)

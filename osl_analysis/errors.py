@@ -1,6 +1,7 @@
 """Errors that the user can correct. Every message is one line with the cause and the remedy."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
 
 
 def printable(text: str) -> str:
@@ -12,6 +13,16 @@ def listing(names: Sequence[str], most: int = 40) -> str:
     """Names for a message to the user, at most `most` of them."""
     more = f", ... ({len(names)} in all)" if len(names) > most else ""
     return (", ".join(names[:most]) or "none") + more
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The end of a message about an unknown name: a question with the most similar known name; empty without one.
+
+    Names that differ by capitals alone are similar.
+    """
+    folded = {one[:80].casefold(): one for one in known}
+    near = get_close_matches(name[:80].casefold(), folded, n=1, cutoff=0.6)
+    return f"; did you mean '{folded[near[0]]}'?" if near else ""
 
 
 class OslAnalysisError(ValueError):

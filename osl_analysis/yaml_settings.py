@@ -1,13 +1,15 @@
 """Validated YAML files: a wrong field becomes one line that names file, field, value and remedy."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypeVar
+from types import UnionType
+from typing import Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.errors import InputError, OslAnalysisError, nearest
+from osl_analysis.yaml_places import Place, located
 
 Positive = Annotated[float, Field(gt=0)]
 """A number above zero."""
@@ -52,15 +54,18 @@ class Settings(BaseModel):
 Model = TypeVar("Model", bound=Settings)
 
 
-def read_yaml(path: Path, model: type[Model]) -> Model:
-    """Read a YAML file into a validated model.
+def read_yaml(path: Path, model: type[Model], first: Callable[[Path, dict[str, Any]], None] | None = None) -> Model:
+    """Read a YAML file into a validated model. `first` may refuse its content before that.
 
     Raises
     ------
     InputError
         The file is missing, is not YAML, or a field is unknown, absent or of a wrong value.
     """
-    return validated(read_mapping(path), model, path)
+    content = read_mapping(path)
+    if first is not None:
+        first(path, content)
+    return validated(content, model, path)
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
@@ -91,24 +96,48 @@ def read_mapping(path: Path) -> dict[str, Any]:
     return content
 
 
-def validated(content: Any, model: type[Model], path: Path) -> Model:
-    """The content of a configuration file as a model; `path` is for messages."""
+def validated(
+    content: Any, model: type[Model], path: Path, files: Sequence[Path] | None = None, above: Place = ()
+) -> Model:
+    """The content of a configuration file as a model.
+
+    For messages: `path`, the `files` whose lines are named (default: `path`), and the keys `above` the content.
+    """
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        raise InputError(f"{path}: {explain(error, model)}") from error
+        text, place = explain(error, model)
+        line = located([Path(path)] if files is None else files, (*above, *place)) if place else ""
+        raise InputError(f"{path}: {line}{text}") from error
 
 
-def explain(error: ValidationError, model: type[BaseModel]) -> str:
-    """The first problem of a validation error, as one sentence with field, value and remedy.
+def explain(error: ValidationError, model: type[BaseModel]) -> tuple[str, Place]:
+    """The first problem of a validation error as one sentence with field, value and remedy, and the field's place.
 
-    An old name of a field is reported before all other problems, because it also causes the problem that the new name
-    is missing.
+    An old name of a field is reported before all other problems, and a name like that of a field before the rest,
+    because both also cause the problem that the right name is missing.
     """
     problems = error.errors()
-    renamed = next(filter(None, (new_name(model, problem["loc"]) for problem in problems)), None)
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    return renamed or described(problems[0], model) + more
+    for problem in problems:
+        renamed = new_name(model, problem["loc"])
+        if renamed is not None:
+            return renamed, problem["loc"]
+    first = next((problem for problem in problems if misspelt(problem, model)), problems[0])
+    return described(first, model) + more, place_of(first)
+
+
+def place_of(problem: Mapping[str, Any]) -> Place:
+    """The field of a problem. A check of several fields states the one that it means as `place` in its context."""
+    return (*problem["loc"], *problem.get("ctx", {}).get("place", ()))
+
+
+def misspelt(problem: Mapping[str, Any], model: type[BaseModel]) -> str:
+    """A question for the field that an unknown one was meant to be; empty if none is like it."""
+    if problem["type"] != "extra_forbidden":
+        return ""
+    inner = model_at(model, problem["loc"][:-1])
+    return nearest(str(problem["loc"][-1]), inner.model_fields if inner else ())
 
 
 def new_name(model: type[BaseModel], place: Sequence[int | str]) -> str | None:
@@ -123,9 +152,10 @@ def new_name(model: type[BaseModel], place: Sequence[int | str]) -> str | None:
 
 def described(problem: Mapping[str, Any], model: type[BaseModel]) -> str:
     """One problem that pydantic found, as a sentence."""
-    place = dotted(problem["loc"]) or "the file"
+    place = dotted(place_of(problem)) or "the file"
     if problem["type"] == "extra_forbidden":
-        return f"unknown field '{place}'; the known ones are {known_fields(model, problem['loc'][:-1])}"
+        known = known_fields(model, problem["loc"][:-1])
+        return f"unknown field '{place}'; the known ones are {known}{misspelt(problem, model)}"
     if problem["type"] == "missing":
         return f"field '{place}' is missing; add it"
     reason = problem["msg"].removeprefix("Value error, ")
@@ -146,10 +176,17 @@ def known_fields(model: type[BaseModel], place: Sequence[int | str]) -> str:
 
 def model_at(model: type[BaseModel], place: Sequence[int | str]) -> type[BaseModel] | None:
     """The model of the mapping at `place`; None if it has no model, for example in a list."""
+    here: Any = model
     for name in place:
-        field = model.model_fields.get(str(name))
-        inner = field.annotation if field else None
-        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
-            return None
-        model = inner
-    return model
+        if is_model(here):
+            field = here.model_fields.get(str(name))
+            here = field.annotation if field else None
+        else:
+            here = get_args(here)[-1] if get_origin(here) in (dict, Mapping) else None
+        here = next(filter(is_model, get_args(here)), here) if get_origin(here) in (Union, UnionType) else here
+    return here if is_model(here) else None
+
+
+def is_model(annotation: Any) -> bool:
+    """Whether the annotation of a field is a model."""
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)

@@ -13,7 +13,7 @@ MAY_IMPORT = {
     | {"simulator", "shared_choices", "model", "parameters", "columns", "sheet", "yaml_settings", "files"}
     | {"trajectory", "experiments"},
     "formats": COMMON | {"formats"},
-    "ingest": COMMON | {"ingest", "formats", "columns", "signals", "yaml_settings"},
+    "ingest": COMMON | {"ingest", "formats", "columns", "signals", "yaml_places", "yaml_settings"},
     "stats": COMMON | {"stats", "signals"},
     "protocol": COMMON | {"protocol"},
     "timebase": COMMON | {"timebase", "signals"},

@@ -123,7 +123,7 @@ def test_the_source_files_unit_wins_over_the_files_and_says_so(tmp_path: Path) -
     [
         ("", {}, "holds no rows"),
         ("t,angle,load\n", {}, "no rows of data"),
-        (LOG.partition("\n")[2], {}, "line 1 holds numbers, not the columns' names; write header: none"),
+        (LOG.partition("\n")[2], {}, "line 1 holds numbers, not the columns' names; write `header: none`"),
         (LOG.replace("angle", "winkel"), {}, "column 'angle' is missing; the file has t, winkel, load"),
         (LOG.replace("load", "angle"), {}, "column 'angle' occurs 2 times"),
         (LOG.replace("90", "fault"), {}, "line 3, column 'angle': 'fault' is not a number"),
@@ -331,8 +331,8 @@ def test_what_a_source_file_states_of_a_sensor_stands_in_si_units_in_the_provena
         ({"delay": "soon"}, "'soon' is not a number with a unit; write it as in `2 s`"),
         ({"low_pass": {"cutoff": "-5 Hz"}}, "a cut-off must be above zero"),
         ({"low_pass": {"cutoff": "5 Hz", "order": 0}}, "greater than or equal to 1"),
-        ({"resolution": "0.1 deg"}, "torque: unit 'deg' measures [rad]"),
-        ({"bits": 14}, "torque: `bits` are those of an encoder per revolution; state `resolution`"),
+        ({"resolution": "0.1 deg"}, "'0.1 deg' is not allowed: unit 'deg' measures [rad]"),
+        ({"bits": 14}, "14 is not allowed: `bits` are those of an encoder per revolution; state `resolution`"),
     ],
 )
 def test_a_sensor_that_is_stated_wrongly_is_refused_with_the_remedy(stated: dict[str, object], problem: str) -> None:

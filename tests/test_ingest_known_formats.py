@@ -56,7 +56,8 @@ def test_an_unknown_column_is_refused_with_the_known_ones(tmp_path: Path) -> Non
 
 def test_a_unit_that_cannot_become_the_columns_is_refused(tmp_path: Path) -> None:
     channels = {"torque": {"topic": "/lab", "field": "t", "unit": "deg"}}
-    assert "torque: unit 'deg' measures [rad]" in refused(tmp_path, {**LOG, "channels": channels})
+    message = refused(tmp_path, {**LOG, "channels": channels})
+    assert "source.yaml: line 5: channels.torque.unit: 'deg' is not allowed: unit 'deg' measures [rad]" in message
 
 
 def test_time_is_not_a_channel(tmp_path: Path) -> None:

@@ -231,7 +231,10 @@ def test_a_drafted_mcap_source_is_complete_once_its_channels_are_named(tmp_path:
     content = draft_source(inspect_file(write_mcap(tmp_path / "a.mcap")), "a.mcap")
     path = tmp_path / "source.yaml"
     path.write_text(content)
-    with pytest.raises(InputError, match="'NAME_1' is not a canonical column"):
+    with pytest.raises(
+        InputError,
+        match=r"a draft of `osl-analysis inspect` in which 3 places are to be edited: `channels.NAME_1` in line 8",
+    ):
         read_source(path)
     kept = [line for line in content.splitlines() if "NAME_" not in line or "NAME_1:" in line]
     path.write_text("\n".join(kept).replace("NAME_1", "theta").replace("UNKNOWN,", "").replace("UNKNOWN", "deg"))

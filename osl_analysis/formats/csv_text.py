@@ -56,15 +56,17 @@ def is_text(begin: bytes) -> bool:
 
 
 def delimiter_of(lines: Lines, given: str) -> str:
-    """The delimiter that is given, or for `auto` the first of tab, `;`, `|` and `,` that every line has.
+    """The delimiter that is given, or for `auto` the first of tab, `;`, `|`, `,` and blank that every line has.
 
-    The comma comes last because it may be the decimal sign.
+    The comma comes late because it may be the decimal sign, the blank last because it may stand in names; it is taken
+    only where no line has a comma.
     """
     if given != "auto":
         return DELIMITERS.get(given, given)
     sample = [text for _, text in lines if text.strip()][:SNIFFED]
     everywhere = [sign for sign in "\t;|" if sample and all(sign in text for text in sample)]
-    return everywhere[0] if everywhere else ","
+    spaced = sample and not any("," in text for text in sample) and all(" " in text.strip() for text in sample)
+    return everywhere[0] if everywhere else " " if spaced else ","
 
 
 def split_rows(path: Path, lines: Lines, delimiter: str) -> Rows:
@@ -124,3 +126,12 @@ class UnreadableCellError(Exception):
     def __init__(self, place: int) -> None:
         super().__init__(place)
         self.place = place
+
+
+def is_number_cell(cell: str) -> bool:
+    """Whether a cell holds a number."""
+    try:
+        number(cell, 0)
+    except UnreadableCellError:
+        return False
+    return True

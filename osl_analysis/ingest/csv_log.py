@@ -1,5 +1,7 @@
 """A log in CSV to canonical columns, by a source file."""
 
+import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,13 +10,15 @@ from numpy.typing import NDArray
 
 from osl_analysis.columns import counter_column, unit_of
 from osl_analysis.errors import InputError
+from osl_analysis.formats.csv_rows import share_above
 from osl_analysis.formats.csv_table import CsvTable, read_csv_table
-from osl_analysis.formats.csv_text import UnreadableCellError, numbers
+from osl_analysis.formats.csv_text import UnreadableCellError, name_and_unit, numbers
 from osl_analysis.ingest.csv_source import CsvSource
 from osl_analysis.ingest.recording import Recording
-from osl_analysis.ingest.units import si_factor
+from osl_analysis.ingest.units import base_units, normalised, si_factor
 from osl_analysis.trial import Array, check_time
 
+DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}:\d{2}")  # such as 2024-05-01T12:00:00 and 12:00:00.5
 COMMENTS = 100  # lines of a file's own header that the provenance keeps
 
 
@@ -39,18 +43,40 @@ def read_csv_log(path: Path, source: CsvSource) -> Recording:
         try:
             columns.append(pl.Series(column, channel.to_si(raw, unit_of(column), table.units[place])))
         except InputError as error:
-            where = f"{path}: column '{channel.column}'"
-            raise InputError(f"{where}: {error}, as `unit` of {column} in the source file") from error
+            where = f"{path}: column '{table.names[place]}'"
+            raise InputError(f"{where}: {error}, as {source.place('channels', column, 'unit')}") from error
         if channel.counter is not None:
             columns.append(counter_of(table, channel.counter, source).alias(counter_column(column)))
-        origins[column] = channel.origin(column, table.units[place])
+        origins[column] = {**channel.origin(column, table.units[place]), **matched(table, channel.column, place)}
+    fresh = np.concatenate([[True], np.diff(time) != 0])
+    kept = fresh if source.time.repeated == "drop" else np.ones_like(fresh)
     facts = {
         "time": {**source.time.model_dump(exclude_none=True), "start": start},
-        "rates_hz": {path.name: median_rate(time)},
+        "rates_hz": {path.name: median_rate(time[kept])},
         "missing": missing,
+        "repeated_stamps": int((~fresh).sum()),
         "comments": table.comments[:COMMENTS],
     }
-    return Recording(pl.DataFrame(columns), origins, facts, csv_warnings(table, source, missing))
+    warnings = [*csv_warnings(table, source, missing), *repeats_text(path, fresh, source)]
+    return Recording(pl.DataFrame(columns).filter(pl.Series(kept)), origins, facts, warnings)
+
+
+def matched(table: CsvTable, given: str, place: int) -> dict[str, str]:
+    """The column's name in the file, where the source file gives a pattern or a number."""
+    return {} if name_and_unit(table.names[place])[0] == name_and_unit(given)[0] else {"found": table.names[place]}
+
+
+def repeats_text(path: Path, fresh: NDArray[np.bool_], source: CsvSource) -> list[str]:
+    """What was done with rows that repeat the stamp of the row before; `fresh` (rows,) are the others."""
+    count = f"{path.name}: {np.count_nonzero(~fresh)} of {fresh.size} rows repeat the stamp of the row before"
+    if fresh.all():
+        return []
+    if source.time.repeated == "drop":
+        return [f"{count} and were left out"]
+    return [
+        f"{count} and are taken for samples whose stamps were rounded; if the device was read faster than it sampled, "
+        f"write `repeated: drop` under {source.place('time')}"
+    ]
 
 
 def median_rate(time: Array) -> float | None:
@@ -68,7 +94,8 @@ def time_of(table: CsvTable, source: CsvSource) -> tuple[Array, float]:
     try:
         factor = si_factor(unit, "s")
     except InputError as error:
-        raise InputError(f"{table.path}: column '{source.time.column}': {error}, under `time`") from error
+        where = f"{table.path}: column '{table.names[place]}'"
+        raise InputError(f"{where}: {error}, as {source.place('time', 'unit')}") from error
     raw, absent = column_of(table, place, source)
     if absent.any():
         line = table.rows[int(np.argmax(absent))][0]
@@ -93,9 +120,25 @@ def column_of(table: CsvTable, place: int, source: CsvSource) -> tuple[Array, ND
         text = str(cells[error.place])
         raise InputError(
             f"{table.path}: line {table.rows[error.place][0]}, column '{table.names[place]}': '{text[:40]}' is not "
-            f"a number; add the word to `missing`, or state `decimal`, `header` or `units_row`"
+            f"a number; {remedy_for(text, first=error.place == 0)}"
         ) from error
     return values, absent
+
+
+def remedy_for(text: str, first: bool) -> str:
+    """What to do about a cell that is not a number; `first`: it stands in the first row of data."""
+    if DATE.search(text):
+        return "write time as seconds, or state the rate of the rows in place of the column: `time: {rate: 1000}`"
+    if re.fullmatch(r"[+-]?\d+,\d+", text):
+        return 'write `decimal: ","` in the source file'
+    if first and si_like(text):
+        return "write `units_row: true` in the source file if this line holds units"
+    return f"correct the cell, or add {json.dumps(text[:40], ensure_ascii=False)} to `missing` in the source file"
+
+
+def si_like(text: str) -> bool:
+    """Whether a text is a unit of any column."""
+    return base_units(normalised(text)) is not None
 
 
 def counter_of(table: CsvTable, name: str, source: CsvSource) -> pl.Series:
@@ -119,7 +162,8 @@ def missing_in(table: CsvTable, place: int, absent: NDArray[np.bool_], source: C
         first = table.rows[int(np.argmax(absent))][0]
         raise InputError(
             f"{table.path}: column '{table.names[place]}' is missing in {count} of {absent.size} rows, first in line "
-            f"{first}; at most {source.most_missing:.1%} may be: repair the log, or raise `most_missing`"
+            f"{first}; at most {source.most_missing:.1%} may be: repair the log, or write "
+            f"`most_missing: {share_above(count, absent.size):g}` in the source file"
         )
     return count
 

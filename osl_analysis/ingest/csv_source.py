@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, PositiveFloat, field_validator, model_validator
 
-from osl_analysis.formats.csv_table import CsvLayout
+from osl_analysis.formats.csv_rows import CsvLayout
 from osl_analysis.ingest.sensor import Stamps
 from osl_analysis.ingest.source_fields import Conversion, LogSource
 from osl_analysis.ingest.units import si_factor
@@ -14,20 +14,25 @@ Share = Annotated[float, Field(ge=0, le=1)]
 Delimiter = Literal["auto", ",", ";", "tab", "space", "|"]
 
 
+def text_of_number(value: Any) -> Any:
+    """A column's number as text; anything else as it is."""
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
 class CsvChannel(Conversion):
     """One column. Without `unit`, the file's unit is used: in brackets after the column's name, or in a row of
     units."""
 
     column: str
-    """Name in the header, with or without its unit (`torque` finds `torque [Nm]`), or the column's number, counted
-    from 1, in a file without a header."""
+    """Name in the header, with or without its unit (`torque` finds `torque [Nm]`); a pattern in which `*` stands for
+    any text, which must fit one column (`"*.output_position"`); or the column's number, counted from 1."""
     counter: str | None = None
     """Name of the column in which the device counts its samples. It tells which samples are missing."""
 
-    @field_validator("column", mode="before")
+    @field_validator("column", "counter", mode="before")
     @classmethod
     def _number(cls, value: Any) -> Any:
-        return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+        return text_of_number(value)
 
 
 class CsvTime(Settings):
@@ -39,8 +44,16 @@ class CsvTime(Settings):
     """Unit of the column. Without it, the file's unit is used."""
     rate: PositiveFloat | None = None
     """Rows per second [Hz], for a file without a column of time."""
+    repeated: Literal["keep", "drop"] = "keep"
+    """Rows whose stamp is that of the row before. `keep`: they are samples whose stamps were rounded. `drop`: the
+    recorder read a device faster than it sampled; only the first row of each stamp is used."""
     stamps: Stamps = "auto"
     """How the stamps are taken."""
+
+    @field_validator("column", mode="before")
+    @classmethod
+    def _number(cls, value: Any) -> Any:
+        return text_of_number(value)
 
     @model_validator(mode="after")
     def _one(self) -> "CsvTime":
@@ -71,6 +84,9 @@ class CsvSource(LogSource):
     most_missing: Share = 0.01
     """Largest share of a column's cells that may be missing, and of the rows that may be skipped. More where a column
     has a lower rate than the rows."""
+    extra_cells: Literal["refuse", "first", "last"] = "refuse"
+    """Cells without a name: what every row has more than the header. `first` or `last`, as they stand there, leaves
+    them out (R writes the rows' names first). A log whose rows fit its header is read as it is."""
     ragged: Literal["refuse", "skip", "dropped_variable"] = "refuse"
     """Treatment of rows whose length differs from the header's.
 
@@ -100,5 +116,6 @@ class CsvSource(LogSource):
             self.units_row,
             self.missing,
             self.most_missing,
+            self.extra_cells,
             self.ragged,
         )

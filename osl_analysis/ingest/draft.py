@@ -7,11 +7,15 @@ every control character as an escape.
 import json
 
 from osl_analysis.columns import COLUMNS
+from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
 from osl_analysis.ingest.draft_walking import draft_walking
 from osl_analysis.ingest.known_formats import FORMATS
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 
-HINT = "# give each signal that you need its canonical name instead of NAME_n, state what is UNKNOWN, delete the rest"
+HINT = (
+    f"# give each signal that you need its canonical name instead of NAME_n, state what is {UNKNOWN}, delete the rest"
+)
+NO_CLOCK = "# time: name its column and unit, or state the rate of the rows instead, as {rate: 1000}"
 
 
 def draft_source(overview: Overview, name: str) -> str:
@@ -33,6 +37,7 @@ def log_lines(overview: Overview) -> list[str]:
     channels = [c for c in channels if "topic" not in c.address or ("field" in c.address and c.count)]
     known = ", ".join(column for column in COLUMNS if column != "time")
     return [
+        *[NO_CLOCK] * (clock_column == NAME_OF_TIME),
         HINT,
         f"# canonical names: {known}",
         "channels:",
@@ -53,5 +58,6 @@ def capture_lines(overview: Overview) -> list[str]:
 
 def channel_line(number: int, channel: RecordedChannel) -> str:
     """One entry under `channels`."""
-    address = {**channel.address, "unit": channel.unit or "UNKNOWN"}
-    return f"  NAME_{number}: {{{', '.join(f'{key}: {json.dumps(value)}' for key, value in address.items())}}}"
+    address = {**channel.address, "unit": channel.unit or channel.likely_unit or UNKNOWN}
+    guessed = "  # the unit is guessed from the name: check it" if channel.likely_unit and not channel.unit else ""
+    return f"  NAME_{number}: {{{', '.join(f'{key}: {json.dumps(value)}' for key, value in address.items())}}}{guessed}"

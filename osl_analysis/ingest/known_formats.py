@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import ConfigDict, field_validator
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, nearest
 from osl_analysis.formats.c3d_header import is_c3d
 from osl_analysis.formats.csv_text import is_text
 from osl_analysis.formats.mcap.walk import MAGIC
@@ -17,8 +17,10 @@ from osl_analysis.ingest.c3d_capture import read_c3d_capture
 from osl_analysis.ingest.c3d_source import C3dSource
 from osl_analysis.ingest.capture_overview import inspect_c3d, inspect_nexus
 from osl_analysis.ingest.csv_log import read_csv_log
+from osl_analysis.ingest.csv_overview import inspect_csv
 from osl_analysis.ingest.csv_source import CsvSource
-from osl_analysis.ingest.log_overview import inspect_csv, inspect_mcap
+from osl_analysis.ingest.draft_places import refuse_draft
+from osl_analysis.ingest.log_overview import inspect_mcap
 from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 from osl_analysis.ingest.nexus_capture import NexusSource, read_nexus_capture
 from osl_analysis.ingest.overview import Overview
@@ -76,7 +78,7 @@ class NamedFormat(Settings):
     @classmethod
     def _known(cls, name: str) -> str:
         if name not in FORMATS:
-            raise ValueError(f"write one of {', '.join(FORMATS)}")
+            raise ValueError(f"write one of {', '.join(FORMATS)}{nearest(name, FORMATS)}")
         return name
 
 
@@ -86,9 +88,11 @@ def read_source(path: Path) -> Source:
     Raises
     ------
     InputError
-        The file is missing, or a field is unknown, absent or of a wrong value.
+        The file is missing, a draft that was not edited, or a field is unknown, absent or of a wrong value.
     """
-    return read_yaml(path, FORMATS[read_yaml(path, NamedFormat).format].source)
+    source = read_yaml(path, FORMATS[read_yaml(path, NamedFormat).format].source, first=refuse_draft)
+    source.written_in(path)
+    return source
 
 
 def recognise(path: Path) -> str:

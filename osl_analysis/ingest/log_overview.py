@@ -1,6 +1,5 @@
-"""What a log holds, in MCAP or CSV: channels with rates and gaps, and what is damaged or odd."""
+"""What a log in MCAP holds: channels with rates and gaps, and what is damaged or odd."""
 
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -8,8 +7,6 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.csv_table import is_number_cell, unpadded
-from osl_analysis.formats.csv_text import Rows, delimiter_of, name_and_unit, read_lines, split_rows
 from osl_analysis.formats.mcap.channel_reader import describe_message
 from osl_analysis.formats.mcap.mcap_file import McapFile, read_mcap
 from osl_analysis.formats.mcap.survey import ChannelSurvey, survey_channels
@@ -20,10 +17,6 @@ from osl_analysis.ingest.stamps import check_not_set
 MOST_FIELDS = 500  # of one topic
 NANOSECOND = 1e-9
 STAMP = "header."  # what every message of ROS has, and no signal is in
-COMMENT = "#"
-CLOCKS = ("time", "t", "timestamp", "state_time", "elapsed", "clock")  # how loggers call their time
-NAMES = {"\t": "tab", " ": "space"}
-MOST_WORDS = 5
 
 
 def inspect_mcap(path: Path) -> Overview:
@@ -100,63 +93,3 @@ def channels_of(survey: ChannelSurvey, fields: list[FieldDescription]) -> Iterat
     if len(numbers) > MOST_FIELDS or not numbers:
         more = f"and {len(numbers) - MOST_FIELDS} more numbers" if numbers else ""
         yield RecordedChannel(kind, {"topic": topic}, "", survey.messages, rate, timing, more)
-
-
-def inspect_csv(path: Path) -> Overview:
-    """Columns with units, rate, gaps and cells that are no numbers.
-
-    Raises
-    ------
-    InputError
-        The file is not text, or has no rows.
-    """
-    lines = read_lines(path)
-    comments = [text for _, text in lines if text.lstrip().startswith(COMMENT)]
-    content = [(line, text) for line, text in lines if not text.lstrip().startswith(COMMENT)]
-    delimiter = delimiter_of(content, "auto")
-    rows = split_rows(path, content, delimiter)
-    if not rows:
-        raise InputError(f"{path}: holds no rows; check that it is a recording")
-    headed = not all(is_number_cell(cell.replace(",", ".")) for cell in rows[0][1] if cell)
-    first = unpadded(rows[0][1], 0)
-    names = first if headed else [str(place + 1) for place in range(len(first))]
-    body = [(line, unpadded(cells, len(names))) for line, cells in (rows[1:] if headed else rows)]
-    facts = {"rows": str(len(body)), "delimiter": repr(delimiter), "header": "yes" if headed else "none"}
-    facts |= {f"comment {i + 1}": text.strip() for i, text in enumerate(comments[:20])}
-    settings: dict[str, object] = {"clock": "master", "delimiter": NAMES.get(delimiter, delimiter)}
-    settings |= {} if headed else {"header": "none"}
-    decimal_comma = delimiter != "," and any("," in cell for _, cells in body[:5] for cell in cells)
-    settings |= {"decimal": ","} if decimal_comma else {}
-    clock, unit = name_and_unit(clock_of(names) or "NAME_OF_TIME")
-    settings["time"] = {"column": clock, "unit": unit or "UNKNOWN"}
-    return Overview("csv", facts, list(column_channels(names, body)), list(odd_rows(body, len(names))), settings)
-
-
-def clock_of(names: list[str]) -> str | None:
-    """The column whose name is one that loggers give to time; None if there is none."""
-    return next((name for name in names if name_and_unit(name)[0].strip().casefold() in CLOCKS), None)
-
-
-def column_channels(names: list[str], rows: Rows) -> Iterator[RecordedChannel]:
-    """Every column with its range, and the words in it that are not numbers."""
-    for place, title in enumerate(names):
-        name, unit = name_and_unit(title)
-        cells = pl.Series([cells[place] if place < len(cells) else "" for _, cells in rows], dtype=pl.String)
-        values = cells.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
-        words = Counter(cells.filter(values.is_null()).to_list()).most_common(MOST_WORDS)
-        known = values.drop_nulls().to_numpy()
-        note = f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
-        if title == clock_of(names):
-            rate = rate_of(known)
-            note = f"a clock, {rate:g} per unit" if rate else "a clock that stands still"
-            note += f", {gaps_text(known)}" if gaps_text(known) else ""
-        note += "".join(f", {count} x '{word}'" for word, count in words)
-        yield RecordedChannel("column", {"column": name}, unit, int(known.size), None, note)
-
-
-def odd_rows(rows: Rows, width: int) -> Iterator[str]:
-    """Remarks on rows of another length than the header."""
-    for length, count in Counter(len(cells) for _, cells in rows).items():
-        if length != width:
-            first = next(line for line, cells in rows if len(cells) == length)
-            yield f"{count} rows have {length} cells under {width} names, the first in line {first}"

@@ -28,6 +28,8 @@ class RecordedChannel:
     """Remark for the user."""
     type: str = ""
     """Type of the numbers and the length of the array that they stand in, such as `float64[4]`."""
+    likely_unit: str = ""
+    """Unit that the channel's name ends with; a guess, for the user to check."""
     missing: float = 0.0
     """Share of the frames or rows in which nothing was recorded, 0 to 1."""
 

@@ -1,15 +1,19 @@
 """Fields that the source files of all formats share: conversion to SI units, clocks, axes, markers, model outputs."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
 from osl_analysis.columns import AXES, COLUMNS, unit_of
+from osl_analysis.errors import nearest
 from osl_analysis.ingest.sensor import Sensor
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.trial import Array
+from osl_analysis.yaml_places import line_of
 from osl_analysis.yaml_settings import Settings
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
@@ -60,7 +64,24 @@ class Conversion(Sensor):
         return {**address, "unit": unit, "factor": factor, "si_unit": si_unit, **sensor}
 
 
-class LogSource(Settings):
+class SourceFile(Settings):
+    """A source file of any format."""
+
+    _path: Path | None = PrivateAttr(default=None)
+
+    def written_in(self, path: Path) -> None:
+        """Remember the file, for messages."""
+        self._path = path
+
+    def place(self, *keys: str) -> str:
+        """A field, for messages: its keys, and the file and line in which they stand."""
+        if self._path is None:
+            return f"`{'.'.join(keys)}` in the source file"
+        line = line_of(self._path, keys)
+        return f"`{'.'.join(keys)}` in {self._path}{f', line {line}' if line else ''}"
+
+
+class LogSource(SourceFile):
     """A log: the file of a recorder with a clock of its own."""
 
     format: str
@@ -110,7 +131,7 @@ class ModelOutput(Conversion):
     """Unit that the software computes in, which the file may misstate: moments of Plug-in Gait are always N*mm/kg."""
 
 
-class CaptureSource(Settings):
+class CaptureSource(SourceFile):
     """A capture: the file of a motion-capture laboratory, whose clock is the trial's."""
 
     format: str
@@ -147,11 +168,12 @@ class CaptureSource(Settings):
     def _marker_choice(cls, value: Any) -> Any:
         return all_none_or_list(value)
 
-    @model_validator(mode="after")
-    def _canonical(self) -> "CaptureSource":
-        for column, channel in {**self.analogs, **self.outputs}.items():
+    @field_validator("analogs", "outputs", check_fields=False)
+    @classmethod
+    def _canonical(cls, channels: Mapping[str, Conversion]) -> Mapping[str, Conversion]:
+        for column, channel in channels.items():
             check_canonical(column, channel)
-        return self
+        return channels
 
 
 def all_none_or_list(value: Any) -> Any:
@@ -165,16 +187,29 @@ def all_none_or_list(value: Any) -> Any:
 
 def check_canonical(column: str, channel: Conversion) -> None:
     """Refuse a column that is not in the nomenclature, or a unit that cannot become the column's."""
+    names = [name for name in COLUMNS if name != "time"]
     try:
         canonical = unit_of(column)
     except KeyError:
-        names = [name for name in COLUMNS if name != "time"]
-        raise ValueError(f"'{column}' is not a canonical column; the columns are {', '.join(names)}") from None
+        advice = f"the columns are {', '.join(names)}{nearest(column, names)}"
+        raise misplaced(f"'{column}' is not a canonical column; {advice}", column) from None
     if column == "time":
-        raise ValueError("time is not a channel; state its source under `time`")
-    try:
-        channel.sensor_origin(canonical)
-        if channel.unit is not None:
-            si_factor(channel.unit, canonical)
-    except ValueError as error:
-        raise ValueError(f"{column}: {error}") from None
+        raise misplaced("time is not a channel; state its source under `time`", column)
+    checks: dict[str, Callable[[], object]] = {
+        "unit": lambda: si_factor(str(channel.unit), canonical),
+        "resolution": lambda: channel.step(canonical),
+        "bits": lambda: channel.step(canonical),
+        "range": lambda: channel.ends(canonical),
+    }
+    for field, check in checks.items():
+        value = getattr(channel, field)
+        try:
+            if value is not None:
+                check()
+        except ValueError as error:
+            raise misplaced(f"{value!r} is not allowed: {error}", column, field) from None
+
+
+def misplaced(reason: str, *place: str) -> PydanticCustomError:
+    """An error of a check that sees several fields; `place` is the field below them that is wrong."""
+    return PydanticCustomError("misplaced", "{reason}", {"reason": reason, "place": place})

@@ -153,9 +153,10 @@ def at_end_of_run(
         try:
             execute(*args, **settings)
         finally:
-            jobs = () if workflow.dag is None else workflow.dag.jobs
-            refused = refusals_in(str(file) for job in jobs for file in job.output)
-            print(said(refused), file=sys.stderr, flush=True)
+            refused = ()
+            if workflow.scheduler is not None:  # else it was not a run: an unknown target, another run's lock
+                refused = refusals_in(str(file) for job in workflow.dag.jobs for file in job.output)
+                print(said(refused), file=sys.stderr, flush=True)
         if refused and not accept:
             raise SystemExit(1)
 

@@ -156,7 +156,9 @@ def test_a_run_in_which_nothing_is_left_to_do_ends_like_the_one_that_was_refused
     monkeypatch.chdir(tmp_path)
     jobs = [SimpleNamespace(output=[record(tmp_path / "fits/b_1.csv", LOST)])]
     killed = record(tmp_path / "fits/b_2.csv", KILLED)
-    run = SimpleNamespace(execute=lambda **_: None, is_main_process=True, dag=SimpleNamespace(jobs=jobs))
+    run = SimpleNamespace(
+        execute=lambda **_: None, is_main_process=True, dag=SimpleNamespace(jobs=jobs), scheduler="greedy"
+    )
     workflow.at_end_of_run(run, [tmp_path], lambda refused: f"{len(refused)} refused", accept)
     plugin = SimpleNamespace(common_settings=SimpleNamespace(dryrun_exec=True))
     run.execute(executor_plugin=plugin)

@@ -10,7 +10,9 @@ import polars as pl
 
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.config import StudySettings
+from osl_analysis.errors import InputError
 from osl_analysis.parameters import read_parameters
+from osl_analysis.refusal import Refusal
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.study.batch import batch_rows
@@ -47,7 +49,18 @@ def write_page(table: Path, output: Path) -> None:
     output.write_text(page(read_table(table)), encoding="utf-8")
 
 
-def summarise(batches: Sequence[Path], output: Path) -> None:
-    """Bias, error over the bound and coverage, for each experiment, estimator, kind of interval and quantity."""
+def summarise(batches: Sequence[Path], output: Path, refused: Sequence[Refusal] = ()) -> None:
+    """Bias, error over the bound and coverage, for each experiment, estimator, kind of interval and quantity.
+
+    Raises
+    ------
+    InputError
+        There are `refused` batches: without those that fail, a study would be too good.
+    """
+    if refused:
+        raise InputError(
+            f"{output}: {len(refused)} batches failed; there is no study without them, because it would be too good; "
+            "correct the settings of the study and run again"
+        )
     estimates = pl.concat([read_table(path) for path in batches], how="diagonal_relaxed")
     write_table(performance_table(estimates), output)

@@ -34,10 +34,10 @@ def temporary_path(path: Path, pid: int) -> Path:
     return path.with_name(f".{path.stem}.{pid}{path.suffix}")
 
 
-def size_and_date(path: Path) -> list[int] | None:
-    """Size [bytes] and date of the last change [ns] of a file; None if there is none, or nobody may look."""
+def file_state(path: Path) -> list[int] | None:
+    """Size [bytes], date of the last change [ns] and whether it may be read (0 or 1); None if there is no such file."""
     try:
         found = path.stat()
     except OSError:
         return None
-    return [found.st_size, found.st_mtime_ns]
+    return [found.st_size, found.st_mtime_ns, int(os.access(path, os.R_OK))]

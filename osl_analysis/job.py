@@ -57,6 +57,12 @@ class MissingInputError(Exception):
         self.causes = causes
 
 
+def run_uninterrupted(log: Path, job: Job) -> None:
+    """`run` in a process of its own. Ctrl-C ends Snakemake, which lets the jobs that have begun come to their end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    run(log, job)
+
+
 def run(log: Path, job: Job) -> None:
     """Call the command, and write log and, where there is no result, records: also after an error."""
     start, ended, causes = time.perf_counter(), JobLog(job.command, "done"), None

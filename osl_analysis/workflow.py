@@ -17,7 +17,7 @@ from typing import Any
 
 from osl_analysis.errors import InputError
 from osl_analysis.fingerprint import code, code_of
-from osl_analysis.job import Job, died, run
+from osl_analysis.job import Job, died, run_uninterrupted
 from osl_analysis.job_log import plain, read_log, read_logs, run_report
 from osl_analysis.refusal import Refusal, forget_failures
 from osl_analysis.refusal_report import refusals_in
@@ -66,7 +66,7 @@ def run_job(log: Any, command: str, input: Any, output: Any, params: Any, files:
     unnamed = [] if isinstance(input, Mapping) else sorted(set(map(str, input)) - set(flat(request["input"])))
     job = Job(command, request, unnamed, flat(plain(list(files)) if files else request["output"]))
     path.unlink(missing_ok=True)
-    process = fork_server().Process(target=run, args=(path, job), daemon=True)
+    process = fork_server().Process(target=run_uninterrupted, args=(path, job), daemon=True)
     process.start()
     process.join()
     if not path.is_file() or read_log(path) is None:
@@ -150,10 +150,10 @@ def at_end_of_run(
             return
         if not any(Path(".snakemake/locks").glob("*")):
             forget_failures(folders)
+        refused: tuple[Refusal, ...] = ()
         try:
             execute(*args, **settings)
         finally:
-            refused = ()
             if workflow.scheduler is not None:  # else it was not a run: an unknown target, another run's lock
                 refused = refusals_in(str(file) for job in workflow.dag.jobs for file in job.output)
                 print(said(refused), file=sys.stderr, flush=True)

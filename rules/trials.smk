@@ -17,12 +17,12 @@ def raw_files(wildcards) -> list[Path]:
 
 
 def recorded(wildcards) -> dict[str, list | None]:
-    """Size [bytes] and date [ns] of a trial's recordings and source files; a change in any direction ingests it again.
+    """State of a trial's recordings and source files; another size or date, older ones too, ingests it again.
 
     As inputs, Snakemake would ignore an older date, and stop the run for a file that it cannot read. The job names it.
     """
     files = [*CAMPAIGN.logs(wildcards.trial), *CAMPAIGN.sources(wildcards.trial)]
-    return {} if CONFIG.simulation else {str(path): size_and_date(path) for path in files}
+    return {} if CONFIG.simulation else {str(path): file_state(path) for path in files}
 
 
 def checked(trials) -> list[Path]:

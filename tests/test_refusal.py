@@ -1,6 +1,8 @@
 """A refused recording or a failed job leaves a record, and every other result is made."""
 
+import os
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -8,10 +10,11 @@ import polars as pl
 import pytest
 
 from osl_analysis import workflow
+from osl_analysis.commands import crossing, study
 from osl_analysis.commands.walking_files import read_json
 from osl_analysis.errors import InputError
 from osl_analysis.exclusion import without_refused
-from osl_analysis.files import size_and_date, temporary_path
+from osl_analysis.files import file_state, temporary_path
 from osl_analysis.job import Job, died, refusal, run
 from osl_analysis.job_log import JobLog, read_log
 from osl_analysis.refusal import Refusal, forget_failures, is_refused, read_refusals, write_refusals
@@ -128,9 +131,11 @@ def test_a_recording_that_the_reason_names_is_the_file_to_blame(tmp_path: Path) 
 
 def test_failed_and_killed_jobs_are_tried_again_and_refused_ones_stay(tmp_path: Path) -> None:
     lost, killed = (record(tmp_path / f"fits/{name}.csv", cause) for name, cause in (("1", LOST), ("2", KILLED)))
+    failed = record(tmp_path / "fits/5.csv", replace(KILLED, outcome="failed"))
     mixed, good = record(tmp_path / "tables/3.csv", LOST, KILLED), result(tmp_path / "tables/4.csv")
     forget_failures([tmp_path])
-    assert [Path(file).exists() for file in (lost, killed, mixed, good)] == [True, False, False, True]
+    assert [Path(file).exists() for file in (lost, good)] == [True, True]
+    assert not any(Path(file).exists() for file in (killed, mixed, failed))
 
 
 def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_path: Path) -> None:
@@ -174,14 +179,32 @@ def test_a_run_in_which_nothing_is_left_to_do_ends_like_the_one_that_was_refused
     assert not Path(killed).exists()
 
 
-def test_size_and_date_tell_an_older_copy_and_a_file_that_appears(tmp_path: Path) -> None:
+def test_trials_of_a_refused_static_trial_have_no_calibration(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(crossing, "read_calibration", lambda path: path.name)
+    statics = {"walk_1": "static_1", "walk_2": "static_2", "walk_3": "static_1"}
+    assert crossing.calibrations_of([Path("static_1.json")], statics) == {
+        "walk_1": "static_1.json",
+        "walk_3": "static_1.json",
+    }
+
+
+def test_a_study_is_not_made_of_the_batches_that_succeeded(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="1 batches failed; there is no study without them"):
+        study.summarise([Path(result(tmp_path / "1.csv"))], tmp_path / "study.csv", [KILLED])
+
+
+def test_an_older_copy_is_told_and_a_file_that_appears_or_may_be_read_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     file = tmp_path / "b.mcap"
-    assert size_and_date(file) is None
+    assert file_state(file) is None
     file.write_bytes(b"abc")
-    before = size_and_date(file)
-    assert before == [3, file.stat().st_mtime_ns]
-    subprocess.run(["touch", "-d", "2001-01-01", str(file)], check=True)
-    assert size_and_date(file) != before
+    before = file_state(file)
+    assert before == [3, file.stat().st_mtime_ns, 1]
+    os.utime(file, (10**9, 10**9))
+    assert file_state(file) == [3, 10**18, 1]
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    assert file_state(file) == [3, 10**18, 0]
 
 
 def test_a_long_TMPDIR_does_not_keep_jobs_from_starting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

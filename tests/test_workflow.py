@@ -458,17 +458,22 @@ def test_an_excluded_trial_is_left_out_by_name(laboratory):
 
 
 def test_a_killed_job_is_tried_again_an_older_log_is_read_and_a_refused_one_stays_refused(laboratory):
-    """With `failed_trials: accept` the run counts as successful."""
-    older = laboratory.folder / "raw_data/small/dynamometer/belt_02.mcap"
-    os.utime(older, (10**9, 10**9))
+    """With a reason in the sheet a trial is not in the list; with `failed_trials: accept` the run is a success."""
+    raw = laboratory.folder / "raw_data/small"
+    os.utime(raw / "dynamometer/belt_02.mcap", (10**9, 10**9))
+    sheet = pl.read_csv(raw / "trials.csv", infer_schema=False)
+    lost = pl.when(pl.col("trial") == "belt_01").then(pl.lit("lost")).otherwise(pl.col("exclude"))
+    sheet.with_columns(lost.alias("exclude")).write_csv(raw / "trials.csv")
     laboratory.configure(laboratory.changes | {"failed_trials": "accept"})
-    wanted = ("results/tables/belt.csv", "results/trials/walking_05.parquet")
-    result = laboratory.run(*wanted)
+    trials = [f"results/trials/walking_0{number}.parquet" for number in (4, 5)]
+    result = laboratory.run("results/tables/belt.csv", *trials)
     said = result.stdout + result.stderr
     assert result.returncode == 0, said
-    assert re.search(r"NOT ANALYSED: 1 of 22 trials; results are of the others.\n  trial belt_01, .*\n.*accepted", said)
+    assert re.search(
+        r"NOT ANALYSED: 1 of 21 trials; results are of the others.\n  trial walking_04, .*\naccepted", said
+    )
     assert re.search(r"^ingest +2 jobs", said, re.MULTILINE)
-    assert not is_refused(laboratory.folder / "results/trials/walking_05.parquet")
+    assert [is_refused(laboratory.folder / path) for path in trials] == [True, False]
 
 
 def test_the_log_of_a_job_says_what_was_done_with_what_and_how_long_it_took(workspace):

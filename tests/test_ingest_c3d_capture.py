@@ -8,10 +8,13 @@ import polars as pl
 import pytest
 from c3d_builder import write_c3d
 
+from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d_file import read_c3d
 from osl_analysis.ingest.c3d_capture import read_c3d_capture
 from osl_analysis.ingest.c3d_source import C3dSource
+from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.known_formats import read_source
 
 
 def source(**fields: object) -> C3dSource:
@@ -183,9 +186,98 @@ def test_every_processors_numbers_are_read(tmp_path: Path, processor: int, integ
 
 
 @pytest.mark.parametrize("name", ["POINT__USED", "ANALOG__USED"])
-def test_counts_that_contradict_the_header_are_refused(tmp_path: Path, name: str) -> None:
-    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), **{name: np.array([9])})
-    assert f"{name.replace('__', ':')} is 9" in refused(path)
+def test_counts_that_contradict_the_header_are_refused_and_the_advice_reads_the_file(tmp_path: Path, name: str) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(200), analogs(800), **{name: np.array([9])})
+    message = refused(path)
+    assert f"{name.replace('__', ':')} is 9; the file's size fits header: write `counts: header`" in message
+    recording = read_c3d(path, "header")
+    np.testing.assert_array_equal(recording.points, points(200)[:, :, :3])
+    np.testing.assert_array_equal(recording.analogs, analogs(800))
+    assert len(read_c3d_capture(path, source(counts="header")).samples) == 200
+    assert "the file's size fits header: write `counts: header`" in refused(path, source(counts="parameters"))
+
+
+def test_the_parameters_count_where_the_header_is_wrong(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(200))
+    content = bytearray(path.read_bytes())
+    content[2] = 2  # of three points
+    path.write_bytes(content)
+    assert "the header counts 2, POINT:USED is 3; the file's size fits parameters" in refused(path)
+    np.testing.assert_array_equal(read_c3d(path, "parameters").points, points(200)[:, :, :3])
+    assert "the file's size fits parameters: write `counts: parameters`" in refused(path, source(counts="header"))
+
+
+def test_a_file_so_short_that_its_size_fits_both_counts_is_read_as_the_source_file_says(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(6), POINT__USED=np.array([2]))
+    assert "the file's size fits header and parameters" in refused(path)
+    assert read_c3d(path, "header").points.shape == (6, 3, 3)
+    assert read_c3d(path, "parameters").points.shape == (6, 2, 3)
+
+
+def test_inspect_lists_a_file_of_contradictory_counts_and_its_draft_asks_for_them(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(200), POINT__USED=np.array([4]))
+    overview = inspect_file(path)
+    assert overview.remarks[0].startswith("read here with the counts of the header: ")
+    (tmp_path / "a.yaml").write_text(draft_source(overview, "a.c3d"))
+    with pytest.raises(InputError, match=r"1 places are to be edited: `counts` in line 3"):
+        read_source(tmp_path / "a.yaml")
+    (tmp_path / "a.yaml").write_text((tmp_path / "a.yaml").read_text().replace('"UNKNOWN"', "header"))
+    assert len(read_c3d_capture(path, read_source(tmp_path / "a.yaml")).samples) == 200
+
+
+def section_of(path: Path) -> tuple[bytearray, int, int]:
+    """Content of a file whose last parameter is `LAST:WORD`; where its record ends, and where the data begin."""
+    content, start = bytearray(path.read_bytes()), read_c3d(path).header.data_start
+    return content, content.index(b"XXXX", 512) + 5, start
+
+
+LAST = {"LAST__WORD": ["XXXX"]}
+
+
+@pytest.mark.parametrize("processor", [84, 85, 86])
+def test_a_parameter_section_may_end_without_its_mark(tmp_path: Path, processor: int) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), processor=processor, **LAST)
+    whole = read_c3d(path)
+    content, end, start = section_of(path)
+    content[end:start] = b"\xff" * (start - end)
+    path.write_bytes(content)
+    found = read_c3d(path)
+    np.testing.assert_array_equal(found.points, whole.points)
+    np.testing.assert_array_equal(found.analogs, whole.analogs)
+    assert found.header.texts("LAST:WORD") == ["XXXX"]
+    remark = "its parameter section has no end mark and ends after WORD"
+    assert found.header.remark == remark
+    assert read_c3d_capture(path, source()).warnings == [f"a.c3d: {remark}"]
+    assert remark in inspect_file(path).remarks
+
+
+def test_a_last_parameter_that_points_into_the_data_ends_the_section(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), **LAST)
+    content, end, start = section_of(path)
+    place = content.index(b"WORD", 512) + 4
+    content[place : place + 2] = (start - place).to_bytes(2, "little")
+    content[end:start] = bytes(start - end)
+    path.write_bytes(content)
+    np.testing.assert_array_equal(read_c3d(path).analogs, analogs())
+
+
+@pytest.mark.parametrize("step", [1, 3, 20000])
+def test_a_pointer_past_a_record_that_follows_is_damage(tmp_path: Path, step: int) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), **LAST)
+    content = bytearray(path.read_bytes())
+    place = content.index(b"RATE", 512) + 4
+    content[place : place + 2] = step.to_bytes(2, "little")
+    path.write_bytes(content)
+    assert "damaged C3D file" in refused(path)
+
+
+def test_a_section_that_ends_before_what_the_samples_need_is_damage(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), **LAST)
+    content = bytearray(path.read_bytes())
+    place = content.index(b"GEN_SCALE", 512) - 2
+    content[place : read_c3d(path).header.data_start] = b"\xff" * (read_c3d(path).header.data_start - place)
+    path.write_bytes(content)
+    assert "has no end mark and ends after SCALE, before ANALOG:LABELS" in refused(path)
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,12 @@
 """Force plates: the wrench that acts on the foot comes back, whatever the plate's type, pose and file."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
+import yaml
 from c3d_builder import REAL_DATA, write_c3d
 
 from osl_analysis.errors import InputError
@@ -199,11 +201,22 @@ def test_plate_units_of_the_source_file_override_the_files(tmp_path: Path) -> No
 
 def test_a_type_1_plate_takes_the_stated_unit_of_its_pressure_centre(tmp_path: Path) -> None:
     path = plate_file(tmp_path / "a.c3d", ANALOG__UNITS=["V"] * 6, FORCE_PLATFORM__TYPE=np.array([1]))
-    with pytest.raises(InputError, match=r"state `plate_units`, as \{force: N, moment: N\*m, length: m\}"):
+    with pytest.raises(InputError, match=r"`plate_units: \{force: N, moment: N\*mm, length: mm\}`, in the source file"):
         wrench_of(path, plate_units={"force": "N", "moment": "N*m"})
     forward = np.add(np.cross([4e6, 5e6, 0], [1, 2, 3]), [0, 0, 6000])  # pressure in km, the plate's z points down
     stated = wrench_of(path, plate_units={"force": "N", "moment": "N*m", "length": "km"})
     assert stated == pytest.approx([1, -2, -3, forward[0], -forward[1], -forward[2]])
+
+
+@pytest.mark.parametrize("unit", ["V", "N"])
+def test_a_type_1_plate_is_read_with_the_units_that_its_refusal_says(tmp_path: Path, unit: str) -> None:
+    path = plate_file(tmp_path / "a.c3d", ANALOG__UNITS=[unit] * 6, FORCE_PLATFORM__TYPE=np.array([1]))
+    with pytest.raises(InputError) as caught:
+        wrench_of(path)
+    advised = re.findall(r"`plate_units: (\{.*\})`", str(caught.value))
+    stated = wrench_of(path, plate_units=yaml.safe_load(advised[0]))
+    moment = np.add(np.cross([4, 5, 0], [1, 2, 3]), [0, 0, 6])  # pressure 4000, 5000 mm, torque 6000 N*mm
+    assert stated == pytest.approx([1, -2, -3, moment[0], -moment[1], -moment[2]])
 
 
 @pytest.mark.parametrize("store", ["BYCOLUMN", "BYROW"])
@@ -222,7 +235,7 @@ def test_a_calibration_matrix_is_read_in_the_order_that_the_file_names(tmp_path:
 
 def test_a_plate_whose_channels_are_not_in_the_file_is_refused_and_can_be_left_out(tmp_path: Path) -> None:
     path = plate_file(tmp_path / "a.c3d", FORCE_PLATFORM__CHANNEL=np.arange(3, 9)[:, None])
-    with pytest.raises(InputError, match=r"plate 1 of type 2 needs 6 channels.* list the other plates under `plates`"):
+    with pytest.raises(InputError, match=r"plate 1 of type 2 needs 6 channels.* leave this plate out: `plates: none`"):
         wrench_of(path)
     assert read_c3d_capture(path, C3dSource(format="c3d", plates="none")).facts["plates"] == []
 

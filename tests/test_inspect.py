@@ -315,6 +315,42 @@ def test_a_capture_of_walking_drafts_the_walking_section_and_asks_for_what_names
     assert "named in the static trial" in walking_draft(tmp_path / "b.c3d", MARKERS[:8])
 
 
+def plates_at(path: Path, forces: list[float]) -> str:
+    """The draft for a capture of the platform's markers at x = 1 m, with plates at x = 0, 1, 2 m and forces [N]."""
+    labels = [f"PLAT{n}" for n in range(1, 4)] + [f"FOOT{n}" for n in range(1, 4)]
+    points = np.ones((4, 6, 4)) * [1000, 10, 10, 0]
+    surface = np.array([[300.0, -200, 0], [-300, -200, 0], [-300, 200, 0], [300, 200, 0]])
+    analogs = np.zeros((4, 18))
+    analogs[2:, 2::6] = forces
+    plates = {
+        "USED": np.array([3]),
+        "TYPE": np.array([2, 2, 2]),
+        "CORNERS": np.stack([(surface + np.array([1e3 * n, 0, 0])).T for n in range(3)], axis=2),
+        "ORIGIN": np.zeros((3, 3)),
+        "CHANNEL": np.arange(1, 19).reshape(6, 3, order="F"),
+    }
+    parameters = {f"FORCE_PLATFORM__{name}": value for name, value in plates.items()}
+    units = ["N", "N", "N", "Nmm", "Nmm", "Nmm"] * 3
+    write_c3d(path, points, analogs, POINT__LABELS=labels, ANALOG__UNITS=units, **parameters)
+    text = draft_source(inspect_file(path), path.name)
+    return next(line for line in text.splitlines() if line.startswith("#   plate:"))
+
+
+@pytest.mark.parametrize(
+    ("forces", "line"),
+    [
+        ([0, 0, 700], "3  # a guess, to be confirmed: of 3 force plates the one with the load"),
+        ([900, 600, 700], "2  # a guess, to be confirmed: of 3 force plates with load the one that is nearest to the"),
+        ([900, 0, 50], "1  # a guess, to be confirmed: of 3 force plates the one with the load"),
+        ([0, 0, 0], "UNKNOWN  # of 3 force plates in this file"),
+    ],
+)
+def test_of_several_plates_the_draft_guesses_the_loaded_one_next_to_the_platform(
+    tmp_path: Path, forces: list[float], line: str
+) -> None:
+    assert plates_at(tmp_path / "a.c3d", forces).startswith(f"#   plate: {line}")
+
+
 def test_a_capture_without_a_platform_drafts_no_walking_section(tmp_path: Path) -> None:
     assert walking_draft(tmp_path / "a.c3d", MARKERS[:6]) == ""
 

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.formats.c3d_header import C3DHeader, parse_file, reals
+from osl_analysis.formats.c3d_header import C3DHeader, Counts, parse_file
+from osl_analysis.formats.c3d_parameters import reals
 from osl_analysis.trial import Array
 
 
@@ -56,16 +57,18 @@ class C3DRecording:
         return (self.header.texts("POINT:UNITS") or [""])[0]
 
 
-def read_c3d(path: Path) -> C3DRecording:
-    """Decode a C3D file.
+def read_c3d(path: Path, counts: Counts = "refuse") -> C3DRecording:
+    """Decode a C3D file. `counts` says whose counts hold where header and parameters contradict each other.
 
     Raises
     ------
+    CountsError
+        They contradict each other, and `counts` does not say.
     InputError
-        The file is not C3D, damaged or truncated, or its counts contradict each other.
+        The file is not C3D, damaged or truncated.
     """
     data = path.read_bytes()
-    header = parse_file(path, data)
+    header = parse_file(path, data, counts)
     points, analogs = np.split(frames_of(data, header), [4 * header.points], axis=1)
     with np.errstate(
         invalid="ignore", over="ignore"

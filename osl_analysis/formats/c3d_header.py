@@ -4,22 +4,35 @@ import math
 import struct
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
+from osl_analysis.formats.c3d_parameters import ENDIAN, Parameters, parse_parameters, reals
 from osl_analysis.trial import Array
 
 BLOCK = 512
 KEY = 0x50
 MOST_FRAMES = 0xFFFF
 PROCESSORS = {84: "Intel", 85: "DEC", 86: "MIPS"}
-ENDIAN = {"Intel": "<", "DEC": "<", "MIPS": ">"}
-SIZES = (-1, 1, 2, 4)  # type of a parameter: text, byte, integer, real
 CONTINUATIONS = ("", *map(str, range(2, 10)))  # a parameter holds 255 values; more follow in NAME2, NAME3, ...
+ESSENTIAL = {
+    "POINT": ("USED", "LABELS"),
+    "ANALOG": ("USED", "LABELS", "SCALE", "OFFSET", "GEN_SCALE"),
+}
+"""Parameters without which points or analog samples would be read wrongly."""
 
-Parameters = dict[str, "Array | list[str]"]
+Counts = Literal["refuse", "header", "parameters"]
+"""Which counts of points and analog channels hold where header and parameters contradict each other."""
+
+
+class CountsError(InputError):
+    """Header and parameters count points or channels differently. `fitting`: which of them fit the file's size."""
+
+    def __init__(self, message: str, fitting: tuple[Counts, ...]) -> None:
+        super().__init__(message)
+        self.fitting = fitting
 
 
 @dataclass(frozen=True)
@@ -46,6 +59,8 @@ class C3DHeader:
     """Units of length per count where positions are stored as 16-bit integers; negative where they are reals."""
     parameters: Parameters
     """By `GROUP:NAME` an array of float64 in the file's dimensions (first index fastest) or a list of texts."""
+    remark: str = ""
+    """Oddity of the parameter section; empty if there is none."""
 
     @property
     def integers(self) -> bool:
@@ -77,14 +92,16 @@ def is_c3d(begin: bytes) -> bool:
     return begin[1:2] == bytes([KEY]) and b"\0" in begin
 
 
-def parse_file(path: Path, data: bytes) -> C3DHeader:
+def parse_file(path: Path, data: bytes, counts: Counts = "refuse") -> C3DHeader:
     """Header and parameters of a file's content.
 
     Raises
     ------
+    CountsError
+        Header and parameters count points or channels differently, and `counts` does not say which holds.
     InputError
-        The file is not C3D, its processor type is unknown, its parameters are damaged, its counts contradict each
-        other, or it holds fewer frames than it declares.
+        The file is not C3D, its processor type is unknown, its parameters are damaged, `counts` contradicts its size,
+        or it holds fewer frames than it declares.
     """
     if len(data) < 2 * BLOCK or data[1] != KEY:
         raise InputError(
@@ -98,9 +115,10 @@ def parse_file(path: Path, data: bytes) -> C3DHeader:
         )
     try:
         header = parse_header(data, start, processor)
-        check_counts(header)
+        check_section(header)
     except (struct.error, ValueError, IndexError) as error:
         raise InputError(f"{path}: damaged C3D file: {error}; export the trial again") from error
+    header = with_counts(path, header, len(data), counts)
     check_size(path, header, len(data))
     return header
 
@@ -108,6 +126,9 @@ def parse_file(path: Path, data: bytes) -> C3DHeader:
 def parse_header(data: bytes, start: int, processor: str) -> C3DHeader:
     """Header block and parameter section; rate and long frame counts are taken from parameters where they exist."""
     words = np.frombuffer(data[:24], f"{ENDIAN[processor]}u2").astype(int)
+    data_start = (int(words[8]) - 1) * BLOCK
+    section_end = data_start if data_start > start else start + max(data[start + 2], 1) * BLOCK
+    parameters, remark = parse_parameters(data, start + 4, min(section_end, len(data)), processor)
     scale, rate = (float(reals(data[begin : begin + 4], processor)[0]) for begin in (12, 20))
     samples_per_frame = max(int(words[9]), 1)
     header = C3DHeader(
@@ -118,9 +139,10 @@ def parse_header(data: bytes, start: int, processor: str) -> C3DHeader:
         rate=rate,
         samples_per_frame=samples_per_frame,
         channels=int(words[2]) // samples_per_frame,
-        data_start=(int(words[8]) - 1) * BLOCK,
+        data_start=data_start,
         scale=scale,
-        parameters=parse_parameters(data, start + 4, processor),
+        parameters=parameters,
+        remark=remark,
     )
     stated = header.numbers("POINT:RATE")
     rated = replace(header, rate=float(stated[0])) if stated.size and stated[0] > 0 else header
@@ -139,16 +161,49 @@ def long_frames(header: C3DHeader) -> int:
     return int(stated[0]) if stated.size and np.isfinite(stated[0]) else 0
 
 
-def check_counts(header: C3DHeader) -> None:
-    """Refuse counts that the parameters contradict: every frame would be read from a wrong place."""
-    for group, count in (("POINT", header.points), ("ANALOG", header.channels)):
-        used = header.numbers(f"{group}:USED")
-        if used.size and used[0] % 65536 != count:
-            raise InputError(f"the header counts {count}, {group}:USED is {used[0]:g}")
+def check_section(header: C3DHeader) -> None:
+    """Refuse a header without a scale or a place for the data, and a parameter section that ends early."""
     if header.scale == 0 or not math.isfinite(header.scale):
         raise InputError(f"the scale of the points is {header.scale}")
     if header.data_start < BLOCK:
         raise InputError(f"the data begin at byte {header.data_start}, within the header")
+    for group, count in (("POINT", header.points), ("ANALOG", header.channels)):
+        lost = [name for name in ESSENTIAL[group] if count and f"{group}:{name}" not in header.parameters]
+        if header.remark and lost:
+            raise InputError(f"{header.remark}, before {group}:{lost[0]}")
+
+
+def with_counts(path: Path, header: C3DHeader, size: int, counts: Counts) -> C3DHeader:
+    """The header with the counts of points and channels that hold; raises as `parse_file`."""
+    used = {group: header.numbers(f"{group}:USED") for group in ESSENTIAL}
+    stated = {"POINT": header.points, "ANALOG": header.channels}
+    other = {
+        group: int(one[0] % 65536) if one.size and math.isfinite(one[0]) else stated[group]
+        for group, one in used.items()
+    }
+    if other == stated:
+        return header
+    choices: dict[Counts, C3DHeader] = {
+        "header": header,
+        "parameters": replace(header, points=other["POINT"], channels=other["ANALOG"]),
+    }
+    fitting = tuple(name for name, one in choices.items() if fits(one, size))
+    group = next(group for group in stated if stated[group] != other[group])
+    contradiction = f"{path}: the header counts {stated[group]}, {group}:USED is {other[group]}"
+    says = f"the file's size fits {' and '.join(fitting) or 'neither'}"
+    if counts == "refuse":
+        raise CountsError(
+            f"{contradiction}; {says}: write `counts: header` or `counts: parameters` in the source file", fitting
+        )
+    if fitting and counts not in fitting:
+        raise InputError(f"{contradiction}; {says}: write `counts: {fitting[0]}` in the source file")
+    return choices[counts]
+
+
+def fits(header: C3DHeader, size: int) -> bool:
+    """Whether a file of this size [bytes] holds the frames that the header declares, and at most two blocks more."""
+    more = size - header.data_start - header.frames * header.frame_bytes
+    return 0 <= more < 2 * BLOCK
 
 
 def check_size(path: Path, header: C3DHeader, size: int) -> None:
@@ -167,65 +222,3 @@ def check_size(path: Path, header: C3DHeader, size: int) -> None:
         raise InputError(
             f"{path}: holds {there} frames, more than the {MOST_FRAMES} that a C3D header can count; export it in parts"
         )
-
-
-def parse_parameters(data: bytes, position: int, processor: str) -> Parameters:
-    """The parameter section from its first record on; groups may follow their parameters."""
-    groups: dict[int, str] = {}
-    found: list[tuple[int, str, Array | list[str]]] = []
-    while data[position] != 0:
-        length, group = struct.unpack_from("bb", data, position)
-        end = position + 2 + abs(length)
-        name = data[position + 2 : end].decode("latin-1").strip().upper()
-        (step,) = struct.unpack_from(f"{ENDIAN[processor]}h", data, end)
-        if group < 0:
-            groups[-group] = name
-        else:
-            found.append((group, name, parameter_value(data, end + 2, processor, name)))
-        if step < 0:
-            raise InputError(f"the parameter section is damaged after {name!r}")
-        if step == 0:
-            break
-        position = end + step
-    return {f"{groups.get(group, group)}:{name}": value for group, name, value in found}
-
-
-def parameter_value(data: bytes, position: int, processor: str, name: str) -> Array | list[str]:
-    """One parameter from its type byte on."""
-    kind, dimensions = struct.unpack_from("bB", data, position)
-    if kind not in SIZES or dimensions > 7:
-        raise InputError(f"the parameter '{name}' has type {kind} and {dimensions} dimensions: the section is damaged")
-    shape = tuple(data[position + 2 : position + 2 + dimensions])
-    begin = position + 2 + dimensions
-    content = data[begin : begin + abs(kind) * math.prod(shape)]
-    if len(content) != abs(kind) * math.prod(shape):
-        raise InputError(f"the parameter '{name}' reaches beyond the end of the file")
-    if kind == -1:
-        return text_values(content, shape[0] if shape else 1)
-    whole = "u1" if kind == 1 else f"{ENDIAN[processor]}i2"
-    values = reals(content, processor) if kind == 4 else np.frombuffer(content, whole)
-    with np.errstate(invalid="ignore"):  # a damaged real may be no number
-        return values.astype(np.float64).reshape(shape, order="F")
-
-
-def text_values(content: bytes, length: int) -> list[str]:
-    """Strings of equal length, stripped; in UTF-8, or else in Latin-1."""
-    parts = [content[i : i + length] for i in range(0, len(content), length or 1)]
-    return [text_of(part).strip(" \0") for part in parts]
-
-
-def text_of(text: bytes) -> str:
-    """Text in UTF-8, or else in Latin-1."""
-    try:
-        return text.decode("utf-8")
-    except UnicodeDecodeError:
-        return text.decode("latin-1")
-
-
-def reals(content: bytes, processor: str) -> NDArray[np.float32]:
-    """32-bit reals; DEC stores the two halves swapped, and an exponent that is larger by two."""
-    if processor != "DEC":
-        return np.frombuffer(content, f"{ENDIAN[processor]}f4").astype(np.float32)
-    halves = np.frombuffer(content, "<u2").reshape(-1, 2)[:, ::-1]
-    with np.errstate(invalid="ignore"):
-        return np.ascontiguousarray(halves).view("<f4")[:, 0] * np.float32(0.25)

@@ -22,7 +22,7 @@ def read_c3d_capture(path: Path, source: C3dSource) -> Recording:
         The file cannot be read, a marker, plate or channel is missing or named twice, a unit is unknown, or an
         analog value is not finite.
     """
-    recording = read_c3d(path)
+    recording = read_c3d(path, source.counts)
     try:
         return recording_of(c3d_capture(recording, source), source)
     except InputError as error:
@@ -90,6 +90,8 @@ def place_of(label: str, labels: list[str], what: str) -> int:
 def c3d_warnings(recording: C3DRecording, source: C3dSource) -> list[str]:
     """Warnings about the recording."""
     found, name, header = [], printable(recording.path.name), recording.header
+    if header.remark:
+        found.append(f"{name}: {printable(header.remark)}")
     rate = header.numbers("ANALOG:RATE")
     actual = header.rate * header.samples_per_frame
     if header.channels and rate.size and abs(rate[0] - actual) > 1e-3 * actual:

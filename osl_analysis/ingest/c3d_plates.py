@@ -48,7 +48,8 @@ def plates_of(recording: C3DRecording, source: C3dSource) -> list[tuple[ForcePla
             plate = c3d_plate(recording, source, number)
             plates.append((plate, channels_in_si(recording, source, plate)))
         except InputError as error:
-            raise InputError(f"{error} (or list the other plates under `plates`)") from error
+            others = [other for other in range(1, count + 1) if other != number] or "none"
+            raise InputError(f"{error} (or leave this plate out: `plates: {others}`)") from error
     return plates
 
 
@@ -126,7 +127,7 @@ def channels_in_si(recording: C3DRecording, source: C3dSource, plate: ForcePlate
     if plate.type == 4:
         return values
     units = [
-        plate_factor(recording, source, n, quantity)
+        plate_factor(recording, source, n, quantity, plate.type)
         for n, quantity in zip(numbers, QUANTITIES[plate.type], strict=True)
     ]
     return np.asarray(values * np.array(units))
@@ -155,16 +156,19 @@ def baseline_frames(recording: C3DRecording, source: C3dSource) -> tuple[int, in
     return first, last
 
 
-def plate_factor(recording: C3DRecording, source: C3dSource, channel: int, quantity: str) -> float:
-    """Factor of a plate's channel, counted from 0, to the SI unit of its quantity."""
+def plate_factor(recording: C3DRecording, source: C3dSource, channel: int, quantity: str, kind: int) -> float:
+    """Factor of a channel, counted from 0, of a plate of type `kind` to the SI unit of its quantity."""
     unit = recording.analog_unit(channel)
     if source.plate_units:
         unit = stated_unit(source.plate_units, quantity) or unit
     try:
         return si_factor(unit, quantity)
     except InputError as error:
-        fields = "{force: N, moment: N*m, length: m}" if quantity == "m" else "{force: N, moment: N*m}"
-        raise InputError(f"analog channel {channel + 1}: {error}; or state `plate_units`, as {fields}") from error
+        fields = "{force: N, moment: N*mm, length: mm}" if kind == 1 else "{force: N, moment: N*mm}"
+        raise InputError(
+            f"analog channel {channel + 1}: {error}; or state the units that hold for all plates, as in "
+            f"`plate_units: {fields}`, in {source.place('plate_units').partition(' in ')[2]}"
+        ) from error
 
 
 def stated_unit(units: PlateUnits, quantity: str) -> str | None:

@@ -6,6 +6,7 @@ from pydantic import Field, PositiveInt, field_validator, model_validator
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d_file import C3DRecording
+from osl_analysis.formats.c3d_header import Counts
 from osl_analysis.ingest.source_fields import CaptureSource, Conversion, all_none_or_list
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.yaml_settings import Settings
@@ -44,6 +45,9 @@ class C3dSource(CaptureSource):
     """Format of the file."""
     analogs: dict[str, C3dAnalog] = Field(default={})
     """The analog channel of each canonical column."""
+    counts: Counts = "refuse"
+    """Which counts of points and analog channels hold where the file's header and its parameters contradict each other:
+    header, parameters, or refuse."""
     point_unit: str | None = None
     """Unit of length, where the file's POINT:UNITS is absent or wrong."""
     plates: Literal["all"] | tuple[int, ...] = "all"
@@ -77,5 +81,5 @@ class C3dSource(CaptureSource):
         try:
             si_factor(unit, "m")
         except InputError as error:
-            raise InputError(f"unit of length: {error}, as `point_unit` in the source file") from error
+            raise InputError(f"unit of length: {error}, as {self.place('point_unit')}") from error
         return unit

@@ -2,14 +2,18 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from osl_analysis.errors import InputError, listing
 from osl_analysis.formats.c3d_file import C3DRecording, read_c3d
+from osl_analysis.formats.c3d_header import CountsError
 from osl_analysis.formats.nexus_csv import NexusSection, read_sections
-from osl_analysis.ingest.c3d_plates import plate_count, plate_parameter
+from osl_analysis.ingest.c3d_plates import plate_count, plate_loads, plate_parameter
+from osl_analysis.ingest.c3d_source import C3dSource
+from osl_analysis.ingest.draft_places import UNKNOWN
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 
 KINDS = {"Trajectories": "marker", "Model Outputs": "model output"}
@@ -23,11 +27,25 @@ def inspect_c3d(path: Path) -> Overview:
     InputError
         The file cannot be read; the message says where it is damaged.
     """
-    recording = read_c3d(path)
+    recording, remark = any_counts(path)
     try:
-        return c3d_overview(recording)
+        overview = c3d_overview(recording)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+    if not remark:
+        return overview
+    settings = {"counts": UNKNOWN, **overview.settings}
+    return replace(overview, remarks=[remark, *overview.remarks], settings=settings)
+
+
+def any_counts(path: Path) -> tuple[C3DRecording, str]:
+    """A file and a remark: where header and parameters contradict each other, it is read by the counts that fit."""
+    try:
+        return read_c3d(path), ""
+    except CountsError as error:
+        if not error.fitting:
+            raise
+        return read_c3d(path, error.fitting[0]), f"read here with the counts of the {error.fitting[0]}: {error}"
 
 
 def c3d_overview(recording: C3DRecording) -> Overview:
@@ -55,7 +73,10 @@ def recorded_points(recording: C3DRecording) -> Iterator[RecordedChannel]:
         note = f"missing in {missing:.1%} of the frames" if missing else ""
         kind = "model output" if label in outputs else "marker"
         unit = "" if kind == "model output" else recording.point_unit()
-        yield RecordedChannel(kind, {"label": label}, unit, int(seen.sum()), header.rate, note, missing=missing)
+        centre = tuple(recording.points[seen, place].mean(axis=0).tolist()) if seen.any() else ()
+        yield RecordedChannel(
+            kind, {"label": label}, unit, int(seen.sum()), header.rate, note, missing=missing, centre=centre
+        )
 
 
 def recorded_analogs(recording: C3DRecording) -> Iterator[RecordedChannel]:
@@ -78,12 +99,26 @@ def recorded_plates(recording: C3DRecording) -> Iterator[RecordedChannel]:
             note = f"type {kind}, analog channels {own}"
         except InputError as error:
             note = str(error)
-        yield RecordedChannel("plate", {"plate": str(number)}, note=note)
+        load, centre = load_on(recording, number)
+        note += f", force within {load:.0f} N" if load is not None else ""
+        yield RecordedChannel("plate", {"plate": str(number)}, note=note, load=load, centre=centre)
+
+
+def load_on(recording: C3DRecording, number: int) -> tuple[float | None, tuple[float, ...]]:
+    """Range of the force on a plate [N], and the mean of its corners in the file's unit; None and () if unknown."""
+    try:
+        corners = plate_parameter(recording, "CORNERS", number, (3, 4)).mean(axis=1)
+        (load,) = plate_loads(recording, C3dSource(format="c3d", plates=(number,)))
+    except InputError:
+        return None, ()
+    return float(np.ptp(np.linalg.norm(load.force, axis=1))), tuple(corners.tolist())
 
 
 def c3d_oddities(recording: C3DRecording) -> Iterator[str]:
     """Oddities that a source file may have to settle."""
     header = recording.header
+    if header.remark:
+        yield header.remark
     for what, labels in (("marker", recording.point_labels), ("analog channel", recording.analog_labels)):
         repeated = [f"'{label}' {count} times" for label, count in Counter(labels).items() if count > 1]
         yield from [f"{what}s of the same label: {listing(repeated)}"] * bool(repeated)

@@ -2,8 +2,11 @@
 
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
+import numpy as np
+
+from osl_analysis.ingest.draft_places import UNKNOWN
 from osl_analysis.ingest.overview import Overview
 
 CLUSTERS = {
@@ -16,6 +19,8 @@ ANKLE = r"ANK|MALL?"
 SIDES = {"ankle_medial": r"MED|(^|_)M(_|MAL|$)", "ankle_lateral": r"LAT|(^|_)L(_|MAL|$)"}
 """What the names of the malleoli contain, both."""
 FEWEST = 3
+LOADED = 100.0
+"""Range of the force [N] above which somebody stepped on a plate."""
 TITLE = "Draft of the section `walking` of the configuration, guessed from the names of markers. Check every line."
 
 
@@ -30,18 +35,38 @@ def draft_walking(overview: Overview) -> list[str]:
     clusters = {key: [name for name in free if contains(name, word)] for key, word in CLUSTERS.items()}
     if not clusters["platform"] or not (clusters["foot"] or clusters["shank"]):
         return []
-    plates = sum(channel.kind == "plate" for channel in overview.channels)
-    number = "1" if plates == 1 else f"UNKNOWN  # of {plates} force plates in this file: the one on the platform"
     lines = [
         TITLE,
         "walking:",
         "  side: UNKNOWN  # left or right: the leg that steps on the platform",
-        f"  plate: {number}",
+        f"  plate: {plate_text(overview, clusters['platform'])}",
         "  markers:",
         *(f"    {key}: {cluster_text(names)}" for key, names in clusters.items()),
         *(f"    {key}: {malleolus_text(names)}" for key, names in malleoli.items()),
     ]
     return [f"# {line}" for line in lines]
+
+
+def plate_text(overview: Overview, platform: Sequence[str]) -> str:
+    """The number of the plate on the platform in YAML; of several a guess that is said to be one, or UNKNOWN.
+
+    The guess is the plate with load; of several with load the one nearest to the platform's markers.
+    """
+    plates = [channel for channel in overview.channels if channel.kind == "plate"]
+    if len(plates) == 1:
+        return "1"
+    loaded = [plate for plate in plates if (plate.load or 0.0) > LOADED]
+    if not loaded:
+        return f"{UNKNOWN}  # of {len(plates)} force plates in this file: the one on the platform"
+    own = [c for c in overview.channels if c.kind == "marker" and c.address["label"] in platform and c.centre]
+    if own and len(loaded) > 1:
+        place = np.mean([marker.centre for marker in own], axis=0)
+        guess = min(loaded, key=lambda plate: float(np.linalg.norm(np.asarray(plate.centre) - place)))
+        why = "with load the one that is nearest to the platform's markers"
+    else:
+        guess = max(loaded, key=lambda plate: plate.load or 0.0)
+        why = "the one with the load"
+    return f"{guess.address['plate']}  # a guess, to be confirmed: of {len(plates)} force plates {why}"
 
 
 def contains(label: str, word: str) -> bool:

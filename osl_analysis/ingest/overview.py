@@ -30,6 +30,10 @@ class RecordedChannel:
     """Type of the numbers and the length of the array that they stand in, such as `float64[4]`."""
     likely_unit: str = ""
     """Unit that the channel's name ends with; a guess, for the user to check."""
+    load: float | None = None
+    """Range of the force on a plate [N]; None for anything else, and where it cannot be computed."""
+    centre: tuple[float, ...] = ()
+    """Mean position of a marker, or of the corners of a plate, (3,) in the file's unit and axes; empty if unknown."""
     missing: float = 0.0
     """Share of the frames or rows in which nothing was recorded, 0 to 1."""
 

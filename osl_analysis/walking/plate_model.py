@@ -71,7 +71,7 @@ def identify_plate_model(
         raise InputError("no trials of the unloaded plate; add trials of experiment 'plate' to the sheet")
     for trial in trials:
         check_type_on_platform(trial, settings.plate)
-    seen = without_hidden_turns([unloaded_recording(t, calibration_of(calibrations, t.name), settings) for t in trials])
+    seen = usable([unloaded_recording(t, calibration_of(calibrations, t.name), settings) for t in trials])
     recordings = along_shared_directions(seen)
     lags = [trial_lag(r) if settings.correct_plate_lag else float("nan") for r in recordings]
     reason = NOT_ASKED if not settings.correct_plate_lag else None if np.isfinite(lags).any() else TOO_LIGHT
@@ -123,27 +123,22 @@ def plate_model(
     return PlateModel(inertia, lag, error, known)
 
 
-def without_hidden_turns(recordings: Sequence[UnloadedRecording]) -> list[UnloadedRecording]:
-    """The recordings whose platform was seen while it turned. A warning names each of the others.
+def usable(recordings: Sequence[UnloadedRecording]) -> list[UnloadedRecording]:
+    """The recordings that show a whole motion of the platform. A warning names each of the others.
 
     Raises
     ------
     InputError
         There is no such recording.
     """
-    hidden = [r for r in recordings if r.hidden]
-    if len(hidden) == len(recordings):
+    bad = [r for r in recordings if r.unusable]
+    if len(bad) == len(recordings):
         raise InputError(
-            f"the platform's markers were hidden while it turned, in every unloaded trial ({hidden[0].name}, ...); "
-            "fill the gaps in Nexus, record one again, or raise longest_fitted_gap_s"
+            f"no unloaded trial shows the plate's inertia; trial {bad[0].name}, as others: {bad[0].unusable}"
         )
-    for r in hidden:
-        warnings.warn(
-            f"trial {r.name}: excluded from the plate's model: the platform turned while its markers were hidden; fill "
-            "the gap in Nexus, or record it again",
-            stacklevel=2,
-        )
-    return [r for r in recordings if not r.hidden]
+    for r in bad:
+        warnings.warn(f"trial {r.name}: excluded from the plate's model: {r.unusable}", stacklevel=2)
+    return [r for r in recordings if not r.unusable]
 
 
 def trial_lag(recording: UnloadedRecording) -> float:

@@ -102,7 +102,7 @@ def straight_over_gaps(coordinates: Array, bridged: Mask, rate: float) -> Array:
     """Coordinates (n, 6) [m] with straight lines in place of the curves that bridge longer gaps, between the means of
     the frames beside them.
 
-    A cubic over 50 ms carries the noise of the frames beside it to 20 times its size: a motion that never was.
+    A cubic over 50 ms carries the noise of the frames beside it to several times its size: a motion that never was.
     """
     found = coordinates.copy()
     for gap in runs(bridged):

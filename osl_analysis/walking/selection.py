@@ -20,6 +20,8 @@ DEVIATIONS = (
     ("pressure_deviation_m", PRESSURE),
 )
 """Columns of `walking_crossings.csv` with the features that compare curves."""
+BRIDGED = 0.05
+"""Share of hidden frames from which they are named beside an outlier."""
 SEPARATOR = "; "
 """Between the names of gaits in one cell; no name has a semicolon."""
 
@@ -68,8 +70,16 @@ def compared_rows(crossings: Sequence[Crossing], settings: SelectionSettings) ->
     rule = settings.outliers
     features = crossing_features(crossings, settings.timing, rule) if rule else []
     reasons = outlier_reasons(features, [c.name for c in crossings], rule.limit) if rule else {}
+    reasons = {c.name: reasons[c.name] + hidden_share(c) for c in crossings if c.name in reasons}
     reasons |= {c.name: reason for c in crossings if (reason := load_reason(c, settings))}
     return {c.name: crossing_row(c, k, features, reasons.get(c.name)) for k, c in enumerate(crossings)}
+
+
+def hidden_share(crossing: Crossing) -> str:
+    """What hidden markers may have to do with an outlier, for its reason; empty if they were not hidden for long."""
+    if crossing.bridged < BRIDGED:
+        return ""
+    return f" (markers were hidden for {crossing.bridged:.0%} of it: fill the gaps in Nexus, or lower longest_gap_s)"
 
 
 def load_reason(crossing: Crossing, settings: SelectionSettings) -> str:

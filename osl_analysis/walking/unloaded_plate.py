@@ -13,12 +13,19 @@ from osl_analysis.walking.labels import exchanged_labels
 from osl_analysis.walking.plate import PlateWrench, RecordedWrench, plate_centre, recorded_wrench, rotation_from_rest
 from osl_analysis.walking.plate_inertia import noise_squares
 from osl_analysis.walking.platform_motion import PlatformTrack
-from osl_analysis.walking.platform_rank import gated_noise
+from osl_analysis.walking.platform_rank import gate, gated_noise
 from osl_analysis.walking.settings import PlateModelSettings
 
 FEWEST_FRAMES = 10
 HIDDEN_TURN = np.deg2rad(0.2)
 """Smallest rotation [rad] during hidden markers that counts as a turn. At rest, noise gives 0.03 deg."""
+
+HIDDEN = "the platform turned while its markers were hidden; fill the gap in Nexus, or record it again"
+CUT = "the recording begins or ends while the platform moves; record from rest to rest"
+EDGE_S = 0.05
+"""Time [s] at each end of a recording in which a platform that moves is seen."""
+STILL = 7.0
+"""A platform moves at an end if its speed there is above this multiple of its standard error."""
 
 
 @dataclass(frozen=True)
@@ -27,14 +34,14 @@ class UnloadedRecording:
 
     name: the trial.
     time: the marker frames (n,) [s].
-    rows: the longest run of frames in which the platform was seen.
+    rows: the longest run of frames in which the platform was seen, without a motion that the recording cuts.
     track: the platform's coordinates in these rows.
     motion: motion of the plate's centre in these rows, through the low-pass of the crossings.
     centre: the plate's centre (3,) [m] at rest.
     recorded: the plate's wrench as sampled.
     low_pass: the filter of the crossings.
     plate_low_pass: the further filter of the identification.
-    hidden: whether the platform turned while its markers were hidden.
+    unusable: why the trial shows nothing of the plate, for a message; empty if it does.
     noise: weighted squares (10, 10) of the marker noise in the columns of the regression.
     """
 
@@ -47,7 +54,7 @@ class UnloadedRecording:
     recorded: RecordedWrench
     low_pass: LowPass
     plate_low_pass: LowPass
-    hidden: bool
+    unusable: str
     noise: Array
 
     def along(self, axes: Array) -> "UnloadedRecording":
@@ -84,14 +91,46 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
         )
     reference = reference_positions(calibration.platform, names, trial.name)
     track = PlatformTrack.of(trial.name, time[rows], poses[rows], reference, settings.low_pass)
+    whole = whole_motions(track)
+    cut, rests = whole.stop - whole.start < rows.stop - rows.start, whole.stop - whole.start >= FEWEST_FRAMES
+    if cut and rests:
+        rows = slice(rows.start + whole.start, rows.start + whole.stop)
+        track = PlatformTrack.of(trial.name, time[rows], poses[rows], reference, settings.low_pass)
     centre = plate_centre(trial, settings.plate)
     motion, weights = track.own_motion(np.eye(6), centre)
     motion = motion.weighted(weights)
-    hidden = turned_while_hidden(trial.name, time, poses, settings)
+    turned = np.deg2rad(settings.perturbation_deg)
+    if cut and (not rests or np.ptp(rotation_from_rest(poses[rows])) < turned):
+        unusable = CUT
+    else:
+        unusable = HIDDEN if turned_while_hidden(trial.name, time, poses, settings) else ""
     filters = settings.low_pass, settings.plate_low_pass
     return UnloadedRecording(
-        trial.name, time, rows, track, motion, centre, recorded, *filters, hidden, np.zeros((10, 10))
+        trial.name, time, rows, track, motion, centre, recorded, *filters, unusable, np.zeros((10, 10))
     )
+
+
+def whole_motions(track: PlatformTrack) -> slice:
+    """The frames (n,) of a track without a motion that begins before or ends after it; empty if it never rests.
+
+    Half a motion has accelerations that the low-pass gets wrong at the end of the recording: the lag is then off by
+    milliseconds, and the plate's mass by a tenth.
+    """
+    count, n = max(round(EDGE_S * track.rate), 5), len(track.time)
+    moves = track.moves(np.eye(6))
+    ends = slice(0, count), slice(n - count, n)
+    for end in ends:
+        moves[end] |= end_speed(track.time[end], track.measured[end]) > STILL * track.noise
+    still = runs(gate(track.time, moves, track.spread) == 0)
+    rests = [run for run in still if run.stop - run.start >= FEWEST_FRAMES] or [slice(0, 0)]
+    return slice(rests[0].start if moves[0] else 0, rests[-1].stop if moves[-1] else n)
+
+
+def end_speed(time: Array, coordinates: Array) -> float:
+    """Largest slope of coordinates (n, 6) at times (n,) [s], in units of its standard error for noise of 1."""
+    since = time - time.mean()
+    slopes = since @ coordinates / (since @ since)
+    return float(np.abs(slopes).max() * np.sqrt(since @ since))
 
 
 def check_unloaded(name: str, recorded: RecordedWrench, largest: float) -> None:

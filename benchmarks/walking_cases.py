@@ -63,7 +63,8 @@ def conditions(**lists: Any) -> Changes:
 K_D = {"K_d": [280, 340, 420]}
 TWO_SESSIONS = {"static": 2, "walking": 20, "conditions": {"sessions": 2}}
 SMALL = {"perturbation": {"angle_deg": 2.5, "rise_s": 0.1}, "effects": {"marker_noise": {"size": 0.3}}}
-MATCHED = Remedy("`perturbed_stance: matched`", config={"walking": {"perturbed_stance": "matched"}})
+OWN = Remedy("", config={"walking": {"perturbed_stance": "own"}})
+MATCHED = Remedy("`perturbed_stance: matched`, the default")
 
 PROTOCOL = (
     Case("none"),
@@ -102,9 +103,24 @@ GAIT = (
     Case("timing within stance scatters by 1 %", effect("timing_wander", 1, "%")),
     Case("torque wanders by 2 N·m", effect("torque_wander", 2, "N*m")),
     Case("amplitude scatters by 5 %", effect("amplitude_scatter", 5, "%")),
-    Case("stance 8 % shorter after the window", change(of="perturbed", after_window_percent=-8), remedy=MATCHED),
-    Case("stance 8 % longer after the window", change(of="perturbed", after_window_percent=8), remedy=MATCHED),
-    Case("perturbed crossings 8 % slower throughout", change(of="perturbed", slower_percent=8), remedy=MATCHED),
+    Case(
+        "stance 8 % shorter after the window, `perturbed_stance: own`",
+        change(of="perturbed", after_window_percent=-8),
+        asked=OWN,
+        remedy=MATCHED,
+    ),
+    Case(
+        "stance 8 % longer after the window, `perturbed_stance: own`",
+        change(of="perturbed", after_window_percent=8),
+        asked=OWN,
+        remedy=MATCHED,
+    ),
+    Case(
+        "perturbed crossings 8 % slower throughout, `perturbed_stance: own`",
+        change(of="perturbed", slower_percent=8),
+        asked=OWN,
+        remedy=MATCHED,
+    ),
     Case("60 % of the unperturbed crossings with 70 % of the load", change(of="unperturbed", share=0.6, load=0.7)),
     Case("perturbed crossings with 70 % of the load", change(of="perturbed", load=0.7)),
 )

@@ -128,7 +128,7 @@ def errors_of(session: Session, crossings: Iterable[Crossing], settings: Walking
     """Errors (4,) of the campaign: mean K and B [% of the rendered], mean I [kg*m^2], RMS of the torque [N*m]."""
     walked = [c for c in crossings if c.onset is not None]
     gait = unperturbed_gait([c for c in crossings if c.onset is None], settings.fewest_unperturbed)
-    fits = [fit_response(isolate_response(c, gait, settings.timing)) for c in walked]
+    fits = [fit_response(isolate_response(c, gait, settings.timing, settings.perturbed_stance)) for c in walked]
     true = {q: np.mean([session.truth[c.name][f"{q}_rendered"] for c in walked]) for q in "KBI"}
     K, B, I = (np.mean([getattr(fit, q) for fit in fits]) for q in "KBI")
     torque = np.mean([torque_error(c, session.curves[c.name], settings.window_s) for c in walked])

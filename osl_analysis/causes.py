@@ -117,7 +117,8 @@ REMEDIES: dict[str, str | Words] = {
     "others",
     "heterogeneity": "perturbations show several stiffnesses, state K_d or group in the sheet to part them",
     "onset_phase_sd": "perturbations begin at several phases of stance, name timing under walking.group_by",
-    "uncorrected_stance_change": "the perturbation changes the stance, set walking.perturbed_stance: matched",
+    "uncorrected_stance_change": "perturbed crossings have not the stance that phase is computed with, set "
+    "walking.perturbed_stance: matched",
     "residual_over_gait": "neither a second-order joint nor ordinary gait explains the torque, look for clipped "
     "channels and a second foot",
     "estimator_difference": "the fit to the mean response and the mean of the single fits disagree, look at the single "

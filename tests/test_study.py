@@ -240,7 +240,8 @@ def test_walking_is_measured_against_the_perturbation_alone(experiment, tmp_path
 def test_walking_without_gait_scatter_and_noise_has_no_error(monkeypatch, tmp_path):
     """All crossings alike: the estimate is the truth, from angle and torque and through recorded files.
 
-    Files: single precision, and a low-pass of products that is not the product of low-passes.
+    Sensors: the pace is matched to 1e-5, and 1 % of pace is 5 % of K. Files: single precision, and a low-pass of
+    products that is not the product of low-passes.
     """
 
     def ideal(path, model):
@@ -252,7 +253,7 @@ def test_walking_without_gait_scatter_and_noise_has_no_error(monkeypatch, tmp_pa
         return found
 
     monkeypatch.setattr(study_jobs, "read_yaml", ideal)
-    for experiment, close in zip(WALKING, (1e-4, 3e-3), strict=True):
+    for experiment, close in zip(WALKING, (3e-4, 3e-3), strict=True):
         table = campaign(experiment, tmp_path)
         inertia = pl.col("quantity") == "I"
         np.testing.assert_allclose(*table.filter(~inertia).select("value", "truth"), rtol=close)

@@ -2,12 +2,11 @@
 
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.stats import norm, t
-from walking_synthetic import RATE, SETTINGS, bump
+from walking_synthetic import RATE, bump
 
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass, differentiate
@@ -21,7 +20,6 @@ from osl_analysis.walking.ensemble import (
     resampling_weights,
 )
 from osl_analysis.walking.events import Stance
-from osl_analysis.walking.phase import matched_scales
 from osl_analysis.walking.response import PerturbationResponse, isolate_response
 from osl_analysis.walking.response_fit import (
     fit_response,
@@ -31,9 +29,8 @@ from osl_analysis.walking.response_fit import (
     plate_errors,
     response_lag,
 )
-from osl_analysis.walking.settings import Timing, WalkingAnalysis
+from osl_analysis.walking.settings import Timing
 from osl_analysis.walking.unperturbed import PHASES, UnperturbedGait, unperturbed_gait
-from osl_analysis.yaml_settings import validated
 
 K, B, I = 340.0, 5.0, 0.03
 TIMING = Timing(window=0.1, baseline=0.06, guard=0.04)
@@ -155,61 +152,6 @@ def test_the_guard_keeps_the_filters_smear_out_of_the_baseline() -> None:
     )
     assert guarded.K == pytest.approx(K, rel=0.005)
     assert abs(rezeroed.K / K - 1) > 0.01
-
-
-def test_the_unperturbed_stance_stands_in_for_one_that_the_perturbation_lengthens() -> None:
-    """Same crossing, but toe-off came 8 % late: its own duration puts it at the wrong phase of gait."""
-    walked = crossing("p", onset=0.6)
-    late = replace(walked, stance=Stance(0.3, 0.3 + 1.08 * 0.72))
-    gaits = unperturbed_gait([crossing(f"u{k}") for k in range(3)], 3)
-    own = fit_response(isolate_response(late, gaits, TIMING, "own"))
-    mean = fit_response(isolate_response(late, gaits, TIMING, "unperturbed"))
-    assert mean.K == pytest.approx(K, rel=1e-3)
-    assert abs(own.K / K - 1) > 0.02
-
-
-@pytest.mark.parametrize("slower", [0.92, 1.0, 1.08])
-@pytest.mark.parametrize("lingers", [0.92, 1.0, 1.08])
-def test_the_matched_stance_is_right_for_any_pace_and_any_end_of_stance(slower: float, lingers: float) -> None:
-    """The crossing is slower throughout, its toe-off comes late, or both."""
-    walked = crossing("p", onset=0.3 + 0.42 * 0.72 * slower, stance=0.72 * slower)
-    late = replace(walked, stance=Stance(0.3, 0.3 + lingers * 0.72 * slower))
-    response = isolate_response(late, mean_gait(), TIMING, "matched")
-    assert response.stance == pytest.approx(0.72 * slower, rel=1e-4)
-    assert fit_response(response).K == pytest.approx(K, rel=1e-3)
-
-
-def test_an_unperturbed_crossing_whose_toe_off_came_late_is_matched_too() -> None:
-    usual = [crossing(f"u{k}") for k in range(5)]
-    late = replace(usual[0], stance=Stance(0.3, 0.3 + 1.06 * 0.72))
-    gait = unperturbed_gait([*usual[1:], late], 3)
-    walked = crossing("p", onset=0.6)
-    errors = {s: abs(fit_response(isolate_response(walked, gait, TIMING, s)).K / K - 1) for s in ("own", "matched")}
-    assert errors["own"] > 0.01
-    assert errors["matched"] < 0.3 * errors["own"]
-
-
-@pytest.mark.parametrize("scale", [0.8, 0.97, 1.0, 1.21])
-def test_the_scale_is_found_beside_other_size_offset_and_drift(scale: float) -> None:
-    """Two signals of three crossings, which are multiples of the mean gait with an offset and a drift."""
-    phase, mean = PHASES[:160], np.array([gait_angle(PHASES), gait_torque(PHASES)])
-    there = np.array([gait_angle(scale * phase), gait_torque(scale * phase)])
-    sizes = np.array([[1.0, 1.1, 0.8], [1.0, 0.9, 1.2]])[..., None]
-    curves = sizes * there[:, None] + np.array([0.01, 2.0])[:, None, None] * (1 + 3 * phase)
-    assert matched_scales(phase, curves, mean) == pytest.approx([scale] * 3, abs=2e-4)
-
-
-def test_a_pace_far_from_the_mean_has_no_scale_and_is_refused() -> None:
-    phase, mean = PHASES[:160], np.array([gait_angle(PHASES), gait_torque(PHASES)])
-    fast = np.array([gait_angle(1.6 * phase), gait_torque(1.6 * phase)])
-    assert np.isnan(matched_scales(phase, fast[:, None], mean)).all()
-
-
-def test_the_old_word_for_the_unperturbed_stance_is_refused_with_the_new_one() -> None:
-    with pytest.raises(
-        InputError, match=r"perturbed_stance: 'normal' is not allowed: .*'own', 'unperturbed' or 'matched'"
-    ):
-        validated(SETTINGS | {"perturbed_stance": "normal"}, WalkingAnalysis, Path("config.yaml"))
 
 
 def test_unperturbed_gait_is_kept_at_the_same_phases_for_every_pace() -> None:

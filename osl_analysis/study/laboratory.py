@@ -94,7 +94,8 @@ class StudyLaboratory:
         unperturbed, walked = self.walk(name, False), self.walk(name, True)
         alone = unperturbed_gait([self.seen(name, unperturbed, noisy=False)], 1)
         walked_ideally, analysis = self.seen(name, walked, noisy=False), self.analysis
-        ideal = isolate_response(walked_ideally, alone, analysis.timing, analysis.perturbed_stance)
+        # the same crossing's stance without the perturbation, whatever the perturbation does to it
+        ideal = isolate_response(walked_ideally, alone, analysis.timing, "unperturbed")
         exact = fit_without_offset(ideal.fitted_motion, ideal.fitted_torque)
         return PerturbedCrossing(self.seen(name, walked, noisy=True), exact, rendered_impedance(walked, unperturbed))
 

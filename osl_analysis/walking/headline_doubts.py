@@ -142,10 +142,13 @@ def heterogeneity(singles: Sequence[ImpedanceFit]) -> float | None:
 
 
 def stance_facts(responses: Sequence[PerturbationResponse]) -> Facts:
-    """Mean change of stance by the perturbation, as a share, and the same if it is certain and phase ignores it."""
-    changes = np.array([r.stance_change for r in responses if np.isfinite(r.stance_change)])
+    """Mean change of stance by the perturbation, as a share; and how far the stance by which phase is computed differs
+    from the one that the gait before the onset leads to expect, if that is certain."""
+    changes = np.array([r.stance_change for r in responses])
+    errors = np.array([r.stance_error for r in responses])[np.isfinite(changes)]
+    changes = changes[np.isfinite(changes)]
     if len(changes) < 2:
         return {"stance_change": None, "uncorrected_stance_change": None}
-    mean, error = float(changes.mean()), float(changes.std(ddof=1) / np.sqrt(len(changes)))
-    certain = abs(mean) > CERTAIN_T * error and not responses[0].matched
-    return {"stance_change": mean, "uncorrected_stance_change": mean if certain else None}
+    left = float(errors.mean())
+    certain = abs(left) > CERTAIN_T * float(errors.std(ddof=1)) / np.sqrt(len(errors))
+    return {"stance_change": float(changes.mean()), "uncorrected_stance_change": left if certain else None}

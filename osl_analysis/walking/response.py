@@ -32,7 +32,7 @@ class PerturbationResponse:
     sign: -1 if the platform turned the toes down, else 1.
     stance: duration of stance [s] that converts time to phase.
     stance_change: own duration over the one that the gait before the onset leads to expect, minus 1.
-    matched: whether phase follows the gait before the onset.
+    stance_error: `stance` over the one that the gait before the onset leads to expect, minus 1; 0 if it is this one.
     """
 
     name: str
@@ -46,7 +46,7 @@ class PerturbationResponse:
     sign: int = 1
     stance: float = float("nan")
     stance_change: float = 0.0
-    matched: bool = False
+    stance_error: float = 0.0
 
     @property
     def window(self) -> slice:
@@ -77,8 +77,8 @@ def isolate_response(
 
     Phase is the time since heel strike divided by a duration of stance. With `own` this is the crossing's own duration,
     with `unperturbed` the mean of the unperturbed crossings. With `matched` it is the duration at which the crossing's
-    angle and torque before the onset are most like the mean unperturbed gait; the unperturbed crossings are matched in
-    the same way. The baseline ends before the onset, because the filter spreads the response to earlier times. A
+    angle before the onset is most like the mean unperturbed angle; the unperturbed crossings are matched in the same
+    way. The baseline ends before the onset, because the filter spreads the response to earlier times. A
     response zeroed at the onset itself gives K = 321 N*m/rad for a true 340.
 
     Raises
@@ -111,8 +111,8 @@ def isolate_response(
         timing=timing,
         sign=crossing.sign,
         stance=aligned.stance,
-        stance_change=aligned.stance_change,
-        matched=perturbed_stance == "matched",
+        stance_change=crossing.stance.duration / aligned.expected - 1,
+        stance_error=0.0 if perturbed_stance == "matched" else aligned.stance / aligned.expected - 1,
     )
 
 

@@ -205,10 +205,11 @@ class ResponseSettings(WalkingFilter, TimingSettings):
     """How a response is isolated and fitted."""
 
     perturbed_stance: StanceSource
-    """Duration of stance that converts the time of a perturbed crossing to phase. `own`: its own; wrong if the
-    perturbation changes it, which is seen and makes the headline doubtful. `matched`: the one at which its gait before
-    the onset is most like the mean unperturbed gait; right then too, but less certain, because the gait's shape varies.
-    `unperturbed`: the mean of the unperturbed crossings; wrong if whole crossings are slower."""
+    """Duration of stance that converts the time of a perturbed crossing to phase (docs/stance_phase.md). `matched`: the
+    one at which its ankle angle before the onset is most like that of the mean unperturbed gait; right whether the
+    perturbation changes the stance or whole crossings are slower. `own`: its own; wrong if the perturbation changes it.
+    `unperturbed`: the mean of the unperturbed crossings; wrong if whole crossings are slower. Where `own` or
+    `unperturbed` is wrong, the headline is doubtful."""
 
 
 class EnsembleSettings(ResponseSettings):

@@ -56,6 +56,8 @@ def facts_of(file: McapFile) -> dict[str, str]:
 
 def clock_remarks(survey: ChannelSurvey) -> Iterator[str]:
     """What ingest will say of a channel's log times, if they go back."""
+    if survey.messages < 2:
+        return
     log_time = survey.log_time()
     table = pl.DataFrame({"stamp": log_time, "message": np.arange(log_time.size)})
     try:

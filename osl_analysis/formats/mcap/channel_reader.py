@@ -8,11 +8,13 @@ import numpy as np
 from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, listing
 from osl_analysis.formats.mcap.chunk import MessageBlock
+from osl_analysis.formats.mcap.limits import REMEDY, RefusedFileError
 from osl_analysis.formats.mcap.mcap_file import McapFile
 from osl_analysis.formats.messages import cdr
 from osl_analysis.formats.messages.description import FieldDescription, describe_json
+from osl_analysis.formats.messages.effort import EffortError, effort_for
 from osl_analysis.formats.messages.json_messages import ByText
 from osl_analysis.formats.messages.leaves import Indices
 from osl_analysis.formats.messages.one_by_one import Values
@@ -47,8 +49,11 @@ class ChannelReader:
         """Read messages of a block, all of which are the channel's."""
         if not self.messages:
             self.first = mine.buffer[int(mine.starts[0]) : int(mine.starts[0] + mine.lengths[0])]
-        for rows, values in self.reader.read(mine.buffer, mine.starts, mine.lengths):
-            self.parts.append((self.messages + rows, values))
+        try:
+            for rows, values in self.reader.read(mine.buffer, mine.starts, mine.lengths):
+                self.parts.append((self.messages + rows, values))
+        except EffortError as error:
+            raise RefusedFileError(f"topic '{self.channel.topic}': {error}; {REMEDY}") from error
         self.messages += mine.starts.size
         self.log_times.append(mine.log_time)
         self.sequences.append(mine.sequence)
@@ -94,7 +99,7 @@ def names_of_fields(one: ChannelReader, path: str) -> str:
     array, bracket, name = path.rpartition("[")
     chosen = [field for field in fields if bracket and "=" in name and field.path == array and field.labels]
     words = [field.addresses() if chosen else [field.in_words()] for field in chosen or fields if field.length != 0]
-    return ", ".join(one for several in words for one in several) or "none"
+    return listing([one for several in words for one in several])
 
 
 def reader_of(file: McapFile, number: int, paths: Sequence[str], either: Collection[str]) -> ChannelReader:
@@ -110,12 +115,13 @@ def reader_of(file: McapFile, number: int, paths: Sequence[str], either: Collect
     check_encoding(channel, schema)
     if channel.message_encoding == "json" or schema is None:
         return ChannelReader(channel, schema, ByText(paths, either))
+    effort = effort_for(file.budget.file_bytes)
     try:
         if channel.message_encoding == "cdr":
-            return ChannelReader(channel, schema, cdr.cdr_reader(schema, paths))
+            return ChannelReader(channel, schema, cdr.cdr_reader(schema, paths, effort))
         from osl_analysis.formats.messages import protobuf
 
-        return ChannelReader(channel, schema, protobuf.protobuf_reader(schema, paths))
+        return ChannelReader(channel, schema, protobuf.protobuf_reader(schema, paths, effort))
     except InputError as error:
         raise InputError(f"topic '{channel.topic}': {error}") from error
 

@@ -69,6 +69,10 @@ class Scan:
     """The file has chunks."""
     candidates: int = MOST_CANDIDATES
     """How many more places may be tried when searching for the next sound record."""
+    after_data: list[FileSection] = field(default_factory=list)
+    """Schemas and channels of the summary as parts of the data, should these go on after all."""
+    previous: int = len(MAGIC)
+    """Where the last sound record, or the last stretch of records outside of chunks, began."""
     unpacked: tuple[int, bytes | None] = (0, None)
     """Place and content of the chunk that was unpacked last, None if it is damaged."""
 
@@ -87,7 +91,8 @@ def scan_file(data: Buffer) -> Scan:
     """
     scan, position = Scan(), len(MAGIC)
     while position < len(data) and not scan.finished:
-        position = scan_record(scan, data, position)
+        begin, position = position, scan_record(scan, data, position)
+        scan.previous = begin
     scan.data_end = scan.data_end or len(data)
     last = scan.sections[-1] if scan.sections else None
     if not scan.finished and last and "lost" in last.kind and last.end == len(data):
@@ -147,16 +152,20 @@ def is_disguised_index(scan: Scan, data: Buffer, start: int, end: int) -> bool:
 
 def take_loose(scan: Scan, position: int, walk: RecordWalk) -> None:
     """Take in records outside of chunks; after the end of the data they belong to the summary."""
+    section = FileSection("loose", position, walk.end, walk)
     if scan.data_end:
         scan.summary.described += walk.others
+        scan.after_data.append(section)
     else:
-        scan.sections.append(FileSection("loose", position, walk.end, walk))
+        scan.sections.append(section)
 
 
 def take_record(scan: Scan, data: Buffer, opcode: int, start: int, end: int) -> None:
     """Take in one sound record."""
     if opcode == Opcode.CHUNK:
         if scan.data_end:  # a chunk after the end of the data shows that this was not the end
+            refuse_second_log(data, scan.data_end, start)
+            scan.sections += scan.after_data
             scan.data_end, scan.data_crc, scan.summary.damaged = 0, None, True
         scan.chunked = True
         scan.sections.append(FileSection("chunk", start, end))
@@ -189,7 +198,7 @@ def take_lost(scan: Scan, data: Buffer, position: int) -> int:
     scan.chunked |= data[position] == Opcode.CHUNK or (resume < len(data) and data[resume] in OF_CHUNKS)
     if not scan.chunked:
         resume, scan.candidates = resume_at(data, position + 1, scan.candidates, chunked=False)
-    refuse_second_log(data, position, resume)
+    refuse_second_log(data, scan.previous, resume)  # a record that was cut off may reach into the next log
     if scan.data_end:
         scan.summary.damaged = True
     elif data[position] == Opcode.CHUNK:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, listing
 from osl_analysis.formats.mcap.channel_reader import ChannelReader, names_of_fields, reader_of
 from osl_analysis.formats.mcap.mcap_file import McapFile
 from osl_analysis.formats.mcap.order import missing_numbers, recording_order
@@ -94,7 +94,7 @@ def decoded_topic(file: McapFile, topic: str, readers: Sequence[ChannelReader], 
     """The messages of one topic, from the readers of its channels."""
     if topic not in {channel.topic for channel in file.declared.channels.values()}:
         topics = sorted({channel.topic for channel in file.declared.channels.values()})
-        raise InputError(f"no topic '{topic}'; the file has {', '.join(topics) or 'none'}")
+        raise InputError(f"no topic '{topic}'; the file has {listing(topics)}")
     if not readers:
         raise InputError(f"topic '{topic}' has no messages; check that its sensor was running")
     decoded = [reader for reader in readers if reader.parts]

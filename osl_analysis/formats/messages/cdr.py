@@ -12,13 +12,14 @@ from mcap.records import Schema
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.messages.description import FieldDescription, describe_walk
+from osl_analysis.formats.messages.effort import Effort
 from osl_analysis.formats.messages.leaves import Leaf
 from osl_analysis.formats.messages.one_by_one import Numbers
 from osl_analysis.formats.messages.ros2_schema import PRIMITIVES, Definitions, MessageField, parse_schema, short_name
 from osl_analysis.formats.messages.templates import ByShape, MessageWalk, Template, template_of
 
 HEADER = 4  # encapsulation header; alignment counts from the byte after it
-MOST_VISITS = 1_000_000
+LARGEST_SCHEMA = 1 << 20  # bytes; the definitions of a message and all that it holds are some kB
 PADDING = 3  # bytes of any content after the last field: DDS pads a message to four bytes (RTPS 2.5, 9.4.1)
 ZERO_PADDING = 7  # bytes after the last field if they are zero: to eight
 EMPTY = b"\0\1\0\0" + bytes(1 << 16)  # every number 0, every string and sequence empty
@@ -32,8 +33,8 @@ class CdrWalk(MessageWalk):
     """Fields of every message type."""
     order: str = "<"
     """Byte order, as `struct` spells it."""
-    visits: int = 0
-    """Messages within the message that were entered so far."""
+    effort: Effort = field(default_factory=Effort)
+    """How many elements may still be walked; arrays of messages without a byte could go on for ever."""
 
     def align(self, size: int) -> None:
         """Go on to the next multiple of `size` bytes."""
@@ -54,9 +55,7 @@ class CdrWalk(MessageWalk):
         """Walk the fields of the message type `name`; a message without fields takes one byte."""
         fields = self.definitions[name]
         self.position += not fields
-        self.visits += 1
-        if self.visits > MOST_VISITS:  # arrays of messages without a byte could go on for ever
-            raise cdr_misfit(self.payload)
+        self.effort.take()
         for item in fields:
             path = f"{prefix}{item.name}"
             if item.type == "string":
@@ -75,6 +74,7 @@ class CdrWalk(MessageWalk):
     def strings(self, item: MessageField, path: str) -> None:
         """Walk over a string or an array of strings."""
         for index in self.plausible(self.count(item), 4):
+            self.effort.take()
             length = self.length()
             if item.array is not None:
                 self.texts[f"{path}[{index}]"] = range(self.position, self.position + length)
@@ -105,8 +105,8 @@ class CdrWalk(MessageWalk):
         return range(count)
 
 
-def layout_of(definitions: Definitions, name: str, payload: bytes) -> CdrWalk:
-    """Leaves and guards of one message of type `name` (`package/Name`).
+def layout_of(definitions: Definitions, name: str, payload: bytes, effort: Effort | None = None) -> CdrWalk:
+    """Leaves and guards of one message of type `name` (`package/Name`); `effort` limits the walk.
 
     Raises
     ------
@@ -117,12 +117,12 @@ def layout_of(definitions: Definitions, name: str, payload: bytes) -> CdrWalk:
         raise InputError(f"encapsulation {payload[:HEADER].hex()} is not plain CDR; record with the default encoding")
     order = "<" if payload[1] else ">"
     layout = CdrWalk(payload, position=HEADER, guards=[0, 1], definitions=definitions, order=order)
+    layout.effort = effort or layout.effort
     layout.message(name, "")
-    left = payload[layout.position :]
     if layout.position > len(payload):
         raise cdr_misfit(payload)
-    padding = PADDING if any(left) else ZERO_PADDING
-    if payload is not EMPTY and len(left) > padding:
+    left = b"" if payload is EMPTY else payload[layout.position :]
+    if len(left) > (PADDING if left.strip(b"\0") else ZERO_PADDING):
         raise InputError(
             f"a message of {len(payload)} bytes has {len(left)} more than its schema describes; the schema is not its "
             "own: record the log again with the definitions that its publisher was built with"
@@ -136,8 +136,8 @@ def cdr_misfit(payload: bytes) -> InputError:
     return InputError(f"a message of {len(payload)} bytes is too short for its schema; the schema is not its own")
 
 
-def cdr_reader(schema: Schema, paths: Sequence[str]) -> ByShape:
-    """A reader of the fields at `paths`, for messages of a schema in ros2msg.
+def cdr_reader(schema: Schema, paths: Sequence[str], effort: Effort) -> ByShape:
+    """A reader of the fields at `paths`, for messages of a schema in ros2msg; `effort` limits all its walks.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def cdr_reader(schema: Schema, paths: Sequence[str]) -> ByShape:
 
     def learn(payload: bytes) -> Template:
         """The template of all messages that are laid out as this one."""
-        return template_of(layout_of(definitions, name, payload), paths)
+        return template_of(layout_of(definitions, name, payload, effort), paths)
 
     def alone(payload: bytes) -> Numbers:
         """The wanted numbers of one message."""
@@ -172,4 +172,6 @@ def describe_cdr(schema: Schema, payload: bytes | None) -> list[FieldDescription
 
 def message_type(schema: Schema) -> tuple[str, Definitions]:
     """Name and definitions of a schema's message."""
+    if len(schema.data) > LARGEST_SCHEMA:
+        raise InputError(f"schema {schema.name[:60]} has {len(schema.data)} bytes, at most {LARGEST_SCHEMA} are read")
     return short_name(schema.name), parse_schema(schema.name, schema.data.decode(errors="replace"))

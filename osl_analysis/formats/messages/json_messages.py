@@ -5,6 +5,7 @@ common are read one by one.
 """
 
 import json
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -23,6 +24,8 @@ from osl_analysis.formats.messages.one_by_one import PART, Numbers, Values, batc
 
 ERRORS = (pl.exceptions.PolarsError, pl.exceptions.PanicException, RecursionError, ValueError)
 EXACT = 2.0**53  # below it every integer is a float64
+NAME = re.compile(rb'"((?:[^"\\]|\\.)*)"\s*:')
+MOST_NAMES = 2000  # of fields in a chunk; each is a column of the table that polars makes of the messages
 NUMBERS = (pl.Int64, pl.Float64, pl.Boolean)
 
 Step = str | int
@@ -83,6 +86,8 @@ class ByText:
 
     def of_new_types(self, texts: Sequence[bytes]) -> dict[str, pl.Series]:
         """The fields, in the types that these messages have in common; these become the known types."""
+        if len(set(NAME.findall(b"\n".join(texts)))) > MOST_NAMES:
+            raise NoTypesError("the messages have too many names for a table")
         inferred = pl.read_ndjson(BytesIO(in_lines(texts)), infer_schema_length=None)
         if inferred.height != len(texts):
             raise NoTypesError("a message is empty")

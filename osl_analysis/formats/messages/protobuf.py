@@ -16,6 +16,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.messages.description import FieldDescription, describe_walk
+from osl_analysis.formats.messages.effort import Effort
 from osl_analysis.formats.messages.leaves import Constant, Leaf, Varint
 from osl_analysis.formats.messages.one_by_one import Numbers, numbers_at
 from osl_analysis.formats.messages.templates import ByShape, MessageWalk, Template, template_of
@@ -38,6 +39,8 @@ class ProtobufWalk(MessageWalk):
 
     wanted: frozenset[str] = frozenset()
     """Paths of the fields that will be read."""
+    effort: Effort = field(default_factory=Effort)
+    """How many fields may still be walked."""
     counts: Counter[str] = field(default_factory=Counter)
     """Elements so far of each array, by path."""
 
@@ -73,6 +76,7 @@ class ProtobufWalk(MessageWalk):
             if not item.is_repeated and not item.has_presence and item.type in FIXED | VARINTS:
                 self.leaves.setdefault(prefix + item.name, Constant(dtype_of(item)))
         while self.position < end:
+            self.effort.take()
             tag, _ = self.varint(end, self.guards)
             number, wire = tag >> 3, tag & 7
             item = kind.fields_by_number.get(number)
@@ -123,6 +127,7 @@ class ProtobufWalk(MessageWalk):
         elif item.is_repeated and item.type in VARINTS:
             self.position = extent.start
             while self.position < extent.stop:
+                self.effort.take()
                 self.one_field(item, VARINT, extent.stop, prefix, depth)
 
     def packed(self, path: str, dtype: str, extent: range) -> None:
@@ -164,8 +169,10 @@ def protobuf_misfit(payload: bytes) -> InputError:
     return InputError(f"a message of {len(payload)} bytes is not what its schema says, or is damaged")
 
 
-def protobuf_reader(schema: Schema, paths: Sequence[str]) -> ByShape:
+def protobuf_reader(schema: Schema, paths: Sequence[str], effort: Effort) -> ByShape:
     """A reader of the fields at `paths`, for messages of a schema, which is a FileDescriptorSet.
+
+    `effort` limits all its walks.
 
     Raises
     ------
@@ -177,7 +184,7 @@ def protobuf_reader(schema: Schema, paths: Sequence[str]) -> ByShape:
 
     def learn(payload: bytes) -> Template:
         """The template of all messages that are laid out as this one."""
-        walk = ProtobufWalk(payload, wanted=wanted)
+        walk = ProtobufWalk(payload, wanted=wanted, effort=effort)
         walk.message(empty.DESCRIPTOR, len(payload), "")
         return template_of(walk, paths)
 

@@ -1,6 +1,7 @@
 """ROS 2 message definitions (`ros2msg`): which fields a message has, in order."""
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
@@ -43,7 +44,7 @@ def parse_schema(name: str, text: str) -> Definitions:
     Raises
     ------
     InputError
-        A line is not a field, or a type is not defined.
+        A line is not a field, a field is defined twice, or a type is not defined.
     """
     definitions: Definitions = {"builtin_interfaces/Time": STAMP, "builtin_interfaces/Duration": STAMP}
     own, *parts = SEPARATOR.split(text)
@@ -55,6 +56,9 @@ def parse_schema(name: str, text: str) -> Definitions:
         full_name = short_name(head.group(1))
         definitions[full_name] = list(parse_fields(full_name, part[head.end() :]))
     for full_name, fields in definitions.items():
+        twice = [name for name, count in Counter(field.name for field in fields).items() if count > 1]
+        if twice:
+            raise InputError(f"schema {full_name}: field '{twice[0]}' is defined twice")
         for field in fields:
             if field.type not in definitions and field.type not in PRIMITIVES and field.type not in STRINGS:
                 raise InputError(f"schema {full_name}: type '{field.type}' of field '{field.name}' is not defined")

@@ -5,11 +5,15 @@ from typing import Any
 
 import numpy as np
 
+from osl_analysis.columns import unit_of
+from osl_analysis.errors import InputError
 from osl_analysis.signals import longest_at_extreme, longest_run, runs
 from osl_analysis.trial import Array, Trial
 
 AT_RAIL = 1e-3
 """Distance from a stated end of a sensor's range, as a share of the range, that counts as the end."""
+BEYOND_RANGE = 0.01
+"""Share of a sensor's range by which a value may lie beyond it: electronics reach a little further than data sheets."""
 IS_COMMAND = 0.3
 """Share of samples that repeat their predecessor, beside the longest run, in a commanded current."""
 FEWEST = 5
@@ -28,6 +32,26 @@ def stated_range(trial: Trial, column: str) -> tuple[float, float] | None:
     found: Mapping[str, Any] = trial.provenance.get("columns", {}).get(column, {})
     ends = found.get("range")
     return (float(ends[0]), float(ends[1])) if ends else None
+
+
+def check_ranges(trial: Trial) -> None:
+    """Refuse values that no sensor of the range that the source file states can measure.
+
+    Raises
+    ------
+    InputError
+        The message names trial, channel, values, and range.
+    """
+    for column in trial.samples.columns:
+        if (ends := stated_range(trial, column)) is None or not (values := sampled(trial, column)[1]).size:
+            continue
+        (low, high), (least, most) = ends, (float(values.min()), float(values.max()))
+        slack = BEYOND_RANGE * (high - low)
+        if least < low - slack or most > high + slack:
+            raise InputError(
+                f"trial {trial.name}: {column} goes from {least:.4g} to {most:.4g} {unit_of(column)}, beyond the "
+                f"`range` of its sensor, {low:g} to {high:g}; correct `unit`, `scale` or `range` in the source file"
+            )
 
 
 def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int:

@@ -5,10 +5,17 @@ import polars as pl
 import pytest
 from bench_synthetic import second_order, stepped_sine
 
-from osl_analysis.bench.plausibility import check_within_range
+from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.source_fields import Conversion
-from osl_analysis.rails import is_command, longest_at_stated, longest_clipped_angle, samples_at_rail, stated_range
+from osl_analysis.rails import (
+    check_ranges,
+    is_command,
+    longest_at_stated,
+    longest_clipped_angle,
+    samples_at_rail,
+    stated_range,
+)
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import validated
 
@@ -77,7 +84,24 @@ def test_samples_at_a_stated_end_count_and_those_beyond_it_are_refused_by_name()
     made = Trial("made", pl.DataFrame({"time": np.arange(507.0), "torque": torque}), origin)
     assert stated_range(made, "torque") == (-60, 60)
     assert stated_range(made, "theta") is None
-    check_within_range(made, "torque")
+    check_ranges(made)
     beyond = Trial("made", made.samples.with_columns(pl.col("torque") * 1.3558), origin)
     with pytest.raises(InputError, match=r"trial made: torque goes from -67\.\d+ to 81\.\d+ N\*m, beyond the `range`"):
-        check_within_range(beyond, "torque")
+        check_ranges(beyond)
+
+
+def test_a_log_with_values_beyond_the_stated_range_is_not_ingested(tmp_path):
+    rows = "".join(f"{k / 100},{21 * np.sin(k / 10):.4f}\n" for k in range(400))
+    (tmp_path / "log.csv").write_text("t,force\n" + rows)
+    stated = (
+        "format: csv\ntime: {{column: t, unit: s}}\nchannels:\n  torque: {{column: force, unit: N*m, range: {} N*m}}\n"
+    )
+    row = {"trial": "a", "experiment": "ingest_only", "log": "log.csv", "log_source": "cell"}
+    (tmp_path / "cell.yaml").write_text(stated.format(1))
+    with pytest.raises(
+        InputError, match=r"trial a: torque goes from -21 to 21 N\*m, beyond the `range` of its sensor, -1 to 1"
+    ):
+        ingest_trial(row, tmp_path, tmp_path, tmp_path / "a.parquet")
+    assert not (tmp_path / "a.parquet").exists()
+    (tmp_path / "cell.yaml").write_text(stated.format(21))
+    ingest_trial(row, tmp_path, tmp_path, tmp_path / "a.parquet")

@@ -10,21 +10,18 @@ import polars as pl
 from osl_analysis.bench.diagnostics import check_resists
 from osl_analysis.bench.settings import BenchAnalysis
 from osl_analysis.causes import wrong_scale
-from osl_analysis.columns import unit_of
 from osl_analysis.errors import InputError
 from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.rails import samples_at_rail, stated_range
+from osl_analysis.rails import samples_at_rail
 from osl_analysis.trial import Array, Trial
 
-BEYOND_RANGE = 0.01
-"""Share of a sensor's range by which a value may lie beyond it: electronics reach a little further than data sheets."""
 SAME_AS_BELT = 1.1
 """Largest K over the belt's K_s. The joint and the motor act through the belt, in series with it, so that the motor can
 render no K above K_s; a tenth allows for the belt at hand."""
 
 
 def check_recording(trial: Trial, limits: BenchAnalysis, torque: str = "torque", angle: str | None = "theta") -> None:
-    """Refuse an angle that no leg's joint turns by, and values that a sensor of the stated range cannot measure.
+    """Refuse an angle that no leg's joint turns by, and a torque beyond the load cell's range of the configuration.
 
     Raises
     ------
@@ -38,27 +35,11 @@ def check_recording(trial: Trial, limits: BenchAnalysis, torque: str = "torque",
             f"{limits.largest_angle:g} rad of `largest_angle` in the configuration: is it recorded in deg and declared "
             "as rad? Correct its `unit` in the source file"
         )
-    for column in (name for name in trial.samples.columns if stated_range(trial, name)):
-        check_within_range(trial, column)
     largest = float(np.max(np.abs(measured))) if measured.size else 0.0
     if limits.load_cell_range is not None and largest > limits.load_cell_range:
         raise InputError(
             f"trial {trial.name}: {torque} reaches {largest:.4g} N*m, more than the {limits.load_cell_range:g} N*m of "
             "`load_cell_range` in the configuration; correct its `unit` or `scale` in the source file, or the range"
-        )
-
-
-def check_within_range(trial: Trial, column: str) -> None:
-    """Refuse values beyond the range that the source file states for the sensor; raises as `check_recording`."""
-    values, ends = recorded_values(trial, column), stated_range(trial, column)
-    if not values.size or ends is None:
-        return
-    (low, high), (least, most) = ends, (float(values.min()), float(values.max()))
-    slack = BEYOND_RANGE * (high - low)
-    if least < low - slack or most > high + slack:
-        raise InputError(
-            f"trial {trial.name}: {column} goes from {least:.4g} to {most:.4g} {unit_of(column)}, beyond the "
-            f"`range` of its sensor, {low:g} to {high:g}; correct `unit`, `scale` or `range` in the source file"
         )
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.ingest.raw_files import check_columns, trial_from_files
+from osl_analysis.rails import check_ranges
 from osl_analysis.trial import write_trial
 
 
@@ -18,9 +19,10 @@ def ingest_trial(
     Raises
     ------
     InputError
-        A file is missing, empty or not what its source file says, the recordings do not fit together, or a needed
-        column is missing; nothing is written then.
+        A file is missing, empty or not what its source file says, the recordings do not fit together, a needed
+        column is missing, or a value is beyond the stated range of its sensor; nothing is written then.
     """
     trial = trial_from_files(row, raw_folder, sources_folder)
     check_columns(trial, row.get("experiment"), needed_columns)
+    check_ranges(trial)
     write_trial(trial, output)

@@ -12,6 +12,8 @@ from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 
+MOST_NAMED = 8
+"""Most crossings that a message names."""
 PHASES = np.linspace(0.0, 1.0, 401)
 """Phases of stance at which unperturbed crossings are sampled, finer than the markers' frames."""
 
@@ -59,8 +61,9 @@ def unperturbed_gait(
     if len(crossings) < fewest:
         if lost:
             raise InputError(
-                f"{len(crossings)} of {len(crossings) + len(lost)} unperturbed crossings can be used, expected "
-                f"{fewest} or more; {most_frequent(lost)}"
+                f"{len(crossings)} of {len(crossings) + len(lost)} unperturbed crossings can be used"
+                f"{' (' + ', '.join(c.name for c in crossings) + ')' if crossings else ''}, expected {fewest} or more; "
+                + most_frequent(lost)
             )
         raise InputError(
             f"{len(crossings)} unperturbed crossings ({', '.join(c.name for c in crossings) or 'none'}), expected "
@@ -85,7 +88,9 @@ def most_frequent(reasons: Mapping[str, str]) -> str:
     trial = next(name for name, of in kinds.items() if of == kind)
     others = len(reasons) - count
     more = f"; {others} for other reasons, which walking_crossings.csv lists" if others else ""
-    return f"{count} times, as in {trial}: {said[trial]}{more}"
+    alike = ", ".join(name for name, of in kinds.items() if of == kind)
+    times = f"{count} times ({alike})" if 1 < count <= MOST_NAMED else f"{count} times"
+    return f"{times}, as in {trial}: {said[trial]}{more}"
 
 
 def stance_times(crossing: Crossing, phases: Array = PHASES) -> Array:

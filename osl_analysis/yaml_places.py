@@ -43,3 +43,8 @@ def located(files: Sequence[Path], place: Place) -> str:
         if line is not None:
             return f"line {line}: " if len(files) == 1 else f"line {line} of {file.name}: "
     return ""
+
+
+def dotted(place: Sequence[int | str]) -> str:
+    """A place in a file, as in `walking.markers.foot`."""
+    return ".".join(map(str, place))

@@ -1,18 +1,21 @@
 """Validated YAML files: a wrong field becomes one line that names file, field, value and remedy."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import UnionType
-from typing import Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from osl_analysis.errors import InputError, OslAnalysisError, nearest
+from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.yaml_places import Place, located
+from osl_analysis.yaml_problems import explain
 
 Positive = Annotated[float, Field(gt=0)]
 """A number above zero."""
+MOST_VALUES = 100_000
+"""Largest number of values in a file."""
 
 
 class DuplicateKeyError(OslAnalysisError):
@@ -80,6 +83,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: no such file; check the path, which is relative to the working directory")
     try:
         content = yaml.load(path.read_text(encoding="utf-8"), Loader=UniqueKeyLoader)
+        values = extent(content, {})
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
     except UnicodeDecodeError as error:
@@ -90,10 +94,36 @@ def read_mapping(path: Path) -> dict[str, Any]:
     except RecursionError as error:
         raise InputError(f"{path}: its fields are nested too deeply; write them as in the shipped files") from error
     except (yaml.YAMLError, ValueError) as error:
-        raise InputError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+        raise InputError(f"{path}: not YAML: {not_yaml(error)}") from error
+    if values > MOST_VALUES:
+        raise InputError(f"{path}: its aliases (`*name`) stand for more than {MOST_VALUES} values; write them out")
     if not isinstance(content, dict):
         raise InputError(f"{path}: has no fields; write `name: value` lines as in the shipped files")
     return content
+
+
+def not_yaml(error: Exception) -> str:
+    """What is wrong with a text that is not YAML, on one line, with a remedy."""
+    text = " ".join(str(error).replace('in "<unicode string>", ', "in ").split())
+    if "cannot start any token" in text or "tab character" in text:
+        return (
+            f"{text}; indent with blanks, not with tabs, and put text that begins with a sign such as % or @ in quotes"
+        )
+    return f"{text}; compare with the shipped files, and put text with signs such as : # * in quotes"
+
+
+def extent(content: Any, known: dict[int, float]) -> float:
+    """Number of values in nested mappings and lists with every alias written out; infinite where one contains itself.
+
+    known: extents by the identity of a mapping or list. An alias of few characters may stand for billions of values.
+    """
+    if not isinstance(content, dict | list):
+        return 1
+    if id(content) not in known:
+        known[id(content)] = math.inf
+        inner = content.values() if isinstance(content, dict) else content
+        known[id(content)] = 1 + sum(extent(value, known) for value in inner)
+    return known[id(content)]
 
 
 def validated(
@@ -109,84 +139,3 @@ def validated(
         text, place = explain(error, model)
         line = located([Path(path)] if files is None else files, (*above, *place)) if place else ""
         raise InputError(f"{path}: {line}{text}") from error
-
-
-def explain(error: ValidationError, model: type[BaseModel]) -> tuple[str, Place]:
-    """The first problem of a validation error as one sentence with field, value and remedy, and the field's place.
-
-    An old name of a field is reported before all other problems, and a name like that of a field before the rest,
-    because both also cause the problem that the right name is missing.
-    """
-    problems = error.errors()
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    for problem in problems:
-        renamed = new_name(model, problem["loc"])
-        if renamed is not None:
-            return renamed, problem["loc"]
-    first = next((problem for problem in problems if misspelt(problem, model)), problems[0])
-    return described(first, model) + more, place_of(first)
-
-
-def place_of(problem: Mapping[str, Any]) -> Place:
-    """The field of a problem. A check of several fields states the one that it means as `place` in its context."""
-    return (*problem["loc"], *problem.get("ctx", {}).get("place", ()))
-
-
-def misspelt(problem: Mapping[str, Any], model: type[BaseModel]) -> str:
-    """A question for the field that an unknown one was meant to be; empty if none is like it."""
-    if problem["type"] != "extra_forbidden":
-        return ""
-    inner = model_at(model, problem["loc"][:-1])
-    return nearest(str(problem["loc"][-1]), inner.model_fields if inner else ())
-
-
-def new_name(model: type[BaseModel], place: Sequence[int | str]) -> str | None:
-    """A sentence with the new name of the field at `place`; None if it was not renamed."""
-    *parents, old = place or ("",)
-    inner = model_at(model, parents)
-    if inner is None or not issubclass(inner, Settings) or old not in inner.RENAMED:
-        return None
-    new = inner.RENAMED[str(old)]
-    return f"field '{dotted(place)}' is now called '{dotted([*parents, new])}'; rename it"
-
-
-def described(problem: Mapping[str, Any], model: type[BaseModel]) -> str:
-    """One problem that pydantic found, as a sentence."""
-    place = dotted(place_of(problem)) or "the file"
-    if problem["type"] == "extra_forbidden":
-        known = known_fields(model, problem["loc"][:-1])
-        return f"unknown field '{place}'; the known ones are {known}{misspelt(problem, model)}"
-    if problem["type"] == "missing":
-        return f"field '{place}' is missing; add it"
-    reason = problem["msg"].removeprefix("Value error, ")
-    nested = isinstance(problem["input"], dict | list | BaseModel)
-    return f"{place}: {reason}" if nested else f"{place}: {problem['input']!r} is not allowed: {reason}"
-
-
-def dotted(place: Sequence[int | str]) -> str:
-    """A place in a file, as in `walking.markers.foot`."""
-    return ".".join(map(str, place))
-
-
-def known_fields(model: type[BaseModel], place: Sequence[int | str]) -> str:
-    """Names of the fields of the model at `place`, for a message."""
-    inner = model_at(model, place)
-    return "those of the shipped files in config/" if inner is None else ", ".join(inner.model_fields)
-
-
-def model_at(model: type[BaseModel], place: Sequence[int | str]) -> type[BaseModel] | None:
-    """The model of the mapping at `place`; None if it has no model, for example in a list."""
-    here: Any = model
-    for name in place:
-        if is_model(here):
-            field = here.model_fields.get(str(name))
-            here = field.annotation if field else None
-        else:
-            here = get_args(here)[-1] if get_origin(here) in (dict, Mapping) else None
-        here = next(filter(is_model, get_args(here)), here) if get_origin(here) in (Union, UnionType) else here
-    return here if is_model(here) else None
-
-
-def is_model(annotation: Any) -> bool:
-    """Whether the annotation of a field is a model."""
-    return isinstance(annotation, type) and issubclass(annotation, BaseModel)

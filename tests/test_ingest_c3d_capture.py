@@ -448,3 +448,21 @@ def test_damage_anywhere_ends_in_a_sentence_or_in_numbers(tmp_path: Path) -> Non
         path.write_bytes(damaged)
         with contextlib.suppress(InputError):
             assert len(read_c3d_capture(path, source()).samples)
+
+
+@pytest.mark.parametrize("broken", [{"ANALOG__SCALE": np.array([1.0])}, {"ANALOG__GEN_SCALE": np.array([0.0])}])
+def test_a_channel_without_a_scale_has_no_values_where_others_have_one(
+    tmp_path: Path, broken: dict[str, np.ndarray]
+) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), **broken)
+    assert np.isnan(read_c3d(path).analogs[:, 1]).all()
+    assert "nan in sample 1" in refused(path, source(analogs={"sync": {"channel": "A2"}}))
+
+
+def test_a_misspelt_label_is_asked_for(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs())
+    assert refused(path, source(analogs={"sync": {"channel": "a1"}})).endswith("; did you mean 'A1'?")
+    assert "sync: unit 'N' measures [N]" in refused(
+        write_c3d(tmp_path / "b.c3d", points(), analogs(), ANALOG__UNITS=["N", "N"]),
+        source(analogs={"sync": {"channel": "A1"}}),
+    )

@@ -1,6 +1,7 @@
 """What a refusal of a CSV log or of its source file advises works when it is followed literally."""
 
 import re
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -350,3 +351,82 @@ def test_prose_is_no_table(tmp_path: Path) -> None:
         InputError, match="no table of numbers: 2 of 2 rows hold none, such as line 2, 'the bench was warm'"
     ):
         inspect_file(tmp_path / "a.csv")
+
+
+def test_a_comma_between_thousands_is_not_read_as_a_decimal_sign(tmp_path: Path) -> None:
+    text = LOG.replace("0.02,3,7", '0.02,"1,234",7')
+    message = refused(tmp_path, text)
+    assert "if the comma is the decimal sign" in message
+    assert 'write `decimal: "."` in the source file if the full stop is' in refused(tmp_path, text, **advised(message))
+
+
+def test_a_header_that_stands_again_is_the_begin_of_another_log(tmp_path: Path) -> None:
+    assert "line 6, column 't': 't' is not a number; the header stands here again" in refused(tmp_path, LOG + LOG)
+
+
+def test_time_that_stands_still_is_refused_and_the_rate_reads_the_log(tmp_path: Path) -> None:
+    text = re.sub(r"^0\.0\d", "0", LOG, flags=re.MULTILINE)
+    message = refused(tmp_path, text)
+    assert "column 't': time stands still at 0 in all 4 rows; take another column, or state the rate" in message
+    assert_samples(ingested(tmp_path, text, **advised(message)))
+
+
+def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path: Path) -> None:
+    stamps = [1_700_000_000_000_000_001 + 1_000_003 * n for n in range(4)]
+    rows = "".join(f"{stamp},{n},{n}\n" for n, stamp in enumerate(stamps))
+    trial = ingested(tmp_path, f"t,angle,load\n{rows}", time={"column": "t", "unit": "ns"})
+    np.testing.assert_allclose(trial.samples["time"], np.arange(4) * 1.000003e-3, rtol=1e-12)
+
+
+def test_one_column_cannot_be_two_signals_of_different_units(tmp_path: Path) -> None:
+    channels = {"theta": {"column": "angle", "unit": "rad"}, "torque": {"column": "angle", "unit": "Nm"}}
+    assert "column 'angle' is theta and torque in the source file; correct" in refused(tmp_path, LOG, channels=channels)
+
+
+def test_names_between_other_signs_than_the_rows_are_refused(tmp_path: Path) -> None:
+    text = LOG.replace("t,angle,load", "t;angle;load")
+    assert "line 1 separates the names by ';', the rows below it do not" in refused(tmp_path, text)
+
+
+def test_the_line_that_excel_writes_for_itself_is_no_header(tmp_path: Path) -> None:
+    text = "sep=;\n" + LOG.replace(",", ";")
+    assert "seem to stand in line 2; delete the lines above it" in refused(tmp_path, text)
+
+
+def test_a_wide_log_is_listed_in_time_that_grows_with_its_columns(tmp_path: Path) -> None:
+    names = ",".join(f"c{n}" for n in range(1000))
+    (tmp_path / "a.csv").write_text(f"{names}\n" + (",".join("1" * 1000) + "\n") * 3)
+    assert len(inspect_file(tmp_path / "a.csv").channels) == 1000
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("formt: csv", "field 'format' is missing; rename 'formt', or add it"),
+        (
+            "format: csv\ntime: t",
+            "line 2: time: 't' is not allowed: write its fields below it, as `name: value`; the known",
+        ),
+        ("format: csv\ntime: {rate: 500 Hz}", "time.rate: '500 Hz' is not allowed: write a number, without a unit"),
+        ("format: csv\nmissing: NA", "missing: 'NA' is not allowed: write a list"),
+        ("format: csv\nclock: mastr", "write 'master', 'sync' or 'shared'; did you mean 'master'?"),
+        ("format: csv\n\ttime: 1", "indent with blanks, not with tabs"),
+        ("format: csv\ntime: {column: t, unit: Hz}", "line 2: time.unit: 'Hz' is not allowed: unit 'Hz' measures [Hz]"),
+    ],
+)
+def test_a_field_of_a_wrong_kind_is_answered_with_what_to_write(tmp_path: Path, text: str, problem: str) -> None:
+    (tmp_path / "source.yaml").write_text(text + "\nchannels: {theta: {column: angle, unit: deg}}\n")
+    with pytest.raises(InputError, match=re.escape(problem)):
+        read_source(tmp_path / "source.yaml")
+
+
+def test_aliases_that_stand_for_billions_of_values_are_refused_at_once(tmp_path: Path) -> None:
+    lines = ["format: csv", "a: &a {x: 1, y: 1, z: 1}"]
+    names = "abcdefghijklmnop"
+    lines += [f"{b}: &{b} {{x: *{a}, y: *{a}, z: *{a}, w: *{a}}}" for a, b in pairwise(names)]
+    (tmp_path / "source.yaml").write_text("\n".join(lines))
+    with pytest.raises(InputError, match=r"its aliases \(`\*name`\) stand for more than 100000 values"):
+        read_source(tmp_path / "source.yaml")
+    (tmp_path / "source.yaml").write_text("format: csv\nchannels: &c {theta: *c}\n")
+    with pytest.raises(InputError, match="stand for more than"):
+        read_source(tmp_path / "source.yaml")

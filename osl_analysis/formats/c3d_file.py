@@ -103,7 +103,8 @@ def positions(points: NDArray[Any], header: C3DHeader) -> Array:
 def physical(analogs: NDArray[Any], header: C3DHeader) -> Array:
     """Analog values (samples, channels): (raw - OFFSET) * SCALE * GEN_SCALE; without these parameters the raw values.
 
-    ANALOG:FORMAT says whether 16-bit samples and offsets are signed.
+    NaN where SCALE holds values for some channels only, and everywhere where GEN_SCALE is 0. ANALOG:FORMAT says whether
+    16-bit samples and offsets are signed.
     """
     raw = analogs.astype(np.float64)
     offset, scale, general = (header.numbers(f"ANALOG:{name}") for name in ("OFFSET", "SCALE", "GEN_SCALE"))
@@ -115,4 +116,5 @@ def physical(analogs: NDArray[Any], header: C3DHeader) -> Array:
     raw[:, :count] -= offset[:count]
     count = min(header.channels, scale.size)
     raw[:, :count] *= scale[:count]
-    return raw * (general[0] if general.size else 1.0)
+    raw[:, count:] *= np.nan if count else 1.0
+    return raw * ((general[0] or np.nan) if general.size else 1.0)

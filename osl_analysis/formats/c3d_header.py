@@ -211,7 +211,8 @@ def check_size(path: Path, header: C3DHeader, size: int) -> None:
     frame = header.frame_bytes
     if header.frames < 1 or frame == 0 or not 0 < header.rate < math.inf:
         raise InputError(
-            f"{path}: declares {header.frames} frames of {frame} bytes at {header.rate} Hz: nothing to read"
+            f"{path}: declares {header.frames} frames of {frame} bytes at {header.rate} Hz: nothing to read; export "
+            "the trial again"
         )
     there = max(size - header.data_start, 0) // frame
     if there < header.frames:

@@ -50,21 +50,30 @@ class RowColumns:
 def check_header_place(path: Path, header: tuple[int, list[str]], rows: Rows) -> None:
     """Refuse a table below lines of other text, whose first line is taken for the names of its columns.
 
-    It is so where most rows have more cells than the header, and the first such row below it holds no number.
+    It is so where most rows have more cells than the header, and the first such row below it holds no number. One cell
+    more in the next row may be a row of units below a header that lacks a name.
 
     Raises
     ------
     InputError
         The names seem to stand further down.
     """
+    names = unpadded(header[1], 0)
     (width, count), *_ = Counter(len(cells) for _, cells in rows).most_common(1) or [(0, 0)]
     wide = next(((line, cells) for line, cells in rows if len(cells) == width), None)
-    if wide is None or count <= len(rows) / 2 or width <= len(header[1]) or width < 2:
+    if wide is None or count <= len(rows) / 2 or width <= len(names) or width < 2:
         return
     line, cells = wide
-    if rows[0][0] != line and not any(is_number_cell(cell.replace(",", ".")) for cell in cells):
+    sign = next((sign for sign in ";|\t," if len(names) == 1 and len(names[0].split(sign)) == width), "")
+    if sign:
         raise InputError(
-            f"{path}: line {header[0]} has {len(header[1])} cells and most rows have {width}: the names of the columns "
+            f"{path}: line {header[0]} separates the names by '{sign}', the rows below it do not; write the same sign "
+            "in all"
+        )
+    far = rows[0][0] != line or width > len(names) + 1
+    if far and not any(is_number_cell(cell.replace(",", ".")) for cell in cells):
+        raise InputError(
+            f"{path}: line {header[0]} has {len(names)} cells and most rows have {width}: the names of the columns "
             f"seem to stand in line {line}; delete the lines above it, or begin each with `#`"
         )
 

@@ -22,6 +22,7 @@ from osl_analysis.formats.csv_text import (
     name_and_unit,
     read_lines,
     split_rows,
+    without_brackets,
 )
 
 
@@ -61,7 +62,10 @@ class CsvTable:
             which = listing([f"{place + 1} ('{self.names[place]}')" for place in places])
             advice = "write a pattern or a name that only one has, or its number"
             raise InputError(f"{where} occurs {len(places)} times, as columns {which}; {advice}")
-        raise InputError(f"{where} is missing; the file has {listing(self.names)}{nearest(name, self.names)}")
+        advice = (
+            nearest(name, self.names) if len(self.names) > 1 else "; state `delimiter` if these are several columns"
+        )
+        raise InputError(f"{where} is missing; the file has {listing(self.names)}{advice}")
 
     def cells(self, column: int) -> list[str | None]:
         """A column's cells; None in rows in which the logger omitted the column."""
@@ -98,7 +102,7 @@ def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
     rows = [(line, unpadded(cells, len(names))) for line, cells in rows]
     rows, left_out = without_extra_cells(path, rows, len(names), layout) if rows else (rows, [])
     if layout.units_row and rows:
-        units, rows = ([*rows[0][1], *units[len(rows[0][1]) :]], rows[1:])
+        units, rows = ([*map(without_brackets, rows[0][1]), *units[len(rows[0][1]) :]], rows[1:])
     if not rows:
         raise InputError(f"{path}: no rows of data; record it again, or exclude the trial")
     rows, columns_from, notes = fitting_rows(path, rows, len(names), layout)

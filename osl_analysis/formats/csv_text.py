@@ -95,6 +95,11 @@ def name_and_unit(title: str) -> tuple[str, str]:
     return (match[1], match[2] or match[3] or "") if match else (title, "")
 
 
+def without_brackets(unit: str) -> str:
+    """A unit below a header without the brackets around it: `[deg]` and `(deg)` are `deg`."""
+    return unit[1:-1].strip() if unit[:1] + unit[-1:] in ("[]", "()") else unit
+
+
 def numbers(cells: Sequence[str | None], missing: Collection[str], decimal: str) -> tuple[Array, NDArray[np.bool_]]:
     """Values (n,), and which are missing, (n,): NaN where a cell is None or one of the words in `missing`.
 
@@ -105,6 +110,10 @@ def numbers(cells: Sequence[str | None], missing: Collection[str], decimal: str)
     """
     text = pl.Series(cells, dtype=pl.String)
     absent = (text.is_null() | text.is_in(list(missing))).to_numpy()
+    if decimal == ",":  # a full stop then separates thousands, or the decimal sign is stated wrongly
+        stops = (text.str.contains(".", literal=True).fill_null(False).to_numpy()) & ~absent
+        if stops.any():
+            raise UnreadableCellError(int(np.argmax(stops)))
     plain = text.str.replace(",", ".", literal=True) if decimal == "," else text
     values = plain.cast(pl.Float64, strict=False).to_numpy().copy()
     values[absent] = np.nan

@@ -4,7 +4,7 @@ from collections import Counter
 from pathlib import Path
 
 from osl_analysis.columns import AXES
-from osl_analysis.errors import InputError, listing, printable
+from osl_analysis.errors import InputError, listing, nearest, printable
 from osl_analysis.formats.c3d_file import C3DRecording, read_c3d
 from osl_analysis.ingest.c3d_plates import baseline_frames, plate_loads
 from osl_analysis.ingest.c3d_source import C3dSource
@@ -81,7 +81,7 @@ def place_of(label: str, labels: list[str], what: str) -> int:
     """Index of a label that must occur exactly once."""
     count = Counter(labels)[label]
     if count == 0:
-        raise InputError(f"no {what} '{label}'; the file has {listing(sorted(set(labels)))}")
+        raise InputError(f"no {what} '{label}'; the file has {listing(sorted(set(labels)))}{nearest(label, labels)}")
     if count > 1:
         raise InputError(f"{what} '{label}' occurs {count} times; rename them, or list others in the source file")
     return labels.index(label)

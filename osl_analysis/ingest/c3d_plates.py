@@ -118,7 +118,7 @@ def channels_in_si(recording: C3DRecording, source: C3dSource, plate: ForcePlate
         row, column = np.argwhere(~np.isfinite(values))[0]
         raise InputError(
             f"plate {plate.number}: {values[row, column]} in sample {row + 1} of analog channel {numbers[column] + 1}; "
-            "export the trial again"
+            "correct ANALOG:SCALE and GEN_SCALE, or export the trial again"
         )
     unloaded = baseline(values, recording, source)
     if plate.type == 1:

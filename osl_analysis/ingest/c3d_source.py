@@ -2,7 +2,7 @@
 
 from typing import Any, Literal
 
-from pydantic import Field, PositiveInt, field_validator, model_validator
+from pydantic import Field, PositiveInt, ValidationInfo, field_validator
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d_file import C3DRecording
@@ -22,13 +22,12 @@ class PlateUnits(Settings):
     length: str | None = None
     """Unit of the centre of pressure of a type 1 plate; null: the file's."""
 
-    @model_validator(mode="after")
-    def _known(self) -> "PlateUnits":
-        si_factor(self.force, "N")
-        si_factor(self.moment, "N*m")
-        if self.length is not None:
-            si_factor(self.length, "m")
-        return self
+    @field_validator("force", "moment", "length")
+    @classmethod
+    def _known(cls, unit: str | None, info: ValidationInfo) -> str | None:
+        if unit is not None:
+            si_factor(unit, {"force": "N", "moment": "N*m", "length": "m"}[str(info.field_name)])
+        return unit
 
 
 class C3dAnalog(Conversion):
@@ -63,11 +62,12 @@ class C3dSource(CaptureSource):
     def _plate_choice(cls, value: Any) -> Any:
         return all_none_or_list(value)
 
-    @model_validator(mode="after")
-    def _length(self) -> "C3dSource":
-        if self.point_unit is not None:
-            si_factor(self.point_unit, "m")
-        return self
+    @field_validator("point_unit")
+    @classmethod
+    def _length(cls, unit: str | None) -> str | None:
+        if unit is not None:
+            si_factor(unit, "m")
+        return unit
 
     def unit_of_length(self, recording: C3DRecording) -> str:
         """The source file's unit of length, or else the recording's.

@@ -145,7 +145,10 @@ def analog_signals(capture: Capture, source: CaptureSource) -> tuple[Columns, Or
     columns: Columns = {}
     origins: Origins = {}
     for column, (values, unit) in capture.analogs.items():
-        columns[column] = source.analogs[column].to_si(values, unit_of(column), unit)
+        try:
+            columns[column] = source.analogs[column].to_si(values, unit_of(column), unit)
+        except InputError as error:
+            raise InputError(f"{column}: {error}, as {source.place('analogs', column, 'unit')}") from error
         origins[column] = source.analogs[column].origin(column, unit)
     return columns, origins
 

@@ -45,4 +45,4 @@ def lasting_name(name: str, names: Sequence[str]) -> str:
     A pattern in place of an object's address in memory, where only this column of the file fits it; else the name.
     """
     pattern = ADDRESS.sub("*", name)
-    return pattern if len(places_of(pattern, names)) == 1 else name
+    return pattern if pattern != name and len(places_of(pattern, names)) == 1 else name

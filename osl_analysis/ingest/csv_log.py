@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from osl_analysis.columns import counter_column, unit_of
 from osl_analysis.errors import InputError
 from osl_analysis.formats.csv_rows import share_above
 from osl_analysis.formats.csv_table import CsvTable, read_csv_table
-from osl_analysis.formats.csv_text import UnreadableCellError, name_and_unit, numbers
+from osl_analysis.formats.csv_text import UnreadableCellError, name_and_unit, numbers, without_brackets
 from osl_analysis.ingest.csv_source import CsvSource
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.units import base_units, normalised, si_factor
@@ -48,6 +49,7 @@ def read_csv_log(path: Path, source: CsvSource) -> Recording:
         if channel.counter is not None:
             columns.append(counter_of(table, channel.counter, source).alias(counter_column(column)))
         origins[column] = {**channel.origin(column, table.units[place]), **matched(table, channel.column, place)}
+    check_own_columns(table, source)
     fresh = np.concatenate([[True], np.diff(time) != 0])
     kept = fresh if source.time.repeated == "drop" else np.ones_like(fresh)
     facts = {
@@ -59,6 +61,19 @@ def read_csv_log(path: Path, source: CsvSource) -> Recording:
     }
     warnings = [*csv_warnings(table, source, missing), *repeats_text(path, fresh, source)]
     return Recording(pl.DataFrame(columns).filter(pl.Series(kept)), origins, facts, warnings)
+
+
+def check_own_columns(table: CsvTable, source: CsvSource) -> None:
+    """Refuse two signals of different units, such as angle and torque, from one column of the file."""
+    by_place: dict[int, str] = {}
+    for column, channel in source.channels.items():
+        place = table.column(channel.column)
+        other = by_place.setdefault(place, column)
+        if unit_of(other) != unit_of(column):
+            raise InputError(
+                f"{table.path}: column '{table.names[place]}' is {other} and {column} in the source file; correct "
+                f"{source.place('channels', column, 'column')}"
+            )
 
 
 def matched(table: CsvTable, given: str, place: int) -> dict[str, str]:
@@ -96,13 +111,23 @@ def time_of(table: CsvTable, source: CsvSource) -> tuple[Array, float]:
     except InputError as error:
         where = f"{table.path}: column '{table.names[place]}'"
         raise InputError(f"{where}: {error}, as {source.place('time', 'unit')}") from error
-    raw, absent = column_of(table, place, source)
+    raw, absent = whole_numbers(table.cells(place)) or column_of(table, place, source)
     if absent.any():
         line = table.rows[int(np.argmax(absent))][0]
         raise InputError(f"{table.path}: line {line}: no time in column '{source.time.column}'; remove the line")
-    time = (raw - raw[0]) * factor
-    check_time(f"{table.path}, column '{source.time.column}'", time)
-    return time, float(raw[0])
+    first, time = float(raw[0]), np.asarray((raw - raw[0]) * factor, dtype=np.float64)
+    what = f"{table.path}, column '{table.names[place]}'"
+    check_time(what, time)
+    if time.size > 1 and time[0] == time[-1]:
+        advice = "take another column, or state the rate of the rows: `time: {rate: 1000}`"
+        raise InputError(f"{what}: time stands still at {first:g} in all {time.size} rows; {advice}")
+    return time, first
+
+
+def whole_numbers(cells: Sequence[str | None]) -> tuple[NDArray[np.int64], NDArray[np.bool_]] | None:
+    """Stamps (rows,) as whole numbers, such as nanoseconds since 1970, which floats would round; None if any is not."""
+    whole = pl.Series(cells, dtype=pl.String).cast(pl.Int64, strict=False)
+    return None if whole.null_count() else (whole.to_numpy(), np.zeros(len(cells), dtype=bool))
 
 
 def column_of(table: CsvTable, place: int, source: CsvSource) -> tuple[Array, NDArray[np.bool_]]:
@@ -120,25 +145,34 @@ def column_of(table: CsvTable, place: int, source: CsvSource) -> tuple[Array, ND
         text = str(cells[error.place])
         raise InputError(
             f"{table.path}: line {table.rows[error.place][0]}, column '{table.names[place]}': '{text[:40]}' is not "
-            f"a number; {remedy_for(text, first=error.place == 0)}"
+            f"a number; {remedy_for(text, table, place, source, first=error.place == 0)}"
         ) from error
     return values, absent
 
 
-def remedy_for(text: str, first: bool) -> str:
+def remedy_for(text: str, table: CsvTable, place: int, source: CsvSource, first: bool) -> str:
     """What to do about a cell that is not a number; `first`: it stands in the first row of data."""
+    is_time = source.time.column is not None and place == table.column(source.time.column)
     if DATE.search(text):
         return "write time as seconds, or state the rate of the rows in place of the column: `time: {rate: 1000}`"
+    if text == table.names[place]:
+        return "the header stands here again: cut the file in two, a log each"
+    if source.decimal == "," and "." in text:
+        return 'write `decimal: "."` in the source file if the full stop is the decimal sign'
     if re.fullmatch(r"[+-]?\d+,\d+", text):
-        return 'write `decimal: ","` in the source file'
+        return 'write `decimal: ","` in the source file if the comma is the decimal sign'
+    if first and source.header == "none":
+        return "write `header: row` in the source file if this line holds the columns' names"
     if first and si_like(text):
         return "write `units_row: true` in the source file if this line holds units"
+    if is_time:
+        return "correct the cell, or delete the line"
     return f"correct the cell, or add {json.dumps(text[:40], ensure_ascii=False)} to `missing` in the source file"
 
 
 def si_like(text: str) -> bool:
     """Whether a text is a unit of any column."""
-    return base_units(normalised(text)) is not None
+    return base_units(normalised(without_brackets(text))) is not None
 
 
 def counter_of(table: CsvTable, name: str, source: CsvSource) -> pl.Series:

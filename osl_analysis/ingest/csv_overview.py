@@ -16,6 +16,7 @@ from osl_analysis.formats.csv_text import (
     name_and_unit,
     read_lines,
     split_rows,
+    without_brackets,
 )
 from osl_analysis.ingest.column_names import clock_of, lasting_name, likely_unit
 from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
@@ -53,6 +54,8 @@ def inspect_csv(path: Path) -> Overview:
         check_header_place(path, rows[0], body)
     has_units = headed and bool(body) and is_units_row(body[0][1])
     units, body = (body[0][1], body[1:]) if has_units else ([], body)
+    if not body:
+        raise InputError(f"{path}: no rows of data below the header; check that it is a recording")
     check_numbers(path, body)
     channels = list(column_channels(names, units, body))
     facts = {"rows": str(len(body)), "delimiter": repr(delimiter), "header": "yes" if headed else "none"}
@@ -63,7 +66,9 @@ def inspect_csv(path: Path) -> Overview:
 
 def is_units_row(cells: list[str]) -> bool:
     """Whether a row below the header holds units: no number, and a unit in most of its cells."""
-    known = [bool(cell) and base_units(normalised(cell)) is not None and cell != "1" for cell in cells]
+    known = [
+        bool(cell) and base_units(normalised(without_brackets(cell))) is not None and cell != "1" for cell in cells
+    ]
     return not any(is_number_cell(cell.replace(",", ".")) for cell in cells) and sum(known) > len(cells) / 2
 
 
@@ -101,15 +106,16 @@ def settings_of(
 
 def column_channels(names: list[str], units: list[str], rows: Rows) -> Iterator[RecordedChannel]:
     """Every column with its range, and the words in it that are not numbers."""
+    clock = clock_of(names)
     for place, title in enumerate(names):
         name, unit = name_and_unit(title)
-        unit = unit or (units[place] if place < len(units) else "")
+        unit = unit or (without_brackets(units[place]) if place < len(units) else "")
         cells = pl.Series([cells[place] if place < len(cells) else "" for _, cells in rows], dtype=pl.String)
         values = cells.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
         words = Counter(cells.filter(values.is_null()).to_list()).most_common(MOST_WORDS)
         known = values.drop_nulls().to_numpy()
         note = f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
-        if title == clock_of(names):
+        if title == clock:
             rate = rate_of(known)
             note = f"a clock, {rate:g} per unit" if rate else "a clock that stands still"
             note += f", {gaps_text(known)}" if gaps_text(known) else ""

@@ -55,12 +55,17 @@ class CsvTime(Settings):
     def _number(cls, value: Any) -> Any:
         return text_of_number(value)
 
+    @field_validator("unit")
+    @classmethod
+    def _of_time(cls, unit: str | None) -> str | None:
+        if unit is not None:
+            si_factor(unit, "s")
+        return unit
+
     @model_validator(mode="after")
     def _one(self) -> "CsvTime":
         if (self.column is None) == (self.rate is None):
             raise ValueError("state either the column that holds time or the rate of the rows [Hz]")
-        if self.unit is not None:
-            si_factor(self.unit, "s")
         return self
 
 

@@ -7,8 +7,7 @@ from typing import Any
 
 from osl_analysis.columns import COLUMNS
 from osl_analysis.errors import InputError, listing
-from osl_analysis.yaml_places import line_of
-from osl_analysis.yaml_settings import dotted
+from osl_analysis.yaml_places import dotted, line_of
 
 UNKNOWN = "UNKNOWN"
 """Stands where the file does not tell a value."""

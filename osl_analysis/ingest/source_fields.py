@@ -16,6 +16,8 @@ from osl_analysis.trial import Array
 from osl_analysis.yaml_places import line_of
 from osl_analysis.yaml_settings import Settings
 
+LARGEST = 1e12
+"""Largest size of a scale or an offset: what is larger is a slip."""
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
@@ -26,10 +28,17 @@ class Conversion(Sensor):
     """Unit of the numbers, as laboratories spell it. Without it, the unit that the file states is used."""
     sign: Literal[1, -1] = 1
     """-1 if the recorder has the opposite direction as positive."""
-    scale: float = 1.0
+    scale: float = Field(default=1.0, ge=-LARGEST, le=LARGEST)
     """Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits."""
-    offset: float = 0.0
+    offset: float = Field(default=0.0, ge=-LARGEST, le=LARGEST)
     """Offset that is added to the raw numbers before the scale, in the raw unit."""
+
+    @field_validator("sign", mode="before")
+    @classmethod
+    def _number(cls, value: Any) -> Any:
+        if isinstance(value, bool):
+            raise ValueError("write 1 or -1")
+        return value
 
     @field_validator("scale")
     @classmethod
@@ -107,7 +116,7 @@ class LogSource(SourceFile):
     @model_validator(mode="after")
     def _has_sync(self) -> "LogSource":
         if self.clock == "sync" and "sync" not in self.channels:
-            raise ValueError("clock: sync needs the column sync under channels; map it, or write clock: master")
+            raise misplaced("sync needs the column sync under channels; map it, or write clock: master", "clock")
         return self
 
 

@@ -63,7 +63,7 @@ def read_log(path: Path) -> JobLog | None:
     try:
         said = yaml.load(head, Loader=yaml.CSafeLoader)
         return JobLog(**(said | {"warnings": tuple(said.get("warnings", ()))}))
-    except (yaml.YAMLError, TypeError):
+    except (yaml.YAMLError, TypeError, AttributeError):
         return None
 
 

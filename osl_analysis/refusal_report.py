@@ -26,8 +26,8 @@ def refusal_report(refusals: Sequence[Refusal], recordings: Mapping[str, Sequenc
     if not refusals:
         return ""
     missing = {refusal.trial for refusal in refusals if refusal.trial}
-    named = f"{len(missing)} of {len(recordings)} trials" if missing else f"{len(refusals)} results"
-    first = f"NOT ANALYSED: {named}; results are of the others."
+    trials = f"{len(missing)} of {len(recordings)} trials; results are of the others"
+    first = f"NOT ANALYSED: {trials if missing else 'some results'}."
     lines = [line(refusal, recordings.get(refusal.trial, ())) for refusal in refusals]
     return "\n".join(["", first, *lines, ACCEPTED if accept else WAYS_OUT])
 

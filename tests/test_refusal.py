@@ -106,6 +106,12 @@ def test_a_table_is_made_of_the_trials_that_are_left(tmp_path: Path) -> None:
     assert read_table(tmp_path / "tables/belt.csv")["trial"].to_list() == ["b_2"]
 
 
+def test_an_empty_or_foreign_log_is_none_of_a_job(tmp_path: Path) -> None:
+    for text in ("", "words", "a: 1"):
+        (tmp_path / "x.log").write_text(text)
+        assert read_log(tmp_path / "x.log") is None
+
+
 def test_a_killed_job_is_named_with_its_trial_and_can_write_no_more(tmp_path: Path) -> None:
     one = job(tmp_path, "bench.fit", {"trial": "results/trials/b_7.parquet"})
     worker = subprocess.Popen(["sleep", "60"])
@@ -151,6 +157,7 @@ def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_pat
     ]
     assert "`exclude` in the sample sheet" in told[5]
     assert "`failed_trials: accept`" in told[5]
+    assert "\nNOT ANALYSED: some results.\n" in refusal_report([table], recordings, accept=True)
     assert refusal_report((), recordings, accept=False) == ""
 
 

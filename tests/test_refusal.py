@@ -13,7 +13,7 @@ from osl_analysis import workflow
 from osl_analysis.commands import crossing, study
 from osl_analysis.commands.walking_files import read_json
 from osl_analysis.errors import InputError
-from osl_analysis.exclusion import without_refused
+from osl_analysis.exclusion import exclusion_report, without_excluded, without_refused
 from osl_analysis.files import file_state, temporary_path
 from osl_analysis.job import Job, died, refusal, run
 from osl_analysis.job_log import JobLog, read_log
@@ -60,6 +60,12 @@ def test_a_trial_refused_in_one_list_is_missing_from_every_list_and_the_job_goes
     assert (usable.refused, usable.missing) == ((LOST,), ())
 
 
+def test_verdicts_and_other_results_of_a_trial_are_not_passed_on_and_records_are_no_verdicts(tmp_path: Path) -> None:
+    bad, good = record(tmp_path / "quality/b_1.csv", LOST), result(tmp_path / "fits/b_2.csv")
+    assert without_excluded({"table": good, "fitted": [good], "quality": []}) == {"table": good}
+    assert exclusion_report([Path(bad)], {}) == ""
+
+
 def test_a_job_without_its_table_or_with_an_empty_list_or_of_a_refused_trial_cannot_run(tmp_path: Path) -> None:
     bad, trial = record(tmp_path / "fits/b_1.csv", LOST), result(tmp_path / "trials/b_1.csv")
     for inputs in ({"table": bad}, {"rows": [bad]}, {"trial": trial, "fitted": [bad]}):
@@ -68,6 +74,7 @@ def test_a_job_without_its_table_or_with_an_empty_list_or_of_a_refused_trial_can
     other = result(tmp_path / "trials/b_9.csv")
     assert without_refused({"trial": other, "motion": [bad]}).missing == ()
     assert without_refused({"table": result(tmp_path / "tables/b_1.csv"), "rows": [bad, other]}).missing == ()
+    assert without_refused({"table": other, "quality": [bad], "fitted": [bad]}).missing == ()
     assert without_refused({"tables": {"a": bad, "b": other}}).inputs == {"tables": {"b": other}}
 
 

@@ -26,8 +26,9 @@ REMEDIES = {
     "failed": "a fault of this program: report it with the traceback in {log}; the next run tries it again",
     "died": "run again; if memory was short, with fewer jobs at once (`--cores 1`)",
 }
+NO_ACCESS = "make the file or its folder accessible, or room on the disk; the next run tries it again"
 SHORTEST_REMEDY = 12
-"""Length [characters] of the end of a message from which on it is taken for the remedy."""
+"""Length [characters] of the end of a message from which on it is taken for the remedy; no half of a bracket is one."""
 
 LONGEST_WAIT_S = 2.0
 """For the end of a killed process [s]."""
@@ -74,6 +75,10 @@ def run(log: Path, job: Job) -> None:
             ended, causes = JobLog(job.command, "skipped", error=str(missing)), missing.causes
         except OslAnalysisError as refusal:
             ended = JobLog(job.command, "refused", error=str(refusal))
+        except OSError as fault:
+            ended = JobLog(
+                job.command, "failed", error=printable(f"{fault.filename or 'a file'}: {fault.strerror or fault}")
+            )
         except Exception as fault:
             error = printable(f"unexpected {type(fault).__name__}: {fault}")
             ended = JobLog(job.command, "failed", error=error, traceback=traceback.format_exc())
@@ -117,7 +122,11 @@ def refusal(job: Job, ended: JobLog, log: Path) -> Refusal:
     """The record of a job that refused its input, failed or died. The end of a refusal's message is its remedy."""
     reason, remedy = ended.error, REMEDIES[ended.outcome].format(log=log)
     head, separator, tail = ended.error.rpartition("; ")
-    if ended.outcome == "refused" and separator and len(tail) >= SHORTEST_REMEDY:
+    if ended.outcome == "failed" and not ended.traceback:
+        remedy = NO_ACCESS
+    elif (
+        ended.outcome == "refused" and separator and len(tail) >= SHORTEST_REMEDY and tail.count("(") == tail.count(")")
+    ):
         reason, remedy = head, tail
     return Refusal(trial_of(job), file_of(job, reason), job.command, ended.outcome, reason, remedy)
 

@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 
 from osl_analysis import workflow
-from osl_analysis.commands import crossing, study
+from osl_analysis.commands import crossing, study, tables
 from osl_analysis.commands.walking_files import read_json
 from osl_analysis.errors import InputError
 from osl_analysis.exclusion import exclusion_report, without_excluded, without_refused
@@ -140,6 +140,23 @@ def test_a_recording_that_the_reason_names_is_the_file_to_blame(tmp_path: Path) 
     cause = refusal(Job("ingest.ingest_trial", request, [], []), said, tmp_path)
     assert (cause.trial, cause.file) == ("w_1", "raw/vicon/w_1.c3d")
     assert "`exclude`" in cause.remedy
+
+
+def test_half_a_bracket_is_no_remedy(tmp_path: Path) -> None:
+    said = "x.mcap: no topic '/a' (no footer; how much is not known)"
+    cause = refusal(job(tmp_path, "j", {}), JobLog("j", "refused", error=said), tmp_path)
+    assert cause.reason == said
+    assert cause.remedy.startswith("correct or replace the file")
+
+
+def test_a_file_that_may_not_be_read_is_no_fault_of_the_program(tmp_path: Path, monkeypatch) -> None:
+    def denied(*_) -> None:
+        raise PermissionError(13, "Permission denied", "raw/b_1.mcap")
+
+    monkeypatch.setattr(tables, "read_table", denied)
+    outcome, (cause,) = ended(tmp_path, job(tmp_path, "tables.gather", {"rows": [str(tmp_path / "b_1.csv")]}))
+    assert (outcome, cause.reason) == ("failed", "raw/b_1.mcap: Permission denied")
+    assert cause.remedy.startswith("make the file or its folder accessible")
 
 
 def test_failed_and_killed_jobs_are_tried_again_and_refused_ones_stay(tmp_path: Path) -> None:

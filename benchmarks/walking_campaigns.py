@@ -16,8 +16,7 @@ import polars as pl
 import yaml
 from walking_cases import Case, Remedy
 
-from osl_analysis.commands.simulate import record_trial
-from osl_analysis.parameters import read_parameters
+from osl_analysis.commands.simulate import NOTHING, record_trial
 from osl_analysis.sheet import COLUMNS
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings
@@ -85,7 +84,6 @@ class Campaign:
         content |= {"experiments": merged(wanted, self.case.experiments), "seed": SEED}
         content["walking"] = str(dump(self.folder / "walking.yaml", lab))
         settings = read_yaml(dump(self.folder / "simulation.yaml", content), SimulationSettings)
-        p = read_parameters(settings.parameters)
         every = ("K_d", "B_d", "direction", "subject", "session")
         conditions = settings.experiments.conditions.model_copy(update={"stated": every})
         planned = settings.experiments.model_copy(update={"conditions": conditions})
@@ -93,7 +91,7 @@ class Campaign:
         for k, row in enumerate(r for r in self.rows if r["experiment"] == "walking"):
             row["perturbed"] = k % 2 == 0
         for row in self.rows:
-            record_trial(row, settings, p, self.folder / "raw")
+            record_trial(row, settings, NOTHING, self.folder / "raw")
 
     def analyse(self, remedy: Remedy) -> Verdict:
         """The verdict on the headline, with what the user states in this analysis."""

@@ -4,8 +4,8 @@ Run from the repository: `python benchmarks/walking_imperfections.py`. Simulated
 ingest and the walking analysis of `config/config.yaml`. The truth is the impedance that the simulated leg rendered.
 Writes the tables of `docs/walking_validation.md`. The remedies for plate and sensors take ten minutes on one core,
 the whole campaigns (`walking_cases.py`) half an hour on two. With `campaigns`, or names of tables of campaigns, as
-arguments only these are made. With other words the rows that have one in their labels are printed, and nothing is
-written. The same seeds give the same tables.
+arguments only these are made. With other words only the rows that have one in their labels are made, and replace those
+of the page. The same seeds give the same tables.
 """
 
 import json
@@ -234,16 +234,41 @@ def main() -> None:
     words = [word for word in sys.argv[1:] if word not in (*TABLES, "campaigns")]
     if words:
         for name in chosen or TABLES:
-            headline_table(name, words)
+            replace_rows(name, headline_table(name, words))
         return
     tables = {name: headline_table(name) for name in chosen or (TABLES if "campaigns" in sys.argv[1:] else ())}
     if len(sys.argv) == 1:
         tables = remedy_tables() | {name: headline_table(name) for name in TABLES}
+    write_tables(tables)
+
+
+def write_tables(tables: Mapping[str, str]) -> None:
+    """Write tables between their marks in the page."""
     text = REPORT.read_text(encoding="utf-8")
     for mark, rows in tables.items():
         head, _, rest = text.partition(f"<!-- {mark} -->\n")
         text = f"{head}<!-- {mark} -->\n{rows}\n<!-- end -->{rest.partition('<!-- end -->')[2]}"
     REPORT.write_text(text, encoding="utf-8")
+
+
+def replace_rows(mark: str, made: str) -> None:
+    """Put some rows of a table of campaigns into the page, in place of those of the same campaigns."""
+    old = REPORT.read_text(encoding="utf-8").partition(f"<!-- {mark} -->\n")[2].partition("\n<!-- end -->")[0]
+    head = old.split("\n")[:2]
+    rows = rows_by_case(mark, old) | rows_by_case(mark, made)
+    write_tables({mark: "\n".join([*head, *(row for case in TABLES[mark] for row in rows.get(case.label, []))])})
+
+
+def rows_by_case(mark: str, rows: str) -> dict[str, list[str]]:
+    """The rows of a table of campaigns by the label of their case; rows that begin with … belong to the one before,
+    unless a case has that label."""
+    labels, found, last = {case.label for case in TABLES[mark]}, dict[str, list[str]](), ""
+    for row in rows.split("\n")[2:]:
+        label = row.split("|")[1].strip()
+        named = label if label in labels else label.rpartition(" [")[0]
+        last = named if named in labels else last
+        found.setdefault(last, []).append(row)
+    return found
 
 
 def remedy_tables() -> dict[str, str]:

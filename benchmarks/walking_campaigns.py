@@ -118,6 +118,9 @@ class Campaign:
         """The headline of each group against the mean of what the leg rendered in its perturbations."""
         summary, fits = read(tables / "walking_summary.csv"), read(tables / "walking.csv")
         excluded = read(tables / "walking_excluded.csv")
+        if "estimator" not in summary.columns:  # the record of a refusal in the table's place
+            said = "; ".join(dict.fromkeys(summary["reason"].to_list()))
+            return Verdict(refused=plain(said), failed=failed_checks(tables / "quality.csv"))
         headline = summary.filter(pl.col("estimator") == "ensemble", pl.col("quantity").is_in(list(ACCEPTED)))
         names = headline["group"].unique(maintain_order=True).to_list() if "group" in headline.columns else [""]
         groups = []
@@ -176,7 +179,11 @@ def failed_checks(path: Path) -> tuple[str, ...]:
 
 def short(message: str) -> str:
     """A message without the names of trials and folders, at most 260 characters."""
-    text = message.partition("rror: ")[2] or message
+    return plain(message.partition("rror: ")[2] or message)
+
+
+def plain(text: str) -> str:
+    """A message without paths and names of trials."""
     words = [w for w in text.split() if not (w.startswith("/") or w.rstrip(":,").startswith(("walking_", "plate_0")))]
     return " ".join(words)[:260]
 

@@ -1,6 +1,7 @@
 """Which duration of stance turns time into phase: bias and scatter of K, B and I by rule, on two kinds of gait.
 
-Run from the repository: `python benchmarks/stance_phase.py [campaigns]` prints the tables of `docs/stance_phase.md`.
+Run from the repository: `python benchmarks/stance_phase.py [campaigns] [gait]` prints the tables of
+`docs/stance_phase.md`; the gait is `simulator` or `formula`, without one both.
 Forty campaigns of ten perturbed and ten unperturbed crossings take ten minutes. The same seeds give the same.
 """
 
@@ -133,10 +134,8 @@ def clock_table(campaigns: Sequence[Campaign]) -> None:
     signals: dict[str, Callable[[Crossing], Array]] = {"angle": lambda c: c.theta, "torque": lambda c: c.torque}
     for name, signal in signals.items():
         cells = []
-        for order in SHOWN:
-            usual, slow = (
-                np.concatenate([scale_errors(c, label, signal, order) for c in campaigns]) for label in (USUAL, SLOWER)
-            )
+        every = [np.concatenate([scale_errors(c, label, signal) for c in campaigns]) for label in (USUAL, SLOWER)]
+        for usual, slow in zip(*(errors.T for errors in every), strict=True):
             found = np.isfinite(usual) & np.isfinite(slow)
             few = found.mean() < 0.9
             cells.append("–" if few else f"{100 * usual[found].std():.2f} ({100 * slow[found].mean():+.1f})")
@@ -155,16 +154,20 @@ def scale_errors(campaign: Campaign, label: str, signal: Callable[[Crossing], Ar
     return np.array(errors)
 
 
-def main(number: int) -> None:
-    """Print both tables for both gaits."""
+GAITS = {"simulator": simulated, "formula": formula}
+
+
+def main(number: int, *gaits: str) -> None:
+    """Print both tables for some gaits, or for both."""
     shipped = laboratory()
-    for title, make in (("the simulator's gait", simulated), ("gait as a function of phase", formula)):
+    for title in gaits or GAITS:
+        make = GAITS[title]
         campaigns = [make(k, shipped) for k in range(number)]
-        print(f"\n{number} campaigns, {title}\n")
+        print(f"\n{number} campaigns, gait: {title}\n")
         rule_table(campaigns, shipped.analysis.timing)
         print()
         clock_table(campaigns)
 
 
 if __name__ == "__main__":
-    main(*(int(argument) for argument in sys.argv[1:] or ["40"]))
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 40, *sys.argv[2:])

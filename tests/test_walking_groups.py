@@ -357,7 +357,7 @@ def test_a_campaign_of_one_kind_is_one_group_called_all(tmp_path):
     tables = campaign(tmp_path, several("p", 4, MIDSTANCE) | several("u", 4, Walk()), bootstrap_samples=100)
     assert set(tables["summary"]["group"]) == {"all"}
     assert tables["groups"].select("group", "gait", "n", "n_down", "pooled").row(0) == ("all", "all", 4, 0, None)
-    assert set(tables["summary"]["estimator"]) == {"mean of perturbations", "ensemble"}
+    assert set(tables["summary"]["estimator"]) == {"mean of perturbations", "ensemble", "ensemble, predicted gait"}
     responses = [r.name for r in headline(several("p", 4, MIDSTANCE)).responses]
     assert responses == ["p0", "p1", "p2", "p3"]
     assert ensemble_response(headline(several("p", 4, MIDSTANCE)).responses).n == 4

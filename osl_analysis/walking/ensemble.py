@@ -18,6 +18,7 @@ from osl_analysis.signals import Motion, differentiate
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.repeats import CommonError
 from osl_analysis.trial import Array
+from osl_analysis.walking.prediction import Predictors, Stacked
 from osl_analysis.walking.response import PerturbationResponse, window_samples
 from osl_analysis.walking.response_fit import fit_without_offset, gait_errors, jackknife_covariance, plate_errors
 
@@ -84,8 +85,10 @@ def joining_weights(signs: NDArray[np.int_]) -> Array:
     return np.asarray(signs / count / len(np.unique(signs)))
 
 
-def ensemble_response(responses: Sequence[PerturbationResponse]) -> EnsembleResponse:
+def ensemble_response(responses: Sequence[PerturbationResponse], predictors: Predictors = ()) -> EnsembleResponse:
     """Mean response, or half the difference of two directions, and its fit in the common window.
+
+    With predictors, what the crossings would have done is predicted from their behaviour before the onset.
 
     Raises
     ------
@@ -93,9 +96,9 @@ def ensemble_response(responses: Sequence[PerturbationResponse]) -> EnsembleResp
         Fewer than two responses of a direction, or their time grids or numbers of unperturbed crossings differ.
     """
     check_alike(responses)
-    weights, first = joining_weights(signs_of(responses)), responses[0]
-    theta = weights @ np.array([r.motion.theta for r in responses])
-    torque = weights @ np.array([r.torque for r in responses])
+    signs, first, crossings = signs_of(responses), responses[0], len(responses[0].thetas)
+    alike = np.full(crossings, 1 / crossings)
+    theta, torque = Stacked.of(responses, signs).joined(joining_weights(signs), alike, predictors)
     motion = differentiate(first.time, theta)
     rows = first.window
     return EnsembleResponse(len(responses), first.time, motion, torque, fit_without_offset(motion[rows], torque[rows]))
@@ -134,18 +137,18 @@ def check_alike(responses: Sequence[PerturbationResponse]) -> None:
             )
 
 
-def bootstrap(responses: Sequence[PerturbationResponse], samples: int) -> Bootstrap:
+def bootstrap(responses: Sequence[PerturbationResponse], samples: int, predictors: Predictors = ()) -> Bootstrap:
     """Refit the ensemble with perturbations, unperturbed crossings and plate trials resampled with replacement.
 
     All three are resampled. The mean unperturbed gait is subtracted from every response, and the plate's model is part
     of every torque: their errors are common to all responses and do not show in the scatter between perturbations. The
     plate's model is resampled to first order, by the influence of each trial on the torque. Perturbations are drawn
-    within their direction.
+    within their direction. With predictors, the regression is computed anew in each sample.
     """
     check_alike(responses)
     signs = signs_of(responses)
     draws = Draws.of(responses, samples)
-    return draws.refitted(draws.perturbed * signs / len(np.unique(signs)), freedom_of(signs))
+    return draws.refitted(draws.perturbed * signs / len(np.unique(signs)), freedom_of(signs), predictors)
 
 
 @dataclass(frozen=True)
@@ -173,19 +176,18 @@ class Draws:
         crossings, trials = len(responses[0].thetas), len(responses[0].plate_errors)
         return cls(responses, perturbed, *(resampling_weights(random, samples, n) for n in (crossings, trials)))
 
-    def refitted(self, weights: Array, perturbations_freedom: float) -> Bootstrap:
+    def refitted(self, weights: Array, perturbations_freedom: float, predictors: Predictors = ()) -> Bootstrap:
         """Fits to the responses joined with `weights` (samples, n), which follow from `perturbed`."""
-        theta, torque, plate = (
-            np.array([getattr(r, name) for r in self.responses]) for name in ("thetas", "torques", "plate_errors")
-        )
+        stacked = Stacked.of(self.responses, signs_of(self.responses))
+        plate = np.array([r.plate_errors for r in self.responses])
         trials, first = plate.shape[1], self.responses[0]
         influence = -(trials - 1) * (plate - plate.mean(axis=1, keepdims=True)) if trials > 1 else plate
         angles, torques = np.empty((2, len(first.time), len(weights)))
         for i, (w, unperturbed, unloaded) in enumerate(zip(weights, self.unperturbed, self.unloaded, strict=True)):
-            angles[:, i] = unperturbed @ np.tensordot(w, theta, 1)
-            torques[:, i] = unperturbed @ np.tensordot(w, torque, 1) + unloaded @ np.tensordot(w, influence, 1)
+            angles[:, i], torques[:, i] = stacked.joined(w, unperturbed, predictors)
+            torques[:, i] += unloaded @ np.tensordot(w, influence, 1)
         rows = window_samples(first.time, first.timing)
-        freedom = min(perturbations_freedom, theta.shape[1] - 1)
+        freedom = min(perturbations_freedom, self.unperturbed.shape[1] - 1 - len(predictors))
         return Bootstrap(*fits_of_samples(differentiate(first.time, angles)[rows], torques[rows]), freedom)
 
 

@@ -18,6 +18,7 @@ from osl_analysis.walking.ensemble import (
     ensemble_response,
     signs_of,
 )
+from osl_analysis.walking.prediction import Prediction, cross_validated
 from osl_analysis.walking.response import PerturbationResponse, isolate_response
 from osl_analysis.walking.response_fit import fit_without_offset
 from osl_analysis.walking.settings import EnsembleSettings
@@ -42,6 +43,9 @@ class Symmetry:
     counts: tuple[int, int]
 
 
+Result = tuple[EnsembleResponse, Bootstrap]
+
+
 @dataclass(frozen=True)
 class Headline:
     """Result of one group.
@@ -51,6 +55,10 @@ class Headline:
     resampled: its bootstrap.
     common: errors that all single fits share, by quantity.
     symmetry: comparison of the directions; None if there is one only.
+    baseline: `mean` or `predicted`: which of both the settings name.
+    prediction: how the behaviour before the onset predicts the unperturbed course.
+    mean_gait, predicted_gait: the ensemble and its bootstrap with either baseline; `ensemble` and `resampled` are those
+        of the one that `baseline` names.
     """
 
     responses: Sequence[PerturbationResponse]
@@ -58,6 +66,10 @@ class Headline:
     resampled: Bootstrap
     common: Mapping[str, Sequence[CommonError]]
     symmetry: Symmetry | None
+    baseline: str
+    prediction: Prediction
+    mean_gait: Result
+    predicted_gait: Result
 
 
 def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, settings: EnsembleSettings) -> Headline:
@@ -70,12 +82,20 @@ def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, setting
         only one that turns up among others that turn down.
     """
     responses = [isolate_response(c, gait, settings.timing, settings.perturbed_stance) for c in perturbed]
+    samples = settings.bootstrap_samples
+    mean_gait = ensemble_response(responses), bootstrap(responses, samples)
+    prediction = cross_validated(responses, mean_gait[0].fit)
+    names = prediction.predictors
+    predicted_gait = (ensemble_response(responses, names), bootstrap(responses, samples, names)) if names else mean_gait
     return Headline(
         responses,
-        ensemble_response(responses),
-        bootstrap(responses, settings.bootstrap_samples),
+        *(predicted_gait if settings.baseline == "predicted" else mean_gait),
         common_errors(responses),
-        compare_directions(responses, settings.bootstrap_samples),
+        compare_directions(responses, samples),
+        settings.baseline,
+        prediction,
+        mean_gait,
+        predicted_gait,
     )
 
 

@@ -73,6 +73,7 @@ def group_facts(headline: Headline) -> Facts:
         "B_high": intervals["B"][1],
         "I_high": intervals["I"][1],
         **stance_facts(responses),
+        "predicted_share": headline.prediction.share,
     }
 
 

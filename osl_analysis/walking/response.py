@@ -8,12 +8,14 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import Motion, differentiate, sampling_rate
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.phase import aligned_gait
+from osl_analysis.walking.phase import BEFORE_ONSET_S, aligned_gait
 from osl_analysis.walking.settings import StanceSource, Timing
 from osl_analysis.walking.unperturbed import UnperturbedGait, signal_at
 
 MARGIN = 8
 """Additional samples at both ends of a response. A spline's derivatives are less accurate at its ends."""
+BEHAVIOUR = ("angle", "torque", "angle_slope", "torque_slope")
+"""What a crossing does before the onset, up to where the filter spreads the response: mean and slope of its curves."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,7 @@ class PerturbationResponse:
         the mean. Their scatter shows how gait varies.
     torques: the same for the torque [N*m].
     plate_errors: changes (m, k) [N*m] of the torque if the plate's model is identified without each of m plate trials.
+    behaviour: (4, crossings), `BEHAVIOUR` before the onset, minus that of the i-th unperturbed crossing.
     timing: window, baseline and guard.
     sign: -1 if the platform turned the toes down, else 1.
     stance: duration of stance [s] that converts time to phase.
@@ -42,6 +45,7 @@ class PerturbationResponse:
     thetas: Array
     torques: Array
     plate_errors: Array
+    behaviour: Array
     timing: Timing
     sign: int = 1
     stance: float = float("nan")
@@ -98,6 +102,7 @@ def isolate_response(
     thetas = signal_at(crossing, crossing.theta, own_time) - aligned.curves(gait.theta, phase)
     torques = signal_at(crossing, crossing.torque, own_time) - aligned.curves(gait.torque, phase)
     errors = signal_at(crossing, crossing.plate_errors, own_time) - gait.mean_plate_errors_at(phase)
+    behaviour = behaviour_before(time, thetas, torques)
     baseline = slice(MARGIN, MARGIN + round(timing.baseline * sampling_rate(time)))
     thetas, torques, errors = (without_baseline(curves, baseline) for curves in (thetas, torques, errors))
     return PerturbationResponse(
@@ -111,9 +116,19 @@ def isolate_response(
         timing=timing,
         sign=crossing.sign,
         stance=aligned.stance,
+        behaviour=behaviour,
         stance_change=crossing.stance.duration / aligned.expected - 1,
         stance_error=0.0 if perturbed_stance == "matched" else aligned.stance / aligned.expected - 1,
     )
+
+
+def behaviour_before(time: Array, thetas: Array, torques: Array) -> Array:
+    """`BEHAVIOUR` (4, crossings) of angles [rad] and torques [N*m] (crossings, k) at times (k,) from the onset: means,
+    and slopes per s."""
+    rows = time <= -BEFORE_ONSET_S
+    x = time[rows] - time[rows].mean()
+    curves = np.array([thetas, torques])[..., rows]
+    return np.concatenate([curves.mean(axis=-1), curves @ x / max(float(x @ x), np.finfo(float).tiny)])
 
 
 def check_phase(name: str, phase: Array) -> None:

@@ -215,6 +215,9 @@ class ResponseSettings(WalkingFilter, TimingSettings):
 class EnsembleSettings(ResponseSettings):
     """How the ensemble of all responses is fitted."""
 
+    baseline: Literal["mean", "predicted"] = "mean"
+    """What a perturbed crossing would have done, for the headline: the `mean` unperturbed gait, or what is `predicted`
+    from its own behaviour before the onset (docs/stance_phase.md). The other one stands beside it in the table."""
     bootstrap_samples: Annotated[int, Field(ge=100)]
     """Number of bootstrap samples of the ensemble."""
 

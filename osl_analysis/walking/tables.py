@@ -22,6 +22,8 @@ from osl_analysis.walking.unperturbed import PHASES, UnperturbedGait
 
 QUANTITIES = ("K", "B", "I", "VAF")
 MEAN, ENSEMBLE, UP_MINUS_DOWN = "mean of perturbations", "ensemble", "up minus down"
+OTHER_BASELINE = {"predicted": "ensemble, mean gait", "mean": "ensemble, predicted gait"}
+"""The ensemble with the baseline that the configuration does not name, by the one that it names."""
 WITH_COMMON_ERRORS = "Student + shared errors"
 """Interval of a mean over perturbations: from their scatter, and from the errors that all of them share."""
 PHASE_STEP = 4
@@ -74,6 +76,8 @@ def headline_rows(headline: Headline, fits: pl.DataFrame, doubtful: Mapping[str,
     """
     rows = [{**row, **doubtful} for row in mean_rows(fits, headline.common, signs_of(headline.responses))]
     rows += ensemble_rows(headline.ensemble, headline.resampled)
+    other = headline.mean_gait if headline.baseline == "predicted" else headline.predicted_gait
+    rows += ensemble_rows(*other, OTHER_BASELINE[headline.baseline])
     return rows if headline.symmetry is None else rows + symmetry_rows(headline.symmetry)
 
 
@@ -116,7 +120,9 @@ def reason_rows(reason: str, n: int) -> list[dict[str, object]]:
     return [{"quantity": q, "estimator": ENSEMBLE, "n": n, "mean": None, "reason": reason} for q in QUANTITIES]
 
 
-def ensemble_rows(ensemble: EnsembleResponse, resampled: Bootstrap) -> list[dict[str, object]]:
+def ensemble_rows(
+    ensemble: EnsembleResponse, resampled: Bootstrap, estimator: str = ENSEMBLE
+) -> list[dict[str, object]]:
     """Estimates from the mean response; `se`, 95 % interval and covariances with K, B, I (`cov_K`, ...) from the
     bootstrap. There is no `sd`."""
     fit = ensemble.fit
@@ -125,7 +131,7 @@ def ensemble_rows(ensemble: EnsembleResponse, resampled: Bootstrap) -> list[dict
     for quantity, estimate in estimates.items():
         low, high = resampled.interval(quantity)
         rows.append(
-            {"quantity": quantity, "estimator": ENSEMBLE, "n": ensemble.n, "mean": estimate, "sd": None}
+            {"quantity": quantity, "estimator": estimator, "n": ensemble.n, "mean": estimate, "sd": None}
             | {"se": resampled.se(quantity), "low": low, "high": high, "interval_method": "bootstrap"}
             | {f"cov_{other}": resampled.cov(quantity, other) for other in "KBI"}
         )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic import Field, field_validator
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, nearest
 from osl_analysis.yaml_settings import Settings, read_yaml
 
 UNITS = {
@@ -85,14 +85,15 @@ class ParameterFile(Settings):
     @field_validator("parameters")
     @classmethod
     def _complete(cls, quantities: dict[str, Quantity]) -> dict[str, Quantity]:
-        for name in UNITS:
-            if name not in quantities and name != "K_s2":
-                raise ValueError(f"{name} [{UNITS[name]}] is missing")
         for name, quantity in quantities.items():
             if name not in UNITS:
-                raise ValueError(f"unknown parameter {name}; the known ones are {', '.join(UNITS)}")
+                like = nearest(name, set(UNITS) - set(quantities))
+                raise ValueError(f"unknown parameter {name}; the known ones are {', '.join(UNITS)}{like}")
             if quantity.unit != UNITS[name]:
                 raise ValueError(f"{name} has unit '{quantity.unit}', expected '{UNITS[name]}'")
+        for name in UNITS:
+            if name not in quantities and name != "K_s2":
+                raise ValueError(f"{name} [{UNITS[name]}] is missing; add it")
         return quantities
 
 

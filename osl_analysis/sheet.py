@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, nearest
 from osl_analysis.experiments import EXPERIMENTS, RENAMED
 from osl_analysis.sheet_text import SheetLine, read_lines
 
@@ -52,8 +52,12 @@ def read_sheet(path: Path) -> pd.DataFrame:
     unknown = sorted(set(columns) - set(COLUMNS))
     absent = sorted(set(REQUIRED) - set(columns))
     if unknown or absent:
+        sign = next((sign for sign in ";\t|" if len(columns) == 1 and sign in columns[0]), "")
+        if sign:
+            raise InputError(f"{path}: its cells are separated by '{sign}'; save the sheet with commas, as 'CSV UTF-8'")
         what = f"unknown column '{unknown[0]}'" if unknown else f"no column '{absent[0]}'"
-        raise InputError(f"{path}: {what}; the columns are {', '.join(COLUMNS)}")
+        like = nearest(unknown[0], set(COLUMNS) - set(columns)) if unknown else ""
+        raise InputError(f"{path}: {what}; the columns are {', '.join(COLUMNS)}{like}")
     if not lines:
         raise InputError(f"{path}: no trials; add one row per trial")
     check_rows(lines, path)
@@ -91,7 +95,8 @@ def problem_in(row: dict[str, str]) -> str:
     if row["experiment"] not in EXPERIMENTS:
         return unknown_experiment(row["experiment"])
     if row["controller"] and row["controller"] not in CONTROLLERS:
-        return f"controller '{row['controller']}' is none of {', '.join(CONTROLLERS)}"
+        like = nearest(row["controller"], CONTROLLERS)
+        return f"controller '{row['controller']}' is none of {', '.join(CONTROLLERS)}{like}"
     for column in ("K_d", "B_d", "body_mass_kg"):
         if row[column] and not is_number(row[column]):
             return f"{column} '{row[column]}' is not a number; give it in SI units, without the unit"
@@ -123,7 +128,7 @@ def unknown_experiment(name: str) -> str:
     """What is wrong with the name of an experiment; the new name where it is an old one."""
     if name in RENAMED:
         return f"experiment '{name}' is now called '{RENAMED[name]}'; write '{RENAMED[name]}'"
-    return f"experiment '{name}' is none of {', '.join(EXPERIMENTS)}"
+    return f"experiment '{name}' is none of {', '.join(EXPERIMENTS)}{nearest(name, EXPERIMENTS)}"
 
 
 def problem_with_needs(row: dict[str, str]) -> str:
@@ -136,6 +141,8 @@ def problem_with_needs(row: dict[str, str]) -> str:
     for column in ("log", "mocap"):
         if row[column] and not row[f"{column}_source"]:
             return f"{column}_source is empty; name the file in config/sources that describes {row[column]}"
+        if row[f"{column}_source"].endswith((".yaml", ".yml")):
+            return f"{column}_source '{row[f'{column}_source']}' names a file; write its name without the ending"
     return ""
 
 

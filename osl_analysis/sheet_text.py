@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from osl_analysis.errors import InputError
+from osl_analysis.formats.other_formats import refuse_others
 
 INVISIBLE = {"Cf", "Zl", "Zp", "Cc"}
 """Unicode categories of characters that nobody sees: zero width, text direction, line separators, control."""
@@ -60,7 +61,9 @@ def read_lines(path: Path) -> tuple[list[str], list[SheetLine]]:
 def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     """The rows of a CSV file with the number of their line, without empty lines and comments."""
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        content = path.read_bytes()
+        check_text(path, content)
+        text = content.decode("utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from error
     except UnicodeDecodeError as error:
@@ -77,6 +80,13 @@ def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
             number = reader.line_num + 1
     except csv.Error as error:
         raise InputError(f"{path}: line {number}: not CSV ({error}); check the quotes") from error
+
+
+def check_text(path: Path, content: bytes) -> None:
+    """Refuse a sheet that is a file of another kind, such as a workbook of Excel, or has zero bytes in its header."""
+    refuse_others(path, content)
+    if b"\0" in content.partition(b"\n")[0]:
+        raise InputError(f"{path}: its header holds zero bytes, it is not UTF-8; save the sheet as 'CSV UTF-8'")
 
 
 def outer_blanks_off(cell: str) -> str:

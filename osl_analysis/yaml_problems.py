@@ -23,6 +23,7 @@ ADVICE = {
     "tuple_type": "write a list, as [first, second]",
     "list_type": "write a list, as [first, second]",
     "too_short": "name at least one",
+    "path_type": "write a path",
     "finite_number": "write a finite number",
 }
 """What to write, by the type of a problem that pydantic found."""
@@ -101,6 +102,8 @@ def plain_reason(problem: Mapping[str, Any], model: type[BaseModel]) -> str:
         return f"write its fields below it, as `name: value`; the known ones are {fields}"
     if kind == "literal_error":
         return text.replace("Input should be", "write") + nearest(str(problem["input"]), re.findall(r"'([^']+)'", text))
+    if kind.startswith(("greater_than", "less_than")):
+        return text.replace("Input should be", "write a number")
     return ADVICE.get(kind) or text.replace("Input should be", "write")
 
 

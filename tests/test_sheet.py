@@ -179,3 +179,23 @@ def test_a_wrong_condition_is_named(tmp_path, cells, message):
     header = "trial,experiment,mocap,mocap_source,perturbed,side,direction,group\n"
     with pytest.raises(InputError, match=f"trials.csv: line 2: {message}"):
         read_sheet(sheet(tmp_path, header + f"w1,walking,w1.c3d,vicon,{cells}\n"))
+
+
+SHORT = "trial,experiment,log,log_source\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("trial,experimnt,log\n", "unknown column 'experimnt'; .*; did you mean 'experiment'"),
+        (f"{SHORT}a,blet,a.csv,s\n", "experiment 'blet' is none of .*; did you mean 'belt'"),
+        (f"{SHORT}a,belt,a.csv,s.yaml\n", "log_source 's.yaml' names a file; write its name without the ending"),
+        (f"{SHORT}a,belt,a.csv,s\n".replace(",", ";"), "its cells are separated by ';'; save the sheet with commas"),
+        (f"{SHORT}a,belt,a.csv,s\n".encode("utf-16-le"), "text in UTF-16 without its mark, which is not read"),
+        (b"PK\x03\x04xl/\0\0", "an Excel workbook, which is not read; save its sheet as 'CSV UTF-8'"),
+    ],
+)
+def test_a_slip_in_a_sheet_is_answered_with_what_was_meant(tmp_path, text, problem):
+    (tmp_path / "trials.csv").write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(InputError, match=problem):
+        read_sheet(tmp_path / "trials.csv")

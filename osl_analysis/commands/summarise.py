@@ -96,7 +96,10 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
     """
     check_not_refused(summary_json)
     if not summary_json.is_file():
-        raise InputError(f"{summary_json}: no such summary; run `snakemake reproduce-all` first")
+        there = summary_json / "summary.json"
+        remedy = "run `snakemake reproduce-all` first, or name your campaign's with `--summary`"
+        remedy = f"write `--summary {there}`" if there.is_file() else remedy
+        raise InputError(f"{summary_json}: no such summary; {remedy}")
     try:
         content = json.loads(summary_json.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:

@@ -124,6 +124,19 @@ def test_a_message_that_looks_like_an_index_or_a_chunk_is_a_message(tmp_path: Pa
     assert recording.facts["damage"]["messages_lost"] == 0
 
 
+def test_a_message_that_lists_the_messages_of_another_channel_is_no_index(tmp_path: Path) -> None:
+    entries = b"".join(struct.pack("<QQ", *entry) for entry in ENTRIES)
+    lists_them = message(2, ENTRIES[0][0], entries[16:], sequence=len(entries), publish=ENTRIES[0][1])
+    assert lists_them[9 + 2 :] == index(1, ENTRIES)[9 + 2 :]
+    content = log(LAB, channel(2, b"/other"), chunk(TEN), lists_them, summary=statistics({1: 10, 2: 1}, 1))
+    assert read(tmp_path, content).facts["damage"]["messages_lost"] == 0
+    flipped = bytes([0x05]) + index(1, ENTRIES)[1:]  # the index itself, whose opcode became that of a message
+    assert read(tmp_path, log(LAB, chunk(TEN), flipped, chunk(TWENTY))).facts["damage"]["topics"]["/lab"] == {
+        "messages": 20,
+        "messages_lost": 0,
+    }
+
+
 def test_without_a_checksum_a_message_that_turned_into_a_private_record_is_lost(tmp_path: Path) -> None:
     flipped = TEN[: AT[4]] + b"\x85" + TEN[AT[4] + 1 :]
     content = log(LAB, chunk(flipped, crc=False), index(1, ENTRIES), chunk(TWENTY))
@@ -197,6 +210,12 @@ FIRST = log(LAB, chunk(TEN), chunk(TWENTY), summary=statistics({1: 20}, 2))
 @pytest.mark.parametrize("cut", range(len(log()), len(FIRST) + 1, 7))
 def test_two_logs_in_one_file_are_refused_wherever_the_first_one_ends(tmp_path: Path, cut: int) -> None:
     assert f"holds two logs, the second from byte {cut} on: split them" in refused(tmp_path, FIRST[:cut] + OTHER)
+
+
+@pytest.mark.parametrize("part", [chunk(TEN), chunk(TWENTY), statistics({1: 20}, 2)])
+def test_a_second_log_is_seen_though_a_cut_record_ends_exactly_with_its_header(tmp_path: Path, part: bytes) -> None:
+    cut = FIRST.index(part) + len(part) - 8 - len(header())
+    assert f"holds two logs, the second from byte {cut} on" in refused(tmp_path, FIRST[:cut] + OTHER)
 
 
 def test_two_whole_logs_are_refused(tmp_path: Path) -> None:

@@ -100,7 +100,7 @@ def recorded_plates(recording: C3DRecording) -> Iterator[RecordedChannel]:
         except InputError as error:
             note = str(error)
         load, centre = load_on(recording, number)
-        note += f", force within {load:.0f} N" if load is not None else ""
+        note += f", force changes by {load:.0f} N" if load is not None else ""
         yield RecordedChannel("plate", {"plate": str(number)}, note=note, load=load, centre=centre)
 
 

@@ -119,6 +119,8 @@ REMEDIES: dict[str, str | Words] = {
     "onset_phase_sd": "perturbations begin at several phases of stance, name timing under walking.group_by",
     "uncorrected_stance_change": "perturbed crossings have not the stance that phase is computed with, set "
     "walking.perturbed_stance: matched",
+    "unperturbed_stance_sd": "unperturbed crossings walk at several paces, state subject, session or speed in the "
+    "sheet to part them",
     "residual_over_gait": "neither a second-order joint nor ordinary gait explains the torque, look for clipped "
     "channels and a second foot",
     "estimator_difference": "the fit to the mean response and the mean of the single fits disagree, look at the single "

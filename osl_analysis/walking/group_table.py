@@ -92,10 +92,16 @@ def group_row(group: Group, gait: UnperturbedGait | None, window: float) -> dict
         "n_down": down,
         "n_unperturbed": 0 if gait is None else len(gait.names),
         "stance_s": stance,
+        "unperturbed_stance_sd": None if gait is None else stance_scatter(gait),
         "onset_phase": onset,
         "onset_phase_sd": float(np.std(phases, ddof=1)) if len(phases) > 1 else None,
         "end_phase": onset + window / stance if onset is not None and stance else None,
     }
+
+
+def stance_scatter(gait: UnperturbedGait) -> float | None:
+    """SD of the stances of the unperturbed crossings, as a share of their mean; None of a single one."""
+    return float(np.std(gait.stance, ddof=1) / np.mean(gait.stance)) if len(gait.stance) > 1 else None
 
 
 def fitted_time(ensemble: EnsembleResponse, timing: Timing) -> float:

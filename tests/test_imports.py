@@ -21,9 +21,21 @@ MAY_IMPORT = {
     | {"bench", "protocol", "stats", "second_order", "rails", "signals", "uniform", "timebase"}
     | {"model", "parameters", "columns", "yaml_settings", "doubtful", "causes"},
     "walking": COMMON
-    | {"walking", "stats", "second_order", "signals", "uniform", "timebase", "columns", "yaml_settings"},
+    | {"walking", "stats", "second_order", "signals", "uniform", "timebase", "columns", "yaml_settings"}
+    | {"plate_surface"},
     "quality": COMMON
-    | {"quality", "protocol", "columns", "experiments", "rails", "signals", "uniform", "timebase", "yaml_settings"},
+    | {
+        "plate_surface",
+        "quality",
+        "protocol",
+        "columns",
+        "experiments",
+        "rails",
+        "signals",
+        "uniform",
+        "timebase",
+        "yaml_settings",
+    },
     "figures": COMMON | {"figures"},
 }
 

@@ -5,9 +5,10 @@ import polars as pl
 import pytest
 
 from osl_analysis.errors import InputError
+from osl_analysis.plate_surface import furthest_outside, plate_axes
 from osl_analysis.trial import Trial
 from osl_analysis.walking.events import Stance
-from osl_analysis.walking.load import furthest_outside, load_of_weight, load_on_foot
+from osl_analysis.walking.load import load_of_weight, load_on_foot
 from osl_analysis.walking.orientation import check_heading, check_push, check_vertical
 from osl_analysis.walking.plate import PlateWrench, recorded_corners
 
@@ -93,3 +94,8 @@ def test_a_plate_that_stands_on_edge_says_that_z_is_not_up(axes: list[int], name
         recorded_corners(trial, 1)
     level = Trial("plate_1", trial.samples, {"plates": [{"plate": 1, "type": 2, "corners": CORNERS.tolist()}]})
     np.testing.assert_allclose(recorded_corners(level, 1), CORNERS)
+
+
+def test_the_normal_of_a_plate_points_up_whichever_way_its_corners_go_round() -> None:
+    for corners in (CORNERS, CORNERS[::-1]):
+        np.testing.assert_allclose(plate_axes(np.array(corners))[:, 2], [0, 0, 1], atol=1e-12)

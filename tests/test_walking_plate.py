@@ -20,6 +20,7 @@ from walking_synthetic import (
 )
 
 from osl_analysis.errors import InputError
+from osl_analysis.plate_surface import plate_axes
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import static_calibration
 from osl_analysis.walking.cluster import BodyMotion
@@ -28,7 +29,6 @@ from osl_analysis.walking.plate import (
     RecordedWrench,
     check_range,
     in_laboratory,
-    plate_axes,
     rotation_from_rest,
     unloaded_zero,
 )

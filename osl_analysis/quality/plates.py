@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from osl_analysis.columns import plate_columns
+from osl_analysis.plate_surface import beside, plate_axes
 from osl_analysis.quality.checks import Check, CheckResult, Examined, not_applicable
 from osl_analysis.trial import Array, Trial
 
@@ -32,32 +33,18 @@ class PlateRecord:
     moment: Array
 
     @cached_property
-    def axes(self) -> Array:
-        """Unit vectors along the plate's edges and normal to it, as columns (3, 3); the normal points up."""
-        x, y = self.corners[0] - self.corners[1], self.corners[0] - self.corners[3]
-        normal = np.cross(x, y)
-        normal = normal * np.sign(normal[2] or 1.0)
-        return np.column_stack([axis / np.linalg.norm(axis) for axis in (x, np.cross(normal, x), normal)])
-
-    @cached_property
-    def half_sizes(self) -> Array:
-        """Half the lengths (2,) [m] of the edges along the first two axes."""
-        edges = self.corners[0] - self.corners[1], self.corners[0] - self.corners[3]
-        return np.array([np.linalg.norm(edge) / 2 for edge in edges])
-
-    @cached_property
     def pressure_centre(self) -> Array:
         """Centre of pressure (k, 2) [m] from the plate's centre along its edges, in the samples under load."""
-        normal = self.axes[:, 2]
+        axes = plate_axes(self.corners)
+        normal = axes[:, 2]
         vertical = self.force @ normal
         loaded = vertical > PRESSED
         point = np.cross(normal, self.moment[loaded]) / vertical[loaded, None]
-        return np.asarray(point @ self.axes[:, :2])
+        return np.asarray(point @ axes[:, :2])
 
     def outside(self, pressure_centre: Array) -> float:
         """Distance [m] by which points (k, 2) lie outside the plate in the 5 % that lie furthest out; 0 inside."""
-        beyond = np.maximum(np.abs(pressure_centre) - self.half_sizes, 0.0)
-        return float(np.percentile(np.hypot(*beyond.T), OFTEN))
+        return float(np.percentile(beside(pressure_centre, self.corners), OFTEN))
 
 
 def plates_of(trial: Trial) -> Iterator[PlateRecord]:

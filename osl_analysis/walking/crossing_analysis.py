@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from osl_analysis.errors import InputError
+from osl_analysis.plate_surface import furthest_outside
 from osl_analysis.signals import sampling_rate
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import (
@@ -31,7 +32,7 @@ from osl_analysis.walking.direction import platform_turn
 from osl_analysis.walking.encoder import encoder_check
 from osl_analysis.walking.events import Stance, check_onset, find_onset, find_stances, only_stance
 from osl_analysis.walking.labels import exchanged_labels
-from osl_analysis.walking.load import furthest_outside, load_on_foot
+from osl_analysis.walking.load import load_on_foot
 from osl_analysis.walking.orientation import check_heading, check_push, check_vertical
 from osl_analysis.walking.plate import (
     PlateWrench,

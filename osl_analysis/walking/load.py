@@ -7,7 +7,7 @@ import numpy as np
 from osl_analysis.trial import Array
 from osl_analysis.walking.cluster import GRAVITY
 from osl_analysis.walking.events import Stance
-from osl_analysis.walking.plate import PlateWrench, plate_axes
+from osl_analysis.walking.plate import PlateWrench
 
 PRESSED = 100.0
 """Vertical force [N] from which there is a centre of pressure."""
@@ -44,11 +44,3 @@ def load_of_weight(time: Array, vertical: Array, stance: Stance, body_mass: floa
     phase = (time - stance.heel_strike) / stance.duration
     inside = (phase >= SINGLE_SUPPORT[0]) & (phase <= SINGLE_SUPPORT[1])
     return float(vertical[inside].mean() / (body_mass * np.linalg.norm(GRAVITY)))
-
-
-def furthest_outside(points: Array, corners: Array) -> float:
-    """Largest distance [m] by which points (m, 3) [m] lie outside the plate with these corners (4, 3) [m], along its
-    surface; 0 if all are inside."""
-    away = (points - corners.mean(axis=0)) @ plate_axes(corners)[:, :2]
-    half = np.array([np.linalg.norm(corners[0] - corners[1]), np.linalg.norm(corners[0] - corners[3])]) / 2
-    return float(np.hypot(*np.maximum(np.abs(away) - half, 0.0).T).max(initial=0.0))

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from osl_analysis.columns import AXES, plate_columns
 from osl_analysis.errors import InputError
+from osl_analysis.plate_surface import plate_axes
 from osl_analysis.signals import LowPass, longest_run, sampling_rate
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.cluster import Poses
@@ -130,6 +131,8 @@ def unloaded_zero(recorded: RecordedWrench, duration: float, largest: float) -> 
 def check_range(time: Array, force: Array, axes: Array, load: float) -> None:
     """Refuse a force (n, 3) [N] that stays at its extreme in one of the plate's `axes` (3, 3), given as columns.
 
+    It is for recordings without raw channels, as CSV files of Nexus: `check_plate` sees those of a C3D file.
+
     Raises
     ------
     InputError
@@ -191,14 +194,6 @@ def check_level(name: str, plate: int, corners: Array) -> None:
 def plate_centre(trial: Trial, plate: int) -> Array:
     """Centre (3,) [m] of a plate's surface at rest, the mean of its corners."""
     return np.asarray(recorded_corners(trial, plate).mean(axis=0))
-
-
-def plate_axes(corners: Array) -> Array:
-    """The plate's axes as columns (3, 3), along its edges, from its corners (4, 3) [m]; their signs do not matter."""
-    x, y = corners[0] - corners[1], corners[0] - corners[3]
-    z = np.cross(x, y)
-    y = np.cross(z, x)
-    return np.column_stack([axis / np.linalg.norm(axis) for axis in (x, y, z)])
 
 
 def in_laboratory(wrench: PlateWrench, platform: Poses, centre: Array) -> tuple[PlateWrench, Array]:

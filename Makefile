@@ -3,13 +3,20 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
 
-.PHONY: reproduce-all test setup check lock
+.PHONY: reproduce-all test test-kernels setup check lock
 
 reproduce-all: $(READY)
 	$(BIN)/snakemake reproduce-all
 
 test: $(READY)
 	$(BIN)/python -m pytest
+
+# Fits with the matrix kernels of other processors (any x86 of the last ten years has them): tests/kernels.py.
+test-kernels: $(READY)
+	for kernel in Nehalem Haswell; do \
+		OPENBLAS_CORETYPE=$$kernel $(BIN)/python tests/kernels.py && \
+		OPENBLAS_CORETYPE=$$kernel $(BIN)/python -m pytest -m numerics || exit 1; \
+	done
 
 setup: $(READY)
 

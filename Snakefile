@@ -12,7 +12,7 @@ from pathlib import Path
 from osl_analysis import workflow as jobs
 from osl_analysis.campaign import open_campaign
 from osl_analysis.commands.simulate import planned_sheet, settings_files
-from osl_analysis.config import campaign_config
+from osl_analysis.config import DEFAULT_CONFIG, campaign_config
 from osl_analysis.doubtful import doubt_report
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.exclusion import exclusion_report
@@ -21,6 +21,12 @@ from osl_analysis.figures import FIGURES, drawn_figures
 from osl_analysis.files import file_state
 from osl_analysis.refusal_report import refusal_report
 from osl_analysis.study import BENCH as STUDY_ON_BENCH, REPEATED as STUDY_OF_REPEATS, WALKING as STUDY_OF_WALKING
+from osl_analysis.yaml_settings import read_mapping
+
+try:
+    read_mapping(DEFAULT_CONFIG)  # Snakemake itself would show a file that is no YAML in UTF-8 as a traceback
+except OslAnalysisError as error:
+    sys.exit(f"error: {error}")
 
 
 configfile: "config/config.yaml"

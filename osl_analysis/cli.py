@@ -13,6 +13,7 @@ from osl_analysis.cli_options import (
     OneLineErrors,
     desired_impedance,
     desired_options,
+    say,
 )
 from osl_analysis.experiments import EXPERIMENTS
 
@@ -96,8 +97,8 @@ def ingest(
     }
     ingest_trial(row=row, raw_folder=Path(), sources_folder=sources, output=output)
     for warning in read_trial(output).provenance.get("warnings", []):
-        click.echo(f"warning: {warning}", err=True)
-    click.echo(f"wrote {output}")
+        say(f"warning: {warning}", err=True)
+    say(f"wrote {output}")
 
 
 @main.command(epilog="Example: osl-analysis inspect unknown.mcap --draft config/sources/mine.yaml")
@@ -110,16 +111,16 @@ def inspect(file: Path, draft_path: Path | None) -> None:
     from osl_analysis.ingest.draft import draft_source
 
     overview = command.inspect_file(file)
-    click.echo(command.overview_text(overview))
+    say(command.overview_text(overview))
     text = draft_source(overview, file.name)
     if draft_path is None:
-        click.echo(f"\nA source file to start from:\n\n{text}")
+        say(f"\nA source file to start from:\n\n{text}")
     elif draft_path.exists():
         raise click.UsageError(f"{draft_path} exists; name a new file")
     else:
         with atomic_path(draft_path) as temporary:
             temporary.write_text(text, encoding="utf-8")
-        click.echo(f"wrote {draft_path}")
+        say(f"wrote {draft_path}")
 
 
 @main.command(epilog="Example: osl-analysis fit results/trials/belt_01.parquet --model belt --plot belt.png")
@@ -162,7 +163,7 @@ def fit(
         from osl_analysis.commands.figure import draw_table
 
         draw_table("torque", fitted.series, [plot])
-    click.echo(estimates_json(fitted.estimates) if as_json else estimates_text(fitted.estimates))
+    say(estimates_json(fitted.estimates) if as_json else estimates_text(fitted.estimates))
 
 
 @main.command(epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (or 100:400:50 and 0,5 for a grid)")
@@ -203,7 +204,7 @@ def gains(
         command.write_gains(table, output)
     if plot is not None:
         command.plot_gains(request, table, parameters, plot)
-    click.echo(command.gains_json(table) if as_json else command.gains_text(request, table, parameters))
+    say(command.gains_json(table) if as_json else command.gains_text(request, table, parameters))
 
 
 @main.command(epilog="Example: osl-analysis samples ../shared/real_data --output docs/real_samples.md")
@@ -221,10 +222,10 @@ def samples(folder: Path, output: Path | None, config_path: Path) -> None:
 
     rules = read_section(config_path, "quality", QualityRules)
     if output is None:
-        click.echo(samples_table(folder, rules))
+        say(samples_table(folder, rules))
     else:
         write_samples(folder, rules, output, f"osl-analysis samples {folder} --output {output}")
-        click.echo(f"wrote {output}")
+        say(f"wrote {output}")
 
 
 @main.command("describe-tables", epilog="Example: osl-analysis describe-tables --output docs/tables.md")
@@ -234,10 +235,10 @@ def describe_tables(output: Path | None) -> None:
     from osl_analysis.commands.describe_tables import page, write_page
 
     if output is None:
-        click.echo(page("osl-analysis describe-tables"))
+        say(page("osl-analysis describe-tables"))
     else:
         write_page(output, f"osl-analysis describe-tables --output {output}")
-        click.echo(f"wrote {output}")
+        say(f"wrote {output}")
 
 
 @main.command(epilog="Example: osl-analysis results --summary results/summary.json")
@@ -252,4 +253,4 @@ def results(summary: Path) -> None:
     """Print the headline numbers of a campaign as a Markdown table, with units, intervals and the draft's values."""
     from osl_analysis.commands.summarise import format_results_table, read_summary
 
-    click.echo(format_results_table(read_summary(summary)))
+    say(format_results_table(read_summary(summary)))

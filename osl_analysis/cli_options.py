@@ -2,14 +2,17 @@
 
 import errno
 import math
+import signal
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from osl_analysis.errors import OslAnalysisError, printable
+from osl_analysis.errors import OslAnalysisError, printable, printable_lines
 
 if TYPE_CHECKING:
     from osl_analysis.bench.impedance import DesiredImpedance
@@ -47,6 +50,10 @@ class NumberList(click.ParamType[list[float]]):
 FILE = click.Path(path_type=Path)
 WRITTEN = {"output", "plot", "draft_path"}
 """Parameters of commands that name a file to write."""
+SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md"}
+"""Suffix of what a command writes, where it writes one kind of file."""
+INTERRUPTED = 130
+"""Exit code after Ctrl-C or SIGTERM."""
 NUMBERS = NumberList()
 PARAMETERS = click.option(
     "--parameters",
@@ -97,8 +104,13 @@ def desired_impedance(
 AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON in SI units instead of a table.")
 
 
+def say(text: str, err: bool = False) -> None:
+    """Print lines to the terminal. Control characters, which names in files may have, are written as escapes."""
+    click.echo(printable_lines(text), err=err)
+
+
 class KeepsItsInput(click.Command):
-    """A command that never writes to a file that it reads."""
+    """A command that never writes to a file that it reads, and no two results to one file."""
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command, unless the file of an option that writes is the file of another option or argument."""
@@ -106,16 +118,37 @@ class KeepsItsInput(click.Command):
         for written in WRITTEN & files.keys():
             for name, path in files.items():
                 if name != written and same_file(path, files[written]):
-                    raise click.UsageError(f"{files[written]} would be overwritten while it is read; name another file")
+                    raise click.UsageError(f"{files[written]} would be overwritten while it is used; name another file")
+            check_suffix(str(ctx.info_name), files[written])
         return super().invoke(ctx)
 
 
+def check_suffix(command: str, path: Path) -> None:
+    """Refuse a file that a command does not write by its suffix: it may be a source file, a log or a configuration."""
+    allowed = SUFFIXES.get(command)
+    if allowed is not None and path.suffix != allowed:
+        raise click.UsageError(f"{path}: `{command}` writes {allowed} files; choose this suffix")
+
+
 def same_file(one: Path, other: Path) -> bool:
-    """Whether two paths name one file that exists, also through links."""
+    """Whether two paths name one file, also through links; also one that does not exist yet."""
     try:
-        return one.samefile(other)
+        return one.samefile(other) if one.exists() and other.exists() else one.resolve() == other.resolve()
     except OSError:
         return False
+
+
+@contextmanager
+def ended_quietly() -> Iterator[None]:
+    """SIGTERM ends the block as Ctrl-C does, so that no half-written file stays behind."""
+    before = signal.getsignal(signal.SIGTERM)
+    with suppress(ValueError):  # not in the main thread
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        with suppress(ValueError):
+            signal.signal(signal.SIGTERM, before)
 
 
 class OneLineErrors(click.Group):
@@ -124,15 +157,24 @@ class OneLineErrors(click.Group):
     command_class = KeepsItsInput
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; show its warnings and the user's mistakes as one line each."""
+        """Run the command; show its warnings and the user's mistakes as one line each. Ctrl-C ends with code 130."""
         warnings.showwarning = lambda message, *_, **__: click.echo(f"warning: {printable(str(message))}", err=True)
         try:
-            return super().invoke(ctx)
+            with ended_quietly():
+                return super().invoke(ctx)
+        except KeyboardInterrupt:
+            click.echo("interrupted", err=True)
+            sys.exit(INTERRUPTED)
+        except click.UsageError as error:
+            raise click.UsageError(printable(error.message), error.ctx) from error
         except OslAnalysisError as error:
             click.echo(f"error: {error}", err=True)
+        except MemoryError:
+            click.echo("error: not enough memory for what is asked; ask for fewer samples, or a shorter log", err=True)
         except OSError as error:
-            if error.filename is None or error.errno == errno.EPIPE:
+            if error.errno == errno.EPIPE:
                 raise
-            text = f"{error.filename}: {error.strerror}; check the path, its permissions and the space on the disk"
+            place = "the output" if error.filename is None else error.filename
+            text = f"{place}: {error.strerror}; check the path, its permissions and the space on the disk"
             click.echo(f"error: {printable(text)}", err=True)
         sys.exit(1)

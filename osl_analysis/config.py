@@ -14,6 +14,9 @@ from osl_analysis.shared_choices import FOLLOWED, FollowedProtocol, SharedChoice
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
 from osl_analysis.yaml_settings import Model, Positive, Settings, read_mapping, validated
 
+MOST = 1_000_000
+"""Largest number of trials, campaigns or crossings of a study; more is a slip of the keyboard."""
+
 
 class TimeSeriesFigure(Settings):
     """The part of a trial that Fig. 4 shows."""
@@ -63,19 +66,19 @@ class StudySettings(Settings):
     """Settings of the simulated campaign."""
     seed: Annotated[int, Field(ge=0)]
     """Seed of every random number."""
-    trials: Annotated[int, Field(ge=2)]
+    trials: Annotated[int, Field(ge=2, le=MOST)]
     """Number of trials of each bench experiment."""
-    campaigns: Annotated[int, Field(ge=0)]
+    campaigns: Annotated[int, Field(ge=0, le=MOST)]
     """Number of campaigns of walking, and of repeated belt and transmission trials."""
-    recorded: Annotated[int, Field(ge=0)]
+    recorded: Annotated[int, Field(ge=0, le=MOST)]
     """Number of further walking campaigns that are written to files and ingested."""
-    crossings: Annotated[int, Field(ge=3)]
+    crossings: Annotated[int, Field(ge=3, le=MOST)]
     """Number of perturbed crossings in a campaign, which has the same number of unperturbed crossings."""
     batch: Annotated[int, Field(ge=1)]
     """Number of bench trials in a job."""
     amplitudes_deg: Annotated[tuple[Positive, ...], Field(min_length=1)]
     """Amplitudes [deg] of the short protocol."""
-    cycles: Annotated[int, Field(ge=1)]
+    cycles: Annotated[int, Field(ge=1, le=10_000)]
     """Cycles at each frequency of the short protocol."""
     K_d: Positive
     """Desired stiffness [N*m/rad]."""

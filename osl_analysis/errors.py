@@ -9,6 +9,11 @@ def printable(text: str) -> str:
     return "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode() for sign in text)
 
 
+def printable_lines(text: str) -> str:
+    """Text of several lines for a terminal: `printable` in each line."""
+    return "\n".join(printable(line) for line in text.split("\n"))
+
+
 def listing(names: Sequence[str], most: int = 40) -> str:
     """Names for a message to the user, at most `most` of them."""
     more = f", ... ({len(names)} in all)" if len(names) > most else ""

@@ -1,8 +1,9 @@
 """Results are written completely or not at all: write to a temporary file beside the target, then rename it."""
 
 import os
+import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from osl_analysis.errors import InputError
@@ -14,7 +15,14 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
     Parent folders are created. When the block raises, what it wrote is deleted and an older `path` stays as it
     was. The block must have closed the file when it ends.
+
+    Raises
+    ------
+    InputError
+        The path is a folder or no UTF-8, its folder cannot be made, or the disk is full or fails.
     """
+    if not is_utf8(path):
+        raise InputError(f"{path}: its name is not UTF-8; choose another name")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -25,8 +33,39 @@ def atomic_path(path: Path) -> Iterator[Path]:
     try:
         yield temporary
         temporary.replace(path)
+    except Exception as error:
+        reason = disk_failure(error, temporary)
+        if reason is None:
+            raise
+        raise InputError(f"{path}: cannot be written ({reason}); make room, or choose another place") from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def disk_failure(error: BaseException, written: Path) -> str | None:
+    """Why the system did not write to `written`, by the error that a library raised; None if the error is another.
+
+    Polars has an error of its own, in whose text the number stands; other libraries raise theirs after the system's.
+    """
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, OSError) and cause.filename in (None, str(written)):
+            return cause.strerror or " ".join(str(cause).split())
+        number = re.search(r"\(os error (\d+)\)", str(cause))
+        if number:
+            return os.strerror(int(number[1]))
+        cause = cause.__cause__ or cause.__context__
+    return None
+
+
+def is_utf8(path: Path) -> bool:
+    """Whether the name of a file is text. Other bytes cannot be handed to the libraries that write tables."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def temporary_path(path: Path, pid: int) -> Path:

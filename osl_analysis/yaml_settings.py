@@ -93,7 +93,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: {error}") from error
     except RecursionError as error:
         raise InputError(f"{path}: its fields are nested too deeply; write them as in the shipped files") from error
-    except (yaml.YAMLError, ValueError) as error:
+    except (yaml.YAMLError, ValueError, AttributeError, KeyError, TypeError, OverflowError) as error:  # of a wrong tag
         raise InputError(f"{path}: not YAML: {not_yaml(error)}") from error
     if values > MOST_VALUES:
         raise InputError(f"{path}: its aliases (`*name`) stand for more than {MOST_VALUES} values; write them out")

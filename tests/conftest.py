@@ -1,10 +1,12 @@
 """What several tests share: the shipped parameters, and motions with derivatives written by hand."""
 
+from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import settings
+from kernels import NUMERICAL
 
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.signals import LowPass, Motion
@@ -14,6 +16,13 @@ ROOT = Path(__file__).parents[1]
 
 settings.register_profile("seeded", derandomize=True, database=None)  # other seeds: pytest --hypothesis-profile default
 settings.load_profile("seeded")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Give the tests of numerical modules the marker `numerics`."""
+    for item in items:
+        if any(fnmatch(item.path.stem, pattern) for pattern in NUMERICAL):
+            item.add_marker(pytest.mark.numerics)
 
 
 @pytest.fixture(scope="session")

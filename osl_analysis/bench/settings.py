@@ -12,7 +12,7 @@ from osl_analysis.yaml_settings import Positive, Settings
 
 STIFFNESS_UNITS = {"N*m/rad": 1.0, "Nm/rad": 1.0, "N*m/deg": 180 / np.pi, "Nm/deg": 180 / np.pi}
 """Units of a stiffness of the bench, and their factors to N*m/rad."""
-Cycles = Annotated[int, Field(ge=1)]
+Cycles = Annotated[int, Field(ge=1, le=10_000)]
 
 
 class TimeBase(Settings):
@@ -126,7 +126,7 @@ class SteppedSineAnalysis(BenchAnalysis):
     was recorded, and the quality check `protocol` says where the two differ."""
     seconds_per_frequency: Positive | None = None
     """Time [s] at each frequency in place of `cycles`, which does not count then; null: see `cycles`."""
-    settle_cycles: Annotated[int, Field(ge=0)]
+    settle_cycles: Annotated[int, Field(ge=0, le=10_000)]
     """Number of cycles at the start of each segment that are not fitted."""
 
     @model_validator(mode="after")

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -48,8 +49,11 @@ def draw_table(name: str, table: pl.DataFrame, outputs: Sequence[Path], missing:
         figure_module("not_drawn").remark_missing(figure, missing)
     style = import_module("osl_analysis.figures.style")
     for path in outputs:
-        with style.paper_style(), atomic_path(path) as temporary:
-            figure.savefig(temporary, metadata=METADATA[path.suffix])
+        page = BytesIO()  # a writer that the disk interrupts would leave its file open
+        with style.paper_style():
+            figure.savefig(page, format=path.suffix.removeprefix("."), metadata=METADATA[path.suffix])
+        with atomic_path(path) as temporary:
+            temporary.write_bytes(page.getvalue())
 
 
 def figure_module(name: str) -> Any:

@@ -11,6 +11,7 @@ import polars as pl
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.config import StudySettings
 from osl_analysis.errors import InputError
+from osl_analysis.files import atomic_path
 from osl_analysis.parameters import read_parameters
 from osl_analysis.refusal import Refusal
 from osl_analysis.simulator.settings import SimulationSettings
@@ -46,7 +47,8 @@ def run_batch(
 
 def write_page(table: Path, output: Path) -> None:
     """The study's table in Markdown, as docs/study.md has it, and what of it lies outside the aim."""
-    output.write_text(page(read_table(table)), encoding="utf-8")
+    with atomic_path(output) as temporary:
+        temporary.write_text(page(read_table(table)), encoding="utf-8")
 
 
 def summarise(batches: Sequence[Path], output: Path, refused: Sequence[Refusal] = ()) -> None:

@@ -6,21 +6,17 @@ limited to the largest friction. numba's cache does not notice changes in other 
 are in this file, and Eq. 5 is repeated here for scalars (`compensator.motor_current` computes it for arrays).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, ParamSpec, TypeVar, cast
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.linalg import expm
 
+from osl_analysis.compiled import compiled
 from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain import belt_deflection, belt_torque
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
-
-P = ParamSpec("P")
-R = TypeVar("R")
 
 
 @dataclass(frozen=True)
@@ -72,11 +68,6 @@ class Loop(NamedTuple):
     sign_width: float
     n_T: float
     K_s2: float
-
-
-def compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """The function, compiled on its first call. The result is kept on disk."""
-    return cast(Callable[P, R], njit(cache=True, error_model="numpy")(function))
 
 
 def belt_response(theta: Array, rate_hz: float, gains: Gains, p: DrivetrainParameters, friction: Friction) -> Array:

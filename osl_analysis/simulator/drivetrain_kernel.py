@@ -3,16 +3,12 @@
 All compiled functions are in this file, because numba's disk cache does not notice changes of functions in other files.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple, ParamSpec, TypeVar, cast
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from osl_analysis.compiled import compiled
 from osl_analysis.trial import Array
-
-P = ParamSpec("P")
-R = TypeVar("R")
 
 
 class Plant(NamedTuple):
@@ -50,18 +46,13 @@ class Controller(NamedTuple):
     f_G: float
 
 
-def compiled_kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """The function, compiled on its first call and cached on disk. Division by zero follows numpy."""
-    return cast(Callable[P, R], njit(cache=True, error_model="numpy")(function))
-
-
-@compiled_kernel
+@compiled
 def friction_level(current: float, f_C: float, f_G: float) -> float:
     """Size of the friction [N*m] at a current I_q [A] (Eq. 2)."""
     return f_C + f_G * abs(current)
 
 
-@compiled_kernel
+@compiled
 def feedforward_current(u: float, direction: float, torque_constant: float, f_C: float, f_G: float) -> float:
     """Current [A] for an actuator torque u [N*m] in closed form (Eq. 5); direction 0 ignores friction."""
     r = u + direction * f_C
@@ -69,7 +60,7 @@ def feedforward_current(u: float, direction: float, torque_constant: float, f_C:
     return r / (torque_constant - side * f_G)
 
 
-@compiled_kernel
+@compiled
 def hysteresis(z: float, deflection_step: float, width: float) -> float:
     """Exact solution of dz/dtheta_s = (1 -+ z)/width over a monotone step of the deflection [rad]."""
     if deflection_step > 0.0:
@@ -77,13 +68,13 @@ def hysteresis(z: float, deflection_step: float, width: float) -> float:
     return float(-1.0 + (1.0 + z) * np.exp(deflection_step / width))
 
 
-@compiled_kernel
+@compiled
 def hysteretic_belt_torque(theta_s: float, z: float, plant: Plant) -> float:
     """Torque [N*m] in the belt: linear, quadratic, and hysteresis of state z in [-1, 1]."""
     return (plant.K_s + plant.K_s2 * abs(theta_s)) * theta_s + plant.hysteresis_torque * z
 
 
-@compiled_kernel
+@compiled
 def kick(omega_m: float, torque: float, friction: float, plant: Plant) -> float:
     """Velocity [rad/s] after one step. Damping is trapezoidal. Friction is implicit: it stops but never drives."""
     inertia, half_damping = plant.J_m / plant.step, 0.5 * plant.B_m
@@ -94,13 +85,13 @@ def kick(omega_m: float, torque: float, friction: float, plant: Plant) -> float:
     return free - lost if free > 0.0 else free + lost
 
 
-@compiled_kernel
+@compiled
 def encoder_reading(angle: float, resolution: float) -> float:
     """Angle [rad] to the nearest encoder count; resolution 0 is an ideal encoder."""
     return float(np.rint(angle / resolution) * resolution) if resolution > 0.0 else angle
 
 
-@compiled_kernel
+@compiled
 def estimated_velocity(estimate: float, angle_step: float, true: float, c: Controller) -> float:
     """The controller's next velocity estimate [rad/s]: encoder difference, then a one-pole low-pass."""
     if c.smoothing <= 0.0:
@@ -108,7 +99,7 @@ def estimated_velocity(estimate: float, angle_step: float, true: float, c: Contr
     return estimate + c.smoothing * (angle_step * c.updates_per_second - estimate)
 
 
-@compiled_kernel
+@compiled
 def controller_current(theta_m: float, omega_m: float, gains: tuple[float, float, float], c: Controller) -> float:
     """Current [A] for one measurement and gains (K_1, B_1, theta_eq) (Eqs. 5 and 7)."""
     K_1, B_1, theta_eq = gains
@@ -117,7 +108,7 @@ def controller_current(theta_m: float, omega_m: float, gains: tuple[float, float
     return feedforward_current(u, direction, c.torque_constant, c.f_C, c.f_G)
 
 
-@compiled_kernel
+@compiled
 def joint_angle(fraction: float, i: int, theta: Array, omega: Array, sample: float) -> float:
     """Cubic Hermite interpolation of theta [rad] at a fraction of the way from sample i to i + 1."""
     a, b, rise = omega[i] * sample, omega[i + 1] * sample, theta[i + 1] - theta[i]
@@ -125,7 +116,7 @@ def joint_angle(fraction: float, i: int, theta: Array, omega: Array, sample: flo
     return float(theta[i] + fraction * (a + fraction * (3.0 * rise - 2.0 * a - b + fraction * cubic)))
 
 
-@compiled_kernel
+@compiled
 def integrate(
     theta: Array,
     omega: Array,
@@ -169,7 +160,7 @@ def integrate(
             theta_m += half * omega_m
 
 
-@compiled_kernel
+@compiled
 def belt_path(theta_s: Array, plant: Plant) -> Array:
     """Torque [N*m] of the belt along a path of deflections [rad], shape (n,), from a rested belt."""
     torque = np.empty_like(theta_s)
@@ -181,7 +172,7 @@ def belt_path(theta_s: Array, plant: Plant) -> Array:
     return torque
 
 
-@compiled_kernel
+@compiled
 def torque_through_gap(
     theta: Array,
     omega: Array,

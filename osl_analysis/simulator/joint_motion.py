@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
-from osl_analysis.simulator.drivetrain_kernel import compiled_kernel
+from osl_analysis.compiled import compiled
 from osl_analysis.simulator.schedules import BeltMotion, SteppedSineSchedule
 from osl_analysis.trial import Array
 
@@ -148,7 +148,7 @@ def position_loop(command: JointMotion, rate_hz: float, bandwidth_hz: float, dam
     return JointMotion(theta, omega, w**2 * (command.theta - theta) - 2 * damping_ratio * w * omega)
 
 
-@compiled_kernel
+@compiled
 def propagate(start: float, transition: Array, forcing: Array) -> Array:
     """Angle and velocity, shape (2, n), from rest at an angle [rad]; forcing has shape (2, n - 1)."""
     states = np.zeros((2, forcing.shape[1] + 1))

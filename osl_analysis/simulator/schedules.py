@@ -15,7 +15,7 @@ from osl_analysis.simulator.effect import (
 )
 from osl_analysis.yaml_settings import Settings
 
-Cycles = Annotated[int, Field(ge=1)]
+Cycles = Annotated[int, Field(ge=1, le=10_000)]
 
 
 class SteppedSineSchedule(Settings):

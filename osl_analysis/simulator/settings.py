@@ -16,7 +16,7 @@ from osl_analysis.simulator.recorder_settings import RecorderSettings
 from osl_analysis.simulator.schedules import ActuatorBench, BeltMotion, SteppedSineSchedule
 from osl_analysis.yaml_settings import Settings
 
-Count = Annotated[int, Field(ge=0)]
+Count = Annotated[int, Field(ge=0, le=100_000)]
 SAMPLES_PER_CYCLE = 10
 """Smallest number of samples of the bench's log in one cycle of the fastest sine."""
 LONGEST_DELAY_S = 0.03

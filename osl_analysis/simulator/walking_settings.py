@@ -18,7 +18,7 @@ from osl_analysis.simulator.settings import Count
 from osl_analysis.simulator.walking_effects import WalkingEffects
 from osl_analysis.yaml_settings import Settings
 
-Rate = Annotated[int, Field(ge=1)]
+Rate = Annotated[int, Field(ge=1, le=1_000_000)]
 Vector = tuple[float, float, float]
 PositiveVector = tuple[Positive, Positive, Positive]
 Share = Annotated[float, Field(ge=0, le=1)]

@@ -218,7 +218,7 @@ class EnsembleSettings(ResponseSettings):
     baseline: Literal["mean", "predicted"] = "mean"
     """What a perturbed crossing would have done, for the headline: the `mean` unperturbed gait, or what is `predicted`
     from its own behaviour before the onset (docs/stance_phase.md). The other one stands beside it in the table."""
-    bootstrap_samples: Annotated[int, Field(ge=100)]
+    bootstrap_samples: Annotated[int, Field(ge=100, le=100_000)]
     """Number of bootstrap samples of the ensemble."""
 
 

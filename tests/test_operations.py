@@ -1,0 +1,235 @@
+"""What a machine does to commands: full disks, odd file names, Ctrl-C. One line each, nothing lost, nothing half."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numba
+import polars as pl
+import pytest
+from click.testing import CliRunner
+from conftest import ROOT
+
+from osl_analysis.cli import main
+from osl_analysis.cli_options import INTERRUPTED
+from osl_analysis.commands import gains as gains_command
+from osl_analysis.commands.figure import draw_table
+from osl_analysis.compiled import compiled
+from osl_analysis.config import Config, overriding
+from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.files import atomic_path
+from osl_analysis.table import write_table
+from osl_analysis.trial import Trial, write_trial
+from osl_analysis.yaml_settings import read_mapping, validated
+
+DEFAULT = (ROOT / "config/config.yaml").read_text()
+GAINS = ("gains", "--stiffness", "300", "--damping", "5")
+
+
+@pytest.fixture(autouse=True)
+def in_root(monkeypatch):
+    monkeypatch.chdir(ROOT)
+
+
+def call(*arguments):
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+def one_line(result, code=1):
+    """The error of a command, which is one line without a traceback."""
+    assert result.exit_code == code, result.output
+    lines = result.stderr.strip().splitlines()
+    assert "Traceback" not in result.stderr
+    return lines[-1]
+
+
+@contextmanager
+def full_disk(room=1000):
+    """No file may grow beyond `room` bytes: the system's error is EFBIG, as ENOSPC on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+PAIRS = {"K_d": [float(k // 30) for k in range(900)], "B_d": [k % 30 / 2 for k in range(900)]}
+TABLE = pl.DataFrame(PAIRS).with_columns(B_1_joint=pl.col("K_d") * 1.1 + pl.col("B_d"))
+WRITERS = {
+    "csv": write_table,
+    "parquet": lambda table, path: write_trial(Trial("made", pl.DataFrame({"time": range(9000)}).cast(float)), path),
+    "json": gains_command.write_gains,
+    **{suffix: lambda table, path: draw_table("gain_grid", table, [path]) for suffix in ("pdf", "svg", "png")},
+}
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_a_full_disk_is_one_line_and_leaves_the_older_file_as_it_was(tmp_path, suffix):
+    path = tmp_path / f"results.{suffix}"
+    path.write_text("older")
+    with (
+        pytest.raises(InputError, match=rf"results\.{suffix}: cannot be written .*too large.*; make room"),
+        full_disk(),
+    ):
+        WRITERS[suffix](TABLE, path)
+    assert path.read_text() == "older"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_error_of_another_file_is_not_taken_for_a_full_disk(tmp_path):
+    with pytest.raises(FileNotFoundError), atomic_path(tmp_path / "x.csv"):
+        (tmp_path / "nowhere").read_text()
+
+
+def test_a_terminal_that_takes_no_output_is_one_line():
+    command = [sys.executable, "-c", "from osl_analysis.cli import main; main()", "describe-tables"]
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert ended.returncode == 1
+    assert ended.stderr.startswith("error: the output: No space left on device; check")
+    assert ended.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((*GAINS, "--output", "both.csv", "--plot", "both.csv"), "both.csv would be overwritten"),
+        ((*GAINS, "--output", "a.csv", "--parameters", "a.csv"), "a.csv would be overwritten"),
+        (("ingest", "--log", "a.csv", "--log-source", "s", "--output", "s.yaml"), "`ingest` writes .parquet files"),
+        (("samples", "folder", "--output", "folder/log.mcap"), "`samples` writes .md files"),
+        (("describe-tables", "--output", "config.yaml"), "`describe-tables` writes .md files"),
+    ],
+)
+def test_no_command_writes_over_what_it_reads(tmp_path, monkeypatch, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.csv").write_text("precious")
+    assert said in one_line(call(*arguments), code=2)
+    assert (tmp_path / "a.csv").read_text() == "precious"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]
+
+
+ODD_NAMES = {
+    "blanks and umlauts": "a b ü\u0308.csv",
+    "a line break": "two\nlines.csv",
+    "an escape sequence": "\x1b[31mred.csv",
+}
+
+
+@pytest.mark.parametrize("name", ODD_NAMES)
+def test_an_odd_file_name_is_used_as_it_is_and_never_reaches_the_terminal_as_it_is(tmp_path, name):
+    log = tmp_path / ODD_NAMES[name]
+    log.write_text("time,a\n0,1\n0.01,2\n0.02,1\n")
+    seen = call("inspect", log)
+    assert seen.exit_code == 0, seen.output
+    missing = one_line(call("fit", tmp_path / f"no {ODD_NAMES[name]}"))
+    assert missing.startswith("error: ")
+    drawn = call(*GAINS, "--output", log.with_suffix(".csv.csv"))
+    assert drawn.exit_code == 0, drawn.output
+    assert "\x1b" not in seen.output + missing
+    assert log.with_suffix(".csv.csv").is_file()
+
+
+def test_a_file_name_that_is_no_text_is_refused_where_it_would_be_written(tmp_path):
+    name = os.fsdecode(b"o\xff.csv")
+    assert r"o\udcff.csv: its name is not UTF-8; choose another name" in one_line(
+        call(*GAINS, "--output", tmp_path / name)
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_channel_s_control_characters_never_reach_the_terminal(tmp_path):
+    log = tmp_path / "log.csv"
+    log.write_text("time,\x1b[31mred\x07,b\n0,1,2\n0.01,1,2\n0.02,2,3\n")
+    said = call("inspect", log)
+    assert said.exit_code == 0
+    assert not {sign for sign in said.output if not sign.isprintable()} - {"\n"}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_ends_a_command_quietly_and_leaves_nothing_half(tmp_path, monkeypatch, number):
+    """The signal arrives while the table is written."""
+
+    def interrupted(frame, path):
+        with atomic_path(path) as temporary:
+            temporary.write_text("half")
+            os.kill(os.getpid(), number)
+            time.sleep(10)
+
+    monkeypatch.setattr(gains_command, "write_table", interrupted)
+    before = signal.getsignal(number)
+    result = call(*GAINS, "--output", tmp_path / "gains.csv")
+    assert one_line(result, code=INTERRUPTED) == "interrupted"
+    assert list(tmp_path.iterdir()) == []
+    assert signal.getsignal(number) == before
+
+
+def test_a_lack_of_memory_is_one_line(monkeypatch):
+    def without_memory(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(gains_command, "requested_gains", without_memory)
+    assert "not enough memory" in one_line(call(*GAINS))
+
+
+def bomb(levels):
+    """YAML of a few lines that stands for 9^levels entries."""
+    lines = ["a0: &a0 [1]"] + [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, levels)]
+    return "\n".join([*lines, f"campaign: *a{levels - 1}"])
+
+
+CONFIGURATIONS = {
+    "empty": (b"", "has no fields"),
+    "Latin-1": ("results: é\n".encode("latin-1"), "line 1 is not UTF-8"),
+    "UTF-16": (DEFAULT.encode("utf-16"), "line 1 is not UTF-8"),
+    "deep list": (b"campaign: " + b"[" * 5000 + b"]" * 5000, "nested too deeply"),
+    "deep mapping": (b"{campaign: " * 3000 + b"}" * 3000, "nested too deeply"),
+    "bomb of anchors": (bomb(40).encode(), "aliases .* stand for more than 100000 values"),
+    "list within itself": (b"campaign: &a [*a]\n", "aliases .* stand for more than"),
+    "endless number": (b"dynamometer: {cutoff_hz: 1e999}", "cutoff_hz: .* finite"),
+    "400 digits": (b"dynamometer: {cutoff_hz: " + b"9" * 400 + b"}", r"cutoff_hz: 9{60}\.\.\. is not allowed"),
+    "6000 digits": (b"dynamometer: {cutoff_hz: " + b"9" * 6000 + b"}", "limit .4300 digits"),
+    "huge count": (b"walking: {bootstrap_samples: 99999999999999}", "less than or equal to 100000"),
+    "more cycles than fit": (b"dynamometer: {cycles: 99999999999999999999}", "less than or equal to 10000|valid"),
+    "wrong tag": (b"campaign: !!bool x\n", "not YAML"),
+    "wrong date": (b"campaign: !!timestamp x\n", "not YAML"),
+    "Python object": (b"campaign: !!python/object:os.system x\n", "not YAML"),
+    "escape sequence": (b'"\\e31mkey": 3\n', r"unknown field '\\x1b31mkey'"),
+}
+
+
+@pytest.mark.parametrize("name", CONFIGURATIONS)
+def test_a_configuration_that_cannot_be_read_is_one_short_line(tmp_path, name):
+    content, match = CONFIGURATIONS[name]
+    path = tmp_path / "config.yaml"
+    path.write_bytes(content)
+    with pytest.raises(OslAnalysisError, match=match) as refused:
+        validated(overriding(read_mapping(ROOT / "config/config.yaml"), read_mapping(path)), Config, path)
+    assert str(refused.value).startswith(f"{path}: ")
+    assert len(str(refused.value)) < 700
+
+
+def twice(x):
+    return 2 * x
+
+
+@pytest.mark.parametrize("broken", [".nbi", ".nbc"])
+def test_a_broken_cache_of_compiled_functions_heals(tmp_path, monkeypatch, broken):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    assert compiled(twice)(2.0) == 4
+    damaged = [path for path in tmp_path.rglob("*") if path.suffix == broken]
+    assert damaged
+    for path in damaged:
+        path.write_bytes(b"garbage")
+    assert compiled(twice)(2.0) == 4
+    assert all(path.read_bytes() != b"garbage" for path in tmp_path.rglob(f"*{broken}"))
+
+
+def test_without_a_folder_for_the_cache_functions_are_compiled_in_each_process(monkeypatch):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "/proc/nowhere")
+    assert compiled(twice)(2.0) == 4

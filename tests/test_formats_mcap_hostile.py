@@ -116,7 +116,9 @@ def test_a_message_that_looks_like_an_index_or_a_chunk_is_a_message(tmp_path: Pa
         chunk(b"".join(others)),
         like_an_index,
         like_a_chunk,
-        summary=statistics({1: 4, 2: 1}, 1),
+        message(2, 0, bytes(18)),
+        message(2, 0, bytes(40)),
+        summary=statistics({1: 4, 2: 3}, 1),
     )
     recording = read(tmp_path, content)
     assert recording.samples["theta"].to_list() == [7.0] * 4

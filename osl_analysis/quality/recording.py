@@ -112,6 +112,6 @@ LOG_CHECKS = (
     Check(
         "clock_residual", "s", "above", "RMS residual of the fit of the log's clock to motion capture's", measure_clock
     ),
-    Check("damage", "%", "above", "share of the log that could not be recovered", measure_damage),
+    Check("damage", "%", "above", "largest share of a topic of the log that was lost", measure_damage),
     Check("truncated", "logs", "above", "logs without their end; how much is missing is not known", measure_truncation),
 )

@@ -8,7 +8,6 @@ from osl_analysis.formats.mcap.summary import STATISTICS
 from osl_analysis.formats.mcap.walk import NUMBERED, RECORD, Buffer, is_chunk, is_message_index
 
 LENGTHS = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
-PRIVATE = 0x80
 TO_RESUME_AT = {
     True: re.compile(rb"[\x06\x07\x0b].{6}\0\0|\x0f\x04\0{7}|\x02\x14\0{7}", re.DOTALL),
     False: re.compile(rb"[\x03-\x07\x0b].{6}\0\0|\x0f\x04\0{7}|\x02\x14\0{7}", re.DOTALL),
@@ -51,8 +50,8 @@ def is_sound(data: Buffer, opcode: int, start: int, end: int, *, exact: bool = F
 
 def record_follows(data: Buffer, end: int) -> bool:
     """Whether a record, or the end of the file, follows."""
-    if end == len(data) or data[end] in NUMBERED or data[end] >= PRIVATE:
+    if end == len(data) or data[end] in NUMBERED:
         return True
     if data[end] == 0 or end + RECORD.size > len(data):
         return False
-    return bool(end + RECORD.size + RECORD.unpack_from(data, end)[1] <= len(data))  # an opcode of a later version
+    return bool(end + RECORD.size + RECORD.unpack_from(data, end)[1] <= len(data))  # private, or of a later version

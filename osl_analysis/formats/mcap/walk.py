@@ -130,7 +130,7 @@ def is_disguised_chunk(data: Buffer, start: int, end: int) -> bool:
     _, _, size, _, length = CHUNK_HEAD.unpack_from(data, start)
     name = data[start + CHUNK_HEAD.size : start + CHUNK_HEAD.size + length]
     body, stop = body_of(data, start)
-    return stop == end and (name in COMPRESSIONS or (name == b"" and size == stop - body))
+    return stop == end and (name in COMPRESSIONS or (name == b"" and size == stop - body > 0))
 
 
 def body_of(data: Buffer, start: int) -> tuple[int, int]:

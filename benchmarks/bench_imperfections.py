@@ -25,9 +25,9 @@ from osl_analysis.config import Config, campaign_config
 from osl_analysis.doubtful import marked
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL
+from osl_analysis.job import Job, call
 from osl_analysis.parameters import read_parameters
 from osl_analysis.table import read_table
-from osl_analysis.workflow import call
 
 SIMULATION, CONFIG = Path("config/simulation/default.yaml"), Path("config/config.yaml")
 REPORT = Path("docs/bench_validation.md")
@@ -129,10 +129,8 @@ def analysed(row: Mapping[str, Any], config: Config, sources: Path, folder: Path
     ingest_trial(row, folder, sources, trial)
     rules = {"rules": config.quality.model_dump(mode="json"), "experiment": row["experiment"], "accept": []}
     commanded = {"commanded": config.dynamometer.model_dump(mode="json", include=set(PROTOCOL))}
-    call(
-        "quality.check_trial",
-        {"input": {"trial": trial}, "output": {"output": folder / "quality.csv"}, "settings": rules | commanded},
-    )
+    checked = {"input": {"trial": trial}, "output": {"output": folder / "quality.csv"}, "settings": rules | commanded}
+    call(Job("quality.check_trial", checked, (), ()))
     verdicts = read_table(folder / "quality.csv").filter(pl.col("verdict") != "pass")
     failed = [f"{check} ({verdict})" for check, verdict in verdicts.select("check", "verdict").rows()]
     assert facts.fit is not None
@@ -140,7 +138,8 @@ def analysed(row: Mapping[str, Any], config: Config, sources: Path, folder: Path
     condition = {"condition": {name: row[name] for name in facts.fit.sheet}} if facts.fit.sheet else {}
     inputs = {"trial": trial} | ({"parameters": config.parameters} if facts.fit.parameters else {})
     tables = {table.name: folder / f"{table.name}.csv" for table in facts.tables}
-    call(facts.fit.job, {"input": inputs, "output": {"tables": tables}, "settings": parts | condition})
+    fitted = {"input": inputs, "output": {"tables": tables}, "settings": parts | condition}
+    call(Job(facts.fit.job, fitted, (), ()))
     name = facts.tables[0].name
     return marked(read_table(tables[name]), config.doubtful.of(name), name), failed
 

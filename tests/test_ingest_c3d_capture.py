@@ -271,6 +271,15 @@ def test_a_pointer_past_a_record_that_follows_is_damage(tmp_path: Path, step: in
     assert "damaged C3D file" in refused(path)
 
 
+def test_a_pointer_out_of_the_section_past_a_last_record_is_damage(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), **LAST, LAST__MORE=["YYYY"])
+    content = bytearray(path.read_bytes())
+    place = content.index(b"WORD", 512) + 4
+    content[place : place + 2] = (20000).to_bytes(2, "little")
+    path.write_bytes(content)
+    assert "the parameter section is damaged after 'WORD'" in refused(path)
+
+
 def test_a_section_that_ends_before_what_the_samples_need_is_damage(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), analogs(), **LAST)
     content = bytearray(path.read_bytes())

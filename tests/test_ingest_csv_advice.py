@@ -12,6 +12,8 @@ from click.testing import CliRunner
 from osl_analysis.cli import main
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
+from osl_analysis.formats.csv_rows import share_above
+from osl_analysis.ingest.column_names import likely_unit
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.known_formats import read_source
 from osl_analysis.ingest.raw_files import trial_from_files
@@ -130,8 +132,8 @@ def test_a_pattern_of_several_columns_or_none_is_refused_with_the_columns(tmp_pa
 
 
 def test_a_name_goes_before_a_pattern_and_a_number(tmp_path: Path) -> None:
-    text = LOG.replace("t,angle,load", "t,a*,1")
-    channels = {"theta": {"column": "a*", "unit": "rad"}, "torque": {"column": "1", "unit": "Nm"}}
+    text = LOG.replace("t,angle,load", "t,a*,a1")
+    channels = {"theta": {"column": "a*", "unit": "rad"}, "torque": {"column": "a1", "unit": "Nm"}}
     assert_samples(ingested(tmp_path, text, channels=channels))
     dots = LOG.replace("t,angle,load", "t,a.b,axb")
     only = {"theta": {"column": "a.*", "unit": "rad"}}
@@ -430,3 +432,17 @@ def test_aliases_that_stand_for_billions_of_values_are_refused_at_once(tmp_path:
     (tmp_path / "source.yaml").write_text("format: csv\nchannels: &c {theta: *c}\n")
     with pytest.raises(InputError, match="stand for more than"):
         read_source(tmp_path / "source.yaml")
+
+
+def test_the_share_that_is_advised_is_never_too_small() -> None:
+    assert [share_above(1, 3), share_above(2, 3), share_above(1, 2), share_above(1, 100_000)] == [
+        0.334,
+        0.667,
+        0.5,
+        0.001,
+    ]
+
+
+def test_the_longest_unit_at_the_end_of_a_name_counts() -> None:
+    names = ("ankle_deg_s", "motor_rad_per_s", "t_s", "load_Nm", "theta_m", "deg")
+    assert [likely_unit(name) for name in names] == ["deg/s", "rad/s", "s", "Nm", "", ""]

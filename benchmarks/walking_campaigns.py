@@ -119,7 +119,8 @@ class Campaign:
         summary, fits = read(tables / "walking_summary.csv"), read(tables / "walking.csv")
         excluded = read(tables / "walking_excluded.csv")
         if "estimator" not in summary.columns:  # the record of a refusal in the table's place
-            said = "; ".join(dict.fromkeys(summary["reason"].to_list()))
+            record = summary.select("reason", "remedy").fill_null("").row(0)
+            said = "; ".join(filter(None, record))
             return Verdict(refused=plain(said), failed=failed_checks(tables / "quality.csv"))
         headline = summary.filter(pl.col("estimator") == "ensemble", pl.col("quantity").is_in(list(ACCEPTED)))
         names = headline["group"].unique(maintain_order=True).to_list() if "group" in headline.columns else [""]
@@ -184,7 +185,7 @@ def short(message: str) -> str:
 
 def plain(text: str) -> str:
     """A message without paths and names of trials."""
-    words = [w for w in text.split() if not (w.startswith("/") or w.rstrip(":,").startswith(("walking_", "plate_0")))]
+    words = [w for w in text.split() if not (w.startswith("/") or w.lstrip("(").startswith(("walking_", "plate_0")))]
     return " ".join(words)[:260]
 
 

@@ -67,7 +67,11 @@ def run_job(log: Any, command: str, input: Any, output: Any, params: Any, files:
     job = Job(command, request, unnamed, flat(plain(list(files)) if files else request["output"]))
     path.unlink(missing_ok=True)
     process = fork_server().Process(target=run_uninterrupted, args=(path, job), daemon=True)
-    process.start()
+    try:
+        process.start()
+    except (EOFError, OSError):  # the process from which jobs are forked was ended while it started, as by Ctrl-C
+        died(path, job, None, None)
+        return
     process.join()
     if not path.is_file() or read_log(path) is None:
         died(path, job, process.pid, process.exitcode)

@@ -142,6 +142,19 @@ def test_a_recording_that_the_reason_names_is_the_file_to_blame(tmp_path: Path) 
     assert "`exclude`" in cause.remedy
 
 
+def test_a_job_that_could_not_be_started_is_named_and_tried_again(tmp_path: Path, monkeypatch) -> None:
+    def ended_early() -> None:
+        raise EOFError("unexpected EOF")
+
+    process = SimpleNamespace(start=ended_early)
+    monkeypatch.setattr(workflow, "fork_server", lambda: SimpleNamespace(Process=lambda **_: process))
+    output = tmp_path / "fits/b_7.csv"
+    inputs = {"trial": "results/trials/b_7.parquet"}
+    workflow.run_job(tmp_path / "b_7.log", "bench.fit", inputs, {"output": str(output)}, {})
+    (cause,) = read_refusals(output)
+    assert (cause.trial, cause.outcome) == ("b_7", "died")
+
+
 def test_half_a_bracket_is_no_remedy(tmp_path: Path) -> None:
     said = "x.mcap: no topic '/a' (no footer; how much is not known)"
     cause = refusal(job(tmp_path, "j", {}), JobLog("j", "refused", error=said), tmp_path)

@@ -95,6 +95,10 @@ def test_a_stance_that_the_perturbation_shortens_is_seen_unless_phase_is_matched
 def test_crossings_that_are_slower_throughout_do_not_count_as_changed() -> None:
     slow = [varied(crossing(f"p{k}", 0.3 + 0.3 * 1.08, stance=1.08 * 0.72), k, 1.08 * 0.72) for k in range(8)]
     assert facts(slow)["uncorrected_stance_change"] is None
+    usual = settings(perturbed_stance="unperturbed", bootstrap_samples=200)
+    found = group_facts(group_headline(slow, gait(), usual))
+    assert number(found, "uncorrected_stance_change") == pytest.approx(1 / 1.08 - 1, abs=0.02)
+    assert abs(number(found, "stance_change")) < 0.02
 
 
 def test_a_single_fit_is_judged_by_what_ordinary_gait_leaves() -> None:

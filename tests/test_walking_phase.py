@@ -103,6 +103,8 @@ def test_an_unperturbed_crossing_whose_toe_off_came_late_is_matched_too() -> Non
     errors = {s: abs(fit_response(isolate_response(one, gait, TIMING, s)).K / K - 1) for s in ("own", "matched")}
     assert errors["own"] > 0.01
     assert errors["matched"] < 0.3 * errors["own"]
+    spread = {s: np.std(isolate_response(one, gait, TIMING, s).torques, axis=0).max() for s in ("own", "matched")}
+    assert spread["matched"] < 0.3 * spread["own"]
 
 
 @pytest.mark.parametrize("order", [1, 3, 5])

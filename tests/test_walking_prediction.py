@@ -69,7 +69,7 @@ def test_the_interval_is_narrower_and_still_holds_the_truth() -> None:
     low, high = predicted.interval("K")
     assert low < K < high
     assert predicted.se("K") < 0.5 * mean.se("K")
-    assert predicted.degrees_of_freedom <= mean.degrees_of_freedom
+    assert bootstrap(2 * isolated, 100, names).degrees_of_freedom == 9 - len(names)
 
 
 def test_deviations_that_begin_anew_are_not_predicted() -> None:

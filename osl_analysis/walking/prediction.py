@@ -68,7 +68,7 @@ class Stacked:
         chosen, parts = [BEHAVIOUR.index(name) for name in predictors], []
         for sign in np.unique(self.signs[weights != 0]):
             own = np.where(self.signs == sign, weights, 0.0)
-            behaviour = np.tensordot(own, self.behaviour, 1)[chosen] / own.sum()
+            behaviour = np.tensordot(own, self.behaviour, 1)[chosen]
             baseline = predicting_weights(behaviour, unperturbed)
             parts.append((baseline @ np.tensordot(own, self.theta, 1), baseline @ np.tensordot(own, self.torque, 1)))
         theta, torque = np.sum(parts, axis=0)

@@ -12,11 +12,14 @@ import numpy as np
 import scipy.linalg
 
 NUMERICAL = (
-    "test_bench_*", "test_compensator", "test_degenerate", "test_drivetrain*", "test_gain_selection", "test_kernels",
-    "test_samples", "test_second_order", "test_signals", "test_stats_*", "test_uniform", "test_walking_cluster",
-    "test_walking_events", "test_walking_groups", "test_walking_plate*", "test_walking_response",
+    "test_bench_[abdeimnprst]*", "test_compensator", "test_degenerate", "test_drivetrain*", "test_kernels",
+    "test_second_order", "test_signals", "test_stats_comparison", "test_stats_re*", "test_stats_slow_motion",
+    "test_stats_whiteness", "test_walking_cluster", "test_walking_events", "test_walking_plate*",
+    "test_walking_response",
 )  # fmt: skip
-"""Modules of tests, as patterns, whose results are floating-point numbers of fits. They have the marker `numerics`."""
+"""Modules of tests, as patterns, whose results are floating-point numbers of fits. They have the marker `numerics`.
+
+Long simulations of coverage are not among them: two more runs take three minutes at most."""
 NAMES = ("scipy_openblas_get_corename64_", "scipy_openblas_get_corename", "openblas_get_corename")
 
 

@@ -5,7 +5,7 @@ import math
 import signal
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from osl_analysis.errors import OslAnalysisError, printable, printable_lines
+from osl_analysis.files import check_output
 
 if TYPE_CHECKING:
     from osl_analysis.bench.impedance import DesiredImpedance
@@ -48,6 +49,8 @@ class NumberList(click.ParamType[list[float]]):
 
 
 FILE = click.Path(path_type=Path)
+DEFAULT_CONFIG = Path("config/config.yaml")
+"""The default configuration, as in `config.py`, whose import takes half a second."""
 WRITTEN = {"output", "plot", "draft_path"}
 """Parameters of commands that name a file to write."""
 SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md"}
@@ -66,7 +69,7 @@ CONFIG = click.option(
     "--config",
     "config_path",
     type=FILE,
-    default=Path("config/config.yaml"),
+    default=DEFAULT_CONFIG,
     show_default=True,
     help="Configuration with the filter [Hz] and the stepped-sine protocol [deg, Hz].",
 )
@@ -110,17 +113,37 @@ def say(text: str, err: bool = False) -> None:
 
 
 class KeepsItsInput(click.Command):
-    """A command that never writes to a file that it reads, and no two results to one file."""
+    """A command that never writes to a file that it reads, no two results to one file, and only to regular files."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command, unless the file of an option that writes is the file of another option or argument."""
-        files = {name: value for name, value in ctx.params.items() if isinstance(value, Path)}
-        for written in WRITTEN & files.keys():
-            for name, path in files.items():
-                if name != written and same_file(path, files[written]):
-                    raise click.UsageError(f"{files[written]} would be overwritten while it is used; name another file")
-            check_suffix(str(ctx.info_name), files[written])
+        """Run the command, unless the file of an option that writes is in use, of another kind, or no file."""
+        command = str(ctx.info_name)
+        for name in sorted(WRITTEN & ctx.params.keys()):
+            path = ctx.params[name]
+            if path is None:
+                continue
+            others = {other: value for other, value in ctx.params.items() if other != name}
+            if any(same_file(used, path) for used in files_used(others)):
+                raise click.UsageError(f"{path} would be overwritten while it is used; name another file")
+            check_suffix(command, path)
+            check_output(path)
         return super().invoke(ctx)
+
+
+def files_used(values: Mapping[str, Any]) -> Iterator[Path]:
+    """The files that a command uses besides what it writes, by the values of its options and arguments.
+
+    They are those that its options name, the source files that it finds by name, the default configuration, which that
+    of an option overrides, and all files below the folder that it reads, but for pages of an earlier run.
+    """
+    yield from (value for value in values.values() if isinstance(value, Path))
+    for source in ("log_source", "mocap_source"):
+        if values.get(source) is not None:
+            yield values["sources"] / f"{values[source]}.yaml"
+    if "config_path" in values:
+        yield DEFAULT_CONFIG
+    if "folder" in values:
+        yield from (path for path in values["folder"].rglob("*") if path.suffix != SUFFIXES["samples"])
 
 
 def check_suffix(command: str, path: Path) -> None:

@@ -2,6 +2,8 @@
 
 import os
 import re
+import stat
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -19,16 +21,13 @@ def atomic_path(path: Path) -> Iterator[Path]:
     Raises
     ------
     InputError
-        The path is a folder or no UTF-8, its folder cannot be made, or the disk is full or fails.
+        The path is no UTF-8 or exists and is no regular file, its folder cannot be made, or the disk is full or fails.
     """
-    if not is_utf8(path):
-        raise InputError(f"{path}: its name is not UTF-8; choose another name")
+    check_target(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; name a file")
     temporary = temporary_path(path, os.getpid())
     try:
         yield temporary
@@ -41,6 +40,52 @@ def atomic_path(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+SPECIAL = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFSOCK: "a socket",
+}
+"""What may stand in place of a file, by its kind."""
+
+
+def check_target(path: Path) -> None:
+    """Refuse to replace anything but a regular file: a renamed file would delete a device for all of the machine.
+
+    Raises
+    ------
+    InputError
+        The name is no UTF-8, or the path, or what it links to, exists and is no regular file.
+    """
+    if not is_utf8(path):
+        raise InputError(f"{path}: its name is not UTF-8; choose another name")
+    try:
+        kind = stat.S_IFMT(path.stat().st_mode)
+    except OSError:
+        return  # it does not exist, or making it will say why not
+    if kind != stat.S_IFREG:
+        raise InputError(f"{path}: is {SPECIAL.get(kind, 'no regular file')}; name a file")
+
+
+def check_output(path: Path) -> None:
+    """Refuse an output that cannot be written, before anything is computed for it. Nothing is left behind.
+
+    Raises
+    ------
+    InputError
+        As `check_target`, or no file can be made in the folder of the path.
+    """
+    check_target(path)
+    folder = next(parent for parent in (*path.parents, Path()) if os.path.lexists(parent))
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        reason = f"no file can be made in {folder} ({error.strerror})"
+        raise InputError(f"{path}: cannot be written, because {reason}; choose another place") from error
 
 
 def disk_failure(error: BaseException, written: Path) -> str | None:

@@ -241,7 +241,7 @@ def test_a_log_is_never_written_over(tmp_path, name):
     (tmp_path / "link.csv").symlink_to(log)
     result = call("ingest", "--log", log, "--log-source", "bench_csv", "--output", tmp_path / name)
     assert result.exit_code == 2
-    assert "would be overwritten while it is read; name another file" in result.stderr
+    assert "would be overwritten while it is used; name another file" in result.stderr
     assert log.read_text() == "time,theta\n0,1\n1,2\n"
 
 

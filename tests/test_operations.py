@@ -3,6 +3,7 @@
 import os
 import resource
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -112,6 +113,72 @@ def test_no_command_writes_over_what_it_reads(tmp_path, monkeypatch, arguments, 
     assert said in one_line(call(*arguments), code=2)
     assert (tmp_path / "a.csv").read_text() == "precious"
     assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]
+
+
+@pytest.fixture
+def no_files(tmp_path):
+    """A folder with everything that is no regular file; the devices are links, so that a fault here deletes none."""
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "folder.csv").mkdir()
+    for device in ("full", "null"):
+        (tmp_path / f"{device}.csv").symlink_to(f"/dev/{device}")
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(tmp_path / "socket.csv"))
+    return tmp_path
+
+
+NO_FILES = {"pipe": "a named pipe", "folder": "a folder", "full": "a device", "null": "a device", "socket": "a socket"}
+
+
+@pytest.mark.parametrize("name", NO_FILES)
+def test_nothing_but_a_regular_file_is_ever_replaced(no_files, name):
+    path = no_files / f"{name}.csv"
+    before = path.lstat()
+    with pytest.raises(InputError, match=rf"{name}\.csv: is {NO_FILES[name]}; name a file"):
+        write_table(TABLE, path)
+    assert path.lstat() == before
+
+
+COMMANDS_THAT_WRITE = [
+    (".csv", (*GAINS, "--output")),
+    (".csv", (*GAINS, "--plot")),
+    (".parquet", ("ingest", "--log", "no.csv", "--log-source", "bench_csv", "--output")),
+    (".csv", ("inspect", "no.csv", "--draft")),
+    (".md", ("samples", "nowhere", "--output")),
+    (".md", ("describe-tables", "--output")),
+    (".csv", ("fit", "no.parquet", "--plot")),
+]
+
+
+@pytest.mark.parametrize(("suffix", "command"), COMMANDS_THAT_WRITE)
+def test_every_command_refuses_what_it_cannot_write_before_it_reads(tmp_path, suffix, command):
+    os.mkfifo(tmp_path / f"pipe{suffix}")
+    said = one_line(call(*command, tmp_path / f"pipe{suffix}"))
+    assert f"pipe{suffix}: is a named pipe; name a file" in said
+    for folder in ("/proc", "/sys"):
+        said = one_line(call(*command, f"{folder}/x{suffix}"))
+        assert f"{folder}/x{suffix}: cannot be written, because no file can be made in {folder}" in said
+
+
+@pytest.mark.parametrize("link", ["symlink_to", "hardlink_to"])
+def test_no_command_writes_over_a_file_that_its_options_do_not_name(tmp_path, monkeypatch, link):
+    """The source file of a log, the default configuration, and a recording in a folder."""
+    for place in ("sources/mine.yaml", "config/config.yaml", "raw/log.csv"):
+        (tmp_path / place).parent.mkdir()
+        (tmp_path / place).write_text("precious")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.yaml").write_text("campaign: own")
+    reads = {
+        "sources/mine.yaml": ("ingest", "--log", "a.csv", "--log-source", "mine", "--sources", "sources", "--output"),
+        "config/config.yaml": ("fit", "a.parquet", "--config", "own.yaml", "--plot"),
+        "raw/log.csv": ("samples", "raw", "--output"),
+    }
+    for place, command in reads.items():
+        output = Path({"ingest": "x.parquet", "fit": "x.png", "samples": "x.md"}[command[0]])
+        getattr(output, link)(Path(place).resolve())
+        assert "would be overwritten while it is used" in one_line(call(*command, output), code=2)
+        assert "would be overwritten while it is used" in one_line(call(*command, place), code=2)
+        assert Path(place).read_text() == "precious"
 
 
 ODD_NAMES = {

@@ -6,8 +6,10 @@ from fractions import Fraction
 from pathlib import Path
 
 from pydantic import Field, field_validator
+from pydantic_core import PydanticCustomError
 
 from osl_analysis.errors import InputError, nearest
+from osl_analysis.yaml_places import located
 from osl_analysis.yaml_settings import Settings, read_yaml
 
 UNITS = {
@@ -87,14 +89,20 @@ class ParameterFile(Settings):
     def _complete(cls, quantities: dict[str, Quantity]) -> dict[str, Quantity]:
         for name, quantity in quantities.items():
             if name not in UNITS:
-                like = nearest(name, set(UNITS) - set(quantities))
-                raise ValueError(f"unknown parameter {name}; the known ones are {', '.join(UNITS)}{like}")
+                like = nearest(name, set(UNITS) - set(quantities)) or "; remove it"
+                raise wrong(f"unknown parameter {name}; the known ones are {', '.join(UNITS)}{like}", name)
             if quantity.unit != UNITS[name]:
-                raise ValueError(f"{name} has unit '{quantity.unit}', expected '{UNITS[name]}'")
+                said = f"{name} has unit '{quantity.unit}', expected '{UNITS[name]}'; convert its value"
+                raise wrong(said, name, "unit")
         for name in UNITS:
             if name not in quantities and name != "K_s2":
-                raise ValueError(f"{name} [{UNITS[name]}] is missing; add it")
+                raise ValueError(f"{name} [{UNITS[name]}] is missing; add it, with value, unit and source")
         return quantities
+
+
+def wrong(reason: str, *place: str) -> PydanticCustomError:
+    """An error that names the line of what is wrong, by the place within the quantities."""
+    return PydanticCustomError("wrong", "{reason}", {"reason": reason, "place": place})
 
 
 def read_parameters(path: Path) -> DrivetrainParameters:
@@ -113,4 +121,5 @@ def read_parameters(path: Path) -> DrivetrainParameters:
     try:
         return DrivetrainParameters(**{name: q.value for name, q in file.parameters.items()})
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        name = str(error).split(maxsplit=2)[1]
+        raise InputError(f"{path}: {located([path], ('parameters', name))}{error}") from error

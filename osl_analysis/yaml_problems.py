@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from types import UnionType
 from typing import Any, Union, get_args, get_origin
 
@@ -12,12 +13,17 @@ from osl_analysis.yaml_places import Place, dotted
 
 LONGEST = 60
 """Largest number of characters of a value in a message."""
+AS_YAML = {"True": "true", "False": "false", "None": "null"}
+"""Values as YAML writes them."""
 ADVICE = {
     "string_type": "write text, in quotes if it looks like a number, a list or nothing",
     "float_type": "write a number, without a unit",
     "float_parsing": "write a number, without a unit, with a full stop as decimal sign",
     "int_parsing": "write a whole number",
     "int_type": "write a whole number",
+    "int_from_float": "write a whole number",
+    "int_parsing_size": "write a smaller number",
+    "string_too_short": "write at least one character",
     "bool_parsing": "write true or false",
     "bool_type": "write true or false",
     "tuple_type": "write a list, as [first, second]",
@@ -29,79 +35,131 @@ ADVICE = {
 """What to write, by the type of a problem that pydantic found."""
 
 
-def explain(error: ValidationError, model: type[BaseModel]) -> tuple[str, Place]:
+@dataclass(frozen=True)
+class Problem:
+    """One field that is wrong."""
+
+    place: Place
+    """The field, within the content that was validated."""
+    kind: str
+    """Type of the problem, as pydantic calls it."""
+    input: Any
+    """The field's value; that of the field above it where it is missing."""
+    reasons: tuple[str, ...]
+    """What pydantic says: one reason for each kind of value that the field may have."""
+
+
+def explain(error: ValidationError, model: type[BaseModel], content: Any, above: Place = ()) -> tuple[str, Place]:
     """The first problem of a validation error as one sentence with field, value and remedy, and the field's place.
 
-    An old name of a field is reported before all other problems, and a name like that of a field before the rest,
-    because both also cause the problem that the right name is missing.
+    `content` is what was validated, and `above` are the keys that lead to it in its file. How many further fields are
+    wrong is said at the end. An old name of a field is reported before all other problems, and a name like that of a
+    field before the rest, because both also cause the problem that the right name is missing.
     """
-    problems = error.errors()
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    problems = found_problems(error, model, content)
     for problem in problems:
-        renamed = new_name(model, problem["loc"])
+        renamed = new_name(model, problem.place, above)
         if renamed is not None:
-            return renamed, problem["loc"]
+            return renamed, (*above, *problem.place)
     first = next((problem for problem in problems if misspelt(problem, model)), problems[0])
-    return described(first, model) + more, place_of(first)
+    others = len(problems) - 1
+    more = f" (and {others} more problem{'s' if others > 1 else ''})" if others else ""
+    return described(first, model, above) + more, (*above, *first.place)
 
 
-def place_of(problem: Mapping[str, Any]) -> Place:
-    """The field of a problem. A check of several fields states the one that it means as `place` in its context."""
-    stated = [part for part in problem["loc"] if not (isinstance(part, str) and "[" in part)]  # kinds of a union
-    return (*stated, *problem.get("ctx", {}).get("place", ()))
+def found_problems(error: ValidationError, model: type[BaseModel], content: Any) -> list[Problem]:
+    """The fields that are wrong. Where a field may have several kinds of values, pydantic finds a problem for each."""
+    found: dict[Place, Problem] = {}
+    for problem in error.errors():
+        place = place_of(problem, content)
+        before = found.get(place)
+        reasons = dict.fromkeys((*(before.reasons if before else ()), plain_reason(problem, place, model)))
+        found[place] = Problem(place, problem["type"], problem["input"], tuple(reasons))
+    deeper = {place[:n] for place in found for n in range(len(place))}
+    return [problem for place, problem in found.items() if place not in deeper or not place]
 
 
-def misspelt(problem: Mapping[str, Any], model: type[BaseModel]) -> str:
+def place_of(problem: Mapping[str, Any], content: Any) -> tuple[int | str, ...]:
+    """The field of a problem. A check of several fields states the one that it means as `place` in its context.
+
+    What pydantic adds for itself, as the kind of value that it tried, is not in the content.
+    """
+    place: list[int | str] = []
+    here = content
+    for name in problem["loc"]:
+        here_has = name in here if isinstance(here, dict) else isinstance(here, BaseModel | list | tuple)
+        if not here_has and not (problem["type"] == "missing" and name == problem["loc"][-1]):
+            continue
+        if isinstance(here, list | tuple) and not isinstance(name, int):
+            continue
+        place.append(name)
+        here = entry(here, name)
+    return (*place, *problem.get("ctx", {}).get("place", ()))
+
+
+def entry(here: Any, name: int | str) -> Any:
+    """What stands under a key or a number; None if nothing does."""
+    if isinstance(here, dict):
+        return here.get(name)
+    if isinstance(here, BaseModel):
+        return getattr(here, str(name), None)
+    return here[name] if isinstance(here, list | tuple) and isinstance(name, int) and name < len(here) else None
+
+
+def misspelt(problem: Problem, model: type[BaseModel]) -> str:
     """A question for the field that an unknown one was meant to be; empty if none is like it."""
-    if problem["type"] != "extra_forbidden":
+    if problem.kind != "extra_forbidden":
         return ""
-    inner = model_at(model, problem["loc"][:-1])
-    return nearest(str(problem["loc"][-1]), inner.model_fields if inner else ())
+    inner = model_at(model, problem.place[:-1])
+    return nearest(str(problem.place[-1]), inner.model_fields if inner else ())
 
 
-def new_name(model: type[BaseModel], place: Sequence[int | str]) -> str | None:
+def new_name(model: type[BaseModel], place: Place, above: Place = ()) -> str | None:
     """A sentence with the new name of the field at `place`; None if it was not renamed."""
     *parents, old = place or ("",)
     inner = model_at(model, parents)
     new = getattr(inner, "RENAMED", {}).get(str(old))
     if new is None:
         return None
-    return f"field '{dotted(place)}' is now called '{dotted([*parents, new])}'; rename it"
+    return f"field '{dotted([*above, *place])}' is now called '{dotted([*above, *parents, new])}'; rename it"
 
 
-def described(problem: Mapping[str, Any], model: type[BaseModel]) -> str:
-    """One problem that pydantic found, as a sentence."""
-    place = dotted(place_of(problem)) or "the file"
-    if problem["type"] == "extra_forbidden":
-        known = known_fields(model, problem["loc"][:-1])
+def described(problem: Problem, model: type[BaseModel], above: Place = ()) -> str:
+    """One problem as a sentence."""
+    place = dotted([*above, *problem.place]) or "the file"
+    if problem.kind == "extra_forbidden":
+        known = known_fields(model, problem.place[:-1])
         return f"unknown field '{place}'; the known ones are {known}{misspelt(problem, model)}"
-    if problem["type"] == "missing":
+    if problem.kind == "missing":
         return f"field '{place}' is missing; {instead_of(problem, model)}add it"
-    reason = plain_reason(problem, model)
-    nested = isinstance(problem["input"], dict | list | BaseModel)
-    value = repr(problem["input"])
+    first, *others = sorted(problem.reasons, key=lambda reason: ";" in reason)  # questions for a word at the end
+    reason = ", or ".join([first, *(other.removeprefix("write ") for other in others)])
+    nested = isinstance(problem.input, dict | list | BaseModel)
+    value = AS_YAML.get(repr(problem.input)) or repr(problem.input)
     shown = value if len(value) <= LONGEST else f"{value[:LONGEST]}..."
     return f"{place}: {reason}" if nested else f"{place}: {shown} is not allowed: {reason}"
 
 
-def instead_of(problem: Mapping[str, Any], model: type[BaseModel]) -> str:
+def instead_of(problem: Problem, model: type[BaseModel]) -> str:
     """The advice to rename a field that was probably meant to be the missing one; empty if none is like it."""
-    fields, inner = problem["input"], model_at(model, problem["loc"][:-1])
+    fields, inner = problem.input, model_at(model, problem.place[:-1])
     unknown = (
         [str(key) for key in fields if inner and str(key) not in inner.model_fields] if isinstance(fields, dict) else []
     )
-    like = nearest(str(problem["loc"][-1]), unknown)
+    like = nearest(str(problem.place[-1]), unknown)
     return f"rename {like.removeprefix('; did you mean ').removesuffix('?')}, or " if like else ""
 
 
-def plain_reason(problem: Mapping[str, Any], model: type[BaseModel]) -> str:
+def plain_reason(problem: Mapping[str, Any], place: Place, model: type[BaseModel]) -> str:
     """What a field should be, as an instruction."""
     kind, text = problem["type"], str(problem["msg"]).removeprefix("Value error, ")
     if kind in ("model_type", "model_attributes_type", "dict_type"):
-        fields = known_fields(model, problem["loc"])
-        return f"write its fields below it, as `name: value`; the known ones are {fields}"
+        fields = known_fields(model, place)
+        return f"write its fields below it, as `name: value`{f'; the known ones are {fields}' if fields else ''}"
     if kind == "literal_error":
         return text.replace("Input should be", "write") + nearest(str(problem["input"]), re.findall(r"'([^']+)'", text))
+    if kind == "string_pattern_mismatch":
+        return f"write text of the form {problem['ctx']['pattern']}"
     if kind.startswith(("greater_than", "less_than")):
         return text.replace("Input should be", "write a number")
     return ADVICE.get(kind) or text.replace("Input should be", "write")

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.yaml_numbers import check_truth_values, misread_number
 from osl_analysis.yaml_places import Place, located
 from osl_analysis.yaml_problems import explain
 
@@ -18,23 +19,27 @@ MOST_VALUES = 100_000
 """Largest number of values in a file."""
 
 
-class DuplicateKeyError(OslAnalysisError):
-    """A key stands twice in one mapping of a YAML file."""
+class AmbiguousError(OslAnalysisError):
+    """A key stands twice in one mapping of a YAML file, or a number is not what it looks like."""
 
 
-class UniqueKeyLoader(yaml.CSafeLoader):
-    """Safe YAML in which no mapping has a key twice. YAML's own rule is that the last one wins."""
+class StrictLoader(yaml.CSafeLoader):
+    """Safe YAML without what YAML 1.1 reads otherwise than people do: keys that stand twice, of which the last one
+    wins, and numbers in sixties or eights."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """The mapping of a node; raises DuplicateKeyError with both lines."""
+        """The mapping of a node; raises AmbiguousError with the lines."""
         seen: dict[Any, int] = {}
-        for key, _ in node.value:
+        for key, value in node.value:
             name, line = (key.tag, key.value) if isinstance(key, yaml.ScalarNode) else id(key), key.start_mark.line + 1
             if name in seen:
-                raise DuplicateKeyError(
+                raise AmbiguousError(
                     f"line {line}: key '{key.value}' stands twice, first in line {seen[name]}; remove one"
                 )
             seen[name] = line
+            wrong = misread_number(key, value)
+            if wrong is not None:
+                raise AmbiguousError(wrong)
         return super().construct_mapping(node, deep)
 
 
@@ -46,6 +51,14 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
     RENAMED: ClassVar[Mapping[str, str]] = {}
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _truth_values_are_no_numbers(cls, value: Any, info: ValidationInfo) -> Any:
+        field = cls.model_fields.get(info.field_name or "")
+        if field is not None:
+            check_truth_values(value, field.annotation)
+        return value
 
     def part(self, base: str) -> dict[str, Any]:
         """The fields of one of this model's base classes, as JSON, for a job that uses only these."""
@@ -82,14 +95,14 @@ def read_mapping(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise InputError(f"{path}: no such file; check the path, which is relative to the working directory")
     try:
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader=UniqueKeyLoader)
+        content = yaml.load(path.read_text(encoding="utf-8"), Loader=StrictLoader)
         values = extent(content, {})
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         raise InputError(f"{path}: line {line} is not UTF-8; save the file as UTF-8") from error
-    except DuplicateKeyError as error:
+    except AmbiguousError as error:
         raise InputError(f"{path}: {error}") from error
     except RecursionError as error:
         raise InputError(f"{path}: its fields are nested too deeply; write them as in the shipped files") from error
@@ -136,6 +149,6 @@ def validated(
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        text, place = explain(error, model)
-        line = located([Path(path)] if files is None else files, (*above, *place)) if place else ""
+        text, place = explain(error, model, content, above)
+        line = located([Path(path)] if files is None else files, place) if place else ""
         raise InputError(f"{path}: {line}{text}") from error

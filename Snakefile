@@ -18,7 +18,7 @@ from osl_analysis.errors import OslAnalysisError
 from osl_analysis.exclusion import exclusion_report
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.figures import FIGURES, drawn_figures
-from osl_analysis.files import file_state
+from osl_analysis.files import digest, file_state
 from osl_analysis.refusal_report import refusal_report
 from osl_analysis.study import BENCH as STUDY_ON_BENCH, REPEATED as STUDY_OF_REPEATS, WALKING as STUDY_OF_WALKING
 from osl_analysis.yaml_settings import read_mapping
@@ -87,4 +87,5 @@ def end_of_run(refused) -> str:
 
 
 ACCEPT = CONFIG.failed_trials == "accept"
+jobs.know_by_logs(workflow)
 jobs.at_end_of_run(workflow, [RESULTS, *([RAW] if CONFIG.simulation else [])], end_of_run, ACCEPT)

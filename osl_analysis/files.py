@@ -1,5 +1,6 @@
 """Results are written completely or not at all: write to a temporary file beside the target, then rename it."""
 
+import hashlib
 import os
 import re
 import stat
@@ -125,3 +126,12 @@ def file_state(path: Path) -> list[int] | None:
     except OSError:
         return None
     return [found.st_size, found.st_mtime_ns, int(os.access(path, os.R_OK))]
+
+
+def digest(path: Path) -> str | None:
+    """SHA-256 of a file; None if there is no such file, or it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return None

@@ -4,6 +4,7 @@ The reports at the end of a run are read from the logs. They are therefore compl
 a separate process.
 """
 
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -16,7 +17,8 @@ import yaml
 from osl_analysis.files import atomic_path
 
 Outcome = Literal["done", "refused", "failed", "died", "skipped"]
-REQUEST = ("input", "output", "settings")
+MADE_OF = "made_of"
+REQUEST = (MADE_OF, "input", "output", "settings")
 """The last entries of a log: the request."""
 UNLIMITED = 10**9
 MOST_WARNINGS = 10
@@ -65,6 +67,18 @@ def read_log(path: Path) -> JobLog | None:
         return JobLog(**(said | {"warnings": tuple(said.get("warnings", ()))}))
     except (yaml.YAMLError, TypeError, AttributeError):
         return None
+
+
+def text_of(path: Path, name: str) -> str:
+    """The YAML of one entry of a log, without its name, where the entry is a mapping; empty without it.
+
+    Raises
+    ------
+    OSError, ValueError
+        The log cannot be read, or is no text.
+    """
+    text = f"\n{path.read_text(encoding='utf-8')}".partition(f"\n{name}:\n")[2]
+    return re.split(r"\n(?=[^ ])", text, maxsplit=1)[0]
 
 
 def read_logs(folder: Path, since: float) -> list[JobLog]:

@@ -18,11 +18,12 @@ from typing import Any
 from osl_analysis.errors import InputError
 from osl_analysis.fingerprint import code, code_of
 from osl_analysis.job import Job, died, run_uninterrupted
-from osl_analysis.job_log import plain, read_log, read_logs, run_report
+from osl_analysis.job_log import MADE_OF, plain, read_log, read_logs, run_report
 from osl_analysis.refusal import Refusal, forget_failures
 from osl_analysis.refusal_report import refusals_in
+from osl_analysis.stale import RECORDED, made_of, stale
 
-__all__ = ["at_end_of_run", "code", "code_of", "report", "run_job"]
+__all__ = ["at_end_of_run", "code", "code_of", "know_by_logs", "report", "run_job"]
 PRELOADED = [
     "snakemake.cli",  # what a job's __main__, the snakemake script, imports before the job begins
     "osl_analysis.commands.bench",
@@ -36,7 +37,7 @@ PRELOADED = [
     "matplotlib.figure",
 ]
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS")
-FOR_SNAKEMAKE = ("code", "command", "recorded")
+FOR_SNAKEMAKE = ("code", "command", "described", RECORDED)
 LONGEST_PLACE = 70
 """Largest length [bytes] of the folder for temporary files: a socket's path has 107, of which our part takes 32."""
 STARTED = time.time()
@@ -64,6 +65,7 @@ def run_job(log: Any, command: str, input: Any, output: Any, params: Any, files:
     """
     path, request = Path(str(log)), {"input": named(input), "output": outputs(output), "settings": named(params)}
     unnamed = [] if isinstance(input, Mapping) else sorted(set(map(str, input)) - set(flat(request["input"])))
+    request[MADE_OF] = made_of(flat(input), params)
     job = Job(command, request, unnamed, flat(plain(list(files)) if files else request["output"]))
     path.unlink(missing_ok=True)
     process = fork_server().Process(target=run_uninterrupted, args=(path, job), daemon=True)
@@ -127,6 +129,32 @@ def make_folder_of_sockets() -> None:
         f"TMPDIR {stated}: {len(os.fsencode(stated))} characters are too long for the sockets of the jobs, which allow "
         f"{LONGEST_PLACE}; set TMPDIR to a shorter folder that can be written to"
     )
+
+
+def know_by_logs(workflow: Any) -> None:
+    """Let Snakemake make a result again that does not hold by the log of its job (`stale`): also in a dry run.
+
+    Snakemake alone makes nothing again for other settings or recordings if it has no notes in `.snakemake`.
+    """
+    prepare = workflow._prepare_dag
+
+    def prepared(*args: Any, **settings: Any) -> None:
+        prepare(*args, **settings)
+        notes = workflow.persistence
+        noted, compare = notes.has_metadata, notes.params_changed
+
+        def changed(job: Any, file: Any = None) -> Any:
+            results = [Path(str(output)) for output in job.output]
+            found = compare(job, file=file)
+            if found or not job.log or not all(result.exists() for result in results):
+                return found
+            why = stale(made_of(job.input, job.params), Path(str(job.log[0])), results, noted(job))
+            return type(found)(only_old={why}, files=set(job.output)) if why else found
+
+        notes.has_metadata = lambda job: noted(job) or bool(job.log)
+        notes.params_changed = changed
+
+    workflow._prepare_dag = prepared
 
 
 def report(logs: Path) -> str:

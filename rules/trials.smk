@@ -17,12 +17,16 @@ def raw_files(wildcards) -> list[Path]:
 
 
 def recorded(wildcards) -> dict[str, list | None]:
-    """State of a trial's recordings and source files; another size or date, older ones too, ingests it again.
+    """State of a trial's recordings; another size or date, older ones too, ingests it again.
 
     As inputs, Snakemake would ignore an older date, and stop the run for a file that it cannot read. The job names it.
     """
-    files = [*CAMPAIGN.logs(wildcards.trial), *CAMPAIGN.sources(wildcards.trial)]
-    return {} if CONFIG.simulation else {str(path): file_state(path) for path in files}
+    return {} if CONFIG.simulation else {str(path): file_state(path) for path in CAMPAIGN.logs(wildcards.trial)}
+
+
+def described(wildcards) -> dict[str, str | None]:
+    """Content of a trial's source files; another one ingests it again."""
+    return {} if CONFIG.simulation else {str(path): digest(path) for path in CAMPAIGN.sources(wildcards.trial)}
 
 
 def checked(trials) -> list[Path]:
@@ -40,6 +44,7 @@ rule ingest:
     params:
         code=jobs.code_of("ingest.ingest_trial"),
         recorded=recorded,
+        described=described,
         row=lambda wildcards: CAMPAIGN.recording(wildcards.trial),
         raw_folder=str(RAW),
         sources_folder=str(CONFIG.sources),

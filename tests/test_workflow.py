@@ -476,6 +476,17 @@ def test_a_killed_job_is_tried_again_an_older_log_is_read_and_a_refused_one_stay
     assert [is_refused(laboratory.folder / path) for path in trials] == [True, False]
 
 
+def test_another_recording_is_seen_where_snakemake_has_no_notes_even_with_an_older_date(laboratory):
+    """As in a new clone beside results, or after `rm -rf .snakemake`. What has not changed is not made again."""
+    log = laboratory.folder / "raw_data/small/dynamometer/belt_02.mcap"
+    shutil.rmtree(laboratory.folder / ".snakemake")
+    assert laboratory.planned("results/tables/belt.csv") == {}
+    shutil.copy(log.with_name("transmission_01.mcap"), log)
+    os.utime(log, (10**8, 10**8))
+    planned = laboratory.planned("results/tables/belt.csv")
+    assert planned == {"ingest": 1, "check_quality": 1, "fit_belt_trial": 1, "table": 1}
+
+
 def test_the_log_of_a_job_says_what_was_done_with_what_and_how_long_it_took(workspace):
     path = workspace.folder / "results/logs/belt/belt_01.log"
     log = yaml.safe_load(path.read_text())

@@ -17,6 +17,7 @@ from walking_synthetic import settings
 
 from osl_analysis.commands.crossing import analyse, calibrate, identify_plate
 from osl_analysis.commands.ingest import ingest_trial
+from osl_analysis.commands.summarise import read_summary, write_summary
 from osl_analysis.commands.tables import gather
 from osl_analysis.commands.walking import (
     average_unperturbed,
@@ -36,7 +37,7 @@ from osl_analysis.commands.walking_page import plot_walking_page
 from osl_analysis.doubtful import Doubt
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
-from osl_analysis.table import read_table
+from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Array, Trial, read_trial, write_trial
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.response import isolate_response
@@ -247,6 +248,25 @@ def test_the_tables_have_what_figures_and_summary_read(real: Session) -> None:
     assert ensemble["time"].max() == pytest.approx(29 / 300)
     assert ensemble["torque_model"].count() == 30
     assert 3 < ensemble["theta_deg"].max() < 6  # type: ignore[operator]
+
+
+def test_a_campaign_in_which_no_perturbation_can_be_used_has_its_other_headline_numbers(
+    real: Session, tmp_path: Path
+) -> None:
+    selection = read_table(real.selection).with_columns(pl.lit("a shoe was lost").alias("reason"))
+    write_table(selection, tmp_path / "walking_crossings.csv")
+    rows = [tmp_path / f"{name}.csv" for name in real.perturbed]
+    for row in rows:
+        crossing = real.crossing(row.stem)
+        fit_perturbation(crossing, tmp_path / "walking_crossings.csv", real.gait, settings(), row)
+    gather(rows, tmp_path / "walking.csv", Doubt(below={"VAF": 80}))
+    belt = pl.DataFrame([{"quantity": "K_s", "n": 3, "mean": 685.6, "low": 680.0, "high": 690.0}])
+    write_table(belt, tmp_path / "belt_summary.csv")
+    tables = {name: tmp_path / f"{name}.csv" for name in ("belt_summary", "walking")}
+    summary = tmp_path / "summary.json"
+    write_summary(campaign="made", table_paths=tables, summary_json=summary, numbers_tex=tmp_path / "numbers.tex")
+    assert read_summary(summary)["numbers"]["K_s"]["value"] == 685.6
+    assert read_table(tmp_path / "walking.csv")["excluded"].unique().to_list() == ["a shoe was lost"]
 
 
 def test_a_longer_filter_leaves_the_stiffness_alone(real: Session, tmp_path: Path) -> None:

@@ -37,6 +37,8 @@ from osl_analysis.walking.tables import (
 )
 from osl_analysis.walking.unperturbed import UnperturbedGait, unperturbed_gait
 
+SUMMARISED = ("K", "B", "I", "VAF")
+"""Columns that a row without a fit has too: a campaign in which no perturbation can be used keeps its other results."""
 FEWEST_PERTURBED = 2
 """Fewest perturbations of a result."""
 NO_GAIT = (
@@ -126,7 +128,7 @@ def fit_perturbation(
         except OslAnalysisError as error:
             reason = str(error)
     known = {"trial": crossing.stem, "group": place["group"], "direction": place["direction"]}
-    write_table(pl.DataFrame([known | row | {EXCLUDED: reason}]), output)
+    write_table(pl.DataFrame([known | (row or dict.fromkeys(SUMMARISED)) | {EXCLUDED: reason}]), output)
 
 
 def summarise_perturbations(

@@ -61,6 +61,7 @@ def excluded(quality: Iterable[Path]) -> dict[str, str]:
             for row in csv.DictReader(file):
                 if row["verdict"] == "exclude":
                     said = f"{row['check']} {float(row['value']):.4g} {row['unit']}, threshold {row['threshold']}"
+                    said += f": {row['remark'].replace('; ', ', ')}" if row["remark"] else ""
                     reasons[row["trial"]] = "; ".join(filter(None, [reasons.get(row["trial"]), said]))
     return reasons
 

@@ -94,6 +94,11 @@ class Experiment:
         """The columns that every trial must have."""
         return tuple(column for column in (self.motion, self.torque, *self.signals) if column)
 
+    @property
+    def follows_markers(self) -> bool:
+        """Whether its analysis follows markers, as every one on the walkway does."""
+        return self.place == "walkway"
+
     def simulated_files(self, trial: str) -> dict[str, str]:
         """Files that the simulator records for a trial, by column of the sheet (`log`, `mocap`)."""
         files = {"log": f"{self.log}/{trial}.mcap", "mocap": f"{self.mocap}/{trial}.c3d"}

@@ -298,8 +298,8 @@ def test_an_empty_file_is_refused(laboratory: Path) -> None:
 
 
 def test_a_file_of_the_other_format_is_refused(laboratory: Path) -> None:
-    assert "not an MCAP file" in refused(laboratory, log="vicon.c3d", mocap="")
-    assert "not a C3D file" in refused(laboratory, log="", mocap="leg.mcap")
+    assert "is c3d, its source file says mcap; write `format: c3d`" in refused(laboratory, log="vicon.c3d", mocap="")
+    assert "is mcap, its source file says c3d; write `format: mcap`" in refused(laboratory, log="", mocap="leg.mcap")
 
 
 def test_a_missing_source_file_is_refused(laboratory: Path) -> None:

@@ -314,6 +314,17 @@ def test_somebody_who_stands_on_a_plate_all_the_time_is_no_offset() -> None:
     assert failed(results(laboratory(plate1_force_z=-force), "static")) == {"unzeroed_plate"}
 
 
+def test_a_persons_weight_with_the_wrong_sign_is_told_from_an_offset() -> None:
+    def remark(level: float, experiment: str) -> str:
+        force = level + np.random.default_rng(1).standard_normal(2000)
+        return results(laboratory(plate1_force_z=force), experiment)["unzeroed_plate"].remark
+
+    told = remark(-735.7, "static")
+    assert re.match(r"plate1 -735\.\d N, a person's weight with the wrong sign: correct the plate's `sign` or", told)
+    assert "sign" not in remark(-150.0, "static")
+    assert "sign" not in remark(-735.7, "plate")  # nobody stands on it
+
+
 def test_the_plate_at_minus_713_n_of_a_real_recording_is_caught() -> None:
     path = REAL_DATA / "c3d/qtm_JH_01_300_1200_plate_offset.c3d"
     if not path.is_file():

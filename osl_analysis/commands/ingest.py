@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.ingest.raw_files import check_columns, trial_from_files
+from osl_analysis.experiments import EXPERIMENTS
+from osl_analysis.ingest.raw_files import check_columns, check_markers, trial_from_files
 from osl_analysis.rails import check_ranges
 from osl_analysis.trial import write_trial
 
@@ -20,9 +21,13 @@ def ingest_trial(
     ------
     InputError
         A file is missing, empty or not what its source file says, the recordings do not fit together, a needed
-        column is missing, or a value is beyond the stated range of its sensor; nothing is written then.
+        column or all markers are missing, or a value is beyond the stated range of its sensor, or beyond what can be;
+        nothing is written then.
     """
     trial = trial_from_files(row, raw_folder, sources_folder)
     check_columns(trial, row.get("experiment"), needed_columns)
+    facts = EXPERIMENTS.get(str(row.get("experiment")))
+    if facts is not None and facts.follows_markers:
+        check_markers(trial, row["experiment"])
     check_ranges(trial)
     write_trial(trial, output)

@@ -62,9 +62,10 @@ class CsvTable:
             which = listing([f"{place + 1} ('{self.names[place]}')" for place in places])
             advice = "write a pattern or a name that only one has, or its number"
             raise InputError(f"{where} occurs {len(places)} times, as columns {which}; {advice}")
-        advice = (
-            nearest(name, self.names) if len(self.names) > 1 else "; state `delimiter` if these are several columns"
-        )
+        if len(self.names) > 1:
+            advice = nearest(name, self.names) or "; correct the name in the source file"
+        else:
+            advice = "; state `delimiter` if these are several columns"
         raise InputError(f"{where} is missing; the file has {listing(self.names)}{advice}")
 
     def cells(self, column: int) -> list[str | None]:

@@ -16,6 +16,8 @@ DELIMITERS = {"tab": "\t", "space": " "}
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a]")  # bytes that no text has
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 SNIFFED = 50  # lines from which the delimiter is inferred
+MOST_CELLS = 16384
+"""Most cells of a line, the most columns of a spreadsheet. A file with more has lost its line breaks."""
 UNIT = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))", re.DOTALL)
 
 Lines = list[tuple[int, str]]  # number in the file, counted from 1, and text
@@ -75,7 +77,8 @@ def split_rows(path: Path, lines: Lines, delimiter: str) -> Rows:
     Raises
     ------
     InputError
-        A quote is not closed on its line, or a cell is longer than any number or name.
+        A quote is not closed on its line, a line has more than `MOST_CELLS` cells, or a cell is longer than any
+        number or name.
     """
     reader = csv.reader((text for _, text in lines), delimiter=delimiter, skipinitialspace=True)
     rows: Rows = []
@@ -83,6 +86,11 @@ def split_rows(path: Path, lines: Lines, delimiter: str) -> Rows:
         for count, cells in enumerate(reader, start=1):
             if reader.line_num != count:
                 raise InputError(f"{path}: line {lines[count - 1][0]}: a quote is not closed; remove it")
+            if len(cells) > MOST_CELLS:
+                raise InputError(
+                    f"{path}: line {lines[count - 1][0]} has {len(cells)} cells, at most {MOST_CELLS} are read; write "
+                    "a row per sample, each on its own line"
+                )
             rows.append((lines[count - 1][0], [cell.strip() for cell in cells]))
     except csv.Error as error:
         raise InputError(f"{path}: line {lines[reader.line_num - 1][0]}: {error}; repair it") from error

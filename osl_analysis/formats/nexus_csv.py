@@ -60,7 +60,10 @@ class NexusSection:
         if len(found) != 1:
             have = sorted({f"{n} {c}" for n, c in zip(self.names, self.components, strict=True) if n})
             count = f"occurs {len(found)} times" if found else "is missing"
-            raise InputError(f"'{name}' {component} {count} under {self.title}; there are {listing(have)}")
+            raise InputError(
+                f"'{name}' {component} {count} under {self.title}; there are {listing(have)}; correct the name in the "
+                "source file"
+            )
         return found[0]
 
     def column(self, name: str, component: str) -> tuple[Array, str]:

@@ -52,10 +52,22 @@ def c3d_capture(recording: C3DRecording, source: C3dSource) -> Capture:
 
 
 def c3d_markers(recording: C3DRecording, source: C3dSource) -> tuple[str, ...]:
-    """Labels of the markers to read; "all" excludes model outputs and what has no label."""
+    """Labels of the markers to read; "all" excludes model outputs and what has no label.
+
+    Raises
+    ------
+    InputError
+        All are to be read, and no point has a label.
+    """
     if source.markers != "all":
         return source.markers
-    outputs = recording.model_outputs
+    outputs, count = recording.model_outputs, recording.header.points
+    if count and not any(recording.point_labels):
+        how = "empty" if "POINT:LABELS" in recording.header.parameters else "missing"
+        raise InputError(
+            f"POINT:LABELS is {how}: none of its {count} points has a name; label them and export the trial again, or "
+            f"leave them out with `markers: none`, as {source.place('markers')}"
+        )
     return tuple(label for label in recording.point_labels if is_labelled(label) and label not in outputs)
 
 
@@ -81,7 +93,10 @@ def place_of(label: str, labels: list[str], what: str) -> int:
     """Index of a label that must occur exactly once."""
     count = Counter(labels)[label]
     if count == 0:
-        raise InputError(f"no {what} '{label}'; the file has {listing(sorted(set(labels)))}{nearest(label, labels)}")
+        raise InputError(
+            f"no {what} '{label}'; the file has {listing(sorted(set(labels)))}"
+            f"{nearest(label, labels) or '; correct the name in the source file'}"
+        )
     if count > 1:
         raise InputError(f"{what} '{label}' occurs {count} times; rename them, or list others in the source file")
     return labels.index(label)

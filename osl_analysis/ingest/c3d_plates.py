@@ -43,7 +43,9 @@ def plates_of(recording: C3DRecording, source: C3dSource) -> list[tuple[ForcePla
     plates = []
     for number in wanted:
         if not 1 <= number <= count:
-            raise InputError(f"no force plate {number}; the file has {count}, counted from 1")
+            raise InputError(
+                f"no force plate {number}; the file has {count}, counted from 1; correct `plates` in the source file"
+            )
         try:
             plate = c3d_plate(recording, source, number)
             plates.append((plate, channels_in_si(recording, source, plate)))

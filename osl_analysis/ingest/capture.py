@@ -87,13 +87,19 @@ def recording_of(capture: Capture, source: CaptureSource) -> Recording:
     Raises
     ------
     InputError
-        Two markers of one name, an unknown unit, or a value of a plate or an analog channel that is not finite.
+        Nothing to read, two markers of one name, an unknown unit, or a value of a plate or an analog channel that is
+        not finite.
     """
     markers, marker_origins = marker_signals(capture, source)
     outputs, output_origins = output_signals(capture, source)
     analogs, analog_origins = analog_signals(capture, source)
     plates, plate_origins = plate_signals(capture, source)
     fast, slow = {**plates, **analogs}, {**markers, **outputs}
+    if not fast and not slow:
+        raise InputError(
+            "the source file names nothing that the file has: no marker, plate, analog channel or model output; name "
+            "what to read in the source file, or export the trial again with it"
+        )
     ratio = capture.samples_per_frame if fast else 1
     time = np.arange(capture.frames * ratio) / (capture.frame_rate * ratio)
     for column, values in fast.items():
@@ -107,7 +113,15 @@ def recording_of(capture: Capture, source: CaptureSource) -> Recording:
         **capture.facts,
     }
     origins = {**plate_origins, **analog_origins, **marker_origins, **output_origins}
-    return Recording(interleaved(time, fast, slow, ratio), origins, facts, capture.warnings)
+    warnings = [*capture.warnings, *hidden_text(capture)]
+    return Recording(interleaved(time, fast, slow, ratio), origins, facts, warnings)
+
+
+def hidden_text(capture: Capture) -> list[str]:
+    """A warning where no marker was seen in any frame."""
+    if not capture.markers or any(np.isfinite(marker.positions).any() for marker in capture.markers):
+        return []
+    return [f"none of the {len(capture.markers)} markers was seen in any of the {capture.frames} frames"]
 
 
 def interleaved(time: Array, fast: Columns, slow: Columns, ratio: int) -> pl.DataFrame:

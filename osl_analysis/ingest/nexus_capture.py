@@ -124,7 +124,7 @@ def timing(sections: Sections, slow: bool, fast: bool) -> tuple[int, float, int,
 def section_of(sections: Sections, title: str) -> NexusSection:
     """A section that must be there."""
     if title not in sections:
-        raise InputError(f"no section {title}; the file has {', '.join(sections)}: export it too")
+        raise InputError(f"no section {title}; the file has {', '.join(sections)}; export it too")
     return sections[title]
 
 

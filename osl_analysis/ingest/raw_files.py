@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, printable
 from osl_analysis.ingest.assemble import assemble
 from osl_analysis.ingest.known_formats import FORMATS, Source, check_format, read_source
+from osl_analysis.ingest.largest_values import check_sizes
+from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source_fields import CaptureSource, LogSource
 from osl_analysis.trial import Trial
 
@@ -26,8 +28,8 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     Raises
     ------
     InputError
-        A file is missing, empty or not what its source file says, changes while it is read, or the recordings do
-        not fit together.
+        A file is missing, empty or not what its source file says, changes while it is read, holds values that
+        nothing can reach, or the recordings do not fit together.
     """
     name = text(row, "trial")
     files = {role: text(row, role) for role in ("log", "mocap") if text(row, role)}
@@ -45,7 +47,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         if len(files) == 2:
             check_alignment(described, sources_folder / f"{source}.yaml")
         try:
-            recordings[role] = FORMATS[described.format].read(path, described)
+            recordings[role] = recording_from(path, described)
         finally:
             check_unchanged(path, before)  # also where it cannot be read: it may have changed in between
         shared = described.shared if isinstance(described, CaptureSource) else shared
@@ -54,6 +56,18 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         return assemble(name, recordings, identities, shared)
     except InputError as error:
         raise InputError(f"trial {name} ({', '.join(files.values())}): {error}") from error
+
+
+def recording_from(path: Path, source: Source) -> Recording:
+    """One recording by its source file, with values that can be; every refusal names the file."""
+    try:
+        recording = FORMATS[source.format].read(path, source)
+        check_sizes(recording)
+    except InputError as error:
+        if printable(str(path)) in str(error):
+            raise
+        raise InputError(f"{path}: {error}") from error
+    return recording
 
 
 def check_alignment(source: Source, source_path: Path) -> None:
@@ -75,8 +89,24 @@ def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -
         )
 
 
+def check_markers(trial: Trial, experiment: str | None) -> None:
+    """Refuse a trial without a marker that was ever seen, for an experiment whose analysis follows markers."""
+    markers = [column for column in trial.samples.columns if column.startswith("marker_")]
+    if any(trial.samples[column].is_finite().any() for column in markers):
+        return
+    seen = f"none of its {len(markers) // 3} markers was ever seen" if markers else "no markers"
+    raise InputError(
+        f"trial {trial.name}: {seen}, and a trial of experiment '{experiment}' needs them; label and fill them in the "
+        "capture and export it again, or exclude the trial in the sheet"
+    )
+
+
 def check_file(path: Path) -> None:
-    """Refuse a file that is missing or empty."""
+    """Refuse a file that is missing or empty, and what is no file: a folder, a device, a pipe."""
+    if path.is_dir():
+        raise InputError(f"{path}: a folder, not a recording; name the recording in it")
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: a device or a pipe, not a recording; name a file, or copy its content into one")
     if not path.is_file():
         raise InputError(f"{path}: no such file; correct the sample sheet, or copy the file there")
     if path.stat().st_size == 0:

@@ -60,7 +60,8 @@ class Conversion(Sensor):
             The unit is unknown or of another dimension.
         """
         factor = si_factor(self.stated_unit(unit_of_file), si_unit)
-        return np.asarray(self.sign * self.scale * factor * (raw + self.offset))
+        with np.errstate(over="ignore"):  # what overflows is refused with what is too large
+            return np.asarray(self.sign * self.scale * factor * (raw + self.offset))
 
     def origin(self, column: str, unit_of_file: str = "") -> dict[str, Any]:
         """Where a canonical column comes from and how it was converted, for the trial's provenance."""

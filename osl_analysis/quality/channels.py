@@ -26,6 +26,7 @@ TURN_TOLERANCE = 0.1  # of a turn
 WINDOW = 0.2  # s, in which the level of a plate is read
 QUIET = 20.0  # N, largest standard deviation in a window of a plate at rest
 LEAST_REST = 0.2  # s, shortest rest from which a load cell is judged
+PERSON = 200.0  # N: what a zeroed plate reads below minus this is somebody's weight, of the wrong sign
 NO_DYNAMOMETER = "no torque on a dynamometer"
 NO_PLATE, NEVER_BARE = "no plate", "the plates are never at rest, or loaded throughout"
 
@@ -70,9 +71,19 @@ def measure_unzeroed_plate(examined: Examined) -> CheckResult:
     }
     if not counted:
         return not_applicable(NEVER_BARE if columns else NO_PLATE)
-    remarks = [f"{plate} {level:.1f} N" for plate, level in counted.items()]
+    remarks = [plate_level(plate, level, examined.experiment.walker) for plate, level in counted.items()]
     remarks += [f"{plate} is never at rest, or loaded throughout" for plate in levels if plate not in counted]
     return CheckResult(max(abs(level) for level in counted.values()), ", ".join(remarks))
+
+
+def plate_level(plate: str, level: float, walker: bool) -> str:
+    """A plate's level [N] in words, with the cause where it can only be a person's weight with the wrong sign."""
+    if not walker or level > -PERSON:
+        return f"{plate} {level:.1f} N"
+    return (
+        f"{plate} {level:.1f} N, a person's weight with the wrong sign: correct the plate's `sign` or corners, or "
+        "`axes` in the source file, unless it was zeroed while somebody stood on it"
+    )
 
 
 def bare_level(time: Array, force: Array) -> float | None:

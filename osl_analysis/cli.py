@@ -196,7 +196,9 @@ def gains(
     """
     from osl_analysis.commands import gains as command
 
-    if (trajectory is None) == (stiffness is None or damping is None):
+    if trajectory is not None and (stiffness is not None or damping is not None):
+        raise click.UsageError("--trajectory has K_d and B_d of its own: leave out --stiffness and --damping, or it")
+    if trajectory is None and (stiffness is None or damping is None):
         raise click.UsageError("give --stiffness and --damping, or --trajectory")
     request = command.Request(stiffness or [], damping or [], trajectory, weight_hz, weight_order)
     table = command.requested_gains(request, parameters)

@@ -12,7 +12,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.shared_choices import FOLLOWED, FollowedProtocol, SharedChoices, WeightSettings
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
-from osl_analysis.yaml_settings import Model, Positive, Settings, read_mapping, validated
+from osl_analysis.yaml_settings import Degrees, Model, Positive, Settings, read_mapping, validated
 
 MOST = 1_000_000
 """Largest number of trials, campaigns or crossings of a study; more is a slip of the keyboard."""
@@ -27,7 +27,7 @@ class TimeSeriesFigure(Settings):
     """Desired damping of the trial [N*m*s/rad]."""
     controller: Literal["compensated", "uncompensated"]
     """Controller of the trial."""
-    amplitude_deg: Positive
+    amplitude_deg: Degrees
     """Amplitude of the sines [deg]."""
     duration_s: Positive
     """Length of the part [s], which ends with the block of that amplitude."""
@@ -76,7 +76,7 @@ class StudySettings(Settings):
     """Number of perturbed crossings in a campaign, which has the same number of unperturbed crossings."""
     batch: Annotated[int, Field(ge=1)]
     """Number of bench trials in a job."""
-    amplitudes_deg: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]
     """Amplitudes [deg] of the short protocol."""
     cycles: Annotated[int, Field(ge=1, le=10_000)]
     """Cycles at each frequency of the short protocol."""

@@ -15,6 +15,8 @@ from osl_analysis.yaml_problems import explain
 
 Positive = Annotated[float, Field(gt=0)]
 """A number above zero."""
+Degrees = Annotated[float, Field(gt=0, le=180)]
+"""An angle above zero, of half a turn at most."""
 MOST_VALUES = 100_000
 """Largest number of values in a file."""
 

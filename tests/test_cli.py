@@ -213,6 +213,9 @@ def test_a_mistake_is_one_line_with_exit_code_1(arguments, message):
     "arguments",
     [
         ("gains",),
+        ("gains", "--trajectory", "config/impedance/synthetic_walking.csv", "--stiffness", 300),
+        ("gains", "--trajectory", "config/impedance/synthetic_walking.csv", "--damping", 5),
+        ("gains", "--trajectory", "config/impedance/synthetic_walking.csv", "--stiffness", 300, "--damping", 5),
         ("gains", "--stiffness", "stiff", "--damping", 5),
         ("gains", "--stiffness", "1:5", "--damping", 5),
         ("gains", "--stiffness", "400:100:50", "--damping", 5),

@@ -1,16 +1,20 @@
 """The planned sample sheet and the settings that it comes from."""
 
 import itertools
+import os
+import time
 from pathlib import Path
 
 import pandas as pd
 import pytest
 import yaml
 
-from osl_analysis.commands.simulate import simulate_trial, write_sheet
+from osl_analysis.commands.simulate import simulate_campaign, simulate_trial, write_sheet
 from osl_analysis.errors import InputError
 from osl_analysis.sheet import COLUMNS, read_sheet
+from osl_analysis.simulator.joint_motion import stepped_sine, there_and_back
 from osl_analysis.simulator.plan import plan_trials
+from osl_analysis.simulator.schedules import BeltMotion, SteppedSineSchedule
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
 
@@ -98,6 +102,13 @@ def test_another_seed_draws_other_perturbations():
             600,
             r"bandwidth of 600 Hz does not show .* less than 500 Hz, or enabled",
         ),
+        ("belt.amplitude_deg", 5000, r"belt\.amplitude_deg: 5000 .* less than or equal to 180"),
+        ("protocol.amplitudes_deg", [4, 200], r"protocol\.amplitudes_deg\.1: 200 .* less than or equal to 180"),
+        ("protocol.cycles", 1_000_000_000, r"protocol\.cycles: 1000000000 .* less than or equal to 10000"),
+        ("experiments.belt", 1_000_000_000, r"experiments\.belt: 1000000000 .* less than or equal to 100000"),
+        ("belt.rest_s", 1e9, r"line \d+: belt: 2e\+09 s at 1000 Hz are 2e\+12 samples; shorten it to 1e\+07 samples"),
+        ("dynamometer.rate_hz", 1e12, r"line \d+: protocol: 3\.1 s at 1e\+12 Hz are 3\.1e\+12 samples"),
+        ("drivetrain.substeps", 10**9, r"drivetrain\.substeps: 1000000000 .* less than or equal to 1000"),
         ("effects.velocity_filter.size", 2500, r"velocity_filter of 2500 Hz does nothing .* less than 2500 Hz"),
         ("effects.control_delay.size", 300, r"control_delay of 300 updates is 60 ms.* choose 150 updates \(30 ms\)"),
     ],
@@ -117,6 +128,51 @@ def test_an_unstable_loop_is_refused_and_nothing_is_written(tmp_path, monkeypatc
     with pytest.raises(InputError, match=r"runs away, beyond 100 rad.* lower effects\.control_delay"):
         simulate_trial(path, tmp_path / "raw", "impedance_K300_B5.0_compensated")
     assert not (tmp_path / "raw").exists()
+
+
+@pytest.mark.parametrize("length", [{"cycles": (3, 5)}, {"seconds": 1.5}])
+def test_the_length_of_a_protocol_is_that_of_its_command(length):
+    rests = {"rest_s": 0.7, "lead_s": 1.1, "rest_between_s": 0.3, "ramp_s": 0.2}
+    protocol = SteppedSineSchedule(frequencies_hz=(1, 4), amplitudes_deg=(2, 4, 6), **rests, **length)
+    assert len(stepped_sine(protocol, 1000).theta) == pytest.approx(1000 * protocol.total_s, abs=1)
+
+
+def test_the_length_of_a_belt_trial_is_that_of_its_command():
+    motion = BeltMotion(amplitude_deg=5, ramp_s=0.7, rest_s=0.4)
+    assert len(there_and_back(motion, 1000).theta) == pytest.approx(1000 * motion.total_s, abs=1)
+
+
+def test_the_longest_plan_is_made_in_seconds():
+    """Names were compared with all others: 100 000 trials took minutes."""
+    settings = read_yaml(DEFAULT, SimulationSettings)
+    many = settings.experiments.model_copy(update={"belt": 10_000, "walking": 0})
+    begin = time.process_time()
+    plan = plan_trials(settings.model_copy(update={"experiments": many}))
+    assert (len(plan) > 10_000, time.process_time() - begin < 1) == (True, True)
+
+
+@pytest.mark.parametrize("written", ["dynamometer/belt_01.mcap", "trials.csv"])
+def test_the_simulator_writes_to_no_file_that_it_reads_and_to_no_device(tmp_path, monkeypatch, written):
+    monkeypatch.chdir(ROOT)
+    path, raw = settings_with(tmp_path, ("seed", 3)), tmp_path / "raw"
+    (raw / "truth").mkdir(parents=True)
+    (raw / written).parent.mkdir(exist_ok=True)
+    (raw / written).hardlink_to(path)
+    before = path.read_text()
+    with pytest.raises(InputError, match=f"{written} would be overwritten while it is used; simulate into another"):
+        simulate_campaign(path, raw)
+    assert path.read_text() == before
+    (raw / written).unlink()
+    os.mkfifo(raw / written)
+    with pytest.raises(InputError, match=f"{written}: is a named pipe"):
+        simulate_campaign(path, raw)
+
+
+def test_a_missing_file_of_the_gait_laboratory_is_named_with_trials_of_the_bench_too(tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    path = settings_with(tmp_path, ("walking", "none.yaml"))
+    with pytest.raises(InputError, match=r"walking: none\.yaml is no file; correct it, or write null"):
+        simulate_trial(path, tmp_path / "raw", "belt_01")
 
 
 def test_a_campaign_without_trials_is_refused(tmp_path):

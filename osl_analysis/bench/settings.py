@@ -8,7 +8,7 @@ from pydantic import Field, field_validator, model_validator
 from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.signals import LowPass
 from osl_analysis.timebase.gaps import GapLimits
-from osl_analysis.yaml_settings import Positive, Settings
+from osl_analysis.yaml_settings import Degrees, Positive, Settings
 
 STIFFNESS_UNITS = {"N*m/rad": 1.0, "Nm/rad": 1.0, "N*m/deg": 180 / np.pi, "Nm/deg": 180 / np.pi}
 """Units of a stiffness of the bench, and their factors to N*m/rad."""
@@ -117,7 +117,7 @@ class BeltAnalysis(BenchAnalysis):
 class SteppedSineAnalysis(BenchAnalysis):
     """Choices for a stepped-sine trial, and its protocol."""
 
-    amplitudes_deg: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]
     """Commanded amplitudes [deg], one block each, in the order of the protocol."""
     frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
     """Frequencies [Hz] of a block, one segment each, in the order of the protocol."""

@@ -1,6 +1,6 @@
 """Simulate a campaign, or one trial of it, into a raw-data folder."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +8,7 @@ import pandas as pd
 
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.files import atomic_path
+from osl_analysis.files import atomic_path, check_output, check_target
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.shared_choices import SharedChoices
 from osl_analysis.simulator.plan import plan_trials
@@ -95,7 +95,10 @@ def read_simulation(settings_path: Path, followed: SharedChoices) -> SimulationS
         chosen["gain_weight"] = followed.gain_weight.model_dump()
     if followed.protocol is not None:
         chosen["protocol"] = settings.protocol.model_dump() | followed.protocol.schedule()
-    return validated(settings.model_dump() | chosen, SimulationSettings, settings_path) if chosen else settings
+    settings = validated(settings.model_dump() | chosen, SimulationSettings, settings_path) if chosen else settings
+    if settings.walking is not None and not settings.walking.is_file():
+        raise InputError(f"{settings_path}: walking: {settings.walking} is no file; correct it, or write null")
+    return settings
 
 
 def read_laboratory(settings: SimulationSettings, walking: Path, followed: SharedChoices) -> WalkingSettings:
@@ -118,15 +121,36 @@ def simulate_trial(settings_path: Path, campaign_folder: Path, trial: str, follo
     """
     check_folder(campaign_folder)
     settings = read_simulation(settings_path, followed)
-    record_trial(row_of_trial(settings, settings_path, trial), settings, followed, campaign_folder)
+    row = row_of_trial(settings, settings_path, trial)
+    check_written([row], campaign_folder, settings_files(settings_path, followed))
+    record_trial(row, settings, followed, campaign_folder)
 
 
 def simulate_campaign(settings_path: Path, campaign_folder: Path, followed: SharedChoices = NOTHING) -> None:
     """Write the sample sheet and simulate all of its trials, one after the other."""
     settings = read_simulation(settings_path, followed)
+    rows = [{str(k): v for k, v in row.items()} for row in plan_trials(settings).to_dict("records")]
+    check_written([{"log": "trials.csv"}, *rows], campaign_folder, settings_files(settings_path, followed))
     write_sheet(settings_path, campaign_folder / "trials.csv")
-    for row in plan_trials(settings).to_dict("records"):
-        record_trial({str(k): v for k, v in row.items()}, settings, followed, campaign_folder)
+    for row in rows:
+        record_trial(row, settings, followed, campaign_folder)
+
+
+def check_written(rows: Sequence[Mapping[str, Any]], folder: Path, used: Sequence[Path]) -> None:
+    """Refuse a simulation that would write to a file that it uses, or where no file can be, before it begins.
+
+    Raises
+    ------
+    InputError
+        A log of one of the sheet's rows, its truth, or the sheet itself is such a file.
+    """
+    files = [folder / row[role] for row in rows for role in ("log", "mocap") if isinstance(row.get(role), str)]
+    files += [folder / TRUTH / f"{row['trial']}.json" for row in rows if "trial" in row]
+    check_output(files[0])
+    for path in files:
+        check_target(path)
+        if path.is_file() and any(other.is_file() and path.samefile(other) for other in used):
+            raise InputError(f"{path} would be overwritten while it is used; simulate into another folder")
 
 
 def row_of_trial(settings: SimulationSettings, settings_path: Path, trial: str) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """The sample sheet of a simulated campaign."""
 
 import itertools
+from collections import Counter
 
 import pandas as pd
 
@@ -24,7 +25,7 @@ def plan_trials(settings: SimulationSettings) -> pd.DataFrame:
     """
     rows = [*bench_plan(settings), *laboratory_plan(settings)]
     names = [str(row["trial"]) for row in rows]
-    twice = next((name for name in names if names.count(name) > 1), None)
+    twice = next((name for name, count in Counter(names).items() if count > 1), None)
     if twice:
         raise InputError(
             f"the plan has two trials '{twice}': K_d and B_d of experiments are too close for names of their own; "

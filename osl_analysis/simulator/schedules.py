@@ -13,7 +13,7 @@ from osl_analysis.simulator.effect import (
     in_unit,
     off,
 )
-from osl_analysis.yaml_settings import Settings
+from osl_analysis.yaml_settings import Degrees, Settings
 
 Cycles = Annotated[int, Field(ge=1, le=10_000)]
 
@@ -30,7 +30,7 @@ class SteppedSineSchedule(Settings):
     """Whole cycles at each frequency: one number for all, or one for each; null: see `seconds`."""
     seconds: Positive | None = None
     """Duration [s] of each frequency in place of `cycles`."""
-    amplitudes_deg: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]
     """Amplitudes [deg] in the order in which they are run."""
     rest_s: NotNegative
     """Rest [s] after each amplitude."""
@@ -70,16 +70,28 @@ class SteppedSineSchedule(Settings):
         cycles = self.cycles if isinstance(self.cycles, tuple) else (self.cycles,) * len(self.frequencies_hz)
         return tuple(n / f for n, f in zip(cycles, self.frequencies_hz, strict=True))
 
+    @property
+    def total_s(self) -> float:
+        """Duration [s] of a trial."""
+        beside = self.rest_between_s + 2 * self.ramp_s
+        block = sum(self.durations) + beside * len(self.frequencies_hz) + self.rest_s
+        return self.lead_s + block * len(self.amplitudes_deg)
+
 
 class BeltMotion(Settings):
     """The motion of the belt experiment: a rest, a turn and back, and a rest."""
 
-    amplitude_deg: Positive
+    amplitude_deg: Degrees
     """Angle [deg] of the turn."""
     ramp_s: Positive
     """Duration [s] of the turn, and of the return."""
     rest_s: NotNegative
     """Duration [s] of each rest."""
+
+    @property
+    def total_s(self) -> float:
+        """Duration [s] of a trial."""
+        return 2 * (self.ramp_s + self.rest_s)
 
 
 class Tone(Settings):

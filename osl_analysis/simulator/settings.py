@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from osl_analysis.shared_choices import PAPER, WeightSettings
 from osl_analysis.simulator.condition_settings import Conditions
@@ -19,9 +20,25 @@ from osl_analysis.yaml_settings import Settings
 Count = Annotated[int, Field(ge=0, le=100_000)]
 SAMPLES_PER_CYCLE = 10
 """Smallest number of samples of the bench's log in one cycle of the fastest sine."""
+MOST_SAMPLES = 10_000_000
+"""Largest number of samples in a trial: nearly three hours at 1 kHz. More does not fit into memory, or is a slip."""
 LONGEST_DELAY_S = 0.03
 """Longest delay [s] of the control loop. With a longer delay no impedance is stable (the limits by linear theory are
 0.4 to 25 ms)."""
+
+
+def check_length(place: str, duration_s: float, rate_hz: float) -> None:
+    """Refuse a trial that lasts [s] for too many samples at a rate [Hz]; `place` is the field that decides it.
+
+    Raises
+    ------
+    PydanticCustomError
+        It has more than `MOST_SAMPLES`.
+    """
+    samples = duration_s * rate_hz
+    if samples > MOST_SAMPLES:
+        text = f"{duration_s:g} s at {rate_hz:g} Hz are {samples:.3g} samples; shorten it to {MOST_SAMPLES:g} samples"
+        raise PydanticCustomError("too_many_samples", "{reason}", {"reason": text, "place": place.split(".")})
 
 
 class Experiments(Settings):
@@ -74,7 +91,7 @@ class Dynamometer(Settings):
 class Drivetrain(Settings):
     """How the drivetrain is integrated and controlled."""
 
-    substeps: Annotated[int, Field(ge=1)]
+    substeps: Annotated[int, Field(ge=1, le=1000)]
     """Integration steps per sample of the log."""
     control_updates: Annotated[int, Field(ge=1)]
     """Updates of the controller per sample of the log."""
@@ -143,6 +160,15 @@ class SimulationSettings(Settings):
                 f"effects.dynamometer_bandwidth of {bandwidth.value:g} Hz does not show in a log of {rate:g} Hz; "
                 f"choose less than {rate / 2:g} Hz, or enabled: false for a bench that follows exactly"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _ends(self) -> Self:
+        durations = {"protocol": self.protocol.total_s, "belt": self.belt.total_s}
+        if self.actuator is not None:
+            durations["actuator"] = self.actuator.duration_s
+        for name, duration in durations.items():
+            check_length(name, duration, self.dynamometer.rate_hz)
         return self
 
     @model_validator(mode="after")

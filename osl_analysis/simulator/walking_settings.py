@@ -14,9 +14,9 @@ from osl_analysis.shared_choices import PAPER, WeightSettings
 from osl_analysis.simulator.capture_settings import CaptureSettings
 from osl_analysis.simulator.effect import NotNegative, Positive
 from osl_analysis.simulator.gait_changes import StepChange
-from osl_analysis.simulator.settings import Count
+from osl_analysis.simulator.settings import Count, check_length
 from osl_analysis.simulator.walking_effects import WalkingEffects
-from osl_analysis.yaml_settings import Settings
+from osl_analysis.yaml_settings import Degrees, Settings
 
 Rate = Annotated[int, Field(ge=1, le=1_000_000)]
 Vector = tuple[float, float, float]
@@ -80,7 +80,7 @@ class Gait(Settings):
 class Perturbation(Settings):
     """Ramp of the platform about a mediolateral axis; toes up, if the conditions of the campaign do not say more."""
 
-    angle_deg: Positive
+    angle_deg: Degrees
     """Angle [deg] of the ramp."""
     rise_s: Positive
     """Duration [s] of the ramp."""
@@ -153,3 +153,8 @@ class WalkingSettings(Settings):
     """W of Eq. 14 with which the leg's gains are selected; that of the simulated campaign replaces it."""
     capture: CaptureSettings = CaptureSettings()
     """How the C3D file is recorded."""
+
+    @model_validator(mode="after")
+    def _ends(self) -> Self:
+        check_length("gait.recording_s", self.gait.recording_s, self.rates.motion_hz)
+        return self

@@ -2,6 +2,7 @@
 
 import json
 import tempfile
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,10 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap.mcap_file import read_mcap
 from osl_analysis.formats.mcap.topics import Decoded, decode_topics
+from osl_analysis.ingest.log_overview import inspect_mcap
 from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
@@ -45,7 +48,9 @@ odd = st.fixed_dictionaries(
     {},
     optional={
         "a": st.one_of(number, st.text("ab", max_size=2)),
-        "b": st.one_of(st.none(), st.fixed_dictionaries({}, optional={"c": number, "a": number})),
+        "b": st.one_of(
+            st.none(), st.text("ab", max_size=2), st.fixed_dictionaries({}, optional={"c": number, "a": number})
+        ),
         "d": st.lists(st.floats(allow_nan=False), max_size=3),
     },
 )
@@ -57,7 +62,14 @@ def at(message: Any, path: str) -> Any:
         return message["d"][1] if len(message.get("d", ())) > 1 else None
     for name in path.split("."):
         message = message.get(name) if isinstance(message, dict) else None
-    return None if isinstance(message, str) else message
+    return message
+
+
+def usable(messages: list[Any], paths: list[str]) -> list[Any]:
+    """Those that hold no text in place of a number or an object, and no truth value where others hold a number."""
+    sound = [one for one in messages if not any(isinstance(at(one, path), str) for path in ["a", "b", "b.c"])]
+    numeric = {path for path in paths for one in sound if type(at(one, path)) in (int, float)}
+    return [one for one in sound if not any(isinstance(at(one, path), bool) for path in numeric)]
 
 
 @settings(max_examples=150, deadline=None)
@@ -66,9 +78,15 @@ def test_messages_of_any_shape_equal_pythons_parser(first: Any, then: Any, inden
     texts = [json.dumps(one, indent=indent) for one in [*first, *first, *then]] or ["{}"]
     paths = ["a", "b.c", "d[1]"] if arrays else ["a", "b.c"]
     with tempfile.TemporaryDirectory() as folder:
-        decoded = read(write(Path(folder) / "log.mcap", texts, chunk_size=200), *paths)
+        log = write(Path(folder) / "log.mcap", texts, chunk_size=200)
+        messages = usable([json.loads(text) for text in texts], paths)
+        if not messages:
+            with pytest.raises(InputError, match=", not a"):
+                read(log, *paths)
+            return
+        decoded = read(log, *paths)
     for path in paths:
-        expected = [at(json.loads(text), path) for text in texts]
+        expected = [at(message, path) for message in messages]
         assert decoded.present[path].tolist() == [value is not None for value in expected]
         for found, value in zip(decoded.values[path], expected, strict=True):
             if value is not None:
@@ -141,3 +159,106 @@ def test_stamps_in_json_are_exact_and_what_is_no_json_is_left_out(tmp_path: Path
     np.testing.assert_allclose(recording.samples["time"], np.arange(9) * 1e-9, rtol=1e-12)
     assert recording.samples["theta_m"].to_list() == [9.0] * 9
     assert recording.facts["damage"]["messages_lost"] == 1
+
+
+LAB = {"format": "mcap", "time": {"source": "log"}, "largest_loss": 0.3}
+
+
+def ingested(path: Path, **channel: str) -> Any:
+    channels = {"theta": {"topic": "/lab", "field": "x", "unit": "rad", **channel}}
+    return read_mcap_log(path, McapSource.model_validate({**LAB, "channels": channels}))
+
+
+@pytest.mark.parametrize(
+    ("field", "wrong", "said"),
+    [
+        ("x", '{"x": "a"}', "field 'x' is \"a\", not a number, in message 2"),
+        ("x", '{"x": "2.5"}', "field 'x' is \"2.5\", not a number, in message 2"),
+        ("x", '{"x": true}', "field 'x' is true, not a number as elsewhere, in message 2"),
+        ("x", '{"x": [1, 2]}', "field 'x' is an array of 2, not one number, in message 2"),
+        ("x", '{"x": {"y": 1}}', "field 'x' is {\"y\": 1}, not a number, in message 2"),
+        ("x.y", '{"x": 3}', "field 'x' is 3, not an object with fields, in message 2"),
+        ("x[1]", '{"x": 3}', "field 'x' is 3, not an array, in message 2"),
+        ("x[1]", '{"x": [1, "b"]}', "field 'x[1]' is \"b\", not a number, in message 2"),
+        ("x[1]", '{"x": [1, false]}', "field 'x[1]' is false, not a number as elsewhere, in message 2"),
+        ("v[n=b]", '{"v": [1, "c"], "n": ["a", "b"]}', "field 'v[n=b]' is \"c\", not a number, in message 2"),
+    ],
+)
+@pytest.mark.parametrize("many", [1, 40])
+def test_a_message_without_a_number_in_a_field_is_lost_and_said(
+    tmp_path: Path, field: str, wrong: str, said: str, many: int
+) -> None:
+    right = {"x": '{"x": 1.5, "on": true}', "x.y": '{"x": {"y": 1.5}}', "x[1]": '{"x": [0, 1.5]}'}
+    sound = right.get(field, '{"v": [0, 1.5], "n": ["a", "b"]}')
+    path = write(tmp_path / "log.mcap", [sound, wrong, *[sound] * 9, *[wrong] * (many - 1)], chunk_size=100)
+    if many == 1:
+        recording = ingested(path, field=field)
+        assert recording.samples["theta"].to_list() == [1.5] * 10
+        assert recording.facts["damage"]["topics"]["/lab"] == {"messages": 11, "messages_lost": 1}
+        assert f"1 of 11 messages of topic '/lab' are lost: {said}" in recording.facts["damage"]["remarks"]
+    else:
+        with pytest.raises(InputError) as caught:
+            ingested(path, field=field)
+        assert "80 % of topic '/lab' is lost, at most 30 % may be (largest_loss in the source file)" in str(
+            caught.value
+        )
+        assert f"40 of 50 messages of topic '/lab' are lost: {said}" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('{"x": "1"}', "field 'x' is \"1\", not a number, in message 1"),
+        ('{"x": [1, 2]}', "field 'x' is an array of 2, not one number, in message 1 (it has x[0..1])"),
+        ('{"x": true}', "field 'x' is true in message 1, a truth value and no number in rad"),
+    ],
+)
+def test_a_field_that_is_no_number_anywhere_is_blamed_on_the_source_file(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        ingested(write(tmp_path / "log.mcap", [text] * 9))
+    assert f"topic '/lab': {said}" in str(caught.value)
+    assert "`field` in the source file" in str(caught.value)
+    assert "damaged" not in str(caught.value)
+
+
+def test_values_that_are_absent_are_counted_and_said(tmp_path: Path) -> None:
+    recording = ingested(write(tmp_path / "log.mcap", ['{"x": 1.5}', '{"x": null}', "{}"]))
+    assert recording.samples["theta"].to_list() == [1.5, None, None]
+    said = "topic '/lab': 2 of 3 messages have no value in field 'x', first message 2"
+    assert any(said in warning for warning in recording.warnings)
+
+
+@pytest.mark.parametrize("wrong", ["null", "1.5", "true", "1e300", "9223372036854775808"])
+def test_a_counter_that_does_not_count_is_refused_and_not_taken_for_zero(tmp_path: Path, wrong: str) -> None:
+    texts = ['{"x": 1.5, "seq": 7}', f'{{"x": 1.5, "seq": {wrong}}}'] * 2
+    with pytest.raises(InputError, match=r"'seq' is .* in message 2"):
+        ingested(write(tmp_path / "log.mcap", texts), counter="seq")
+
+
+def test_a_message_of_json_that_is_too_long_is_refused_before_it_is_parsed(tmp_path: Path) -> None:
+    path = write(tmp_path / "log.mcap", ['{"x": [' + "1," * 600_000 + "1]}"])
+    tracemalloc.start()
+    with pytest.raises(
+        InputError, match=r"has 1200010 bytes, more than the 1048576 that are parsed; record .* messages$"
+    ):
+        ingested(path, field="x[0]")
+    assert tracemalloc.get_traced_memory()[1] < 8e6  # the chunk, the message, and no list of its numbers (10 MB)
+    tracemalloc.stop()
+    (remark,) = [one for one in inspect_mcap(path).remarks if "1200010 bytes" in one]
+    assert "fields cannot be listed" in remark
+
+
+def test_json_that_unpacks_to_more_than_its_file_justifies_is_refused(tmp_path: Path) -> None:
+    path = write(tmp_path / "log.mcap", ['{"x": 1, "y": "' + "a" * 900_000 + '"}'] * 12)
+    with pytest.raises(
+        InputError, match="topic '/lab': its messages of JSON unpack to more text than a file of its size"
+    ):
+        ingested(path)
+
+
+def test_a_long_text_in_a_message_needs_little_memory(tmp_path: Path) -> None:
+    path = write(tmp_path / "log.mcap", ['{"x": 1, "y": "' + "a" * 900_000 + '"}'])
+    tracemalloc.start()
+    assert ingested(path).samples["theta"].to_list() == [1.0]
+    assert tracemalloc.get_traced_memory()[1] < 10e6  # copies of the message; a search that can go back needs 90 MB
+    tracemalloc.stop()

@@ -229,7 +229,7 @@ def test_a_log_whose_recorder_was_killed_is_refused(tmp_path: Path) -> None:
         number = writer.register_schema(SAMPLE_NAME, "ros2msg", SAMPLE.encode())
         writer.register_channel("/lab", "cdr", number)
     message = refused(path, source())
-    assert "no topic '/lab'; the file has none" in message
+    assert "no topic '/lab' (the file has none)" in message
     assert "no footer: the recorder did not finish" in message
 
 
@@ -264,7 +264,7 @@ def test_a_text_file_is_no_mcap(tmp_path: Path) -> None:
 
 def test_a_missing_topic_is_refused_with_the_topics_there_are(tmp_path: Path) -> None:
     path = write_log(tmp_path / "log.mcap", samples())
-    assert "no topic '/leg'; the file has /lab" in refused(
+    assert "no topic '/leg' (the file has /lab); correct `topic`" in refused(
         path, source(theta={"topic": "/leg", "field": "angle", "unit": "rad"})
     )
 

@@ -11,10 +11,11 @@ from pydantic import Field
 
 from osl_analysis.columns import counter_column, unit_of
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap.limits import RefusedFileError
+from osl_analysis.formats.mcap.limits import RefusedFileError, WrongFieldError
 from osl_analysis.formats.mcap.mcap_file import McapFile, read_mcap
 from osl_analysis.formats.mcap.topics import Decoded, decode_topics
 from osl_analysis.formats.messages.leaves import Indices
+from osl_analysis.ingest.message_values import absent_values, counts_of, physical_values
 from osl_analysis.ingest.recording import Recording, check_values
 from osl_analysis.ingest.sensor import Stamps
 from osl_analysis.ingest.source_fields import Conversion, LogSource
@@ -98,6 +99,7 @@ def read_mcap_log(path: Path, source: McapSource) -> Recording:
         raise InputError(f"{path}: {error}") from error
     joined = joined_on_stamp([table for table, _ in tables.values()])
     missing = {column: int(joined[column].is_nan().sum()) for column in source.channels}
+    fields = {topic: [channel.field for channel in channels.values()] for topic, channels in by_topic.items()}
     start = int(joined["stamp"][0])
     time = ((joined["stamp"] - start) / SECOND).alias("time")
     facts = {
@@ -110,6 +112,7 @@ def read_mcap_log(path: Path, source: McapSource) -> Recording:
     }
     columns = {column: channel.origin(column) for column, channel in source.channels.items()}
     says = [text for topic, (_, order) in tables.items() for text in order.says(topic)]
+    says += [text for topic, one in decoded.items() for text in absent_values(topic, fields[topic], one)]
     nan = [f"{column} is NaN in {n} of {len(joined)} rows" for column, n in missing.items() if n]
     remarks = [*file.damage.all_remarks(), *says, *nan]
     samples = joined.select(time, pl.exclude("stamp"))
@@ -139,12 +142,14 @@ def decode_wanted(file: McapFile, by_topic: dict[str, dict[str, LogChannel]], so
     }
     try:
         decoded = decode_topics(file, wanted, either=stamps)
-    except RefusedFileError:
+    except (RefusedFileError, WrongFieldError):
         raise
     except InputError as error:
         check_loss(file, by_topic, source.largest_loss)  # if too much is lost, that is the reason
         if file.damage.remarks:
-            raise InputError(f"{error} ({'; '.join(file.damage.all_remarks())})") from error
+            reason, semicolon, remedy = str(error).rpartition("; ")
+            remarks = f" ({', '.join(file.damage.all_remarks())})"
+            raise InputError(f"{reason}{remarks}; {remedy}" if semicolon else f"{error}{remarks}") from error
         raise
     check_loss(file, by_topic, source.largest_loss)
     return decoded
@@ -177,7 +182,7 @@ def read_topic(
     most = source.most_missing
     columns = [canonical_series(column, channel, decoded, stamp, most) for column, channel in channels.items()]
     columns += [
-        pl.Series(counter_column(column), decoded.values[channel.counter].astype(np.int64))
+        pl.Series(counter_column(column), counts_of(topic, channel.counter, decoded))
         for column, channel in channels.items()
         if channel.counter is not None
     ]
@@ -191,7 +196,7 @@ def canonical_series(
     column: str, channel: LogChannel, decoded: Decoded, stamp: Indices, most_missing: float
 ) -> pl.Series:
     """One column in SI units; null where a message lacks the field, NaN where its value is."""
-    raw = decoded.values[channel.field].astype(np.float64)
+    raw = physical_values(channel.topic, channel.field, decoded, unit_of(column))
     check_values(f"topic {channel.topic}, field {channel.field}", raw, (stamp - stamp[0]) / SECOND, most_missing)
     series = pl.Series(column, channel.to_si(raw, unit_of(column)))
     present = decoded.present[channel.field]

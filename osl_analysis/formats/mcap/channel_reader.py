@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing
 from osl_analysis.formats.mcap.chunk import MessageBlock
-from osl_analysis.formats.mcap.limits import REMEDY, RefusedFileError
+from osl_analysis.formats.mcap.limits import REMEDY, RefusedFileError, WrongFieldError
 from osl_analysis.formats.mcap.mcap_file import McapFile
 from osl_analysis.formats.messages import cdr
 from osl_analysis.formats.messages.description import FieldDescription, describe_json
-from osl_analysis.formats.messages.effort import EffortError, effort_for
+from osl_analysis.formats.messages.effort import EffortError, LongMessageError, TextEffort, effort_for
 from osl_analysis.formats.messages.json_messages import ByText
 from osl_analysis.formats.messages.leaves import Indices
-from osl_analysis.formats.messages.one_by_one import Values
+from osl_analysis.formats.messages.one_by_one import Values, WholeArrayError
 from osl_analysis.formats.messages.templates import ByShape
 
 Reader = ByShape | ByText
@@ -52,11 +52,43 @@ class ChannelReader:
         try:
             for rows, values in self.reader.read(mine.buffer, mine.starts, mine.lengths):
                 self.parts.append((self.messages + rows, values))
+        except LongMessageError as error:
+            raise RefusedFileError(f"topic '{self.channel.topic}': {error}") from error
         except EffortError as error:
             raise RefusedFileError(f"topic '{self.channel.topic}': {error}; {REMEDY}") from error
+        except WholeArrayError as error:
+            raise self.wrong_field(str(error)) from error
         self.messages += mine.starts.size
         self.log_times.append(mine.log_time)
         self.sequences.append(mine.sequence)
+
+    def settle(self) -> None:
+        """Take the messages in which a truth value stands where others have a number for misfits."""
+        counts = [set(values) - self.truths(values) for _, values in self.parts]
+        numeric = set().union(*counts)
+        for rows, values in self.parts:
+            mixed = self.truths(values) & numeric
+            if mixed:
+                path = min(mixed)
+                shown = str(bool(values[path][0])).lower()
+                self.reader.misfits += rows.size
+                self.reader.misfit = self.reader.misfit or (
+                    f"field '{path}' is {shown}, not a number as elsewhere, in message {int(rows[0]) + 1}"
+                )
+        self.parts = [(rows, values) for rows, values in self.parts if not self.truths(values) & numeric]
+
+    @staticmethod
+    def truths(values: Values) -> set[str]:
+        """Paths at which truth values stand."""
+        return {path for path, numbers in values.items() if numbers.dtype == bool}
+
+    def wrong_field(self, what: str) -> WrongFieldError:
+        """The error for a field that is no number in any message; it names those that are."""
+        fields = names_of_fields(self, "")
+        return WrongFieldError(
+            f"topic '{self.channel.topic}': {what} (it has {fields}); name a number, or one element of an array, as "
+            "`field` in the source file"
+        )
 
     def how(self) -> dict[str, Any]:
         """How its messages were decoded, for the provenance."""
@@ -98,12 +130,18 @@ def names_of_fields(one: ChannelReader, path: str) -> str:
         fields = []
     array, bracket, name = path.rpartition("[")
     chosen = [field for field in fields if bracket and "=" in name and field.path == array and field.labels]
-    words = [field.addresses() if chosen else [field.in_words()] for field in chosen or fields if field.length != 0]
+    words = [
+        field.addresses() if chosen or field.labels else [field.in_words()]
+        for field in chosen or fields
+        if field.length != 0
+    ]
     return listing([one for several in words for one in several])
 
 
-def reader_of(file: McapFile, number: int, paths: Sequence[str], either: Collection[str]) -> ChannelReader:
-    """A reader for the messages of a channel.
+def reader_of(
+    file: McapFile, number: int, paths: Sequence[str], either: Collection[str], texts: TextEffort
+) -> ChannelReader:
+    """A reader for the messages of a channel; `texts` limits the JSON of all channels.
 
     Raises
     ------
@@ -114,7 +152,7 @@ def reader_of(file: McapFile, number: int, paths: Sequence[str], either: Collect
     schema = file.declared.schemas.get(channel.schema_id)
     check_encoding(channel, schema)
     if channel.message_encoding == "json" or schema is None:
-        return ChannelReader(channel, schema, ByText(paths, either))
+        return ChannelReader(channel, schema, ByText(paths, either, effort=texts))
     effort = effort_for(file.budget.file_bytes)
     try:
         if channel.message_encoding == "cdr":

@@ -29,6 +29,10 @@ BYTES_OF_RECORD = 2
 REMEDY = "unpack it with `mcap decompress`, or keep the topics that you need with `mcap filter`, if you trust the file"
 
 
+class WrongFieldError(InputError):
+    """The source file asks for a field that cannot be a column, whatever the messages hold."""
+
+
 class RefusedFileError(InputError):
     """The file as a whole is not read; what was counted until then says nothing about it."""
 

@@ -12,6 +12,8 @@ from osl_analysis.errors import InputError, listing
 from osl_analysis.formats.mcap.channel_reader import ChannelReader, names_of_fields, reader_of
 from osl_analysis.formats.mcap.mcap_file import McapFile
 from osl_analysis.formats.mcap.order import missing_numbers, recording_order
+from osl_analysis.formats.messages.effort import text_effort_for
+from osl_analysis.formats.messages.json_messages import ByText
 from osl_analysis.formats.messages.leaves import Indices
 from osl_analysis.formats.messages.one_by_one import Values
 
@@ -49,16 +51,18 @@ def decode_topics(
         A topic or a field is missing, a topic has no messages, or none of them can be decoded.
     """
     readers: dict[int, ChannelReader] = {}
+    texts = text_effort_for(file.budget.file_bytes)
     for block in file.blocks():
         for number in np.flatnonzero(np.bincount(block.channel)).tolist():
             topic = file.declared.channels[number].topic
             if topic in wanted:
                 if number not in readers:
-                    readers[number] = reader_of(file, number, wanted[topic], either)
+                    readers[number] = reader_of(file, number, wanted[topic], either, texts)
                 readers[number].add(block.of(block.channel == number))
     by_topic: dict[str, list[ChannelReader]] = defaultdict(list)
     for reader in readers.values():
         by_topic[reader.channel.topic].append(reader)
+        reader.settle()
         note_misfits(file, reader)
         note_missing(file, reader)
     by_name = {topic: decoded_topic(file, topic, by_topic[topic], paths) for topic, paths in wanted.items()}
@@ -66,7 +70,10 @@ def decode_topics(
         for path in wanted[topic]:
             if path not in {*optional, *either} and not one.present[path].any():
                 names = names_of_fields(by_topic[topic][0], path)
-                raise InputError(f"topic '{topic}' has no field '{path}'; it has {names}")
+                raise InputError(
+                    f"topic '{topic}' has no field '{path}' (it has {names}); correct `field` in the source file, or "
+                    "exclude the trial if its log is not the right one"
+                )
     return by_name
 
 
@@ -94,12 +101,15 @@ def decoded_topic(file: McapFile, topic: str, readers: Sequence[ChannelReader], 
     """The messages of one topic, from the readers of its channels."""
     if topic not in {channel.topic for channel in file.declared.channels.values()}:
         topics = sorted({channel.topic for channel in file.declared.channels.values()})
-        raise InputError(f"no topic '{topic}'; the file has {listing(topics)}")
+        raise InputError(
+            f"no topic '{topic}' (the file has {listing(topics)}); correct `topic` in the source file, or exclude the "
+            "trial if its log is not the right one"
+        )
     if not readers:
         raise InputError(f"topic '{topic}' has no messages; check that its sensor was running")
     decoded = [reader for reader in readers if reader.parts]
     if not decoded:
-        raise InputError(f"topic '{topic}': {readers[0].reader.misfit}")
+        raise no_messages(topic, readers)
     log_time, channel, rows, before = [], [], [], 0
     for reader in decoded:
         logged, places = np.concatenate(reader.log_times), np.concatenate([place for place, _ in reader.parts])
@@ -119,6 +129,14 @@ def decoded_topic(file: McapFile, topic: str, readers: Sequence[ChannelReader], 
         values[path], present[path] = joined_field(parts, path, None if is_sorted else order)
     how = [reader.how() for reader in readers]
     return Decoded(np.concatenate(log_time), np.concatenate(channel), values, present, how)
+
+
+def no_messages(topic: str, readers: Sequence[ChannelReader]) -> InputError:
+    """The error for a topic of which no message can be used."""
+    for one in readers:
+        if isinstance(one.reader, ByText) and one.reader.misfits == one.reader.no_numbers > 0:
+            return one.wrong_field(one.reader.misfit)
+    return InputError(f"topic '{topic}': {readers[0].reader.misfit}; record the log again, or exclude the trial")
 
 
 def joined_field(

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from osl_analysis.formats.messages.effort import check_text
 from osl_analysis.formats.messages.leaves import AnyLeaf, Varint
 from osl_analysis.formats.messages.templates import INDEXED, MessageWalk
 
@@ -79,8 +80,9 @@ def describe_json(text: bytes) -> list[FieldDescription]:
     Raises
     ------
     ValueError
-        The text is not JSON.
+        The text is not JSON, or too long to be parsed.
     """
+    check_text(len(text))
     return list(described_value(json.loads(text), "", {}))
 
 

@@ -4,12 +4,10 @@ polars refuses a number that does not fit its type. The types are then inferred 
 common are read one by one.
 """
 
-import json
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cache
 from io import BytesIO
 from mmap import mmap
 from typing import Any
@@ -18,22 +16,29 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from osl_analysis.formats.messages.effort import TextEffort
 from osl_analysis.formats.messages.json_keys import names_on_the_way, repeating
+from osl_analysis.formats.messages.json_types import (
+    NUMBERS,
+    NoTypesError,
+    Types,
+    as_float_types,
+    field_in,
+    kind_at,
+    names_of,
+    steps_of,
+    wanted_types,
+)
+from osl_analysis.formats.messages.json_values import NoNumberError, numbers_of
 from osl_analysis.formats.messages.leaves import Indices
-from osl_analysis.formats.messages.one_by_one import PART, Numbers, Values, batches, numbers_at
+from osl_analysis.formats.messages.one_by_one import Values, batches
 
 ERRORS = (pl.exceptions.PolarsError, pl.exceptions.PanicException, RecursionError, ValueError)
 EXACT = 2.0**53  # below it every integer is a float64
-NAME = re.compile(rb'"((?:[^"\\]|\\.)*)"\s*:')
+NAME = re.compile(
+    rb'"((?:[^"\\]++|\\.)*+)"\s*:'
+)  # possessive: a long text would need a hundred bytes for each of its own
 MOST_NAMES = 2000  # of fields in a chunk; each is a column of the table that polars makes of the messages
-NUMBERS = (pl.Int64, pl.Float64, pl.Boolean)
-
-Step = str | int
-Types = dict[str, pl.DataType]
-
-
-class NoTypesError(ValueError):
-    """The messages have no types in common."""
 
 
 @dataclass
@@ -51,12 +56,31 @@ class ByText:
     read_alone: int = 0
     """Messages that were read one by one."""
     misfits: int = 0
-    """Messages that are not JSON, or write a field twice."""
+    """Messages that are not JSON, write a field twice, or have something else than a number in a field."""
     misfit: str = ""
     """What is wrong with the first of these."""
+    no_numbers: int = 0
+    """Those of the misfits that have something else than a number."""
+    before: int = 0
+    """Messages before those that are read now."""
+    effort: TextEffort = field(default_factory=TextEffort)
+    """How much text may still be parsed."""
 
     def read(self, buffer: bytes | mmap, starts: Indices, lengths: Indices) -> Iterator[tuple[Indices, Values]]:
-        """Batches of messages: their places among `starts`, and their numbers by path; misfits are only counted."""
+        """Batches of messages: their places among `starts`, and their numbers by path; misfits are only counted.
+
+        Raises
+        ------
+        EffortError
+            A message, or all messages together, are too long.
+        """
+        for part in self.effort.portions(lengths):
+            for rows, values in self.read_portion(buffer, starts[part], lengths[part]):
+                yield part.start + rows, values
+            self.before += part.stop - part.start
+
+    def read_portion(self, buffer: bytes | mmap, starts: Indices, lengths: Indices) -> Iterator[tuple[Indices, Values]]:
+        """The same for as many messages as are parsed at once."""
         stops = (starts + lengths).tolist()
         texts = [buffer[start:stop] for start, stop in zip(starts.tolist(), stops, strict=True)]
         sound = self.unambiguous(texts)
@@ -69,8 +93,7 @@ class ByText:
             for rows, values in batches_alike(columns, len(texts)):
                 yield sound[rows], {path: self.in_kind(path, numbers) for path, numbers in values.items()}
         except ERRORS:
-            for rows, values in self.one_by_one(texts):
-                yield sound[rows], values
+            yield from self.one_by_one(texts, sound)
 
     def unambiguous(self, texts: Sequence[bytes]) -> Indices:
         """Places of the messages that write no field twice; the others are counted as misfits."""
@@ -109,11 +132,11 @@ class ByText:
         return None
 
     def may_know_more(self, texts: Sequence[bytes]) -> bool:
-        """Whether the messages may have a wanted field that was not seen so far."""
+        """Whether the messages may have a wanted field that was not seen so far, or something else in its place."""
         unseen = set(self.paths) - set(self.kinds)
         if not unseen.issuperset(self.either):
             unseen.difference_update(self.either)
-        names = {last_name(steps_of(path)) for path in unseen}
+        names = {name for path in unseen for name in names_of(steps_of(path))}
         joined = b"".join(texts) if names else b""
         return any(name in joined for name in names)
 
@@ -134,13 +157,17 @@ class ByText:
         """The wanted fields that were seen so far, from a parsed chunk."""
         return {path: field_in(frame, steps_of(path)) for path in self.kinds}
 
-    def one_by_one(self, texts: Sequence[bytes]) -> Iterator[tuple[Indices, Values]]:
-        """Reads messages that have no types in common."""
+    def one_by_one(self, texts: Sequence[bytes], where: Indices) -> Iterator[tuple[Indices, Values]]:
+        """Reads messages that have no types in common; `where` are their places in the portion."""
         places, messages = [], []
-        for row, text in enumerate(texts):
+        for row, text in zip(where.tolist(), texts, strict=True):
             try:
                 messages.append(numbers_of(text, self.paths))
                 places.append(row)
+            except NoNumberError as error:
+                self.misfits += 1
+                self.no_numbers += 1
+                self.misfit = self.misfit or f"{error} in message {self.before + row + 1}"
             except (ValueError, RecursionError) as error:
                 self.misfits += 1
                 self.misfit = self.misfit or f"a message of {len(text)} bytes is not JSON: {error}"
@@ -154,34 +181,14 @@ def as_typed(texts: Sequence[bytes], types: Types) -> pl.DataFrame:
 
 
 def as_floats(texts: Sequence[bytes], types: Types) -> pl.DataFrame:
-    """The fields of messages without arrays, all numbers as float64: twice as fast, and no number is cut off."""
+    """The fields of messages without arrays, all numbers as float64: twice as fast, and no number is cut off.
+
+    The faster parser would take `true` for 1.0, so that messages with such a word are left to the slower one.
+    """
+    if any(word in text for word in (b"true", b"false") for text in texts):
+        return as_typed(texts, as_float_types(types))
     decoded = pl.Series(texts).cast(pl.String).str.json_decode(pl.Struct(as_float_types(types)))
     return decoded.struct.unnest()
-
-
-def as_float_types(types: Types) -> Types:
-    """The types with float64 for integers."""
-    return {
-        name: pl.Struct(as_float_types({one.name: one.dtype for one in kind.fields}))  # type: ignore[misc]
-        if isinstance(kind, pl.Struct)
-        else pl.Float64()
-        if kind == pl.Int64
-        else kind
-        for name, kind in types.items()
-    }
-
-
-def field_in(frame: pl.DataFrame, steps: Sequence[Step]) -> pl.Series:
-    """The field to which the steps lead."""
-    field = frame[str(steps[0])]
-    for step in steps[1:]:
-        field = field.struct.unnest()[step] if isinstance(step, str) else field.list.get(step, null_on_oob=True)
-    return field
-
-
-def numbers_of(text: bytes, paths: Sequence[str]) -> Numbers:
-    """The fields of one message."""
-    return numbers_at(json.loads(text), paths)
 
 
 def in_lines(texts: Sequence[bytes]) -> bytes:
@@ -203,56 +210,3 @@ def batches_alike(columns: Mapping[str, pl.Series], count: int) -> Iterator[tupl
         rows = np.flatnonzero(kind_of.ravel() == number)
         paths = [path for path, present in zip(columns, kind, strict=True) if present]
         yield rows, {path: columns[path].gather(rows).to_numpy() for path in paths}
-
-
-@cache
-def steps_of(path: str) -> tuple[Step, ...]:
-    """Names and indices on the way to a field."""
-    parts = [part for part in PART.finditer(path) if part[0] != "."]
-    if any(part["names"] for part in parts):
-        raise NoTypesError("an element that is chosen by name must be searched in each message")
-    return tuple(part["name"] if part["name"] is not None else int(part["index"]) for part in parts)
-
-
-def last_name(steps: Sequence[Step]) -> bytes:
-    """The last name on the way, as JSON writes it."""
-    return json.dumps([step for step in steps if isinstance(step, str)][-1], ensure_ascii=False).encode()
-
-
-def wanted_types(types: Mapping[str, pl.DataType], steps: Sequence[Sequence[Step]]) -> Types:
-    """Of the types of messages, those of the wanted fields."""
-    wanted = {}
-    for name in dict.fromkeys(at[0] for at in steps if at):
-        if isinstance(name, str) and name in types:
-            kind = wanted_type(types[name], [at[1:] for at in steps if at and at[0] == name])
-            if kind is not None:
-                wanted[name] = kind
-    return wanted
-
-
-def wanted_type(kind: pl.DataType, steps: Sequence[Sequence[Step]]) -> pl.DataType | None:
-    """The part of a type that the steps lead to; None if they lead nowhere."""
-    if isinstance(kind, pl.Struct):
-        fields = wanted_types({one.name: one.dtype for one in kind.fields}, steps)  # type: ignore[misc]
-        return pl.Struct(fields) if fields else None
-    if isinstance(kind, pl.List):
-        inner = wanted_type(kind.inner, [at[1:] for at in steps if at and isinstance(at[0], int)])  # type: ignore[arg-type]
-        return pl.List(inner) if inner is not None else None
-    if all(steps) or kind == pl.Null:
-        return None
-    if kind not in NUMBERS:
-        raise NoTypesError(f"{kind} is no number, or not in every message")
-    return kind
-
-
-def kind_at(types: Mapping[str, pl.DataType], steps: Sequence[Step]) -> Any:
-    """The type to which the steps lead, None if they do not."""
-    kind: Any = types.get(steps[0]) if steps and isinstance(steps[0], str) else None
-    for step in steps[1:]:
-        if isinstance(kind, pl.Struct) and isinstance(step, str):
-            kind = {one.name: one.dtype for one in kind.fields}.get(step)
-        elif isinstance(kind, pl.List) and isinstance(step, int):
-            kind = kind.inner
-        else:
-            return None
-    return kind

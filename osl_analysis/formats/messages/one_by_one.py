@@ -8,12 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_analysis.errors import OslAnalysisError
 from osl_analysis.formats.messages.leaves import Indices
 
 Numbers = dict[str, Any]
 Values = dict[str, NDArray[Any]]
 
 PART = re.compile(r"(?P<name>[^.\[\]]+)|\[(?P<index>\d+)\]|\[(?P<names>\w+)=(?P<one>[^\]]+)\]|\.")
+
+
+class WholeArrayError(OslAnalysisError):
+    """A path names a whole array. It does so in every message, so that no message is to blame."""
 
 
 def numbers_at(message: Any, paths: Sequence[str]) -> Numbers:
@@ -23,12 +28,15 @@ def numbers_at(message: Any, paths: Sequence[str]) -> Numbers:
 
 
 def batches(which: Sequence[int], messages: Sequence[Numbers]) -> Iterator[tuple[Indices, Values]]:
-    """Messages that were read one by one, in batches with the same fields; `which` are their places."""
-    alike: dict[tuple[str, ...], list[int]] = defaultdict(list)
+    """Messages that were read one by one, in batches with the same fields; `which` are their places.
+
+    Truth values and numbers stand in batches of their own: joined, `True` would become 1.
+    """
+    alike: dict[tuple[tuple[str, bool], ...], list[int]] = defaultdict(list)
     for row, message in enumerate(messages):
-        alike[tuple(message)].append(row)
-    for paths, rows in alike.items():
-        values = {path: as_array([messages[row][path] for row in rows]) for path in paths}
+        alike[tuple((path, isinstance(value, bool)) for path, value in message.items())].append(row)
+    for kind, rows in alike.items():
+        values = {path: as_array([messages[row][path] for row in rows]) for path, _ in kind}
         yield np.array([which[row] for row in rows], np.int64), values
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.messages.leaves import AnyLeaf, Bytes, Indices, Leaf, byte_rows, distinct, value_at
-from osl_analysis.formats.messages.one_by_one import Numbers, Values, batches
+from osl_analysis.formats.messages.one_by_one import Numbers, Values, WholeArrayError, batches
 
 INDEXED = re.compile(r"(?P<array>.+)\[(?P<index>\d+)\]")
 NAMED = re.compile(r"(?P<parent>.*\.)?(?P<array>\w+)\[(?P<names>\w+)=(?P<name>[^\]]+)\]")
@@ -90,13 +90,13 @@ def leaf_at(walk: MessageWalk, path: str) -> AnyLeaf | None:
 
     Raises
     ------
-    InputError
+    WholeArrayError
         The path names a whole array.
     """
     path = index_of_name(walk, path)
     direct = walk.leaves.get(path)
     if direct is not None and direct.count is not None:
-        raise InputError(f"field '{path}' is an array of {direct.count}; name one element, like '{path}[0]'")
+        raise WholeArrayError(f"field '{path}' is an array of {direct.count}, not one number")
     match = INDEXED.fullmatch(path)
     array = walk.leaves.get(match["array"]) if match else None
     if not match or not isinstance(array, Leaf) or array.count is None or int(match["index"]) >= array.count:

@@ -15,11 +15,11 @@ from osl_analysis.commands.simulate import planned_sheet, settings_files
 from osl_analysis.config import DEFAULT_CONFIG, campaign_config
 from osl_analysis.doubtful import doubt_report
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.exclusion import exclusion_report
+from osl_analysis.exclusion import exclusion_report, truncation_report
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.figures import FIGURES, drawn_figures
 from osl_analysis.files import digest, file_state
-from osl_analysis.refusal_report import refusal_report
+from osl_analysis.refusal_report import refusal_report, refusals_in
 from osl_analysis.study import BENCH as STUDY_ON_BENCH, REPEATED as STUDY_OF_REPEATS, WALKING as STUDY_OF_WALKING
 from osl_analysis.yaml_settings import read_mapping
 
@@ -74,14 +74,15 @@ rule:
         RESULTS / "numbers.tex",
 
 
-def end_of_run(refused) -> str:
+def end_of_run(records) -> str:
     """What a user must know at the end of a run; what was refused stands last."""
     recordings = {trial: [str(path) for path in CAMPAIGN.logs(trial)] for trial in CAMPAIGN.trials()}
     said = [
         jobs.report(RESULTS / "logs"),
         doubt_report(result_tables()),
         exclusion_report(checked(CAMPAIGN.trials()), CAMPAIGN.excluded),
-        refusal_report(refused, recordings, ACCEPT),
+        truncation_report(checked(CAMPAIGN.trials()), recordings),
+        refusal_report(refusals_in(records), recordings, ACCEPT, records),
     ]
     return "\n".join(filter(None, said))
 

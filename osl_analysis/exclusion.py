@@ -3,7 +3,7 @@ result of their own (`refusal.py`). Both are always listed.
 """
 
 import csv
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -12,6 +12,8 @@ from osl_analysis.errors import InputError
 from osl_analysis.refusal import Refusal, distinct, is_refused, read_refusals
 
 REMEDY = "record again, give a reason under `exclude` in the sample sheet, or name the check under `accept`"
+TRUNCATED = "truncated"
+"""Check of quality control that fails where the end of a log is missing."""
 JUDGES = ("quality", "fitted")
 """Inputs that only tell which trials are used: verdicts of quality control, and other results of the same trials."""
 
@@ -53,16 +55,21 @@ def without_refused(inputs: Mapping[str, Any], unnamed: Sequence[str] = ()) -> U
     return Usable({**inputs, **kept}, distinct([*causes, *missing]), distinct(missing))
 
 
+def verdicts(quality: Iterable[Path]) -> Iterator[dict[str, str]]:
+    """The rows of the quality tables of single trials."""
+    for path in quality:
+        with path.open(newline="", encoding="utf-8") as file:
+            yield from csv.DictReader(file)
+
+
 def excluded(quality: Iterable[Path]) -> dict[str, str]:
     """Excluded trials and why, from the quality tables of single trials."""
     reasons: dict[str, str] = {}
-    for path in quality:
-        with path.open(newline="", encoding="utf-8") as file:
-            for row in csv.DictReader(file):
-                if row["verdict"] == "exclude":
-                    said = f"{row['check']} {float(row['value']):.4g} {row['unit']}, threshold {row['threshold']}"
-                    said += f": {row['remark'].replace('; ', ', ')}" if row["remark"] else ""
-                    reasons[row["trial"]] = "; ".join(filter(None, [reasons.get(row["trial"]), said]))
+    for row in verdicts(quality):
+        if row["verdict"] == "exclude":
+            said = f"{row['check']} {float(row['value']):.4g} {row['unit']}, threshold {row['threshold']}"
+            said += f": {row['remark'].replace('; ', ', ')}" if row["remark"] else ""
+            reasons[row["trial"]] = "; ".join(filter(None, [reasons.get(row["trial"]), said]))
     return reasons
 
 
@@ -102,3 +109,18 @@ def exclusion_report(quality: Iterable[Path], by_sheet: Mapping[str, str]) -> st
     judged = [f"excluded from tables and figures by quality control: {trial} ({why})" for trial, why in reasons.items()]
     stated = [f"excluded by the sample sheet: {trial} ({why})" for trial, why in by_sheet.items()]
     return "\n".join([*stated, *judged, *([f"to change that: {REMEDY}"] if judged else [])])
+
+
+def truncation_report(quality: Iterable[Path], recordings: Mapping[str, Sequence[str]]) -> str:
+    """A line per trial that is used although the end of its recording is missing, for the end of a run.
+
+    `recordings` has the raw files of every trial. A trial that the sheet accepts with this is not named.
+    """
+    read = verdicts(path for path in quality if path.is_file() and not is_refused(path))
+    cut = [row["trial"] for row in read if row["check"] == TRUNCATED and row["verdict"] == "flag"]
+    return "\n".join(
+        f"warning: trial {trial}, file {', '.join(recordings.get(trial, ()))}: the end of the log is missing, and what "
+        "is there is analysed; copy or record it again, give a reason under `exclude` in the sample sheet, or write "
+        f"`{TRUNCATED}` under `accept` there"
+        for trial in cut
+    )

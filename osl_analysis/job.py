@@ -20,15 +20,7 @@ from osl_analysis.exclusion import without_excluded, without_refused
 from osl_analysis.files import temporary_path
 from osl_analysis.job_log import JobLog, write_log
 from osl_analysis.refusal import Refusal, write_refusals
-
-REMEDIES = {
-    "refused": "correct or replace the file, or give a reason under `exclude` in the sample sheet",
-    "failed": "a fault of this program: report it with the traceback in {log}; the next run tries it again",
-    "died": "run again; if memory was short, with fewer jobs at once (`--cores 1`)",
-}
-NO_ACCESS = "make the file or its folder accessible, or room on the disk; the next run tries it again"
-SHORTEST_REMEDY = 12
-"""Length [characters] of the end of a message from which on it is taken for the remedy; no half of a bracket is one."""
+from osl_analysis.remedy import NO_ACCESS, OF_SEVERAL, REMEDIES, reason_and_remedy
 
 LONGEST_WAIT_S = 2.0
 """For the end of a killed process [s]."""
@@ -119,15 +111,13 @@ def end(log: Path, job: Job, ended: JobLog, causes: Sequence[Refusal] | None = N
 
 
 def refusal(job: Job, ended: JobLog, log: Path) -> Refusal:
-    """The record of a job that refused its input, failed or died. The end of a refusal's message is its remedy."""
+    """The record of a job that refused its input, failed or died."""
     reason, remedy = ended.error, REMEDIES[ended.outcome].format(log=log)
-    head, separator, tail = ended.error.rpartition("; ")
     if ended.outcome == "failed" and not ended.traceback:
         remedy = NO_ACCESS
-    elif (
-        ended.outcome == "refused" and separator and len(tail) >= SHORTEST_REMEDY and tail.count("(") == tail.count(")")
-    ):
-        reason, remedy = head, tail
+    elif ended.outcome == "refused":
+        reason, said = reason_and_remedy(ended.error)
+        remedy = said or (remedy if trial_of(job) else OF_SEVERAL)
     return Refusal(trial_of(job), file_of(job, reason), job.command, ended.outcome, reason, remedy)
 
 

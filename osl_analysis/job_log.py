@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 import yaml
+from pydantic import TypeAdapter
 
 from osl_analysis.files import atomic_path
 
@@ -58,14 +59,13 @@ def write_log(path: Path, ended: JobLog, request: Mapping[str, Any]) -> None:
 
 
 def read_log(path: Path) -> JobLog | None:
-    """Outcome of the job of a log; None if the file is not the log of a job."""
-    head = path.read_text(encoding="utf-8")
-    for name in REQUEST:
-        head = head.split(f"\n{name}:", 1)[0]
+    """Outcome of the job of a log; None if the file is not the log of a job, or not the whole of its outcome."""
     try:
-        said = yaml.load(head, Loader=yaml.CSafeLoader)
-        return JobLog(**(said | {"warnings": tuple(said.get("warnings", ()))}))
-    except (yaml.YAMLError, TypeError, AttributeError):
+        head = path.read_text(encoding="utf-8")
+        for name in REQUEST:
+            head = head.split(f"\n{name}:", 1)[0]
+        return TypeAdapter(JobLog).validate_python(yaml.load(head, Loader=yaml.CSafeLoader))
+    except (OSError, ValueError, yaml.YAMLError):
         return None
 
 

@@ -1,15 +1,23 @@
 """What a user reads of refused trials at the end of a run, and which outputs of a run are refusal records."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from osl_analysis.refusal import Refusal, distinct, read_refusals
+from osl_analysis.errors import listing
+from osl_analysis.refusal import Refusal, distinct, is_refused, read_refusals
 
 ACCEPTED = "accepted: `failed_trials: accept` in the configuration"
+MOST_NAMED = 12
+"""Largest number of trials, or of results, that are named in one line."""
 WAYS_OUT = (
     "Correct these and run again. To go on without a trial, give a reason under `exclude` in the sample sheet; without "
     "all of these, write `failed_trials: accept` in the configuration."
 )
+
+
+def records_in(files: Iterable[str]) -> tuple[str, ...]:
+    """Those of the files that are refusal records."""
+    return tuple(file for file in files if is_refused(file))
 
 
 def refusals_in(files: Iterable[Path | str]) -> tuple[Refusal, ...]:
@@ -18,18 +26,43 @@ def refusals_in(files: Iterable[Path | str]) -> tuple[Refusal, ...]:
     return tuple(sorted(found, key=lambda refusal: (not refusal.trial, refusal.trial)))
 
 
-def refusal_report(refusals: Sequence[Refusal], recordings: Mapping[str, Sequence[str]], accept: bool) -> str:
-    """A line per cause with trial, file, reason and remedy, and what to do; empty without refusals.
+def refusal_report(
+    refusals: Sequence[Refusal],
+    recordings: Mapping[str, Sequence[str]],
+    accept: bool,
+    records: Iterable[Path | str] = (),
+) -> str:
+    """A line per cause with trial, file, reason and remedy, what else has no result, and what to do; empty without
+    refusals.
 
-    `recordings` has the raw files of every trial of the campaign.
+    `recordings` has the raw files of every trial of the campaign, `records` are the files with these refusals.
     """
     if not refusals:
         return ""
     missing = {refusal.trial for refusal in refusals if refusal.trial}
-    trials = f"{len(missing)} of {len(recordings)} trials; results are of the others"
-    first = f"NOT ANALYSED: {trials if missing else 'some results'}."
+    trials, results = deprived(records, missing, recordings)
+    first = f"{len(missing)} of {len(recordings)} trials" if missing else "some results"
+    more = f", and for want of them {len(trials)} of {len(recordings)} trials" if trials and not missing else ""
+    more = f", and for want of them {len(trials)} more" if trials and missing else more
+    rest = "; results are of the others" if missing or trials else ""
     lines = [line(refusal, recordings.get(refusal.trial, ())) for refusal in refusals]
-    return "\n".join(["", first, *lines, ACCEPTED if accept else WAYS_OUT])
+    lines += [f"  therefore without a result: {listing(trials, MOST_NAMED)}"] if trials else []
+    lines += [f"  therefore not made: {listing(results, MOST_NAMED)}"] if results else []
+    return "\n".join(["", f"NOT ANALYSED: {first}{more}{rest}.", *lines, ACCEPTED if accept else WAYS_OUT])
+
+
+def deprived(
+    records: Iterable[Path | str], missing: Collection[str], recordings: Mapping[str, Sequence[str]]
+) -> tuple[list[str], list[str]]:
+    """What has no result though it is no cause itself: trials, and files of tables, figures and numbers.
+
+    `missing` are the trials that are causes. A figure in several formats is named once, by its numbers.
+    """
+    stems = {Path(record).stem for record in records}
+    files = [Path(record) for record in records if Path(record).stem not in recordings]
+    named = {f.name for f in files if f.parent.name == "tables" or f.suffix in (".json", ".tex")}
+    drawn = {f"figure {f.stem}" for f in files if f.parent.name == "figures"}
+    return sorted(stems & set(recordings) - set(missing)), sorted(named) + sorted(drawn)
 
 
 def line(refusal: Refusal, recordings: Sequence[str]) -> str:

@@ -19,8 +19,8 @@ from osl_analysis.errors import InputError
 from osl_analysis.fingerprint import code, code_of
 from osl_analysis.job import Job, died, run_uninterrupted
 from osl_analysis.job_log import MADE_OF, plain, read_log, read_logs, run_report
-from osl_analysis.refusal import Refusal, forget_failures
-from osl_analysis.refusal_report import refusals_in
+from osl_analysis.refusal import forget_failures
+from osl_analysis.refusal_report import records_in
 from osl_analysis.stale import RECORDED, made_of, stale
 
 __all__ = ["at_end_of_run", "code", "code_of", "know_by_logs", "report", "run_job"]
@@ -162,13 +162,12 @@ def report(logs: Path) -> str:
     return run_report(read_logs(logs, STARTED))
 
 
-def at_end_of_run(
-    workflow: Any, folders: Iterable[Path], said: Callable[[tuple[Refusal, ...]], str], accept: bool
-) -> None:
+def at_end_of_run(workflow: Any, folders: Iterable[Path], said: Callable[[tuple[str, ...]], str], accept: bool) -> None:
     """Let a run of Snakemake end with our report, and with exit code 1 if something that was asked for is refused.
 
-    `said` writes the report, from the refusal records among the files that the run was to bring up to date. Before the
-    run, the records of failed and killed jobs below the `folders` are deleted. `accept`: refusals do not count.
+    `said` writes the report, from the names of the refusal records among the files that the run was to bring up to
+    date. Before the run, the records of failed and killed jobs below the `folders` are deleted. `accept`: refusals do
+    not count.
 
     The hooks `onsuccess` and `onerror` do not serve: they are not called if nothing is left to do, as in the run after
     a refusal. Dry runs, and the runs of single jobs that Snakemake starts, stay as they are.
@@ -182,14 +181,14 @@ def at_end_of_run(
             return
         if not any(Path(".snakemake/locks").glob("*")):
             forget_failures(folders)
-        refused: tuple[Refusal, ...] = ()
+        records: tuple[str, ...] = ()
         try:
             execute(*args, **settings)
         finally:
             if workflow.scheduler is not None:  # else it was not a run: an unknown target, another run's lock
-                refused = refusals_in(str(file) for job in workflow.dag.jobs for file in job.output)
-                print(said(refused), file=sys.stderr, flush=True)
-        if refused and not accept:
+                records = records_in(str(file) for job in workflow.dag.jobs for file in job.output)
+                print(said(records), file=sys.stderr, flush=True)
+        if records and not accept:
             raise SystemExit(1)
 
     workflow.execute = executed

@@ -13,12 +13,13 @@ from osl_analysis import workflow
 from osl_analysis.commands import crossing, study, tables
 from osl_analysis.commands.walking_files import read_json
 from osl_analysis.errors import InputError
-from osl_analysis.exclusion import exclusion_report, without_excluded, without_refused
+from osl_analysis.exclusion import exclusion_report, truncation_report, without_excluded, without_refused
 from osl_analysis.files import file_state, temporary_path
 from osl_analysis.job import Job, died, refusal, run
-from osl_analysis.job_log import JobLog, read_log
+from osl_analysis.job_log import JobLog, read_log, read_logs, run_report, write_log
 from osl_analysis.refusal import Refusal, forget_failures, is_refused, read_refusals, write_refusals
 from osl_analysis.refusal_report import refusal_report, refusals_in
+from osl_analysis.remedy import reason_and_remedy
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 
@@ -113,10 +114,34 @@ def test_a_table_is_made_of_the_trials_that_are_left(tmp_path: Path) -> None:
     assert read_table(tmp_path / "tables/belt.csv")["trial"].to_list() == ["b_2"]
 
 
-def test_an_empty_or_foreign_log_is_none_of_a_job(tmp_path: Path) -> None:
-    for text in ("", "words", "a: 1"):
-        (tmp_path / "x.log").write_text(text)
-        assert read_log(tmp_path / "x.log") is None
+def test_the_report_at_the_end_of_a_run_takes_any_log_that_was_cut_short(tmp_path: Path) -> None:
+    log = tmp_path / "x.log"
+    write_log(log, JobLog("bench.fit", "done", 1.5, warnings=("Größe 5 %",)), {"input": {"trial": "b_1"}})
+    whole = log.read_bytes()
+    for end in range(len(whole)):
+        log.write_bytes(whole[:end])
+        assert isinstance(run_report(read_logs(tmp_path, 0.0)), str)
+    log.write_bytes(whole)
+    assert "warning: Größe 5 %\n" in run_report(read_logs(tmp_path, 0.0))
+    assert "bench                1 jobs      1.5 s" in run_report(read_logs(tmp_path, 0.0))
+
+
+@pytest.mark.parametrize("text", ["", "words", "a: 1", "- 1", "job: j\noutcome: done\nseconds:\n", "\x00"])
+def test_an_empty_or_foreign_log_is_none_of_a_job(tmp_path: Path, text: str) -> None:
+    (tmp_path / "x.log").write_text(text)
+    assert read_log(tmp_path / "x.log") is None
+
+
+def test_a_job_whose_fork_server_was_killed_is_named(tmp_path: Path, monkeypatch) -> None:
+    """The exit code of its process is then not known: `multiprocessing` says 255."""
+    process = SimpleNamespace(start=lambda: None, join=lambda: None, pid=None, exitcode=255)
+    monkeypatch.setattr(workflow, "fork_server", lambda: SimpleNamespace(Process=lambda **_: process))
+    output = tmp_path / "fits/b_7.csv"
+    inputs = {"trial": "results/trials/b_7.parquet"}
+    workflow.run_job(tmp_path / "b_7.log", "bench.fit", inputs, {"output": str(output)}, {})
+    (cause,) = read_refusals(output)
+    assert (cause.trial, cause.outcome) == ("b_7", "died")
+    assert cause.reason == "the process of this job was killed (from outside)"
 
 
 def test_a_killed_job_is_named_with_its_trial_and_can_write_no_more(tmp_path: Path) -> None:
@@ -155,11 +180,34 @@ def test_a_job_that_could_not_be_started_is_named_and_tried_again(tmp_path: Path
     assert (cause.trial, cause.outcome) == ("b_7", "died")
 
 
-def test_half_a_bracket_is_no_remedy(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("message", "remedy"),
+    [
+        ("x.csv: no such file; correct the sheet, or copy it there", "correct the sheet, or copy it there"),
+        ("a gap; 3 more; cut the log there; see docs", "cut the log there; see docs"),
+        (
+            "ends early; if it is nothing, keep the rest, else record again",
+            "if it is nothing, keep the rest, else record again",
+        ),
+        ("no field 'a[name=b]'; it has position[name=left], position[name=right]", ""),
+        ("0 of 5 can be used: 3 times; 1 for other reasons, which a.csv lists", ""),
+        ("x.mcap: no topic '/a' (no footer; record again)", ""),
+        ("too long: 3 s", ""),
+    ],
+)
+def test_a_remedy_says_what_to_do_and_nothing_of_the_reason_is_lost(message: str, remedy: str) -> None:
+    reason, said = reason_and_remedy(message)
+    assert said == remedy
+    assert message == "; ".join(filter(None, [reason, remedy]))
+
+
+def test_a_message_without_a_remedy_has_one_in_the_record_and_stays_whole(tmp_path: Path) -> None:
     said = "x.mcap: no topic '/a' (no footer; how much is not known)"
-    cause = refusal(job(tmp_path, "j", {}), JobLog("j", "refused", error=said), tmp_path)
-    assert cause.reason == said
+    ended = JobLog("j", "refused", error=said)
+    cause = refusal(job(tmp_path, "j", {"trial": "b_1.parquet"}), ended, tmp_path)
+    assert (cause.trial, cause.reason) == ("b_1", said)
     assert cause.remedy.startswith("correct or replace the file")
+    assert refusal(job(tmp_path, "j", {}), ended, tmp_path).remedy.startswith("correct or exclude the trials behind it")
 
 
 def test_a_file_that_may_not_be_read_is_no_fault_of_the_program(tmp_path: Path, monkeypatch) -> None:
@@ -196,6 +244,34 @@ def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_pat
     assert "`failed_trials: accept`" in told[5]
     assert "\nNOT ANALYSED: some results.\n" in refusal_report([table], recordings, accept=True)
     assert refusal_report((), recordings, accept=False) == ""
+
+
+def test_the_list_says_what_else_has_no_result(tmp_path: Path) -> None:
+    stand = Refusal("stand", "raw/stand.c3d", "crossing.calibrate", "refused", "raw/stand.c3d: no foot", "label it")
+    names = ["fits/calibration/stand.json", "crossings/w_1.parquet", "fits/walking/w_2.csv", "tables/walking.csv"]
+    names += ["figures/fig9.csv", "figures/fig9.pdf", "fits/unperturbed.parquet"]
+    records = [record(tmp_path / name, stand) for name in names]
+    recordings = {name: [f"raw/{name}.c3d"] for name in ("stand", "w_1", "w_2", "belt_1")}
+    told = refusal_report([stand], recordings, accept=False, records=records).splitlines()
+    assert told[1] == "NOT ANALYSED: 1 of 4 trials, and for want of them 2 more; results are of the others."
+    assert told[3] == "  therefore without a result: w_1, w_2"
+    assert told[4] == "  therefore not made: walking.csv, figure fig9"
+    plate = replace(stand, trial="", file="fits/plate.json")
+    told = refusal_report([plate], recordings, accept=False, records=records[1:3]).splitlines()
+    assert told[1] == "NOT ANALYSED: some results, and for want of them 2 of 4 trials; results are of the others."
+
+
+def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run(tmp_path: Path) -> None:
+    verdicts = {"b_1": "flag", "b_2": "pass", "b_3": "exclude"}
+    files = [tmp_path / f"{trial}.csv" for trial in verdicts]
+    for file, (trial, verdict) in zip(files, verdicts.items(), strict=True):
+        rows = {"trial": [trial] * 2, "check": ["truncated", "damage"], "verdict": [verdict, "flag"]}
+        write_table(pl.DataFrame(rows), file)
+    bad, recordings = record(tmp_path / "b_4.csv", LOST), {trial: [f"raw/{trial}.mcap"] for trial in verdicts}
+    (told,) = truncation_report([*files, Path(bad), tmp_path / "b_5.csv"], recordings).splitlines()
+    assert told.startswith("warning: trial b_1, file raw/b_1.mcap: the end of the log is missing")
+    assert "`truncated` under `accept`" in told
+    assert truncation_report(files[1:], recordings) == ""
 
 
 @pytest.mark.parametrize(("accept", "code"), [(False, 1), (True, 0)])

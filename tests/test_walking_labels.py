@@ -109,8 +109,8 @@ def test_too_few_unperturbed_crossings_say_how_many_and_why(tmp_path: Path) -> N
     with pytest.raises(InputError) as caught:
         average_unperturbed(files, tmp_path / "selection.csv", settings(), tmp_path / "gait.parquet")
     assert str(caught.value) == (
-        "0 of 6 unperturbed crossings can be used, expected 3 or more; 5 times (u0, u1, u2, u3, u4), "
-        "as in u0: " + why.format(20) + "; 1 for other reasons, which walking_crossings.csv lists"
+        "0 of 6 unperturbed crossings can be used, expected 3 or more; 5 times (u0, u1, u2, u3, u4) "
+        "beside 1 for other reasons, which walking_crossings.csv lists, as in u0: " + why.format(20)
     )
 
 
@@ -118,5 +118,5 @@ def test_reasons_that_differ_in_numbers_alone_are_one() -> None:
     reasons = {"a": "trial a: at 1.2 s", "b": "trial b: at 3 s", "c": "hidden"}
     assert (
         most_frequent(reasons)
-        == "2 times (a, b), as in a: at 1.2 s; 1 for other reasons, which walking_crossings.csv lists"
+        == "2 times (a, b) beside 1 for other reasons, which walking_crossings.csv lists, as in a: at 1.2 s"
     )

@@ -421,9 +421,10 @@ def test_a_run_with_bad_trials_ends_with_a_line_for_each_with_file_reason_and_re
     assert laboratory.code == 1
     assert "Traceback" not in laboratory.said
     said = laboratory.said.partition("NOT ANALYSED: 5 of 22 trials; results are of the others.\n")[2].splitlines()
-    assert len(said) == len(BAD) + 1
+    assert len(said) == len(BAD) + 2
     for told, (trial, reason) in zip(said, sorted(BAD.items()), strict=False):
         assert re.match(rf"  trial {re.escape(trial)}, file raw_data/small/\S*{reason}", told), told
+    assert said[-2] == "  therefore not made: figure fig4"
     assert "`exclude` in the sample sheet" in said[-1]
 
 

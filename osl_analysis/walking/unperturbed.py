@@ -87,10 +87,10 @@ def most_frequent(reasons: Mapping[str, str]) -> str:
     kind, count = Counter(kinds.values()).most_common(1)[0]
     trial = next(name for name, of in kinds.items() if of == kind)
     others = len(reasons) - count
-    more = f"; {others} for other reasons, which walking_crossings.csv lists" if others else ""
+    more = f" beside {others} for other reasons, which walking_crossings.csv lists" if others else ""
     alike = ", ".join(name for name, of in kinds.items() if of == kind)
     times = f"{count} times ({alike})" if 1 < count <= MOST_NAMED else f"{count} times"
-    return f"{times}, as in {trial}: {said[trial]}{more}"
+    return f"{times}{more}, as in {trial}: {said[trial]}"
 
 
 def stance_times(crossing: Crossing, phases: Array = PHASES) -> Array:

@@ -71,7 +71,9 @@ def fields_of(survey: ChannelSurvey, remarks: list[str]) -> list[FieldDescriptio
     reason = ""
     for message in dict.fromkeys([survey.first, None]):
         try:
-            return describe_message(survey.channel, survey.schema, message)
+            fields = describe_message(survey.channel, survey.schema, message)
+            if fields or not reason:  # JSON has no schema to tell what a message does not
+                return fields
         except (ValueError, RecursionError) as error:
             reason = reason or " ".join(str(error).split())
     remarks.append(f"topic '{survey.channel.topic}': its fields cannot be listed: {reason}")

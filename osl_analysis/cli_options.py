@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from osl_analysis.errors import OslAnalysisError, printable, printable_lines
 from osl_analysis.files import check_output
@@ -98,6 +99,9 @@ def desired_impedance(
     if (stiffness is None) != (damping is None):
         raise click.UsageError("--stiffness and --damping go together")
     if stiffness is None or damping is None:
+        given = click.get_current_context().get_parameter_source("controller")
+        if given is ParameterSource.COMMANDLINE:
+            raise click.UsageError("--controller is that of a trial with --stiffness and --damping: give them, or none")
         return None
     if model != "impedance":
         raise click.UsageError("--stiffness and --damping are those of an impedance trial: give --model impedance")

@@ -38,8 +38,8 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
     Raises
     ------
     InputError
-        The file is missing or not such a table, a column is missing, a value is not a number, or the phase does not
-        rise from 0 to 1.
+        The file is missing or not such a table, a column is missing or stands twice, a value is not a number, or the
+        phase does not rise from 0 to 1.
     """
     if not path.is_file():
         raise InputError(
@@ -51,10 +51,17 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
         raise InputError(f"{path}: not UTF-8 text ({error.reason}); save it as CSV in UTF-8") from error
     rows = [line for line in text.splitlines() if line.strip() and line[0] != "#"]
     names = [name.strip() for name in rows[0].split(",")] if rows else []
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"{path}: column '{twice}' stands twice; rename or remove one")
     absent = [name for name in REQUIRED if name not in names]
     if absent or len(rows) < 3:
         problem = f"no column '{absent[0]}'" if absent else "fewer than two rows"
         raise InputError(f"{path}: {problem}; it needs a header with {', '.join(REQUIRED)} and a row per phase")
+    uneven = next((row for row in rows[1:] if row.count(",") + 1 != len(names)), None)
+    if uneven is not None:
+        found = uneven.count(",") + 1
+        raise InputError(f"{path}: row '{uneven[:60]}' has {found} entries for {len(names)} columns; write one in each")
     try:
         columns = dict(zip(names, np.loadtxt(rows[1:], delimiter=",", ndmin=2).T, strict=True))
     except ValueError as error:

@@ -216,6 +216,7 @@ def test_a_mistake_is_one_line_with_exit_code_1(arguments, message):
         ("gains", "--trajectory", "config/impedance/synthetic_walking.csv", "--stiffness", 300),
         ("gains", "--trajectory", "config/impedance/synthetic_walking.csv", "--damping", 5),
         ("gains", "--trajectory", "config/impedance/synthetic_walking.csv", "--stiffness", 300, "--damping", 5),
+        ("fit", "x.parquet", "--controller", "uncompensated"),
         ("gains", "--stiffness", "stiff", "--damping", 5),
         ("gains", "--stiffness", "1:5", "--damping", 5),
         ("gains", "--stiffness", "400:100:50", "--damping", 5),
@@ -229,6 +230,20 @@ def test_a_call_that_does_not_fit_is_explained_with_exit_code_2(arguments):
     result = call(*arguments)
     assert result.exit_code == 2
     assert "Error: " in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("phase,K_d,B_d,K_d\n0,100,1,200\n1,100,1,200\n", "column 'K_d' stands twice; rename or remove one"),
+        ("phase,K_d,B_d\n0,100,1\n1,100\n", "row '1,100' has 2 entries for 3 columns; write one in each"),
+        ("phase,K_d,B_d\n0,100,1\n1,100,1,9\n", "row '1,100,1,9' has 4 entries for 3 columns"),
+    ],
+)
+def test_a_trajectory_whose_columns_are_not_certain_is_refused(tmp_path, content, message):
+    """Of two columns of one name the last was taken."""
+    (tmp_path / "own.csv").write_text(content)
+    assert f"own.csv: {message}" in call("gains", "--trajectory", tmp_path / "own.csv").stderr
 
 
 @pytest.mark.parametrize("command", ["simulate", "ingest", "fit", "gains", "results"])

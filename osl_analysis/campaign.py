@@ -129,8 +129,17 @@ class Campaign:
         self.check_walking()
 
     def check_files(self) -> None:
-        """Refuse a configuration that names a missing file. Raw files are checked when they are ingested."""
+        """Refuse a configuration that names a missing file, or a file for the results' folder. Raw files are checked
+        when they are ingested.
+        """
         config = self.config
+        for folder in (config.results, *config.results.parents):
+            if folder.exists() and not folder.is_dir():
+                raise InputError(f"{folder}: is a file; name a folder under `results` in the configuration")
+        if config.results == Path():
+            raise InputError(
+                "configuration: results is empty, or this very folder; name a folder, as `results: results`"
+            )
         named = {
             "parameters": config.parameters,
             "impedance_trajectory": config.impedance_trajectory,

@@ -6,6 +6,7 @@ import pytest
 import yaml
 from conftest import ROOT
 
+from osl_analysis.campaign import open_campaign
 from osl_analysis.config import campaign_config
 from osl_analysis.errors import InputError
 from osl_analysis.yaml_settings import Settings, read_mapping, validated
@@ -103,3 +104,16 @@ def test_a_file_that_is_no_yaml_of_fields_is_refused_in_one_line(tmp_path, conte
     with pytest.raises(InputError, match=message) as refusal:
         read_mapping(tmp_path / "a.yaml")
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("results", "message"),
+    [("taken", "taken: is a file; name a folder"), ("taken/below", "taken: is a file"), (None, "results is empty")],
+)
+def test_results_that_are_a_file_or_nothing_are_one_line_before_any_job(tmp_path, results, message):
+    (tmp_path / "taken").write_text("mine")
+    (tmp_path / "trials.csv").write_text("trial,experiment,log,log_source\nb,belt,b.mcap,dynamometer\n")
+    changes = {"sheet": tmp_path / "trials.csv", "simulation": None, "results": tmp_path / results if results else ""}
+    with pytest.raises(InputError, match=message):
+        open_campaign(campaign_config(SHIPPED | changes, [SHIPPED_FILE]), None).check_files()
+    assert (tmp_path / "taken").read_text() == "mine"

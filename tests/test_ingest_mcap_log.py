@@ -9,7 +9,7 @@ import pytest
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
-from mcap_builder import SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
+from mcap_builder import HEADER, SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
 
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.log_overview import inspect_mcap
@@ -326,3 +326,53 @@ def test_a_device_s_counter_is_read_beside_its_channel(tmp_path: Path) -> None:
     assert "no field 'count'" in refused(
         path, source(theta={**counted.channels["theta"].model_dump(), "counter": "count"})
     )
+
+
+def test_a_missing_topic_among_many_is_refused_with_forty_of_them(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for number in range(300):
+            writer.add_message(writer.register_channel(f"/t{number:03}", "json", 0), 0, b"{}", 0)
+        writer.finish()
+    said = refused(path, source())
+    assert "/t039, ... (300 in all)); correct `topic` in the source file, or exclude the trial" in said
+    assert "/t040" not in said
+
+
+def test_an_array_without_an_element_is_blamed_on_the_source_file_with_the_elements_there_are(tmp_path: Path) -> None:
+    schema = "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] effort\n" + HEADER
+    log = [stamped(i, name=["left", "right"], position=[1.0, 2.0], effort=[]) for i in range(3)]
+    path = write_log(tmp_path / "log.mcap", log, schema, "sensor_msgs/msg/JointState")
+    said = refused(path, source(theta={"topic": "/lab", "field": "position", "unit": "rad"}))
+    assert "topic '/lab': field 'position' is an array of 2, not one number" in said
+    assert "position[name=left], position[name=right]); name a number, or one element of an array, as `field`" in said
+    assert "damaged" not in said
+    mislabelled = refused(path, source(theta={"topic": "/lab", "field": "position[name=joint]", "unit": "rad"}))
+    assert mislabelled.endswith(
+        "has no field 'position[name=joint]' (it has position[name=left], position[name=right]); correct `field` in "
+        "the source file, or exclude the trial if its log is not the right one"
+    )
+
+
+@pytest.mark.parametrize("kind", ["bool", "float64"])
+def test_a_truth_value_is_a_level_and_no_angle(tmp_path: Path, kind: str) -> None:
+    schema = f"std_msgs/Header header\n{kind} on\n" + HEADER
+    log = [stamped(i, on=i % 2) for i in range(3)]
+    path = write_log(tmp_path / "log.mcap", log, schema, SAMPLE_NAME)
+    level = read_mcap_log(path, source(sync={"topic": "/lab", "field": "on", "unit": "V"}))
+    assert level.samples["sync"].to_list() == [0.0, 1.0, 0.0]
+    angle = source(theta={"topic": "/lab", "field": "on", "unit": "rad"})
+    if kind == "bool":
+        assert "field 'on' is false in message 1, a truth value and no number in rad; name a number" in refused(
+            path, angle
+        )
+    else:
+        assert read_mcap_log(path, angle).samples["theta"].to_list() == [0.0, 1.0, 0.0]
+
+
+def test_a_delay_that_is_longer_than_the_log_names_the_log(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "log.mcap", samples())
+    late = {"topic": "/lab", "field": "angle", "unit": "rad", "delay": "1e7 s"}
+    assert refused(path, source(theta=late)).startswith(f"{path}: theta: a delay of 1e+07 s")

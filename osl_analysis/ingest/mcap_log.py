@@ -116,7 +116,10 @@ def read_mcap_log(path: Path, source: McapSource) -> Recording:
     nan = [f"{column} is NaN in {n} of {len(joined)} rows" for column, n in missing.items() if n]
     remarks = [*file.damage.all_remarks(), *says, *nan]
     samples = joined.select(time, pl.exclude("stamp"))
-    return Recording(samples, columns, facts, [f"{path.name}: {remark}" for remark in remarks])
+    try:
+        return Recording(samples, columns, facts, [f"{path.name}: {remark}" for remark in remarks])
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:

@@ -102,7 +102,7 @@ def log_times_of(topic: str, decoded: Decoded) -> Indices:
 
 def integers(topic: str, path: str, values: np.ndarray[Any, Any], most: int) -> Indices:
     """Seconds or nanoseconds of stamps, which must be whole numbers of at most `most`."""
-    wrong = (np.abs(values.astype(np.float64)) > most) | (values != np.rint(values))
+    wrong = (np.abs(values.astype(np.float64)) > most) | (values != np.rint(values)) | (values.dtype == bool)
     if wrong.any():
         row = int(np.argmax(wrong))
         raise InputError(

@@ -161,7 +161,10 @@ def reader_of(
 
         return ChannelReader(channel, schema, protobuf.protobuf_reader(schema, paths, effort))
     except InputError as error:
-        raise InputError(f"topic '{channel.topic}': {error}") from error
+        raise InputError(
+            f"topic '{channel.topic}': {str(error).replace('; ', ', ')}; record again with the definitions that its "
+            "publisher was built with, or map another topic"
+        ) from error
 
 
 def check_encoding(channel: Channel, schema: Schema | None) -> None:

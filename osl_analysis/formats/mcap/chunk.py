@@ -3,6 +3,8 @@
 import struct
 import zlib
 from collections import Counter
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from mmap import mmap
 from typing import Any
@@ -116,8 +118,21 @@ def read_chunk(data: Buffer, start: int, indexes: list[tuple[int, int]], budget:
     return ReadChunk(block, crc != 0, bool(right), lost)
 
 
-def unpacked(data: Buffer, start: int, budget: Budget) -> bytes:
-    """The content of a chunk, which must be of the declared size."""
+def check_budget(data: Buffer, starts: Iterable[int], budget: Budget) -> None:
+    """Count the chunks whose records' contents begin at `starts`, before any of them is unpacked.
+
+    Raises
+    ------
+    InputError
+        They would unpack to more than is allowed.
+    """
+    for start in starts:
+        with suppress(DamagedChunkError):  # it is never unpacked
+            packed_chunk(data, start, budget)
+
+
+def packed_chunk(data: Buffer, start: int, budget: Budget) -> tuple[bytes, bytes, int]:
+    """Compression, content as it is stored, and declared size of a chunk, counted in the budget."""
     _, _, size, _, length = CHUNK_HEAD.unpack_from(data, start)
     name = data[start + CHUNK_HEAD.size : start + CHUNK_HEAD.size + length]
     begin, end = body_of(data, start)
@@ -125,6 +140,12 @@ def unpacked(data: Buffer, start: int, budget: Budget) -> bytes:
     if name:
         check_declared(name, body, size)
         budget.take_chunk(start, len(body), size)
+    return name, body, size
+
+
+def unpacked(data: Buffer, start: int, budget: Budget) -> bytes:
+    """The content of a chunk, which must be of the declared size."""
+    name, body, size = packed_chunk(data, start, budget)
     try:
         content = decompressed(name, body, size)
     except (zstandard.ZstdError, RuntimeError, EOFError, struct.error, MemoryError) as error:

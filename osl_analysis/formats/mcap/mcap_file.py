@@ -10,7 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap.chunk import DamagedChunkError, MessageBlock, ReadChunk, block_of, read_chunk
+from osl_analysis.formats.mcap.chunk import (
+    DamagedChunkError,
+    MessageBlock,
+    ReadChunk,
+    block_of,
+    check_budget,
+    read_chunk,
+)
 from osl_analysis.formats.mcap.damage import Damage
 from osl_analysis.formats.mcap.declared import Declared
 from osl_analysis.formats.mcap.joined import refuse_second_log
@@ -48,6 +55,8 @@ class McapFile:
             A chunk would unpack to more than is allowed, or a channel has two meanings.
         """
         begin_report(self.damage, self.scan)
+        chunks = (section.start for section in self.scan.sections if section.kind == "chunk")
+        check_budget(self.data, chunks, Budget(len(self.data)))
         if self.scan.finished and not self.scan.summary.damaged:  # a wrong schema would be wrong values
             self.adopt(self.data, self.scan.summary.described, provisional=not self.scan.summary.checked)
         for section in self.scan.sections:

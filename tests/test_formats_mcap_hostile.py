@@ -307,3 +307,11 @@ def test_a_schema_that_defines_a_field_twice_or_is_huge_is_refused(tmp_path: Pat
     for text, said in ((b"float64 a\nfloat64 a", "field 'a' is defined twice"), (b"#" * (1 << 20) + b"\n", "are read")):
         with pytest.raises(InputError, match=said):
             read(tmp_path, log(schema(content=text) + channel(1, b"/lab"), chunk(TEN)))
+
+
+def test_chunks_that_are_too_large_together_are_refused_before_the_first_is_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("osl_analysis.formats.mcap.chunk.decompressed", lambda *_: pytest.fail("a chunk was unpacked"))
+    zeros = chunk(record(0x85, bytes((8 << 20) - 9)), crc=False)
+    assert "and the file so far to 75497472" in refused(tmp_path, log(LAB, *[zeros] * 9))

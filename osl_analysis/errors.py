@@ -3,6 +3,9 @@
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
+LONGEST = 80
+"""Characters of a name in a message."""
+
 
 def printable(text: str) -> str:
     """Text for a terminal or a log: control characters and line breaks are written as escapes."""
@@ -15,9 +18,9 @@ def printable_lines(text: str) -> str:
 
 
 def listing(names: Sequence[str], most: int = 40) -> str:
-    """Names for a message to the user, at most `most` of them."""
+    """Names for a message to the user, at most `most` of them, each of at most `LONGEST` characters."""
     more = f", ... ({len(names)} in all)" if len(names) > most else ""
-    return (", ".join(names[:most]) or "none") + more
+    return (", ".join(one if len(one) <= LONGEST else f"{one[:LONGEST]}..." for one in names[:most]) or "none") + more
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -5,6 +5,7 @@ import io
 import json
 import sqlite3
 import tarfile
+import time
 import zipfile
 from pathlib import Path
 
@@ -210,3 +211,19 @@ def test_a_real_opensim_table_is_read_as_its_refusal_says(tmp_path: Path) -> Non
     (tmp_path / "a.csv").write_text("\n".join(lines[lines.index("endheader") + 1 :]))
     source = "format: csv\ntime: {column: time, unit: s}\nchannels: {sync: {column: R_ground_force_vy, unit: V}}\n"
     assert len(ingested(tmp_path, "a.csv", source).samples) == 246  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("begin", [b"\n" * 65536, b"header:" + b"\n" * 65500, b"annex/objects/" * 4600 + b" x"])
+def test_the_format_of_64_kb_is_told_in_a_moment_whatever_they_repeat(begin: bytes) -> None:
+    """A pattern that reads the rest of the text at each of its lines takes 20 s, a good one below 0.4 s."""
+    started = time.process_time()
+    assert other_format(begin[:65536]) is None
+    assert time.process_time() - started < 3
+
+
+@pytest.mark.parametrize("name", ["OpenSim", "ros2 topic echo"])
+def test_the_ends_of_lines_do_not_hide_a_format(name: str) -> None:
+    content = OTHER_FILES[name]
+    found = other_format(content.replace(b"\n", b"\r\n"))
+    assert found is not None
+    assert found == other_format(content)

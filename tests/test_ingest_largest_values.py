@@ -158,3 +158,13 @@ def test_a_delay_longer_than_the_log_is_refused_with_the_file(tmp_path: Path) ->
     (tmp_path / "s.yaml").write_text(source)
     with pytest.raises(InputError, match=rf"^{tmp_path}/log\.csv: torque: a delay of 2 s is .*; correct `delay`"):
         ingested(tmp_path, log="log.csv", log_source="s")
+
+
+def test_a_long_name_does_not_fill_the_message_and_blank_lines_count_in_it(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(f"t,{'a' * 5000}\n\n0,1\n \t\n1,2\n")
+    (tmp_path / "s.yaml").write_text(LOG.replace("UNIT", "rad"))
+    with pytest.raises(InputError, match=rf"the file has t, {'a' * 80}\.\.\.; correct the name"):
+        ingested(tmp_path, log="log.csv", log_source="s")
+    (tmp_path / "log.csv").write_text("t,a,m\n\n0,1,2\n \t\n1,2,x\n")
+    with pytest.raises(InputError, match="line 5, column 'm': 'x' is not a number"):
+        ingested(tmp_path, log="log.csv", log_source="s")

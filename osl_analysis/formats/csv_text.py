@@ -25,7 +25,7 @@ Rows = list[tuple[int, list[str]]]
 
 
 def read_lines(path: Path) -> Lines:
-    """The lines of a file in UTF-8, UTF-16 with its mark, or else Windows' western code page.
+    """The lines of a file in UTF-8, UTF-16 with its mark, or else Windows' western code page, without blank ones.
 
     Raises
     ------
@@ -39,7 +39,8 @@ def read_lines(path: Path) -> Lines:
             f"{path}: line {line} holds zero bytes, as a loss of power leaves them; delete the file from there on, or "
             "name a text file"
         )
-    return list(enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1))
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    return [(number, line) for number, line in enumerate(lines, start=1) if line and not line.isspace()]
 
 
 def decoded_text(data: bytes) -> str:
@@ -91,10 +92,12 @@ def split_rows(path: Path, lines: Lines, delimiter: str) -> Rows:
                     f"{path}: line {lines[count - 1][0]} has {len(cells)} cells, at most {MOST_CELLS} are read; write "
                     "a row per sample, each on its own line"
                 )
-            rows.append((lines[count - 1][0], [cell.strip() for cell in cells]))
+            stripped = [cell.strip() for cell in cells]
+            if any(stripped):
+                rows.append((lines[count - 1][0], stripped))
     except csv.Error as error:
         raise InputError(f"{path}: line {lines[reader.line_num - 1][0]}: {error}; repair it") from error
-    return [(line, cells) for line, cells in rows if any(cells)]
+    return rows
 
 
 def name_and_unit(title: str) -> tuple[str, str]:

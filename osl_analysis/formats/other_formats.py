@@ -46,7 +46,10 @@ def text_starting(*marks: str) -> Callable[[bytes], bool]:
 
 
 def text_with(pattern: str) -> Callable[[bytes], bool]:
-    """A test for a regular expression in a text, with `^` at the begin of any line."""
+    """A test for a regular expression in a text, with `^` at the begin of any line.
+
+    A `\\s*` that may begin at any line would read a file of empty lines once per line.
+    """
     found = re.compile(pattern, re.MULTILINE | re.IGNORECASE)
     return lambda begin: found.search(text_of(begin)) is not None
 
@@ -92,7 +95,7 @@ OTHERS = (
     OtherFormat(
         "an OpenSim table (.mot or .sto)",
         "delete its lines down to `endheader` and save the rest as CSV",
-        text_with(r"^\s*endheader\s*$"),
+        text_with(r"^[ \t]*endheader[ \t\r]*$"),
     ),
     OtherFormat(
         "an export of Qualisys Track Manager in TSV", AS_C3D, text_with(r"\A\s*NO_OF_(FRAMES|SAMPLES|CAMERAS)\b")
@@ -113,7 +116,7 @@ OTHERS = (
     OtherFormat(
         "a pointer of git-annex",
         "fetch the recording with `git annex get`",
-        text_with(r"\A/?\S*annex/objects/\S+\s*\Z"),
+        text_with(r"\A/?\S*annex/objects/\S++\s*+\Z"),
     ),
     OtherFormat(
         "the description of a ROS 2 bag", "name the .mcap file beside it", text_with(r"^rosbag2_bagfile_information:")
@@ -121,7 +124,7 @@ OTHERS = (
     OtherFormat(
         "what `ros2 topic echo` prints",
         "record with `ros2 bag record -s mcap`",
-        text_with(r"\A\s*(header|stamp):\s*\n\s+\w+:"),
+        text_with(r"\A\s*(header|stamp):[ \t\r]*\n\s+\w+:"),
     ),
     OtherFormat("a source file", NO_RECORDING, text_with(r"\A(\s*#.*\n)*format: *(mcap|c3d|csv|nexus_csv)\b")),
     OtherFormat("a web page", "download the recording itself", text_starting("<!DOCTYPE html", "<html")),

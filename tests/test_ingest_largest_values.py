@@ -83,6 +83,7 @@ def test_points_without_names_are_refused_where_all_are_to_be_read(tmp_path: Pat
     told = "none of its 2 points has a name; label them"
     with pytest.raises(InputError, match=rf"a\.c3d: POINT:LABELS is empty: {told}"):
         capture_of(tmp_path, seen(), POINT__LABELS=["", ""])
+    assert "marker_A_x" in capture_of(tmp_path, seen(), POINT__LABELS=["A", ""]).samples.columns
     path = tmp_path / "a.c3d"
     path.write_bytes(path.read_bytes().replace(b"LABELS", b"NOTHER", 1))  # the first is that of POINT
     with pytest.raises(InputError, match=rf"a\.c3d: POINT:LABELS is missing: {told}"):

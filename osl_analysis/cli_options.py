@@ -7,6 +7,7 @@ import sys
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from os.path import realpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -160,7 +161,7 @@ def check_suffix(command: str, path: Path) -> None:
 def same_file(one: Path, other: Path) -> bool:
     """Whether two paths name one file, also through links; also one that does not exist yet."""
     try:
-        return one.samefile(other) if one.exists() and other.exists() else one.resolve() == other.resolve()
+        return one.samefile(other) if one.exists() and other.exists() else realpath(one) == realpath(other)
     except OSError:
         return False
 

@@ -263,6 +263,14 @@ def test_a_log_is_never_written_over(tmp_path, name):
     assert log.read_text() == "time,theta\n0,1\n1,2\n"
 
 
+def test_a_link_to_itself_is_refused_in_one_line(tmp_path):
+    loop = tmp_path / "loop.csv"
+    loop.symlink_to(loop)
+    result = call("ingest", "--log", loop, "--log-source", "bench_csv", "--output", tmp_path / "a.parquet")
+    assert result.exit_code == 1
+    assert result.stderr == f"error: {loop}: no such file; correct the sample sheet, or copy the file there\n"
+
+
 def test_an_inspected_file_is_not_its_own_draft(tmp_path):
     log = tmp_path / "log.csv"
     log.write_text("time,theta\n0,1\n1,2\n")

@@ -169,10 +169,14 @@ def check_loss(file: McapFile, topics: Collection[str], most: float) -> None:
     for topic, channels in channels_of(file, topics).items():
         share = file.damage.share_lost(channels or None)
         if share > most:
+            misfits = sum(file.damage.misfits[channel] for channel in channels)
+            is_whole = misfits == file.damage.messages_lost(channels)
+            what = "messages that cannot be used" if is_whole else "damaged or incomplete MCAP"
             raise InputError(
-                f"damaged or incomplete MCAP: {100 * share:.3g} % of topic '{topic}' is lost, at most "
+                f"{what}: {100 * share:.3g} % of topic '{topic}' is lost, at most "
                 f"{100 * most:.3g} % may be (largest_loss in the source file): "
                 f"{'; '.join(file.damage.all_remarks())}; record again"
+                f"{', or map another field' * is_whole}"
             )
 
 

@@ -18,9 +18,9 @@ OF_ONE_BYTE = 2
 """Elements that are walked for each byte of the file. An element takes a byte of a message, and a message that is no
 bomb compresses less than a hundredfold."""
 
-LARGEST_TEXT = 1 << 20
+LARGEST_TEXT = 1 << 19
 """Bytes of one JSON message that is parsed. The messages of a recorder of signals have some hundreds."""
-TEXT_AT_ONCE = 1 << 20
+TEXT_AT_ONCE = 1 << 19
 """Bytes of JSON that are parsed at once."""
 FREE_TEXT = 8 << 20
 """Bytes of JSON that are parsed in a file of any size ..."""

@@ -20,6 +20,7 @@ from osl_analysis.job_log import JobLog, read_log, read_logs, run_report, write_
 from osl_analysis.refusal import Refusal, forget_failures, is_refused, read_refusals, write_refusals
 from osl_analysis.refusal_report import refusal_report, refusals_in
 from osl_analysis.remedy import reason_and_remedy
+from osl_analysis.stale import logged, made_of
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 
@@ -142,6 +143,7 @@ def test_a_job_whose_fork_server_was_killed_is_named(tmp_path: Path, monkeypatch
     (cause,) = read_refusals(output)
     assert (cause.trial, cause.outcome) == ("b_7", "died")
     assert cause.reason == "the process of this job was killed (from outside)"
+    assert logged(tmp_path / "b_7.log") == made_of(inputs.values(), {})
 
 
 def test_a_killed_job_is_named_with_its_trial_and_can_write_no_more(tmp_path: Path) -> None:

@@ -117,6 +117,8 @@ REMEDIES: dict[str, str | Words] = {
     "others",
     "heterogeneity": "perturbations show several stiffnesses, state K_d or group in the sheet to part them",
     "onset_phase_sd": "perturbations begin at several phases of stance, name timing under walking.group_by",
+    "stance_change": "its duration is not the one that its gait before the onset leads to expect: the perturbation "
+    "changes the stance, or its pace is misread, compare K with the other perturbations",
     "uncorrected_stance_change": "perturbed crossings have not the stance that phase is computed with, set "
     "walking.perturbed_stance: matched",
     "unperturbed_stance_sd": "unperturbed crossings walk at several paces, state subject, session or speed in the "

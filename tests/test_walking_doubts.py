@@ -103,11 +103,15 @@ def test_crossings_that_are_slower_throughout_do_not_count_as_changed() -> None:
 
 def test_a_single_fit_is_judged_by_what_ordinary_gait_leaves() -> None:
     usual, sound = gait(), isolate_response(perturbed(1)[0], gait(), SETTINGS.timing)
-    assert set(single_facts(sound, fit_response(sound)).values()) == {None}
+    found = single_facts(sound, fit_response(sound))
+    assert abs(number(found, "stance_change")) < 0.03
+    assert set(found.values()) == {None, found["stance_change"]}
     one = perturbed(1)[0]
     late: Array = np.where(one.time > ONSET + 0.05, one.torque - 20.0, one.torque)
     spoilt = isolate_response(replace(one, torque=late), usual, SETTINGS.timing)
     assert number(single_facts(spoilt, fit_response(spoilt)), "residual_over_gait") > 6
+    hurried = isolate_response(replace(one, stance=Stance(0.3, 0.3 + 0.92 * 0.72)), usual, SETTINGS.timing)
+    assert number(single_facts(hurried, fit_response(hurried)), "stance_change") == pytest.approx(-0.08, abs=0.03)
 
 
 def at(one: Crossing, time: float) -> int:

@@ -32,9 +32,9 @@ Facts = dict[str, float | None]
 
 
 def single_facts(response: PerturbationResponse, impedance: ImpedanceFit) -> Facts:
-    """Columns of `walking.csv`: residual and offset of one fit over those that ordinary gait causes.
+    """Columns of `walking.csv`: residual and offset of one fit over those that ordinary gait causes, change of stance.
 
-    Null where the residual is a small share of the torque, or the offset hardly changes K.
+    Null where the residual is a small share of the torque, the offset hardly changes K, or no stance is expected.
     """
     motion, torque, left = (
         response.fitted_motion,
@@ -47,6 +47,7 @@ def single_facts(response: PerturbationResponse, impedance: ImpedanceFit) -> Fac
     return {
         "residual_over_gait": residual_over_gait(motion, torque, left),
         "offset_over_gait": abs(compared["offset"] or 0.0) / scatter if counts else None,
+        "stance_change": response.stance_change if np.isfinite(response.stance_change) else None,
     }
 
 

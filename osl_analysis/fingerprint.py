@@ -76,6 +76,7 @@ def imported_names(path: Path) -> tuple[str, ...]:
     return tuple(name for name in names if name.startswith("osl_analysis."))
 
 
+@cache
 def module_file(name: str) -> Path | None:
     """File of a dotted module name of the package; None if the name is not a module."""
     path = PACKAGE.joinpath(*name.split(".")[1:])

@@ -13,6 +13,8 @@ from osl_analysis.signals import LowPass, Motion
 from osl_analysis.trial import Array
 
 ROOT = Path(__file__).parents[1]
+LONGEST = ("test_workflow", "test_study")
+"""Modules that take a minute or more."""
 
 # without a deadline: a busy machine is no fault of the code
 settings.register_profile(
@@ -22,7 +24,11 @@ settings.load_profile("seeded")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give the tests of numerical modules the marker `numerics`."""
+    """Give the tests of numerical modules the marker `numerics`, and put the longest modules first.
+
+    A module runs in one process. One that begins late would keep it busy while the others have nothing left.
+    """
+    items.sort(key=lambda item: item.path.stem not in LONGEST)
     for item in items:
         if any(fnmatch(item.path.stem, pattern) for pattern in NUMERICAL):
             item.add_marker(pytest.mark.numerics)

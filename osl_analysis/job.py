@@ -9,7 +9,7 @@ import traceback
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -75,8 +75,7 @@ def run(log: Path, job: Job) -> None:
             error = printable(f"unexpected {type(fault).__name__}: {fault}")
             ended = JobLog(job.command, "failed", error=error, traceback=traceback.format_exc())
     warned = tuple(dict.fromkeys(printable(str(warning.message)) for warning in caught))
-    seconds = time.perf_counter() - start
-    end(log, job, JobLog(ended.job, ended.outcome, seconds, ended.error, warned, ended.traceback), causes)
+    end(log, job, replace(ended, seconds=time.perf_counter() - start, warnings=warned), causes)
 
 
 def call(job: Job) -> None:

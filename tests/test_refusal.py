@@ -133,17 +133,25 @@ def test_an_empty_or_foreign_log_is_none_of_a_job(tmp_path: Path, text: str) -> 
     assert read_log(tmp_path / "x.log") is None
 
 
+FIT_INPUTS = {"trial": "results/trials/b_7.parquet"}
+
+
+def cause_of_death(process: SimpleNamespace, tmp_path: Path, monkeypatch) -> Refusal:
+    """The record of a fit of the trial b_7 whose process is this one."""
+    monkeypatch.setattr(workflow, "fork_server", lambda: SimpleNamespace(Process=lambda **_: process))
+    output = tmp_path / "fits/b_7.csv"
+    workflow.run_job(tmp_path / "b_7.log", "bench.fit", FIT_INPUTS, {"output": str(output)}, {})
+    (cause,) = read_refusals(output)
+    assert (cause.trial, cause.outcome) == ("b_7", "died")
+    return cause
+
+
 def test_a_job_whose_fork_server_was_killed_is_named(tmp_path: Path, monkeypatch) -> None:
     """The exit code of its process is then not known: `multiprocessing` says 255."""
     process = SimpleNamespace(start=lambda: None, join=lambda: None, pid=None, exitcode=255)
-    monkeypatch.setattr(workflow, "fork_server", lambda: SimpleNamespace(Process=lambda **_: process))
-    output = tmp_path / "fits/b_7.csv"
-    inputs = {"trial": "results/trials/b_7.parquet"}
-    workflow.run_job(tmp_path / "b_7.log", "bench.fit", inputs, {"output": str(output)}, {})
-    (cause,) = read_refusals(output)
-    assert (cause.trial, cause.outcome) == ("b_7", "died")
+    cause = cause_of_death(process, tmp_path, monkeypatch)
     assert cause.reason == "the process of this job was killed (from outside)"
-    assert logged(tmp_path / "b_7.log") == made_of(inputs.values(), {})
+    assert logged(tmp_path / "b_7.log") == made_of(FIT_INPUTS.values(), {})
 
 
 def test_a_killed_job_is_named_with_its_trial_and_can_write_no_more(tmp_path: Path) -> None:
@@ -173,13 +181,7 @@ def test_a_job_that_could_not_be_started_is_named_and_tried_again(tmp_path: Path
     def ended_early() -> None:
         raise EOFError("unexpected EOF")
 
-    process = SimpleNamespace(start=ended_early)
-    monkeypatch.setattr(workflow, "fork_server", lambda: SimpleNamespace(Process=lambda **_: process))
-    output = tmp_path / "fits/b_7.csv"
-    inputs = {"trial": "results/trials/b_7.parquet"}
-    workflow.run_job(tmp_path / "b_7.log", "bench.fit", inputs, {"output": str(output)}, {})
-    (cause,) = read_refusals(output)
-    assert (cause.trial, cause.outcome) == ("b_7", "died")
+    cause_of_death(SimpleNamespace(start=ended_early), tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from osl_analysis.bench.settings import BenchAnalysis
 from osl_analysis.causes import wrong_scale
 from osl_analysis.errors import InputError
 from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.rails import samples_at_rail
+from osl_analysis.rails import sampled, samples_at_rail
 from osl_analysis.trial import Array, Trial
 
 SAME_AS_BELT = 1.1
@@ -45,9 +45,7 @@ def check_recording(trial: Trial, limits: BenchAnalysis, torque: str = "torque",
 
 def recorded_values(trial: Trial, column: str | None) -> Array:
     """The finite values of a column where it was sampled, (n,); empty where the trial does not have it."""
-    if column is None or column not in trial.samples.columns:
-        return np.empty(0)
-    values = trial.samples[column].drop_nulls().to_numpy()
+    values = np.empty(0) if column is None else sampled(trial, column)[1]
     return np.asarray(values[np.isfinite(values)])
 
 

@@ -51,25 +51,35 @@ class Headline:
     """Result of one group.
 
     responses: the isolated responses, each with the sign of its direction.
-    ensemble: the fit to their mean, or to half the difference of two directions.
-    resampled: its bootstrap.
     common: errors that all single fits share, by quantity.
     symmetry: comparison of the directions; None if there is one only.
     baseline: `mean` or `predicted`: which of both the settings name.
     prediction: how the behaviour before the onset predicts the unperturbed course.
-    mean_gait, predicted_gait: the ensemble and its bootstrap with either baseline; `ensemble` and `resampled` are those
-        of the one that `baseline` names.
+    mean_gait, predicted_gait: the ensemble and its bootstrap with either baseline.
     """
 
     responses: Sequence[PerturbationResponse]
-    ensemble: EnsembleResponse
-    resampled: Bootstrap
     common: Mapping[str, Sequence[CommonError]]
     symmetry: Symmetry | None
     baseline: str
     prediction: Prediction
     mean_gait: Result
     predicted_gait: Result
+
+    @property
+    def ensemble(self) -> EnsembleResponse:
+        """The fit to the mean response, or to half the difference of two directions, with the baseline asked for."""
+        return self.asked[0]
+
+    @property
+    def resampled(self) -> Bootstrap:
+        """The bootstrap of `ensemble`."""
+        return self.asked[1]
+
+    @property
+    def asked(self) -> Result:
+        """The result with the baseline that the settings name."""
+        return self.predicted_gait if self.baseline == "predicted" else self.mean_gait
 
 
 def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, settings: EnsembleSettings) -> Headline:
@@ -89,7 +99,6 @@ def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, setting
     predicted_gait = (ensemble_response(responses, names), bootstrap(responses, samples, names)) if names else mean_gait
     return Headline(
         responses,
-        *(predicted_gait if settings.baseline == "predicted" else mean_gait),
         common_errors(responses),
         compare_directions(responses, samples),
         settings.baseline,

@@ -37,4 +37,4 @@ $(READY): requirements.lock pyproject.toml
 
 lock: $(READY)
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-		--extra dev --output-file requirements.lock pyproject.toml
+		--all-extras --group recorders --output-file requirements.lock pyproject.toml

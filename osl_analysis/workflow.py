@@ -9,9 +9,11 @@ import multiprocessing.util
 import os
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
+from multiprocessing import connection
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +42,8 @@ ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POL
 FOR_SNAKEMAKE = ("code", "command", "described", RECORDED)
 LONGEST_PLACE = 70
 """Largest length [bytes] of the folder for temporary files: a socket's path has 107, of which our part takes 32."""
+ONE_AT_A_TIME = threading.Lock()
+"""Starting a process asks which others have ended. An exit code can be read once: of two threads, one gets none."""
 STARTED = time.time()
 """Start of this run [s]. Its report covers the logs that were written after this time."""
 
@@ -70,11 +74,14 @@ def run_job(log: Any, command: str, input: Any, output: Any, params: Any, files:
     path.unlink(missing_ok=True)
     process = fork_server().Process(target=run_uninterrupted, args=(path, job), daemon=True)
     try:
-        process.start()
+        with ONE_AT_A_TIME:
+            process.start()
     except (EOFError, OSError):  # the process from which jobs are forked was ended while it started, as by Ctrl-C
         died(path, job, None, None)
         return
-    process.join()
+    connection.wait([process.sentinel])
+    with ONE_AT_A_TIME:
+        process.join()
     if not path.is_file() or read_log(path) is None:
         died(path, job, process.pid, process.exitcode)
 

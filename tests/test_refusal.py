@@ -1,7 +1,10 @@
 """A refused recording or a failed job leaves a record, and every other result is made."""
 
+import multiprocessing
 import os
+import signal
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -148,10 +151,27 @@ def cause_of_death(process: SimpleNamespace, tmp_path: Path, monkeypatch) -> Ref
 
 def test_a_job_whose_fork_server_was_killed_is_named(tmp_path: Path, monkeypatch) -> None:
     """The exit code of its process is then not known: `multiprocessing` says 255."""
-    process = SimpleNamespace(start=lambda: None, join=lambda: None, pid=None, exitcode=255)
+    ended, other_end = os.pipe()
+    os.close(other_end)
+    process = SimpleNamespace(start=lambda: None, join=lambda: None, sentinel=ended, pid=None, exitcode=255)
     cause = cause_of_death(process, tmp_path, monkeypatch)
     assert cause.reason == "the process of this job was killed (from outside)"
     assert logged(tmp_path / "b_7.log") == made_of(FIT_INPUTS.values(), {})
+
+
+def test_of_jobs_that_are_killed_at_the_same_time_each_says_by_which_signal(tmp_path: Path, monkeypatch) -> None:
+    """A second thread that starts a process may read the exit code of the first one's; it can be read once."""
+    context = multiprocessing.get_context("forkserver")
+    process = SimpleNamespace(Process=lambda **_: context.Process(target=signal.raise_signal, args=[signal.SIGKILL]))
+    monkeypatch.setattr(workflow, "fork_server", lambda: process)
+
+    def reason(number: int) -> str:
+        output = tmp_path / f"{number}.csv"
+        workflow.run_job(tmp_path / f"{number}.log", "bench.fit", FIT_INPUTS, {"output": str(output)}, {})
+        return read_refusals(output)[0].reason
+
+    with ThreadPoolExecutor(4) as threads:
+        assert set(threads.map(reason, range(40))) == {"the process of this job was killed (signal 9, SIGKILL)"}
 
 
 def test_a_killed_job_is_named_with_its_trial_and_can_write_no_more(tmp_path: Path) -> None:

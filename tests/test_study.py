@@ -123,21 +123,21 @@ def test_the_other_bench_experiments_are_near_their_truth_too(experiment, names)
 
 
 def test_a_single_belt_says_how_far_noise_and_drift_carry_it():
-    """300 seeded trials within three Monte Carlo errors: 4.1 % of a ratio, 1.3 % of a coverage."""
-    table = rows("belt", 300)
+    """120 seeded trials within three Monte Carlo errors: 6.5 % of a ratio, 2 % of a coverage."""
+    table = rows("belt", 120)
     assert set(table["interval_method"]) == {"noise + drift"}
     rms = float(np.sqrt((table["error"] ** 2).mean()))
-    assert rms / table["bound"][0] == pytest.approx(1, abs=0.123)
-    assert table["se"].mean() / rms == pytest.approx(1, abs=0.123)
-    assert covered(table) == pytest.approx(0.95, abs=0.038)
+    assert rms / table["bound"][0] == pytest.approx(1, abs=0.194)
+    assert table["se"].mean() / rms == pytest.approx(1, abs=0.194)
+    assert covered(table) == pytest.approx(0.95, abs=0.06)
 
 
 def test_the_mean_of_repeated_belts_scatters_as_belts_do():
-    """40 seeded campaigns of ten belts of 1 %: three Monte Carlo errors are 34 % of a ratio, 10 % of a coverage."""
-    table = rows("repeated belt", 40)
+    """16 seeded campaigns of ten belts of 1 %: three Monte Carlo errors are 53 % of a ratio, 16 % of a coverage."""
+    table = rows("repeated belt", 16)
     assert table["bound"][0] == pytest.approx(0.01 * 685.6 / np.sqrt(10), rel=1e-3)
-    assert float(np.sqrt((table["error"] ** 2).mean())) / table["bound"][0] == pytest.approx(1, abs=0.34)
-    assert covered(table) == pytest.approx(0.95, abs=0.1)
+    assert float(np.sqrt((table["error"] ** 2).mean())) / table["bound"][0] == pytest.approx(1, abs=0.53)
+    assert covered(table) == pytest.approx(0.95, abs=0.16)
     assert set(table["truth"]) == set(rows("belt", 1)["truth"])
 
 
@@ -150,16 +150,16 @@ def test_the_bound_of_repeats_is_that_of_one_trial_over_the_root_of_their_number
 
 
 def test_the_actuator_is_near_what_made_its_torque_and_says_how_near():
-    """40 seeded trials of five nearly independent estimates: a ratio of 1 +- 3/sqrt(400)."""
+    """20 seeded trials of five nearly independent estimates: a ratio of 1 +- 3/sqrt(200)."""
     p, experiment = inputs().p, bench("actuator")
     assert experiment.exact["k_tau_n_m"] == p.k_tau * p.n_m
-    table = pl.DataFrame(trial_rows(experiment, [f"a_{i}" for i in range(40)], LowPass(15)))
+    table = pl.DataFrame(trial_rows(experiment, [f"a_{i}" for i in range(20)], LowPass(15)))
     table = table.with_columns(error=pl.col("value") - pl.col("truth"))
     for size in ("bound", "se"):
         ratio = float(np.sqrt(((table["error"] / table[size]) ** 2).mean()))
-        assert ratio == pytest.approx(1, abs=0.15), size
-    assert covered(table) == pytest.approx(0.95, abs=0.05)
-    assert len(table["value"].unique()) == 200
+        assert ratio == pytest.approx(1, abs=0.21), size
+    assert covered(table) == pytest.approx(0.95, abs=0.065)
+    assert len(table["value"].unique()) == 100
 
 
 def test_magnitude_and_phase_of_a_response_are_as_precise_as_they_say_and_as_the_noise_allows():

@@ -12,6 +12,7 @@ from osl_analysis.config import Config
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import Table
 from osl_analysis.job_log import plain
+from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.quality.verdict import CHECKS, unknown_check, validate_rules
 from osl_analysis.sheet import read_sheet
 from osl_analysis.walking.conditions import PERTURBED, STATED, split_keys
@@ -115,6 +116,11 @@ class Campaign:
             )
         return str(trials[0])
 
+    def predicted(self) -> list[str]:
+        """The impedance trials whose gains are known: by a parameter file, a controller of the draft, K_d and B_d."""
+        known = self.sheet["controller"].isin(CONTROLLERS) & self.sheet[["K_d", "B_d"]].notna().all(axis=1)
+        return [trial for trial in self.trials("impedance") if self.config.parameters is not None and known[trial]]
+
     def rows_of(self, experiment: str, table: Table) -> list[str]:
         """Names of the trials of an experiment that have rows in one of its tables."""
         return self.crossings(perturbed=True) if table.perturbed_only else self.trials(experiment)
@@ -147,7 +153,7 @@ class Campaign:
         }
         for field, path in named.items():
             if path is not None and not path.is_file():
-                none = ", or write null for none" if field == "impedance_trajectory" else ""
+                none = ", or write null for none" if field != "study.simulation" else ""
                 raise InputError(f"{path}: no such file; correct {field} in the configuration{none}")
 
     def check_quality(self) -> None:

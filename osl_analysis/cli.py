@@ -7,7 +7,9 @@ import click
 from osl_analysis.cli_options import (
     AS_JSON,
     CONFIG,
+    DEVICE,
     FILE,
+    NO_FILE,
     NUMBERS,
     PARAMETERS,
     OneLineErrors,
@@ -133,7 +135,7 @@ def inspect(file: Path, draft_path: Path | None) -> None:
     help="K, B, I of Eq. 15; B_j, J_j of Eq. 4; the belt stiffness K_s; or the five actuator parameters of Eqs. 1-2.",
 )
 @desired_options
-@PARAMETERS
+@DEVICE
 @CONFIG
 @AS_JSON
 @click.option("--plot", type=FILE, help="Draw measured and modelled torque [N·m] to this file.")
@@ -143,7 +145,7 @@ def fit(
     stiffness: float | None,
     damping: float | None,
     controller: str,
-    parameters: Path,
+    parameters: Path | None,
     config_path: Path,
     as_json: bool,
     plot: Path | None,
@@ -153,17 +155,21 @@ def fit(
     The configuration may be a campaign's own, which overrides fields of the default. With --stiffness and --damping an
     impedance trial is judged as in a campaign: whether the torque is late, and whether K is plausible.
     """
-    from osl_analysis.commands.fit import NOT_CHECKED, estimates_json, estimates_text, fit_one_trial, fit_request
+    from osl_analysis.commands import fit as command
 
     desired = desired_impedance(model, stiffness, damping, controller)
-    fitted = fit_one_trial(model, trial, parameters, fit_request(model, config_path, desired))
+    device = command.campaign_parameters(config_path) if parameters is None else parameters
+    request = command.fit_request(model, config_path, desired)
+    fitted = command.fit_one_trial(model, trial, None if device == NO_FILE else device, request)
     if model == "impedance" and desired is None:
-        click.echo(NOT_CHECKED, err=True)
+        click.echo(command.NOT_CHECKED, err=True)
+    if unchecked := command.said_not_checked(fitted):
+        say(unchecked, err=True)
     if plot is not None:
         from osl_analysis.commands.figure import draw_table
 
         draw_table("torque", fitted.series, [plot])
-    say(estimates_json(fitted.estimates) if as_json else estimates_text(fitted.estimates))
+    say(command.estimates_json(fitted.estimates) if as_json else command.estimates_text(fitted.estimates))
 
 
 @main.command(epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (or 100:400:50 and 0,5 for a grid)")

@@ -79,11 +79,17 @@ K_D = click.option("--stiffness", type=float, help="Desired K_d [N·m/rad] of th
 B_D = click.option("--damping", type=float, help="Desired B_d [N·m·s/rad] of the trial, for --model impedance.")
 CONTROLLER = click.option(
     "--controller",
-    type=click.Choice(["compensated", "uncompensated"]),
     default="compensated",
     show_default=True,
-    help="Controller of the trial, with --stiffness and --damping.",
+    help="Controller of the trial, any name. The gains of compensated and uncompensated are known (Eqs. 13 and 14).",
 )
+DEVICE = click.option(
+    "--parameters",
+    type=FILE,
+    help="Parameter file of the device; `none`: it has none. Default: that of the configuration.",
+)
+NO_FILE = Path("none")
+"""Value of `DEVICE` for a device without a parameter file."""
 
 
 def desired_options(command: Any) -> Any:
@@ -94,18 +100,15 @@ def desired_options(command: Any) -> Any:
 def desired_impedance(
     model: str, stiffness: float | None, damping: float | None, controller: str
 ) -> "DesiredImpedance | None":
-    """The desired impedance of a trial; None without it. One value alone, or values without a use, are refused."""
+    """The desired impedance of a trial, as far as it is given; None if nothing is. Values without a use are refused."""
     from osl_analysis.bench.impedance import DesiredImpedance
 
-    if (stiffness is None) != (damping is None):
-        raise click.UsageError("--stiffness and --damping go together")
-    if stiffness is None or damping is None:
-        given = click.get_current_context().get_parameter_source("controller")
-        if given is ParameterSource.COMMANDLINE:
-            raise click.UsageError("--controller is that of a trial with --stiffness and --damping: give them, or none")
+    given = click.get_current_context().get_parameter_source("controller") is ParameterSource.COMMANDLINE
+    if stiffness is None and damping is None and not given:
         return None
     if model != "impedance":
-        raise click.UsageError("--stiffness and --damping are those of an impedance trial: give --model impedance")
+        said = "--stiffness, --damping and --controller are those of an impedance trial: give --model impedance"
+        raise click.UsageError(said)
     return DesiredImpedance(controller, stiffness, damping)
 
 

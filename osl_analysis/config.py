@@ -25,7 +25,7 @@ class TimeSeriesFigure(Settings):
     """Desired stiffness of the trial [N*m/rad]."""
     B_d: Annotated[float, Field(ge=0)]
     """Desired damping of the trial [N*m*s/rad]."""
-    controller: Literal["compensated", "uncompensated"]
+    controller: str
     """Controller of the trial."""
     amplitude_deg: Degrees
     """Amplitude of the sines [deg]."""
@@ -103,8 +103,8 @@ class Config(Settings):
     """Folder of the results."""
     simulation: Path | None
     """Settings of the simulator that makes the recordings; null: they are real."""
-    parameters: Path
-    """Parameter file of the device."""
+    parameters: Path | None
+    """Parameter file of the device; null: none, it is analysed without predictions and without ratios to a file."""
     sources: Path
     """Folder of the source files."""
     dynamometer: DynamometerAnalysis

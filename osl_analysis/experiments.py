@@ -149,7 +149,6 @@ EXPERIMENTS: dict[str, Experiment] = {
         place="bench",
         motion="theta",
         torque="torque",
-        sheet=("controller", "K_d", "B_d"),
         stepped_sine=True,
         log="dynamometer",
         tables=(

@@ -105,6 +105,11 @@ def wrong(reason: str, *place: str) -> PydanticCustomError:
     return PydanticCustomError("wrong", "{reason}", {"reason": reason, "place": place})
 
 
+def known_parameters(path: Path | None) -> DrivetrainParameters | None:
+    """Parameters of a device; None for one without a parameter file. Raises as `read_parameters`."""
+    return None if path is None else read_parameters(path)
+
+
 def read_parameters(path: Path) -> DrivetrainParameters:
     """Parameters of one device, from a file like `config/parameters/default.yaml`.
 

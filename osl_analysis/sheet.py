@@ -2,6 +2,7 @@
 
 import math
 import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -9,16 +10,20 @@ import pandas as pd
 
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.experiments import EXPERIMENTS, RENAMED
+from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.sheet_text import SheetLine, read_lines
 
-CONTROLLERS = ("compensated", "uncompensated")
+JOINT = "ankle"
+"""The joint of a trial whose row names none. The walkway measures this one."""
+LONGEST_NAME = 100
+"""Largest number of characters of a joint or controller."""
 SIDES, DIRECTIONS = ("left", "right"), ("up", "down")
 CONDITIONS = ("group", "subject", "session", "side", "speed", "direction")
 """Columns that say under which conditions a crossing was walked. Walking results are split by them."""
 COLUMNS = {
     "trial": "string", "experiment": "string", "controller": "string", "K_d": "float64", "B_d": "float64",
     "perturbed": "boolean", "log": "string", "log_source": "string", "mocap": "string", "mocap_source": "string",
-    "exclude": "string", "accept": "string",
+    "exclude": "string", "accept": "string", "joint": "string",
     **dict.fromkeys(CONDITIONS, "string"), "body_mass_kg": "float64", "static": "string",
 }  # fmt: skip
 REQUIRED = ("trial", "experiment")
@@ -29,14 +34,16 @@ def read_sheet(path: Path) -> pd.DataFrame:
 
     trial: its name, of letters, digits, `_`, `.` and `-`.
     experiment: one of `EXPERIMENTS`.
-    controller, K_d, B_d: controller and desired impedance [N*m/rad, N*m*s/rad] of an impedance trial or a crossing.
+    joint: what turned, as a word of the laboratory's own; empty: the ankle. On the walkway it is the ankle.
+    side: left or right; of a crossing, the leg that steps on the platform.
+    controller: its name; `compensated` and `uncompensated` are those of the draft. Empty: none, as in a passive device.
+    K_d, B_d: desired impedance [N*m/rad, N*m*s/rad] of an impedance trial or a crossing, where it is known.
     perturbed: true or false, for a crossing.
     log, mocap: files, relative to the campaign's raw data.
     log_source, mocap_source: names of the files in `config/sources` that describe them.
     exclude: the reason why the trial is excluded; empty: it is used.
     accept: names of quality checks, separated by blanks. Their failure neither flags nor excludes the trial.
     group, subject, session, speed: conditions of a crossing, as words of the laboratory's own.
-    side: leg that steps on the platform, left or right.
     body_mass_kg: of the person who walks, with clothes and leg. The load on the plate is compared with it.
     static: the static trial that calibrates a crossing or plate trial; empty: that of its subject, session and side.
     direction: turn of the platform, up (toes up, dorsiflexion) or down. It is checked against the markers.
@@ -78,6 +85,26 @@ def check_rows(lines: Sequence[SheetLine], path: Path) -> None:
                 "give each row its own name"
             )
         seen[row["trial"]] = line.number
+    check_spelling(lines, path)
+
+
+def check_spelling(lines: Sequence[SheetLine], path: Path) -> None:
+    """Refuse two names of a joint or controller that differ by capitals, or by how Unicode writes a letter, alone."""
+    for column, known in (("joint", (JOINT,)), ("controller", CONTROLLERS)):
+        first = {folded(name): name for name in known}
+        for line in lines:
+            name = line.cells.get(column) or known[0]
+            before = first.setdefault(folded(name), name)
+            if before != name:
+                raise InputError(
+                    f"{path}: line {line.number}: {column} '{name}' differs from '{before}' by capitals or accents "
+                    f"alone, and would be another one; write '{before}' in both"
+                )
+
+
+def folded(name: str) -> str:
+    """A name without what a reader takes for the same: capitals, and other codes of the same letters."""
+    return unicodedata.normalize("NFKC", name).casefold()
 
 
 def typed(rows: Sequence[Mapping[str, str]]) -> pd.DataFrame:
@@ -85,7 +112,11 @@ def typed(rows: Sequence[Mapping[str, str]]) -> pd.DataFrame:
     sheet = pd.DataFrame([{**dict.fromkeys(COLUMNS, ""), **row} for row in rows], dtype="string")
     sheet = sheet[list(COLUMNS)].mask(sheet[list(COLUMNS)] == "")
     booleans = sheet["perturbed"].str.lower().map({"true": True, "false": False})
-    return sheet.assign(perturbed=booleans).astype(COLUMNS).set_index("trial", drop=False)
+    return (
+        sheet.assign(perturbed=booleans, joint=sheet["joint"].fillna(JOINT))
+        .astype(COLUMNS)
+        .set_index("trial", drop=False)
+    )
 
 
 def problem_in(row: dict[str, str]) -> str:
@@ -94,16 +125,19 @@ def problem_in(row: dict[str, str]) -> str:
         return f"trial '{row['trial']}' must be up to 100 letters, digits, '_', '.' and '-': it becomes a file name"
     if row["experiment"] not in EXPERIMENTS:
         return unknown_experiment(row["experiment"])
-    if row["controller"] and row["controller"] not in CONTROLLERS:
-        like = nearest(row["controller"], CONTROLLERS)
-        return f"controller '{row['controller']}' is none of {', '.join(CONTROLLERS)}{like}"
+    for column in ("joint", "controller"):
+        if len(row[column]) > LONGEST_NAME:
+            return (
+                f"{column} '{row[column][:20]}...' has {len(row[column])} characters; up to {LONGEST_NAME} are allowed"
+            )
     for column in ("K_d", "B_d", "body_mass_kg"):
         if row[column] and not is_number(row[column]):
             return f"{column} '{row[column]}' is not a number; give it in SI units, without the unit"
     if row["body_mass_kg"] and not float(row["body_mass_kg"]) > 0:
         return f"body_mass_kg '{row['body_mass_kg']}' must be above 0, or empty"
     if (row["K_d"] and not float(row["K_d"]) > 0) or (row["B_d"] and not float(row["B_d"]) >= 0):
-        return f"K_d = {row['K_d']}, B_d = {row['B_d']} is not the impedance of a joint; give K_d > 0 and B_d >= 0"
+        said = ", ".join(f"{column} = {row[column]}" for column in ("K_d", "B_d") if row[column])
+        return f"{said} is not the impedance of a joint; give K_d > 0 and B_d >= 0"
     if row["perturbed"].lower() not in ("", "true", "false"):
         return f"perturbed '{row['perturbed']}' must be true or false"
     return problem_with_conditions(row) or problem_with_needs(row)
@@ -114,6 +148,11 @@ def problem_with_conditions(row: dict[str, str]) -> str:
     for column, allowed in (("side", SIDES), ("direction", DIRECTIONS)):
         if row[column] and row[column] not in allowed:
             return f"{column} '{row[column]}' must be {' or '.join(allowed)}"
+    if EXPERIMENTS[row["experiment"]].place == "walkway" and row["joint"] not in ("", JOINT):
+        return (
+            f"joint '{row['joint']}' of experiment '{row['experiment']}': the walkway measures the {JOINT}; leave the "
+            "cell empty if it is that, or write experiment 'ingest_only' for a recording that is not analysed"
+        )
     if row["direction"] and row["perturbed"].lower() != "true":
         return f"direction '{row['direction']}' of a trial that is not perturbed; leave the cell empty"
     for column in CONDITIONS:

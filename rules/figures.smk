@@ -90,7 +90,7 @@ rule plot_numbers_fig4:
 rule plot_numbers_fig7:
     input:
         table=RESULTS / "tables/frequency_response.csv",
-        parameters=CONFIG.parameters,
+        parameters=CONFIG.parameters or [],
     output:
         RESULTS / "figures/fig7.csv",
     log:

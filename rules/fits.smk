@@ -1,6 +1,16 @@
 """Trial -> the tables of its fit, for every experiment whose facts name a job (`osl_analysis/experiments.py`)."""
 
 
+def device() -> dict[str, Path]:
+    """The parameter file of the device, as an input by name, where it has one."""
+    return {"parameters": CONFIG.parameters} if CONFIG.parameters else {}
+
+
+def no_device() -> dict[str, None]:
+    """The same as a parameter, where there is no such file."""
+    return {} if CONFIG.parameters else {"parameters": None}
+
+
 def sheet_row(*columns: str):
     """These columns of a trial's row, as a parameter of its rule."""
     return lambda wildcards: {column: CAMPAIGN.row(wildcards.trial)[column] for column in columns}
@@ -14,7 +24,7 @@ for experiment, facts in EXPERIMENTS.items():
         name:
             f"fit_{experiment}_trial"
         input:
-            **({"parameters": CONFIG.parameters} if facts.fit.parameters else {}),
+            **(device() if facts.fit.parameters else {}),
             trial=RESULTS / "trials/{trial}.parquet",
         output:
             **{table.name: RESULTS / f"fits/{table.name}/{{trial}}.csv" for table in facts.tables},
@@ -24,6 +34,7 @@ for experiment, facts in EXPERIMENTS.items():
             trial=CAMPAIGN.pattern(experiment),
         params:
             **{name: getattr(CONFIG, section).part(model) for name, (section, model) in facts.fit.settings.items()},
+            **(no_device() if facts.fit.parameters else {}),
             **({"condition": sheet_row(*facts.fit.sheet)} if facts.fit.sheet else {}),
             command=facts.fit.job,
             code=jobs.code_of(facts.fit.job),

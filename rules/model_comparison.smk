@@ -1,7 +1,7 @@
 """Rival models side by side: belt and transmission predict other trials, the rendered impedance other amplitudes."""
 
 REPEATS = [name for name in ("belt", "transmission") if CAMPAIGN.trials(name)]
-AMPLITUDES = CAMPAIGN.trials("impedance") if len(CONFIG.dynamometer.amplitudes_deg) > 1 else []
+AMPLITUDES = CAMPAIGN.predicted() if len(CONFIG.dynamometer.amplitudes_deg) > 1 else []
 COMPARISONS = [*(f"{name}_trials" for name in REPEATS), *AMPLITUDES]
 IS_PREDICTED = bool(AMPLITUDES) or any(len(CAMPAIGN.trials(name)) > 1 for name in REPEATS)
 """Whether any model predicts data that it was not fitted to."""
@@ -9,15 +9,16 @@ IS_PREDICTED = bool(AMPLITUDES) or any(len(CAMPAIGN.trials(name)) > 1 for name i
 
 rule compare_belt_models:
     input:
+        **device(),
         trials=ingested("belt"),
         quality=checked(CAMPAIGN.trials("belt")),
         fitted=lambda wildcards: rows("belt"),
-        parameters=CONFIG.parameters,
     output:
         RESULTS / "fits/model_comparison/belt_trials.csv",
     log:
         RESULTS / "logs/model_comparison/belt_trials.log",
     params:
+        **no_device(),
         code=jobs.code_of("bench.compare_belt_models"),
         settings=CONFIG.dynamometer.part("BeltAnalysis"),
     run:
@@ -43,9 +44,9 @@ rule compare_transmission_models:
 
 rule compare_impedance_models:
     input:
+        **device(),
         trial=RESULTS / "trials/{trial}.parquet",
         fitted=lambda wildcards: rows("impedance", [wildcards.trial]),
-        parameters=CONFIG.parameters,
     output:
         RESULTS / "fits/model_comparison/{trial}.csv",
     log:

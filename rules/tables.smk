@@ -35,7 +35,7 @@ def result_tables() -> list[Path]:
     tables = [table for table, trials in PER_TRIAL.items() if trials and table not in {"quality", *UNPUBLISHED}]
     tables += [table for table, (source, _) in DERIVED.items() if source in tables]
     tables += [table for name in EXPERIMENTS if CAMPAIGN.trials(name) for table in EXPERIMENTS[name].further_tables]
-    tables += ["gains"] * bool(CONFIG.impedance_trajectory)
+    tables += ["gains"] * bool(CONFIG.impedance_trajectory and CONFIG.parameters)
     return [RESULTS / f"tables/{table}.csv" for table in tables]
 
 
@@ -95,7 +95,7 @@ rule derived_table:
 rule gains_table:
     input:
         trajectory=CONFIG.impedance_trajectory or [],
-        parameters=CONFIG.parameters,
+        parameters=CONFIG.parameters or [],
     output:
         RESULTS / "tables/gains.csv",
     log:

@@ -95,8 +95,13 @@ def test_fit_says_what_it_cannot_check_and_takes_a_campaign_s_overriding_file(fo
     (tmp_path / "typo.yaml").write_text("dynamometr: {cutoff_hz: 10}")
     typo = call("fit", folder / f"{TRIAL}.parquet", "--config", tmp_path / "typo.yaml")
     assert (typo.exit_code, "unknown field 'dynamometr'" in typo.stderr) == (1, True)
-    alone = call("fit", folder / f"{TRIAL}.parquet", "--stiffness", "300")
-    assert (alone.exit_code, "go together" in alone.stderr) == (2, True)
+    typed = ("--stiffness", "300", "--damping", "5", "--controller", "compensatd")
+    for unknown, why in ((typed[:2], "B_d is not stated"), (typed, "did you mean 'compensated'?")):
+        said = call("fit", folder / f"{TRIAL}.parquet", *unknown, "--config", tmp_path / "own.yaml", "--json")
+        assert (said.exit_code, "not checked: whether K is what" in said.stderr, why in said.stderr) == (0, True, True)
+        row = json.loads(said.stdout)[-1]
+        assert (row["K_d"], row["K_ratio"], row["K_predicted"]) == (300, None, None)
+        assert row["K"] == json.loads(known.stdout)[-1]["K"]
 
 
 def test_fit_as_json_holds_numbers_near_linear_theory(folder):
@@ -216,7 +221,7 @@ def test_a_mistake_is_one_line_with_exit_code_1(arguments, message):
         ("gains", "--trajectory", "config/impedance/synthetic_walking.csv", "--stiffness", 300),
         ("gains", "--trajectory", "config/impedance/synthetic_walking.csv", "--damping", 5),
         ("gains", "--trajectory", "config/impedance/synthetic_walking.csv", "--stiffness", 300, "--damping", 5),
-        ("fit", "x.parquet", "--controller", "uncompensated"),
+        ("fit", "x.parquet", "--controller", "uncompensated", "--model", "belt"),
         ("gains", "--stiffness", "stiff", "--damping", 5),
         ("gains", "--stiffness", "1:5", "--damping", 5),
         ("gains", "--stiffness", "400:100:50", "--damping", 5),

@@ -46,8 +46,12 @@ def test_columns_that_a_campaign_does_not_need_may_be_left_out(tmp_path):
         ("b1,belt,,,,,b.mcap,,,,", "log_source is empty"),
         ("k,impedance,compensated,stiff,5,,k.mcap,dynamometer,,,", "K_d 'stiff' is not a number"),
         ("k,impedance,compensated,nan,5,,k.mcap,dynamometer,,,", "K_d"),
-        ("k,impedance,,300,5,,k.mcap,dynamometer,,,", "controller is empty"),
-        ("k,impedance,open loop,300,5,,k.mcap,dynamometer,,,", "controller 'open loop' is none of"),
+        (
+            "k,impedance,Compensated,300,5,,k.mcap,dynamometer,,,",
+            "'Compensated' differs from 'compensated' by",
+        ),
+        (f"k,impedance,{'PD' * 51},300,5,,k.mcap,dynamometer,,,", "controller 'PDPD.*has 102 characters; up to 100"),
+        ("k,impedance,,0,,,k.mcap,dynamometer,,,", "K_d = 0 is not the impedance of a joint"),
         ("w,walking,,,,maybe,,,w.c3d,vicon,", "perturbed 'maybe' must be true or false"),
         ("w,walking,,,,,,,w.c3d,vicon,", "perturbed is empty"),
         ("b1,belt,,,,,b.mcap,dynamometer,,,\nb1,belt,,,,,b.mcap,dynamometer,,,", "trial 'b1' stands twice"),
@@ -56,6 +60,38 @@ def test_columns_that_a_campaign_does_not_need_may_be_left_out(tmp_path):
 def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, message):
     with pytest.raises(InputError, match=f"trials.csv: .*{message}"):
         read_sheet(sheet(tmp_path, HEADER + line + "\n"))
+
+
+def test_joint_controller_and_desired_impedance_are_free(tmp_path):
+    """Any name or none; each of K_d and B_d alone, or neither. A trial without a joint is one of the ankle."""
+    rows = (
+        "a,impedance,PD $x_1$ 50 %,300,,a.csv,bench_csv,knee,left\n"
+        "b,impedance,,,2,b.csv,bench_csv,éxo \\alpha,\n"
+        "c,belt,,,,c.csv,bench_csv,,right\n"
+    )
+    table = read_sheet(sheet(tmp_path, "trial,experiment,controller,K_d,B_d,log,log_source,joint,side\n" + rows))
+    assert list(table["joint"]) == ["knee", "éxo \\alpha", "ankle"]
+    assert table.loc["a", "controller"] == "PD $x_1$ 50 %"
+    assert table.loc["a", "side"] == "left"
+    assert table.loc["c", "side"] == "right"
+    assert pd.isna(table.loc["b", "controller"])
+    assert (table.loc["a", "K_d"], table.loc["b", "B_d"]) == (300, 2)
+    assert pd.isna(table.loc["b", "K_d"])
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ("a,belt,knee,\nb,belt,Knee,\n", "line 3: joint 'Knee' differs from 'knee' by capitals or accents alone"),
+        ("a,impedance,e\u0301xo,\nb,impedance,\u00e9xo,\n", "line 3: joint .* by capitals or accents alone"),
+        ("a,static,knee,\n", "joint 'knee' of experiment 'static': the walkway measures the ankle; leave the cell"),
+        ("a,belt,knee,both\n", "side 'both' must be left or right"),
+    ],
+)
+def test_a_joint_has_one_spelling_and_the_walkway_one_joint(tmp_path, rows, message):
+    rows = "".join(f"{row},{row[0]}.csv,bench_csv\n" for row in rows.splitlines())
+    with pytest.raises(InputError, match=message):
+        read_sheet(sheet(tmp_path, "trial,experiment,joint,side,log,log_source\n" + rows))
 
 
 def test_blanks_around_a_cell_say_nothing(tmp_path):

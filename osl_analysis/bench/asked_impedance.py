@@ -7,13 +7,17 @@ import polars as pl
 
 from osl_analysis.bench.frequency_response import trial_phasors
 from osl_analysis.bench.impedance import DesiredImpedance, impedance_table, prediction_columns
-from osl_analysis.bench.plausibility import plausible_impedance
+from osl_analysis.bench.plausibility import not_checked, plausible_impedance
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.model.admittance_error import Weight
+from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.rendering import predicted_impedance
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.trial import Trial
+
+OF_GAINS = "whether K is what the gains should give, whether the torque is late, whether the bench's frame yields"
+OF_BELT = "K against the belt's K_s"
 
 
 @dataclass(frozen=True)
@@ -27,11 +31,24 @@ class AskedImpedance:
     frequencies_hz: Sequence[float]
     """Frequencies [Hz] of the protocol."""
 
+    def gains(self, p: DrivetrainParameters | None) -> Gains | None:
+        """The gains that the leg had; None where they are not known. Raises as `DesiredImpedance.gains`."""
+        return self.desired.gains(p, self.weight)
+
+    def not_checked(self, p: DrivetrainParameters | None) -> str:
+        """What a trial is not checked for, and why; empty if it is checked for all."""
+        if p is None:
+            return f"{OF_BELT}, {OF_GAINS}: the configuration names no parameter file"
+        why = self.desired.unknown_gains()
+        return f"{OF_GAINS}: {why}" if why else ""
+
 
 def judged_impedance(
-    stepped: SteppedSineTrial, trial: Trial, p: DrivetrainParameters, asked: AskedImpedance | None
+    stepped: SteppedSineTrial, trial: Trial, p: DrivetrainParameters | None, asked: AskedImpedance | None
 ) -> pl.DataFrame:
-    """The rows of Eq. 15 with all that judges them; what the gains should give only where it is known what was asked.
+    """The rows of Eq. 15 with all that judges them; what the gains should give only where these are known.
+
+    Without parameter file (`p`), controller of the draft, K_d and B_d they are not. The column `not_checked` says so.
 
     Raises
     ------
@@ -39,10 +56,15 @@ def judged_impedance(
         As `plausible_impedance`, and as `DesiredImpedance.gains`.
     """
     phasors = trial_phasors(stepped)
-    if asked is None:
-        return plausible_impedance(impedance_table(stepped, phasors), trial, p)
-    gains = asked.desired.gains(p, asked.weight)
+    gains = None if asked is None else asked.gains(p)
+    if asked is None or p is None or gains is None:
+        table = plausible_impedance(impedance_table(stepped, phasors), trial, p)
+        if asked is None:
+            return table.with_columns(not_checked("" if p else f"{OF_BELT}: no parameter file is named"))
+        known = table.with_columns(**asked.desired.columns(), **prediction_columns(None))
+        return known.with_columns(not_checked(asked.not_checked(p)))
     table = impedance_table(stepped, phasors, joint_admittance(gains.K_1, gains.B_1, p, p.J_j))
     predicted = predicted_impedance(gains, p, asked.frequencies_hz)
     plausible = plausible_impedance(table, trial, p, predicted[0])
-    return plausible.with_columns(**asked.desired.columns(), **prediction_columns(predicted))
+    judged = plausible.with_columns(**asked.desired.columns(), **prediction_columns(predicted))
+    return judged.with_columns(not_checked(asked.not_checked(p)))

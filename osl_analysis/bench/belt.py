@@ -26,6 +26,9 @@ from osl_analysis.uniform import UniformSignals, uniform_signals
 
 CURVE_STEP_HZ = 50.0
 """Points per second of the torque-deflection curve that is kept for the figure."""
+LOCKED = 0.01
+"""Largest turn of the shaft, as a share of the joint's, that counts as rest where n_T is not known: K_s is 1 % off at
+most."""
 SUMMARISED = ("K_s", "unloading", "hysteresis_area", "quadratic_K_s2")
 """Columns of the belt table of which `belt_summary.csv` has a mean over trials."""
 
@@ -56,8 +59,8 @@ class BeltTrial:
     """The same if undecided stamps were taken the other way; None where all are decided."""
 
 
-def belt_trial(trial: Trial, p: DrivetrainParameters, settings: BeltAnalysis) -> BeltTrial:
-    """Filter and fit one canonical trial.
+def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnalysis) -> BeltTrial:
+    """Filter and fit one canonical trial. Without parameters (None) the ratio n_T is not known: the shaft must rest.
 
     Raises
     ------
@@ -77,7 +80,7 @@ def belt_trial(trial: Trial, p: DrivetrainParameters, settings: BeltAnalysis) ->
 
 
 def belt_of(
-    signals: UniformSignals, p: DrivetrainParameters, settings: BeltAnalysis, more_compliance: float = 0.0
+    signals: UniformSignals, p: DrivetrainParameters | None, settings: BeltAnalysis, more_compliance: float = 0.0
 ) -> BeltTrial:
     """The trial behind uniform signals; raises as `belt_trial`, without the trial's name.
 
@@ -87,12 +90,25 @@ def belt_of(
     check_changes("torque", signals["torque"])
     compliance = (bench.compliance if bench else 0.0) + more_compliance
     theta = joint_angle(signals["theta"], signals["torque"], compliance)
-    deflection = belt_deflection(theta, signals["theta_m"], p)
+    if p is None:
+        check_locked(low_pass(theta, rate), low_pass(signals["theta_m"], rate))
+    deflection = theta if p is None else belt_deflection(theta, signals["theta_m"], p)
     theta_s, torque = low_pass(deflection, rate), low_pass(signals["torque"], rate)
     every, drift = low_pass.independent_samples(rate), settings.load_cell_drift / 60 / rate
     fit = fit_belt_stiffness(theta_s, torque, every, drift, signals.usable)
     check_stiffer(signals.trial, "K_s", fit.K_s, bench)
     return BeltTrial(signals.trial, signals.time, rate, low_pass, theta_s, torque, fit, signals, bench)
+
+
+def check_locked(theta: Array, theta_m: Array) -> None:
+    """Refuse a shaft that turns where n_T is not known, and so its share of the deflection; angles (n,) [rad]."""
+    turned, whole = float(np.ptp(theta_m)), float(np.ptp(theta))
+    if turned > LOCKED * whole:
+        raise InputError(
+            f"theta_m turns by {turned:.3g} rad while theta turns by {whole:.3g} rad, and without a parameter file its "
+            "ratio n_T to the joint is not known; lock the shaft, or name a parameter file under `parameters` in the "
+            "configuration"
+        )
 
 
 def belt_table(belt: BeltTrial) -> pl.DataFrame:

@@ -13,9 +13,9 @@ from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors, at
 from osl_analysis.bench.nonlinearity import rendered_nonlinearity_row
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.bench.torque_lag import torque_lag_row
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, nearest
 from osl_analysis.model.admittance_error import Weight
-from osl_analysis.model.compensator import Gains, select_gains
+from osl_analysis.model.compensator import CONTROLLERS, Gains, select_gains
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import fit_impedance, impedance_columns
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
@@ -30,22 +30,40 @@ MAY_BE_NULL = ("amplitude_deg", "K_change", "B_change", "backlash_share", "stiff
 
 @dataclass(frozen=True)
 class DesiredImpedance:
-    """What the leg was asked to render in a trial."""
+    """What the leg was asked to render in a trial, as far as it is known."""
 
-    controller: str
-    """`compensated` or `uncompensated`."""
-    K_d: float
-    """Desired stiffness [N*m/rad]."""
-    B_d: float
-    """Desired damping [N*m*s/rad]."""
+    controller: str | None
+    """Any name; `compensated` and `uncompensated` are those of the draft. None: none, or not known."""
+    K_d: float | None
+    """Desired stiffness [N*m/rad]; None: not known."""
+    B_d: float | None
+    """Desired damping [N*m*s/rad]; None: not known."""
 
-    def gains(self, p: DrivetrainParameters, weight: Weight) -> Gains:
-        """The control gains of a device with these parameters, selected with W of Eq. 14; raises as `select_gains`."""
+    def gains(self, p: DrivetrainParameters | None, weight: Weight) -> Gains | None:
+        """The gains of a device with these parameters, selected with W of Eq. 14; None where they are not known.
+
+        Raises
+        ------
+        UnreachableImpedanceError
+            As `select_gains`.
+        """
+        if p is None or self.controller is None or self.K_d is None or self.B_d is None or self.unknown_gains():
+            return None
         return select_gains(self.controller, self.K_d, self.B_d, p, weight)
+
+    def unknown_gains(self) -> str:
+        """Why the gains of this trial are not known, whatever the device; empty where they are."""
+        if self.controller is None:
+            return "no controller is stated"
+        if self.controller not in CONTROLLERS:
+            return f"the gains of controller '{self.controller}' are not known{nearest(self.controller, CONTROLLERS)}"
+        absent = [name for name in ("K_d", "B_d") if getattr(self, name) is None]
+        return f"{' and '.join(absent)} {'is' if len(absent) == 1 else 'are'} not stated" if absent else ""
 
     def columns(self) -> dict[str, pl.Expr]:
         """`controller`, `K_d` and `B_d` as constant columns of a table."""
-        return {"controller": pl.lit(self.controller), "K_d": pl.lit(self.K_d), "B_d": pl.lit(self.B_d)}
+        numbers = {name: pl.lit(getattr(self, name), pl.Float64) for name in ("K_d", "B_d")}
+        return {"controller": pl.lit(self.controller, pl.String), **numbers}
 
 
 def impedance_table(
@@ -112,10 +130,11 @@ def range_over_amplitudes(name: str) -> list[pl.Expr]:
     return [pl.when(several).then(value).alias(f"{name}_amplitudes_{end}") for end, value in bounds.items()]
 
 
-def prediction_columns(predicted: tuple[float, float, float]) -> dict[str, pl.Expr]:
-    """`K_predicted`, `B_predicted`, `I_predicted`: what linear theory expects, as constant columns of a table."""
-    names = ("K_predicted", "B_predicted", "I_predicted")
-    return {name: pl.lit(value) for name, value in zip(names, predicted, strict=True)}
+def prediction_columns(predicted: tuple[float, float, float] | None) -> dict[str, pl.Expr]:
+    """`K_predicted`, `B_predicted`, `I_predicted`: what linear theory expects, as constant columns of a table; null
+    where it says nothing."""
+    names, values = ("K_predicted", "B_predicted", "I_predicted"), predicted or (None, None, None)
+    return {name: pl.lit(value, pl.Float64) for name, value in zip(names, values, strict=True)}
 
 
 def impedance_series(trial: SteppedSineTrial) -> tuple[Array, Array, Array]:

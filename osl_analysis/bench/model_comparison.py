@@ -73,7 +73,7 @@ def drivetrain_of(trial: SteppedSineTrial, gains: Gains, p: DrivetrainParameters
     )
 
 
-def impedance_scores(trial: DrivetrainTrial, controller: str) -> pl.DataFrame:
+def impedance_scores(trial: DrivetrainTrial, controller: str | None) -> pl.DataFrame:
     """Rows of `model_comparison.csv` for one trial against the controller: Eq. 15 and the drivetrain of Eq. 9.
 
     Each amplitude is predicted by fits to the others.

@@ -19,6 +19,8 @@ SAME_AS_BELT = 1.1
 """Largest K over the belt's K_s. The joint and the motor act through the belt, in series with it, so that the motor can
 render no K above K_s; a tenth allows for the belt at hand."""
 
+NO_PARAMETERS = "estimates against those of a parameter file: the configuration names none"
+
 
 def check_recording(trial: Trial, limits: BenchAnalysis, torque: str = "torque", angle: str | None = "theta") -> None:
     """Refuse an angle that no leg's joint turns by, and a torque beyond the load cell's range of the configuration.
@@ -60,8 +62,13 @@ def ratio(column: str, reference: float | None, name: str) -> pl.Expr:
     return (pl.col(column) / reference if reference else pl.lit(None, pl.Float64)).alias(name)
 
 
-def plausible_belt(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters) -> pl.DataFrame:
-    """The belt's row with `saturated_samples` and `K_s_ratio`, K_s over that of the parameter file.
+def not_checked(reason: str) -> pl.Expr:
+    """The column `not_checked`: what could not be checked and why; null where all was."""
+    return pl.lit(reason or None, pl.String).alias("not_checked")
+
+
+def plausible_belt(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters | None) -> pl.DataFrame:
+    """The belt's row with `saturated_samples` and `K_s_ratio`, K_s over that of the parameter file, null without one.
 
     Raises
     ------
@@ -69,11 +76,14 @@ def plausible_belt(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters) -
         K_s is negative.
     """
     check_resists(trial.name, "K_s", table["K_s"][-1])
-    return with_clipping(table, trial, "torque", "theta").with_columns(ratio("K_s", p.K_s, "K_s_ratio"))
+    return with_clipping(table, trial, "torque", "theta").with_columns(
+        ratio("K_s", p.K_s if p else None, "K_s_ratio"), not_checked("" if p else NO_PARAMETERS)
+    )
 
 
-def plausible_transmission(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters) -> pl.DataFrame:
-    """The transmission's rows with `saturated_samples`, `B_j_ratio` and `J_j_ratio`, over the parameter file's.
+def plausible_transmission(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters | None) -> pl.DataFrame:
+    """The transmission's rows with `saturated_samples`, `B_j_ratio` and `J_j_ratio`, over the parameter file's; null
+    without one.
 
     Raises
     ------
@@ -81,17 +91,18 @@ def plausible_transmission(table: pl.DataFrame, trial: Trial, p: DrivetrainParam
         B_j is negative.
     """
     check_resists(trial.name, "B_j", table["B_j"][-1])
-    ratios = (ratio("B_j", p.B_j, "B_j_ratio"), ratio("J_j", p.J_j, "J_j_ratio"))
-    return with_clipping(table, trial, "torque", "theta").with_columns(*ratios)
+    ratios = (ratio("B_j", p.B_j if p else None, "B_j_ratio"), ratio("J_j", p.J_j if p else None, "J_j_ratio"))
+    judged = with_clipping(table, trial, "torque", "theta").with_columns(*ratios)
+    return judged.with_columns(not_checked("" if p else NO_PARAMETERS))
 
 
 def plausible_impedance(
-    table: pl.DataFrame, trial: Trial, p: DrivetrainParameters, predicted: float | None = None
+    table: pl.DataFrame, trial: Trial, p: DrivetrainParameters | None, predicted: float | None = None
 ) -> pl.DataFrame:
     """The rows of Eq. 15 with `saturated_samples`, `K_over_K_s` and `K_ratio`, K over what the gains should give.
 
     `K_ratio` is that of the largest amplitude in every row: friction changes K least there. `predicted` is the K
-    [N*m/rad] of linear theory; None where the gains are not known.
+    [N*m/rad] of linear theory; None where the gains are not known. Without a parameter file K_s is not known.
 
     Raises
     ------
@@ -100,7 +111,7 @@ def plausible_impedance(
     """
     K, high = table["K"][-1], table["K_high"][-1]
     check_resists(trial.name, "K", K, high)
-    if K > SAME_AS_BELT * p.K_s:
+    if p is not None and K > SAME_AS_BELT * p.K_s:
         reference = predicted or p.K_s
         raise InputError(
             f"trial {trial.name}: K = {K:.4g} N*m/rad is larger than the belt's K_s = {p.K_s:g} of the parameter file, "
@@ -109,12 +120,13 @@ def plausible_impedance(
         )
     largest = pl.lit(table.sort("amplitude_deg", nulls_last=False)["K"][-1])
     of_gains = (largest / predicted if predicted else pl.lit(None, pl.Float64)).alias("K_ratio")
-    ratios = (ratio("K", p.K_s, "K_over_K_s"), of_gains)
+    ratios = (ratio("K", p.K_s if p else None, "K_over_K_s"), of_gains)
     return with_clipping(table, trial, "torque", "theta").with_columns(*ratios)
 
 
-def plausible_actuator(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters) -> pl.DataFrame:
-    """The actuator's row with `saturated_samples` and the ratios of the estimates to the parameter file's.
+def plausible_actuator(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters | None) -> pl.DataFrame:
+    """The actuator's row with `saturated_samples` and the ratios of the estimates to the parameter file's; null without
+    one.
 
     Raises
     ------
@@ -127,6 +139,7 @@ def plausible_actuator(table: pl.DataFrame, trial: Trial, p: DrivetrainParameter
             f"trial {trial.name}: k_tau_n_m = {k:.4g} N*m/A is negative, a positive current gives a negative torque; "
             "turn the `sign` of the current, or of torque_m and theta_m, in the source file"
         )
-    references = {"k_tau_n_m": p.k_tau * p.n_m, "f_C": p.f_C, "f_G": p.f_G, "B_m": p.B_m, "J_m": p.J_m}
-    ratios = (ratio(name, value, f"{name}_ratio") for name, value in references.items())
-    return with_clipping(table, trial, "torque_m", "current").with_columns(*ratios)
+    known = {"k_tau_n_m": p.k_tau * p.n_m, "f_C": p.f_C, "f_G": p.f_G, "B_m": p.B_m, "J_m": p.J_m} if p else {}
+    ratios = (ratio(name, known.get(name), f"{name}_ratio") for name in ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m"))
+    judged = with_clipping(table, trial, "torque_m", "current").with_columns(*ratios)
+    return judged.with_columns(not_checked("" if p else NO_PARAMETERS))

@@ -44,14 +44,14 @@ from osl_analysis.errors import InputError
 from osl_analysis.figures.fig7 import LINEAR_MODEL, RESPONSE, points, response_curve
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import select_gains
-from osl_analysis.parameters import read_parameters
+from osl_analysis.parameters import known_parameters, read_parameters
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 
 
-def fit_belt_trial(trial: Path, parameters: Path, settings: BeltAnalysis, tables: Mapping[str, Path]) -> None:
+def fit_belt_trial(trial: Path, parameters: Path | None, settings: BeltAnalysis, tables: Mapping[str, Path]) -> None:
     """Fit one belt trial: its rows of the tables `belt` and `belt_curves` (torque against deflection)."""
-    read, p = read_trial(trial), read_parameters(parameters)
+    read, p = read_trial(trial), known_parameters(parameters)
     check_recording(read, settings)
     belt = belt_trial(read, p, settings)
     write_table(plausible_belt(belt_table(belt), read, p), tables["belt"])
@@ -60,20 +60,20 @@ def fit_belt_trial(trial: Path, parameters: Path, settings: BeltAnalysis, tables
 
 
 def fit_transmission_trial(
-    trial: Path, parameters: Path, settings: SteppedSineAnalysis, tables: Mapping[str, Path]
+    trial: Path, parameters: Path | None, settings: SteppedSineAnalysis, tables: Mapping[str, Path]
 ) -> None:
     """Fit one transmission trial: its rows of the table `transmission`."""
     read = read_trial(trial)
     check_recording(read, settings)
     stepped = stepped_sine_trial(read, settings)
-    table = plausible_transmission(transmission_table(stepped), read, read_parameters(parameters))
+    table = plausible_transmission(transmission_table(stepped), read, known_parameters(parameters))
     write_table(table, tables["transmission"])
     write_table(transmission_time_base(stepped), tables["timebase"])
 
 
 def fit_impedance_trial(
     trial: Path,
-    parameters: Path,
+    parameters: Path | None,
     condition: DesiredImpedance,
     weight: Weight,
     settings: SteppedSineAnalysis,
@@ -81,9 +81,10 @@ def fit_impedance_trial(
 ) -> None:
     """Fit one impedance trial: its rows of the tables `impedance`, `phasors` and `estimators`.
 
-    `condition` is the desired impedance of the trial. `weight` is W of Eq. 14 with which its gains were selected.
+    `parameters` is the file of the device, None for one without, here as in all these jobs. `condition` is the desired
+    impedance of the trial, as far as it is known. `weight` is W of Eq. 14 with which its gains were selected.
     """
-    p, read = read_parameters(parameters), read_trial(trial)
+    p, read = known_parameters(parameters), read_trial(trial)
     check_recording(read, settings)
     stepped = stepped_sine_trial(read, settings)
     asked = AskedImpedance(condition, weight, settings.frequencies_hz)
@@ -94,12 +95,14 @@ def fit_impedance_trial(
     write_table(impedance_time_base(stepped), tables["timebase"])
 
 
-def fit_actuator_trial(trial: Path, parameters: Path, settings: ActuatorAnalysis, tables: Mapping[str, Path]) -> None:
+def fit_actuator_trial(
+    trial: Path, parameters: Path | None, settings: ActuatorAnalysis, tables: Mapping[str, Path]
+) -> None:
     """Fit one trial of the actuator's bench: its row of the table `actuator`."""
     read = read_trial(trial)
     check_recording(read, settings, "torque_m", angle=None)
     actuator = actuator_trial(read, settings)
-    table = plausible_actuator(actuator_table(actuator), read, read_parameters(parameters))
+    table = plausible_actuator(actuator_table(actuator), read, known_parameters(parameters))
     write_table(table, tables["actuator"])
     write_table(actuator_time_base(actuator), tables["timebase"])
 
@@ -129,9 +132,9 @@ def average_over_amplitudes(table: Path, output: Path) -> None:
     write_table(frequency_response_table(read_table(table, ["amplitude_deg", "doubtful"])), output)
 
 
-def compare_belt_models(trials: Sequence[Path], parameters: Path, settings: BeltAnalysis, output: Path) -> None:
+def compare_belt_models(trials: Sequence[Path], parameters: Path | None, settings: BeltAnalysis, output: Path) -> None:
     """Rival models of the belt on each trial, predicted by fits to all the others."""
-    p = read_parameters(parameters)
+    p = known_parameters(parameters)
     write_table(belt_scores([belt_trial(read_trial(path), p, settings) for path in trials]), output)
 
 
@@ -158,8 +161,10 @@ def compare_impedance_models(
     `sign_width` [rad/s].
     """
     p, stepped = read_parameters(parameters), stepped_sine_trial(read_trial(trial), settings)
-    drivetrain = drivetrain_of(stepped, condition.gains(p, weight), p, sign_width)
-    write_table(impedance_scores(drivetrain, condition.controller), output)
+    gains = condition.gains(p, weight)
+    if gains is None:
+        raise InputError(f"trial {trial.stem}: {condition.unknown_gains()}; Eq. 9 needs the gains of the controller")
+    write_table(impedance_scores(drivetrain_of(stepped, gains, p, sign_width), condition.controller), output)
 
 
 def plotted_numbers_fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path) -> None:

@@ -21,13 +21,13 @@ from osl_analysis.bench.plausibility import (
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, DynamometerAnalysis, SteppedSineAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.transmission import transmission_series, transmission_table
-from osl_analysis.config import read_campaign_section
+from osl_analysis.config import DEFAULT_CONFIG, read_campaign_section
 from osl_analysis.doubtful import DoubtfulFits, marked
-from osl_analysis.parameters import read_parameters
+from osl_analysis.parameters import known_parameters
 from osl_analysis.shared_choices import WeightSettings
 from osl_analysis.table import finite_or_null
 from osl_analysis.trial import Array, Trial, read_trial
-from osl_analysis.yaml_settings import Settings
+from osl_analysis.yaml_settings import Settings, read_mapping
 
 UNITS = {
     "K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²", "K_s": "N·m/rad", "B_j": "N·m·s/rad", "J_j": "kg·m²",
@@ -84,7 +84,29 @@ NOT_CHECKED = (
 )
 
 
-def fit_one_trial(experiment: str, trial: Path, parameters: Path, request: FitRequest) -> FittedTrial:
+def said_not_checked(fitted: FittedTrial) -> str:
+    """What the fit of a trial could not check, as a line for the user; empty if it checked all."""
+    table = fitted.estimates
+    reasons = table["not_checked"].drop_nulls().unique().to_list() if "not_checked" in table.columns else []
+    return "\n".join(f"not checked: {reason}" for reason in reasons)
+
+
+def campaign_parameters(config: Path) -> Path | None:
+    """The parameter file that a configuration names, which may override fields of the default only; None: null.
+
+    Raises
+    ------
+    InputError
+        The file is not a configuration.
+    """
+    content = read_mapping(config)
+    if "parameters" not in content and DEFAULT_CONFIG.is_file():
+        content = read_mapping(DEFAULT_CONFIG)
+    named = content.get("parameters")
+    return None if named is None else Path(str(named))
+
+
+def fit_one_trial(experiment: str, trial: Path, parameters: Path | None, request: FitRequest) -> FittedTrial:
     """Fit an ingested trial of one of the `FITS`; `request` as `fit_request` gives it.
 
     Raises
@@ -96,42 +118,42 @@ def fit_one_trial(experiment: str, trial: Path, parameters: Path, request: FitRe
     return FittedTrial(marked(table, request.limits.of(experiment), experiment), series_table(*series))
 
 
-def fit_belt(trial: Trial, parameters: Path, request: FitRequest) -> Estimated:
+def fit_belt(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
     """The belt's row, and its series."""
     settings: BeltAnalysis = request.settings
-    p = read_parameters(parameters)
+    p = known_parameters(parameters)
     check_recording(trial, settings)
     belt = belt_trial(trial, p, settings)
     return plausible_belt(belt_table(belt), trial, p), belt_series(belt)
 
 
-def fit_transmission_losses(trial: Trial, parameters: Path, request: FitRequest) -> Estimated:
+def fit_transmission_losses(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
     """The transmission's rows, and the series of the fit to all amplitudes."""
     settings: SteppedSineAnalysis = request.settings
     check_recording(trial, settings)
     stepped = stepped_sine_trial(trial, settings)
-    table = plausible_transmission(transmission_table(stepped), trial, read_parameters(parameters))
+    table = plausible_transmission(transmission_table(stepped), trial, known_parameters(parameters))
     return table, transmission_series(stepped)
 
 
-def fit_rendered_impedance(trial: Trial, parameters: Path, request: FitRequest) -> Estimated:
+def fit_rendered_impedance(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
     """The rows of Eq. 15, and the series of the fit to all amplitudes."""
     settings: SteppedSineAnalysis = request.settings
     check_recording(trial, settings)
     stepped = stepped_sine_trial(trial, settings)
-    return judged_impedance(stepped, trial, read_parameters(parameters), request.asked), impedance_series(stepped)
+    return judged_impedance(stepped, trial, known_parameters(parameters), request.asked), impedance_series(stepped)
 
 
-def fit_actuator_bench(trial: Trial, parameters: Path, request: FitRequest) -> Estimated:
+def fit_actuator_bench(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
     """The actuator's row, and its series."""
     settings: ActuatorAnalysis = request.settings
     check_recording(trial, settings, "torque_m", angle=None)
     actuator = actuator_trial(trial, settings)
-    table = plausible_actuator(actuator_table(actuator), trial, read_parameters(parameters))
+    table = plausible_actuator(actuator_table(actuator), trial, known_parameters(parameters))
     return table, (actuator.time, actuator.torque, actuator.modelled)
 
 
-FITS: dict[str, Callable[[Trial, Path, FitRequest], Estimated]] = {
+FITS: dict[str, Callable[[Trial, Path | None, FitRequest], Estimated]] = {
     "belt": fit_belt,
     "transmission": fit_transmission_losses,
     "actuator": fit_actuator_bench,

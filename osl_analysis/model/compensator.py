@@ -11,6 +11,8 @@ from osl_analysis.model.gain_selection import optimal_damping
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
 
+CONTROLLERS = ("compensated", "uncompensated")
+"""The controllers whose gains the draft states."""
 PAPER_WEIGHT = Weight(cutoff_hz=1.0, order=3)
 SMALLEST, LARGEST = 1e-9, 1e6
 """Limits of a desired stiffness [N*m/rad], and of a desired damping [N*m*s/rad] that is not 0."""

@@ -7,7 +7,7 @@ import pandas as pd
 
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.sheet import COLUMNS
+from osl_analysis.sheet import COLUMNS, JOINT
 from osl_analysis.simulator.conditions import stated_columns
 from osl_analysis.simulator.sensors import stream
 from osl_analysis.simulator.settings import SimulationSettings
@@ -65,7 +65,7 @@ def planned_row(trial: str, experiment: str) -> PlannedRow:
     facts = EXPERIMENTS[experiment]
     files = facts.simulated_files(trial)
     sources = {f"{role}_source": getattr(facts, role) for role in files}
-    return {"trial": trial, "experiment": experiment, **files, **sources}
+    return {"trial": trial, "experiment": experiment, "joint": JOINT, **files, **sources}
 
 
 def numbered(stem: str, count: int, digits: int) -> list[str]:

@@ -16,9 +16,10 @@ MAY_IMPORT = {
     "ingest": COMMON | {"ingest", "formats", "columns", "signals", "yaml_places", "yaml_settings"},
     "stats": COMMON | {"stats", "signals"},
     "protocol": COMMON | {"protocol"},
+    "spectral": COMMON | {"spectral", "stats", "signals", "model", "parameters"},
     "timebase": COMMON | {"timebase", "signals"},
     "bench": COMMON
-    | {"bench", "protocol", "stats", "second_order", "rails", "signals", "uniform", "timebase"}
+    | {"bench", "protocol", "spectral", "stats", "second_order", "rails", "signals", "uniform", "timebase"}
     | {"model", "parameters", "columns", "yaml_settings", "doubtful", "causes"},
     "walking": COMMON
     | {"walking", "stats", "second_order", "signals", "uniform", "timebase", "columns", "yaml_settings"}

@@ -1,0 +1,195 @@
+"""Realisations of a periodic motion: the spectra of angle and torque in every whole period of a record."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline, make_interp_spline
+
+from osl_analysis.measured import check_measured
+from osl_analysis.spectral.period import COARSE_HZ, Repetition, find_repetition
+from osl_analysis.trial import Array
+
+Spectrum = NDArray[np.complex128]
+DEGREE = 5
+"""Degree of the spline through the samples; it errs by 3e-5 at a sixth of the rate."""
+FEWEST_PERIODS = 2
+"""Smallest number of periods of a realisation; one has no scatter."""
+BLURRED = 3
+"""Coarse samples by which the ends of a stretch are uncertain."""
+REFINEMENTS = 2
+"""How often the period is corrected by the phases of its lines."""
+STRONG = 0.1
+"""Size of a line, as a share of the largest, from which its phase helps to find the period."""
+SAME_MOTION = 0.99
+"""Correlation of two mean periods, at the best shift, from which they are one realisation, recorded twice."""
+
+
+@dataclass(frozen=True)
+class Realisation:
+    """Whole periods of one periodic motion, which follow one another.
+
+    Line k is the sine Re(X_k exp(2j pi k t/period)) of a signal; line 0 is its mean. The first sample of each period is
+    its zero of time. No filter was applied: a ratio of torque and angle needs none where both have the same.
+    """
+
+    period: float
+    """Period [s]."""
+    rate_hz: float
+    """Sampling rate [Hz]."""
+    theta: Spectrum
+    """Lines of the angle [rad], shape (periods, lines)."""
+    torque: Spectrum
+    """Lines of the resisting torque [N*m], shape (periods, lines)."""
+    start: float
+    """When the first period begins [s], from the first sample of the record."""
+
+    @property
+    def periods(self) -> int:
+        """Number of periods."""
+        return len(self.theta)
+
+    @property
+    def frequency_hz(self) -> Array:
+        """Frequencies [Hz] of the lines, shape (lines,)."""
+        return np.arange(self.theta.shape[1]) / self.period
+
+
+@dataclass(frozen=True)
+class PeriodicMotion:
+    """A periodic motion and its realisations."""
+
+    period: float
+    """Period [s]."""
+    period_error_ppm: float
+    """Standard error of the period, from the scatter of the lines' phases [1e-6 of the period]."""
+    realisations: tuple[Realisation, ...]
+
+
+def periodic_motion(
+    theta: Array, torque: Array, rate_hz: float, highest_hz: float, usable: NDArray[np.bool_] | None = None
+) -> PeriodicMotion | None:
+    """The realisations in a record of angle [rad] and torque [N*m], shape (n,) each; None if it does not repeat itself.
+
+    Lines go up to `highest_hz`. `usable` (n,) are the rows that are not near a gap. The signals are not filtered.
+
+    Raises
+    ------
+    InputError
+        A value cannot be measured.
+    """
+    check_measured("the torque", torque)
+    found = find_repetition(theta, rate_hz, usable)
+    if found is None:
+        return None
+    splines = tuple(make_interp_spline(np.arange(len(y)), y, k=DEGREE) for y in (theta, torque))
+    period, error, made = found.period, np.inf, list[Realisation]()
+    for _ in range(REFINEMENTS + 1):
+        made = realisations_of(found, period, splines, rate_hz, highest_hz)
+        if not made:
+            return None
+        change, error = phase_drift(made)
+        period *= 1 + change
+    made = realisations_of(found, period, splines, rate_hz, highest_hz)
+    return PeriodicMotion(period, 1e6 * error, tuple(made)) if made else None
+
+
+def realisations_of(
+    found: Repetition, period: float, splines: tuple[BSpline, ...], rate_hz: float, highest_hz: float
+) -> list[Realisation]:
+    """The realisations in the stretches that were found, each from its last whole period backwards.
+
+    A transient is at the beginning of a stretch; what is over is therefore left out there.
+    """
+    samples, last = period * rate_hz, len(splines[0].t) - DEGREE - 1
+    lines = int(np.floor(min(highest_hz, rate_hz / 3) * period + 1e-9)) + 1
+    made = []
+    for start, stop in found.stretches:
+        end = min(stop * rate_hz, last)
+        periods = int((end - max(start * rate_hz, 0.0) + BLURRED * rate_hz / COARSE_HZ) / samples)
+        first = max(end - periods * samples, 0.0)
+        if first + periods * samples > last + 1:
+            periods -= 1
+        if periods >= FEWEST_PERIODS:
+            spectra = [period_spectra(spline, first, samples, periods)[:, :lines] for spline in splines]
+            made.append(Realisation(period, rate_hz, spectra[0], spectra[1], first / rate_hz))
+    return made
+
+
+def period_spectra(spline: BSpline, first: float, samples: float, periods: int) -> Spectrum:
+    """Lines of each period of `samples` samples from the place `first` on, shape (periods, samples // 2 + 1).
+
+    The drift that the means of the periods show is taken off. It is a ramp in every period, so that no scatter shows
+    it, and adds 1/k to line k.
+    """
+    count = int(np.ceil(samples))
+    place = np.arange(periods)[:, None] + np.arange(count) / count
+    values = spline(first + samples * place)
+    number = np.arange(periods) - (periods - 1) / 2
+    slope = float(number @ values.mean(axis=1)) / float(number @ number)
+    lines = np.fft.rfft(values - slope * (place - place.mean()), axis=1) / count
+    lines[:, 1:] *= 2
+    return np.asarray(lines, dtype=np.complex128)
+
+
+def phase_drift(made: Sequence[Realisation]) -> tuple[float, float]:
+    """By which share the period is too short, from the phases of strong lines over the periods, with standard error.
+
+    If the true period is longer by a share d, line k of period p is late by 2 pi k p d.
+    """
+    steps, phases, weights = list[Array](), list[Array](), list[Array]()
+    for one in made:
+        mean = one.theta.mean(axis=0)
+        k = 1 + np.flatnonzero(np.abs(mean[1:]) > STRONG * np.abs(mean[1:]).max())
+        number = np.arange(one.periods) - (one.periods - 1) / 2
+        steps.append((2 * np.pi * number[:, None] * k).ravel().astype(float))
+        phases.append(-np.angle(one.theta[:, k] / mean[k]).ravel())
+        weights.append(np.broadcast_to(np.abs(mean[k]) ** 2, (one.periods, len(k))).ravel())
+    x, y, w = (np.concatenate(each) for each in (steps, phases, weights))
+    size = float(np.sum(w * x**2))
+    share = float(np.sum(w * x * y)) / size
+    left = float(np.sqrt(np.sum((w * x * (y - share * x)) ** 2))) / size
+    return share, left
+
+
+def distinct(made: Sequence[Realisation]) -> list[Realisation]:
+    """The realisations of one period, those that are one motion recorded twice joined to one, in their order.
+
+    A motion that is repeated has the same distortion again; only other phases give another one.
+    """
+    joined: list[Realisation] = []
+    for one in made:
+        for place, other in enumerate(joined):
+            shift = shift_between(other, one)
+            if shift is not None:
+                k = np.arange(one.theta.shape[1])
+                turn = np.exp(2j * np.pi * k * shift)
+                joined[place] = replace(
+                    other,
+                    theta=np.vstack([other.theta, one.theta * turn]),
+                    torque=np.vstack([other.torque, one.torque * turn]),
+                )
+                break
+        else:
+            joined.append(one)
+    return joined
+
+
+def shift_between(first: Realisation, second: Realisation) -> float | None:
+    """Share of a period by which the second must be turned on to be the first; None if it is another motion."""
+    one, two = (r.theta.mean(axis=0)[1:] for r in (first, second))
+    if len(one) != len(two) or abs(first.period - second.period) > 1e-3 * first.period:
+        return None
+    cross = one * two.conj()
+    count = 16 * (len(cross) + 1)
+    along = np.fft.ifft(np.concatenate([[0.0], cross]), count).real * count
+    size = float(np.linalg.norm(one) * np.linalg.norm(two))
+    if not size or float(along.max()) < SAME_MOTION * size:
+        return None
+    at, k = -float(np.argmax(along)) / count, np.arange(1, len(cross) + 1)
+    for _ in range(3):
+        phase = np.angle(cross * np.exp(-2j * np.pi * k * at))
+        weight = np.abs(cross) * k
+        at += float(np.sum(weight * phase)) / (2 * np.pi * float(np.sum(weight * k)))
+    return at

@@ -18,7 +18,7 @@ from osl_analysis.sheet import read_sheet
 from osl_analysis.walking.conditions import PERTURBED, STATED, split_keys
 from osl_analysis.walking.static_choice import side_of, static_of
 
-RECORDING_COLUMNS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source")
+RECORDING_COLUMNS = ("trial", "experiment", "log", "log_source", "log_part", "mocap", "mocap_source")
 
 
 @dataclass(frozen=True)

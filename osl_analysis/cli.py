@@ -60,8 +60,9 @@ def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path 
 @main.command(
     epilog="Example: osl-analysis ingest --log dyno.mcap --log-source dynamometer --output results/trials/dyno.parquet"
 )
-@click.option("--log", type=FILE, help="Log of the dynamometer or the leg (MCAP or CSV).")
+@click.option("--log", type=FILE, help="Log of the dynamometer or the leg (MCAP, CSV or MATLAB).")
 @click.option("--log-source", help="Name of the file in the sources folder that describes the log.")
+@click.option("--log-part", help="Part of a log that holds several trials: in a MATLAB file a struct, as Test.run(2).")
 @click.option("--mocap", type=FILE, help="File of the motion-capture system (C3D, or a CSV export of Nexus).")
 @click.option("--mocap-source", help="Name of the file in the sources folder that describes it.")
 @click.option(
@@ -75,6 +76,7 @@ def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path 
 def ingest(
     log: Path | None,
     log_source: str | None,
+    log_part: str | None,
     mocap: Path | None,
     mocap_source: str | None,
     sources: Path,
@@ -94,6 +96,7 @@ def ingest(
         "experiment": "ingest_only",
         "log": log and str(log),
         "log_source": log_source,
+        "log_part": log_part,
         "mocap": mocap and str(mocap),
         "mocap_source": mocap_source,
     }
@@ -107,7 +110,7 @@ def ingest(
 @click.argument("file", type=FILE)
 @click.option("--draft", "draft_path", type=FILE, help="Write the draft of a source file here instead of printing it.")
 def inspect(file: Path, draft_path: Path | None) -> None:
-    """List what an MCAP, C3D or CSV file holds, with rates [Hz], units, gaps and damage, and draft a source file."""
+    """List what an MCAP, C3D, CSV or MATLAB file holds: rates [Hz], units, gaps, damage. Draft a source file for it."""
     from osl_analysis.commands import inspect as command
     from osl_analysis.files import atomic_path
     from osl_analysis.ingest.draft import draft_source

@@ -23,7 +23,7 @@ CONDITIONS = ("group", "subject", "session", "side", "speed", "direction")
 COLUMNS = {
     "trial": "string", "experiment": "string", "controller": "string", "K_d": "float64", "B_d": "float64",
     "perturbed": "boolean", "log": "string", "log_source": "string", "mocap": "string", "mocap_source": "string",
-    "exclude": "string", "accept": "string", "joint": "string",
+    "log_part": "string", "exclude": "string", "accept": "string", "joint": "string",
     **dict.fromkeys(CONDITIONS, "string"), "body_mass_kg": "float64", "static": "string",
 }  # fmt: skip
 REQUIRED = ("trial", "experiment")
@@ -41,6 +41,8 @@ def read_sheet(path: Path) -> pd.DataFrame:
     perturbed: true or false, for a crossing.
     log, mocap: files, relative to the campaign's raw data.
     log_source, mocap_source: names of the files in `config/sources` that describe them.
+    log_part: the part of the log that is this trial, where the log holds several: for a MATLAB file the address of a
+        struct or cell, such as `Test.run(2)`.
     exclude: the reason why the trial is excluded; empty: it is used.
     accept: names of quality checks, separated by blanks. Their failure neither flags nor excludes the trial.
     group, subject, session, speed: conditions of a crossing, as words of the laboratory's own.
@@ -182,6 +184,8 @@ def problem_with_needs(row: dict[str, str]) -> str:
             return f"{column}_source is empty; name the file in config/sources that describes {row[column]}"
         if row[f"{column}_source"].endswith((".yaml", ".yml")):
             return f"{column}_source '{row[f'{column}_source']}' names a file; write its name without the ending"
+    if row["log_part"] and not row["log"]:
+        return f"log_part '{row['log_part']}' without a log; fill in log, or clear log_part"
     return ""
 
 

@@ -82,7 +82,6 @@ OTHER_FILES = {
     "NumPy archive": saved(np.savez, np.arange(3)),
     "ZIP archive": archive("log.csv", b"t,angle\n"),
     "old Excel": b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(500),
-    "MATLAB file": b"MATLAB 5.0 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x01IM",
     "HDF5": b"\x89HDF\r\n\x1a\n" + bytes(100),
     "NetCDF": b"CDF\x01" + bytes(20),
     "Parquet": saved(lambda stream: pl.DataFrame({"t": [0.0, 1.0]}).write_parquet(stream)),
@@ -195,7 +194,6 @@ def test_an_opensim_table_without_its_header_is_a_csv_log(tmp_path: Path) -> Non
         ("bag/fake_joint_state.bag", "a ROS 1 bag"),
         ("bag/rosbag2_test_0.db3", "a SQLite database"),
         ("bag/rosbag2_test_metadata.yaml", "the description of a ROS 2 bag"),
-        ("mat/DESR_Characterization_Data.mat", "a MATLAB file"),
     ],
 )
 def test_real_files_of_other_formats_are_named_in_one_line(path: str, what: str) -> None:

@@ -88,6 +88,11 @@ def is_edf(begin: bytes) -> bool:
     return begin[:8] == b"0       " and len(begin) > 255 and begin[184:192].strip().isdigit()
 
 
+def is_hdf5(begin: bytes) -> bool:
+    """Whether a file is HDF5 and none that MATLAB wrote."""
+    return any(begin[at : at + 8] == HDF5 for at in (0, 512, 1024, 2048)) and not begin.startswith(b"MATLAB 7.3 MAT")
+
+
 VIDEO = starting(b"RIFF", b"\x1aE\xdf\xa3", b"OggS", b"fLaC", b"ID3")
 OTHERS = (
     OtherFormat("nothing but zero bytes", "copy or record it again", lambda begin: bool(begin) and not any(begin)),
@@ -126,7 +131,7 @@ OTHERS = (
         "record with `ros2 bag record -s mcap`",
         text_with(r"\A\s*(header|stamp):[ \t\r]*\n\s+\w+:"),
     ),
-    OtherFormat("a source file", NO_RECORDING, text_with(r"\A(\s*#.*\n)*format: *(mcap|c3d|csv|nexus_csv)\b")),
+    OtherFormat("a source file", NO_RECORDING, text_with(r"\A(\s*#.*\n)*format: *(mcap|c3d|csv|mat|nexus_csv)\b")),
     OtherFormat("a web page", "download the recording itself", text_starting("<!DOCTYPE html", "<html")),
     OtherFormat("XML", AS_CSV, text_starting("<?xml", "<!--", "<!DOCTYPE", "<svg")),
     OtherFormat("an RTF document", AS_CSV, text_starting("{\\rtf")),
@@ -139,10 +144,7 @@ OTHERS = (
     OtherFormat(
         "an old Excel or Word file", "save its sheet as 'CSV UTF-8'", starting(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")
     ),
-    OtherFormat(
-        "a MATLAB file (.mat)", "save its signals as CSV with `writetable`", starting(b"MATLAB 5.0 MAT", b"MATLAB 7.")
-    ),
-    OtherFormat("an HDF5 file", AS_CSV, lambda begin: any(begin[at : at + 8] == HDF5 for at in (0, 512, 1024, 2048))),
+    OtherFormat("an HDF5 file", AS_CSV, is_hdf5),
     OtherFormat("a NetCDF file", AS_CSV, starting(b"CDF\x01", b"CDF\x02", b"CDF\x05")),
     OtherFormat(
         "a Parquet file",

@@ -32,11 +32,13 @@ def draft_source(overview: Overview, name: str) -> str:
 def log_lines(overview: Overview) -> list[str]:
     """Every channel but the clock, for the user to name; topics without messages and empty arrays are left out."""
     clock = overview.settings.get("time")
-    clock_column = clock.get("column", "") if isinstance(clock, dict) else ""
-    channels = [c for c in overview.channels if not clock_column or c.address.get("column") != clock_column]
+    clock_column = clock.get("column") or clock.get("variable") or "" if isinstance(clock, dict) else ""
+    listed = overview.channels if overview.drafted is None else overview.drafted
+    channels = [c for c in listed if not clock_column or clock_column not in c.address.values()]
     channels = [c for c in channels if "topic" not in c.address or ("field" in c.address and c.count)]
     known = ", ".join(column for column in COLUMNS if column != "time")
     return [
+        *[f"# {overview.draft_note}"] * bool(overview.draft_note),
         *[NO_CLOCK] * (clock_column == NAME_OF_TIME),
         HINT,
         f"# canonical names: {known}",

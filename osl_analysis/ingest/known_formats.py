@@ -10,6 +10,7 @@ from pydantic import ConfigDict, field_validator
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.formats.c3d_header import is_c3d
 from osl_analysis.formats.csv_text import is_text
+from osl_analysis.formats.mat.mat_file import is_mat
 from osl_analysis.formats.mcap.walk import MAGIC
 from osl_analysis.formats.nexus_csv import is_nexus
 from osl_analysis.formats.other_formats import FIRST_BYTES, refuse_others
@@ -21,6 +22,9 @@ from osl_analysis.ingest.csv_overview import inspect_csv
 from osl_analysis.ingest.csv_source import CsvSource
 from osl_analysis.ingest.draft_places import refuse_draft
 from osl_analysis.ingest.log_overview import inspect_mcap
+from osl_analysis.ingest.mat_log import read_mat_log
+from osl_analysis.ingest.mat_overview import inspect_mat
+from osl_analysis.ingest.mat_source import MatSource
 from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 from osl_analysis.ingest.nexus_capture import NexusSource, read_nexus_capture
 from osl_analysis.ingest.overview import Overview
@@ -58,11 +62,12 @@ FORMATS = {
     ),
     "c3d": KnownFormat(is_c3d, (".c3d",), C3dSource, read_c3d_capture, inspect_c3d),
     "nexus_csv": KnownFormat(is_nexus, (), NexusSource, read_nexus_capture, inspect_nexus),
+    "mat": KnownFormat(is_mat, (".mat",), MatSource, read_mat_log, inspect_mat),
     "csv": KnownFormat(is_text, (".csv",), CsvSource, read_csv_log, inspect_csv),
 }
 ANY_TEXT = "csv"
 """Format of a text file that is not recognised by content or name."""
-NOT_READ = (".bag", ".db3", ".h5", ".mat", ".mot", ".sto", ".tdms", ".trc", ".tsv", ".xlsx")
+NOT_READ = (".bag", ".db3", ".h5", ".mot", ".sto", ".tdms", ".trc", ".tsv", ".xlsx")
 """Endings of recordings whose formats are not read: `samples` lists them with the remedy."""
 
 

@@ -52,6 +52,10 @@ class Overview:
     """Damage and oddities, a sentence each."""
     settings: Mapping[str, object] = field(default_factory=dict)
     """Fields of a source file that the format needs and the file tells."""
+    drafted: Sequence[RecordedChannel] | None = None
+    """The channels of the draft, where it has others than `channels`: those of one trial of several."""
+    draft_note: str = ""
+    """A remark that the draft has as a comment."""
 
 
 def rate_of(time: Array) -> float | None:

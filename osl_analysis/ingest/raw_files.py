@@ -43,6 +43,8 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         check_file(path)
         before = identity(path, given, source)
         described = read_source(sources_folder / f"{source}.yaml")
+        if isinstance(described, LogSource):
+            described = described.of_part(text(row, "log_part"))
         check_format(path, described)
         if len(files) == 2:
             check_alignment(described, sources_folder / f"{source}.yaml")

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from osl_analysis.columns import AXES, COLUMNS, unit_of
-from osl_analysis.errors import nearest
+from osl_analysis.errors import InputError, nearest
 from osl_analysis.ingest.sensor import Sensor
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.trial import Array
@@ -106,6 +106,20 @@ class LogSource(SourceFile):
     """
     channels: Mapping[str, Conversion] = Field(min_length=1)
     """The recorded channel of each canonical column."""
+
+    def of_part(self, part: str) -> Self:
+        """The source file for one part of a log that holds several trials, as the sample sheet names it.
+
+        Raises
+        ------
+        InputError
+            Logs of this format have no parts.
+        """
+        if not part:
+            return self
+        if "log_part" not in type(self).model_fields:
+            raise InputError(f"log_part '{part}' in the sheet: a log in {self.format} holds one trial; clear the cell")
+        return self.model_copy(update={"log_part": part})
 
     @field_validator("channels")
     @classmethod

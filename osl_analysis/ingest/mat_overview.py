@@ -1,0 +1,152 @@
+"""What a MATLAB file holds: its variables with size, range and likely unit, and the parts that are alike."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from osl_analysis.errors import listing, printable
+from osl_analysis.formats.mat.mat_file import open_mat
+from osl_analysis.formats.mat.values import Value
+from osl_analysis.ingest.column_names import is_clock, likely_unit
+from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
+from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of
+
+MOST_LISTED = 500
+"""Largest number of variables that are listed."""
+MOST_PARTS = 40
+"""Largest number of parts that are named."""
+FEWEST = 10
+"""Numbers in the shortest vector that may be a signal."""
+CLOCK = re.compile(r"(time|t|stamp|clock)(?![a-z])|time", re.IGNORECASE)
+"""How the name of a variable of time begins."""
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """One variable or field that is no struct and no cell."""
+
+    part: str
+    """Address of what it is in; empty for the file itself."""
+    name: str
+    """Its own name, or the choice of a cell."""
+    value: Value
+    """What it is."""
+
+    @property
+    def address(self) -> str:
+        """Its address in the file."""
+        joint = "." if self.part and not self.name.startswith("{") else ""
+        return f"{self.part}{joint}{self.name}"
+
+
+def inspect_mat(path: Path) -> Overview:
+    """Variables, fields and cells with size, range and likely unit; what cannot be read; parts that are alike.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, or would unpack to too much.
+    """
+    file = open_mat(path)
+    leaves = [leaf for name, value in file.read(file.names).items() for leaf in leaves_of("", name, value)]
+    facts = {"version": file.version, "header": file.header, "variables": str(len(file.names))}
+    remarks = [
+        f"{leaf.address} is a {leaf.value.described()}, which is not read; {leaf.value.remedy()}"
+        for leaf in leaves
+        if leaf.value.load is None and leaf.value.kind not in ("char", "struct", "cell")
+    ]
+    if len(leaves) > MOST_LISTED:
+        remarks.append(f"and {len(leaves) - MOST_LISTED} more variables")
+    alike = parts_alike(leaves)
+    drafted = next(iter(alike.values()), [])
+    channels = [channel_of(leaf) for leaf in leaves[:MOST_LISTED]]
+    note = note_on_parts(list(alike))
+    remarks += [note] * bool(note)
+    return Overview(
+        "mat", facts, channels, remarks, settings_of(list(alike), drafted), list(draft_channels(drafted)), note
+    )
+
+
+def note_on_parts(parts: Sequence[str]) -> str:
+    """What to do about parts of a file that hold the same variables; empty for a single one."""
+    named = listing([printable(part) for part in parts], MOST_PARTS)
+    what = f"{len(parts)} parts hold the same variables: name one per trial in the column `log_part` of the sheet"
+    return f"{what}: {named}" if len(parts) > 1 else ""
+
+
+def leaves_of(part: str, name: str, value: Value) -> Iterator[Leaf]:
+    """The variables below one of them, in the order of the file."""
+    here = Leaf(part, name, value)
+    if value.kind == "struct" and value.elements:
+        several = len(value.elements) > 1
+        for number, fields in enumerate(value.elements, start=1):
+            inside = f"{here.address}({number})" if several else here.address
+            for field in value.fields:
+                yield from leaves_of(inside, field, fields[field])
+    elif value.kind == "cell" and value.cells:
+        for number, cell in enumerate(value.cells, start=1):
+            yield from leaves_of(here.address, f"{{{number}}}", cell)
+    else:
+        yield here
+
+
+def channel_of(leaf: Leaf) -> RecordedChannel:
+    """One variable for the list."""
+    value, note = leaf.value, ""
+    values = value.load().ravel() if value.load is not None and value.size else np.empty(0)
+    known = values[np.isfinite(values)]
+    if known.size:
+        note = f"from {known.min():.6g} to {known.max():.6g}" if known.size > 1 else f"{known[0]:.6g}"
+        note += f", {values.size - known.size} x NaN or Inf" if known.size < values.size else ""
+    rate = rate_of(values) if is_signal(value) and seems_clock(leaf.name) else None
+    if rate is not None:
+        note += f", a clock, {rate:.6g} per unit{', ' * bool(gaps_text(values))}{gaps_text(values)}"
+    note = f"'{value.text}'" if value.text else note
+    size = value.described()
+    return RecordedChannel(
+        "variable", {"variable": leaf.address}, "", value.size, None, note, size, likely_unit=likely_unit(leaf.name)
+    )
+
+
+def seems_clock(name: str) -> bool:
+    """Whether a variable is called like a clock: `t`, `time_ms`, `timeJIM`."""
+    return is_clock(name) or CLOCK.match(name) is not None
+
+
+def is_signal(value: Value) -> bool:
+    """Whether a value may be a signal: a vector of real numbers, or a matrix of columns."""
+    return value.load is not None and len(value.shape) == 2 and max(value.shape) >= FEWEST
+
+
+def parts_alike(leaves: Sequence[Leaf]) -> Mapping[str, list[Leaf]]:
+    """The signals of the parts of the file that hold the same signals, by part: of the largest such group."""
+    by_part: dict[str, list[Leaf]] = {}
+    for leaf in leaves:
+        if is_signal(leaf.value):
+            by_part.setdefault(leaf.part, []).append(leaf)
+    groups: dict[tuple[str, ...], dict[str, list[Leaf]]] = {}
+    for part, own in by_part.items():
+        groups.setdefault(tuple(leaf.name for leaf in own), {})[part] = own
+    return max(groups.values(), key=lambda group: sum(map(len, group.values())), default={})
+
+
+def settings_of(parts: Sequence[str], drafted: Sequence[Leaf]) -> dict[str, object]:
+    """The fields of a source file that the file tells. Of several parts none is chosen."""
+    part = parts[0] if len(parts) == 1 else ""
+    clock = next((leaf for leaf in drafted if seems_clock(leaf.name) and 1 in leaf.value.shape), None)
+    time = {"variable": NAME_OF_TIME, "unit": UNKNOWN}
+    if clock is not None:
+        time = {"variable": clock.name, "unit": likely_unit(clock.name) or UNKNOWN}
+    return {"clock": "master", **({"log_part": part} if part else {}), "time": time}
+
+
+def draft_channels(drafted: Sequence[Leaf]) -> Iterator[RecordedChannel]:
+    """The signals of one part by their names within it; each column of a matrix, or row if it has more columns."""
+    for leaf in drafted:
+        rows, columns = leaf.value.shape
+        lines = [f"(:,{k + 1})" for k in range(columns)] if rows >= columns else [f"({k + 1},:)" for k in range(rows)]
+        for line in lines if min(rows, columns) > 1 else [""]:
+            yield replace(channel_of(leaf), address={"variable": f"{leaf.name}{line}"})

@@ -1,0 +1,221 @@
+"""MATLAB files: scipy's and h5py's files are read as written, and no file gets more than its size justifies."""
+
+import struct
+import tracemalloc
+from contextlib import suppress
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+from c3d_builder import REAL_DATA
+from mat_builder import compressed, matrix, opaque, part, write_mat, write_mat73, write_parts
+
+from osl_analysis.errors import InputError
+from osl_analysis.formats.mat.address import find, parsed, vector
+from osl_analysis.formats.mat.mat_file import open_mat
+
+RISING = np.arange(12.0)
+CONTENT = {
+    "Test": {
+        "slow": {"note": "left", "torque": RISING},
+        "data": np.column_stack([RISING, RISING**2]),
+        "truth": RISING.astype(np.int16),
+    },
+    "row": RISING[np.newaxis],
+}
+RUNS = [{"name": "slow", "torque": RISING}, {"name": "fast", "torque": 2 * RISING}]
+
+
+def struct_array(runs: list[dict[str, object]]) -> np.ndarray:
+    array = np.zeros((1, len(runs)), dtype=[(name, object) for name in runs[0]])
+    for place, run in enumerate(runs):
+        array[0, place] = tuple(run.values())
+    return array
+
+
+def written5(path: Path) -> Path:
+    cell = np.empty((1, 2), dtype=object)
+    cell[0, 0], cell[0, 1] = RISING, {"torque": -RISING}
+    return write_mat(path, **CONTENT, runs=struct_array(RUNS), cells=cell)
+
+
+def written73(path: Path) -> Path:
+    return write_mat73(path, **CONTENT, runs=RUNS, cells=(RISING, {"torque": -RISING}))
+
+
+def at(path: Path, text: str) -> np.ndarray:
+    file, address = open_mat(path), parsed(text)
+    return vector(address, find(file.read({address.variable}), file.names, address))
+
+
+def refusal(path: Path, text: str) -> str:
+    with pytest.raises(InputError) as caught:
+        at(path, text)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("write", [written5, written73])
+@pytest.mark.parametrize(
+    ("address", "expected"),
+    {
+        "Test.slow.torque": RISING, "Test.data(:,2)": RISING**2, "Test.data(4,:)": [3.0, 9.0], "Test.truth": RISING,
+        "row": RISING, "runs(2).torque": 2 * RISING, "runs( name = fast ).torque": 2 * RISING, "cells{1}": RISING,
+        "cells{2}.torque": -RISING,
+    }.items(),
+)  # fmt: skip
+def test_an_address_in_matlabs_notation_leads_to_the_numbers(write, address, expected, tmp_path):
+    np.testing.assert_array_equal(at(write(tmp_path / "a.mat"), address), expected)
+
+
+@pytest.mark.parametrize("write", [written5, written73])
+@pytest.mark.parametrize(
+    ("address", "message"),
+    {
+        "Tset.slow": "the file has no variable 'Tset'; it has",
+        "Test.slow.torqe": "Test.slow has no field 'torqe'; it has note, torque; did you mean 'torque'?",
+        "Test.slow": "is a 1x1 struct, not numbers; name one of its fields (note, torque)",
+        "Test.slow.note": "is a 1x4 char, not real numbers; save it as numbers: `str2double(x)`",
+        "Test.data": "is a 12x2 double; choose one column, as Test.data(:,1), or one row",
+        "Test.data(:,3)": "Test.data is a 12x2 double; it has no (:,3)",
+        "Test.data(2)": "write (:,2) for its column",
+        "runs.torque": "runs is an array of 2 structs; choose one, as runs(1)",
+        "runs(3).torque": "runs has 2 elements; choose one of 1 to 2",
+        "runs(name=middle).torque": "0 elements of runs have name = middle; they are slow, fast",
+        "runs(speed=1).torque": "runs has no field 'speed'; it has name, torque",
+        "cells": "name one of its cells, as `{1}`",
+        "cells(1)": "cells is a cell; write {1} for (1)",
+        "row.torque": "row is a 1x12 double, no struct with fields",
+        "row{1}": "row is a 1x12 double, no cell; leave out {1}",
+    }.items(),
+)
+def test_an_address_that_leads_nowhere_says_what_is_there(write, address, message, tmp_path):
+    assert message in refusal(write(tmp_path / "a.mat"), address)
+
+
+@pytest.mark.parametrize("text", ["", "2x", "a.", "a..b", ".a", "a(0)", "a(:,0)", "a b", "a{x}", "a(1", "(2).a"])
+def test_what_is_no_address_is_refused(text):
+    with pytest.raises(InputError, match="no address in a MATLAB file"):
+        parsed(text)
+
+
+def test_what_matlab_alone_can_read_is_named_with_the_command_that_saves_it(tmp_path):
+    path = write_parts(tmp_path / "a.mat", opaque("results", "table"), compressed(opaque("when", "datetime")))
+    assert "results is a 1x1 table, not real numbers; save it as a struct: `s = table2struct(t, 'ToScalar'" in refusal(
+        path, "results"
+    )
+    assert "save it as a struct" in refusal(path, "results.torque")
+    assert "seconds(t - t(1))" in refusal(path, "when")
+
+
+def test_a_table_in_a_file_of_version_73_is_named_too(tmp_path):
+    path = write_mat73(tmp_path / "a.mat", results=RISING)
+    with h5py.File(path, "r+") as file:
+        file["results"].attrs["MATLAB_class"] = np.bytes_("timetable")
+        file["results"].attrs["MATLAB_object_decode"] = 3
+    assert "results is a 1x1 timetable, not real numbers; save it as a struct" in refusal(path, "results")
+
+
+@pytest.mark.parametrize("write", [write_mat, write_mat73])
+def test_complex_and_empty_variables_are_refused(write, tmp_path):
+    path = write(tmp_path / "a.mat", complex=RISING + 1j)
+    assert "complex double, not real numbers; save `real(x)`" in refusal(path, "complex")
+    path = write_mat(tmp_path / "b.mat", empty=np.zeros((0, 3)), sparse=scipy.sparse.eye(3))
+    assert "empty is empty (0x3 double)" in refusal(path, "empty")
+    assert "save it as `full(x)`" in refusal(path, "sparse")
+
+
+def test_an_empty_variable_of_version_73_is_refused(tmp_path):
+    path = write_mat73(tmp_path / "a.mat", empty=np.array([0, 3], dtype=np.uint64))
+    with h5py.File(path, "r+") as file:
+        file["empty"].attrs["MATLAB_empty"] = 1
+    assert "empty is empty (0x3 double)" in refusal(path, "empty")
+
+
+def test_big_endian_and_uncompressed_files_are_read(tmp_path):
+    content = part(9, struct.pack("<3d", 1, 2, 3))
+    little = write_parts(tmp_path / "little.mat", matrix("x", 6, (3, 1), content))
+    np.testing.assert_array_equal(at(little, "x"), [1, 2, 3])
+    tag = struct.pack(">II", 6, 8) + struct.pack(">II", 6, 0) + struct.pack(">II", 5, 8) + struct.pack(">2i", 3, 1)
+    body = tag + struct.pack(">HH", 1, 1) + b"x\0\0\0" + struct.pack(">II", 9, 24) + struct.pack(">3d", 1, 2, 3)
+    big = tmp_path / "big.mat"
+    body = body.replace(struct.pack(">HH", 1, 1), struct.pack(">HH", 1, 1))
+    big.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x01\x00MI" + struct.pack(">II", 14, len(body)) + body)
+    np.testing.assert_array_equal(at(big, "x"), [1, 2, 3])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    {
+        "numbers": (matrix("x", 6, (1 << 30, 1), part(9, bytes(8))), "declares 1073741824 numbers where 1 are"),
+        "cells": (matrix("x", 1, (1 << 16, 1), b""), "declares 65536 arrays in 0 bytes"),
+        "many": (matrix("x", 1, (1 << 30, 1), b""), "holds more than"),
+        "characters": (matrix("x", 4, (1, 1 << 30), part(4, b"")), "declares 1073741824 numbers where 0 are"),
+        "structs": (matrix("x", 2, (1 << 30, 1), part(5, b"\4\0\0\0") + part(1, b"")), "holds more than"),
+        "sparse": (matrix("x", 5, (1, 1 << 30), part(5, bytes(4)) + part(5, bytes(8))), "declares 1073741825 numbers"),
+        "negative": (matrix("x", 6, (-1, 1), part(9, bytes(8))), "impossible size [-1, 1]"),
+        "class": (matrix("x", 99, (1, 1), b""), "unknown class 99"),
+        "bomb": (compressed(part(14, bytes(80 << 20))), "unpacks to more than the"),
+        "beyond": (struct.pack("<II", 14, 1 << 30), "declares 1073741824 bytes where 0 are left"),
+        "text": (b"not a variable at all....", "where"),
+        "stream": (struct.pack("<II", 15, 16) + b"0123456789abcdef", "the compressed variable at byte 136 is damaged"),
+        "twice": (matrix("x", 6, (0, 0), part(9, b"")) * 2, "variable 'x' stands twice"),
+    }.values(),
+)
+def test_a_size_that_the_file_does_not_have_is_refused_before_it_is_reserved(content, message, tmp_path):
+    path = write_parts(tmp_path / "a.mat", content)
+    tracemalloc.start()
+    try:
+        assert message in refusal(path, "x")
+        assert tracemalloc.get_traced_memory()[1] < 10 << 20
+    finally:
+        tracemalloc.stop()
+
+
+def test_cells_within_cells_have_an_end(tmp_path):
+    nested = matrix("", 6, (0, 0), part(9, b""))
+    for _ in range(100):
+        nested = matrix("x", 1, (1, 1), nested)
+    assert "more than 32 deep" in refusal(write_parts(tmp_path / "a.mat", nested), "x")
+
+
+def test_every_truncation_and_every_changed_byte_is_read_or_refused_in_one_line(tmp_path):
+    whole = written5(tmp_path / "a.mat").read_bytes()
+    path, said = tmp_path / "b.mat", []
+    for place in range(120, len(whole), 7):
+        for damaged in (whole[:place], whole[:place] + bytes([whole[place] ^ 0x55]) + whole[place + 1 :]):
+            path.write_bytes(damaged)
+            with suppress(InputError):
+                said.append(at(path, "runs(2).torque").size)
+    assert set(said) == {RISING.size}
+
+
+def test_a_file_of_version_73_leads_to_no_other_file_and_unpacks_to_no_more_than_its_share(tmp_path):
+    path = write_mat73(tmp_path / "a.mat", x=RISING)
+    with h5py.File(path, "r+") as file:
+        file["other"] = h5py.ExternalLink("/etc/hostname", "/")
+        file.create_dataset("outside", shape=(12, 1), dtype="f8", external=[("/etc/hostname", 0, 96)])
+        file.create_dataset("bomb", shape=(10, 1 << 20), dtype="f8", compression="gzip", fillvalue=0.0)
+    assert "other is a 1x1 link" in refusal(path, "other")
+    assert "the numbers of '/outside' stand in another file" in refusal(path, "outside")
+    assert "'/bomb' unpacks to more than the" in refusal(path, "bomb(:,1)")
+    np.testing.assert_array_equal(at(path, "x"), RISING)
+
+
+def test_damaged_files_of_version_73_are_refused_in_one_line(tmp_path):
+    whole = written73(tmp_path / "a.mat").read_bytes()
+    path = tmp_path / "b.mat"
+    for length in (200, 600, len(whole) // 2):
+        path.write_bytes(whole[:length])
+        assert "cannot be read" in refusal(path, "row")
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no real data here")
+def test_the_real_file_reads_as_scipy_reads_it():
+    path = REAL_DATA / "mat/DESR_Characterization_Data.mat"
+    raw = scipy.io.loadmat(path, simplify_cells=True)
+    for struct_name, test in (("DESR_N", "x45"), ("DESR_N_CAM2", "x33")):
+        for name in ("timeJIM", "angleJIM", "torque"):
+            np.testing.assert_array_equal(at(path, f"{struct_name}.{test}.{name}"), raw[struct_name][test][name])

@@ -1,0 +1,185 @@
+"""Logs in MATLAB files: a source file names variables by address; what cannot be a log is refused by its variable."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from c3d_builder import REAL_DATA
+from mat_builder import opaque, write_mat, write_mat73, write_parts
+from test_formats_mat import RUNS, struct_array
+
+from osl_analysis.commands.inspect import inspect_file, overview_text
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.csv_source import CsvSource
+from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.draft_places import UNKNOWN
+from osl_analysis.ingest.known_formats import read_source
+from osl_analysis.ingest.mat_log import read_mat_log
+from osl_analysis.ingest.mat_source import MatSource
+from osl_analysis.ingest.raw_files import trial_from_files
+
+TIME = np.arange(40) / 500
+ANGLE, TORQUE = np.sin(40 * TIME), 30 * np.sin(40 * TIME)
+TEST = {"t": 1e3 * TIME + 7, "angle": np.rad2deg(ANGLE), "torque": -1e3 * TORQUE, "fs": 500.0}
+WRITERS = pytest.mark.parametrize("write", [write_mat, write_mat73])
+
+
+def source(**fields: object) -> MatSource:
+    usual = {
+        "format": "mat",
+        "time": {"variable": "t", "unit": "ms"},
+        "channels": {
+            "theta": {"variable": "angle", "unit": "deg"},
+            "torque": {"variable": "torque", "unit": "Nmm", "sign": -1},
+        },
+    }
+    return MatSource.model_validate({**usual, **fields})
+
+
+def refused(path: Path, mat_source: MatSource | None = None) -> str:
+    with pytest.raises(InputError) as caught:
+        read_mat_log(path, mat_source or source())
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert message.isprintable()
+    return message
+
+
+@WRITERS
+def test_variables_become_columns_in_si_units(write, tmp_path):
+    recording = read_mat_log(write(tmp_path / "a.mat", **TEST), source())
+    np.testing.assert_allclose(recording.samples["time"], TIME, atol=1e-12)
+    np.testing.assert_allclose(recording.samples["theta"], ANGLE, atol=1e-12)
+    np.testing.assert_allclose(recording.samples["torque"], TORQUE, atol=1e-12)
+    assert recording.facts["time"]["start"] == 7
+    assert recording.facts["rates_hz"]["a.mat"] == pytest.approx(500)
+
+
+@WRITERS
+def test_a_part_of_the_file_is_a_trial_of_its_own(write, tmp_path):
+    path = write(tmp_path / "a.mat", Slow=TEST, Fast={**TEST, "torque": -2e3 * TORQUE}, clock=1e3 * TIME)
+    for part, factor in (("Slow", 1), ("Fast", 2)):
+        recording = read_mat_log(path, source().of_part(part))
+        np.testing.assert_allclose(recording.samples["torque"], factor * TORQUE, atol=1e-12)
+    shared = source(time={"variable": "/clock", "unit": "ms"}).of_part("Fast")
+    assert read_mat_log(path, shared).columns["torque"]["variable"] == "Fast.torque"
+    assert "the file has no variable 'angle'; it has" in refused(path)
+
+
+def test_a_matrix_is_a_part_whose_columns_are_signals(tmp_path):
+    path = write_mat(tmp_path / "a.mat", D={"run1": np.column_stack([TIME, ANGLE])})
+    columns = {"theta": {"variable": "(:,2)", "unit": "rad"}}
+    read = read_mat_log(path, source(time={"variable": "(:,1)", "unit": "s"}, channels=columns).of_part("D.run1"))
+    np.testing.assert_allclose(read.samples["theta"], ANGLE)
+
+
+def test_a_log_in_a_format_without_parts_refuses_one():
+    csv = CsvSource.model_validate(
+        {"format": "csv", "time": {"rate": 100}, "channels": {"theta": {"column": "a", "unit": "deg"}}}
+    )
+    with pytest.raises(InputError, match="log_part 'x' in the sheet: a log in csv holds one trial; clear the cell"):
+        csv.of_part("x")
+
+
+@WRITERS
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"torque": TORQUE[1:]}, "torque has 39 numbers and t has 40; name variables of one recording"),
+        ({"torque": "broken"}, "torque is a 1x6 char, not real numbers"),
+        ({"torque": TORQUE + 1j}, "torque is a "),
+        ({"torque": np.where(TIME < 0.04, TORQUE, np.nan)}, "torque: NaN in 20 of 40 samples, first at 0.040 s"),
+        ({"torque": np.where(TIME < 0.04, TORQUE, np.inf)}, "torque: inf in sample 21 of 40"),
+        ({"t": np.full(40, 3.0)}, "t: time stands still at 3 in all 40 samples"),
+        ({"t": -TIME}, "t: time goes from"),
+        ({"t": np.where(TIME > 0.06, np.nan, TIME)}, "t: time is not finite at row 31"),
+    ],
+)
+def test_what_cannot_be_a_log_is_refused_by_its_variable(write, changes, message, tmp_path):
+    assert message in refused(write(tmp_path / "a.mat", **{**TEST, **changes}))
+
+
+def test_one_variable_cannot_be_angle_and_torque(tmp_path):
+    channels = {"theta": {"variable": "torque", "unit": "deg"}, "torque": {"variable": "torque", "unit": "Nm"}}
+    assert "torque is theta and torque in the source file" in refused(
+        write_mat(tmp_path / "a.mat", **TEST), source(channels=channels)
+    )
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"channels": {"theta": {"variable": "a b", "unit": "deg"}}}, "no address in a MATLAB file"),
+        ({"channels": {"theta": {"variable": "a"}}}, "unit"),
+        ({"time": {"variable": "t"}}, "needs its unit"),
+        ({"time": {"rate": 100, "unit": "s"}}, "needs its unit"),
+        ({"time": {}}, "state either"),
+        ({"log_part": "(2)"}, "no address"),
+    ],
+)
+def test_a_wrong_field_of_a_source_file_is_refused(fields, message):
+    with pytest.raises(ValueError, match=message):
+        source(**fields)
+
+
+def test_samples_of_one_stamp_are_kept_or_dropped_as_the_source_file_says(tmp_path):
+    path = write_mat(tmp_path / "a.mat", **{**TEST, "t": np.repeat(1e3 * TIME[::2], 2)})
+    kept = read_mat_log(path, source())
+    assert (len(kept.samples), kept.facts["repeated_stamps"]) == (40, 20)
+    assert "20 samples repeat the stamp of the sample before" in kept.warnings[0]
+    dropped = read_mat_log(path, source(time={"variable": "t", "unit": "ms", "repeated": "drop"}))
+    assert len(dropped.samples) == 20
+
+
+def test_a_counter_and_a_rate_take_the_place_of_time(tmp_path):
+    path = write_mat(tmp_path / "a.mat", **TEST, count=np.arange(40), wrong=np.arange(40) + 0.5)
+    channels = {"theta": {"variable": "angle", "unit": "deg", "counter": "count"}}
+    read = read_mat_log(path, source(time={"rate": 250}, channels=channels))
+    np.testing.assert_allclose(read.samples["time"], np.arange(40) / 250)
+    assert read.samples["theta_counter"].to_list() == list(range(40))
+    channels["theta"]["counter"] = "wrong"
+    assert "wrong: 0.5 is no count" in refused(path, source(channels=channels))
+
+
+@WRITERS
+def test_a_draft_becomes_a_source_file_by_naming_two_signals_and_their_units(write, tmp_path):
+    named = {"time_ms": 1e3 * TIME, "ankle_deg": np.rad2deg(ANGLE), "moment": TORQUE}
+    path = write(tmp_path / "a.mat", Slow=named, Fast=named, note="left foot")
+    overview = inspect_file(path)
+    text = overview_text(overview)
+    assert "variable       Slow.ankle_deg  40 samples; from" in text
+    assert "a clock, 0.5 per unit" in text
+    assert "2 parts hold the same variables: name one per trial in the column `log_part` of the sheet" in text
+    draft = draft_source(overview, path.name)
+    edited = draft.replace(UNKNOWN, "N*m").replace("NAME_1", "theta").replace("NAME_2", "torque")
+    assert sum(a != b for a, b in zip(draft.splitlines(), edited.splitlines(), strict=True)) <= 3
+    (tmp_path / "mine.yaml").write_text(edited)
+    read = read_mat_log(path, read_source(tmp_path / "mine.yaml").of_part("Fast"))
+    np.testing.assert_allclose(read.samples["theta"], ANGLE)
+    np.testing.assert_allclose(read.samples["time"], TIME, atol=1e-12)
+
+
+def test_a_single_part_is_named_in_the_draft_and_unreadable_variables_in_remarks(tmp_path):
+    path = write_mat(tmp_path / "a.mat", runs=struct_array([{**RUNS[0], "time": TIME[:12]}]))
+    assert yaml.safe_load(draft_source(inspect_file(path), "a.mat"))["log_part"] == "runs"
+    path = write_parts(tmp_path / "b.mat", opaque("results", "timetable"))
+    assert "! results is a 1x1 timetable, which is not read; save it as a struct" in overview_text(inspect_file(path))
+
+
+def test_a_row_of_the_sheet_names_the_part(tmp_path):
+    path = write_mat(tmp_path / "a.mat", Slow=TEST)
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(source().model_dump(mode="json", exclude_none=True)))
+    row = {"trial": "slow", "log": path.name, "log_source": "mine", "log_part": "Slow"}
+    trial = trial_from_files(row, tmp_path, tmp_path)
+    assert trial.provenance["log"]["log_part"] == "Slow"
+    np.testing.assert_allclose(trial.samples["theta"], ANGLE)
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no real data here")
+def test_a_real_test_of_a_foot_is_read_by_its_part():
+    row = {"trial": "x45", "log": "mat/DESR_Characterization_Data.mat", "log_source": "desr", "log_part": "DESR_N.x45"}
+    trial = trial_from_files(row, REAL_DATA, Path(__file__).parents[1] / "config/sources")
+    time, theta, torque = trial.signals("theta", "torque")
+    assert (time.size, round((time.size - 1) / time[-1], 2)) == (12000, 833.33)
+    assert (np.rad2deg(theta.max()).round(2), torque.max().round(1)) == (11.35, 115.5)

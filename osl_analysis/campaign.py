@@ -11,6 +11,7 @@ import pandas as pd
 from osl_analysis.config import Config
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import Table
+from osl_analysis.formats.rosbag2.metadata import recorded_files
 from osl_analysis.job_log import plain
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.quality.verdict import CHECKS, unknown_check, validate_rules
@@ -221,7 +222,8 @@ class Campaign:
     def logs(self, trial: str) -> list[Path]:
         """The raw files of a trial."""
         row = self.row(trial)
-        return [self.config.raw_data / row[column] for column in ("log", "mocap") if row[column]]
+        named = [self.config.raw_data / row[column] for column in ("log", "mocap") if row[column]]
+        return [file for path in named for file in recorded_files(path)]
 
     def sources(self, trial: str) -> list[Path]:
         """The source files that describe a trial's raw files."""

@@ -65,7 +65,8 @@ def same_recordings(trial: Path, recordings: Iterable[str]) -> bool:
     """
     try:
         provenance = json.loads(pl.read_parquet_metadata(trial)[PROVENANCE_KEY])
-        read = [(one["bytes"], one["sha256"]) for one in provenance["files"].values()]
+        parts = [part for one in provenance["files"].values() for part in one.get("parts", [one])]
+        read = [(part["bytes"], part["sha256"]) for part in parts]
         files = [Path(file) for file in recordings]
         sizes = [file.stat().st_size for file in files]
         return sizes == [size for size, _ in read] and [digest(file) for file in files] == [sha for _, sha in read]

@@ -88,8 +88,6 @@ OTHER_FILES = {
     "Arrow": saved(lambda stream: pl.DataFrame({"t": [0.0, 1.0]}).write_ipc(stream)),
     "NumPy array": saved(np.save, np.arange(3)),
     "pickle": b"\x80\x04\x95\x10\x00\x00\x00",
-    "ROS 1 bag": b"#ROSBAG V2.0\nE\x00\x00\x00\r\x00\x00\x00index_pos=",
-    "SQLite": database(),
     "TDMS": b"TDSm\x0e\x00\x00\x00",
     "EDF": (b"0       " + b"X" * 176 + b"768     ").ljust(256),
     "compressed": gzip.compress(BENCH.encode()),
@@ -191,8 +189,6 @@ def test_an_opensim_table_without_its_header_is_a_csv_log(tmp_path: Path) -> Non
         ("opensim/walk.trc", "a TRC file"),
         ("opensim/grf_run.mot", "an OpenSim table"),
         ("tdms/raw1.tdms", "a LabVIEW TDMS file"),
-        ("bag/fake_joint_state.bag", "a ROS 1 bag"),
-        ("bag/rosbag2_test_0.db3", "a SQLite database"),
         ("bag/rosbag2_test_metadata.yaml", "the description of a ROS 2 bag"),
     ],
 )

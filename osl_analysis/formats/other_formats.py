@@ -18,7 +18,6 @@ ZIP = b"PK\x03\x04"
 HDF5 = b"\x89HDF\r\n\x1a\n"
 AS_C3D = "export the trial as C3D"
 AS_CSV = "export its table as CSV in UTF-8"
-AS_MCAP = "convert it to MCAP, as with the tool `mcap convert`"
 UNPACK = "unpack it and name the recording inside"
 NO_RECORDING = "name the recording itself"
 
@@ -123,15 +122,13 @@ OTHERS = (
         "fetch the recording with `git annex get`",
         text_with(r"\A/?\S*annex/objects/\S++\s*+\Z"),
     ),
-    OtherFormat(
-        "the description of a ROS 2 bag", "name the .mcap file beside it", text_with(r"^rosbag2_bagfile_information:")
-    ),
+    OtherFormat("the description of a ROS 2 bag", "name its folder", text_with(r"^rosbag2_bagfile_information:")),
     OtherFormat(
         "what `ros2 topic echo` prints",
         "record with `ros2 bag record -s mcap`",
         text_with(r"\A\s*(header|stamp):[ \t\r]*\n\s+\w+:"),
     ),
-    OtherFormat("a source file", NO_RECORDING, text_with(r"\A(\s*#.*\n)*format: *(mcap|c3d|csv|mat|nexus_csv)\b")),
+    OtherFormat("a source file", NO_RECORDING, text_with(r"\A(\s*#.*\n)*format: *[a-z][a-z0-9_]*[ \t\r]*$")),
     OtherFormat("a web page", "download the recording itself", text_starting("<!DOCTYPE html", "<html")),
     OtherFormat("XML", AS_CSV, text_starting("<?xml", "<!--", "<!DOCTYPE", "<svg")),
     OtherFormat("an RTF document", AS_CSV, text_starting("{\\rtf")),
@@ -154,8 +151,6 @@ OTHERS = (
     OtherFormat("an Arrow or Feather file", AS_CSV, starting(b"ARROW1", b"FEA1")),
     OtherFormat("a NumPy array (.npy)", AS_CSV, starting(b"\x93NUMPY")),
     OtherFormat("a Python pickle", AS_CSV, starting(b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05")),
-    OtherFormat("a ROS 1 bag", AS_MCAP, starting(b"#ROSBAG V")),
-    OtherFormat("a SQLite database, such as a ROS 2 bag (.db3)", AS_MCAP, starting(b"SQLite format 3\0")),
     OtherFormat("a LabVIEW TDMS file", AS_CSV, starting(b"TDSm", b"TDSh")),
     OtherFormat("an EDF or BDF file", AS_CSV, lambda begin: is_edf(begin) or begin[:8] == b"\xffBIOSEMI"),
     OtherFormat(

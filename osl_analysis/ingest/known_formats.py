@@ -14,6 +14,8 @@ from osl_analysis.formats.mat.mat_file import is_mat
 from osl_analysis.formats.mcap.walk import MAGIC
 from osl_analysis.formats.nexus_csv import is_nexus
 from osl_analysis.formats.other_formats import FIRST_BYTES, refuse_others
+from osl_analysis.formats.rosbag1.scan import ANY_VERSION
+from osl_analysis.formats.rosbag2.database import MAGIC as SQLITE
 from osl_analysis.ingest.c3d_capture import read_c3d_capture
 from osl_analysis.ingest.c3d_source import C3dSource
 from osl_analysis.ingest.capture_overview import inspect_c3d, inspect_nexus
@@ -29,6 +31,14 @@ from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 from osl_analysis.ingest.nexus_capture import NexusSource, read_nexus_capture
 from osl_analysis.ingest.overview import Overview
 from osl_analysis.ingest.recording import Recording
+from osl_analysis.ingest.ros_log import (
+    Rosbag1Source,
+    Rosbag2Source,
+    inspect_rosbag1,
+    inspect_rosbag2,
+    read_rosbag1_log,
+    read_rosbag2_log,
+)
 from osl_analysis.ingest.source_fields import CaptureSource, LogSource
 from osl_analysis.yaml_settings import Settings, read_yaml
 
@@ -60,14 +70,22 @@ FORMATS = {
     "mcap": KnownFormat(
         lambda begin: begin[: len(MAGIC)] == MAGIC, (".mcap",), McapSource, read_mcap_log, inspect_mcap
     ),
+    "rosbag1": KnownFormat(
+        lambda begin: begin.startswith(ANY_VERSION), (".bag",), Rosbag1Source, read_rosbag1_log, inspect_rosbag1
+    ),
+    "rosbag2": KnownFormat(
+        lambda begin: begin.startswith(SQLITE), (".db3",), Rosbag2Source, read_rosbag2_log, inspect_rosbag2
+    ),
     "c3d": KnownFormat(is_c3d, (".c3d",), C3dSource, read_c3d_capture, inspect_c3d),
     "nexus_csv": KnownFormat(is_nexus, (), NexusSource, read_nexus_capture, inspect_nexus),
     "mat": KnownFormat(is_mat, (".mat",), MatSource, read_mat_log, inspect_mat),
     "csv": KnownFormat(is_text, (".csv",), CsvSource, read_csv_log, inspect_csv),
 }
+FOLDERS = "rosbag2"
+"""Format of a recording that is a folder."""
 ANY_TEXT = "csv"
 """Format of a text file that is not recognised by content or name."""
-NOT_READ = (".bag", ".db3", ".h5", ".mot", ".sto", ".tdms", ".trc", ".tsv", ".xlsx")
+NOT_READ = (".h5", ".mot", ".sto", ".tdms", ".trc", ".tsv", ".xlsx")
 """Endings of recordings whose formats are not read: `samples` lists them with the remedy."""
 
 
@@ -108,6 +126,8 @@ def recognise(path: Path) -> str:
     InputError
         The file is of no format that is read.
     """
+    if path.is_dir():
+        return FOLDERS
     begin = beginning(path)
     by_suffix = [name for name, known in FORMATS.items() if path.suffix.lower() in known.suffixes]
     candidates = [*formats_of(path, begin), *by_suffix, *[ANY_TEXT] * is_text(begin)]
@@ -126,6 +146,13 @@ def check_format(path: Path, source: Source) -> None:
     InputError
         The file is of another format, or of one that is not read.
     """
+    if path.is_dir():
+        if source.format != FOLDERS:
+            raise InputError(
+                f"{path}: a folder is a recording in {FOLDERS}, its source file says {source.format}; write `format: "
+                f"{FOLDERS}` in a source file for it, or name a file in it"
+            )
+        return
     begin = beginning(path)
     found = formats_of(path, begin)
     if (found and source.format not in found) or (source.format == ANY_TEXT and not is_text(begin)):

@@ -1,4 +1,4 @@
-"""What a log in MCAP holds: channels with rates and gaps, and what is damaged or odd."""
+"""What a log of messages holds, in MCAP or a bag of ROS: channels with rates and gaps, and what is damaged or odd."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,8 +8,9 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap.channel_reader import describe_message
-from osl_analysis.formats.mcap.mcap_file import McapFile, read_mcap
+from osl_analysis.formats.mcap.mcap_file import read_mcap
 from osl_analysis.formats.mcap.survey import ChannelSurvey, survey_channels
+from osl_analysis.formats.message_file import MessageFile
 from osl_analysis.formats.messages.description import FieldDescription
 from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of
 from osl_analysis.ingest.stamps import check_not_set
@@ -27,26 +28,32 @@ def inspect_mcap(path: Path) -> Overview:
     InputError
         The file is empty, no MCAP file or two logs, or unpacks to too much.
     """
-    file = read_mcap(path)
+    return inspect_messages(read_mcap(path), "mcap")
+
+
+def inspect_messages(file: MessageFile, name: str) -> Overview:
+    """The same for a log of messages in any container, whose format is called `name` in source files."""
     try:
         surveys = survey_channels(file)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        if str(file.path) in str(error):
+            raise
+        raise InputError(f"{file.path}: {error}") from error
     remarks = list(file.damage.all_remarks())
     remarks += [remark for survey in surveys for remark in clock_remarks(survey)]
     described = [(survey, fields_of(survey, remarks)) for survey in surveys]
     channels = [channel for survey, fields in described for channel in channels_of(survey, fields)]
     stamped = any(field.path.startswith(f"{STAMP}stamp") for _, fields in described for field in fields)
     settings = {"clock": "master", "time": {"source": "header" if stamped else "log"}}
-    return Overview("mcap", facts_of(file), channels, remarks, settings)
+    return Overview(name, facts_of(file), channels, remarks, settings)
 
 
-def facts_of(file: McapFile) -> dict[str, str]:
+def facts_of(file: MessageFile) -> dict[str, str]:
     """Size, what was read, what was lost, and whether checksums cover it."""
     damage = file.damage
     lost = damage.messages_lost()
     return {
-        "bytes": str(len(file.data)),
+        "bytes": str(file.budget.file_bytes),
         "chunks": str(damage.chunks),
         "messages": str(damage.messages),
         "messages lost": "the file does not tell" if lost is None else str(lost),

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.errors import InputError, printable
+from osl_analysis.formats.rosbag2.metadata import NAME, REINDEX, parts_of, recorded_files
 from osl_analysis.ingest.assemble import assemble
 from osl_analysis.ingest.known_formats import FORMATS, Source, check_format, read_source
 from osl_analysis.ingest.largest_values import check_sizes
@@ -41,7 +42,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         if not source:
             raise InputError(f"trial {name}: {role}_source is empty; name the file in {sources_folder} for {given}")
         check_file(path)
-        before = identity(path, given, source)
+        before = identity_of(path, given, source)
         described = read_source(sources_folder / f"{source}.yaml")
         if isinstance(described, LogSource):
             described = described.of_part(text(row, "log_part"))
@@ -104,9 +105,14 @@ def check_markers(trial: Trial, experiment: str | None) -> None:
 
 
 def check_file(path: Path) -> None:
-    """Refuse a file that is missing or empty, and what is no file: a folder, a device, a pipe."""
+    """Refuse a file that is missing or empty, and what is no recording: a device, a pipe, a folder without parts."""
+    if path.is_dir() and recorded_files(path) == [path]:
+        raise InputError(
+            f"{path}: a folder that is no ROS 2 bag (it has no `{NAME}` that lists its files); name the recording in "
+            f"it; {REINDEX}"
+        )
     if path.is_dir():
-        raise InputError(f"{path}: a folder, not a recording; name the recording in it")
+        return
     if path.exists() and not path.is_file():
         raise InputError(f"{path}: a device or a pipe, not a recording; name a file, or copy its content into one")
     if not path.is_file():
@@ -123,7 +129,7 @@ def text(row: Mapping[str, Any], column: str) -> str:
 
 @dataclass(frozen=True)
 class Identity:
-    """A raw file at the moment at which it was hashed."""
+    """A raw file, or the files of a folder, at the moment at which it was hashed."""
 
     report: dict[str, Any]
     """What identifies it in the provenance: name in the sheet, size, SHA-256, and the source file that describes it."""
@@ -131,6 +137,27 @@ class Identity:
     """Device, number, size and times [ns] of the file; another value means another file or other bytes."""
     hashed: int
     """When it was hashed [ns]."""
+    parts: "tuple[tuple[Path, Identity], ...]" = ()
+    """The files of a folder."""
+
+
+def identity_of(path: Path, given: str, source: str) -> Identity:
+    """Hash a raw file, or every file of a folder, before it is read.
+
+    Raises
+    ------
+    InputError
+        A file that the folder's description lists is missing.
+    """
+    if not path.is_dir():
+        return identity(path, given, source)
+    parts_of(path)
+    parts = tuple((file, identity(file, file.name, source)) for file in recorded_files(path))
+    reports = [{key: one.report[key] for key in ("path", "bytes", "sha256")} for _, one in parts]
+    together = hashlib.sha256("".join(report["sha256"] for report in reports).encode()).hexdigest()
+    size = sum(report["bytes"] for report in reports)
+    report = {"path": given, "bytes": size, "sha256": together, "source": source, "parts": reports}
+    return Identity(report, (), 0, parts)
 
 
 def identity(path: Path, given: str, source: str) -> Identity:
@@ -157,6 +184,10 @@ def check_unchanged(path: Path, before: Identity) -> None:
     InputError
         The file was replaced or written to.
     """
+    for part, one in before.parts:
+        check_unchanged(part, one)
+    if before.parts:
+        return
     try:
         same = state_of(path.stat()) == before.state and before.report["bytes"] == before.state[2]
         if same and before.hashed - max(before.state[3:]) < COARSEST_CLOCK:

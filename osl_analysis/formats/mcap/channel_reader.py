@@ -11,17 +11,19 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, listing
 from osl_analysis.formats.mcap.chunk import MessageBlock
 from osl_analysis.formats.mcap.limits import REMEDY, RefusedFileError, WrongFieldError
-from osl_analysis.formats.mcap.mcap_file import McapFile
-from osl_analysis.formats.messages import cdr
+from osl_analysis.formats.message_file import MessageFile
+from osl_analysis.formats.messages import cdr, ros1
 from osl_analysis.formats.messages.description import FieldDescription, describe_json
-from osl_analysis.formats.messages.effort import EffortError, LongMessageError, TextEffort, effort_for
+from osl_analysis.formats.messages.effort import Effort, EffortError, LongMessageError, TextEffort, effort_for
 from osl_analysis.formats.messages.json_messages import ByText
 from osl_analysis.formats.messages.leaves import Indices
 from osl_analysis.formats.messages.one_by_one import Values, WholeArrayError
 from osl_analysis.formats.messages.templates import ByShape
 
 Reader = ByShape | ByText
-ENCODINGS = (("cdr", "ros2msg"), ("protobuf", "protobuf"))  # of messages and their schema; JSON needs none
+ENCODINGS = (("cdr", "ros2msg"), ("ros1", "ros1msg"), ("protobuf", "protobuf"))  # of messages and schema; JSON: none
+NOT_DEFINED = "not defined"
+"""Key in a channel's metadata under which a reader says why the channel has no schema, and what to do."""
 
 
 @dataclass
@@ -44,6 +46,8 @@ class ChannelReader:
     """The first message, to list its fields."""
     messages: int = 0
     """Messages so far."""
+    remedy: str = REMEDY
+    """What to do where the messages are too much to decode."""
 
     def add(self, mine: MessageBlock) -> None:
         """Read messages of a block, all of which are the channel's."""
@@ -55,7 +59,7 @@ class ChannelReader:
         except LongMessageError as error:
             raise RefusedFileError(f"topic '{self.channel.topic}': {error}") from error
         except EffortError as error:
-            raise RefusedFileError(f"topic '{self.channel.topic}': {error}; {REMEDY}") from error
+            raise RefusedFileError(f"topic '{self.channel.topic}': {error}; {self.remedy}") from error
         except WholeArrayError as error:
             raise self.wrong_field(str(error)) from error
         self.messages += mine.starts.size
@@ -114,6 +118,8 @@ def describe_message(channel: Channel, schema: Schema | None, payload: bytes | N
         return describe_json(payload) if payload is not None else []
     if channel.message_encoding == "cdr":
         return cdr.describe_cdr(schema, payload)
+    if channel.message_encoding == "ros1":
+        return ros1.describe_ros1(schema, payload)
     from osl_analysis.formats.messages import protobuf  # costs time to import, and few logs need it
 
     return protobuf.describe_protobuf(schema, payload)
@@ -139,7 +145,7 @@ def names_of_fields(one: ChannelReader, path: str) -> str:
 
 
 def reader_of(
-    file: McapFile, number: int, paths: Sequence[str], either: Collection[str], texts: TextEffort
+    file: MessageFile, number: int, paths: Sequence[str], either: Collection[str], texts: TextEffort
 ) -> ChannelReader:
     """A reader for the messages of a channel; `texts` limits the JSON of all channels.
 
@@ -151,15 +157,12 @@ def reader_of(
     channel = file.declared.channels[number]
     schema = file.declared.schemas.get(channel.schema_id)
     check_encoding(channel, schema)
+    remedy = file.budget.remedy
     if channel.message_encoding == "json" or schema is None:
-        return ChannelReader(channel, schema, ByText(paths, either, effort=texts))
-    effort = effort_for(file.budget.file_bytes)
+        return ChannelReader(channel, schema, ByText(paths, either, effort=texts), remedy=remedy)
     try:
-        if channel.message_encoding == "cdr":
-            return ChannelReader(channel, schema, cdr.cdr_reader(schema, paths, effort))
-        from osl_analysis.formats.messages import protobuf
-
-        return ChannelReader(channel, schema, protobuf.protobuf_reader(schema, paths, effort))
+        reader = reader_by_schema(channel, schema, paths, effort_for(file.budget.file_bytes))
+        return ChannelReader(channel, schema, reader, remedy=remedy)
     except InputError as error:
         raise InputError(
             f"topic '{channel.topic}': {str(error).replace('; ', ', ')}; record again with the definitions that its "
@@ -167,11 +170,24 @@ def reader_of(
         ) from error
 
 
+def reader_by_schema(channel: Channel, schema: Schema, paths: Sequence[str], effort: Effort) -> ByShape:
+    """A reader for binary messages; `effort` limits its walks. Raises InputError if the schema cannot be read."""
+    if channel.message_encoding == "cdr":
+        return cdr.cdr_reader(schema, paths, effort)
+    if channel.message_encoding == "ros1":
+        return ros1.ros1_reader(schema, paths, effort)
+    from osl_analysis.formats.messages import protobuf
+
+    return protobuf.protobuf_reader(schema, paths, effort)
+
+
 def check_encoding(channel: Channel, schema: Schema | None) -> None:
     """Refuse messages of an encoding that is not read."""
     encoding = (channel.message_encoding, schema.encoding if schema else "no schema")
+    if NOT_DEFINED in channel.metadata:
+        raise InputError(f"topic '{channel.topic}': {channel.metadata[NOT_DEFINED]}")
     if encoding not in ENCODINGS and channel.message_encoding != "json":
         raise InputError(
-            f"topic '{channel.topic}' is encoded as {encoding[0]} ({encoding[1]}); read are cdr (ros2msg), protobuf "
-            "(protobuf) and json: convert the log"
+            f"topic '{channel.topic}' is encoded as {encoding[0]} ({encoding[1]}); read are cdr (ros2msg), ros1 "
+            "(ros1msg), protobuf (protobuf) and json: convert the log"
         )

@@ -47,6 +47,8 @@ class Budget:
     """Bytes that were unpacked so far."""
     records: int = 0
     """Records that were found in them."""
+    remedy: str = REMEDY
+    """What to do with a file that would unpack to too much."""
 
     def take_chunk(self, where: int, packed: int, size: int) -> None:
         """Count a compressed chunk at byte `where` of the file before it is unpacked.
@@ -58,15 +60,29 @@ class Budget:
         """
         chunk = f"the chunk at byte {where} unpacks from {packed} to {size} bytes"
         if size > LARGEST_CHUNK:
-            raise RefusedFileError(f"{chunk}, more than the {LARGEST_CHUNK} that are unpacked; {REMEDY}")
+            raise RefusedFileError(f"{chunk}, more than the {LARGEST_CHUNK} that are unpacked; {self.remedy}")
         if size > SMALL_CHUNK and size > MOST_RATIO * packed:
-            raise RefusedFileError(f"{chunk}, more than {MOST_RATIO} times as many; {REMEDY}")
+            raise RefusedFileError(f"{chunk}, more than {MOST_RATIO} times as many; {self.remedy}")
         self.taken_bytes += size
         most = FREE_TOTAL + TOTAL_RATIO * self.file_bytes
         if self.taken_bytes > most:
             raise RefusedFileError(
                 f"{chunk}, and the file so far to {self.taken_bytes}; at most {most} are unpacked from a file of "
-                f"{self.file_bytes} bytes; {REMEDY}"
+                f"{self.file_bytes} bytes; {self.remedy}"
+            )
+
+    def take_bytes(self, size: int) -> None:
+        """Count bytes that were read; a damaged database can hold the same ones in many places.
+
+        Raises
+        ------
+        RefusedFileError
+            They are more than a file of its size can hold for a reason.
+        """
+        self.taken_bytes += size
+        if self.taken_bytes > FREE_TOTAL + TOTAL_RATIO * self.file_bytes:
+            raise RefusedFileError(
+                f"more than {self.taken_bytes} bytes of messages in {self.file_bytes}; {self.remedy}"
             )
 
     def left_records(self) -> int:
@@ -84,6 +100,6 @@ class Budget:
         if count > self.left_records():
             raise RefusedFileError(
                 f"more than {self.records + self.left_records()} records up to the chunk at byte {where}, too many for "
-                f"a file of {self.file_bytes} bytes; {REMEDY}"
+                f"a file of {self.file_bytes} bytes; {self.remedy}"
             )
         self.records += count

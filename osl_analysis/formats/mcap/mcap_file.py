@@ -45,6 +45,8 @@ class McapFile:
     """Its channels and schemas; complete once the blocks are read."""
     damage: Damage = field(default_factory=Damage)
     """Losses; complete once the blocks are read."""
+    kind: str = "MCAP"
+    """What it is, for messages."""
 
     def blocks(self) -> Iterator[MessageBlock]:
         """The messages of every intact chunk, and those outside of chunks, in the order of the file. Call it once.

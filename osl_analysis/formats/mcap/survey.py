@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from mcap.records import Channel, Schema
 
-from osl_analysis.formats.mcap.mcap_file import McapFile
+from osl_analysis.formats.message_file import MessageFile
 from osl_analysis.formats.messages.leaves import Indices
 
 MOST_STAMPS = 10_000_000
@@ -32,7 +32,7 @@ class ChannelSurvey:
         return np.concatenate([np.empty(0, np.int64), *self.stamps])
 
 
-def survey_channels(file: McapFile) -> list[ChannelSurvey]:
+def survey_channels(file: MessageFile) -> list[ChannelSurvey]:
     """All channels of a file, also those without messages. The file is read once, chunk by chunk."""
     surveys: dict[int, ChannelSurvey] = {}
     kept = 0
@@ -49,7 +49,7 @@ def survey_channels(file: McapFile) -> list[ChannelSurvey]:
     return [surveys.get(number, survey_of(file, number)) for number in sorted(file.declared.channels)]
 
 
-def survey_of(file: McapFile, number: int) -> ChannelSurvey:
+def survey_of(file: MessageFile, number: int) -> ChannelSurvey:
     """A channel of which no message was seen so far."""
     channel = file.declared.channels[number]
     return ChannelSurvey(channel, file.declared.schemas.get(channel.schema_id))

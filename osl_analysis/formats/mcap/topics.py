@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing
 from osl_analysis.formats.mcap.channel_reader import ChannelReader, names_of_fields, reader_of
-from osl_analysis.formats.mcap.mcap_file import McapFile
 from osl_analysis.formats.mcap.order import missing_numbers, recording_order
+from osl_analysis.formats.message_file import MessageFile
 from osl_analysis.formats.messages.effort import text_effort_for
 from osl_analysis.formats.messages.json_messages import ByText
 from osl_analysis.formats.messages.leaves import Indices
@@ -35,7 +35,7 @@ class Decoded:
 
 
 def decode_topics(
-    file: McapFile,
+    file: MessageFile,
     wanted: Mapping[str, Sequence[str]],
     optional: Collection[str] = (),
     either: Collection[str] = (),
@@ -77,7 +77,7 @@ def decode_topics(
     return by_name
 
 
-def note_misfits(file: McapFile, reader: ChannelReader) -> None:
+def note_misfits(file: MessageFile, reader: ChannelReader) -> None:
     """Count the messages that do not fit their schema as lost."""
     if reader.reader.misfits:
         file.damage.misfits[reader.channel.id] += reader.reader.misfits
@@ -87,7 +87,7 @@ def note_misfits(file: McapFile, reader: ChannelReader) -> None:
         )
 
 
-def note_missing(file: McapFile, reader: ChannelReader) -> None:
+def note_missing(file: MessageFile, reader: ChannelReader) -> None:
     """Remark on sequence numbers that are missing: evidence that a recorder dropped messages or a chunk was removed."""
     missing = missing_numbers(np.concatenate(reader.sequences))
     if missing:
@@ -97,7 +97,7 @@ def note_missing(file: McapFile, reader: ChannelReader) -> None:
         )
 
 
-def decoded_topic(file: McapFile, topic: str, readers: Sequence[ChannelReader], paths: Sequence[str]) -> Decoded:
+def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader], paths: Sequence[str]) -> Decoded:
     """The messages of one topic, from the readers of its channels."""
     if topic not in {channel.topic for channel in file.declared.channels.values()}:
         topics = sorted({channel.topic for channel in file.declared.channels.values()})

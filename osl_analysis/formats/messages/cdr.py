@@ -4,7 +4,7 @@ The guards are the lengths of its strings and sequences.
 """
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -35,6 +35,8 @@ class CdrWalk(MessageWalk):
     """Byte order, as `struct` spells it."""
     effort: Effort = field(default_factory=Effort)
     """How many elements may still be walked; arrays of messages without a byte could go on for ever."""
+    empty_size: int = 1
+    """Bytes of a message without fields."""
 
     def align(self, size: int) -> None:
         """Go on to the next multiple of `size` bytes."""
@@ -52,9 +54,9 @@ class CdrWalk(MessageWalk):
         return int(value)
 
     def message(self, name: str, prefix: str) -> None:
-        """Walk the fields of the message type `name`; a message without fields takes one byte."""
+        """Walk the fields of the message type `name`."""
         fields = self.definitions[name]
-        self.position += not fields
+        self.position += 0 if fields else self.empty_size
         self.effort.take()
         for item in fields:
             path = f"{prefix}{item.name}"
@@ -145,10 +147,15 @@ def cdr_reader(schema: Schema, paths: Sequence[str], effort: Effort) -> ByShape:
         The schema cannot be read.
     """
     name, definitions = message_type(schema)
+    return reader_by_walk(lambda payload: layout_of(definitions, name, payload, effort), paths)
+
+
+def reader_by_walk(walk: Callable[[bytes], MessageWalk], paths: Sequence[str]) -> ByShape:
+    """A reader of the fields at `paths` of messages whose leaves and guards `walk` finds."""
 
     def learn(payload: bytes) -> Template:
         """The template of all messages that are laid out as this one."""
-        return template_of(layout_of(definitions, name, payload, effort), paths)
+        return template_of(walk(payload), paths)
 
     def alone(payload: bytes) -> Numbers:
         """The wanted numbers of one message."""

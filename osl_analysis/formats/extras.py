@@ -1,0 +1,27 @@
+"""Libraries that only some formats need, and that are optional extras of the package."""
+
+from importlib import import_module
+from typing import Any
+
+from osl_analysis.errors import InputError
+
+
+def optional_module(name: str, extra: str, what: str) -> Any:
+    """The module `name` of a library that the extra `extra` of the package installs, such as `nptdms` of `tdms`.
+
+    what: what cannot be read without it, for the message: "a TDMS file".
+
+    Raises
+    ------
+    InputError
+        The library is not installed; the message says how to install it.
+    """
+    library = name.partition(".")[0]
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != library:
+            raise
+        raise InputError(
+            f"{what} needs {library}, which is not installed; pip install 'osl-analysis[{extra}]'"
+        ) from None

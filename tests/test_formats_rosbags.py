@@ -1,0 +1,348 @@
+"""Bags of ROS 1 and ROS 2 give what the library `rosbags` wrote, through ingest to canonical columns."""
+
+import sqlite3
+import sys
+import tracemalloc
+from pathlib import Path
+from shutil import rmtree
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+import zstandard
+from bag_builder import KIND, START, STEP, sample, typestore, write_bag1, write_bag2, write_split
+from c3d_builder import REAL_DATA
+from rosbags.rosbag1 import Reader as Reader1
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import Reader as Reader2
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+
+from osl_analysis.commands.inspect import inspect_file
+from osl_analysis.errors import InputError
+from osl_analysis.formats.rosbag1.records import record_at
+from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.known_formats import FORMATS, recognise
+from osl_analysis.ingest.raw_files import trial_from_files
+from osl_analysis.ingest.recording import Recording
+from osl_analysis.trial import Trial
+
+CHANNELS = {
+    "theta": {"topic": "/lab", "field": "angle", "unit": "deg"},
+    "torque": {"topic": "/lab", "field": "torque[0]", "unit": "N*m", "sign": -1},
+    "sync": {"topic": "/lab", "field": "sync", "unit": "V"},
+}
+
+
+def read(path: Path, channels: Any = CHANNELS, **options: Any) -> Recording:
+    """A bag, by a source file of the format that its content has."""
+    known = FORMATS[name := recognise(path)]
+    described = {"format": name, "time": {"source": "header"}, "channels": channels, **options}
+    return known.read(path, known.source.model_validate(described))
+
+
+def refused(path: Path, **options: Any) -> str:
+    """What ingest says to a bag: one line that names the file."""
+    with pytest.raises(InputError) as caught:
+        read(path, **options)
+    message = str(caught.value)
+    assert str(path) in message
+    assert "\n" not in message
+    assert len(message) < 500
+    return message
+
+
+def check_rows(recording: Recording, rows: range = range(50)) -> None:
+    """The canonical columns of the rows that were written."""
+    row = np.array(rows)
+    np.testing.assert_allclose(recording.samples["time"], (row - row[0]) * 1e-3, atol=1e-12)
+    np.testing.assert_allclose(recording.samples["theta"], np.radians(row), rtol=1e-12)
+    np.testing.assert_array_equal(recording.samples["torque"], row / 2)
+    np.testing.assert_array_equal(recording.samples["sync"], row % 2 == 0)
+    assert recording.facts["time"]["start_ns"] == START + rows[0] * STEP
+
+
+def kept_files(folder: Path) -> list[str]:
+    """Names below a folder: reading a bag must not write beside it."""
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+
+
+@pytest.mark.parametrize(("compression", "chunk"), [("", 0), ("BZ2", 500), ("LZ4", 500)])
+def test_a_ros_1_bag_gives_the_columns_that_were_written(tmp_path: Path, compression: str, chunk: int) -> None:
+    recording = read(write_bag1(tmp_path / "a.bag", compression=compression, chunk=chunk))
+    check_rows(recording)
+    damage = recording.facts["damage"]
+    assert (damage["complete"], damage["messages_lost"]) == (True, 0)
+    assert damage["topics"] == {"/lab": {"messages": 50, "messages_lost": 0}}
+
+
+@pytest.mark.parametrize(("storage", "compression"), [("SQLITE3", ""), ("SQLITE3", "MESSAGE"), ("MCAP", "")])
+def test_a_ros_2_bag_gives_the_columns_that_were_written(tmp_path: Path, storage: str, compression: str) -> None:
+    recording = read(write_bag2(tmp_path / "bag", storage=storage, compression=compression))
+    check_rows(recording)
+    assert recording.facts["damage"]["messages_lost"] == 0
+    assert sorted(kept_files(tmp_path / "bag")) == [f"bag.{'mcap' if storage == 'MCAP' else 'db3'}", "metadata.yaml"]
+
+
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
+def test_the_parts_of_a_split_recording_are_one_log(tmp_path: Path, storage: str) -> None:
+    folder = write_split(tmp_path / "bag", storage)
+    recording = read(folder)
+    check_rows(recording)
+    assert recording.facts["damage"]["topics"]["/lab"] == {"messages": 50, "messages_lost": 0}
+    assert len(recording.facts["decoding"]["/lab"]) == 1
+
+
+def test_the_trial_of_a_folder_names_all_its_files_with_their_hashes(tmp_path: Path) -> None:
+    write_split(tmp_path / "bag")
+    described = {"format": "rosbag2", "time": {"source": "header"}, "channels": CHANNELS}
+    (tmp_path / "ros.yaml").write_text(yaml.safe_dump(described))
+    trial = trial_from_files({"trial": "a", "log": "bag", "log_source": "ros"}, tmp_path, tmp_path)
+    files = trial.provenance["files"]["log"]
+    assert [one["path"] for one in files["parts"]] == ["metadata.yaml", "bag_0.db3", "bag_1.db3"]
+    assert files["bytes"] == sum(path.stat().st_size for path in (tmp_path / "bag").iterdir())
+    assert isinstance(trial, Trial)
+
+
+def test_one_part_of_a_split_recording_is_read_with_a_warning(tmp_path: Path) -> None:
+    for storage, ending in (("SQLITE3", "db3"), ("MCAP", "mcap")):
+        folder = write_split(tmp_path / storage, storage)
+        recording = read(folder / f"bag_1.{ending}")
+        check_rows(recording, range(30, 50))
+        assert any("one of the 2 files of a recording; name the folder" in text for text in recording.warnings)
+        assert recording.facts["damage"]["messages_lost"] is None or storage == "MCAP"
+        for number in range(2):
+            rmtree(tmp_path / f"part{number}")
+
+
+def test_receive_times_are_used_where_the_source_file_says_so(tmp_path: Path) -> None:
+    for path in (write_bag1(tmp_path / "a.bag"), write_bag2(tmp_path / "b")):
+        recording = read(path, time={"source": "log"})
+        assert recording.facts["time"]["start_ns"] == START + 250_000
+
+
+def test_messages_that_the_description_has_and_the_bag_lacks_are_lost(tmp_path: Path) -> None:
+    bag = write_bag2(tmp_path / "bag", range(1000))
+    with sqlite3.connect(bag / "bag.db3") as connection:
+        connection.execute("DELETE FROM messages WHERE id % 200 = 7")
+    recording = read(bag)
+    assert recording.facts["damage"]["topics"]["/lab"] == {"messages": 995, "messages_lost": 5}
+    with sqlite3.connect(bag / "bag.db3") as connection:
+        connection.execute("DELETE FROM messages WHERE id % 50 = 7")
+    assert "2 % of topic '/lab' is lost" in refused(bag)
+
+
+def test_without_its_description_a_database_is_read_and_the_losses_are_unknown(tmp_path: Path) -> None:
+    bag = write_bag2(tmp_path / "bag")
+    (bag / "metadata.yaml").unlink()
+    recording = read(bag / "bag.db3")
+    check_rows(recording)
+    assert recording.facts["damage"]["messages_lost"] is None
+    assert any("no metadata.yaml beside it" in text for text in recording.warnings)
+    assert "a folder without metadata.yaml" in refused(bag)
+    assert "ros2 bag reindex" in refused(bag)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("a: [", "no YAML"),
+        ("rosbag2_bagfile_information: {version: 9}", "not the description of a ROS 2 bag"),
+        ("[1, 2]", "not the description of a ROS 2 bag"),
+    ],
+)
+def test_a_description_that_is_none_is_refused(tmp_path: Path, text: str, reason: str) -> None:
+    bag = write_bag2(tmp_path / "bag")
+    (bag / "metadata.yaml").write_text(text)
+    assert reason in refused(bag)
+
+
+def test_a_recording_of_which_a_part_is_missing_or_packed_is_refused(tmp_path: Path) -> None:
+    folder = write_split(tmp_path / "bag")
+    (folder / "bag_1.db3").unlink()
+    assert "1 of the 2 files that metadata.yaml lists are missing (bag_1.db3)" in refused(folder)
+    assert "unpack them with `zstd -d`" in refused(write_bag2(tmp_path / "packed", compression="FILE"))
+
+
+def test_a_database_that_is_cut_off_or_not_closed_is_refused(tmp_path: Path) -> None:
+    path = write_bag2(tmp_path / "bag", range(500)) / "bag.db3"
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    assert "the database is damaged or cut off" in refused(path)
+    assert "sqlite3 BAG .recover" in refused(path)
+    path.write_bytes(whole)
+    (path.parent / "bag.db3-wal").write_bytes(b"1")
+    assert "a write-ahead log is beside it (bag.db3-wal)" in refused(path)
+
+
+def test_a_database_that_is_no_bag_is_refused(tmp_path: Path) -> None:
+    with sqlite3.connect(tmp_path / "a.db3") as connection:
+        connection.execute("CREATE TABLE topics (id INTEGER, name TEXT)")
+    assert "its table 'topics' lacks serialization_format, type" in refused(tmp_path / "a.db3")
+    views = {
+        "b": "CREATE VIEW messages AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) "
+        "SELECT i AS id, 1 AS topic_id, i AS timestamp, zeroblob(1000000) AS data FROM n",
+        "c": "CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id, timestamp, "
+        "data BLOB AS (zeroblob(900000000)) VIRTUAL)",
+    }
+    for name, made in views.items():
+        with sqlite3.connect(tmp_path / f"{name}.db3") as connection:
+            connection.execute("CREATE TABLE topics (id INTEGER, name, type, serialization_format)")
+            connection.execute(made)
+        assert "table 'messages'" in refused(tmp_path / f"{name}.db3")
+
+
+def test_rows_that_are_no_messages_are_refused_and_strangers_are_counted(tmp_path: Path) -> None:
+    bag = write_bag2(tmp_path / "bag")
+    with sqlite3.connect(bag / "bag.db3") as connection:
+        connection.execute("INSERT INTO messages VALUES (99, 77, 5, x'00')")
+    assert any("1 messages belong to topics that are not in the bag" in text for text in read(bag).warnings)
+    with sqlite3.connect(bag / "bag.db3") as connection:
+        connection.execute("UPDATE messages SET data = 'text' WHERE id = 9")
+    assert "holds str at" in refused(bag / "bag.db3")
+
+
+def test_a_packed_message_that_unpacks_to_too_much_is_refused_within_memory(tmp_path: Path) -> None:
+    bag = write_bag2(tmp_path / "bag")
+    bomb = zstandard.ZstdCompressor().compress(bytes(1 << 27))
+    with sqlite3.connect(bag / "bag.db3") as connection:
+        connection.execute("UPDATE messages SET data = ? WHERE id > 5", (bomb,))
+    tracemalloc.start()
+    assert "unpacks from" in refused(bag / "bag.db3")
+    assert tracemalloc.get_traced_memory()[1] < 1 << 26
+    tracemalloc.stop()
+
+
+def standard_bag(folder: Path, kind: str, **fields: Any) -> Path:
+    """A bag with a message of a standard type, as it was before bags had definitions."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Writer2(folder, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connection = writer.add_connection("/lab", kind, typestore=store)
+        writer.write(connection, 5, store.serialize_cdr(store.types[kind](**fields), kind))
+        writer.write(connection, 9, store.serialize_cdr(store.types[kind](**fields), kind))
+    with sqlite3.connect(folder / f"{folder.name}.db3") as connection:
+        connection.execute("DROP TABLE message_definitions")
+    return folder
+
+
+def test_standard_types_are_known_without_definitions_and_others_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bag = standard_bag(tmp_path / "bag", "std_msgs/msg/Float64", data=2.5)
+    channels = {"theta": {"topic": "/lab", "field": "data", "unit": "rad"}}
+    assert read(bag, channels, time={"source": "log"}).samples["theta"].to_list() == [2.5, 2.5]
+    with sqlite3.connect(write_bag2(tmp_path / "own") / "own.db3") as connection:
+        connection.execute("DROP TABLE message_definitions")
+    said = refused(tmp_path / "own")
+    assert "topic '/lab': the bag has no definition of type 'lab_msgs/msg/Sample', which is no standard one" in said
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    monkeypatch.delitem(sys.modules, "rosbags.typesys")
+    said = refused(bag, channels=channels, time={"source": "log"})
+    assert "needs rosbags, which is not installed; pip install 'osl-analysis[ros]'" in said
+
+
+def test_a_ros_1_bag_whose_recorder_was_killed_is_read_and_the_losses_are_unknown(tmp_path: Path) -> None:
+    path = write_bag1(tmp_path / "a.bag", chunk=500)
+    whole = path.read_bytes()
+    head = record_at(whole, 13)
+    assert head is not None
+    index = head.number(b"index_pos", 8)
+    place = whole.index(b"index_pos=") + len(b"index_pos=")
+    unfinished = whole[:place] + bytes(8) + whole[place + 8 :]
+    for content in (unfinished[: index - 40], whole[: index - 40]):
+        path.write_bytes(content)
+        recording = read(path)
+        assert 40 < len(recording.samples) <= 50
+        assert recording.facts["damage"]["messages_lost"] is None
+        assert any("the recorder did not finish" in text for text in recording.warnings)
+
+
+def test_a_damaged_chunk_of_a_ros_1_bag_is_lost_and_counted(tmp_path: Path) -> None:
+    path = write_bag1(tmp_path / "a.bag", range(2000), "LZ4", 500)
+    content = bytearray(path.read_bytes())
+    place = content.index(b"\x04\x22\x4d\x18", len(content) // 2)
+    content[place + 20 : place + 200] = bytes(180)
+    path.write_bytes(content)
+    recording = read(path)
+    lost = 2000 - len(recording.samples)
+    assert 0 < lost <= 10
+    assert recording.facts["damage"]["topics"]["/lab"]["messages_lost"] == lost
+    assert recording.facts["damage"]["chunks_lost"] == 1
+
+
+@pytest.mark.parametrize("compression", ["BZ2", "LZ4"])
+def test_a_chunk_that_unpacks_to_too_much_is_refused_within_memory(tmp_path: Path, compression: str) -> None:
+    path = write_bag1(tmp_path / "a.bag", range(5), compression)
+    content = path.read_bytes()
+    place = content.index(b"size=") + 5
+    path.write_bytes(content[:place] + (1 << 30).to_bytes(4, "little") + content[place + 4 :])
+    tracemalloc.start()
+    assert "rosbag decompress" in refused(path)
+    assert tracemalloc.get_traced_memory()[1] < 1 << 26
+    tracemalloc.stop()
+
+
+def test_two_bags_in_one_file_and_other_versions_are_refused(tmp_path: Path) -> None:
+    path = write_bag1(tmp_path / "a.bag")
+    whole = path.read_bytes()
+    path.write_bytes(whole + whole)
+    assert "two bags were joined" in refused(path)
+    path.write_bytes(b"#ROSBAG V1.2\n" + whole[13:])
+    assert "not with version 2.0" in refused(path)
+    path.write_bytes(whole[:30])
+    assert "the header of the bag is damaged" in refused(path)
+
+
+def test_a_clock_that_was_set_back_in_a_ros_1_bag_is_refused(tmp_path: Path) -> None:
+    """`rosbags` sorts by time and would interleave the halves."""
+    store = typestore(1)
+    with Writer1(tmp_path / "a.bag") as writer:
+        connection = writer.add_connection("/lab", KIND, typestore=store)
+        for row in [*range(100), *(20.3 + np.arange(100))]:
+            data = store.serialize_ros1(sample(store, int(row), 1), KIND)
+            writer.write(connection, START + int(row * STEP), data)
+    assert "the clock was set while recording" in refused(tmp_path / "a.bag", time={"source": "log"})
+
+
+def test_the_draft_of_a_bag_names_its_topic_and_fields(tmp_path: Path) -> None:
+    for path, name in ((write_bag1(tmp_path / "a.bag"), "rosbag1"), (write_bag2(tmp_path / "b"), "rosbag2")):
+        draft = yaml.safe_load(draft_source(inspect_file(path), path.name))
+        assert (draft["format"], draft["time"]) == (name, {"source": "header"})
+        assert {"topic": "/lab", "field": "angle", "unit": "UNKNOWN"} in draft["channels"].values()
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
+def test_a_real_ros_1_bag_is_read_as_the_library_reads_it() -> None:
+    path = REAL_DATA / "bag" / "fake_joint_state.bag"
+    field = {"topic": "/fake_joints_state", "unit": "rad"}
+    channels = {"theta": field | {"field": "position[name=joint_2]"}, "theta_m": field | {"field": "position[0]"}}
+    samples = read(path, channels, time={"source": "log"}).samples
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Reader1(path) as reader:
+        messages = [(time, store.deserialize_ros1(raw, one.msgtype)) for one, time, raw in reader.messages()]
+    np.testing.assert_allclose(samples["time"], [(t - messages[0][0]) * 1e-9 for t, _ in messages], atol=1e-12)
+    places = [list(message.name).index("joint_2") for _, message in messages]  # type: ignore[attr-defined]
+    expected = [message.position[at] for (_, message), at in zip(messages, places, strict=True)]  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(samples["theta"], expected)
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
+def test_a_real_ros_2_database_is_read_as_the_library_reads_it(tmp_path: Path) -> None:
+    folder = tmp_path / "rosbag2_test"
+    folder.mkdir()
+    for name, own in (("rosbag2_test_0.db3", "rosbag2_test_0.db3"), ("rosbag2_test_metadata.yaml", "metadata.yaml")):
+        (folder / own).write_bytes((REAL_DATA / "bag" / name).read_bytes())
+    channels = {"theta": {"topic": "/imu", "field": "angular_velocity.x", "unit": "rad"}}
+    recording = read(folder, channels)
+    assert recording.facts["damage"]["topics"]["/imu"] == {"messages": 1565, "messages_lost": 0}
+    store = get_typestore(Stores.ROS2_FOXY)
+    description = yaml.safe_load((folder / "metadata.yaml").read_text())
+    description["rosbag2_bagfile_information"]["relative_file_paths"] = ["rosbag2_test_0.db3"]
+    (folder / "metadata.yaml").write_text(yaml.safe_dump(description))
+    with Reader2(folder) as reader:
+        imu = [one for one in reader.connections if one.topic == "/imu"]
+        messages = [store.deserialize_cdr(raw, one.msgtype) for one, _, raw in reader.messages(imu)]
+    expected = [message.angular_velocity.x for message in messages]  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(recording.samples["theta"], expected)

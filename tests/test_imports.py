@@ -11,7 +11,7 @@ MAY_IMPORT = {
     "model": COMMON | {"model", "parameters"},
     "simulator": COMMON
     | {"simulator", "shared_choices", "model", "parameters", "columns", "sheet", "yaml_settings", "files"}
-    | {"trajectory", "experiments"},
+    | {"trajectory", "experiments", "multisine"},
     "formats": COMMON | {"formats"},
     "ingest": COMMON | {"ingest", "formats", "columns", "signals", "yaml_places", "yaml_settings"},
     "stats": COMMON | {"stats", "signals"},

@@ -1,0 +1,115 @@
+"""An odd random-phase multisine: a periodic motion that shows noise, odd and even distortion apart.
+
+Only odd lines (odd multiples of 1/period) are excited. A torque that is an even function of the motion answers at even
+lines only, one that is odd, such as friction, at odd ones. In every group of neighbouring odd lines one, drawn at
+random, is left out: it detects odd distortion. Pintelon and Schoukens, System Identification, 2012, ch. 4.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError
+from osl_analysis.trial import Array
+
+GROUP = 4
+"""Number of neighbouring odd lines of which one is left out."""
+FEWEST_LINES = 3
+"""Smallest number of excited lines: each gives two equations for K, B and I, and one alone leaves K and I together."""
+
+
+@dataclass(frozen=True)
+class Multisine:
+    """An angle sum of size_k sin(2 pi line_k t/period + phase_k), lasting for ever."""
+
+    period_s: float
+    """Period [s]."""
+    lines: NDArray[np.intp]
+    """Excited lines, odd multiples of 1/period, shape (n,)."""
+    size: Array
+    """Amplitudes [rad], shape (n,)."""
+    phase: Array
+    """Phases [rad], shape (n,)."""
+    detection: NDArray[np.intp]
+    """Odd lines between the excited ones that are left out."""
+
+    @property
+    def frequency_hz(self) -> Array:
+        """Frequencies [Hz] of the excited lines, shape (n,)."""
+        return np.asarray(self.lines / self.period_s)
+
+    def angle(self, time: Array, derivative: int = 0) -> Array:
+        """Angle [rad] at times (m,) [s], or its first or second derivative [rad/s, rad/s^2], shape (m,)."""
+        w = 2 * np.pi * self.frequency_hz
+        turned = np.outer(time, w) + (self.phase + derivative * np.pi / 2)
+        return np.asarray(np.sin(turned) @ (self.size * w**derivative))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square [rad] of the angle."""
+        return float(np.sqrt(np.sum(self.size**2) / 2))
+
+    @property
+    def peak(self) -> float:
+        """Largest deflection [rad] to either side."""
+        return float(np.max(np.abs(self.one_period(16 * int(self.lines[-1])))))
+
+    @property
+    def crest_factor(self) -> float:
+        """Peak over root mean square: 1.41 for a sine, 2 to 4 for random phases."""
+        return self.peak / self.rms
+
+    def one_period(self, samples: int) -> Array:
+        """Angle [rad] at `samples` even instants of one period, shape (samples,)."""
+        return self.angle(self.period_s * np.arange(samples) / samples)
+
+
+def odd_multisine(
+    period_s: float, band_hz: tuple[float, float], rms: float, seed: int, realisation: int = 0
+) -> Multisine:
+    """An odd multisine with a flat spectrum of the angle, random phases and one odd line in `GROUP` left out.
+
+    Realisations of one seed have the same lines and other phases. `band_hz` [Hz] is the lowest and the highest
+    frequency, `rms` [rad] the root mean square of the angle.
+
+    Raises
+    ------
+    InputError
+        Period or size is not positive, or too few odd lines lie within the band.
+    """
+    lines, detection = odd_lines(period_s, band_hz, seed)
+    if not 0 < rms < np.inf:
+        raise InputError(f"a multisine of {rms:g} rad rms does not move the joint; give an angle above 0")
+    phase = np.random.default_rng([seed, 1, realisation]).uniform(0, 2 * np.pi, len(lines))
+    size = np.full(len(lines), rms * np.sqrt(2 / len(lines)))
+    return Multisine(period_s, lines, size, phase, detection)
+
+
+def odd_lines(period_s: float, band_hz: tuple[float, float], seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The odd lines within a band [Hz] that are excited, and those that are left out; one drawn in each whole group.
+
+    The first and the last line of the band are excited, so that a line that is left out has a neighbour on either side.
+
+    Raises
+    ------
+    InputError
+        As `odd_multisine`.
+    """
+    low, high = band_hz
+    if not (0 < period_s < np.inf and 0 < low < high < np.inf):
+        raise InputError(f"no multisine has a period of {period_s:g} s and a band of {low:g} to {high:g} Hz")
+    first, last = int(np.ceil(low * period_s - 1e-9)), int(np.floor(high * period_s + 1e-9))
+    odd = np.arange(first + 1 - first % 2, last + 1, 2)
+    draw = np.random.default_rng([seed, 0])
+    left_out = [
+        int(odd[start + draw.integers(start == 0, GROUP - (start + GROUP >= len(odd)))])
+        for start in range(0, len(odd) - GROUP + 1, GROUP)
+    ]
+    lines, detection = np.setdiff1d(odd, left_out), np.array(left_out, dtype=np.intp)
+    if len(lines) < FEWEST_LINES:
+        raise InputError(
+            f"{len(lines)} odd lines of a period of {period_s:g} s lie within {low:g} to {high:g} Hz; "
+            "take a longer period or a wider band"
+        )
+    return lines, detection

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.csv_text import CONTROL, UTF_16_MARKS, decoded_text
+from osl_analysis.formats.json_lines import is_json_lines
 
 FIRST_BYTES = 1 << 16
 """Bytes of a file that `other_format` needs."""
@@ -76,6 +77,11 @@ def is_json(begin: bytes) -> bool:
         return False
 
 
+def is_json_document(begin: bytes) -> bool:
+    """Whether a file is JSON and not JSON lines."""
+    return is_json(begin) and not is_json_lines(begin)
+
+
 def is_utf_16_without_mark(begin: bytes) -> bool:
     """Whether every other byte is zero: Latin text in UTF-16 that does not begin with its mark."""
     even, odd = begin[: len(begin) // 2 * 2 : 2], begin[1::2]
@@ -132,7 +138,7 @@ OTHERS = (
     OtherFormat("a web page", "download the recording itself", text_starting("<!DOCTYPE html", "<html")),
     OtherFormat("XML", AS_CSV, text_starting("<?xml", "<!--", "<!DOCTYPE", "<svg")),
     OtherFormat("an RTF document", AS_CSV, text_starting("{\\rtf")),
-    OtherFormat("JSON or JSON lines", "write it as CSV, a column per signal and a row per sample", is_json),
+    OtherFormat("a document of JSON", "write JSON lines, an object per line and sample", is_json_document),
     OtherFormat("a script", NO_RECORDING, text_starting("#!/")),
     OtherFormat("an Excel workbook", "save its sheet as 'CSV UTF-8'", zip_with(b"xl/", b"[Content_Types].xml")),
     OtherFormat("an OpenDocument file", "save its sheet as CSV in UTF-8", zip_with(b"mimetypeapplication/vnd.oasis")),

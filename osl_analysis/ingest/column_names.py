@@ -8,7 +8,7 @@ from osl_analysis.formats.csv_text import name_and_unit
 
 CLOCKS = (
     "time", "t", "timestamp", "stamp", "state_time", "loop_time", "pi_time", "sys_time", "ros_time", "elapsed",
-    "elapsed_time", "clock", "seconds",
+    "elapsed_time", "clock", "seconds", "time_since_start",
 )  # fmt: skip
 """How loggers call their time, without a unit behind it."""
 ENDINGS = {
@@ -37,6 +37,12 @@ def is_clock(title: str) -> bool:
     name = name_and_unit(title)[0].strip()
     plain = re.sub(r"_(s|sec|ms|us|ns)$", "", name)
     return name.casefold() in CLOCKS or plain.casefold() in CLOCKS
+
+
+def clock_among(paths: Sequence[str]) -> str | None:
+    """The one of several dotted paths whose last name is that of a clock, the shortest way first; None without one."""
+    shortest_first = sorted(paths, key=lambda path: path.count("."))
+    return next((path for path in shortest_first if is_clock(path.rpartition(".")[2])), None)
 
 
 def lasting_name(name: str, names: Sequence[str]) -> str:

@@ -15,6 +15,8 @@ from osl_analysis.ingest.overview import Overview, RecordedChannel
 HINT = (
     f"# give each signal that you need its canonical name instead of NAME_n, state what is {UNKNOWN}, delete the rest"
 )
+NAMES_OF_TIME = ("column", "variable", "field", "channel")
+"""Fields of `time` that name a column, in some format."""
 NO_CLOCK = "# time: name its column and unit, or state the rate of the rows instead, as {rate: 1000}"
 
 
@@ -32,7 +34,7 @@ def draft_source(overview: Overview, name: str) -> str:
 def log_lines(overview: Overview) -> list[str]:
     """Every channel but the clock, for the user to name; topics without messages and empty arrays are left out."""
     clock = overview.settings.get("time")
-    clock_column = clock.get("column") or clock.get("variable") or "" if isinstance(clock, dict) else ""
+    clock_column = next((clock[key] for key in NAMES_OF_TIME if key in clock), "") if isinstance(clock, dict) else ""
     listed = overview.channels if overview.drafted is None else overview.drafted
     channels = [c for c in listed if not clock_column or clock_column not in c.address.values()]
     channels = [c for c in channels if "topic" not in c.address or ("field" in c.address and c.count)]

@@ -10,6 +10,7 @@ from pydantic import ConfigDict, field_validator
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.formats.c3d_header import is_c3d
 from osl_analysis.formats.csv_text import is_text
+from osl_analysis.formats.json_lines import is_json_lines
 from osl_analysis.formats.mat.mat_file import is_mat
 from osl_analysis.formats.mcap.walk import MAGIC
 from osl_analysis.formats.nexus_csv import is_nexus
@@ -23,6 +24,7 @@ from osl_analysis.ingest.csv_log import read_csv_log
 from osl_analysis.ingest.csv_overview import inspect_csv
 from osl_analysis.ingest.csv_source import CsvSource
 from osl_analysis.ingest.draft_places import refuse_draft
+from osl_analysis.ingest.json_log import JsonSource, inspect_json, read_json_log
 from osl_analysis.ingest.log_overview import inspect_mcap
 from osl_analysis.ingest.mat_log import read_mat_log
 from osl_analysis.ingest.mat_overview import inspect_mat
@@ -79,6 +81,7 @@ FORMATS = {
     "c3d": KnownFormat(is_c3d, (".c3d",), C3dSource, read_c3d_capture, inspect_c3d),
     "nexus_csv": KnownFormat(is_nexus, (), NexusSource, read_nexus_capture, inspect_nexus),
     "mat": KnownFormat(is_mat, (".mat",), MatSource, read_mat_log, inspect_mat),
+    "json_lines": KnownFormat(is_json_lines, (".jsonl", ".ndjson"), JsonSource, read_json_log, inspect_json),
     "csv": KnownFormat(is_text, (".csv",), CsvSource, read_csv_log, inspect_csv),
 }
 FOLDERS = "rosbag2"

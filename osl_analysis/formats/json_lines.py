@@ -1,0 +1,181 @@
+"""JSON lines: one object of JSON per line, with numbers at any depth."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.formats.csv_text import UTF_16_MARKS
+from osl_analysis.formats.mcap.limits import WrongFieldError
+from osl_analysis.formats.mcap.topics import joined_field
+from osl_analysis.formats.messages.description import FieldDescription, describe_json
+from osl_analysis.formats.messages.effort import EffortError, text_effort_for
+from osl_analysis.formats.messages.json_messages import ByText
+from osl_analysis.formats.messages.leaves import Indices
+from osl_analysis.formats.messages.one_by_one import Values, WholeArrayError
+from osl_analysis.trial import Array
+
+BLANK = b" \t\r\n"
+MOST_DESCRIBED = 2000
+"""Lines whose fields are listed: the first ones and some of the others."""
+MOST_FIELDS = 2000
+"""Fields that are listed; more are names that count up."""
+
+
+@dataclass(frozen=True)
+class JsonLines:
+    """The lines of one file that are not blank."""
+
+    path: Path
+    """Where the file is."""
+    data: bytes
+    """Its bytes, in UTF-8."""
+    starts: Indices
+    """Where each line begins [bytes]."""
+    lengths: Indices
+    """Its length [bytes], without the line break."""
+    numbers: Indices
+    """Its number in the file, counted from 1."""
+    notes: tuple[str, ...] = ()
+    """What was repaired, a sentence each."""
+
+    def line(self, row: int) -> bytes:
+        """The text of one line."""
+        return self.data[self.starts[row] : self.starts[row] + self.lengths[row]]
+
+
+@dataclass(frozen=True)
+class DecodedLines:
+    """The wanted fields of the lines that can be used."""
+
+    rows: Indices
+    """Their places among the lines, (n,)."""
+    values: Mapping[str, Array]
+    """Numbers (n,) by path, in the type of the file."""
+    present: Mapping[str, np.ndarray[tuple[int], np.dtype[np.bool_]]]
+    """Whether the line has the field, (n,) by path."""
+    misfits: int
+    """Lines that cannot be used."""
+    misfit: str
+    """What is wrong with the first of these."""
+
+
+def is_json_lines(begin: bytes) -> bool:
+    """Whether a file that begins with these bytes is JSON lines: an object in its first line, and in the second."""
+    if begin[:2] in UTF_16_MARKS:
+        begin = begin.decode("utf-16", errors="replace").encode()
+    first, _, rest = begin.removeprefix(b"\xef\xbb\xbf").lstrip().partition(b"\n")
+    if not first.startswith(b"{") or not rest.lstrip().startswith(b"{"):
+        return False
+    try:
+        return isinstance(json.loads(first), dict)
+    except (ValueError, RecursionError):
+        return False
+
+
+def read_json_lines(path: Path) -> JsonLines:
+    """The lines of a file. A last line that breaks off, as a killed logger leaves it, is left out.
+
+    Raises
+    ------
+    InputError
+        There is no line.
+    """
+    data = path.read_bytes()
+    if data[:2] in UTF_16_MARKS:
+        data = data.decode("utf-16", errors="replace").encode()
+    breaks = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n"))
+    starts = np.concatenate([[3 if data.startswith(b"\xef\xbb\xbf") else 0], breaks + 1])
+    ends = np.concatenate([breaks, [len(data)]])
+    filled = np.array([bool(data[a:b].strip(BLANK)) for a, b in zip(starts.tolist(), ends.tolist(), strict=True)])
+    lines = JsonLines(path, data, starts[filled], (ends - starts)[filled], np.flatnonzero(filled) + 1)
+    if not filled.any():
+        raise InputError(f"{path}: holds no lines; record it again, or exclude the trial")
+    if not data.endswith(b"\n") and not is_whole(lines.line(-1)):
+        note = f"{path.name}: the last line, {lines.numbers[-1]}, breaks off and was left out"
+        lines = JsonLines(path, data, lines.starts[:-1], lines.lengths[:-1], lines.numbers[:-1], (note,))
+    if not lines.starts.size:
+        raise InputError(f"{path}: its only line breaks off; record it again, or exclude the trial")
+    return lines
+
+
+def is_whole(text: bytes) -> bool:
+    """Whether a line is JSON."""
+    try:
+        json.loads(text)
+    except (ValueError, RecursionError):
+        return False
+    return True
+
+
+def decode_lines(lines: JsonLines, paths: Sequence[str]) -> DecodedLines:
+    """The fields at `paths` (`variables.ankle_angle`, `position[0]`) of all lines.
+
+    Raises
+    ------
+    InputError
+        No line has one of the fields, or one is no number in any line, or a line is longer than any recorder's.
+    """
+    reader = ByText(paths, effort=text_effort_for(len(lines.data)))
+    try:
+        parts = list(reader.read(lines.data, lines.starts, lines.lengths))
+    except (EffortError, WholeArrayError) as error:
+        raise WrongFieldError(f"{lines.path}: {error}") from error
+    parts, mixed = without_mixed(parts)
+    misfit = reader.misfit or mixed
+    misfits = lines.starts.size - sum(rows.size for rows, _ in parts)
+    if not parts:
+        raise InputError(f"{lines.path}: {in_lines(misfit, lines)}; correct `field` in the source file, or the log")
+    order = np.argsort(np.concatenate([rows for rows, _ in parts]))
+    values, present = {}, {}
+    for path in paths:
+        values[path], present[path] = joined_field(parts, path, order)
+        if not present[path].any():
+            names = [one for field in describe_lines(lines) for one in field.addresses()]
+            advice = nearest(path, names) or "; correct `field` in the source file"
+            raise InputError(f"{lines.path}: no line has a field '{path}'; there are {listing(names)}{advice}")
+    rows = np.concatenate([rows for rows, _ in parts])[order]
+    return DecodedLines(rows, values, present, misfits, in_lines(misfit, lines))
+
+
+def without_mixed(parts: Sequence[tuple[Indices, Values]]) -> tuple[list[tuple[Indices, Values]], str]:
+    """Batches of lines without those in which a truth value stands where others have a number, and what is wrong."""
+    numeric = {path for _, values in parts for path, one in values.items() if one.dtype != bool}
+    kept, wrong = [], ""
+    for rows, values in parts:
+        mixed = sorted(path for path, one in values.items() if one.dtype == bool and path in numeric)
+        if mixed:
+            shown = str(bool(values[mixed[0]][0])).lower()
+            wrong = wrong or f"field '{mixed[0]}' is {shown}, not a number as elsewhere, in message {int(rows[0]) + 1}"
+        else:
+            kept.append((rows, values))
+    return kept, wrong
+
+
+def in_lines(misfit: str, lines: JsonLines) -> str:
+    """A message about a message of JSON, about the line in which it stands."""
+    text, found, number = misfit.rpartition("in message ")
+    if found and number.isdigit() and int(number) <= lines.numbers.size:
+        return f"{text}in line {lines.numbers[int(number) - 1]}"
+    return misfit
+
+
+def describe_lines(lines: JsonLines) -> list[FieldDescription]:
+    """Every number in the first lines and in some of the others, in the order in which they appear."""
+    count = lines.starts.size
+    first = np.arange(min(count, MOST_DESCRIBED // 2))
+    others = np.linspace(0, count - 1, MOST_DESCRIBED // 2).astype(np.int64)
+    found: dict[str, FieldDescription] = {}
+    for row in np.unique(np.concatenate([first, others])).tolist():
+        try:
+            fields = describe_json(lines.line(row))
+        except (ValueError, RecursionError):
+            continue
+        for field in fields:
+            found.setdefault(field.path, field)
+        if len(found) > MOST_FIELDS:
+            break
+    return list(found.values())[:MOST_FIELDS]

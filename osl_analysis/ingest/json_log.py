@@ -1,0 +1,150 @@
+"""A log in JSON lines: its source file, its reader, and what it holds."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from osl_analysis.errors import InputError
+from osl_analysis.formats.csv_rows import share_above
+from osl_analysis.formats.json_lines import DecodedLines, JsonLines, decode_lines, describe_lines, read_json_lines
+from osl_analysis.ingest.column_names import clock_among, likely_unit
+from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
+from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of
+from osl_analysis.ingest.recording import Recording
+from osl_analysis.ingest.table_log import Table, TableColumn, read_table_log
+from osl_analysis.ingest.table_source import TableChannel, TableSource, TableTime
+
+MOST_ALONE = 100
+"""Largest number of fields that are read one by one to be listed."""
+
+
+class JsonChannel(TableChannel):
+    """One number of every line."""
+
+    ADDRESS: ClassVar[str] = "field"
+
+    field: str
+    """Dotted path of the number, with an index or a name where it passes an array: `variables.ankle_angle`,
+    `position[0]`, `position[name=ankle]`."""
+    unit: str
+    """Unit of the number; JSON states none."""
+
+
+class JsonTime(TableTime):
+    """Where the time of a line comes from: a number in the line, or the rate at which lines were written."""
+
+    ADDRESS: ClassVar[str] = "field"
+
+    field: str | None = None
+    """Path of the number that holds time."""
+
+
+class JsonSource(TableSource):
+    """A log in JSON lines, one object per line. An incomplete last line is always skipped, with a warning."""
+
+    format: Literal["json_lines"]
+    """Format of the file."""
+    time: JsonTime
+    """Where the time of a line comes from."""
+    channels: dict[str, JsonChannel] = Field(min_length=1)
+    """The number of each canonical column."""
+
+
+def read_json_log(path: Path, source: JsonSource) -> Recording:
+    """The columns that the source file maps, in SI units; time [s] counts from the first line.
+
+    A line that lacks a field has no sample of it. `null` is no value, `NaN` a reading that failed.
+
+    Raises
+    ------
+    InputError
+        A field is missing in all lines, too many lines cannot be used (no JSON, a field twice, text in place of a
+        number), or the source file is refused by `read_table_log`.
+    """
+    lines = read_json_lines(path)
+    wanted = [name for channel in source.channels.values() for name in (channel.field, channel.counter) if name]
+    decoded = decode_lines(lines, list(dict.fromkeys([*wanted, *filter(None, [source.time.field])])))
+    check_misfits(lines, decoded, source)
+
+    def column(name: str) -> TableColumn:
+        """A field of the lines that can be used."""
+        return TableColumn(decoded.values[name], decoded.present[name])
+
+    return read_table_log(Table(path, decoded.rows.size, column, notes_on(lines, decoded), damage_of(decoded)), source)
+
+
+def check_misfits(lines: JsonLines, decoded: DecodedLines, source: JsonSource) -> None:
+    """Refuse a log of which too many lines cannot be used; with a rate, any that is not the last one moves the rest."""
+    count, total = decoded.misfits, lines.starts.size
+    if count and (count > source.most_missing * total or source.time.rate is not None):
+        share = share_above(count, total)
+        advice = f", or write `most_missing: {share:g}` in the source file" if source.time.rate is None else ""
+        raise InputError(
+            f"{lines.path}: {count} of {total} lines cannot be used: {decoded.misfit}; repair the log{advice}"
+        )
+
+
+def notes_on(lines: JsonLines, decoded: DecodedLines) -> list[str]:
+    """What was left out, a sentence each."""
+    count, total = decoded.misfits, lines.starts.size
+    skipped = [f"{lines.path.name}: {count} of {total} lines cannot be used and were skipped: {decoded.misfit}"]
+    return [*lines.notes, *skipped * bool(count)]
+
+
+def damage_of(decoded: DecodedLines) -> dict[str, object]:
+    """Lines that are lost, for the trial's provenance."""
+    share = decoded.misfits / max(1, decoded.rows.size + decoded.misfits)
+    return {"damage": {"messages_lost": decoded.misfits, "share_lost": share}} if decoded.misfits else {}
+
+
+def inspect_json(path: Path) -> Overview:
+    """Every number in the lines, with its range, and the likely clock.
+
+    Raises
+    ------
+    InputError
+        No line holds a number.
+    """
+    lines = read_json_lines(path)
+    names = [name for one in describe_lines(lines) for name in one.addresses()]
+    if not names:
+        raise InputError(f"{path}: no line holds a number; name a recording")
+    decoded = decoded_for_list(lines, names)
+    clock = clock_among(names)
+    channels = [channel_of(name, decoded[name], name == clock) for name in names]
+    remarks = list(dict.fromkeys(note for one in decoded.values() for note in notes_on(lines, one)))
+    guessed = [f"{one.address['field']} [{one.likely_unit}]" for one in channels if one.likely_unit]
+    remarks += [f"units guessed from the names, to be checked: {', '.join(guessed)}"] * bool(guessed)
+    time = {"field": clock or NAME_OF_TIME, "unit": (likely_unit(clock) if clock else "") or UNKNOWN}
+    return Overview(
+        "json_lines", {"rows": str(lines.starts.size)}, channels, remarks, {"clock": "master", "time": time}
+    )
+
+
+def decoded_for_list(lines: JsonLines, names: Sequence[str]) -> dict[str, DecodedLines]:
+    """Every field for the list; each on its own where a line has something else than a number in one of them."""
+    decoded = decode_lines(lines, names)
+    if not decoded.misfits or len(names) > MOST_ALONE:
+        return dict.fromkeys(names, decoded)
+    return {name: decode_lines(lines, [name]) for name in names}
+
+
+def channel_of(name: str, decoded: DecodedLines, is_clock: bool) -> RecordedChannel:
+    """One number of the lines, with its range."""
+    there = decoded.present[name]
+    values = decoded.values[name][there].astype(np.float64)
+    known = values[np.isfinite(values)]
+    note = f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
+    if is_clock:
+        rate = rate_of(known)
+        note = f"a clock, {rate:g} per unit" if rate else "a clock that stands still"
+        note += f", {gaps_text(known)}" if gaps_text(known) else ""
+    note += f", {values.size - known.size} x NaN or Infinity" if known.size < values.size else ""
+    note += f", in {values.size} of {there.size} lines" if values.size < there.size else ""
+    kind = decoded.values[name].dtype.name
+    return RecordedChannel(
+        "field", {"field": name}, "", int(known.size), None, note, kind, likely_unit=likely_unit(name)
+    )

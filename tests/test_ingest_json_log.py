@@ -1,0 +1,204 @@
+"""Logs in JSON lines: numbers at any depth give canonical columns, and no line is lost without a word."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from osl_analysis.commands.inspect import inspect_file, overview_text
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.known_formats import FORMATS, recognise
+from osl_analysis.ingest.raw_files import trial_from_files
+from osl_analysis.ingest.recording import Recording
+
+ROWS = 200
+CHANNELS = {
+    "theta": {"field": "variables.ankle_angle", "unit": "deg"},
+    "torque": {"field": "functions.torque", "unit": "N*m", "sign": -1},
+}
+SOURCE = {"format": "json_lines", "time": {"field": "variables.time", "unit": "ms"}, "channels": CHANNELS}
+
+
+def rust_lines(rows: int = ROWS) -> list[dict[str, Any]]:
+    """Objects as the recorder of the Open-Source Leg in Rust writes them: an angle of k degrees, a torque of -k / 2."""
+    return [
+        {
+            "variables": {"time": 2.0 * k + 17, "ankle_angle": float(k), "on": k % 2 == 0},
+            "functions": {"torque": -k / 2},
+        }
+        for k in range(rows)
+    ]
+
+
+def write(path: Path, lines: list[Any], end: str = "\n") -> Path:
+    path.write_text("\n".join(one if isinstance(one, str) else json.dumps(one) for one in lines) + end)
+    return path
+
+
+def read(path: Path, **options: Any) -> Recording:
+    known = FORMATS[recognise(path)]
+    return known.read(path, known.source.model_validate({**SOURCE, **options}))
+
+
+def refused(path: Path, **options: Any) -> str:
+    with pytest.raises(InputError) as caught:
+        read(path, **options)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    return message
+
+
+def test_the_recorder_in_rust_gives_canonical_columns(tmp_path: Path) -> None:
+    write(tmp_path / "a.log", rust_lines())
+    (tmp_path / "rust.yaml").write_text(yaml.safe_dump(SOURCE))
+    trial = trial_from_files({"trial": "a", "log": "a.log", "log_source": "rust"}, tmp_path, tmp_path)
+    k = np.arange(ROWS)
+    np.testing.assert_allclose(trial.samples["time"], 2e-3 * k, atol=1e-12)
+    np.testing.assert_allclose(trial.samples["theta"], np.radians(k), rtol=1e-12)
+    np.testing.assert_array_equal(trial.samples["torque"], k / 2)
+    assert trial.provenance["columns"]["theta"]["field"] == "variables.ankle_angle"
+    assert trial.provenance["warnings"] == []
+
+
+def test_arrays_names_and_levels_are_addressed_as_in_messages(tmp_path: Path) -> None:
+    lines = [{"t": k, "name": ["hip", "ankle"], "position": [0.0, k / 8], "on": k > 3} for k in range(20)]
+    channels = {
+        "theta": {"field": "position[name=ankle]", "unit": "rad"},
+        "theta_m": {"field": "position[1]", "unit": "rad"},
+        "sync": {"field": "on", "unit": "V"},
+    }
+    samples = read(write(tmp_path / "a", lines), time={"rate": 100}, channels=channels).samples
+    np.testing.assert_array_equal(samples["theta"], np.arange(20) / 8)
+    np.testing.assert_array_equal(samples["theta_m"], samples["theta"])
+    np.testing.assert_array_equal(samples["sync"], np.arange(20) > 3)
+    np.testing.assert_allclose(samples["time"], np.arange(20) / 100)
+
+
+def test_nanoseconds_since_1970_are_exact(tmp_path: Path) -> None:
+    start = 1_700_000_000_123_456_789
+    lines = [{"t_ns": start + 1_000_001 * k, "angle": 0.5} for k in range(50)]
+    channels = {"theta": {"field": "angle", "unit": "rad"}}
+    samples = read(write(tmp_path / "a", lines), time={"field": "t_ns", "unit": "ns"}, channels=channels).samples
+    np.testing.assert_allclose(samples["time"], 1.000001e-3 * np.arange(50), rtol=0, atol=1e-15)
+
+
+def test_a_last_line_that_breaks_off_is_left_out_with_a_warning(tmp_path: Path) -> None:
+    lines = [json.dumps(one) for one in rust_lines()]
+    recording = read(write(tmp_path / "a", [*lines[:-1], lines[-1][:30]], end=""))
+    assert len(recording.samples) == ROWS - 1
+    assert any("the last line, 200, breaks off and was left out" in text for text in recording.warnings)
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ('{"variables": {"time": 39.0, "ankle_an', "is not JSON"),
+        (
+            '{"variables": {"time": 39, "ankle_angle": 1, "ankle_angle": 2}, "functions": {"torque": 1}}',
+            "written twice",
+        ),
+        ('{"variables": {"time": 39, "ankle_angle": "1.5"}, "functions": {"torque": 1}}', 'is "1.5", not a number'),
+        ('{"variables": {"time": 39, "ankle_angle": true}, "functions": {"torque": 1}}', "is true, not a number"),
+        ('{"variables": 4, "functions": {"torque": 1}}', "is 4, not an object"),
+        ("[1, 2]", "the whole is [1, 2], not an object"),
+    ],
+)
+def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(
+    tmp_path: Path, line: str, reason: str
+) -> None:
+    lines: list[Any] = rust_lines()
+    lines[11] = line
+    recording = read(write(tmp_path / "a", lines))
+    assert len(recording.samples) == ROWS - 1
+    assert any(f"1 of {ROWS} lines cannot be used and were skipped" in t and reason in t for t in recording.warnings)
+    assert recording.facts["damage"] == {"messages_lost": 1, "share_lost": 1 / ROWS}
+    lines[12] = lines[13] = line
+    said = refused(write(tmp_path / "a", lines))
+    assert f"3 of {ROWS} lines cannot be used" in said
+    assert reason in said
+    assert "`most_missing: 0.015`" in said
+    assert "cannot be used" in refused(write(tmp_path / "a", [*lines[:12], *rust_lines()[13:]]), time={"rate": 500})
+
+
+def test_the_line_that_is_named_counts_blank_lines(tmp_path: Path) -> None:
+    lines: list[Any] = ["", *rust_lines(5), "", {"variables": {"time": 1, "ankle_angle": "x"}}]
+    assert 'is "x", not a number, in line 8' in refused(write(tmp_path / "a", lines))
+
+
+def test_a_key_that_appears_later_has_no_sample_before(tmp_path: Path) -> None:
+    lines = rust_lines()
+    for one in lines[:50]:
+        del one["functions"]["torque"]
+    recording = read(write(tmp_path / "a", lines))
+    assert recording.samples["torque"].null_count() == 50
+    np.testing.assert_array_equal(recording.samples["torque"][50:], np.arange(50, ROWS) / 2)
+    assert any("'functions.torque' has no value in 50 of 200 rows, first row 1" in text for text in recording.warnings)
+
+
+def test_nan_is_a_failed_reading_and_infinity_is_refused(tmp_path: Path) -> None:
+    lines = rust_lines()
+    lines[7]["functions"]["torque"] = math.nan
+    lines[9]["functions"]["torque"] = None
+    recording = read(write(tmp_path / "a", lines))
+    assert recording.facts["missing"] == {"theta": 0, "torque": 1}
+    assert np.isnan(recording.samples["torque"][7])
+    assert recording.samples["torque"][9] is None
+    lines[7]["functions"]["torque"] = -math.inf
+    assert "inf in sample 8 of 200, at 0.014 s" in refused(write(tmp_path / "a", lines))
+    for one in lines[:5]:
+        one["functions"]["torque"] = math.nan
+    lines[7]["functions"]["torque"] = 1.0
+    assert "NaN in 5 of 200 samples" in refused(write(tmp_path / "a", lines))
+
+
+def test_a_missing_field_and_a_time_that_is_none_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path / "a", rust_lines())
+    channels = {"theta": {"field": "variables.ankle_angel", "unit": "deg"}}
+    assert "did you mean 'variables.ankle_angle'?" in refused(path, channels=channels)
+    lines = rust_lines()
+    lines[4]["variables"]["time"] = 1.0
+    assert "the recorder's clock was set back" in refused(write(tmp_path / "a", lines))
+    del lines[4]["variables"]["time"]
+    assert "field 'variables.time': no time in row 5 of 200" in refused(write(tmp_path / "a", lines))
+    channels = {"theta": {"field": "variables.on", "unit": "deg"}}
+    assert "holds truth values and no numbers" in refused(write(tmp_path / "b", rust_lines()), channels=channels)
+    channels = {"theta": {"field": "functions.torque", "unit": "deg"}, "torque": CHANNELS["torque"]}
+    assert "is theta and torque in the source file" in refused(tmp_path / "b", channels=channels)
+    with pytest.raises(ValueError, match="state either the field that holds time, or the rate"):
+        read(tmp_path / "b", time={})
+
+
+def test_deep_json_and_endless_names_end_within_limits(tmp_path: Path) -> None:
+    deep = '{"variables": {"time": 1, "ankle_angle": 1, "x": ' + "[" * 100_000 + "]" * 100_000 + '}, "functions": {}}'
+    recording = read(write(tmp_path / "a", [*rust_lines(), deep]))
+    assert len(recording.samples) == ROWS
+    names = [{f"name_{k}_{i}": 1.0 for i in range(100)} for k in range(30)]
+    assert len(inspect_file(write(tmp_path / "b", names)).channels) == 2000
+    assert "more than the 524288 that are parsed" in refused(
+        write(tmp_path / "c", [*rust_lines(), f'{{"a": "{"x" * 600_000}"}}'])
+    )
+
+
+def test_the_draft_names_the_clock_and_all_numbers_also_late_ones(tmp_path: Path) -> None:
+    lines = rust_lines()
+    lines[150]["variables"]["late_deg"] = 3.0
+    overview = inspect_file(write(tmp_path / "a", lines))
+    assert "variables.late_deg  1 samples; from 3 to 3, in 1 of 200 lines" in overview_text(overview)
+    draft = yaml.safe_load(draft_source(overview, "a"))
+    assert draft["format"] == "json_lines"
+    assert draft["time"] == {"field": "variables.time", "unit": "UNKNOWN"}
+    fields = [one["field"] for one in draft["channels"].values()]
+    assert fields == ["variables.ankle_angle", "variables.on", "functions.torque", "variables.late_deg"]
+    assert list(draft["channels"].values())[3]["unit"] == "deg"
+
+
+def test_json_that_is_not_lines_is_refused_with_the_remedy(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text(json.dumps({"t": [1, 2], "angle": [3, 4]}, indent=1))
+    with pytest.raises(InputError, match="a document of JSON, which is not read; write JSON lines, an object per line"):
+        recognise(tmp_path / "a.json")

@@ -112,6 +112,11 @@ REMEDIES: dict[str, str | Words] = {
     "coulomb_share": "this share of B is Coulomb friction and not damping",
     "stiffening": "the spring stiffens by this share up to the largest amplitude, or softens if it is negative",
     "backlash_share": "this share of K is lost to backlash, the play between joint and bench",
+    "closure_angle": "a cycle does not end where it began, record the way back",
+    "closure_torque": "the torque does not come back with the angle, the load cell drifts or the device creeps",
+    "cycle_drift": "the torque drifts from cycle to cycle, let the device settle and zero the load cell",
+    "rate_change": "the energy lost depends on the speed, so that the trial is not quasi-static, record it slower",
+    "energy_lost": "the device gives back more than it takes up, the torque is late or its sign is wrong",
     "coherence": "perturbations cancel each other, look at their directions and onsets",
     "outside_interval": "an estimate lies outside its own interval, look at the single responses for one unlike the "
     "others",

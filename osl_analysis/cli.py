@@ -135,7 +135,7 @@ def inspect(file: Path, draft_path: Path | None) -> None:
     type=click.Choice([name for name, facts in EXPERIMENTS.items() if facts.place == "bench"]),
     default="impedance",
     show_default=True,
-    help="K, B, I of Eq. 15; B_j, J_j of Eq. 4; the belt stiffness K_s; or the five actuator parameters of Eqs. 1-2.",
+    help="K, B, I of Eq. 15; B_j, J_j of Eq. 4; belt stiffness K_s; the actuator of Eqs. 1-2; torque-angle curve.",
 )
 @desired_options
 @DEVICE

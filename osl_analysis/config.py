@@ -7,6 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field
 
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison
+from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
 from osl_analysis.doubtful import DoubtfulFits
 from osl_analysis.errors import InputError
 from osl_analysis.quality.settings import QualityRules
@@ -111,6 +112,8 @@ class Config(Settings):
     """Analysis of the trials on the dynamometer."""
     actuator: ActuatorAnalysis
     """Analysis of the trials on the actuator's own bench."""
+    torque_angle: TorqueAngleAnalysis
+    """Analysis of the trials of torque against angle."""
     doubtful: DoubtfulFits
     """Limits beyond which a fit is doubtful, by table."""
     model_comparison: ModelComparison

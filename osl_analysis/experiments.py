@@ -164,6 +164,23 @@ EXPERIMENTS: dict[str, Experiment] = {
             sheet=("controller", "K_d", "B_d"),
         ),
     ),
+    "torque_angle": Experiment(
+        "slow cycles of a passive foot, spring or elastic element: stiffness over angle, energy, hysteresis",
+        place="bench",
+        motion="theta",
+        torque="torque",
+        tables=(
+            Table("torque_angle"),
+            Table("torque_angle_curves", judged=False),
+            Table("torque_angle_cycles", judged=False),
+            TIME_BASE,
+        ),
+        fit=Fit(
+            "torque_angle.fit_torque_angle_trial",
+            {"settings": ("torque_angle", "TorqueAngleAnalysis")},
+            sheet=("desired",),
+        ),
+    ),
     "static": Experiment(
         "standing still: rest pose of the marker clusters and the ankle axis",
         place="walkway",

@@ -23,7 +23,7 @@ CONDITIONS = ("group", "subject", "session", "side", "speed", "direction")
 COLUMNS = {
     "trial": "string", "experiment": "string", "controller": "string", "K_d": "float64", "B_d": "float64",
     "perturbed": "boolean", "log": "string", "log_source": "string", "mocap": "string", "mocap_source": "string",
-    "log_part": "string", "exclude": "string", "accept": "string", "joint": "string",
+    "log_part": "string", "desired": "string", "exclude": "string", "accept": "string", "joint": "string",
     **dict.fromkeys(CONDITIONS, "string"), "body_mass_kg": "float64", "static": "string",
 }  # fmt: skip
 REQUIRED = ("trial", "experiment")
@@ -43,6 +43,7 @@ def read_sheet(path: Path) -> pd.DataFrame:
     log_source, mocap_source: names of the files in `config/sources` that describe them.
     log_part: the part of the log that is this trial, where the log holds several: for a MATLAB file the address of a
         struct or cell, such as `Test.run(2)`.
+    desired: name of the curve under `torque_angle.desired` that a trial of torque against angle should follow.
     exclude: the reason why the trial is excluded; empty: it is used.
     accept: names of quality checks, separated by blanks. Their failure neither flags nor excludes the trial.
     group, subject, session, speed: conditions of a crossing, as words of the laboratory's own.

@@ -251,7 +251,7 @@ DEVICE = ROOT / "config/parameters/default.yaml"
 def bench_angle(experiment: str) -> Array:
     """The angle (n,) [rad] that an experiment's bench drives."""
     time = np.arange(round(10 * BENCH_RATE)) / BENCH_RATE
-    if experiment == "belt":
+    if experiment in ("belt", "torque_angle"):
         return np.deg2rad(5) * (np.clip((time - 1.5) / 3.5, 0, 1) - np.clip((time - 5) / 3.5, 0, 1))
     if experiment == "actuator":
         return np.cumsum(8 * np.sin(0.6 * np.pi * time)) / BENCH_RATE
@@ -264,7 +264,7 @@ def request_of(experiment: str) -> Any:
     """Settings of the shipped configuration with a short protocol."""
     desired = DesiredImpedance("compensated", 300.0, 5.0) if experiment == "impedance" else None
     request = fit_request(experiment, ROOT / "config/config.yaml", desired)
-    if experiment in ("belt", "actuator"):
+    if experiment in ("belt", "actuator", "torque_angle"):
         return request
     short = {"amplitudes_deg": [4], "frequencies_hz": FREQUENCIES, "cycles": CYCLES}
     chosen = type(request.settings).model_validate(request.settings.model_dump() | short)

@@ -83,7 +83,7 @@ def timebase_table(
         "farthest_s": report.farthest_s,
         "other_hypothesis": other_hypothesis,
         "bench_stiffness": 1 / bench.compliance if bench else None,
-        "bench_stiffness_se": bench.compliance_error / bench.compliance**2 if bench else None,
+        "bench_stiffness_se": bench.compliance_error / bench.compliance**2 or None if bench else None,
     }
     rows = [{"trial": signals.trial, **stream_row(stream, signals), **shared} for stream in report.streams]
     text, numbers = ("low_pass", "other_hypothesis"), ("ppm", "g", "g_se", "bench_stiffness", "bench_stiffness_se")

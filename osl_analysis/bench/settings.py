@@ -52,18 +52,20 @@ class BenchStiffness(Settings):
 
     value: str
     """Stiffness with its unit, as `12500 N*m/rad` or `218 N*m/deg`."""
-    standard_error: str
-    """Its standard error with its unit."""
+    standard_error: str | None = None
+    """Its standard error with its unit; null: not known, and not in the intervals."""
 
     @field_validator("value", "standard_error")
     @classmethod
-    def _stiffness(cls, value: str) -> str:
-        in_newton_metres_per_rad(value)
+    def _stiffness(cls, value: str | None) -> str | None:
+        if value is not None:
+            in_newton_metres_per_rad(value)
         return value
 
     @model_validator(mode="after")
     def _known(self) -> Self:
-        if in_newton_metres_per_rad(self.standard_error) >= in_newton_metres_per_rad(self.value):
+        error = self.standard_error
+        if error is not None and in_newton_metres_per_rad(error) >= in_newton_metres_per_rad(self.value):
             raise ValueError("the standard error is not below the value; check the units")
         return self
 
@@ -74,8 +76,9 @@ class BenchStiffness(Settings):
 
     @property
     def compliance_error(self) -> float:
-        """Standard error of the inverse [rad/(N*m)]."""
-        return in_newton_metres_per_rad(self.standard_error) * self.compliance**2
+        """Standard error of the inverse [rad/(N*m)]; 0 where it is not stated."""
+        stated = self.standard_error
+        return 0.0 if stated is None else in_newton_metres_per_rad(stated) * self.compliance**2
 
 
 def in_newton_metres_per_rad(text: str) -> float:

@@ -20,6 +20,9 @@ from osl_analysis.bench.plausibility import (
 )
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, DynamometerAnalysis, SteppedSineAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
+from osl_analysis.bench.torque_angle import torque_angle_trial
+from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
+from osl_analysis.bench.torque_angle_tables import plausible_torque_angle, torque_angle_table
 from osl_analysis.bench.transmission import transmission_series, transmission_table
 from osl_analysis.config import DEFAULT_CONFIG, read_campaign_section
 from osl_analysis.doubtful import DoubtfulFits, marked
@@ -32,7 +35,8 @@ from osl_analysis.yaml_settings import Settings, read_mapping
 UNITS = {
     "K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²", "K_s": "N·m/rad", "B_j": "N·m·s/rad", "J_j": "kg·m²",
     "T_C": "N·m", "k_tau_n_m": "N·m/A", "f_C": "N·m", "f_G": "N·m/A", "B_m": "N·m·s/rad", "J_m": "kg·m²",
-    "offset": "N·m", "drift": "N·m/s",
+    "offset": "N·m", "drift": "N·m/s", "K_secant": "N·m/rad", "K_unloading": "N·m/rad", "energy_stored": "J",
+    "energy_returned": "J", "energy_lost": "J",
 }  # fmt: skip
 
 
@@ -153,15 +157,25 @@ def fit_actuator_bench(trial: Trial, parameters: Path | None, request: FitReques
     return table, (actuator.time, actuator.torque, actuator.modelled)
 
 
+def fit_torque_angle(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
+    """The row of torque against angle, and the torque beside its curve over angle."""
+    settings: TorqueAngleAnalysis = request.settings
+    check_recording(trial, settings)
+    found = torque_angle_trial(trial, settings)
+    return plausible_torque_angle(torque_angle_table(found), trial), found.modelled()
+
+
 FITS: dict[str, Callable[[Trial, Path | None, FitRequest], Estimated]] = {
     "belt": fit_belt,
     "transmission": fit_transmission_losses,
     "actuator": fit_actuator_bench,
     "impedance": fit_rendered_impedance,
+    "torque_angle": fit_torque_angle,
 }
 """By experiment: the fit of one trial, from the trial, the parameter file and the request."""
 SECTIONS: dict[str, tuple[str, type[Settings]]] = dict.fromkeys(FITS, ("dynamometer", DynamometerAnalysis)) | {
-    "actuator": ("actuator", ActuatorAnalysis)
+    "actuator": ("actuator", ActuatorAnalysis),
+    "torque_angle": ("torque_angle", TorqueAngleAnalysis),
 }
 """By experiment: the section of the configuration that its fit uses, and the model of that section."""
 
@@ -182,11 +196,14 @@ def estimates_text(estimates: pl.DataFrame) -> str:
     for row in estimates.to_dicts():
         amplitude = row.get("amplitude_deg")
         which = "all amplitudes" if amplitude is None else f"{amplitude:g} deg"
-        quality = f"VAF {row['VAF']:.2f} %, R2 {row['R2']:.5f}, condition {row['condition_number']:.1f}"
+        quality = f"VAF {row['VAF']:.2f} %"
+        if "R2" in row:
+            quality += f", R2 {row['R2']:.5f}, condition {row['condition_number']:.1f}"
         lines.append(f"{row['trial']}, {which}: {quality}")
         for name in (n for n in UNITS if f"{n}_se" in row):
-            half = row[f"{name}_high"] - row[name]
-            lines.append(f"  {name:<7}{row[name]:>12.5g} ± {half:<10.2g} {UNITS[name]}{amplitudes_text(row, name)}")
+            high = row[f"{name}_high"]
+            half = f"± {high - row[name]:<10.2g}" if high is not None else "one cycle   "
+            lines.append(f"  {name:<7}{row[name]:>12.5g} {half} {UNITS[name]}{amplitudes_text(row, name)}")
         if row.get("doubtful"):
             lines.append(f"  doubtful: {row['doubtful']}")
     return "\n".join(

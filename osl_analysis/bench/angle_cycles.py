@@ -1,0 +1,148 @@
+"""The cycles of a slow back-and-forth motion, found from the angle itself, and their two branches."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError
+from osl_analysis.trial import Array
+
+SMALLEST_SWING = 0.1
+"""Part of the range of motion by which the angle must come back for a turning point."""
+AT_AN_END = 0.1
+"""Part of the range of motion within which a start counts as one end of the motion."""
+CLOSED = 0.05
+"""Largest distance of a cycle's ends, as a part of the range of motion."""
+WHOLE = 0.9
+"""Smallest range of a cycle, as a part of the range of motion."""
+RESTS = 0.01
+"""Part of the range of motion within which the joint rests."""
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """One closed cycle: rows from `start` to `stop`, both included, and its turning points in between."""
+
+    start: int
+    stop: int
+    turns: tuple[int, ...]
+
+    @property
+    def rows(self) -> slice:
+        """Its rows."""
+        return slice(self.start, self.stop + 1)
+
+    def pieces(self, theta: Array, direction: int) -> list[slice]:
+        """Rows, piece by piece, in which the angle (n,) goes in a direction, 1 up or -1 down."""
+        edges = [self.start, *self.turns, self.stop]
+        return [slice(a, b + 1) for a, b in pairwise(edges) if (theta[b] - theta[a]) * direction > 0]
+
+
+@dataclass(frozen=True)
+class Cycles:
+    """The cycles of a recording.
+
+    used: those that are analysed. partial: number of further stretches that are no whole cycle. loading: direction in
+    which the joint moves away from rest, 1 up or -1 down. starts_at: the angle [rad] at which a cycle begins.
+    """
+
+    used: tuple[Cycle, ...]
+    partial: int
+    loading: int
+    starts_at: float
+
+
+def find_cycles(theta: Array) -> Cycles:
+    """The cycles of an angle theta (n,) [rad], filtered.
+
+    A cycle begins where the recording begins, and ends where the angle comes back in the same direction; if the motion
+    starts at one of its ends, where the angle comes back to this end. Loading is the way to the end that is farther
+    from the start.
+
+    Raises
+    ------
+    InputError
+        There is no whole cycle.
+    """
+    low, high = float(theta.min()), float(theta.max())
+    span, start = high - low, float(theta[0])
+    turns = turning_points(theta, SMALLEST_SWING * span)
+    edges = cycle_edges(theta, turns, span)
+    found = [
+        Cycle(a, b, tuple(t for t in turns if a < t < b))
+        for a, b in pairwise(edges)
+        if abs(theta[b] - theta[a]) <= CLOSED * span and np.ptp(theta[a : b + 1]) >= WHOLE * span
+    ]
+    if not found:
+        raise InputError(
+            f"no whole cycle: the angle begins at {in_deg(start)} deg, goes to {in_deg(low)} and {in_deg(high)} deg, "
+            f"and ends at {in_deg(theta[-1])} deg; record the way back to the start"
+        )
+    farther = 1 if high - theta[found[0].start] >= theta[found[0].start] - low else -1
+    return Cycles(tuple(found), partial_cycles(theta, edges, found), farther, start)
+
+
+def in_deg(angle: float) -> str:
+    """An angle [rad] for messages, in degrees."""
+    return f"{round(np.rad2deg(angle), 2) + 0.0:.2f}"
+
+
+def partial_cycles(theta: Array, edges: Sequence[int], found: Sequence[Cycle]) -> int:
+    """Number of stretches of the angle (n,) between edges, or at its ends, that move and are no cycle."""
+    swing = SMALLEST_SWING * float(np.ptp(theta))
+    stretches = pairwise(sorted({0, *edges, len(theta) - 1}))
+    moves = [(a, b) for a, b in stretches if np.ptp(theta[a : b + 1]) > swing]
+    return sum((a, b) not in {(cycle.start, cycle.stop) for cycle in found} for a, b in moves)
+
+
+def turning_points(theta: Array, swing: float) -> list[int]:
+    """Rows at which the angle (n,) turns, and comes back by `swing` or more before it goes on."""
+    turns: list[int] = []
+    highest = lowest = 0
+    direction = 0
+    values = theta.tolist()
+    for row, value in enumerate(values):
+        if value > values[highest]:
+            highest = row
+        if value < values[lowest]:
+            lowest = row
+        if direction >= 0 and value < values[highest] - swing:
+            turns += [highest] if direction else []
+            direction, lowest = -1, row
+        elif direction <= 0 and value > values[lowest] + swing:
+            turns += [lowest] if direction else []
+            direction, highest = 1, row
+    return turns
+
+
+def cycle_edges(theta: Array, turns: Sequence[int], span: float) -> list[int]:
+    """Rows at which cycles of an angle (n,) may begin or end."""
+    start, last = float(theta[0]), len(theta) - 1
+    at_low, at_high = start - theta.min() < AT_AN_END * span, theta.max() - start < AT_AN_END * span
+    if at_low or at_high:
+        same = [turn for turn in turns if abs(theta[turn] - start) < AT_AN_END * span + CLOSED * span]
+        return [0, *same, last]
+    segments = list(pairwise([0, *turns, last]))
+    direction = np.sign(theta[segments[0][1]] - start)
+    closes = abs(theta[last] - start) <= CLOSED * span
+    edges = [0]
+    for a, b in segments[1 : -1 if closes else None]:
+        if (start - theta[a]) * direction > 0 and (theta[b] - start) * direction > 0:
+            edges.append(a + int(np.argmax((theta[a : b + 1] - start) * direction >= 0)))
+    returns = closes and (theta[last] - theta[segments[-1][0]]) * direction > 0
+    return [*edges, last] if returns else edges
+
+
+def moving(theta: Array) -> slice:
+    """The rows of an angle (n,) between its rests at both ends."""
+    near = RESTS * np.ptp(theta)
+    away, back = np.abs(theta - theta[0]) > near, np.abs(theta - theta[-1]) > near
+    return slice(max(int(np.argmax(away)) - 1, 0), len(theta) - max(int(np.argmax(back[::-1])) - 1, 0))
+
+
+def joined(pieces: Sequence[slice]) -> NDArray[np.intp]:
+    """The rows of several pieces, one after the other."""
+    return np.concatenate([np.arange(piece.start, piece.stop) for piece in pieces])

@@ -1,0 +1,314 @@
+"""Torque against angle: loops whose area, slopes and energies are known in closed form, and what is no such trial."""
+
+import csv
+from itertools import pairwise
+
+import numpy as np
+import polars as pl
+import pytest
+from c3d_builder import REAL_DATA
+from conftest import ROOT
+from scipy.integrate import simpson
+from scipy.stats import t as student
+
+from osl_analysis.bench.angle_cycles import find_cycles, turning_points
+from osl_analysis.bench.torque_angle import torque_angle_trial
+from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
+from osl_analysis.bench.torque_angle_tables import curve_table, cycle_table, plausible_torque_angle, torque_angle_table
+from osl_analysis.config import read_config
+from osl_analysis.doubtful import marked
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.raw_files import trial_from_files
+from osl_analysis.sheet import read_sheet
+from osl_analysis.trial import Array, Trial
+
+CONFIG = read_config(ROOT / "config/config.yaml")
+RATE, PERIOD, A = 250.0, 8.0, np.deg2rad(10)
+K, B = 200.0, 30.0
+W = 2 * np.pi / PERIOD
+PLAIN = {"zero": "none"}
+
+
+def settings(**changes: object) -> TorqueAngleAnalysis:
+    return TorqueAngleAnalysis.model_validate(CONFIG.torque_angle.model_dump() | changes)
+
+
+def clock(duration: float) -> Array:
+    return np.arange(round(duration * RATE) + 1) / RATE
+
+
+def trial_of(theta: Array, torque: Array) -> Trial:
+    time = np.arange(theta.size) / RATE
+    return Trial("foot", pl.DataFrame({"time": time, "theta": theta, "torque": torque}))
+
+
+def rows_of(theta: Array, torque: Array, **changes: object) -> dict[str, object]:
+    found = torque_angle_trial(trial_of(theta, torque), settings(**changes))
+    return torque_angle_table(found).to_dicts()[0]
+
+
+def refusal(theta: Array, torque: Array, **changes: object) -> str:
+    with pytest.raises(InputError) as caught:
+        rows_of(theta, torque, **changes)
+    message = str(caught.value)
+    assert message.startswith("trial foot: ")
+    assert message.isprintable()
+    return message
+
+
+def path(*angles_deg: float, speed: float = 4.0, rest: float = 1.0) -> Array:
+    """Ramps [rad] from angle to angle at one speed [deg/s], with rests before and after."""
+    ramps = [np.full(round(rest * RATE), angles_deg[0])]
+    for a, b in pairwise(angles_deg):
+        ramps.append(np.linspace(a, b, round(abs(b - a) / speed * RATE), endpoint=False))
+    return np.deg2rad(np.concatenate([*ramps, np.full(round(rest * RATE), angles_deg[-1])]))
+
+
+def jenkins(theta: Array, stiffness: float, limit: float, start: float = 0.0) -> Array:
+    """Torque of a spring that slips at a limit, from a torque at the start."""
+    torque = np.full_like(theta, start)
+    for k in range(1, theta.size):
+        torque[k] = np.clip(torque[k - 1] + stiffness * (theta[k] - theta[k - 1]), -limit, limit)
+    return torque
+
+
+def test_an_elliptic_loop_has_the_energies_of_a_spring_with_damping():
+    time = clock(3 * PERIOD)
+    theta, torque = A * np.sin(W * time), K * A * np.sin(W * time) + B * A * W * np.cos(W * time)
+    row = rows_of(theta, torque, **PLAIN)
+    size, lag = A * np.hypot(K, B * W), np.arctan2(B * W, K)
+    assert row["cycles"] == 3
+    assert row["energy_lost"] == pytest.approx(np.pi * B * W * A**2, rel=1e-4)
+    stored = size * A / 2 * (2 * np.cos(lag) + (np.pi + 2 * lag) * np.sin(lag))
+    returned = size * A / 2 * (2 * np.cos(lag) - (np.pi - 2 * lag) * np.sin(lag))
+    assert (row["energy_stored"], row["energy_returned"]) == pytest.approx((stored, returned), rel=1e-3)
+    assert row["returned_share"] == pytest.approx(returned / stored, rel=1e-3)
+    assert row["K"] == pytest.approx(K, rel=1e-3)
+    assert row["K_unloading"] == pytest.approx(K, rel=1e-3)
+    assert row["hysteresis_torque"] == pytest.approx(2 * B * A * W, rel=0.01)
+    assert row["shortest_cycle_s"] == pytest.approx(PERIOD, rel=0.01)
+    assert row["speed_deg_s"] == pytest.approx(40 / PERIOD, rel=0.01)
+
+
+def test_a_spring_with_a_slipping_one_beside_it_loses_four_times_force_by_slip():
+    theta = path(-10, *(10, -10) * 3)
+    slip, limit = 400.0, 10.0
+    torque = K * theta + jenkins(theta, slip, limit, start=-limit)  # begins where every later cycle does
+    row = rows_of(theta, torque, **PLAIN)
+    assert row["cycles"] == 3
+    assert row["energy_lost"] == pytest.approx(4 * limit * (A - limit / slip), rel=2e-3)
+    assert row["K_secant"] == pytest.approx(K + limit / A, rel=2e-3)
+    assert row["K_lowest"] == pytest.approx(K, rel=1e-3)
+    found = torque_angle_trial(trial_of(theta, torque), settings(**PLAIN))
+    loop = slice(found.cycles.used[1].start, found.cycles.used[1].stop + 1)
+    x, y = found.theta[loop], found.torque[loop]
+    shoelace = abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
+    assert cycle_table(found)["energy_lost"][1] == pytest.approx(shoelace, rel=1e-4)
+    assert cycle_table(found)["energy_lost"][1] == pytest.approx(-simpson(x, x=y), rel=1e-3)
+
+
+def test_the_curve_of_a_cubic_spring_and_its_slope_are_found_at_every_angle():
+    time = clock(2 * PERIOD)  # without corners, which the filter would round
+    stiffening, theta = 3000.0, np.deg2rad(6) * np.concatenate([1 - np.cos(W * time), np.zeros(250)])
+    torque = K * theta + stiffening * theta**3 + 3.0
+    found = torque_angle_trial(trial_of(theta, torque), settings())
+    row = torque_angle_table(found).to_dicts()[0]
+    assert (row["cycles"], row["loading"]) == (2, "rising")
+    assert row["torque_zero"] == pytest.approx(3, abs=1e-6)
+    assert row["energy_lost"] == pytest.approx(0, abs=1e-3)
+    end = np.deg2rad(12)
+    assert row["energy_stored"] == pytest.approx(K * end**2 / 2 + stiffening * end**4 / 4, rel=1e-3)
+    curve = curve_table(found)
+    loading = curve.filter(pl.col("branch") == "loading")["angle_deg"].to_list()
+    assert loading[-23:] == list(np.arange(0.5, 12, 0.5))
+    angle, window = np.deg2rad(curve["angle_deg"].to_numpy()), 0.05 * end
+    inside = (angle > 1.2 * window) & (angle < end - 1.2 * window)
+    expected = (K * angle + stiffening * angle**3)[inside]
+    np.testing.assert_allclose(curve["torque"].to_numpy()[inside], expected, rtol=2e-3)
+    slope = K + 3 * stiffening * angle**2 + 0.6 * stiffening * window**2  # of a parabola through a cubic
+    np.testing.assert_allclose(curve["stiffness"].to_numpy()[inside], slope[inside], rtol=2e-3)
+
+
+def test_a_trial_the_other_way_round_has_the_same_stiffness_and_energies():
+    theta = path(0, -4, 12, -4, 12, 0)
+    torque = K * theta + jenkins(theta, 300, 5)
+    ours, mirrored = rows_of(theta, torque), rows_of(-theta, -torque)
+    assert (ours["loading"], mirrored["loading"]) == ("rising", "falling")
+    for name in ("K", "K_secant", "K_unloading", "energy_stored", "energy_returned", "energy_lost", "VAF"):
+        assert ours[name] == pytest.approx(mirrored[name], rel=1e-9), name
+    assert ours["angle_max_deg"] == pytest.approx(-mirrored["angle_min_deg"])
+
+
+def test_the_yielding_of_the_bench_is_taken_off_the_angle():
+    theta, bench = path(0, 10, 0, 10, 0), 12490.0
+    row = rows_of(theta + K * theta / bench, K * theta, bench_stiffness={"value": f"{bench} N*m/rad"})
+    assert row["K"] == pytest.approx(K, rel=1e-6)
+    assert row["K_uncorrected"] == pytest.approx(K / (1 + K / bench), rel=1e-6)
+    assert row["bench_angle_max_deg"] / row["angle_max_deg"] == pytest.approx(1 + K / bench, rel=1e-3)
+
+
+def test_the_error_of_the_bench_stiffness_widens_the_interval_of_k():
+    rng, theta = np.random.default_rng(1), path(0, 10, 0, 10, 0, 10, 0)
+    torque = K * theta + 0.2 * rng.standard_normal(theta.size)
+    known = {"value": "4000 N*m/rad"}
+    narrow = rows_of(theta, torque, bench_stiffness=known)
+    wide = rows_of(theta, torque, bench_stiffness={**known, "standard_error": "200 N*m/rad"})
+    change = wide["K"] ** 2 * (1 / 3800 - 1 / 4000)  # of K by one standard error of 1/k: dK = K^2 d(1/k)
+    assert wide["K_se"] == pytest.approx(np.hypot(narrow["K_se"], change), rel=0.1)
+    assert wide["K_se"] > 3 * narrow["K_se"]
+
+
+def test_intervals_over_cycles_are_students_and_one_cycle_has_none():
+    rng, theta = np.random.default_rng(2), path(0, 10, 0, 10, 0, 10, 0, 10, 0)
+    found = torque_angle_trial(trial_of(theta, K * theta + rng.standard_normal(theta.size)), settings())
+    row, lost = torque_angle_table(found).to_dicts()[0], cycle_table(found)["energy_lost"].to_numpy()
+    assert lost.size == 4
+    interval = student.interval(0.95, 3, lost.mean(), lost.std(ddof=1) / 2)
+    assert (row["energy_lost_low"], row["energy_lost_high"]) == pytest.approx(interval)
+    single = rows_of(path(0, 10, 0), K * path(0, 10, 0))
+    assert (single["cycles"], single["interval_method"], single["K_low"], single["cycle_drift"]) == (
+        1,
+        None,
+        None,
+        None,
+    )
+
+
+def test_a_pause_on_the_way_does_not_change_the_straight_line():
+    theta, slow = path(0, 12, 0), np.deg2rad(12)
+    torque = K * theta + 2000 * theta**3
+    at = int(np.argmax(theta > slow / 2))
+    paused = [np.concatenate([x[:at], np.full(2000, x[at]), x[at:]]) for x in (theta, torque)]
+    assert rows_of(*paused)["K"] == pytest.approx(rows_of(theta, torque)["K"], rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("angles", "cycles", "partial"),
+    [
+        ((0, -10, 12, 0), 1, 0),  # as the tests of the DESR foot
+        ((0, 10, 0), 1, 0),
+        ((0, 10, 0, 10, 0, 10, 0), 3, 0),
+        ((0, -10, 0), 1, 0),
+        ((0, -10, 10, -10, 10, -10, 10, 0), 3, 0),
+        ((3, 10, -10, 10, -10, 3), 2, 0),
+        ((-10, 10, -10, 10, -10), 2, 0),
+        ((0, 10, 0, 10, 0, 5), 2, 1),
+        ((0, 10, 0, 4, 0, 10, 0), 2, 1),
+        ((0, -10, 10, -10, 10, 5), 1, 1),
+        ((0, 10, 1, 10, 1, 10, 0), 1, 2),  # from a preload
+    ],
+)
+def test_cycles_begin_and_end_where_the_angle_comes_back(angles, cycles, partial):
+    found = find_cycles(path(*angles))
+    assert (len(found.used), found.partial) == (cycles, partial)
+
+
+def test_turning_points_are_those_that_swing_back_far_enough():
+    theta = np.array([0, 5, 4.6, 10, 2, 2.3, 0, 8, 8.0])
+    assert turning_points(theta, 1) == [3, 6]
+
+
+FULL = path(0, 10, 0, 10, 0)
+NOISE = np.random.default_rng(3).standard_normal(FULL.size)
+
+
+@pytest.mark.parametrize(
+    ("theta", "torque", "changes", "message"),
+    [
+        (FULL / 100, K * FULL, {}, "the angle moves by 0.0997 deg in all, expected 0.5 deg or more"),
+        (
+            path(0, 10),
+            K * path(0, 10),
+            {},
+            "begins at 0.00 deg, goes to 0.00 and 10.00 deg, and ends at 10.00 deg",
+        ),
+        (path(0, 10, 0, speed=20), K * path(0, 10, 0, speed=20), {}, "a cycle takes 1 s, which is not quasi-static"),
+        (FULL, NOISE, {}, "torque does not follow the angle: its curve over angle accounts for"),
+        (FULL, 0 * FULL + 2, {}, "torque stays at 2 throughout"),
+        (0 * FULL, K * FULL, {}, "theta stays at 0 throughout"),
+        (FULL, -K * FULL, {}, "K = -200 N*m/rad is negative, so the torque drives the motion"),
+        (path(0, 10, 0, rest=0.2), K * path(0, 10, 0, rest=0.2), {}, "does not rest at the end of the recording"),
+        (FULL, K * FULL, {"angle_step_deg": 5}, "expected 5 or more; lower angle_step_deg from 5 deg to 0.99 deg"),
+        (FULL, K * FULL, {"bench_stiffness": {"value": "150 N*m/rad"}}, ""),
+    ],
+)
+def test_what_is_no_trial_of_torque_against_angle_is_refused(theta, torque, changes, message):
+    assert message in refusal(theta, torque, **changes)
+
+
+def doubts(theta: Array, torque: Array, **changes: object) -> str:
+    trial = trial_of(theta, torque)
+    table = plausible_torque_angle(torque_angle_table(torque_angle_trial(trial, settings(**changes))), trial)
+    return str(marked(table, CONFIG.doubtful.of("torque_angle"), "torque_angle")["doubtful"][0])
+
+
+def test_a_sound_trial_is_not_doubtful():
+    assert doubts(FULL, K * FULL + jenkins(FULL, 300, 0.5) + 0.05 * NOISE) == ""
+
+
+def test_drift_creep_clipping_speed_and_energy_from_nothing_are_doubtful():
+    ramp = np.linspace(0, 1, FULL.size)
+    assert "cycle_drift" in doubts(FULL, K * FULL + 6 * ramp, **PLAIN)
+    assert "closure_torque" in doubts(FULL, K * FULL + 8 * ramp, **PLAIN)
+    assert "clipped" in doubts(FULL, np.minimum(K * FULL + 0.01 * NOISE, 25))
+    assert "closure_angle" in doubts(path(0, 10, 0.3), K * path(0, 10, 0.3))
+    mixed = np.concatenate([path(0, 10, 0, speed=2), path(0, 10, 0, speed=8)])
+    viscous = K * mixed + 20 * np.gradient(mixed) * RATE
+    assert "the energy lost depends on the speed" in doubts(mixed, viscous)
+    late = np.roll(K * FULL, 30) + 0.01 * NOISE
+    assert "gives back more than it takes up" in doubts(FULL, late)
+
+
+def test_a_desired_curve_stands_beside_the_measured_one():
+    curve = {"angle_deg": [0.0, 5.0, 8.0], "torque": [0.0, 10.0, 12.0]}
+    analysis = settings(desired={"design": curve})
+    found = torque_angle_trial(trial_of(FULL, K * FULL), analysis)
+    table = curve_table(found, "design").filter(pl.col("branch") == "loading")
+    wanted = dict(zip(table["angle_deg"], table["desired_torque"], strict=True))
+    assert (wanted[2.5], wanted[8.0], wanted[8.5]) == (5.0, 12.0, None)
+    angle = np.array([a for a, w in wanted.items() if w is not None])
+    distance = K * np.deg2rad(angle) - np.interp(angle, curve["angle_deg"], curve["torque"])
+    row = torque_angle_table(found, "design").to_dicts()[0]
+    assert row["desired_rms"] == pytest.approx(np.sqrt(np.mean(distance**2)), rel=0.01)
+    with pytest.raises(
+        InputError, match=r"no desired curve 'other'; torque_angle\.desired in the configuration has design"
+    ):
+        torque_angle_table(found, "other")
+    with pytest.raises(InputError, match=r"has none"):
+        curve_table(torque_angle_trial(trial_of(FULL, K * FULL), settings()), "design")
+
+
+@pytest.mark.parametrize(
+    ("curve", "message"),
+    [
+        ({"angle_deg": [0, 1], "torque": [0, 1, 2]}, "2 angles and 3 torques"),
+        ({"angle_deg": [0, 0], "torque": [0, 1]}, "do not rise"),
+    ],
+)
+def test_a_desired_curve_that_is_no_function_is_refused(curve, message):
+    with pytest.raises(ValueError, match=message):
+        settings(desired={"design": curve})
+
+
+REFERENCE = {
+    "samples": None, "rate_hz": None, "bench_angle_min_deg": "bench_angle_min_deg",
+    "bench_angle_max_deg": "bench_angle_max_deg", "ankle_angle_min_deg": "angle_min_deg",
+    "ankle_angle_max_deg": "angle_max_deg", "torque_min_Nm": "torque_min", "torque_max_Nm": "torque_max",
+    "torque_at_rest_Nm": "torque_zero", "energy_absorbed_J": "energy_lost", "slope_loading_Nm_per_rad": "K",
+    "slope_loading_uncorrected_Nm_per_rad": "K_uncorrected",
+}  # fmt: skip
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
+def test_the_tests_of_a_real_foot_give_what_an_independent_computation_finds_within_a_hundredth():
+    campaign = read_config(ROOT / "config/campaigns/desr/config.yaml")
+    reference = REAL_DATA / "reference/desr_torque_angle.csv"
+    expected = {row["test"]: row for row in csv.DictReader(reference.read_text().splitlines())}
+    for row in read_sheet(campaign.sheet).to_dict("records"):
+        trial = trial_from_files(row, REAL_DATA / "mat", campaign.sources)
+        found = torque_angle_table(torque_angle_trial(trial, campaign.torque_angle)).to_dicts()[0]
+        theirs = expected.pop(row["log_part"])
+        for name, ours in REFERENCE.items():
+            if ours is not None:
+                assert found[ours] == pytest.approx(float(theirs[name]), rel=0.01), (row["trial"], name)
+    assert not expected

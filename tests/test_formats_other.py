@@ -57,8 +57,6 @@ def tar() -> bytes:
 
 QTM = "NO_OF_FRAMES\t100\nNO_OF_CAMERAS\t8\nMARKER_NAMES\tA\tB\n1\t2\t3\n"
 OTHER_FILES = {
-    "TRC": b"PathFileType\t4\t(X/Y/Z)\twalk.trc\nDataRate\tCameraRate\n100\t100\n",
-    "OpenSim": b"Coordinates\nnRows=2\nendheader\ntime\tankle\n0\t1\n0.01\t2\n",
     "Qualisys": QTM.encode(),
     "Motive": b"Format Version,1.23,Take Name,walk\n,,Marker\nFrame,Time,X\n0,0.0,1\n",
     "Cortex": b"File_Type:\tAnalog R/C ASCII\tGeneration#:\t1\n",
@@ -174,19 +172,10 @@ def test_zeros_after_a_loss_of_power_are_named_by_line_and_the_advice_works(tmp_
     assert ingested(tmp_path, "a.csv", SOURCE)
 
 
-def test_an_opensim_table_without_its_header_is_a_csv_log(tmp_path: Path) -> None:
-    content = OTHER_FILES["OpenSim"].decode().partition("endheader\n")[2]
-    (tmp_path / "a.csv").write_text(content)
-    source = SOURCE.replace("column: t,", "column: time,").replace("angle", "ankle")
-    assert ingested(tmp_path, "a.csv", source)
-
-
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
 @pytest.mark.parametrize(
     ("path", "what"),
     [
-        ("opensim/walk.trc", "a TRC file"),
-        ("opensim/grf_run.mot", "an OpenSim table"),
         ("tdms/raw1.tdms", "a LabVIEW TDMS file"),
         ("bag/rosbag2_test_metadata.yaml", "the description of a ROS 2 bag"),
     ],
@@ -198,14 +187,6 @@ def test_real_files_of_other_formats_are_named_in_one_line(path: str, what: str)
     assert f": {what}" in result.output
 
 
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
-def test_a_real_opensim_table_is_read_as_its_refusal_says(tmp_path: Path) -> None:
-    lines = (REAL_DATA / "opensim" / "grf_run.mot").read_text().splitlines()
-    (tmp_path / "a.csv").write_text("\n".join(lines[lines.index("endheader") + 1 :]))
-    source = "format: csv\ntime: {column: time, unit: s}\nchannels: {sync: {column: R_ground_force_vy, unit: V}}\n"
-    assert len(ingested(tmp_path, "a.csv", source).samples) == 246  # type: ignore[attr-defined]
-
-
 @pytest.mark.parametrize("begin", [b"\n" * 65536, b"header:" + b"\n" * 65500, b"annex/objects/" * 4600 + b" x"])
 def test_the_format_of_64_kb_is_told_in_a_moment_whatever_they_repeat(begin: bytes) -> None:
     """A pattern that reads the rest of the text at each of its lines takes 20 s, a good one below 0.4 s."""
@@ -214,7 +195,7 @@ def test_the_format_of_64_kb_is_told_in_a_moment_whatever_they_repeat(begin: byt
     assert time.process_time() - started < 3
 
 
-@pytest.mark.parametrize("name", ["OpenSim", "ros2 topic echo"])
+@pytest.mark.parametrize("name", ["ros2 topic echo"])
 def test_the_ends_of_lines_do_not_hide_a_format(name: str) -> None:
     content = OTHER_FILES[name]
     found = other_format(content.replace(b"\n", b"\r\n"))

@@ -101,12 +101,6 @@ def is_hdf5(begin: bytes) -> bool:
 VIDEO = starting(b"RIFF", b"\x1aE\xdf\xa3", b"OggS", b"fLaC", b"ID3")
 OTHERS = (
     OtherFormat("nothing but zero bytes", "copy or record it again", lambda begin: bool(begin) and not any(begin)),
-    OtherFormat("a TRC file of marker positions", AS_C3D, text_starting("PathFileType")),
-    OtherFormat(
-        "an OpenSim table (.mot or .sto)",
-        "delete its lines down to `endheader` and save the rest as CSV",
-        text_with(r"^[ \t]*endheader[ \t\r]*$"),
-    ),
     OtherFormat(
         "an export of Qualisys Track Manager in TSV", AS_C3D, text_with(r"\A\s*NO_OF_(FRAMES|SAMPLES|CAMERAS)\b")
     ),

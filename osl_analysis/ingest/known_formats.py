@@ -14,9 +14,11 @@ from osl_analysis.formats.json_lines import is_json_lines
 from osl_analysis.formats.mat.mat_file import is_mat
 from osl_analysis.formats.mcap.walk import MAGIC
 from osl_analysis.formats.nexus_csv import is_nexus
+from osl_analysis.formats.opensim_table import is_opensim
 from osl_analysis.formats.other_formats import FIRST_BYTES, refuse_others
 from osl_analysis.formats.rosbag1.scan import ANY_VERSION
 from osl_analysis.formats.rosbag2.database import MAGIC as SQLITE
+from osl_analysis.formats.trc import is_trc
 from osl_analysis.ingest.c3d_capture import read_c3d_capture
 from osl_analysis.ingest.c3d_source import C3dSource
 from osl_analysis.ingest.capture_overview import inspect_c3d, inspect_nexus
@@ -31,6 +33,7 @@ from osl_analysis.ingest.mat_overview import inspect_mat
 from osl_analysis.ingest.mat_source import MatSource
 from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 from osl_analysis.ingest.nexus_capture import NexusSource, read_nexus_capture
+from osl_analysis.ingest.opensim_log import OpenSimSource, inspect_opensim, read_opensim_log
 from osl_analysis.ingest.overview import Overview
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.ros_log import (
@@ -42,6 +45,7 @@ from osl_analysis.ingest.ros_log import (
     read_rosbag2_log,
 )
 from osl_analysis.ingest.source_fields import CaptureSource, LogSource
+from osl_analysis.ingest.trc_capture import TrcSource, inspect_trc, read_trc_capture
 from osl_analysis.yaml_settings import Settings, read_yaml
 
 Source = LogSource | CaptureSource
@@ -81,6 +85,8 @@ FORMATS = {
     "c3d": KnownFormat(is_c3d, (".c3d",), C3dSource, read_c3d_capture, inspect_c3d),
     "nexus_csv": KnownFormat(is_nexus, (), NexusSource, read_nexus_capture, inspect_nexus),
     "mat": KnownFormat(is_mat, (".mat",), MatSource, read_mat_log, inspect_mat),
+    "trc": KnownFormat(is_trc, (".trc",), TrcSource, read_trc_capture, inspect_trc),
+    "opensim": KnownFormat(is_opensim, (".mot", ".sto"), OpenSimSource, read_opensim_log, inspect_opensim),
     "json_lines": KnownFormat(is_json_lines, (".jsonl", ".ndjson"), JsonSource, read_json_log, inspect_json),
     "csv": KnownFormat(is_text, (".csv",), CsvSource, read_csv_log, inspect_csv),
 }
@@ -88,7 +94,7 @@ FOLDERS = "rosbag2"
 """Format of a recording that is a folder."""
 ANY_TEXT = "csv"
 """Format of a text file that is not recognised by content or name."""
-NOT_READ = (".h5", ".mot", ".sto", ".tdms", ".trc", ".tsv", ".xlsx")
+NOT_READ = (".h5", ".tdms", ".tsv", ".xlsx")
 """Endings of recordings whose formats are not read: `samples` lists them with the remedy."""
 
 

@@ -1,0 +1,219 @@
+"""Files of OpenSim: markers in TRC and tables in .mot and .sto give canonical columns, or a line that says why not."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from c3d_builder import REAL_DATA
+
+from osl_analysis.commands.inspect import inspect_file, overview_text
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.known_formats import FORMATS, recognise
+from osl_analysis.ingest.raw_files import trial_from_files
+from osl_analysis.ingest.recording import Recording
+from osl_analysis.trial import Array
+
+FRAMES = 40
+LABELS = ["HEAD", "HIP", "KNEE", "TOE"]
+HEIGHTS = np.array([1700.0, 900.0, 500.0, 50.0])
+
+
+def walk() -> Array:
+    """Positions (frames, markers, 3) [mm] in OpenSim's axes: x forward, y up, z to the right."""
+    step = np.arange(FRAMES)
+    x = 8.0 * step[:, None] + np.arange(4)
+    y = HEIGHTS + 5 * np.sin(step / 5)[:, None]
+    z = np.full((FRAMES, 4), -100.0) + np.arange(4)
+    return np.stack([x, y, z], axis=2)
+
+
+def write_trc(path: Path, positions: Array, rate: float = 100.0, start: float = 0.0, **header: Any) -> Path:
+    """A file as Cortex writes it; `header` replaces what its second line names."""
+    said = {"DataRate": rate, "CameraRate": rate, "NumFrames": len(positions), "NumMarkers": len(LABELS), "Units": "mm"}
+    said.update(header)
+    lines = ["PathFileType\t4\t(X/Y/Z)\twalk.trc", "\t".join(said), "\t".join(str(value) for value in said.values())]
+    lines += ["\t".join(["Frame#", "Time", *(f"{label}\t\t" for label in LABELS)])]
+    lines += ["\t\t" + "\t".join(f"{axis}{i + 1}" for i in range(len(LABELS)) for axis in "XYZ"), ""]
+    for k, frame in enumerate(positions):
+        cells = ["" if np.isnan(value) else f"{value:.5f}" for value in frame.ravel()]
+        lines.append("\t".join([str(k + 1), f"{start + k / rate:.3f}", *cells, ""]))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def write_mot(path: Path, header: str = "inDegrees=yes", rows: int = 50, **counts: int) -> Path:
+    """A table with an angle of k degrees, a moment of -k / 4 and a force."""
+    counts = {"nRows": rows, "nColumns": 4, **counts}
+    lines = ["Coordinates", "version=1", *(f"{key}={value}" for key, value in counts.items()), header, "endheader"]
+    lines.append("time\tankle_angle_r\tankle_moment\tground_force_vy")
+    lines += [f"{0.5 + 0.01 * k:.8f}\t{k}\t    {-k / 4}\t{700 + k}" for k in range(rows)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+MOT = {
+    "format": "opensim",
+    "channels": {
+        "theta": {"column": "ankle_angle_r", "unit": "deg"},
+        "torque": {"column": "ankle_moment", "unit": "N*m", "sign": -1},
+    },
+}
+
+
+def read(path: Path, **described: Any) -> Recording:
+    known = FORMATS[name := recognise(path)]
+    return known.read(path, known.source.model_validate({"format": name, **described}))
+
+
+def refused(path: Path, **described: Any) -> str:
+    with pytest.raises(InputError) as caught:
+        read(path, **described)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    return message
+
+
+def test_markers_of_trc_are_metres_in_our_axes(tmp_path: Path) -> None:
+    positions = walk()
+    positions[3:6, 1] = np.nan
+    positions[8, 2] = 0.0
+    write_trc(tmp_path / "walk.trc", positions)
+    (tmp_path / "cortex.yaml").write_text("format: trc\naxes: [x, -z, y]\n")
+    trial = trial_from_files({"trial": "a", "mocap": "walk.trc", "mocap_source": "cortex"}, tmp_path, tmp_path)
+    np.testing.assert_allclose(trial.samples["time"], np.arange(FRAMES) / 100)
+    np.testing.assert_allclose(trial.samples["marker_TOE_z"], positions[:, 3, 1] / 1000, atol=1e-8)
+    np.testing.assert_allclose(trial.samples["marker_TOE_y"], -positions[:, 3, 2] / 1000, atol=1e-8)
+    np.testing.assert_allclose(trial.samples["marker_TOE_x"], positions[:, 3, 0] / 1000, atol=1e-8)
+    assert np.flatnonzero(trial.samples["marker_HIP_x"].is_nan()).tolist() == [3, 4, 5]
+    assert np.flatnonzero(trial.samples["marker_KNEE_z"].is_nan()).tolist() == [8]
+    assert trial.provenance["warnings"] == []
+
+
+def test_axes_that_do_not_point_up_are_doubted_and_drafted(tmp_path: Path) -> None:
+    path = write_trc(tmp_path / "walk.trc", walk())
+    assert any("state `axes: [x, -z, y]`" in text for text in read(path).warnings)
+    assert read(path, axes=("x", "-z", "y")).warnings == []
+    assert yaml.safe_load(draft_source(inspect_file(path), "walk.trc"))["axes"] == ["x", "-z", "y"]
+    upright = write_trc(tmp_path / "b.trc", walk()[:, :, [0, 2, 1]])
+    assert read(upright).warnings == []
+
+
+@pytest.mark.parametrize(
+    ("header", "reason"),
+    [
+        ({"NumFrames": 41}, "NumFrames is 41, the file holds 40 rows: the end is missing"),
+        ({"NumFrames": 39}, "NumFrames is 39, the file holds 40 rows; export it again"),
+        ({"NumMarkers": 5}, "NumMarkers is 5, line 4 names 4"),
+        ({"NumMarkers": 3}, "line 7 has 12 coordinates, the header names 3 markers"),
+        ({"NumFrames": "many"}, "NumFrames is 'many' and no count above zero"),
+        ({"DataRate": 0}, "DataRate is '0' and no rate"),
+        ({"DataRate": 120}, "does not fit DataRate 120 Hz"),
+        ({"Units": "fathomz"}, "Units: unit 'fathomz' is unknown"),
+        ({"Units": ""}, "Units: the unit is empty"),
+    ],
+)
+def test_a_header_that_contradicts_the_rows_is_refused(tmp_path: Path, header: dict[str, Any], reason: str) -> None:
+    assert reason in refused(write_trc(tmp_path / "walk.trc", walk(), **header))
+
+
+def test_rows_of_trc_that_cannot_be_right_are_refused(tmp_path: Path) -> None:
+    path = write_trc(tmp_path / "walk.trc", walk())
+    lines = path.read_text().splitlines()
+    faults = {
+        "frame 22 does not follow the line before": (lines[26].replace("21\t", "22\t", 1), 26),
+        "'abc' is not a number": (lines[26].replace("50.", "abc\t50.", 1).replace("abc\t50.", "abc", 1), 26),
+        "ends within a marker, after 6 cells": ("\t".join(lines[26].split("\t")[:6]), 26),
+        "time: '' is not a number": (lines[26].replace("0.200", ""), 26),
+    }
+    for reason, (line, place) in faults.items():
+        if reason.startswith("'abc'"):
+            cells = lines[26].split("\t")
+            line = "\t".join([*cells[:4], "abc", *cells[5:]])
+        path.write_text("\n".join([*lines[:place], line, *lines[place + 1 :]]))
+        assert reason in refused(path)
+    path.write_text("\n".join(lines[:5]))
+    assert "holds no frames" in refused(path)
+    path.write_text("\n".join(lines))
+    assert "no marker 'TOES'; the file has HEAD, HIP, KNEE, TOE; did you mean 'TOE'?" in refused(path, markers=["TOES"])
+
+
+def test_rates_whose_times_are_rounded_are_accepted(tmp_path: Path) -> None:
+    for rate in (59.94, 150.0, 1000 / 3):
+        recording = read(write_trc(tmp_path / f"{rate:.0f}.trc", walk(), rate), axes=("x", "-z", "y"))
+        assert recording.facts["frame_rate_hz"] == pytest.approx(rate)
+
+
+def test_a_motion_table_gives_canonical_columns(tmp_path: Path) -> None:
+    recording = read(write_mot(tmp_path / "walk.mot"), **MOT)
+    k = np.arange(50)
+    np.testing.assert_allclose(recording.samples["time"], 0.01 * k, atol=1e-9)
+    np.testing.assert_allclose(recording.samples["theta"], np.radians(k))
+    np.testing.assert_array_equal(recording.samples["torque"], k / 4)
+    assert recording.facts["time"]["start"] == 0.5
+    assert recording.facts["header"]["indegrees"] == "yes"
+
+
+def test_a_unit_that_in_degrees_contradicts_is_refused(tmp_path: Path) -> None:
+    radians = write_mot(tmp_path / "a.sto", "inDegrees=no")
+    assert "inDegrees=no, and column 'ankle_angle_r' is read in deg; write rad" in refused(radians, **MOT)
+    older = write_mot(tmp_path / "b.mot", "range 0 1")
+    assert read(older, **MOT).samples["theta"][1] == np.radians(1)
+
+
+@pytest.mark.parametrize(
+    ("counts", "reason"),
+    [
+        ({"nRows": 60}, "nrows in its header is 60, the file holds 50 rows: the end is missing"),
+        ({"nRows": 40}, "nrows in its header is 40, the file holds 50 rows; export it again"),
+        ({"nColumns": 3}, "ncolumns in its header is 3, the file holds 4 columns"),
+    ],
+)
+def test_counts_that_contradict_the_table_are_refused(tmp_path: Path, counts: dict[str, int], reason: str) -> None:
+    assert reason in refused(write_mot(tmp_path / "a.mot", **counts), **MOT)
+
+
+def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> None:
+    path = write_mot(tmp_path / "a.mot")
+    text = path.read_text()
+    faults = {
+        "line 57 has 3 cells under 4 names: the file is cut off": text.rstrip().rpartition("\t")[0],
+        "line 11 has 5 cells under 4 names; export": text.replace("\t3\t", "\t3\t3\t"),
+        "line 11, column 'ankle_angle_r': '1,2,3' is not a number; export it as scalars": text.replace(
+            "\t3\t", "\t1,2,3\t"
+        ),
+        "inf": text.replace("\t3\t", "\tinf\t"),
+        "time goes from": text.replace("0.53000000", "0.51000000"),
+        "NaN in 1 of 50 samples": text.replace("\t3\t", "\tnan\t"),
+        "column 'ankle_angle_r' is missing": text.replace("ankle_angle_r", "ankle_angle_l"),
+        "column 'ankle_moment' occurs 2 times": text.replace("ground_force_vy", "ankle_moment"),
+        "holds no rows": text.partition("0.50000000")[0].replace("nRows=50", "nRows=0"),
+    }
+    for reason, content in faults.items():
+        path.write_text(content)
+        assert reason in refused(path, **MOT)
+
+
+def test_the_draft_of_a_table_has_the_units_of_opensim(tmp_path: Path) -> None:
+    overview = inspect_file(write_mot(tmp_path / "a.mot"))
+    draft = yaml.safe_load(draft_source(overview, "a.mot"))
+    assert (draft["format"], draft["time"]) == ("opensim", {"column": "time", "unit": "s"})
+    assert [one["unit"] for one in draft["channels"].values()] == ["deg", "N*m", "N"]
+    assert "a clock, 100 per unit" in overview_text(overview)
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
+def test_real_files_of_opensim_are_read_as_numpy_reads_their_cells() -> None:
+    path = REAL_DATA / "opensim" / "walk.trc"
+    recording = read(path, axes=("x", "-z", "y"))
+    cells = [line.split("\t") for line in path.read_text().splitlines()[6:] if line]
+    heel = [float(row[2 + 3 * 11 + 1]) / 1000 for row in cells]  # the twelfth of its 28 markers
+    np.testing.assert_allclose(recording.samples["marker_R.Heel_z"], heel, rtol=1e-12)
+    assert "27 names after the 28 markers have no positions" in recording.warnings[0]
+    path = REAL_DATA / "opensim" / "grf_run.mot"
+    described = {"channels": {"plate1_force_z": {"column": "R_ground_force_vy", "unit": "N"}}}
+    force = read(path, **described).samples["plate1_force_z"]
+    np.testing.assert_array_equal(force, np.loadtxt(path, skiprows=7)[:, 2])

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-PROTOCOL = ("amplitudes_deg", "frequencies_hz", "cycles", "seconds_per_frequency")
-"""Fields of `dynamometer` in the configuration that describe the expected stepped sine."""
+PROTOCOL = ("amplitudes_deg", "frequencies_hz", "cycles", "seconds_per_frequency", "excitation")
+"""Fields of `dynamometer` in the configuration that describe the expected stepped sine, and whether one is expected."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,14 @@ class Fit:
         job uses (the section's own, or one of its base classes). A change of other fields does not run the job again.
     parameters: the job reads the parameter file of the device.
     sheet: columns of the trial's row in the sample sheet that the job uses.
+    windows: the job fits the windows that the sheet states.
     """
 
     job: str
     settings: Mapping[str, tuple[str, str]]
     parameters: bool = False
     sheet: tuple[str, ...] = ()
+    windows: bool = False
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,7 @@ class Experiment:
     signals: the other columns that every trial has, except markers and plates, which each laboratory names itself.
     sheet: columns of the sample sheet that its trials must fill, besides the files.
     stepped_sine: the motion follows the stepped-sine protocol of `dynamometer`.
+    any_motion: another motion than the stepped sine may move the joint.
     bare_plate: every force plate is unloaded at some time.
     walker: somebody stands or walks on the force plates.
     log: source file of the simulated log; None if the simulator records no log.
@@ -80,6 +83,7 @@ class Experiment:
     signals: tuple[str, ...] = ()
     sheet: tuple[str, ...] = ()
     stepped_sine: bool = False
+    any_motion: bool = False
     bare_plate: bool = False
     walker: bool = False
     log: str | None = None
@@ -145,11 +149,12 @@ EXPERIMENTS: dict[str, Experiment] = {
         fit=Fit("bench.fit_actuator_trial", {"settings": ("actuator", "ActuatorAnalysis")}, parameters=True),
     ),
     "impedance": Experiment(
-        "stepped sine against the controller: K, B, I and the frequency response",
+        "stepped sine or any other motion against the controller: K, B, I and the frequency response",
         place="bench",
         motion="theta",
         torque="torque",
         stepped_sine=True,
+        any_motion=True,
         log="dynamometer",
         tables=(
             Table("impedance"),
@@ -159,8 +164,9 @@ EXPERIMENTS: dict[str, Experiment] = {
         ),
         fit=Fit(
             "bench.fit_impedance_trial",
-            {"settings": ("dynamometer", "SteppedSineAnalysis"), "weight": ("gain_weight", "WeightSettings")},
+            {"settings": ("dynamometer", "ImpedanceAnalysis"), "weight": ("gain_weight", "WeightSettings")},
             parameters=True,
+            windows=True,
             sheet=("controller", "K_d", "B_d"),
         ),
     ),

@@ -23,9 +23,12 @@ CONDITIONS = ("group", "subject", "session", "side", "speed", "direction")
 COLUMNS = {
     "trial": "string", "experiment": "string", "controller": "string", "K_d": "float64", "B_d": "float64",
     "perturbed": "boolean", "log": "string", "log_source": "string", "mocap": "string", "mocap_source": "string",
-    "log_part": "string", "desired": "string", "exclude": "string", "accept": "string", "joint": "string",
+    "log_part": "string", "desired": "string", "windows": "string", "exclude": "string", "accept": "string",
+    "joint": "string",
     **dict.fromkeys(CONDITIONS, "string"), "body_mass_kg": "float64", "static": "string",
 }  # fmt: skip
+WINDOWS = re.compile(r"\d+\.?\d*-\d+\.?\d*(\s+\d+\.?\d*-\d+\.?\d*)*")
+"""Windows of a trial: from-to in s, separated by blanks."""
 REQUIRED = ("trial", "experiment")
 
 
@@ -44,6 +47,8 @@ def read_sheet(path: Path) -> pd.DataFrame:
     log_part: the part of the log that is this trial, where the log holds several: for a MATLAB file the address of a
         struct or cell, such as `Test.run(2)`.
     desired: name of the curve under `torque_angle.desired` that a trial of torque against angle should follow.
+    windows: stretches [s] of an impedance trial that are fitted, from the start of the recording, such as `2-30 40-62`;
+        its motion is then taken for another one than the stepped sine. Empty: all of the motion.
     exclude: the reason why the trial is excluded; empty: it is used.
     accept: names of quality checks, separated by blanks. Their failure neither flags nor excludes the trial.
     group, subject, session, speed: conditions of a crossing, as words of the laboratory's own.
@@ -185,6 +190,12 @@ def problem_with_needs(row: dict[str, str]) -> str:
             return f"{column}_source is empty; name the file in config/sources that describes {row[column]}"
         if row[f"{column}_source"].endswith((".yaml", ".yml")):
             return f"{column}_source '{row[f'{column}_source']}' names a file; write its name without the ending"
+    if row["windows"] and row["experiment"] != "impedance":
+        return (
+            f"windows '{row['windows']}' of experiment '{row['experiment']}'; only 'impedance' fits windows, leave it"
+        )
+    if row["windows"] and not WINDOWS.fullmatch(row["windows"].strip()):
+        return f"windows '{row['windows']}' are not from-to in s; write them as 2-30 40-62"
     if row["log_part"] and not row["log"]:
         return f"log_part '{row['log_part']}' without a log; fill in log, or clear log_part"
     return ""

@@ -14,7 +14,7 @@ from osl_analysis.columns import counter_column
 from osl_analysis.errors import InputError
 from osl_analysis.sensor_dynamics import SensorLowPass, lacking
 from osl_analysis.timebase.gaps import GapLimits
-from osl_analysis.timebase.grid import UniformGrid, one_time_base
+from osl_analysis.timebase.grid import UniformGrid, on_one_grid, one_time_base
 from osl_analysis.timebase.report import TimebaseReport
 from osl_analysis.timebase.stream import Stream
 from osl_analysis.trial import Array, Trial
@@ -98,6 +98,12 @@ def uniform_signals(
         return on_grid(trial.name, grid, low_passes, devices(rows))
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
+
+
+def regridded(signals: UniformSignals, limits: GapLimits) -> UniformSignals:
+    """The same signals with other limits of their gaps; raises as `uniform_signals`, without the trial's name."""
+    grid = on_one_grid(signals.grid.taken, limits)
+    return on_grid(signals.trial, grid, signals.low_passes, signals.devices)
 
 
 def on_grid(

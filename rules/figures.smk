@@ -80,9 +80,10 @@ rule plot_numbers_fig4:
         RESULTS / "logs/figures/fig4_numbers.log",
     params:
         code=jobs.code_of("bench.plotted_numbers_fig4"),
-        settings=CONFIG.dynamometer.part("SteppedSineAnalysis"),
+        settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
         choice=TIME_SERIES and TIME_SERIES.model_dump(mode="json"),
         limits=limits_of("impedance"),
+        windows=lambda wildcards: CAMPAIGN.row(time_series_trial())["windows"],
     run:
         jobs.run_job(log, "bench.plotted_numbers_fig4", input, output, params)
 

@@ -16,6 +16,11 @@ def sheet_row(*columns: str):
     return lambda wildcards: {column: CAMPAIGN.row(wildcards.trial)[column] for column in columns}
 
 
+def stated_windows(wildcards) -> str | None:
+    """The windows that the sheet states for a trial."""
+    return CAMPAIGN.row(wildcards.trial)["windows"]
+
+
 for experiment, facts in EXPERIMENTS.items():
     if not facts.fit:
         continue
@@ -36,6 +41,7 @@ for experiment, facts in EXPERIMENTS.items():
             **{name: getattr(CONFIG, section).part(model) for name, (section, model) in facts.fit.settings.items()},
             **(no_device() if facts.fit.parameters else {}),
             **({"condition": sheet_row(*facts.fit.sheet)} if facts.fit.sheet else {}),
+            **({"windows": stated_windows} if facts.fit.windows else {}),
             command=facts.fit.job,
             code=jobs.code_of(facts.fit.job),
         run:

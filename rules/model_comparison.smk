@@ -55,9 +55,10 @@ rule compare_impedance_models:
         trial=CAMPAIGN.pattern("impedance"),
     params:
         code=jobs.code_of("bench.compare_impedance_models"),
-        settings=CONFIG.dynamometer.part("SteppedSineAnalysis"),
+        settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
         weight=CONFIG.gain_weight.model_dump(mode="json"),
         sign_width=CONFIG.model_comparison.sign_width,
         condition=sheet_row("controller", "K_d", "B_d"),
+        windows=stated_windows,
     run:
         jobs.run_job(log, "bench.compare_impedance_models", input, output, params)

@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import polars as pl
 
-from osl_analysis.bench.frequency_response import trial_phasors
-from osl_analysis.bench.impedance import DesiredImpedance, impedance_table, prediction_columns
+from osl_analysis.bench.impedance import DesiredImpedance, prediction_columns
+from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.plausibility import not_checked, plausible_impedance
-from osl_analysis.bench.stepped_sine import SteppedSineTrial
+from osl_analysis.bench.rendered import RenderedTrial, rendered_table
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain import joint_admittance
@@ -17,6 +18,8 @@ from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.trial import Trial
 
 OF_GAINS = "whether K is what the gains should give, whether the torque is late, whether the bench's frame yields"
+BAND_POINTS = 12
+"""Frequencies of a band at which the rendered impedance is predicted."""
 OF_BELT = "K against the belt's K_s"
 
 
@@ -31,6 +34,12 @@ class AskedImpedance:
     frequencies_hz: Sequence[float]
     """Frequencies [Hz] of the protocol."""
 
+    def frequencies_of(self, rendered: RenderedTrial) -> Sequence[float]:
+        """Frequencies [Hz] at which the rendered impedance is predicted: of the protocol, or over the motion's band."""
+        if isinstance(rendered, MovingRecord):
+            return [float(f) for f in np.linspace(*rendered.band_hz, BAND_POINTS)]
+        return self.frequencies_hz
+
     def gains(self, p: DrivetrainParameters | None) -> Gains | None:
         """The gains that the leg had; None where they are not known. Raises as `DesiredImpedance.gains`."""
         return self.desired.gains(p, self.weight)
@@ -44,7 +53,7 @@ class AskedImpedance:
 
 
 def judged_impedance(
-    stepped: SteppedSineTrial, trial: Trial, p: DrivetrainParameters | None, asked: AskedImpedance | None
+    rendered: RenderedTrial, trial: Trial, p: DrivetrainParameters | None, asked: AskedImpedance | None
 ) -> pl.DataFrame:
     """The rows of Eq. 15 with all that judges them; what the gains should give only where these are known.
 
@@ -55,16 +64,15 @@ def judged_impedance(
     InputError, UnreachableImpedanceError
         As `plausible_impedance`, and as `DesiredImpedance.gains`.
     """
-    phasors = trial_phasors(stepped)
     gains = None if asked is None else asked.gains(p)
     if asked is None or p is None or gains is None:
-        table = plausible_impedance(impedance_table(stepped, phasors), trial, p)
+        table = plausible_impedance(rendered_table(rendered, None), trial, p)
         if asked is None:
             return table.with_columns(not_checked("" if p else f"{OF_BELT}: no parameter file is named"))
         known = table.with_columns(**asked.desired.columns(), **prediction_columns(None))
         return known.with_columns(not_checked(asked.not_checked(p)))
-    table = impedance_table(stepped, phasors, joint_admittance(gains.K_1, gains.B_1, p, p.J_j))
-    predicted = predicted_impedance(gains, p, asked.frequencies_hz)
+    table = rendered_table(rendered, joint_admittance(gains.K_1, gains.B_1, p, p.J_j))
+    predicted = predicted_impedance(gains, p, asked.frequencies_of(rendered))
     plausible = plausible_impedance(table, trial, p, predicted[0])
     judged = plausible.with_columns(**asked.desired.columns(), **prediction_columns(predicted))
     return judged.with_columns(not_checked(asked.not_checked(p)))

@@ -8,6 +8,7 @@ import polars as pl
 from scipy.signal import fftconvolve, savgol_filter
 
 from osl_analysis.bench.alternatives import widened
+from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.segments import repeated_cycles, rows_of
 from osl_analysis.bench.stepped_sine import RawSignals, SteppedSineTrial
 from osl_analysis.doubtful import EXCLUDED
@@ -178,25 +179,26 @@ DEFAULT = "filtered"
 """The estimator of every table but `estimators.csv`; the Monte Carlo study led to this choice."""
 
 
-def estimator_table(trial: SteppedSineTrial) -> pl.DataFrame:
+def estimator_table(trial: SteppedSineTrial | MovingRecord) -> pl.DataFrame:
     """The trial's rows of `estimators.csv`: Eq. 15 over all amplitudes by every estimator that its signals allow.
 
     An estimator that refuses the trial has a row without numbers and with the reason. A moving polynomial does so if
     there are too few samples per period of the cut-off.
     """
     rows: list[Row] = []
+    raw = trial.raw
     for name, estimator in ESTIMATORS.items():
-        if name == "instrumental" and trial.command is None:
+        if name == "instrumental" and raw.command is None:
             continue
         try:
-            fit = estimator(trial.raw, trial.low_pass, CovarianceChoice())
+            fit = estimator(raw, trial.low_pass, CovarianceChoice())
             if trial.softer is not None:
                 fit = widened(fit, estimator(trial.softer.raw, trial.low_pass, CovarianceChoice()))
         except OslAnalysisError as error:
             rows.append({"trial": trial.name, "estimator": name, EXCLUDED: str(error)})
             continue
         estimates = {**estimates_row(fit, "K", "B", "I"), **covariance_row(fit, "K", "B", "I")}
-        rate = trial.rate_hz * fit.samples / len(rows_of(trial.segments(None)))  # an estimator may have thinned them
+        rate = trial.rate_hz * fit.samples / len(rows_of(raw.segments))  # an estimator may have thinned them
         diagnostics = diagnostics_row(fit, rate, trial.low_pass)
         rows.append({"trial": trial.name, "estimator": name, **estimates, **diagnostics, EXCLUDED: None})
     return pl.DataFrame(rows, schema_overrides={EXCLUDED: pl.String}, infer_schema_length=None)

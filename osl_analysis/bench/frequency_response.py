@@ -138,10 +138,30 @@ def phasor_row(segment: SegmentPhasors) -> Row:
     }
 
 
+def no_phasors() -> pl.DataFrame:
+    """The columns of `phasor_table` without a row, for a trial that no sine moved."""
+    return example_phasors().clear()
+
+
+def example_phasors() -> pl.DataFrame:
+    """One row of `phasor_table`, of a sine that stands for no trial; only its columns count."""
+    time = np.arange(100) / 100
+    sine = np.sin(2 * np.pi * 10 * time)
+    return phasor_table("", [segment_phasors(time, sine, sine, Segment(1.0, 10.0, 0.0, 100.0, 10))])
+
+
+def no_responses() -> pl.DataFrame:
+    """The columns of `frequency_response_table` without a row."""
+    keys = {name: pl.lit(None, pl.String if name in ("trial", "controller") else pl.Float64) for name in RESPONSE_KEYS}
+    row = pl.DataFrame([mean_response_row(example_phasors().with_columns(doubtful=pl.lit("")))])
+    return row.select(**keys).hstack(row).clear()
+
+
 def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
     """Complex mean of Y over the amplitudes, a row per trial and frequency, from the gathered phasor tables."""
     groups = phasors.group_by(RESPONSE_KEYS, maintain_order=True)
-    return pl.DataFrame([{**dict(zip(RESPONSE_KEYS, k, strict=True)), **mean_response_row(g)} for k, g in groups])
+    rows = [{**dict(zip(RESPONSE_KEYS, k, strict=True)), **mean_response_row(g)} for k, g in groups]
+    return pl.DataFrame(rows) if rows else no_responses()
 
 
 def mean_response_row(amplitudes: pl.DataFrame) -> Row:

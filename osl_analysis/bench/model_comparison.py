@@ -20,6 +20,7 @@ from osl_analysis.bench.linear_rivals import (
     score_against_other_trials,
     transmission_fold,
 )
+from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.model.compensator import Gains
 from osl_analysis.parameters import DrivetrainParameters
@@ -57,7 +58,9 @@ def whole_transmission_fold(trial: SteppedSineTrial, sign_width: float) -> Fold:
     return transmission_fold(trial.motion[rows], direction[rows], trial.filtered_torque[rows])
 
 
-def drivetrain_of(trial: SteppedSineTrial, gains: Gains, p: DrivetrainParameters, sign_width: float) -> DrivetrainTrial:
+def drivetrain_of(
+    trial: SteppedSineTrial | MovingRecord, gains: Gains, p: DrivetrainParameters, sign_width: float
+) -> DrivetrainTrial:
     """One trial against the controller, thinned, for the drivetrain model with the gains that the leg was given."""
     return DrivetrainTrial(
         name=trial.name,
@@ -84,9 +87,14 @@ def impedance_scores(trial: DrivetrainTrial, controller: str | None) -> pl.DataF
     return score_table("impedance", trial.name, scores, controller)
 
 
-def thinned_amplitudes(trial: SteppedSineTrial) -> list[NDArray[np.intp]]:
-    """Usable rows of each amplitude, without rests and other amplitudes, thinned to `SAMPLES_PER_PERIOD`."""
+def thinned_amplitudes(trial: SteppedSineTrial | MovingRecord) -> list[NDArray[np.intp]]:
+    """Usable rows of each amplitude, without rests and other amplitudes, thinned to `SAMPLES_PER_PERIOD`.
+
+    A record of another motion has consecutive parts in their place.
+    """
     step = max(int(trial.rate_hz / (SAMPLES_PER_PERIOD * trial.low_pass.cutoff_hz)), 1)
+    if isinstance(trial, MovingRecord):
+        return [part[::step] for part in trial.thirds]
     thinned = [np.concatenate([np.arange(s.start, s.stop, step) for s in block.stretches]) for block in trial.blocks]
     return [rows if trial.usable is None else rows[trial.usable[rows]] for rows in thinned]
 

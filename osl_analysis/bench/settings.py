@@ -1,6 +1,6 @@
 """Choices of the analysis on the benches, each with its unit, as `config.yaml` has them."""
 
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
@@ -164,7 +164,20 @@ class SteppedSineAnalysis(BenchAnalysis):
         return tuple(float(a) for a in np.deg2rad(self.amplitudes_deg))
 
 
-class DynamometerAnalysis(SteppedSineAnalysis, BeltAnalysis):
+class ImpedanceAnalysis(SteppedSineAnalysis):
+    """Choices for an impedance trial, whose motion may be another one than the stepped sine."""
+
+    excitation: Literal["auto", "stepped_sine", "any"] = "auto"
+    """What moves the joint in impedance trials: the stepped sine, any other motion, or what each recording shows."""
+    windows: Annotated[str, Field(pattern=r"^\d+\.?\d*-\d+\.?\d*(\s+\d+\.?\d*-\d+\.?\d*)*$")] | None = None
+    """Stretches [s] of a recording that are fitted, from its start, as `2-30 40-62`, where the motion is no stepped
+    sine and the sample sheet states none; null: from the first to the last motion."""
+    largest_inertia_error: Positive | None = 0.01
+    """Change of I [kg*m^2] by a torque error of 0.1 %, from which a motion is refused because it cannot tell K from I;
+    null: no limit."""
+
+
+class DynamometerAnalysis(ImpedanceAnalysis, BeltAnalysis):
     """Choices for all trials of the dynamometer."""
 
 

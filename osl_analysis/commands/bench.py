@@ -10,17 +10,8 @@ from osl_analysis.bench.actuator import actuator_summary, actuator_table, actuat
 from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
 from osl_analysis.bench.belt import belt_curve, belt_figure_points, belt_summary, belt_table, belt_time_base, belt_trial
 from osl_analysis.bench.estimators import estimator_table
-from osl_analysis.bench.frequency_response import (
-    frequency_response_table,
-    phasor_table,
-    theoretical_responses,
-    trial_phasors,
-)
-from osl_analysis.bench.impedance import (
-    DesiredImpedance,
-    amplitude_series,
-    impedance_time_base,
-)
+from osl_analysis.bench.frequency_response import frequency_response_table, theoretical_responses
+from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.model_comparison import (
     SCORE_COLUMNS,
     belt_scores,
@@ -35,13 +26,14 @@ from osl_analysis.bench.plausibility import (
     plausible_belt,
     plausible_transmission,
 )
-from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, SteppedSineAnalysis
-from osl_analysis.bench.stepped_sine import stepped_sine_trial
+from osl_analysis.bench.rendered import rendered_phasors, rendered_time_base, rendered_trial, shown_series
+from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, ImpedanceAnalysis, SteppedSineAnalysis
+from osl_analysis.bench.stepped_sine import SteppedSineTrial, stepped_sine_trial
 from osl_analysis.bench.transmission import transmission_summary, transmission_table, transmission_time_base
 from osl_analysis.config import FrequencyResponseFigure, TimeSeriesFigure
 from osl_analysis.doubtful import Doubt, marked
 from osl_analysis.errors import InputError
-from osl_analysis.figures.fig7 import LINEAR_MODEL, RESPONSE, points, response_curve
+from osl_analysis.figures.fig7 import LINEAR_MODEL, RESPONSE, only_curves, points, response_curve
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.parameters import known_parameters, read_parameters
@@ -76,23 +68,24 @@ def fit_impedance_trial(
     parameters: Path | None,
     condition: DesiredImpedance,
     weight: Weight,
-    settings: SteppedSineAnalysis,
+    settings: ImpedanceAnalysis,
     tables: Mapping[str, Path],
+    windows: str | None = None,
 ) -> None:
     """Fit one impedance trial: its rows of the tables `impedance`, `phasors` and `estimators`.
 
     `parameters` is the file of the device, None for one without, here as in all these jobs. `condition` is the desired
     impedance of the trial, as far as it is known. `weight` is W of Eq. 14 with which its gains were selected.
+    `windows` [s] are those of the sheet, which are fitted where the motion is no stepped sine.
     """
     p, read = known_parameters(parameters), read_trial(trial)
     check_recording(read, settings)
-    stepped = stepped_sine_trial(read, settings)
+    rendered = rendered_trial(read, settings, windows)
     asked = AskedImpedance(condition, weight, settings.frequencies_hz)
-    phasors = phasor_table(stepped.name, trial_phasors(stepped)).with_columns(**condition.columns())
-    write_table(judged_impedance(stepped, read, p, asked), tables["impedance"])
-    write_table(phasors, tables["phasors"])
-    write_table(estimator_table(stepped).with_columns(**condition.columns()), tables["estimators"])
-    write_table(impedance_time_base(stepped), tables["timebase"])
+    write_table(judged_impedance(rendered, read, p, asked), tables["impedance"])
+    write_table(rendered_phasors(rendered).with_columns(**condition.columns()), tables["phasors"])
+    write_table(estimator_table(rendered).with_columns(**condition.columns()), tables["estimators"])
+    write_table(rendered_time_base(rendered), tables["timebase"])
 
 
 def fit_actuator_trial(
@@ -151,20 +144,22 @@ def compare_impedance_models(
     parameters: Path,
     condition: DesiredImpedance,
     weight: Weight,
-    settings: SteppedSineAnalysis,
+    settings: ImpedanceAnalysis,
     sign_width: float,
     output: Path,
+    windows: str | None = None,
 ) -> None:
     """Eq. 15 and the drivetrain of Eq. 9 on one trial, each amplitude predicted from the others.
 
-    `condition` and `weight` as in `fit_impedance_trial`; the drivetrain smooths the sign of the velocity over
+    A motion that is no stepped sine has consecutive parts in place of amplitudes. `condition`, `weight` and `windows`
+    as in `fit_impedance_trial`; the drivetrain smooths the sign of the velocity over
     `sign_width` [rad/s].
     """
-    p, stepped = read_parameters(parameters), stepped_sine_trial(read_trial(trial), settings)
+    p, rendered = read_parameters(parameters), rendered_trial(read_trial(trial), settings, windows)
     gains = condition.gains(p, weight)
     if gains is None:
         raise InputError(f"trial {trial.stem}: {condition.unknown_gains()}; Eq. 9 needs the gains of the controller")
-    write_table(impedance_scores(drivetrain_of(stepped, gains, p, sign_width), condition.controller), output)
+    write_table(impedance_scores(drivetrain_of(rendered, gains, p, sign_width), condition.controller), output)
 
 
 def plotted_numbers_fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path) -> None:
@@ -174,16 +169,25 @@ def plotted_numbers_fig3(curves: Sequence[Path], table: Path, summary: Path, out
 
 
 def plotted_numbers_fig4(
-    trial: Path, fit: Path, settings: SteppedSineAnalysis, choice: TimeSeriesFigure, limits: Doubt, output: Path
+    trial: Path,
+    fit: Path,
+    settings: ImpedanceAnalysis,
+    choice: TimeSeriesFigure,
+    limits: Doubt,
+    output: Path,
+    windows: str | None = None,
 ) -> None:
     """The numbers of Fig. 4: the last seconds of one amplitude, measured and by the best second-order fit.
 
-    `fit` is the trial's own table of fits. By `limits` it says whether the fit of this amplitude is doubtful.
+    `fit` is the trial's own table of fits. By `limits` it says whether the fit of this amplitude is doubtful. A motion
+    that is no stepped sine has no amplitude: its last seconds are shown. `windows` as in `fit_impedance_trial`.
     """
-    series = amplitude_series(stepped_sine_trial(read_trial(trial), settings), choice.amplitude_deg, choice.duration_s)
-    fits = marked(read_table(fit), limits, "impedance").drop_nulls("amplitude_deg")
-    doubtful = fits.filter((pl.col("amplitude_deg") - choice.amplitude_deg).abs() < 1e-6)["doubtful"][0]
-    write_table(series.with_columns(doubtful=pl.lit(doubtful, pl.String)), output)
+    rendered = rendered_trial(read_trial(trial), settings, windows)
+    series = shown_series(rendered, choice.amplitude_deg, choice.duration_s)
+    fits = marked(read_table(fit), limits, "impedance")
+    shown = (pl.col("amplitude_deg") - choice.amplitude_deg).abs() < 1e-6
+    doubtful = fits.filter(shown if isinstance(rendered, SteppedSineTrial) else pl.col("amplitude_deg").is_null())
+    write_table(series.with_columns(doubtful=pl.lit(doubtful["doubtful"][0], pl.String)), output)
 
 
 def plotted_numbers_fig7(
@@ -194,10 +198,13 @@ def plotted_numbers_fig7(
     frequencies_hz: Sequence[float],
     output: Path,
 ) -> None:
-    """The numbers of Fig. 7: measured responses of one K_d, B_d, the desired one (Eq. 11), the linear model (Eq. 9)."""
+    """The numbers of Fig. 7: measured responses of one K_d, B_d, the desired one (Eq. 11), the linear model (Eq. 9).
+
+    A campaign without a stepped sine has no measured phasors: the figure then shows the desired response alone.
+    """
     responses, p = read_table(table, required=RESPONSE), read_parameters(parameters)
     measured = responses.filter((pl.col("K_d") == choice.K_d) & (pl.col("B_d") == choice.B_d))
-    if measured.is_empty():
+    if measured.is_empty() and not responses.is_empty():
         raise InputError(
             f"{table}: no trial with K_d = {choice.K_d:g}, B_d = {choice.B_d:g}; choose another one, or null, for "
             "figures.frequency_response in the configuration"
@@ -208,4 +215,4 @@ def plotted_numbers_fig7(
     s = np.asarray(2j * np.pi * f, dtype=np.complex128)
     curves = theoretical_responses(choice.K_d, choice.B_d, gains, p)
     frames = [response_curve(name, f, Y(s)) for name, Y in curves.items()]
-    write_table(points(measured, pl.concat(frames)), output)
+    write_table(points(measured, pl.concat(frames)) if len(measured) else only_curves(pl.concat(frames)), output)

@@ -11,14 +11,21 @@ import polars as pl
 from osl_analysis.bench.actuator import actuator_table, actuator_trial
 from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
 from osl_analysis.bench.belt import belt_series, belt_table, belt_trial
-from osl_analysis.bench.impedance import DesiredImpedance, impedance_series
+from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.plausibility import (
     check_recording,
     plausible_actuator,
     plausible_belt,
     plausible_transmission,
 )
-from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, DynamometerAnalysis, SteppedSineAnalysis
+from osl_analysis.bench.rendered import rendered_series, rendered_trial
+from osl_analysis.bench.settings import (
+    ActuatorAnalysis,
+    BeltAnalysis,
+    DynamometerAnalysis,
+    ImpedanceAnalysis,
+    SteppedSineAnalysis,
+)
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
@@ -142,10 +149,10 @@ def fit_transmission_losses(trial: Trial, parameters: Path | None, request: FitR
 
 def fit_rendered_impedance(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
     """The rows of Eq. 15, and the series of the fit to all amplitudes."""
-    settings: SteppedSineAnalysis = request.settings
+    settings: ImpedanceAnalysis = request.settings
     check_recording(trial, settings)
-    stepped = stepped_sine_trial(trial, settings)
-    return judged_impedance(stepped, trial, known_parameters(parameters), request.asked), impedance_series(stepped)
+    rendered = rendered_trial(trial, settings)
+    return judged_impedance(rendered, trial, known_parameters(parameters), request.asked), rendered_series(rendered)
 
 
 def fit_actuator_bench(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:

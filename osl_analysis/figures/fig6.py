@@ -69,6 +69,8 @@ def swarm_positions(values: Array, width: float) -> Array:
 def points(impedance: pl.DataFrame) -> pl.DataFrame:
     """One row per trial and amplitude, with its place `x` in the swarm, 0 to 1 across the panel.
 
+    A trial that no stepped sine moved has no amplitudes, and one row.
+
     `x_centre` is the middle of the controller's swarm, `median_VAF` [percent] its median. Fits without a VAF
     (a constant torque) have no row.
 
@@ -77,7 +79,9 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
     InputError
         No fit of a single amplitude has a VAF.
     """
-    single = impedance.filter(pl.col("amplitude_deg").is_not_null() & pl.col("VAF").is_finite())
+    single = impedance.filter(
+        (pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)) & pl.col("VAF").is_finite()
+    )
     reasons = pl.col("doubtful") if "doubtful" in impedance.columns else pl.lit(None, pl.String).alias("doubtful")
     table = single.select(*TABLE_COLUMNS, reasons)
     if table.is_empty():

@@ -64,6 +64,13 @@ def points(response: pl.DataFrame, curves: pl.DataFrame) -> pl.DataFrame:
     return pl.concat([observed, curves.select(CURVES)], how="diagonal_relaxed")
 
 
+def only_curves(curves: pl.DataFrame) -> pl.DataFrame:
+    """The numbers of the figure without an observed point."""
+    absent = [name for name in COLUMNS if name not in CURVES]
+    nothing = [pl.lit(None, pl.String if name == "doubtful" else pl.Float64).alias(name) for name in absent]
+    return curves.with_columns(nothing).select(COLUMNS)
+
+
 def response_curve(condition: str, frequency_hz: np.ndarray, Y: np.ndarray) -> pl.DataFrame:
     """An integral admittance Y [rad/(N*m)], complex, of shape (n,), as rows in the columns `CURVES`."""
     columns = {"frequency_hz": frequency_hz, "magnitude": np.abs(Y), "phase_deg": np.rad2deg(np.angle(Y))}

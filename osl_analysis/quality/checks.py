@@ -43,6 +43,8 @@ class Commanded:
     """Cycles at each frequency: one number for all, or one for each."""
     seconds_per_frequency: float | None = None
     """Time [s] at each frequency in place of `cycles`."""
+    excitation: str = "auto"
+    """What moves the joint in impedance trials: `stepped_sine`, `any` other motion, or `auto`, what they show."""
 
     @property
     def protocol(self) -> SteppedSineProtocol:

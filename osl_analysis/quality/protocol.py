@@ -6,9 +6,11 @@ import numpy as np
 
 from osl_analysis.errors import InputError
 from osl_analysis.protocol.commanded import SteppedSineProtocol
+from osl_analysis.protocol.likeness import likeness
 from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, find_runs
 from osl_analysis.quality.checks import Check, CheckResult, Examined, not_applicable
 from osl_analysis.timebase.gaps import GapLimits
+from osl_analysis.trial import Array
 from osl_analysis.uniform import uniform_signals
 
 SAME_COUNT = 0.05
@@ -25,7 +27,8 @@ def measure_protocol(examined: Examined) -> CheckResult:
     """Number of segments in which recording and command differ.
 
     A segment is one amplitude at one frequency for the commanded number of cycles. It counts if it is missing, if it
-    has fewer or more cycles, and if it was recorded and not commanded. The fits use what was recorded.
+    has fewer or more cycles, and if it was recorded and not commanded. The fits use what was recorded. An impedance
+    trial may have another motion in place of the stepped sine, which is said and does not count.
     """
     if "theta" not in examined.samples.columns:
         return not_applicable(NO_STEPPED_SINE)
@@ -35,11 +38,24 @@ def measure_protocol(examined: Examined) -> CheckResult:
         angle = uniform_signals(examined.trial, ["theta"], GapLimits())
     except InputError as error:
         return not_applicable(f"no time base, {error}")
+    other = other_motion(examined, angle.time, angle["theta"])
+    if other:
+        return CheckResult(0.0, other)
     found = find_runs(angle.time, angle["theta"], fewest)
     remarks = [*differences(found, commanded), *(f"besides {run}" for run in found if not pair_of(run, commanded))]
     pairs = len(commanded.amplitudes) * len(commanded.frequencies_hz)
     words = remarks or [f"{pairs} commanded pairs of amplitude and frequency found"]
     return CheckResult(float(len(remarks)), "; ".join([*words, *clock_remark(found, commanded)]))
+
+
+def other_motion(examined: Examined, time: Array, theta: Array) -> str:
+    """Why the motion of an impedance trial is not compared with the command; empty if it is."""
+    if not examined.experiment.any_motion or examined.commanded.excitation == "stepped_sine":
+        return ""
+    if examined.commanded.excitation == "any":
+        return "not compared: the configuration says that any motion moves the joint"
+    found = likeness(time, theta, examined.commanded.protocol)
+    return "no stepped sine but another motion, which is fitted as such" if found.kind == "other" else ""
 
 
 def differences(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[str]:

@@ -140,7 +140,8 @@ def impedance_headlines(impedance: pl.DataFrame) -> list[Headline]:
 def controller_headlines(controller: str, impedance: pl.DataFrame) -> list[Headline]:
     """The numbers of the rendered impedance with one controller."""
     fits, labels = impedance.filter(pl.col("controller") == controller), impedance_labels(controller)
-    trials, single = over_all_amplitudes(fits), fits.filter(pl.col("amplitude_deg").is_not_null())
+    other = pl.col("excitation") != "stepped sine" if "excitation" in fits.columns else pl.lit(False)  # no amplitudes
+    trials, single = over_all_amplitudes(fits), fits.filter(pl.col("amplitude_deg").is_not_null() | other)
     used = counted(trials)
     errors = (
         *over_fits(labels["K_error"], 100 * (used["K"] / used["K_d"] - 1).abs(), np.mean),

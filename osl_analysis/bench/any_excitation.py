@@ -1,0 +1,189 @@
+"""Rendered impedance from any motion of the joint: Eq. 15 over the moving record, as a row of `impedance.csv`."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.bench.alternatives import check_stiffer, time_base_row, time_base_words, timebase_table, widened
+from osl_analysis.bench.excitation_lag import record_lag_row
+from osl_analysis.bench.excitation_limits import angle_noise_share, check_alias, check_band, check_moves
+from osl_analysis.bench.frequency_response import Admittance
+from osl_analysis.bench.impedance import IMPEDANCE, MAY_BE_NULL
+from osl_analysis.bench.moving_record import MovingRecord, fit_of
+from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.second_order import fit_impedance, impedance_torque
+from osl_analysis.signals import Motion
+from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
+from osl_analysis.stats.regression import LinearFit
+from osl_analysis.timebase.chunks import chunked_slope
+from osl_analysis.timebase.drift import ClockDrift, check_drift
+from osl_analysis.trial import Array
+
+SIGN_WIDTH = 0.05
+"""Velocity, as a share of its RMS, over which the sign of the velocity is smoothed."""
+WEIGHTING = "power of the filtered motion"
+"""How frequencies weigh in the estimates, as in every least-squares fit of filtered signals."""
+OF_SINES = (
+    "even_harmonics", "odd_harmonics", "stiffening", "backlash_deg", "backlash_share", "K_change", "B_change",
+    "K_amplitudes_low", "K_amplitudes_high", "B_amplitudes_low", "B_amplitudes_high", "I_amplitudes_low",
+    "I_amplitudes_high",
+)  # fmt: skip
+"""Columns that only a stepped sine fills."""
+
+
+def estimate(record: MovingRecord) -> LinearFit:
+    """Eq. 15 with the error of the bench's stiffness in its intervals; raises as `fit_of`."""
+    return widened(fit_of(record), None if record.softer is None else fit_of(record.softer))
+
+
+def checked_fit(record: MovingRecord) -> LinearFit:
+    """The fit of a record that moves, tells K from I, and is not aliased.
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        The excitation does not allow a fit; the message names trial, cause and remedy.
+    """
+    check_moves(record)
+    try:
+        fit = estimate(record)
+    except IdentifiabilityError as error:
+        low, high = record.band_hz
+        raise IdentifiabilityError(
+            f"trial {record.name}: the motion of {low:.2g} to {high:.2g} Hz is too narrow: {error}; excite 0.5 to 6 Hz"
+        ) from error
+    check_alias(record, fit)
+    check_band(record, fit, record.largest_inertia_error)
+    check_stiffer(record.name, "K", fit["K"], record.bench)
+    return fit
+
+
+def record_table(record: MovingRecord, expected: Admittance | None = None) -> pl.DataFrame:
+    """The trial's row of `impedance.csv`, without an amplitude; `expected` as in `impedance_table`.
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        As `checked_fit`, or the clocks of angle and torque drift apart.
+    """
+    fit = checked_fit(record)
+    other = None if record.other is None else estimate(record.other)
+    row: Row = {
+        "trial": record.name,
+        "amplitude_deg": None,
+        **excitation_row(record),
+        **estimates_row(fit, "K", "B", "I", "offset"),
+        **covariance_row(fit, "K", "B", "I"),
+        **diagnostics_row(fit, record.rate_hz, record.low_pass),
+        **record_lag_row(record, fit, expected),
+        **friction_row(record, fit),
+        "VAF_held_out": lowest_vaf_of_parts(record),
+        "load_cell_drift": 60 * (record.drift + fit["drift"]),
+        **time_base_row(fit, other, IMPEDANCE),
+        **record_clock_row(record),
+    }
+    empty: Row = dict.fromkeys(OF_SINES)
+    numbers = dict.fromkeys(("amplitude_deg", *MAY_BE_NULL, *OF_SINES), pl.Float64)
+    return pl.DataFrame([row | empty], schema_overrides=numbers)
+
+
+def excitation_row(record: MovingRecord) -> Row:
+    """What moved the joint: estimates of a device that is no second-order system depend on band and weights."""
+    return {
+        "excitation": "other",
+        "band_low_hz": record.band_hz[0],
+        "band_high_hz": record.band_hz[1],
+        "theta_rms_deg": float(np.rad2deg(np.std(record.motion.theta[record.rows]))),
+        "weighting": WEIGHTING,
+        "angle_noise_share": angle_noise_share(record),
+        "fitted_s": record.seconds,
+    }
+
+
+def friction_row(record: MovingRecord, fit: LinearFit) -> Row:
+    """Coulomb friction [N*m] of a fit that has it beside K, B and I, and the share of B that it makes."""
+    omega = record.motion.omega
+    width = SIGN_WIDTH * float(np.std(omega[record.rows]))
+    sign = record.low_pass(np.tanh(omega / width), record.rate_hz)
+    beside = fit_of(record, [("T_C", sign)])
+    damping = fit["B"] - beside["B"]
+    return {"coulomb_torque": beside["T_C"], "coulomb_damping": damping, "coulomb_share": damping / fit["B"]}
+
+
+def lowest_vaf_of_parts(record: MovingRecord) -> float:
+    """Lowest VAF [percent] of a part of the record by the fit to the others; each has its own offset and drift."""
+    parts, values = record.thirds, []
+    for k, held_out in enumerate(parts):
+        rows = np.concatenate([part for i, part in enumerate(parts) if i != k])
+        fit = fit_impedance(record.motion[rows], record.filtered_torque[rows])
+        motion = record.motion[held_out]
+        left = record.filtered_torque[held_out] - impedance_torque(fit.K, fit.B, fit.I, motion)
+        time = record.time[held_out]
+        left = left - np.polyval(np.polyfit(time - time.mean(), left, 1), time - time.mean())
+        values.append(100 * (1 - float(np.var(left)) / float(np.var(record.filtered_torque[held_out]))))
+    return min(values)
+
+
+def record_clock_row(record: MovingRecord) -> Row:
+    """As `clock_drift_row`: what a torque that gets later and later adds, beside Eq. 15, its lag, and a change of K.
+
+    Raises
+    ------
+    InputError
+        The drift is beyond what the configuration allows.
+    """
+    names = ("clock_drift_ppm", "clock_drift_se_ppm", "certain_clock_drift_ppm")
+    if record.uniform.one_device("theta", "torque"):
+        return dict.fromkeys(names)
+    every = max(record.low_pass.independent_samples(record.rate_hz) // 4, 1)
+    rows = record.rows[::every]
+    motion, late = record.motion, record.time - record.time[record.rows].mean()
+    slope = np.gradient(record.filtered_torque, record.time)
+    columns = [*signals_of(motion), slope, late, late * motion.theta, np.ones_like(late)]
+    X = np.column_stack([column[rows] for column in columns])
+    Q, _ = np.linalg.qr(X / np.linalg.norm(X, axis=0))
+    both = np.stack([-(late * slope)[rows], record.filtered_torque[rows]], axis=1)
+    rest = both - Q @ (Q.T @ both)
+    ppm, se = (1e6 * x for x in chunked_slope(rest[:, 0], rest[:, 1]))
+    if not np.isfinite(se):
+        return dict.fromkeys(names)
+    drift = ClockDrift(ppm, se)
+    try:
+        check_drift(drift, record.largest_drift_ppm)
+    except InputError as error:
+        raise InputError(f"trial {record.name}: {error}") from error
+    return dict(zip(names, (drift.ppm, drift.se, drift.certain_ppm), strict=True))
+
+
+def signals_of(motion: Motion) -> Sequence[Array]:
+    """Angle, velocity and acceleration."""
+    return motion.theta, motion.omega, motion.alpha
+
+
+def record_time_base(record: MovingRecord) -> pl.DataFrame:
+    """The trial's rows of `timebase.csv`."""
+    words = None if record.other is None else time_base_words(estimate(record), estimate(record.other), IMPEDANCE)
+    return timebase_table(record.uniform, words, record.bench)
+
+
+def record_series(record: MovingRecord) -> tuple[Array, Array, Array]:
+    """Time [s], measured torque and that of Eq. 15 [N*m] over the whole trial."""
+    fit, motion = estimate(record), record.motion
+    modelled = impedance_torque(fit["K"], fit["B"], fit["I"], motion) + fit["offset"]
+    return record.time, record.filtered_torque, np.asarray(modelled)
+
+
+def record_points(record: MovingRecord, duration_s: float) -> pl.DataFrame:
+    """The last fitted seconds, measured and by the best second-order fit (Fig. 4)."""
+    time, torque, modelled = record_series(record)
+    rows = record.rows
+    last = rows[rows > rows[-1] - round(duration_s * record.rate_hz)]
+    return pl.DataFrame(
+        {
+            "time": time[last] - time[last[0]],
+            "theta_deg": np.rad2deg(record.motion.theta[last]),
+            "torque": torque[last],
+            "torque_model": modelled[last],
+        }
+    )

@@ -1,0 +1,116 @@
+"""By how much the torque lags the angle in a trial of any excitation: a fourth parameter beside K, B and I."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from osl_analysis.bench.frequency_response import Admittance
+from osl_analysis.bench.moving_record import MovingRecord, fit_of
+from osl_analysis.bench.torque_lag import (
+    CERTAIN_LAG,
+    LARGEST_YIELD,
+    MUCH_BETTER,
+    ONLY_NOISE,
+)
+from osl_analysis.errors import OslAnalysisError
+from osl_analysis.signals import LowPass, differentiate
+from osl_analysis.stats.fit_row import Row, lag_damping_row
+from osl_analysis.stats.regression import LinearFit
+from osl_analysis.trial import Array
+
+CERTAIN_IN_NOISE = 3.0
+"""Standard errors from which a lag is certain where the fit leaves only noise."""
+LITTLE_INERTIA = 5e-3
+"""Inertia [kg*m^2] below which a share of I says little; it is added in quadrature to what the share is taken of."""
+
+
+@dataclass(frozen=True)
+class RecordLag:
+    """The lag [s] of the torque, its standard error [s], and the RMS of what the fit with it leaves [N*m]."""
+
+    lag: float
+    se: float
+    misfit: float
+
+
+def lag_beside(record: MovingRecord, base: Array | None, inertia: float) -> RecordLag:
+    """The lag d if the torque is that of `base` (n,) [N*m] and of K, B and I, late by d.
+
+    To first order a lag adds -d times the torque's derivative. Its parts K omega and B alpha look like damping and
+    inertia: only the rest, the base's derivative and I times the jerk, tells a lag. `inertia` is that of a fit without
+    a lag. None: no base.
+    """
+    jerk = differentiate(record.time, record.motion.omega).alpha
+    beyond = np.zeros_like(jerk) if base is None else base
+    without = fit_of(shifted_by(record, beyond), ())
+    own = without["I"] if base is not None else inertia
+    late = own * jerk + (np.gradient(base, record.time) if base is not None else 0.0)
+    fit = fit_of(shifted_by(record, beyond), [("lag", -late)])
+    return RecordLag(fit["lag"], fit.se("lag"), float(np.std(fit.residual)))
+
+
+def shifted_by(record: MovingRecord, base: Array) -> MovingRecord:
+    """The record with a torque (n,) [N*m] taken off."""
+    return replace(record, torque=record.torque - base, filtered_torque=record.filtered_torque - base)
+
+
+def linear_torque(record: MovingRecord, expected: Admittance) -> Array:
+    """Torque (n,) [N*m] of the linear model of admittance `expected` for the filtered motion, without its K, B, I.
+
+    The record is continued by its mirror image, so that its ends fit together.
+    """
+    theta, n = record.motion.theta, len(record.motion.theta)
+    mirrored = np.concatenate([theta, theta[::-1]])
+    s = 2j * np.pi * np.fft.rfftfreq(2 * n, 1 / record.rate_hz)
+    kept = np.abs(s) < 2 * np.pi * 3 * record.low_pass.cutoff_hz
+    response = np.zeros(len(s), dtype=np.complex128)
+    response[kept] = 1 / expected(np.asarray(s[kept], dtype=np.complex128))
+    return np.asarray(np.fft.irfft(response * np.fft.rfft(mirrored), 2 * n)[:n])
+
+
+def record_lag(record: MovingRecord, fit: LinearFit, expected: Admittance | None) -> RecordLag | None:
+    """The lag, by a second-order joint or by the linear model with other K, B and I, whichever fits better.
+
+    Where neither fits much better than the other, the difference of their lags is part of the standard error. None
+    where it cannot be estimated.
+    """
+    try:
+        bases = [None] if expected is None else [None, linear_torque(record, expected)]
+        found = sorted((lag_beside(record, base, fit["I"]) for base in bases), key=lambda lag: lag.misfit)
+    except OslAnalysisError:
+        return None
+    if len(found) == 1:
+        return found[0]
+    better, worse = found
+    doubt = better.lag - worse.lag if worse.misfit < MUCH_BETTER * better.misfit else 0.0
+    return RecordLag(better.lag, float(np.hypot(better.se, doubt)), better.misfit)
+
+
+def record_lag_row(record: MovingRecord, fit: LinearFit, expected: Admittance | None) -> Row:
+    """As `torque_lag_row`, with `lag_inertia_share`, the share of I that a certain lag makes.
+
+    A frame of stiffness k in series looks like a lag of 2 B/k up to the third power of s.
+    """
+    found = record_lag(record, fit, expected)
+    if found is None:
+        nothing: Row = dict.fromkeys(("lag_share", "lag_inertia_share", "frame_stiffness"))
+        return {**lag_damping_row(None, None, fit["K"]), **nothing}
+    beside_noise = found.misfit < ONLY_NOISE * noise_behind(record, record.low_pass)
+    row = lag_damping_row(found.lag, found.se, fit["K"], CERTAIN_IN_NOISE if beside_noise else CERTAIN_LAG)
+    certain = bool(row["certain_lag_damping"])
+    true_B = fit["B"] + fit["K"] * found.lag
+    stiffness = 2 * true_B / found.lag if certain and found.lag > 0 else 0.0
+    yields = certain and stiffness > 0 and fit["K"] / stiffness < LARGEST_YIELD
+    return {
+        **row,
+        "lag_share": abs(fit["K"] * found.lag / fit["B"]) if certain else 0.0,
+        "lag_inertia_share": abs(true_B * found.lag) / float(np.hypot(fit["I"], LITTLE_INERTIA)) if certain else 0.0,
+        "frame_stiffness": stiffness if yields else None,
+    }
+
+
+def noise_behind(record: MovingRecord, low_pass: LowPass) -> float:
+    """RMS [N*m] of the torque's noise behind the filter, from what the filter takes off; the noise is white."""
+    off = (record.torque - record.filtered_torque)[record.rows]
+    passed = 2 * low_pass.noise_bandwidth_hz / record.rate_hz
+    return float(np.std(off) * np.sqrt(passed / max(1 - passed, 1e-3)))

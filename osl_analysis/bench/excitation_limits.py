@@ -1,0 +1,196 @@
+"""What an excitation cannot show: refused with the cause and the remedy, or measured for the table."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfreqz
+
+from osl_analysis.bench.moving_record import MovingRecord
+from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.signals import LowPass
+from osl_analysis.stats.regression import LinearFit
+from osl_analysis.stats.rounding import visible_step
+from osl_analysis.trial import Array
+
+TORQUE_ERROR = 1e-3
+"""Error of the torque, as a share of its RMS, that calibrations and models leave."""
+LARGEST_STIFFNESS_ERROR = 0.1
+"""Change of K by such an error, as a share of K, from which a motion cannot tell K from I."""
+FEWEST_STEPS = 20.0
+"""Steps of the encoder that an angle turns by at least; below, its rounding is no noise but a part of the motion."""
+HARDLY_MOVES = 0.1
+"""Share of the acceleration that is the encoder's noise, from which a record is refused."""
+SPIKE = 8.0
+"""Robust standard deviations of third differences that noise does not reach."""
+ROUNDING_REACHES = 4.5
+"""Steps of an encoder that its rounding does not reach in a third difference; four is the most."""
+LARGEST_ALIAS = 0.01
+"""Change of B, and of I, by jumps of the acceleration at an unknown instant within a sample, that is refused."""
+BESIDE_JUMP = 3
+"""Samples on each side of a jump from which its size is read."""
+
+
+@dataclass(frozen=True)
+class Tellable:
+    """What a small error of the torque in its most harmful shape does to the estimates."""
+
+    stiffness: float
+    """Change of K [N*m/rad]."""
+    inertia: float
+    """Change of I [kg*m^2]."""
+
+
+def tellable(record: MovingRecord) -> Tellable:
+    """The change of K and I by an error of `TORQUE_ERROR` that has the shape of their own parts of the motion.
+
+    The own part of the acceleration is what angle and velocity do not explain. A slow motion has little of it.
+    """
+    motion, rows = record.motion, record.rows
+    theta, omega, alpha = (x[rows] - x[rows].mean() for x in (motion.theta, motion.omega, motion.alpha))
+    error = TORQUE_ERROR * float(np.std(record.filtered_torque[rows]))
+    sizes = [own_part(theta, omega, alpha), own_part(alpha, omega, theta)]
+    return Tellable(*(error / max(size, np.finfo(float).tiny) for size in sizes))
+
+
+def own_part(column: Array, *others: Array) -> float:
+    """RMS of a column (n,) without what is proportional to others (n,)."""
+    X = np.column_stack(others)
+    left = column - X @ np.linalg.lstsq(X, column, rcond=None)[0]
+    return float(np.sqrt(np.mean(left**2)))
+
+
+def check_band(record: MovingRecord, fit: LinearFit, largest_inertia_error: float | None) -> None:
+    """Refuse a motion whose band cannot tell K from I.
+
+    Raises
+    ------
+    IdentifiabilityError
+        It cannot; the message names the band that is missing.
+    """
+    low, high = record.band_hz
+    change = tellable(record)
+    if largest_inertia_error is not None and change.inertia > largest_inertia_error:
+        needed = max(high * np.sqrt(change.inertia / (0.5 * largest_inertia_error)), 1.5 * high)
+        raise IdentifiabilityError(
+            f"trial {record.name}: a motion of {low:.2g} to {high:.2g} Hz cannot tell K from I: an error of 0.1 % of "
+            f"the torque changes I by {change.inertia:.2g} kg*m^2, more than the {largest_inertia_error:g} of "
+            f"`largest_inertia_error` in the configuration; the band from {high:.2g} to about {needed:.2g} Hz is "
+            "missing, excite it as well, or take the stiffness alone by experiment 'torque_angle'"
+        )
+    if change.stiffness > LARGEST_STIFFNESS_ERROR * abs(fit["K"]) and change.stiffness > fit.se("K"):
+        raise IdentifiabilityError(
+            f"trial {record.name}: a motion of {low:.2g} to {high:.2g} Hz cannot tell K from I: an error of 0.1 % of "
+            f"the torque changes K by {change.stiffness:.2g} N*m/rad; the band below {low:.2g} Hz is missing, excite "
+            "it as well"
+        )
+
+
+def angle_noise_share(record: MovingRecord) -> float:
+    """Share of the own part of the acceleration that is noise of the angle: by as much I is too small.
+
+    The noise is taken as white; its power beyond the filter is what the filter takes off the angle.
+    """
+    theta, low_pass, rate = record.motion.theta, record.low_pass, record.rate_hz
+    off = (record.theta - theta - (theta - low_pass(theta, rate)))[record.rows]
+    f, passed = filter_gain(low_pass, rate)
+    density = float(np.var(off)) / np.trapezoid((1 - passed) ** 2, f)
+    noise = density * float(np.trapezoid((2 * np.pi * f) ** 4 * passed**2, f))
+    alpha, others = record.motion.alpha[record.rows], (theta[record.rows], record.motion.omega[record.rows])
+    own = own_part(alpha - alpha.mean(), *(x - x.mean() for x in others))
+    return float(noise / own**2) if own > 0 else np.inf
+
+
+def filter_gain(low_pass: LowPass, rate_hz: float) -> tuple[Array, Array]:
+    """Frequencies [Hz] up to half the rate, and the zero-phase filter's gain there, shape (n,) each."""
+    sections = butter(low_pass.order, low_pass.cutoff_hz, fs=rate_hz, output="sos")
+    f, response = sosfreqz(sections, worN=4096, fs=rate_hz)
+    return np.asarray(f), np.asarray(np.abs(response) ** 2)
+
+
+def check_moves(record: MovingRecord) -> float:
+    """`angle_noise_share`, refused where the record hardly moves.
+
+    Raises
+    ------
+    InputError
+        The noise of the angle is a large share of its motion, or the motion is a few steps of the encoder.
+    """
+    share, steps = angle_noise_share(record), steps_turned(record)
+    if steps < FEWEST_STEPS:
+        raise InputError(
+            f"trial {record.name}: the joint hardly moves: theta turns by {steps:.0f} steps of its encoder, "
+            f"{FEWEST_STEPS:g} are needed; move it by more, and check the unit of theta in the source file"
+        )
+    if share > HARDLY_MOVES:
+        turn = np.rad2deg(np.std(record.motion.theta[record.rows]))
+        raise InputError(
+            f"trial {record.name}: the joint hardly moves: theta turns by {turn:.2g} deg RMS, and {100 * share:.0f} % "
+            "of the acceleration behind the filter is noise of the encoder; move it by more, or faster, and check the "
+            "unit of theta in the source file"
+        )
+    return share
+
+
+def steps_turned(record: MovingRecord) -> float:
+    """Steps of the encoder by which the fitted angle turns, at most as many as there are different values."""
+    measured = record.uniform["theta"][record.rows]
+    step = visible_step(measured)
+    levels = len(np.unique(measured))
+    return float(levels if step is None else min(np.ptp(measured) / step, levels))
+
+
+def jumps(record: MovingRecord) -> tuple[NDArray[np.intp], Array]:
+    """Rows at which the acceleration jumps within a sample, and by how much [rad/s^2]."""
+    theta, rows = record.theta, record.rows
+    third = np.abs(np.diff(theta, 3))
+    inside = third[rows[rows < len(third)]]
+    noise = 1.4826 * float(np.median(np.abs(inside)))
+    step = visible_step(record.uniform["theta"]) or 0.0
+    high = np.flatnonzero(third > max(SPIKE * noise, ROUNDING_REACHES * step, np.finfo(float).tiny))
+    if not high.size:
+        return high, np.empty(0)
+    first = high[np.diff(high, prepend=-10) > BESIDE_JUMP] + 1  # the middle of the four samples of the difference
+    first = first[(first > BESIDE_JUMP + 1) & (first < len(theta) - BESIDE_JUMP - 3)]
+    alpha = np.diff(theta, 2) * record.rate_hz**2  # alpha[i] belongs to row i + 1
+    sizes = [alpha[i + 1 : i + 1 + BESIDE_JUMP].mean() - alpha[i - 1 - BESIDE_JUMP : i - 1].mean() for i in first]
+    return first, np.array(sizes)
+
+
+def check_alias(record: MovingRecord, fit: LinearFit) -> float:
+    """Largest change of B and I, as shares, by jumps of the acceleration that lie somewhere within a sample.
+
+    The torque jumps with the acceleration. Without an anti-aliasing filter a sample shows the torque before or after
+    the jump, so that its area is known to half a sample: a pseudo-random binary sequence that is clocked with the
+    sampling is read late by half a sample in all of its jumps.
+
+    Raises
+    ------
+    InputError
+        It is beyond `LARGEST_ALIAS`, and beyond the interval of noise.
+    """
+    rows, sizes = jumps(record)
+    if not rows.size:
+        return 0.0
+    torque = record.torque
+    steps = np.array([torque[i + 1 : i + 3].mean() - torque[i - 2 : i].mean() for i in rows])
+    inertia = abs(float(steps @ sizes) / float(sizes @ sizes)) if sizes.any() else 0.0
+    error = np.zeros(len(torque))
+    np.add.at(error, rows, 0.5 * inertia * sizes)
+    columns = {"K": record.motion.theta, "B": record.motion.omega, "I": record.motion.alpha}
+    X = np.column_stack([c[record.rows] for c in columns.values()])
+    change = np.linalg.lstsq(X, record.low_pass(error, record.rate_hz)[record.rows], rcond=None)[0]
+    beyond = {
+        name: abs(change[k] / fit[name]) if abs(change[k]) > fit.se(name) else 0.0
+        for k, name in enumerate(columns)
+        if name != "K"
+    }
+    worst = max(beyond, key=lambda name: beyond[name])
+    if beyond[worst] > LARGEST_ALIAS:
+        raise InputError(
+            f"trial {record.name}: the acceleration jumps within a sample, {len(rows)} times by about "
+            f"{np.median(np.abs(sizes)):.2g} rad/s^2, as under a binary sequence: without an anti-aliasing filter the "
+            f"torque's samples change {worst} by up to {100 * beyond[worst]:.1f} %; smooth the command, or record "
+            "angle and torque through the same low-pass and state it in the source file"
+        )
+    return beyond[worst]

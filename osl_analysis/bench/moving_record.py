@@ -1,0 +1,201 @@
+"""A trial of any excitation as its fit needs it: the rows in which the joint moves, and the filtered signals there."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from osl_analysis.bench.alternatives import joint_angle
+from osl_analysis.bench.moving_rows import band_of, fitted_pieces
+from osl_analysis.bench.segments import Segment
+from osl_analysis.bench.settings import BenchStiffness, ImpedanceAnalysis
+from osl_analysis.bench.stepped_sine import RawSignals, without_drift
+from osl_analysis.errors import InputError
+from osl_analysis.second_order import impedance_columns
+from osl_analysis.signals import LowPass, Motion, filtered_motion
+from osl_analysis.stats.covariance import ResidualCorrelation, moving_sums
+from osl_analysis.stats.regression import LinearFit, linear_fit
+from osl_analysis.timebase.gaps import GapLimits
+from osl_analysis.trial import Array, Trial
+from osl_analysis.uniform import UniformSignals, regridded, uniform_signals
+
+PARTS = 3
+"""Number of consecutive parts of a record, each of which is predicted by a fit to the others."""
+
+
+@dataclass(frozen=True)
+class UnfilteredNoise(ResidualCorrelation):
+    """Covariance from the autocorrelation of the noise before the filter, HAC.
+
+    The columns are slow, so that the estimates do not change if the filter is taken off the noise. Behind the filter it
+    is correlated with both signs at the frequencies of the columns: Bartlett's weights then lose up to a tenth of it.
+    """
+
+    def covariance(self, influence: Array, residual: Array, window: int) -> tuple[Array, Array, str]:
+        """As `ResidualCorrelation.covariance`."""
+        noise = residual if self.filtered_off is None else residual + self.filtered_off
+        return *moving_sums(influence * noise[:, None], window, slow=True), self.method
+
+
+@dataclass(frozen=True)
+class MovingRecord:
+    """Signals of one trial of any excitation, shape (n,) each, and the stretches that are fitted."""
+
+    uniform: UniformSignals
+    """The signals on their time base."""
+    theta: Array
+    """Angle of the joint [rad], the yielding of the bench taken off."""
+    torque: Array
+    """Raw resisting torque [N*m] without the load cell's drift."""
+    motion: Motion
+    """Filtered joint angle with its derivatives."""
+    filtered_torque: Array
+    """The torque through the same filter [N*m]."""
+    pieces: tuple[slice, ...]
+    """Rows of the stretches that are fitted: moving, measured, away from ends."""
+    band_hz: tuple[float, float]
+    """Lowest and highest frequency [Hz] of the motion."""
+    low_pass: LowPass
+    """The filter of angle and torque."""
+    largest_inertia_error: float | None = None
+    """Change of I [kg*m^2] by a small torque error from which the record is refused; None: no limit."""
+    largest_drift_ppm: float = np.inf
+    """Drift [ppm] between the clocks of angle and torque from which the record is refused."""
+    drift: float = 0.0
+    """Drift of the load cell [N*m/s] that was subtracted from the torque."""
+    bench: BenchStiffness | None = None
+    """Stiffness of the bench."""
+    other: "MovingRecord | None" = None
+    """The same if undecided stamps were taken the other way; None where all are decided."""
+    softer: "MovingRecord | None" = None
+    """The same with a bench that is softer by one standard error; None where it does not yield."""
+
+    @property
+    def name(self) -> str:
+        """Name of the trial."""
+        return self.uniform.trial
+
+    @property
+    def time(self) -> Array:
+        """Uniform times (n,) [s]."""
+        return self.uniform.time
+
+    @property
+    def rate_hz(self) -> float:
+        """Samples per second."""
+        return self.uniform.rate_hz
+
+    @cached_property
+    def rows(self) -> NDArray[np.intp]:
+        """The rows that are fitted, one stretch after the other."""
+        return np.concatenate([np.r_[piece] for piece in self.pieces])
+
+    @property
+    def seconds(self) -> float:
+        """Duration [s] of what is fitted."""
+        return len(self.rows) / self.rate_hz
+
+    def residual_correlation(self, modelled: Array) -> ResidualCorrelation:
+        """How residuals in the fitted rows depend on one another, if the torque without noise is `modelled` (n,).
+
+        What the filter takes off the torque is noise, but for the motion near the cut-off, of which it takes off as
+        much of the modelled torque.
+        """
+        off = self.torque - self.filtered_torque - (modelled - self.low_pass(modelled, self.rate_hz))
+        return UnfilteredNoise(every=self.low_pass.independent_samples(self.rate_hz), filtered_off=off[self.rows])
+
+    @property
+    def raw(self) -> RawSignals:
+        """The raw signals for the estimators, each stretch as one segment."""
+        middle = float(np.mean(self.band_hz))
+        segments = [Segment(0.0, middle, float(p.start), float(p.stop), 1) for p in self.pieces]
+        command = self.uniform.signals.get("theta_command")
+        return RawSignals(self.time, self.theta, command, self.torque, self.rate_hz, segments)
+
+    @property
+    def thirds(self) -> list[NDArray[np.intp]]:
+        """The fitted rows as consecutive parts."""
+        return [np.asarray(part) for part in np.array_split(self.rows, PARTS)]
+
+
+def moving_record(trial: Trial, settings: ImpedanceAnalysis, windows: str | None = None) -> MovingRecord:
+    """Bring a trial on one time base, find where the joint moves, and filter; `windows` as in `stated_windows`.
+
+    Raises
+    ------
+    InputError
+        A signal is missing or has no time base, windows are not in the record, or nothing is left to fit. The message
+        names the trial.
+    """
+    signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
+    bench, stated = settings.bench_stiffness, windows or settings.windows
+    try:
+        made = record_of(signals, settings, stated)
+        other = made.uniform.other()
+        return replace(
+            made,
+            other=None if other is None else record_of(other, settings, stated),
+            softer=None if bench is None else record_of(made.uniform, settings, stated, bench.compliance_error),
+        )
+    except InputError as error:
+        raise InputError(f"trial {trial.name}: {error}") from error
+
+
+def record_of(
+    signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None, more_compliance: float = 0.0
+) -> MovingRecord:
+    """The record behind uniform signals; raises as `moving_record`, without the trial's name.
+
+    The time base bridges gaps up to a tenth of a period of the fastest motion, which is found first. The bench is
+    softer than its settings by `more_compliance` [rad/(N*m)].
+    """
+    bench, low_pass = settings.bench_stiffness, settings.low_pass
+    compliance = (bench.compliance if bench else 0.0) + more_compliance
+    made = filtered_record(signals, low_pass, compliance, windows)
+    highest = min(made.band_hz[1], settings.cutoff_hz)
+    if made.uniform.report.masked or any(stream.bridged for stream in made.uniform.report.streams):
+        limits = GapLimits(highest, settings.cutoff_hz, settings.time_base.longest_gap_s)
+        made = filtered_record(regridded(signals, limits), low_pass, compliance, windows)
+    drift = fit_of(made)["drift"]
+    torque = without_drift(made.time, made.torque, drift)
+    theta = joint_angle(made.uniform["theta"], torque, compliance)
+    motion, filtered = filtered_motion(made.time, theta, torque, low_pass)
+    return replace(
+        made,
+        theta=theta,
+        torque=torque,
+        motion=motion,
+        filtered_torque=filtered,
+        drift=float(drift),
+        bench=bench,
+        largest_inertia_error=settings.largest_inertia_error,
+        largest_drift_ppm=settings.time_base.largest_drift_ppm,
+    )
+
+
+def filtered_record(signals: UniformSignals, low_pass: LowPass, compliance: float, windows: str | None) -> MovingRecord:
+    """The record of signals whose torque still has its drift."""
+    theta = joint_angle(signals["theta"], signals["torque"], compliance)
+    motion, filtered = filtered_motion(signals.time, theta, signals["torque"], low_pass)
+    pieces = fitted_pieces(signals, low_pass, windows)
+    rows = np.concatenate([np.r_[piece] for piece in pieces])
+    band = band_of(motion[rows], signals.rate_hz)
+    return MovingRecord(signals, theta, signals["torque"], motion, filtered, pieces, band, low_pass)
+
+
+def fit_of(record: MovingRecord, more: Sequence[tuple[str, Array]] = ()) -> LinearFit:
+    """Eq. 15 with offset and drift over the fitted rows, and `more` columns (n,) of the record, by name.
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        As `linear_fit`.
+    """
+    rows, torque = record.rows, record.filtered_torque
+    time = record.time - record.time.mean()
+    columns = {**impedance_columns(record.motion), "drift": time, **dict(more)}
+    fitted = {name: column[rows] for name, column in columns.items()}
+    modelled = linear_fit(torque[rows], fitted).predicted(columns)
+    return linear_fit(torque[rows], fitted, record.residual_correlation(modelled))

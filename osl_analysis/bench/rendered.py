@@ -1,0 +1,92 @@
+"""An impedance trial by what moved the joint: the stepped sine of the protocol, or any other motion."""
+
+import polars as pl
+
+from osl_analysis.bench.any_excitation import WEIGHTING, record_points, record_series, record_table, record_time_base
+from osl_analysis.bench.frequency_response import Admittance, no_phasors, phasor_table, trial_phasors
+from osl_analysis.bench.impedance import amplitude_series, impedance_series, impedance_table, impedance_time_base
+from osl_analysis.bench.moving_record import MovingRecord, moving_record
+from osl_analysis.bench.settings import ImpedanceAnalysis
+from osl_analysis.bench.stepped_sine import SteppedSineTrial, stepped_sine_trial
+from osl_analysis.errors import InputError
+from osl_analysis.protocol.likeness import likeness
+from osl_analysis.stats.fit_row import Row
+from osl_analysis.trial import Array, Trial
+from osl_analysis.uniform import uniform_signals
+
+RenderedTrial = SteppedSineTrial | MovingRecord
+OF_RECORDS = ("lag_inertia_share", "theta_rms_deg", "angle_noise_share", "fitted_s")
+"""Columns of `impedance.csv` that only another motion than a stepped sine fills."""
+
+
+def rendered_trial(trial: Trial, settings: ImpedanceAnalysis, windows: str | None = None) -> RenderedTrial:
+    """The trial for its fit. `excitation` in the settings says what moved the joint; `auto` asks the recording.
+
+    A motion in which half of the moving time is sines of one frequency each is a stepped sine; one that hardly has any,
+    and does not have the commanded frequencies in turn, is another motion. Between the two a stepped sine may be
+    damaged: it is fitted, or refused, as one, and a refusal names the setting by which it is taken for another motion.
+    `windows` [s] of the sample sheet state that it is one.
+
+    Raises
+    ------
+    InputError
+        As `stepped_sine_trial` and `moving_record`.
+    """
+    if settings.excitation == "any" or (windows and settings.excitation == "auto"):
+        return moving_record(trial, settings, windows)
+    if settings.excitation == "stepped_sine":
+        return stepped_sine_trial(trial, settings)
+    angle = uniform_signals(trial, ("theta",), settings.gap_limits)
+    found = likeness(angle.time, angle["theta"], settings.protocol)
+    if found.kind == "other":
+        return moving_record(trial, settings, windows)
+    try:
+        return stepped_sine_trial(trial, settings)
+    except InputError as error:
+        if found.kind == "stepped sine" or not found.moves:
+            raise
+        raise InputError(
+            f"{error}; {100 * found.sines:.0f} % of the moving time are sines: if the motion was meant to be another "
+            "one, state `excitation: any` under `dynamometer` in the configuration, or its windows in the sheet"
+        ) from error
+
+
+def rendered_table(trial: RenderedTrial, expected: Admittance | None) -> pl.DataFrame:
+    """The trial's rows of `impedance.csv`; `expected` and what is raised as in `impedance_table` and `record_table`."""
+    if isinstance(trial, MovingRecord):
+        return record_table(trial, expected)
+    table = impedance_table(trial, trial_phasors(trial), expected)
+    low, high = band_hz(trial)
+    row: Row = {"excitation": "stepped sine", "band_low_hz": low, "band_high_hz": high, "weighting": WEIGHTING}
+    nothing = {name: pl.lit(None, pl.Float64) for name in OF_RECORDS}
+    return table.with_columns(**{name: pl.lit(value) for name, value in row.items()}, **nothing)
+
+
+def band_hz(trial: RenderedTrial) -> tuple[float, float]:
+    """Lowest and highest frequency [Hz] that moved the joint."""
+    if isinstance(trial, MovingRecord):
+        return trial.band_hz
+    frequencies = [segment.frequency_hz for segment in trial.segments(None)]
+    return min(frequencies), max(frequencies)
+
+
+def rendered_phasors(trial: RenderedTrial) -> pl.DataFrame:
+    """The trial's rows of `phasors.csv`; none where no sines moved the joint."""
+    return no_phasors() if isinstance(trial, MovingRecord) else phasor_table(trial.name, trial_phasors(trial))
+
+
+def rendered_time_base(trial: RenderedTrial) -> pl.DataFrame:
+    """The trial's rows of `timebase.csv`."""
+    return record_time_base(trial) if isinstance(trial, MovingRecord) else impedance_time_base(trial)
+
+
+def rendered_series(trial: RenderedTrial) -> tuple[Array, Array, Array]:
+    """Time [s], measured torque and that of Eq. 15 [N*m] over the whole trial."""
+    return record_series(trial) if isinstance(trial, MovingRecord) else impedance_series(trial)
+
+
+def shown_series(trial: RenderedTrial, amplitude_deg: float, duration_s: float) -> pl.DataFrame:
+    """The last seconds of one amplitude of a stepped sine, or of another motion, measured and modelled (Fig. 4)."""
+    if isinstance(trial, MovingRecord):
+        return record_points(trial, duration_s)
+    return amplitude_series(trial, amplitude_deg, duration_s)

@@ -1,0 +1,69 @@
+"""Motions of a joint that are no stepped sine, with derivatives written by hand, and trials made of them."""
+
+import numpy as np
+import polars as pl
+from scipy.interpolate import CubicSpline
+
+from osl_analysis.trial import Trial
+
+RATE, LEAD, FADE = 250.0, 1.5, 1.0
+TRUE = {"K": 300.0, "B": 5.0, "I": 0.02}
+
+
+def faded(time, duration, motion):
+    """A motion (angle, velocity, acceleration) between two rests, that fades in and out as a cosine."""
+    t = time - LEAD
+    inside = np.clip(np.minimum(t, duration - t) / FADE, 0, 1)
+    turns, side, w = (inside > 0) & (inside < 1), np.where(t < duration / 2, 1.0, -1.0), np.pi / FADE
+    size = 0.5 * (1 - np.cos(np.pi * inside))
+    rate, curve = 0.5 * w * np.sin(np.pi * inside) * side * turns, 0.5 * w**2 * np.cos(np.pi * inside) * turns
+    x, v, a = motion
+    return size * x, rate * x + size * v, curve * x + 2 * rate * v + size * a
+
+
+def sines(rng, frequencies_hz, rms_deg=2.0, duration=30.0, rate=RATE):
+    """A sum of sines of equal size and random phase: a multisine, or noise where they are many at any frequency."""
+    time = np.arange(round((duration + 2 * LEAD) * rate)) / rate
+    w = 2 * np.pi * np.asarray(frequencies_hz)[:, None]
+    phase = w * time + rng.uniform(0, 2 * np.pi, len(w))[:, None]
+    size = np.deg2rad(rms_deg) * np.sqrt(2 / len(w))
+    motion = (size * np.sin(phase)).sum(0), (size * w * np.cos(phase)).sum(0), (-size * w**2 * np.sin(phase)).sum(0)
+    return time, faded(time, duration, motion)
+
+
+def multisine(rng, period=6.0, periods=5, band=(0.5, 6.0), rms_deg=2.0, rate=RATE):
+    """Odd lines of a period, one in four left out."""
+    lines = np.arange(1, round(band[1] * period) + 1, 2)
+    lines = lines[(lines >= band[0] * period) & (np.arange(len(lines)) % 4 != 2)]
+    return sines(rng, lines / period, rms_deg, period * periods, rate)
+
+
+def noise(rng, band=(0.5, 6.0), rms_deg=2.0, duration=30.0, rate=RATE):
+    """60 sines at random frequencies."""
+    return sines(rng, rng.uniform(*band, 60), rms_deg, duration, rate)
+
+
+def chirp(rng, band=(0.5, 6.0), rms_deg=2.0, duration=30.0, rate=RATE):
+    """A linear sweep."""
+    time = np.arange(round((duration + 2 * LEAD) * rate)) / rate
+    t, slope = np.clip(time - LEAD, 0, duration), (band[1] - band[0]) / duration
+    phase, w = 2 * np.pi * (band[0] * t + slope * t**2 / 2) + rng.uniform(0, 6), 2 * np.pi * (band[0] + slope * t)
+    size = np.deg2rad(rms_deg) * np.sqrt(2)
+    motion = np.sin(phase), w * np.cos(phase), 2 * np.pi * slope * np.cos(phase) - w**2 * np.sin(phase)
+    return time, faded(time, duration, tuple(size * x for x in motion))
+
+
+def made_trial(rng, motion, torque_noise=0.05, bits=18, late=0.0, more=0.0, **impedance):
+    """A trial of a joint of `TRUE` impedance, or another one: rounded angle, noisy torque with offset and drift.
+
+    `late` [s] is a lag of the torque, `more` (n,) [N*m] what the joint adds.
+    """
+    true = {**TRUE, **impedance}
+    time, (theta, omega, alpha) = motion
+    torque = true["K"] * theta + true["B"] * omega + true["I"] * alpha + more
+    if late:
+        torque = CubicSpline(time, torque)(time - late)
+    torque = torque + 0.4 + 1e-3 * time + torque_noise * rng.standard_normal(len(time))
+    step = 2 * np.pi / 2**bits
+    samples = {"time": time + 7.0, "theta": np.rint(theta / step + rng.uniform()) * step, "torque": torque}
+    return Trial("made", pl.DataFrame(samples))

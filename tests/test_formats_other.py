@@ -85,7 +85,6 @@ OTHER_FILES = {
     "Arrow": saved(lambda stream: pl.DataFrame({"t": [0.0, 1.0]}).write_ipc(stream)),
     "NumPy array": saved(np.save, np.arange(3)),
     "pickle": b"\x80\x04\x95\x10\x00\x00\x00",
-    "TDMS": b"TDSm\x0e\x00\x00\x00",
     "EDF": (b"0       " + b"X" * 176 + b"768     ").ljust(256),
     "compressed": gzip.compress(BENCH.encode()),
     "7z": b"7z\xbc\xaf\x27\x1c\x00\x04",
@@ -176,7 +175,6 @@ def test_zeros_after_a_loss_of_power_are_named_by_line_and_the_advice_works(tmp_
 @pytest.mark.parametrize(
     ("path", "what"),
     [
-        ("tdms/raw1.tdms", "a LabVIEW TDMS file"),
         ("bag/rosbag2_test_metadata.yaml", "the description of a ROS 2 bag"),
     ],
 )

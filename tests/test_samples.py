@@ -31,6 +31,7 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "broken.mcap").write_bytes(b"no MCAP file")
     (tmp_path / "table.csv").write_text("a,b\n1,2\n")
     (tmp_path / "lab.tdms").write_bytes(b"TDSm\0\0")
+    (tmp_path / "lab.xlsx").write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(500))
     (tmp_path / "notes.md").write_text("nothing to read")
     return tmp_path
 
@@ -43,7 +44,15 @@ def rows(folder: Path) -> dict[str, list[str]]:
 
 
 def test_every_recording_has_a_row_and_nothing_else(folder: Path) -> None:
-    assert list(rows(folder)) == ["bench.mcap", "broken.C3D", "broken.mcap", "lab.tdms", "table.csv", "walk.c3d"]
+    assert list(rows(folder)) == [
+        "bench.mcap",
+        "broken.C3D",
+        "broken.mcap",
+        "lab.tdms",
+        "lab.xlsx",
+        "table.csv",
+        "walk.c3d",
+    ]
 
 
 def test_what_is_read_is_told_with_rates_counts_and_gaps(folder: Path) -> None:
@@ -59,10 +68,11 @@ def test_what_is_refused_is_told_with_the_reason_and_without_the_folder(folder: 
     found = rows(folder)
     assert found["broken.C3D"][2].startswith("refused: not a C3D file")
     assert found["broken.mcap"][2].startswith("refused: not an MCAP file")
-    assert found["lab.tdms"] == [
+    assert found["lab.tdms"][2].startswith("refused: the TDMS file ")
+    assert found["lab.xlsx"] == [
         "",
         "",
-        "refused: a LabVIEW TDMS file, which is not read; export its table as CSV in UTF-8",
+        "refused: an old Excel or Word file, which is not read; save its sheet as 'CSV UTF-8'",
     ]
     assert str(folder) not in samples_table(folder, RULES)
 

@@ -151,7 +151,6 @@ OTHERS = (
     OtherFormat("an Arrow or Feather file", AS_CSV, starting(b"ARROW1", b"FEA1")),
     OtherFormat("a NumPy array (.npy)", AS_CSV, starting(b"\x93NUMPY")),
     OtherFormat("a Python pickle", AS_CSV, starting(b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05")),
-    OtherFormat("a LabVIEW TDMS file", AS_CSV, starting(b"TDSm", b"TDSh")),
     OtherFormat("an EDF or BDF file", AS_CSV, lambda begin: is_edf(begin) or begin[:8] == b"\xffBIOSEMI"),
     OtherFormat(
         "compressed (gzip, bzip2, xz, zstd or lz4)",

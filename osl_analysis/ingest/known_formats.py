@@ -18,6 +18,7 @@ from osl_analysis.formats.opensim_table import is_opensim
 from osl_analysis.formats.other_formats import FIRST_BYTES, refuse_others
 from osl_analysis.formats.rosbag1.scan import ANY_VERSION
 from osl_analysis.formats.rosbag2.database import MAGIC as SQLITE
+from osl_analysis.formats.tdms import is_tdms
 from osl_analysis.formats.trc import is_trc
 from osl_analysis.ingest.c3d_capture import read_c3d_capture
 from osl_analysis.ingest.c3d_source import C3dSource
@@ -45,6 +46,7 @@ from osl_analysis.ingest.ros_log import (
     read_rosbag2_log,
 )
 from osl_analysis.ingest.source_fields import CaptureSource, LogSource
+from osl_analysis.ingest.tdms_log import TdmsSource, inspect_tdms, read_tdms_log
 from osl_analysis.ingest.trc_capture import TrcSource, inspect_trc, read_trc_capture
 from osl_analysis.yaml_settings import Settings, read_yaml
 
@@ -85,6 +87,7 @@ FORMATS = {
     "c3d": KnownFormat(is_c3d, (".c3d",), C3dSource, read_c3d_capture, inspect_c3d),
     "nexus_csv": KnownFormat(is_nexus, (), NexusSource, read_nexus_capture, inspect_nexus),
     "mat": KnownFormat(is_mat, (".mat",), MatSource, read_mat_log, inspect_mat),
+    "tdms": KnownFormat(is_tdms, (".tdms",), TdmsSource, read_tdms_log, inspect_tdms),
     "trc": KnownFormat(is_trc, (".trc",), TrcSource, read_trc_capture, inspect_trc),
     "opensim": KnownFormat(is_opensim, (".mot", ".sto"), OpenSimSource, read_opensim_log, inspect_opensim),
     "json_lines": KnownFormat(is_json_lines, (".jsonl", ".ndjson"), JsonSource, read_json_log, inspect_json),
@@ -94,7 +97,7 @@ FOLDERS = "rosbag2"
 """Format of a recording that is a folder."""
 ANY_TEXT = "csv"
 """Format of a text file that is not recognised by content or name."""
-NOT_READ = (".h5", ".tdms", ".tsv", ".xlsx")
+NOT_READ = (".h5", ".tsv", ".xlsx")
 """Endings of recordings whose formats are not read: `samples` lists them with the remedy."""
 
 

@@ -1,0 +1,240 @@
+"""LabVIEW's TDMS, read by npTDMS: groups of channels, each with properties that may tell when it was sampled.
+
+The file is given to the library as bytes, so that it does not look for an index beside it, which may be another file's.
+"""
+
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.formats.csv_text import CONTROL
+from osl_analysis.formats.extras import optional_module
+
+MAGIC = b"TDSm"
+INDEX = b"TDSh"
+WORDS = {"O": "text", "V": "nothing", "c": "complex numbers"}
+"""Kinds of numpy's types that are none, in words."""
+NUMBERS = "biuf"
+"""Kinds of numpy's types that are signals."""
+UNITS = ("unit_string", "NI_UnitDescription")
+"""Properties in which LabVIEW states the unit of a channel."""
+BITS = 8
+"""Channels of single bits share a byte."""
+RECOVER = "copy it again, or open it in LabVIEW or DIAdem and save it under a new name"
+
+
+@dataclass(frozen=True)
+class TdmsChannel:
+    """One channel."""
+
+    group: str
+    """Name of its group."""
+    name: str
+    """Its own name."""
+    count: int
+    """Number of its values."""
+    kind: str
+    """Type of its values, as numpy spells it."""
+    unit: str = ""
+    """Its unit, as the file spells it."""
+    step: float | None = None
+    """Time between two values [s]; None where the properties do not tell."""
+    begin: int = 0
+    """`wf_start_time`, since 1970 [us]: seconds in one float would be rounded to parts of a microsecond."""
+    offset: float = 0.0
+    """Time of the first value after `begin` [s]."""
+
+    @property
+    def address(self) -> str:
+        """Group and name, as source files have them."""
+        return f"{self.group}/{self.name}"
+
+    @property
+    def holds_numbers(self) -> bool:
+        """Whether it can be a signal."""
+        return np.dtype(self.kind).kind in NUMBERS
+
+    @property
+    def holds_times(self) -> bool:
+        """Whether its values are LabVIEW's time stamps."""
+        return np.dtype(self.kind).kind == "M"
+
+
+@dataclass(frozen=True)
+class TdmsFile:
+    """The channels of one file."""
+
+    path: Path
+    """Where it is."""
+    data: bytes
+    """Its bytes."""
+    channels: list[TdmsChannel]
+    """Its channels, in the order of the file."""
+    properties: Mapping[str, str] = field(default_factory=dict)
+    """What the file says about itself."""
+    notes: tuple[str, ...] = ()
+    """Losses, a sentence each."""
+
+    def channel(self, address: str) -> TdmsChannel:
+        """A channel by group and name, or by its name alone where one group only has it.
+
+        Raises
+        ------
+        InputError
+            There is none, or more than one.
+        """
+        found = [one for one in self.channels if one.address == address] or [
+            one for one in self.channels if one.name == address
+        ]
+        if len(found) == 1:
+            return found[0]
+        names = [one.address for one in self.channels]
+        if found:
+            raise InputError(
+                f"{self.path}: channel '{address[:80]}' is in {len(found)} groups; name it as group/channel"
+            )
+        advice = (
+            nearest(address, [*names, *(one.name for one in self.channels)]) or "; correct the name in the source file"
+        )
+        raise InputError(f"{self.path}: no channel '{address[:80]}'; the file has {listing(names)}{advice}")
+
+    def values(self, wanted: Sequence[TdmsChannel]) -> dict[str, NDArray[Any]]:
+        """The numbers, scaled as the file says, of some channels, by address; time stamps as seconds since the first.
+
+        Raises
+        ------
+        InputError
+            A channel is empty, holds text, or cannot be read.
+        """
+        for one in wanted:
+            if not one.count:
+                raise InputError(f"{self.path}: channel '{one.address}' is empty; take another one, or record again")
+            if not (one.holds_numbers or one.holds_times):
+                raise InputError(
+                    f"{self.path}: channel '{one.address}' holds {in_words(one)} and no numbers; take another one"
+                )
+        try:
+            with overheard(), library().TdmsFile.open(BytesIO(self.data), raw_timestamps=True) as file:
+                return {one.address: as_numbers(file[one.group][one.name].read_data()) for one in wanted}
+        except Exception as error:  # the library raises many kinds of errors on damaged bytes
+            raise unreadable(self.path, error) from error
+
+
+def in_words(channel: TdmsChannel) -> str:
+    """What the values of a channel are."""
+    kind = np.dtype(channel.kind)
+    return WORDS.get(kind.kind, kind.name)
+
+
+def is_tdms(begin: bytes) -> bool:
+    """Whether a file that begins with these bytes is TDMS or its index. Text never is: `TDSm` may name a column."""
+    return begin.startswith((MAGIC, INDEX)) and CONTROL.search(begin) is not None
+
+
+class Listener(logging.Handler):
+    """Collects what a library logs."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.said: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep one message."""
+        self.said.append(record.getMessage())
+
+
+@contextmanager
+def overheard() -> Iterator[list[str]]:
+    """What npTDMS logs meanwhile, in place of a line on the terminal."""
+    listener, logger = Listener(), logging.getLogger("nptdms")
+    optional_module("nptdms.log", "tdms", "a TDMS file").log_manager.console_handler.setLevel(logging.CRITICAL)
+    logger.addHandler(listener)
+    try:
+        yield listener.said
+    finally:
+        logger.removeHandler(listener)
+
+
+def library() -> Any:
+    """npTDMS; raises InputError where it is not installed."""
+    return optional_module("nptdms", "tdms", "a TDMS file")
+
+
+def as_numbers(values: Any) -> NDArray[Any]:
+    """Values of a channel; LabVIEW's time stamps become seconds since the first one."""
+    if not hasattr(values, "as_datetime64"):
+        return np.asarray(values)
+    stamps = values.as_datetime64("ns")
+    return np.asarray((stamps - stamps[0]) / np.timedelta64(1, "ns") * 1e-9)
+
+
+def read_tdms(path: Path) -> TdmsFile:
+    """The channels of a file with their timing.
+
+    Raises
+    ------
+    InputError
+        npTDMS is not installed, the file is no TDMS or damaged, or declares more values than it can hold.
+    """
+    data = path.read_bytes()
+    if data[:4] == INDEX:
+        raise InputError(f"{path}: the index of a TDMS file; name the .tdms file beside it")
+    if data[:4] != MAGIC:
+        raise InputError(f"{path}: no TDMS file (it begins with {data[:8]!r}); check the path and the source's format")
+    tdms = library()
+    try:
+        with overheard() as said, tdms.TdmsFile.read_metadata(BytesIO(data)) as file:
+            channels = [channel_of(one) for group in file.groups() for one in group.channels()]
+            status = file.file_status
+            about = {str(key): str(value)[:200] for key, value in list(file.properties.items())[:20]}
+    except Exception as error:  # as above
+        raise unreadable(path, error) from error
+    odd = [text for text in said if "not a multiple" in text]
+    if len(odd) > status.incomplete_final_segment:  # the library would give one channel the bytes of the next
+        raise InputError(f"{path}: the length of a segment contradicts that of its channels ({odd[0][:80]}); {RECOVER}")
+    if not channels:
+        raise InputError(f"{path}: the TDMS file holds no channels, or is cut off before them; {RECOVER}")
+    for one in channels:
+        if one.count > BITS * len(data):
+            raise InputError(
+                f"{path}: channel '{one.address}' declares {one.count} values, more than {len(data)} bytes can hold; "
+                f"{RECOVER}"
+            )
+    return TdmsFile(path, data, channels, about, tuple(losses(status)))
+
+
+def losses(status: Any) -> list[str]:
+    """What the end of the file tells about values that were not written."""
+    if not status.incomplete_final_segment:
+        return []
+    lost = [one.expected_length - one.read_length for one in (status.channel_statuses or {}).values()]
+    count = f"{max(lost)} values of each channel are missing" if any(lost) else "how much is missing is not known"
+    return [f"the last segment is not complete: the recorder did not finish, or the end is lost; {count}"]
+
+
+def channel_of(one: Any) -> TdmsChannel:
+    """A channel as the library describes it."""
+    properties = one.properties
+    step = properties.get("wf_increment")
+    since, offset = properties.get("wf_start_time"), float(properties.get("wf_start_offset", 0.0))
+    begin = int(since.astype("datetime64[us]").astype(np.int64)) if isinstance(since, np.datetime64) else 0
+    unit = next((str(properties[key]) for key in UNITS if properties.get(key)), "")
+    timed = isinstance(step, float) and np.isfinite(step) and step > 0
+    kind = np.dtype(one.dtype).str if one.dtype is not None else "V"
+    return TdmsChannel(one.group_name, one.name, len(one), kind, unit, float(step) if timed else None, begin, offset)
+
+
+def unreadable(path: Path, error: Exception) -> InputError:
+    """The error for a file that the library cannot read."""
+    if isinstance(error, InputError):
+        return error
+    reason = " ".join(f"{type(error).__name__} {error}".split())[:160]
+    return InputError(f"{path}: the TDMS file is damaged or of a kind that is not read ({reason}); {RECOVER}")

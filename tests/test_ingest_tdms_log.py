@@ -1,0 +1,211 @@
+"""LabVIEW's TDMS gives canonical columns by the timing of its channels or a channel of time, and else is refused."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from c3d_builder import REAL_DATA
+from nptdms import ChannelObject, RootObject, TdmsFile, TdmsWriter
+
+from osl_analysis.commands.inspect import inspect_file, overview_text
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.known_formats import FORMATS, recognise
+from osl_analysis.ingest.raw_files import trial_from_files
+from osl_analysis.ingest.recording import Recording
+
+ROWS = 100
+START = np.datetime64("2024-05-01T12:00:00")
+ANGLE = np.linspace(-10.0, 10.0, ROWS)
+TORQUE = 40.0 * np.sin(np.arange(ROWS) / 7)
+SOURCE = {
+    "format": "tdms",
+    "channels": {
+        "theta": {"channel": "Bench/Angle"},
+        "torque": {"channel": "Torque", "unit": "lbf*in", "sign": -1},
+    },
+}
+
+
+def timing(step: float = 1e-3, offset: float = 0.0, **more: Any) -> dict[str, Any]:
+    return {"wf_increment": step, "wf_start_offset": offset, "wf_start_time": START, "wf_samples": 1, **more}
+
+
+def write(path: Path, channels: list[tuple[str, Any, dict[str, Any]]], segments: int = 1) -> Path:
+    """Channels of the group Bench, in as many segments."""
+    with TdmsWriter(path) as writer:
+        for part in range(segments):
+            cut = [np.array_split(np.asarray(values), segments)[part] for _, values, _ in channels]
+            objects = [
+                ChannelObject("Bench", name, values, about)
+                for (name, _, about), values in zip(channels, cut, strict=True)
+            ]
+            writer.write_segment([RootObject({"author": "lab"}), *objects])
+    return path
+
+
+def bench(path: Path, segments: int = 1, **options: Any) -> Path:
+    return write(
+        path,
+        [
+            ("Angle", ANGLE, timing(unit_string="Degrees", **options)),
+            ("Torque", np.float32(TORQUE), timing(unit_string="Volts")),
+        ],
+        segments,
+    )
+
+
+def read(path: Path, **options: Any) -> Recording:
+    known = FORMATS[recognise(path)]
+    return known.read(path, known.source.model_validate({**SOURCE, **options}))
+
+
+def refused(path: Path, **options: Any) -> str:
+    with pytest.raises(InputError) as caught:
+        read(path, **options)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize("segments", [1, 7])
+def test_channels_with_timing_give_canonical_columns(tmp_path: Path, segments: int) -> None:
+    bench(tmp_path / "a.tdms", segments)
+    (tmp_path / "labview.yaml").write_text(yaml.safe_dump(SOURCE))
+    trial = trial_from_files({"trial": "a", "log": "a.tdms", "log_source": "labview"}, tmp_path, tmp_path)
+    np.testing.assert_allclose(trial.samples["time"], np.arange(ROWS) * 1e-3, atol=1e-12)
+    np.testing.assert_allclose(trial.samples["theta"], np.radians(ANGLE), rtol=1e-12)
+    newton_metres = 4.4482216152605 * 0.0254  # lbf and in by definition
+    np.testing.assert_allclose(trial.samples["torque"], -np.float32(TORQUE).astype(float) * newton_metres, rtol=1e-12)
+    assert trial.provenance["columns"]["theta"]["unit"] == "Degrees"
+
+
+def test_an_index_beside_the_file_is_not_looked_at(tmp_path: Path) -> None:
+    bench(tmp_path / "a.tdms")
+    (tmp_path / "a.tdms_index").write_bytes(b"TDSh, that of another file")
+    assert len(read(tmp_path / "a.tdms").samples) == ROWS
+    (tmp_path / "c.tdms").write_bytes(b"TDSh\0\0")
+    assert "the index of a TDMS file; name the .tdms file beside it" in refused(tmp_path / "c.tdms")
+
+
+def test_channels_of_other_rates_have_rows_of_their_own(tmp_path: Path) -> None:
+    path = write(
+        tmp_path / "a.tdms",
+        [("Angle", ANGLE, timing(unit_string="deg")), ("Torque", TORQUE[:20], timing(5e-3, 0.0025))],
+    )
+    recording = read(path)
+    samples = recording.samples
+    np.testing.assert_allclose(samples.drop_nulls("theta")["time"], np.arange(ROWS) * 1e-3, atol=1e-12)
+    np.testing.assert_allclose(samples.drop_nulls("torque")["time"], 0.0025 + np.arange(20) * 5e-3, atol=1e-12)
+    assert len(samples) == 120
+    assert recording.facts["rates_hz"] == pytest.approx({"theta": 1000.0, "torque": 200.0})
+    late = write(tmp_path / "b.tdms", [("Angle", ANGLE, timing()), ("Torque", TORQUE, timing(1e-3, 60.0))])
+    channels = {**SOURCE["channels"], "theta": {"channel": "Angle", "unit": "deg"}}  # type: ignore[dict-item]
+    assert "begin up to 60.000 s apart and do not overlap" in refused(late, channels=channels)
+
+
+def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_path: Path) -> None:
+    stamps = START + np.arange(ROWS) * np.timedelta64(2, "ms")
+    deg = {"unit_string": "deg"}
+    channels = [("Angle", ANGLE, deg), ("Torque", TORQUE, {}), ("t", np.arange(ROWS) * 5.0, {}), ("Stamp", stamps, {})]
+    path = write(tmp_path / "a.tdms", channels)
+    said = refused(path)
+    assert "channel 'Bench/Angle' has no timing (`wf_increment` among its properties); name the channel of time" in said
+    for time, step in (({"rate": 400}, 2.5e-3), ({"channel": "t", "unit": "ms"}, 5e-3), ({"channel": "Stamp"}, 2e-3)):
+        np.testing.assert_allclose(read(path, time=time).samples["time"], np.arange(ROWS) * step, atol=1e-9)
+    assert "the unit is empty" in refused(path, time={"channel": "t"})
+    zero = write(tmp_path / "b.tdms", [("Angle", ANGLE, timing(0.0)), ("Torque", TORQUE, timing(0.0))])
+    assert "has no timing" in refused(zero)
+
+
+@pytest.mark.parametrize(
+    ("channels", "reason"),
+    [
+        ([("Angle", ANGLE, timing(unit_string="deg")), ("Torque", np.empty(0), timing())], "'Bench/Torque' is empty"),
+        (
+            [("Angle", ANGLE, timing(unit_string="deg")), ("Torque", ["a"] * ROWS, timing())],
+            "'Bench/Torque' holds text and no numbers",
+        ),
+        ([("Angle", ANGLE, timing(unit_string="deg")), ("Torqe", TORQUE, timing())], "did you mean 'Torqe'?"),
+        ([("Angle", ANGLE, timing(unit_string="furlongs")), ("Torque", TORQUE, timing())], "measures [m]"),
+        ([("Angle", ANGLE, timing()), ("Torque", TORQUE, timing())], "'Bench/Angle': the unit is empty"),
+        (
+            [("Angle", np.where(ANGLE > 9, np.nan, ANGLE), timing(unit_string="deg")), ("Torque", TORQUE, timing())],
+            "NaN in 5 of 100 samples",
+        ),
+        (
+            [("Angle", np.where(ANGLE > 9, np.inf, ANGLE), timing(unit_string="deg")), ("Torque", TORQUE, timing())],
+            "inf in sample 96 of 100",
+        ),
+    ],
+)
+def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path, channels: Any, reason: str) -> None:
+    assert reason in refused(write(tmp_path / "a.tdms", channels))
+
+
+def test_channels_of_different_lengths_need_their_own_timing(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.tdms", [("Angle", ANGLE, {"unit_string": "deg"}), ("Torque", TORQUE[:50], {})])
+    assert "'Bench/Torque' has 50 values and 'Bench/Angle' has 100" in refused(path, time={"rate": 100})
+
+
+def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(tmp_path: Path) -> None:
+    path = bench(tmp_path / "a.tdms", 4)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-100])
+    channels = {"theta": {"channel": "Angle"}}
+    recording = read(path, channels=channels)
+    assert len(recording.samples) == ROWS
+    recording = read(path, channels={"torque": SOURCE["channels"]["torque"]})  # type: ignore[index]
+    assert len(recording.samples) == ROWS - 25
+    assert any("the last segment is not complete" in text for text in recording.warnings)
+    assert recording.facts["damage"]["complete"] is False
+    assert recording.facts["damage"]["messages_lost"] is None
+    path.write_bytes(whole[:40])
+    assert "holds no channels, or is cut off before them" in refused(path)
+    path.write_bytes(whole[:28] + b"\xff" * 40 + whole[68:])
+    assert "damaged or of a kind that is not read" in refused(path)
+
+
+def test_a_header_that_declares_more_than_the_file_holds_is_refused_at_once(tmp_path: Path) -> None:
+    path = bench(tmp_path / "a.tdms")
+    content = path.read_bytes()
+    count = np.uint64(ROWS).tobytes()
+    path.write_bytes(content.replace(count, np.uint64(1 << 40).tobytes()))
+    assert "the length of a segment contradicts that of its channels" in refused(path)
+
+
+def test_a_missing_library_is_named_with_its_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = bench(tmp_path / "a.tdms")
+    monkeypatch.setitem(sys.modules, "nptdms", None)
+    with pytest.raises(InputError, match=r"needs nptdms, which is not installed; pip install 'osl-analysis\[tdms\]'"):
+        read(path)
+
+
+def test_the_draft_has_units_and_the_clock_where_channels_have_no_timing(tmp_path: Path) -> None:
+    overview = inspect_file(bench(tmp_path / "a.tdms"))
+    assert "Bench/Angle [Degrees]  100 samples at 1000 Hz; from -10 to 10; float64" in overview_text(overview)
+    draft = yaml.safe_load(draft_source(overview, "a.tdms"))
+    assert "time" not in draft
+    assert draft["channels"]["NAME_1"] == {"channel": "Bench/Angle", "unit": "Degrees"}
+    untimed = write(tmp_path / "b.tdms", [("Time", np.arange(ROWS) * 1.0, {}), ("torque_Nm", TORQUE, {})])
+    draft = yaml.safe_load(draft_source(inspect_file(untimed), "b.tdms"))
+    assert draft["time"] == {"channel": "Bench/Time", "unit": "UNKNOWN"}
+    assert list(draft["channels"].values()) == [{"channel": "Bench/torque_Nm", "unit": "Nm"}]
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
+@pytest.mark.parametrize(
+    ("name", "channel", "unit", "rate"),
+    [("raw1", "Third Chan", "V", 50_000.0), ("big_endian", "Phase sweep", "V", 1000.0)],
+)
+def test_real_files_are_read_as_the_library_reads_them(name: str, channel: str, unit: str, rate: float) -> None:
+    path = REAL_DATA / "tdms" / f"{name}.tdms"
+    recording = read(path, channels={"sync": {"channel": channel, "unit": unit}})
+    with TdmsFile.read(path) as file:
+        (expected,) = [one[:] for group in file.groups() for one in group.channels() if one.name == channel]
+    np.testing.assert_array_equal(recording.samples["sync"], expected)
+    assert recording.samples["time"][1] == pytest.approx(1 / rate)

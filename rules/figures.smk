@@ -139,6 +139,20 @@ rule plot_numbers_impedance_over_stance:
         jobs.run_job(log, "over_stance.plotted_numbers", input, output, params)
 
 
+rule plot_numbers_torque_angle:
+    input:
+        curves=RESULTS / "tables/torque_angle_curves.csv",
+        table=RESULTS / "tables/torque_angle.csv",
+    output:
+        RESULTS / "figures/torque_angle.csv",
+    log:
+        RESULTS / "logs/figures/torque_angle_numbers.log",
+    params:
+        code=jobs.code_of("torque_angle.plotted_numbers"),
+    run:
+        jobs.run_job(log, "torque_angle.plotted_numbers", input, output, params)
+
+
 rule draw_figure:
     input:
         table_csv=RESULTS / "figures/{figure}.csv",

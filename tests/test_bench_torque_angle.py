@@ -1,9 +1,11 @@
 """Torque against angle: loops whose area, slopes and energies are known in closed form, and what is no such trial."""
 
 import csv
+import importlib.util
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import polars as pl
 import pytest
 from c3d_builder import REAL_DATA
@@ -304,11 +306,19 @@ def test_the_tests_of_a_real_foot_give_what_an_independent_computation_finds_wit
     campaign = read_config(ROOT / "config/campaigns/desr/config.yaml")
     reference = REAL_DATA / "reference/desr_torque_angle.csv"
     expected = {row["test"]: row for row in csv.DictReader(reference.read_text().splitlines())}
+    spec = importlib.util.spec_from_file_location("desr", ROOT / "benchmarks/desr.py")
+    assert spec is not None
+    assert spec.loader is not None
+    printed = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(printed)
+    page = (ROOT / "docs/desr.md").read_text(encoding="utf-8").splitlines()
     for row in read_sheet(campaign.sheet).to_dict("records"):
         trial = trial_from_files(row, REAL_DATA / "mat", campaign.sources)
-        found = torque_angle_table(torque_angle_trial(trial, campaign.torque_angle)).to_dicts()[0]
+        desired = None if pd.isna(row["desired"]) else row["desired"]
+        found = torque_angle_table(torque_angle_trial(trial, campaign.torque_angle), desired).to_dicts()[0]
         theirs = expected.pop(row["log_part"])
         for name, ours in REFERENCE.items():
             if ours is not None:
                 assert found[ours] == pytest.approx(float(theirs[name]), rel=0.01), (row["trial"], name)
+        assert printed.line(printed.cells(found)) in page, row["trial"]
     assert not expected

@@ -31,6 +31,7 @@ from osl_analysis.figures import (
     impedance_over_stance,
     model_comparison,
     not_drawn,
+    torque_angle,
     walking_page,
 )
 from osl_analysis.figures.style import LOOKS, MAGENTA, ORANGE, PURPLE, SINGLE_COLUMN
@@ -149,6 +150,22 @@ def walking_page_table():
     return pl.concat(frames, how="diagonal").with_columns(doubtful=pl.lit(None, pl.String), group=pl.lit("all"))
 
 
+def torque_angle_table():
+    angle, frames = np.arange(-5.0, 6.0), []
+    for number in range(11):
+        desired = {"desired_torque": 3 * angle, "desired": "design"} if number == 10 else {}
+        for branch, shift in (("loading", 1.0), ("unloading", -1.0)):
+            columns = {"angle_deg": angle, "torque": (number + 1) * angle + shift, "stiffness": number + 57 + 0 * angle}
+            names = {"trial": f"both_cams_{5 * number:02d}mm", "branch": branch}
+            frames.append(pl.DataFrame(columns | desired).with_columns(**{k: pl.lit(v) for k, v in names.items()}))
+    curves = pl.concat(frames, how="diagonal").with_columns(
+        stiffness_low=pl.col("stiffness") - 2, stiffness_high=pl.col("stiffness") + 2
+    )
+    doubtful = ["closure_torque 0.1 is above 0.05" if number == 3 else "" for number in range(11)]
+    names = curves["trial"].unique(maintain_order=True)
+    return torque_angle.points(curves, pl.DataFrame({"trial": names, "doubtful": doubtful}))
+
+
 def impedance_over_stance_table():
     """Three timings of one series, and a commanded trajectory that is 10 above them."""
     phase, rows = [0.25, 0.45, 0.65], []
@@ -189,6 +206,7 @@ def plotted(name):
         "fig9": lambda: fig9.points(walking_summary(), 340.0),
         "walking_page": walking_page_table,
         "impedance_over_stance": impedance_over_stance_table,
+        "torque_angle": torque_angle_table,
         "model_comparison": lambda: model_comparison.points(model_scores()),
     }
     return tables[name]()
@@ -507,6 +525,34 @@ def test_impedance_over_stance_shows_estimates_at_their_phases_with_intervals_wi
     np.testing.assert_allclose(windows, [[15, 29], [35, 49], [55, 69]])
     intervals = [s[:, 1] for s in segments if s[0, 0] == s[1, 0]]
     np.testing.assert_allclose(intervals, [[67.5, 82.5], [121.5, 148.5], [175.5, 214.5]])
+
+
+def test_torque_against_angle_shows_both_branches_of_every_trial_its_desired_curve_and_its_slope():
+    table = torque_angle_table()
+    figure = torque_angle.draw(table)
+    loops, slopes = figure.axes
+    colours = {
+        name: loops.lines[2 * number].get_color()
+        for number, name in enumerate(table["trial"].unique(maintain_order=True))
+    }
+    assert len(set(colours.values())) == 11
+    rows = table.filter((pl.col("trial") == "both_cams_50mm") & (pl.col("branch") == "unloading"))
+    loading, unloading, desired = loops.lines[20], loops.lines[21], loops.lines[22]
+    np.testing.assert_array_equal(unloading.get_data(), [rows["angle_deg"], rows["torque"]])
+    assert loading.get_linewidth() > unloading.get_linewidth()
+    np.testing.assert_array_equal(desired.get_data(), [rows["angle_deg"], rows["desired_torque"]])
+    assert (desired.get_color(), desired.is_dashed()) == (loading.get_color(), True)
+    assert [line.is_dashed() for line in slopes.lines[:11]] == [number == 3 for number in range(11)]
+    np.testing.assert_array_equal(slopes.lines[5].get_data()[1], 62.0)
+    assert len(slopes.collections) == 11
+    assert {"both cams 15mm", "Loading", "Unloading", "Desired", "Doubtful trial"} <= set(labels_of(figure))
+    sound = table.with_columns(doubtful=pl.lit(""), desired_torque=pl.lit(None, pl.Float64))
+    assert {"Desired", "Doubtful trial"}.isdisjoint(labels_of(torque_angle.draw(sound)))
+
+
+def labels_of(figure):
+    """Entries of the figure's legend."""
+    return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
 def test_the_walking_page_shows_both_gaits_every_response_their_mean_and_its_fit():

@@ -14,7 +14,7 @@ from osl_analysis.bench.torque_angle_tables import (
     torque_angle_table,
     torque_angle_time_base,
 )
-from osl_analysis.table import write_table
+from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 
 
@@ -37,3 +37,10 @@ def fit_torque_angle_trial(
     write_table(curve_table(found, desired), tables["torque_angle_curves"])
     write_table(cycle_table(found), tables["torque_angle_cycles"])
     write_table(torque_angle_time_base(found), tables["timebase"])
+
+
+def plotted_numbers(curves: Path, table: Path, output: Path) -> None:
+    """The numbers of the figure `torque_angle`, from `torque_angle_curves.csv` and `torque_angle.csv`."""
+    from osl_analysis.figures.torque_angle import TABLE_COLUMNS, points  # matplotlib, which the fits do without
+
+    write_table(points(read_table(curves, required=TABLE_COLUMNS), read_table(table, ["trial", "doubtful"])), output)

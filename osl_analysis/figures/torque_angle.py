@@ -1,0 +1,111 @@
+"""Torque against angle of every trial, loading and unloading, beside the desired curves; stiffness over angle."""
+
+from collections.abc import Mapping
+
+import matplotlib as mpl
+import numpy as np
+import polars as pl
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from osl_analysis.figures.style import (
+    BLACK,
+    DOTTED,
+    DOUBLE_COLUMN,
+    GREY,
+    IS_DOUBTFUL,
+    MAGENTA,
+    ORANGE,
+    PURPLE,
+    panels,
+    paper_style,
+)
+
+TABLE_COLUMNS = (
+    "trial", "branch", "angle_deg", "torque", "stiffness", "stiffness_low", "stiffness_high", "desired_torque",
+    "desired",
+)  # fmt: skip
+"""Columns of `torque_angle_curves.csv` that are drawn."""
+COLUMNS = (*TABLE_COLUMNS, "doubtful")
+WITH_DESIRED = (MAGENTA, ORANGE, PURPLE, GREY)
+"""Colours of the desired curves and of the trials that should follow them."""
+LIGHTEST = 0.6
+"""Part of the colour map that is used: what is lighter stands out from white by less than three to one."""
+THICK, THIN, DASHED = 1.1, 0.6, (0, (3, 2))
+MOST_NAMED = 16
+"""Largest number of trials that the legend names."""
+
+
+def points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
+    """The curves of all trials with the reason why a trial is doubtful, from `torque_angle.csv`."""
+    reasons = table.select("trial", "doubtful")
+    return curves.select(TABLE_COLUMNS).join(reasons, on="trial", how="left", maintain_order="left")
+
+
+@paper_style()
+def draw(table: pl.DataFrame) -> Figure:
+    """(a) Torque against angle: loading thick, unloading thin, desired curves dashed. (b) Stiffness while loading, with
+    its 95 % interval as a band. Doubtful trials are dotted.
+    """
+    figure, (left, right) = panels(DOUBLE_COLUMN, 3.2, columns=2)
+    colours = colours_of(table)
+    for trial in table.partition_by("trial", maintain_order=True):
+        draw_trial(left, right, trial, colours[trial["trial"][0]])
+    wanted = table.filter(pl.col("desired").is_not_null())
+    for curve in wanted.partition_by("desired", maintain_order=True):
+        line = curve.drop_nulls("desired_torque").unique("angle_deg").sort("angle_deg")
+        colour = colours[curve["trial"][0]]
+        left.plot(line["angle_deg"], line["desired_torque"], color=colour, linestyle=DASHED, linewidth=THICK)
+    for ax in (left, right):
+        ax.axhline(0, color=BLACK, linewidth=0.4)
+        ax.axvline(0, color=BLACK, linewidth=0.4)
+        ax.set_xlabel("Joint angle (deg)")
+    left.set_ylabel("Resisting torque (N·m)")
+    right.set_ylabel("Stiffness while loading (N·m/rad)")
+    names = list(colours)[:MOST_NAMED]
+    handles = [Line2D([], [], color=colours[name], label=name.replace("_", " ")) for name in names]
+    more = [Line2D([], [], color="none", label=f"and {len(colours) - len(names)} more")] * (len(colours) > len(names))
+    figure.legend(handles=[*handles, *more, *line_entries(table)], loc="outside right center")
+    return figure
+
+
+def colours_of(table: pl.DataFrame) -> Mapping[str, str]:
+    """A colour per trial: those with a desired curve share its colour, the others go through a colour map in order."""
+    trials = table.select("trial", "desired").unique(maintain_order=True).rows()
+    wanted = list(dict.fromkeys(desired for _, desired in trials if desired is not None))
+    others = [trial for trial, desired in trials if desired is None]
+    shades = mpl.colormaps["viridis"](np.linspace(0, LIGHTEST, max(len(others), 1)))
+    plain = {trial: to_hex(shade) for trial, shade in zip(others, shades, strict=False)}
+    return {
+        trial: plain[trial] if desired is None else WITH_DESIRED[wanted.index(desired) % len(WITH_DESIRED)]
+        for trial, desired in trials
+    }
+
+
+def draw_trial(left: Axes, right: Axes, trial: pl.DataFrame, colour: str) -> None:
+    """The two branches of one trial and its stiffness while loading."""
+    style = DOTTED if len(trial.filter(IS_DOUBTFUL)) else "-"
+    for branch, width in (("loading", THICK), ("unloading", THIN)):
+        rows = trial.filter(pl.col("branch") == branch)
+        left.plot(rows["angle_deg"], rows["torque"], color=colour, linewidth=width, linestyle=style)
+    rows = trial.filter(pl.col("branch") == "loading").drop_nulls("stiffness")
+    right.plot(rows["angle_deg"], rows["stiffness"], color=colour, linewidth=THICK, linestyle=style)
+    band = rows.drop_nulls(["stiffness_low", "stiffness_high"])
+    right.fill_between(
+        band["angle_deg"], band["stiffness_low"], band["stiffness_high"], color=colour, alpha=0.25, linewidth=0
+    )
+
+
+def line_entries(table: pl.DataFrame) -> list[Line2D]:
+    """Legend of the kinds of lines that the table gives."""
+    entries = [
+        Line2D([], [], color=BLACK, linewidth=THICK, label="Loading"),
+        Line2D([], [], color=BLACK, linewidth=THIN, label="Unloading"),
+    ]
+    if table["desired_torque"].count():
+        entries.append(Line2D([], [], color=BLACK, linewidth=THICK, linestyle=DASHED, label="Desired"))
+    if len(table.filter(IS_DOUBTFUL)):
+        entries.append(Line2D([], [], color=BLACK, linewidth=THICK, linestyle=DOTTED, label="Doubtful trial"))
+    return entries

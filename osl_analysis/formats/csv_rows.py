@@ -124,8 +124,9 @@ def fitting_rows(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple
         notes.append(f"{path.name}: the last line, {rows[-1][0]}, is cut off and was skipped")
         rows = rows[:-1]
     if layout.ragged == "dropped_variable":
+        rows, unnamed = without_unnamed(path, rows, width, layout)
         columns_from, dropped = dropped_variables(path, rows, width, layout)
-        return rows, columns_from, notes + dropped
+        return rows, columns_from, notes + unnamed + dropped
     odd = [(line, len(cells)) for line, cells in rows if len(cells) != width]
     if odd and (layout.ragged == "refuse" or len(odd) > layout.most_missing * len(rows)):
         share = share_above(len(odd), len(rows))
@@ -137,6 +138,26 @@ def fitting_rows(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple
     if odd:
         notes.append(f"{path.name}: {len(odd)} of {len(rows)} rows do not fit the header and were skipped")
     return [row for row in rows if len(row[1]) == width], [RowColumns(0, list(range(width)))], notes
+
+
+def without_unnamed(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows, list[str]]:
+    """Rows without the cells of variables that failed before the logger wrote its header, which lacks their names.
+
+    The logger of `opensourceleg` writes the header with the first thousand rows, after these variables were omitted.
+    They are the ones that were missing in the last row that has them. Rows that this does not explain stay as they are.
+    """
+    first = next((place for place, (_, cells) in enumerate(rows) if len(cells) == width), 0)
+    lengths = {len(cells) for _, cells in rows[:first]}
+    extra = lengths.pop() - width if len(lengths) == 1 else 0
+    if extra < 1:
+        return rows, []
+    unnamed = [place for place, cell in enumerate(rows[first - 1][1]) if cell in layout.missing]
+    if len(unnamed) != extra:
+        return rows, []
+    kept = [(line, [cell for place, cell in enumerate(cells) if place not in unnamed]) for line, cells in rows[:first]]
+    which = ", ".join(str(place + 1) for place in unnamed)
+    note = f"{path.name}: up to line {rows[first - 1][0]}, cells {which} of every row have no name and were left out"
+    return [*kept, *rows[first:]], [note]
 
 
 def dropped_variables(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple[list[RowColumns], list[str]]:

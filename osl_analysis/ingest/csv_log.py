@@ -20,6 +20,9 @@ from osl_analysis.ingest.units import base_units, normalised, si_factor
 from osl_analysis.trial import Array, check_time
 
 DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}:\d{2}")  # such as 2024-05-01T12:00:00 and 12:00:00.5
+LEVEL = "V"
+"""Unit of the columns that may be read from truth values: levels of `sync` and `trigger`."""
+TRUTHS = {"true": "1", "false": "0"}
 COMMENTS = 100  # lines of a file's own header that the provenance keeps
 
 
@@ -39,7 +42,7 @@ def read_csv_log(path: Path, source: CsvSource) -> Recording:
     columns, origins, missing = [pl.Series("time", time)], {}, {}
     for column, channel in source.channels.items():
         place = table.column(channel.column)
-        raw, absent = column_of(table, place, source)
+        raw, absent = column_of(table, place, source, level=unit_of(column) == LEVEL)
         missing[column] = missing_in(table, place, absent, source)
         try:
             columns.append(pl.Series(column, channel.to_si(raw, unit_of(column), table.units[place])))
@@ -130,8 +133,12 @@ def whole_numbers(cells: Sequence[str | None]) -> tuple[NDArray[np.int64], NDArr
     return None if whole.null_count() else (whole.to_numpy(), np.zeros(len(cells), dtype=bool))
 
 
-def column_of(table: CsvTable, place: int, source: CsvSource) -> tuple[Array, NDArray[np.bool_]]:
+def column_of(
+    table: CsvTable, place: int, source: CsvSource, *, level: bool = False
+) -> tuple[Array, NDArray[np.bool_]]:
     """Numbers of one column, (rows,), NaN where they are missing; and which are missing, (rows,).
+
+    In a `level` the words `True` and `False`, in any capitals, are 1 and 0, as Python's loggers write them.
 
     Raises
     ------
@@ -139,6 +146,8 @@ def column_of(table: CsvTable, place: int, source: CsvSource) -> tuple[Array, ND
         A cell is not a number.
     """
     cells = table.cells(place)
+    if level:
+        cells = [TRUTHS.get(cell.casefold(), cell) if cell is not None else None for cell in cells]
     try:
         values, absent = numbers(cells, source.missing, source.decimal)
     except UnreadableCellError as error:
@@ -153,6 +162,8 @@ def column_of(table: CsvTable, place: int, source: CsvSource) -> tuple[Array, ND
 def remedy_for(text: str, table: CsvTable, place: int, source: CsvSource, first: bool) -> str:
     """What to do about a cell that is not a number; `first`: it stands in the first row of data."""
     is_time = source.time.column is not None and place == table.column(source.time.column)
+    if text.casefold() in TRUTHS:
+        return "name a column of numbers; a truth value can only be `sync` or `trigger`"
     if DATE.search(text):
         return "write time as seconds, or state the rate of the rows in place of the column: `time: {rate: 1000}`"
     if text == table.names[place]:

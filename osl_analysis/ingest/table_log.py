@@ -11,14 +11,11 @@ from numpy.typing import NDArray
 
 from osl_analysis.columns import counter_column, unit_of
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.csv_log import median_rate
+from osl_analysis.ingest.csv_log import LEVEL, median_rate
 from osl_analysis.ingest.recording import Recording, check_values
 from osl_analysis.ingest.table_source import TableChannel, TableSource
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.trial import Array, check_time
-
-LEVEL = "V"
-"""Unit of the columns that may be read from truth values: levels of `sync` and `trigger`."""
 
 
 @dataclass(frozen=True)

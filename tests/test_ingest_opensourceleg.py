@@ -1,0 +1,149 @@
+"""Files of the real logger of `opensourceleg`, with an actuator in offline mode, fit the shipped source file."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from osl_analysis.commands.inspect import inspect_file
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.csv_log import read_csv_log
+from osl_analysis.ingest.csv_source import CsvSource
+from osl_analysis.ingest.known_formats import read_source, recognise
+
+osl_logging = pytest.importorskip("opensourceleg.logging", reason="the package opensourceleg is not installed")
+osl_base = pytest.importorskip("opensourceleg.actuators.base")
+
+ROWS = 400
+GEAR = 41.5
+SHIPPED = Path(__file__).parents[1] / "config" / "sources" / "opensourceleg.yaml"
+
+
+class Bench:
+    """One moment of a trial: row k is at k ms."""
+
+    k = 0
+
+
+def joint(bench: Bench) -> Any:
+    """An actuator of the package, offline, whose motor turns."""
+
+    class Joint(osl_base.ActuatorBase):  # type: ignore[misc,name-defined]
+        """Its motor's angle and current are ours, everything else is the offline mode's."""
+
+        _OFFLINE_PROPERTIES: ClassVar[list[str]] = ["motor_velocity", "motor_voltage", "case_temperature"]
+
+        @property
+        def motor_position(self) -> float:
+            return float(np.sin(bench.k / 50) * GEAR)
+
+        @property
+        def motor_current(self) -> float:
+            return 100.0 * bench.k
+
+    Joint.__abstractmethods__ = frozenset()
+    return Joint("ankle", GEAR, osl_base.MOTOR_CONSTANTS(16384, 0.1, 80.0, 110.0), offline=True)
+
+
+@pytest.fixture
+def record(tmp_path: Path) -> Iterator[Callable[..., Path]]:
+    """Records a trial with the package's own logger; `fails(k)` says where a reading fails."""
+    logger = osl_logging.LOGGER  # there is one in a process
+    logger._log_path = str(tmp_path)  # its constructor would take the folder of the call before
+    logger.set_file_name("trial")
+    logger.set_stream_level(osl_logging.LogLevel.CRITICAL)
+
+    def recorded(fails: Callable[[int], bool] = lambda k: False, rows: int = ROWS) -> Path:
+        bench = Bench()
+        actuator = joint(bench)
+
+        def current() -> float:
+            if fails(bench.k):
+                raise OSError("no answer")
+            return float(actuator.motor_current)
+
+        names = ["time", "joint_position", "output_position", "motor_current", "case_temperature", "sync"]
+        functions = [
+            lambda: bench.k * 1e-3,
+            lambda: np.cos(bench.k / 50),
+            lambda: actuator.output_position,
+            current,
+            lambda: actuator.case_temperature,
+            lambda: bench.k % 100 < 50,
+        ]
+        logger.track_function(functions, names)
+        for bench.k in range(rows):
+            logger.update()
+        logger.close()
+        return tmp_path / "trial.csv"
+
+    yield recorded
+    logger.reset()
+
+
+def shipped(**options: Any) -> CsvSource:
+    source = read_source(SHIPPED)
+    assert isinstance(source, CsvSource)
+    return source.model_copy(update=options)
+
+
+def test_the_shipped_source_file_reads_what_the_logger_wrote(record: Callable[..., Path]) -> None:
+    path = record()
+    assert recognise(path) == "csv"
+    recording = read_csv_log(path, shipped())
+    k = np.arange(ROWS)
+    np.testing.assert_allclose(recording.samples["time"], k * 1e-3, atol=1e-12)
+    np.testing.assert_allclose(recording.samples["theta"], np.cos(k / 50), atol=1e-12)
+    np.testing.assert_allclose(recording.samples["theta_m"], np.sin(k / 50), atol=1e-12)
+    np.testing.assert_allclose(recording.samples["current"], 0.1 * k, atol=1e-12)
+    np.testing.assert_array_equal(recording.samples["sync"], k % 100 < 50)
+    assert recording.warnings == []
+
+
+def test_a_truth_value_is_a_level_and_nothing_else(record: Callable[..., Path]) -> None:
+    source = shipped()
+    wrong = {**source.channels, "theta": source.channels["sync"].model_copy(update={"unit": "rad"})}
+    del wrong["sync"]
+    with pytest.raises(InputError, match="'True' is not a number; name a column of numbers; a truth value can only be"):
+        read_csv_log(record(), shipped(channels=wrong))
+
+
+def test_a_reading_that_fails_once_is_missing(record: Callable[..., Path]) -> None:
+    recording = read_csv_log(record(lambda k: k in (70, 130)), shipped())
+    assert np.flatnonzero(recording.samples["current"].is_nan()).tolist() == [70, 130]
+    assert recording.samples["current"][131] == pytest.approx(13.1)
+    assert any("current is missing in 2 of 400 rows" in text for text in recording.warnings)
+
+
+def test_a_variable_that_the_logger_dropped_does_not_shift_the_others(record: Callable[..., Path]) -> None:
+    """After five failures in a row the logger leaves the column out and keeps its header."""
+    path = record(lambda k: k >= 1180, rows=1200)
+    with pytest.raises(InputError, match=r"column 'motor_current' is missing in 20 of 1200 rows"):
+        read_csv_log(path, shipped())
+    recording = read_csv_log(path, shipped(most_missing=0.02))
+    k = np.arange(1200)
+    np.testing.assert_array_equal(recording.samples["sync"], k % 100 < 50)
+    np.testing.assert_allclose(recording.samples["theta"], np.cos(k / 50), atol=1e-12)
+    assert np.flatnonzero(recording.samples["current"].is_nan()).tolist() == list(range(1180, 1200))
+
+
+def test_a_variable_that_was_dropped_before_the_header_was_written_has_no_name(record: Callable[..., Path]) -> None:
+    """The header comes with the first thousand rows, without the variable, whose cells stand in the rows before."""
+    path = record(lambda k: k >= 380)
+    assert "motor_current" not in path.read_text()
+    with pytest.raises(InputError, match="column 'motor_current' is missing"):
+        read_csv_log(path, shipped())
+    channels = {name: one for name, one in shipped().channels.items() if name != "current"}
+    recording = read_csv_log(path, shipped(channels=channels))
+    k = np.arange(ROWS)
+    np.testing.assert_array_equal(recording.samples["sync"], k % 100 < 50)
+    np.testing.assert_allclose(recording.samples["theta_m"], np.sin(k / 50), atol=1e-12)
+    assert any("up to line 386, cells 4 of every row have no name and were left out" in t for t in recording.warnings)
+
+
+def test_inspect_finds_the_clock_and_every_column(record: Callable[..., Path]) -> None:
+    overview = inspect_file(record())
+    assert overview.settings["time"] == {"column": "time", "unit": "UNKNOWN"}
+    assert [one.address["column"] for one in overview.channels][1:3] == ["joint_position", "output_position"]

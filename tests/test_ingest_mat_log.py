@@ -64,7 +64,8 @@ def test_a_part_of_the_file_is_a_trial_of_its_own(write, tmp_path):
         np.testing.assert_allclose(recording.samples["torque"], factor * TORQUE, atol=1e-12)
     shared = source(time={"variable": "/clock", "unit": "ms"}).of_part("Fast")
     assert read_mat_log(path, shared).columns["torque"]["variable"] == "Fast.torque"
-    assert "the file has no variable 'angle'; it has" in refused(path)
+    assert "no variable 'angle'; it has" in (said := refused(path))
+    assert "if one of these holds it, name this one as `log_part`" in said
 
 
 def test_a_matrix_is_a_part_whose_columns_are_signals(tmp_path):

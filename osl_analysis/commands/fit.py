@@ -203,14 +203,15 @@ def estimates_text(estimates: pl.DataFrame) -> str:
     for row in estimates.to_dicts():
         amplitude = row.get("amplitude_deg")
         which = "all amplitudes" if amplitude is None else f"{amplitude:g} deg"
+        which = f"mean of cycles: {row['cycles']}" if "cycles" in row else which
         quality = f"VAF {row['VAF']:.2f} %"
         if "R2" in row:
             quality += f", R2 {row['R2']:.5f}, condition {row['condition_number']:.1f}"
         lines.append(f"{row['trial']}, {which}: {quality}")
         for name in (n for n in UNITS if f"{n}_se" in row):
             high = row[f"{name}_high"]
-            half = f"± {high - row[name]:<10.2g}" if high is not None else "one cycle   "
-            lines.append(f"  {name:<7}{row[name]:>12.5g} {half} {UNITS[name]}{amplitudes_text(row, name)}")
+            half = f"± {high - row[name]:<10.2g}" if high is not None else f"{'':<12}"
+            lines.append(f"  {name:<15}{row[name]:>12.5g} {half} {UNITS[name]}{amplitudes_text(row, name)}")
         if row.get("doubtful"):
             lines.append(f"  doubtful: {row['doubtful']}")
     return "\n".join(

@@ -7,8 +7,8 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.columns import counter_column, unit_of
-from osl_analysis.errors import InputError
-from osl_analysis.formats.mat.address import Address, find, vector
+from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.formats.mat.address import LISTED, Address, find, vector
 from osl_analysis.formats.mat.mat_file import MatFile, open_mat
 from osl_analysis.formats.mat.values import Value
 from osl_analysis.ingest.csv_log import median_rate
@@ -46,6 +46,12 @@ class Signals:
             There is nothing, or no vector of real numbers.
         """
         address = self.within_part(text)
+        if address.variable not in self.file.names and not self.source.log_part:
+            raise InputError(
+                f"{self.file.path}: no variable '{address.variable}'; it has {listing(self.file.names, LISTED)}"
+                f"{nearest(address.variable, self.file.names)}; if one of these holds it, name this one as `log_part`, "
+                "in the sample sheet where it differs from trial to trial"
+            )
         try:
             return vector(address, find(self.variables, self.file.names, address))
         except InputError as error:

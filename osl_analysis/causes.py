@@ -113,7 +113,8 @@ REMEDIES: dict[str, str | Words] = {
     "stiffening": "the spring stiffens by this share up to the largest amplitude, or softens if it is negative",
     "backlash_share": "this share of K is lost to backlash, the play between joint and bench",
     "closure_angle": "a cycle does not end where it began, record the way back",
-    "closure_torque": "the torque does not come back with the angle, the load cell drifts or the device creeps",
+    "closure_torque": "the torque does not come back with the angle, the load cell drifts, the device creeps, or "
+    "its first cycle differs, which settle_cycles leaves out",
     "cycle_drift": "the torque drifts from cycle to cycle, let the device settle and zero the load cell",
     "rate_change": "the energy lost depends on the speed, so that the trial is not quasi-static, record it slower",
     "energy_lost": "the device gives back more than it takes up, the torque is late or its sign is wrong",

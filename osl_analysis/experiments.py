@@ -175,6 +175,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         place="bench",
         motion="theta",
         torque="torque",
+        log="dynamometer",
         tables=(
             Table("torque_angle"),
             Table("torque_angle_curves", judged=False),

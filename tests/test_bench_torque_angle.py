@@ -205,6 +205,13 @@ def test_cycles_begin_and_end_where_the_angle_comes_back(angles, cycles, partial
     assert (len(found.used), found.partial) == (cycles, partial)
 
 
+def test_first_cycles_are_left_out_and_one_must_remain():
+    theta = path(0, 10, 0, 10, 0, 10, 0)
+    assert find_cycles(theta, 2).used == find_cycles(theta).used[2:]
+    with pytest.raises(InputError, match="the first 3 of 3 whole cycles are not analysed; record more, or lower"):
+        find_cycles(theta, 3)
+
+
 def test_turning_points_are_those_that_swing_back_far_enough():
     theta = np.array([0, 5, 4.6, 10, 2, 2.3, 0, 8, 8.0])
     assert turning_points(theta, 1) == [3, 6]

@@ -55,8 +55,8 @@ class Cycles:
     starts_at: float
 
 
-def find_cycles(theta: Array) -> Cycles:
-    """The cycles of an angle theta (n,) [rad], filtered.
+def find_cycles(theta: Array, settle: int = 0) -> Cycles:
+    """The cycles of an angle theta (n,) [rad], filtered, without the first `settle` ones.
 
     A cycle begins where the recording begins, and ends where the angle comes back in the same direction; if the motion
     starts at one of its ends, where the angle comes back to this end. Loading is the way to the end that is farther
@@ -65,7 +65,7 @@ def find_cycles(theta: Array) -> Cycles:
     Raises
     ------
     InputError
-        There is no whole cycle.
+        There is no whole cycle, or none after the first ones.
     """
     low, high = float(theta.min()), float(theta.max())
     span, start = high - low, float(theta[0])
@@ -81,8 +81,12 @@ def find_cycles(theta: Array) -> Cycles:
             f"no whole cycle: the angle begins at {in_deg(start)} deg, goes to {in_deg(low)} and {in_deg(high)} deg, "
             f"and ends at {in_deg(theta[-1])} deg; record the way back to the start"
         )
+    if len(found) <= settle:
+        raise InputError(
+            f"the first {settle} of {len(found)} whole cycles are not analysed; record more, or lower settle_cycles"
+        )
     farther = 1 if high - theta[found[0].start] >= theta[found[0].start] - low else -1
-    return Cycles(tuple(found), partial_cycles(theta, edges, found), farther, start)
+    return Cycles(tuple(found[settle:]), partial_cycles(theta, edges, found), farther, start)
 
 
 def in_deg(angle: float) -> str:

@@ -116,7 +116,7 @@ def analysed(signals: UniformSignals, settings: TorqueAngleAnalysis, compliance:
     zero = torque_zero(bench_theta, torque, rate, settings)
     torque = torque - zero
     theta = joint_angle(bench_theta, torque, compliance)
-    cycles = find_cycles(theta)
+    cycles = find_cycles(theta, settings.settle_cycles)
     branches = [[joined(c.pieces(theta, cycles.loading * sign)) for c in cycles.used] for sign in (1, -1)]
     at = grid_deg(theta, branches, settings.angle_step_deg)
     window = settings.window_share * float(np.ptp(theta))

@@ -56,13 +56,17 @@ def simulate_dynamometer_trial(
 ) -> tuple[DynamometerLog, dict[str, object]]:
     """The log of one trial of the sample sheet, and the truth about it.
 
-    `row` has the sheet's trial, experiment (belt, transmission or impedance), controller, K_d and B_d.
+    `row` has the sheet's trial, experiment (belt, transmission, torque_angle or impedance), controller, K_d and B_d.
     """
     trial, gains = str(row["trial"]), None
     if row["experiment"] == "belt":
         p = replace(p, K_s=p.K_s * scatter(trial, settings))
         command, motion = moved(there_and_back(settings.belt, settings.dynamometer.rate_hz), settings)
         response = simulate_belt(motion, drivetrain_effects(settings), p)
+    elif row["experiment"] == "torque_angle" and settings.foot is not None:
+        command, motion = moved(settings.foot.cycles.motion(settings.dynamometer.rate_hz), settings)
+        still = np.zeros_like(motion.theta)
+        response = BenchResponse(still, still, settings.foot.torque(motion))
     else:
         command, motion = moved(stepped_sine(settings.protocol, settings.dynamometer.rate_hz), settings)
         if row["experiment"] == "transmission":

@@ -40,6 +40,7 @@ def bench_plan(settings: SimulationSettings) -> list[PlannedRow]:
     rows = [planned_row(name, "belt") for name in numbered("belt", wanted.belt, 2)]
     rows += [planned_row(name, "transmission") for name in numbered("transmission", wanted.transmission, 1)]
     rows += [planned_row(name, "actuator") for name in numbered("actuator", wanted.actuator, 1)]
+    rows += [planned_row(name, "torque_angle") for name in numbered("torque_angle", wanted.torque_angle, 1)]
     for controller, K_d, B_d in itertools.product(wanted.controllers, wanted.K_d, wanted.B_d):
         row = planned_row(f"impedance_K{K_d:g}_B{B_d:.1f}_{controller}", "impedance")
         rows.append(row | {"controller": controller, "K_d": K_d, "B_d": B_d})

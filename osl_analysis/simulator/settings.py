@@ -13,6 +13,7 @@ from osl_analysis.shared_choices import PAPER, WeightSettings
 from osl_analysis.simulator.condition_settings import Conditions
 from osl_analysis.simulator.effect import NotNegative, Positive
 from osl_analysis.simulator.effect_settings import Effects, SecondOrderJoint
+from osl_analysis.simulator.passive_foot import PassiveFoot
 from osl_analysis.simulator.recorder_settings import RecorderSettings
 from osl_analysis.simulator.schedules import ActuatorBench, BeltMotion, SteppedSineSchedule
 from osl_analysis.yaml_settings import Settings
@@ -53,6 +54,8 @@ class Experiments(Settings):
     """Number of transmission trials."""
     actuator: Count = 0
     """Number of trials of the actuator's own bench."""
+    torque_angle: Count = 0
+    """Number of trials of a passive foot."""
     K_d: tuple[Positive, ...]
     """Desired stiffnesses [N*m/rad] of the impedance trials."""
     B_d: tuple[NotNegative, ...]
@@ -73,7 +76,7 @@ class Experiments(Settings):
     @model_validator(mode="after")
     def _some(self) -> Self:
         impedance = len(self.K_d) * len(self.B_d) * len(self.controllers)
-        bench = self.belt + self.transmission + self.actuator + impedance
+        bench = self.belt + self.transmission + self.actuator + self.torque_angle + impedance
         if not (bench + self.static + self.plate + self.walking):
             raise ValueError("no trials are planned; ask for at least one")
         return self
@@ -132,6 +135,8 @@ class SimulationSettings(Settings):
     """A second-order joint that replaces the drivetrain in every impedance trial; null: the drivetrain."""
     actuator: ActuatorBench | None = None
     """The schedule of actuator trials."""
+    foot: PassiveFoot | None = None
+    """The passive foot of torque-angle trials, and its motion."""
     walking: Path | None = None
     """Settings file of the gait laboratory."""
     gain_weight: WeightSettings = PAPER
@@ -143,6 +148,12 @@ class SimulationSettings(Settings):
     def _actuator_is_described(self) -> Self:
         if self.experiments.actuator and self.actuator is None:
             raise ValueError(f"{self.experiments.actuator} actuator trials are planned but 'actuator' has no schedule")
+        return self
+
+    @model_validator(mode="after")
+    def _foot_is_described(self) -> Self:
+        if self.experiments.torque_angle and self.foot is None:
+            raise ValueError(f"{self.experiments.torque_angle} torque-angle trials are planned but there is no 'foot'")
         return self
 
     @model_validator(mode="after")
@@ -167,6 +178,8 @@ class SimulationSettings(Settings):
         durations = {"protocol": self.protocol.total_s, "belt": self.belt.total_s}
         if self.actuator is not None:
             durations["actuator"] = self.actuator.duration_s
+        if self.foot is not None:
+            durations["foot.cycles"] = self.foot.cycles.total_s
         for name, duration in durations.items():
             check_length(name, duration, self.dynamometer.rate_hz)
         return self

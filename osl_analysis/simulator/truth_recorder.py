@@ -28,6 +28,7 @@ def bench_truth(
         "parameters": asdict(p),
         "gains": asdict(gains) if gains else None,
         "joint": settings.joint.model_dump() if settings.joint else None,
+        **({"foot": settings.foot.model_dump()} if settings.foot else {}),
         "effects": settings.effects.model_dump(),
         "recorder": settings.recorder.model_dump(),
         "drawn": dict(drawn),

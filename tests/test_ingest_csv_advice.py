@@ -270,7 +270,8 @@ def test_a_draft_knows_clocks_and_units_by_their_names_and_says_that_it_guessed(
         "motor_mA": "mA",
         "phase": "UNKNOWN",
     }
-    assert drafted.count("# the unit is guessed from the name: check it") == 3
+    assert drafted.count("the unit is guessed: check it") == 3
+    assert re.findall(r"# (\w+)\?", drafted) == ["theta", "torque", "current"]
     assert overview.remarks == [
         "units guessed from the names, to be checked: ankle_deg [deg], load_Nm [Nm], motor_mA [mA]"
     ]

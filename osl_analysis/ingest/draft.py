@@ -5,11 +5,13 @@ every control character as an escape.
 """
 
 import json
+from collections.abc import Iterator, Sequence
 
 from osl_analysis.columns import COLUMNS
 from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
 from osl_analysis.ingest.draft_walking import draft_walking
 from osl_analysis.ingest.known_formats import FORMATS
+from osl_analysis.ingest.likely_signal import likely_column
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 
 HINT = (
@@ -17,6 +19,8 @@ HINT = (
 )
 NAMES_OF_TIME = ("column", "variable", "field", "channel")
 """Fields of `time` that name a column, in some format."""
+MOST_ACTIVE = 8
+"""Largest number of channels of which all are entries."""
 NO_CLOCK = "# time: name its column and unit, or state the rate of the rows instead, as {rate: 1000}"
 
 
@@ -45,8 +49,17 @@ def log_lines(overview: Overview) -> list[str]:
         HINT,
         f"# canonical names: {known}",
         "channels:",
-        *(channel_line(number, channel) for number, channel in enumerate(channels, start=1)),
+        *channel_lines(channels),
     ]
+
+
+def channel_lines(channels: Sequence[RecordedChannel]) -> Iterator[str]:
+    """An entry per channel. Of many, those that are like no canonical column by name and unit are comments."""
+    guesses = [likely_column(channel) for channel in channels]
+    many = len(channels) > MOST_ACTIVE and any(guesses)
+    for number, (channel, guess) in enumerate(zip(channels, guesses, strict=True), start=1):
+        line = channel_line(number, channel, guess)
+        yield f"# {line}" if many and not guess else line
 
 
 def capture_lines(overview: Overview) -> list[str]:
@@ -60,8 +73,10 @@ def capture_lines(overview: Overview) -> list[str]:
     return [*lines, *draft_walking(overview)]
 
 
-def channel_line(number: int, channel: RecordedChannel) -> str:
-    """One entry under `channels`."""
+def channel_line(number: int, channel: RecordedChannel, guess: str = "") -> str:
+    """One entry under `channels`; `guess` is the canonical column that it may be."""
     address = {**channel.address, "unit": channel.unit or channel.likely_unit or UNKNOWN}
-    guessed = "  # the unit is guessed from the name: check it" if channel.likely_unit and not channel.unit else ""
-    return f"  NAME_{number}: {{{', '.join(f'{key}: {json.dumps(value)}' for key, value in address.items())}}}{guessed}"
+    guessed = [f"{guess}?"] * bool(guess)
+    guessed += ["the unit is guessed: check it"] * bool(channel.likely_unit and not channel.unit)
+    comment = f"  # {' '.join(guessed)}" if guessed else ""
+    return f"  NAME_{number}: {{{', '.join(f'{key}: {json.dumps(value)}' for key, value in address.items())}}}{comment}"

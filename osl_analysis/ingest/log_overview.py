@@ -17,6 +17,12 @@ from osl_analysis.ingest.stamps import check_not_set
 
 MOST_FIELDS = 500  # of one topic
 NANOSECOND = 1e-9
+UNITS = {
+    "sensor_msgs/JointState": {"position": "rad", "velocity": "rad/s", "effort": "N*m"},
+    "geometry_msgs/Wrench": {"force": "N", "torque": "N*m"},
+    "geometry_msgs/WrenchStamped": {"wrench.force": "N", "wrench.torque": "N*m"},
+}
+"""Units of standard messages of ROS (REP 103), by the beginning of the field. A joint that slides has other ones."""
 STAMP = "header."  # what every message of ROS has, and no signal is in
 
 
@@ -100,7 +106,14 @@ def channels_of(survey: ChannelSurvey, fields: list[FieldDescription]) -> Iterat
         array = "" if field.length is None else f"[{field.length}]"
         address = {"topic": topic, "field": path}
         samples = 0 if field.length == 0 else survey.messages
-        yield RecordedChannel(kind, address, "", samples, rate, timing, f"{field.type}{array}")
+        unit = standard_unit(survey.schema.name if survey.schema else "", path)
+        yield RecordedChannel(kind, address, "", samples, rate, timing, f"{field.type}{array}", likely_unit=unit)
     if len(numbers) > MOST_FIELDS or not numbers:
         more = f"and {len(numbers) - MOST_FIELDS} more numbers" if numbers else ""
         yield RecordedChannel(kind, {"topic": topic}, "", survey.messages, rate, timing, more)
+
+
+def standard_unit(kind: str, path: str) -> str:
+    """The unit of a field of a standard message; empty for any other one."""
+    units = UNITS.get(kind.replace("/msg/", "/"), {})
+    return next((unit for field, unit in units.items() if path.startswith(field)), "")

@@ -160,8 +160,12 @@ EXPERIMENTS: dict[str, Experiment] = {
             Table("impedance"),
             Table("phasors", doubts_of="impedance", derived={"frequency_response": "bench.average_over_amplitudes"}),
             Table("estimators", doubts_of="impedance"),
+            Table("response", doubts_of="impedance"),
+            Table("response_models", doubts_of="impedance"),
+            Table("response_lines", judged=False, published=False),
             TIME_BASE,
         ),
+        further_tables=("response_pooled", "response_models_pooled"),
         fit=Fit(
             "bench.fit_impedance_trial",
             {"settings": ("dynamometer", "ImpedanceAnalysis"), "weight": ("gain_weight", "WeightSettings")},

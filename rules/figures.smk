@@ -105,6 +105,20 @@ rule plot_numbers_fig7:
         jobs.run_job(log, "bench.plotted_numbers_fig7", input, output, params)
 
 
+rule plot_numbers_response:
+    input:
+        table=RESULTS / "tables/response.csv",
+        pooled_table=RESULTS / "tables/response_pooled.csv",
+    output:
+        RESULTS / "figures/response.csv",
+    log:
+        RESULTS / "logs/figures/response_numbers.log",
+    params:
+        code=jobs.code_of("response.plotted_numbers"),
+    run:
+        jobs.run_job(log, "response.plotted_numbers", input, output, params)
+
+
 rule plot_numbers_walking_page:
     input:
         crossings=crossings(CAMPAIGN.crossings(perturbed=True)),

@@ -92,6 +92,25 @@ rule derived_table:
         jobs.run_job(log, params.command, input, output, params)
 
 
+rule pool_responses:
+    input:
+        **device(),
+        lines=lambda wildcards: rows("response_lines"),
+        quality=lambda wildcards: verdicts_on("response_lines"),
+    output:
+        response_pooled=RESULTS / "tables/response_pooled.csv",
+        response_models_pooled=RESULTS / "tables/response_models_pooled.csv",
+    log:
+        RESULTS / "logs/tables/response_pooled.log",
+    params:
+        **no_device(),
+        code=jobs.code_of("response.pool_responses"),
+        conditions=lambda wildcards: {trial: CAMPAIGN.row(trial) for trial in PER_TRIAL["response_lines"]},
+        settings=CONFIG.dynamometer.part("FilterSettings"),
+    run:
+        jobs.run_job(log, "response.pool_responses", input, output, params)
+
+
 rule gains_table:
     input:
         trajectory=CONFIG.impedance_trajectory or [],

@@ -17,6 +17,7 @@ from osl_analysis.commands.fit import FitRequest, fit_one_trial
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.errors import InputError
+from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, write_trial
@@ -80,9 +81,7 @@ def scaled(experiment, **factors):
 def in_campaign(tmp_path, experiment, recording, bench=BENCH):
     """The last row of the table, as a campaign's job and the limits of the configuration make it."""
     write_trial(Trial("made", pl.DataFrame(recording)), tmp_path / "made.parquet")
-    tables = {
-        name: tmp_path / f"{name}.csv" for name in (experiment, "phasors", "estimators", "belt_curves", "timebase")
-    }
+    tables = {table.name: tmp_path / f"{table.name}.csv" for table in EXPERIMENTS[experiment].tables}
     settings = ACTUATOR if experiment == "actuator" else bench
     if experiment == "impedance":
         condition = DesiredImpedance("compensated", 200, 4)

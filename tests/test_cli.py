@@ -15,6 +15,7 @@ from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.cli import main
 from osl_analysis.commands.bench import fit_impedance_trial
 from osl_analysis.config import read_section
+from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.table import read_table
 
@@ -140,7 +141,7 @@ def test_ingest_says_that_a_log_has_lost_its_end(folder, tmp_path):
 def test_an_estimator_that_cannot_take_a_filter_near_the_sampling_rate_says_so_in_its_row(folder, tmp_path, cutoff_hz):
     settings = read_section(folder / "config.yaml", "dynamometer", DynamometerAnalysis)
     wide = settings.model_copy(update={"cutoff_hz": cutoff_hz})
-    tables = {name: tmp_path / f"{name}.csv" for name in ("impedance", "phasors", "estimators", "timebase")}
+    tables = {table.name: tmp_path / f"{table.name}.csv" for table in EXPERIMENTS["impedance"].tables}
     device = ROOT / "config/parameters/default.yaml"
     condition = DesiredImpedance("compensated", 300.0, 5.0)
     fit_impedance_trial(folder / f"{TRIAL}.parquet", device, condition, PAPER_WEIGHT, wide, tables)

@@ -31,6 +31,7 @@ from osl_analysis.figures import (
     impedance_over_stance,
     model_comparison,
     not_drawn,
+    response,
     torque_angle,
     walking_page,
 )
@@ -195,6 +196,40 @@ def model_scores():
     ], infer_schema_length=None)  # fmt: skip
 
 
+def frequency_response_of_lines():
+    """Two trials: lines of a drivetrain with distortion, and one without levels that misses Eq. 9."""
+    f = np.arange(0.625, 6, 0.25)
+    Z = 300 + 30j * f + 1.2 * f**2 * (1 + 0.02j)
+    levels = {"noise_level": 0.06 + 0 * f, "odd_level": 2 + 0.1 * f, "even_level": 0.01 + 0 * f, "total_level": 2.2}
+    periodic = {
+        "trial": "M1", "joint": "knee", "side": "left", "controller": "adaptive", "K_d": 300.0, "B_d": 5.0,
+        "method": "robust", "realisations": 4, "frequency_hz": f, "magnitude": np.abs(Z),
+        "phase_deg": np.rad2deg(np.angle(Z)), "magnitude_eq15": np.abs(Z) * 0.98,
+        "phase_deg_eq15": np.rad2deg(np.angle(Z)) + 1, "magnitude_eq9": np.abs(Z) * 1.005,
+        "phase_deg_eq9": np.rad2deg(np.angle(Z)), "noise_sd": 0.03 + 0 * f, "doubtful": "", **levels,
+    }  # fmt: skip
+    absent = dict.fromkeys(("K_d", "B_d", "odd_level", "even_level", "total_level", "magnitude_eq9", "phase_deg_eq9"))
+    chirp = {**periodic, **absent, "trial": "C1", "method": "local polynomial", "realisations": 1, "doubtful": "VAF 80"}
+    return pl.concat([pl.DataFrame(periodic), pl.DataFrame(chirp)], how="diagonal_relaxed")
+
+
+def response_tables():
+    single = frequency_response_of_lines()
+    return single, single.clear().rename({"trial": "trials"})
+
+
+def test_trials_of_a_pool_are_drawn_once():
+    single = frequency_response_of_lines()
+    pooled = single.filter(trial="M1").rename({"trial": "trials"}).with_columns(trials=pl.lit("M1, M2"))
+    assert response.points(single, pooled)["trials"].unique(maintain_order=True).to_list() == ["M1, M2", "C1"]
+
+
+def test_a_campaign_of_stepped_sines_says_where_its_frequency_response_is(tmp_path):
+    write_table(response.points(*(table.clear() for table in response_tables())), tmp_path / "response.csv")
+    draw_figure("response", tmp_path / "response.csv", [tmp_path / "response.svg"])
+    assert (tmp_path / "response.svg").stat().st_size > 1000
+
+
 def plotted(name):
     tables = {
         "fig3": belt_table,
@@ -204,6 +239,7 @@ def plotted(name):
         "fig7": response_table,
         "fig8": lambda: fig8.points(gains()),
         "fig9": lambda: fig9.points(walking_summary(), 340.0),
+        "response": lambda: response.points(*response_tables()),
         "walking_page": walking_page_table,
         "impedance_over_stance": impedance_over_stance_table,
         "torque_angle": torque_angle_table,

@@ -1,15 +1,19 @@
 """An impedance trial by what moved the joint: the stepped sine of the protocol, or any other motion."""
 
+import numpy as np
 import polars as pl
 
 from osl_analysis.bench.any_excitation import WEIGHTING, record_points, record_series, record_table, record_time_base
 from osl_analysis.bench.frequency_response import Admittance, no_phasors, phasor_table, trial_phasors
 from osl_analysis.bench.impedance import amplitude_series, impedance_series, impedance_table, impedance_time_base
 from osl_analysis.bench.moving_record import MovingRecord, moving_record
+from osl_analysis.bench.moving_rows import EDGE
 from osl_analysis.bench.settings import ImpedanceAnalysis
 from osl_analysis.bench.stepped_sine import SteppedSineTrial, stepped_sine_trial
 from osl_analysis.errors import InputError
+from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.protocol.likeness import likeness
+from osl_analysis.spectral.tables import NO_RESPONSE, RecordedMotion, ResponseTables, response_tables
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import uniform_signals
@@ -73,6 +77,22 @@ def band_hz(trial: RenderedTrial) -> tuple[float, float]:
 def rendered_phasors(trial: RenderedTrial) -> pl.DataFrame:
     """The trial's rows of `phasors.csv`; none where no sines moved the joint."""
     return no_phasors() if isinstance(trial, MovingRecord) else phasor_table(trial.name, trial_phasors(trial))
+
+
+def rendered_response(trial: RenderedTrial, p: DrivetrainParameters | None) -> ResponseTables:
+    """The trial's rows of `response.csv` and its models; none of a stepped sine, whose response is in `phasors.csv`.
+
+    Periods are looked for in stretches with their ends: only filtered signals are wrong there.
+    """
+    if isinstance(trial, SteppedSineTrial):
+        return NO_RESPONSE
+    inside = np.zeros(len(trial.theta), dtype=bool)
+    edge = int(np.ceil(EDGE / trial.low_pass.cutoff_hz * trial.rate_hz))
+    for piece in trial.pieces:
+        inside[max(piece.start - edge, 0) : piece.stop + edge] = True
+    usable = inside & trial.uniform.usable
+    signals = trial.theta, trial.torque
+    return response_tables(RecordedMotion(trial.name, *signals, trial.rate_hz, trial.low_pass, usable, trial.pieces), p)
 
 
 def rendered_time_base(trial: RenderedTrial) -> pl.DataFrame:

@@ -26,7 +26,13 @@ from osl_analysis.bench.plausibility import (
     plausible_belt,
     plausible_transmission,
 )
-from osl_analysis.bench.rendered import rendered_phasors, rendered_time_base, rendered_trial, shown_series
+from osl_analysis.bench.rendered import (
+    rendered_phasors,
+    rendered_response,
+    rendered_time_base,
+    rendered_trial,
+    shown_series,
+)
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, ImpedanceAnalysis, SteppedSineAnalysis
 from osl_analysis.bench.stepped_sine import SteppedSineTrial, stepped_sine_trial
 from osl_analysis.bench.transmission import transmission_summary, transmission_table, transmission_time_base
@@ -72,7 +78,7 @@ def fit_impedance_trial(
     tables: Mapping[str, Path],
     windows: str | None = None,
 ) -> None:
-    """Fit one impedance trial: its rows of the tables `impedance`, `phasors` and `estimators`.
+    """Fit one impedance trial: its rows of the tables `impedance`, `phasors`, `estimators`, `response` and its models.
 
     `parameters` is the file of the device, None for one without, here as in all these jobs. `condition` is the desired
     impedance of the trial, as far as it is known. `weight` is W of Eq. 14 with which its gains were selected.
@@ -85,6 +91,8 @@ def fit_impedance_trial(
     write_table(judged_impedance(rendered, read, p, asked), tables["impedance"])
     write_table(rendered_phasors(rendered).with_columns(**condition.columns()), tables["phasors"])
     write_table(estimator_table(rendered).with_columns(**condition.columns()), tables["estimators"])
+    for name, frame in rendered_response(rendered, p).frames().items():
+        write_table(frame.with_columns(**condition.columns()), tables[name])
     write_table(rendered_time_base(rendered), tables["timebase"])
 
 

@@ -29,14 +29,22 @@ def draw_figure(name: str, table_csv: Path, outputs: Sequence[Path], refused: Se
         Unknown figure or suffix; the table is missing, has no rows or lacks a column.
     """
     if is_refused(table_csv):
-        causes = [(name, cause.trial, cause.file, cause.reason) for cause in read_refusals(table_csv)]
-        columns = ("figure", "trial", "file", "reason")
-        draw_table("not_drawn", pl.DataFrame(causes, schema=columns, orient="row"), outputs)
+        causes = [(cause.trial, cause.file, cause.reason) for cause in read_refusals(table_csv)]
+        draw_table("not_drawn", not_drawn(name, causes), outputs)
         return
     table = read_table(table_csv, required=figure_module(name).COLUMNS)
+    if table.is_empty() and hasattr(figure_module(name), "NOTHING"):
+        draw_table("not_drawn", not_drawn(name, [("", str(table_csv), figure_module(name).NOTHING)]), outputs)
+        return
     if table.is_empty():
         raise InputError(f"{table_csv}: no rows to draw as {name}; does the campaign have trials of this experiment?")
     draw_table(name, table, outputs, list(dict.fromkeys(cause.trial for cause in refused if cause.trial)))
+
+
+def not_drawn(name: str, causes: Sequence[tuple[str, str, str]]) -> pl.DataFrame:
+    """Why a figure is not drawn: trial, file and reason of each cause."""
+    columns = ("figure", "trial", "file", "reason")
+    return pl.DataFrame([(name, *cause) for cause in causes], schema=columns, orient="row")
 
 
 def draw_table(name: str, table: pl.DataFrame, outputs: Sequence[Path], missing: Sequence[str] = ()) -> None:

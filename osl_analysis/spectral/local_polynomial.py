@@ -26,8 +26,11 @@ LOCAL_FREEDOM = 2 * HALF_WIDTH + 1 - 2 * (ORDER + 1)
 """Complex degrees of freedom of the noise at a line."""
 END_POWERS = 5
 """Powers of s that the ends of a record add."""
-WEAK = 0.02
-"""RMS of the angle's lines near a line, as a share of the largest one, below which there is no impedance."""
+WEAK, NEAREST = 0.01, 2
+"""RMS of the angle at a line and its `NEAREST` ones to each side, as a share of the largest one, below which the
+impedance is not known."""
+UNKNOWN = 0.1
+"""Standard deviation of an impedance, as a share of it, from which on it is not known."""
 LARGEST_CONDITION = 1e8
 """Largest condition number of a local fit, its columns scaled."""
 
@@ -113,9 +116,16 @@ def local_fit(spectrum: RecordSpectrum) -> LocalFit:
     inverse = Vh.conj().transpose(0, 2, 1) / np.maximum(singular, np.finfo(float).tiny)[:, None, :]
     Z = np.einsum("mp,mp->m", inverse[:, 0], projected) / scale[:, 0]
     variance = noise * np.sum(np.abs(inverse[:, 0]) ** 2, axis=1) / scale[:, 0] ** 2
-    size = np.sqrt(np.mean(np.abs(theta) ** 2, axis=1))
+    size = nearby(spectrum.theta)
     known = (size > WEAK * size.max()) & (singular[:, 0] < LARGEST_CONDITION * singular[:, -1])
+    known &= variance < UNKNOWN**2 * np.abs(Z) ** 2
     return LocalFit(np.where(known, Z, np.nan), np.where(known, variance, np.nan), noise)
+
+
+def nearby(theta: Spectrum) -> Array:
+    """RMS of the angle's lines (m,) over each line and its `NEAREST` ones [rad]."""
+    window = np.ones(2 * NEAREST + 1)
+    return np.sqrt(np.convolve(np.abs(theta) ** 2, window, "same") / len(window))
 
 
 def local_response(spectrum: RecordSpectrum) -> FrequencyResponse:
@@ -134,15 +144,14 @@ def local_response(spectrum: RecordSpectrum) -> FrequencyResponse:
     if not len(at):
         raise InputError("the joint moves at no frequency up to the filter's cut-off; move it further, or for longer")
     unknown, sd = np.full(len(at), np.nan), np.sqrt(found.variance[at])
-    size = np.sqrt(np.convolve(np.abs(spectrum.theta) ** 2, np.ones(HALF_WIDTH) / HALF_WIDTH, "same"))[at]
     return FrequencyResponse(
         method=LOCAL,
         frequency_hz=spectrum.frequency_hz[at],
         impedance=found.impedance[at],
-        angle=size,
+        angle=nearby(spectrum.theta)[at],
         noise_sd=sd,
         total_sd=sd,
-        noise_level=np.sqrt(found.noise[at]) / size,
+        noise_level=sd,
         odd_level=unknown,
         even_level=unknown,
         total_level=unknown,

@@ -6,7 +6,7 @@ raised the spread of I from 0.8 to 9.4 %), and the fit weighted by power, that o
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import fdtrc
@@ -83,6 +83,8 @@ class FittedStructure:
     """Its parameters; further columns are transients."""
     weights: str
     """`POWER` or `NOISE`."""
+    vaf: float
+    """Share of the lines' power behind the filter that the fit by power accounts for [percent]."""
     misfit: float
     """RMS of what the fit by power leaves beyond the noise, as a share of the torque [percent]."""
     ratio: float
@@ -168,8 +170,9 @@ def fit_structure(structure: Structure, lines: FittedLines, first: tuple[float, 
     noise = float(np.sum(lines.power**2 * lines.noise))
     torque = float(np.sum(np.abs(lines.power * lines.torque) ** 2))
     misfit = 100 * float(np.sqrt(max(float(left @ left) - noise, 0.0) / torque))
+    vaf = 100 * (1 - float(left @ left) / torque)
     if not (lines.noise > 0).all():
-        return FittedStructure(structure, by_power, POWER, misfit, np.nan, np.nan)
+        return FittedStructure(structure, by_power, POWER, vaf, misfit, np.nan, np.nan)
     weight = 1 / np.sqrt(lines.noise)
     known = UnitNoise(freedom=lines.pooled_freedom)
     by_noise = gauss_newton(structure, lines, weight, by_power.estimates[: len(start)], known)
@@ -179,9 +182,8 @@ def fit_structure(structure: Structure, lines: FittedLines, first: tuple[float, 
     ratio = (squares / freedom - lines.shared) / (1 - lines.shared)
     p = float(fdtrc(freedom * (1 - lines.shared), lines.pooled_freedom, max(ratio, 0.0)))
     if p < SIGNIFICANT:
-        return FittedStructure(structure, by_power, POWER, misfit, ratio, p)
-    same = replace(by_noise, vaf=by_power.vaf, r_squared=by_power.r_squared)
-    return FittedStructure(structure, same, NOISE, misfit, ratio, p)
+        return FittedStructure(structure, by_power, POWER, vaf, misfit, ratio, p)
+    return FittedStructure(structure, by_noise, NOISE, vaf, misfit, ratio, p)
 
 
 def gauss_newton(

@@ -42,7 +42,7 @@ class SecondOrder:
     """Z = K + s B + s^2 I (Eq. 15)."""
 
     name = EQ_15
-    parameters = ("K", "B", "I")
+    parameters: tuple[str, ...] = ("K", "B", "I")
 
     def start(self, K: float, B: float) -> Array:
         """Any point will do: the structure is linear."""
@@ -61,7 +61,7 @@ class Drivetrain:
     """Z = P - c/N (Eq. 9), in the letters of `model.drivetrain.joint_admittance`, the joint's inertia included."""
 
     name = EQ_9
-    parameters = ("K_1", "B_1")
+    parameters: tuple[str, ...] = ("K_1", "B_1")
 
     def __init__(self, p: DrivetrainParameters) -> None:
         self.p = p

@@ -1,0 +1,77 @@
+"""Jobs of the frequency response: realisations of one condition in several trials are pooled; the figure's numbers."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from osl_analysis.bench.settings import FilterSettings
+from osl_analysis.figures.response import points
+from osl_analysis.parameters import known_parameters
+from osl_analysis.spectral.period_lines import pooled, realisations_from
+from osl_analysis.spectral.realisations import Realisation
+from osl_analysis.spectral.tables import MODELS, RESPONSE, periodic_tables
+from osl_analysis.table import read_table, write_table
+
+CONDITION = ("joint", "side", "subject", "session", "group", "controller", "K_d", "B_d")
+"""Columns of the sample sheet in which trials that are pooled agree."""
+NUMBERS = ("K_d", "B_d")
+
+
+def pool_responses(
+    lines: Sequence[Path],
+    conditions: Mapping[str, Mapping[str, Any]],
+    settings: FilterSettings,
+    response_pooled: Path,
+    response_models_pooled: Path,
+    parameters: Path | None = None,
+) -> None:
+    """Write the response of all realisations of each condition, and the structures fitted to it.
+
+    `lines` are the files of the periods' lines of single trials; `conditions` are the rows of the sheet by trial.
+    Conditions with a single trial have no rows, nor have trials whose motions differ in more than phases.
+    """
+    p = known_parameters(parameters)
+    made: dict[str, list[pl.DataFrame]] = {"response": [], "response_models": []}
+    for group in groups_of(lines, conditions):
+        names = list(group)
+        every = [one for realisations in group.values() for one in realisations]
+        place = [
+            pl.lit(conditions[names[0]].get(column), dtype).alias(column) for column, dtype in place_schema().items()
+        ]
+        frames = periodic_tables(", ".join(names), every, settings.low_pass, p).frames()
+        for name, pools in made.items():
+            pools.append(frames[name].rename({"trial": "trials"}).select(*place, pl.all()))
+    for name, schema, path in (
+        ("response", RESPONSE, response_pooled),
+        ("response_models", MODELS, response_models_pooled),
+    ):
+        write_table(pl.concat([pl.DataFrame(schema={**place_schema(), **renamed_schema(schema)}), *made[name]]), path)
+
+
+def place_schema() -> dict[str, type[pl.DataType]]:
+    """The columns of the condition."""
+    return {column: pl.Float64 if column in NUMBERS else pl.String for column in CONDITION}
+
+
+def renamed_schema(schema: Mapping[str, type[pl.DataType]]) -> dict[str, type[pl.DataType]]:
+    """The columns of a pooled table: `trials` in place of `trial`."""
+    return {"trials" if name == "trial" else name: dtype for name, dtype in schema.items()}
+
+
+def groups_of(lines: Sequence[Path], conditions: Mapping[str, Mapping[str, Any]]) -> list[dict[str, list[Realisation]]]:
+    """The trials of one condition with motions that are alike, each with its realisations."""
+    by_condition: dict[tuple[Any, ...], dict[str, list[Realisation]]] = {}
+    for path in lines:
+        table = read_table(path)
+        if not table.is_empty():
+            trial = str(table["trial"][0])
+            key = tuple(conditions[trial].get(column) for column in CONDITION)
+            by_condition.setdefault(key, {})[trial] = realisations_from(table)
+    return [group for trials in by_condition.values() for group in pooled(trials)]
+
+
+def plotted_numbers(table: Path, pooled_table: Path, output: Path) -> None:
+    """The numbers of the figure `response`: pooled conditions, and the trials that are in none."""
+    write_table(points(read_table(table), read_table(pooled_table)), output)

@@ -1,0 +1,218 @@
+"""Frequency response of a trial as tables: the response, the structures fitted to it, and the lines of its periods."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from osl_analysis.errors import OslAnalysisError
+from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.signals import LowPass
+from osl_analysis.spectral.local_polynomial import local_response, record_spectrum
+from osl_analysis.spectral.models import FittedLines, FittedStructure, fit_structure, lines_of_periods, lines_of_record
+from osl_analysis.spectral.period_lines import LINES, lines_frame
+from osl_analysis.spectral.realisations import PeriodicMotion, Realisation, distinct, periodic_motion
+from osl_analysis.spectral.response import BandLevels, FrequencyResponse, periodic_response
+from osl_analysis.spectral.structures import EQ_9, EQ_15, Drivetrain, SecondOrder, Structure
+from osl_analysis.stats.fit_row import Row, estimates_row
+from osl_analysis.trial import Array
+
+STRUCTURES = (EQ_15, EQ_9)
+LEVELS = ("noise_level", "odd_level", "even_level", "total_level")
+CURVES = tuple(f"{part}_{name}" for name in ("eq15", "eq9") for part in ("magnitude", "phase_deg"))
+RESPONSE: dict[str, type[pl.DataType]] = {
+    "trial": pl.String, "method": pl.String, "realisations": pl.Int64,
+    **dict.fromkeys(("frequency_hz", "angle_deg", "Z_re", "Z_im", "magnitude", "phase_deg"), pl.Float64),
+    **dict.fromkeys(("noise_sd", "total_sd", *LEVELS, *CURVES), pl.Float64),
+}  # fmt: skip
+"""Columns of `response.csv`."""
+ESTIMATED = tuple(f"{name}{end}" for name in ("K", "B", "I", "K_1", "B_1") for end in ("", "_se", "_low", "_high"))
+BAND = ("torque", "noise", "odd", "even", "distortion")
+MODELS: dict[str, type[pl.DataType]] = {
+    "trial": pl.String, "model": pl.String, "method": pl.String, "weights": pl.String, "interval_method": pl.String,
+    **dict.fromkeys(("parameters", "realisations", "periods", "lines"), pl.Int64),
+    **dict.fromkeys(("period_s", "period_error_ppm", "lowest_hz", "highest_hz", *ESTIMATED), pl.Float64),
+    **dict.fromkeys(("VAF", "misfit", "misfit_ratio", "misfit_p", *(f"{name}_level" for name in BAND)), pl.Float64),
+    "excluded": pl.String,
+}  # fmt: skip
+"""Columns of `response_models.csv`."""
+
+
+@dataclass(frozen=True)
+class RecordedMotion:
+    """Angle and torque of a trial, shape (n,), not filtered, on a uniform grid."""
+
+    trial: str
+    """Name of the trial."""
+    theta: Array
+    """Angle [rad]."""
+    torque: Array
+    """Resisting torque [N*m], its drift taken off."""
+    rate_hz: float
+    """Sampling rate [Hz]."""
+    low_pass: LowPass
+    """The filter of the fits in time; its cut-off is the end of the band."""
+    usable: NDArray[np.bool_]
+    """Rows that are not near a gap, and in which the joint is to be analysed."""
+    pieces: tuple[slice, ...]
+    """Stretches in which the joint moves, without their ends. The longest is used if the motion does not repeat."""
+
+    def periods(self) -> PeriodicMotion | None:
+        """The periods of the motion; None if it does not repeat itself. Raises as `periodic_motion`."""
+        return periodic_motion(self.theta, self.torque, self.rate_hz, self.low_pass.cutoff_hz, self.usable)
+
+
+@dataclass(frozen=True)
+class ResponseTables:
+    """Rows of `response.csv` and `response_models.csv`, and the lines of the periods."""
+
+    response: pl.DataFrame
+    models: pl.DataFrame
+    lines: pl.DataFrame
+
+    def frames(self) -> Mapping[str, pl.DataFrame]:
+        """The frames by name of the table."""
+        return {"response": self.response, "response_models": self.models, "response_lines": self.lines}
+
+
+NO_RESPONSE = ResponseTables(*(pl.DataFrame(schema=schema) for schema in (RESPONSE, MODELS, LINES)))
+"""The tables of a stepped sine, whose frequency response is in `phasors.csv`: no rows."""
+
+
+def response_tables(recorded: RecordedMotion, p: DrivetrainParameters | None) -> ResponseTables:
+    """The tables of one trial of any excitation; Eq. 9 where the device has parameters.
+
+    A structure that cannot be fitted has a row with the reason, and so has a trial without a frequency response.
+    """
+    try:
+        motion = recorded.periods()
+        if motion is not None:
+            return periodic_tables(recorded.trial, motion.realisations, recorded.low_pass, p, motion.period_error_ppm)
+        longest = max(recorded.pieces, key=lambda piece: piece.stop - piece.start)
+        signals = recorded.theta[longest], recorded.torque[longest]
+        spectrum = record_spectrum(*signals, recorded.rate_hz, recorded.low_pass.cutoff_hz)
+        response = local_response(spectrum)
+    except OslAnalysisError as error:
+        reason = {"trial": recorded.trial, "model": EQ_15, "excluded": str(error)}
+        return replace(NO_RESPONSE, models=pl.DataFrame([reason], schema=MODELS))
+    found = fitted_structures(lines_of_record(spectrum, recorded.low_pass), p)
+    return ResponseTables(
+        response_frame(recorded.trial, response, found, 1),
+        models_frame(recorded.trial, response, found, {"realisations": 1}),
+        NO_RESPONSE.lines,
+    )
+
+
+def periodic_tables(
+    trial: str,
+    realisations: Sequence[Realisation],
+    low_pass: LowPass,
+    p: DrivetrainParameters | None,
+    period_error_ppm: float | None = None,
+) -> ResponseTables:
+    """The tables of the realisations of a periodic motion, in one trial or in several.
+
+    Raises
+    ------
+    InputError
+        As `lines_of`.
+    """
+    response, levels = periodic_response(realisations)
+    found = fitted_structures(lines_of_periods(realisations, low_pass), p)
+    count = len(distinct(realisations))
+    facts: Row = {
+        "realisations": count,
+        "periods": sum(r.periods for r in realisations),
+        "period_s": realisations[0].period,
+        "period_error_ppm": period_error_ppm,
+        **levels_row(levels),
+    }
+    return ResponseTables(
+        response_frame(trial, response, found, count),
+        models_frame(trial, response, found, facts),
+        lines_frame(trial, realisations),
+    )
+
+
+Fitted = Mapping[str, FittedStructure | OslAnalysisError]
+
+
+def fitted_structures(lines: FittedLines, p: DrivetrainParameters | None) -> Fitted:
+    """Eq. 15 and, with parameters, Eq. 9 fitted to lines, or why one cannot be."""
+    found: dict[str, FittedStructure | OslAnalysisError] = {}
+    first = (0.0, 0.0)
+    structures: list[Structure] = [SecondOrder()] if p is None else [SecondOrder(), Drivetrain(p)]
+    for structure in structures:
+        try:
+            one = fit_structure(structure, lines, first)
+        except OslAnalysisError as error:
+            found[structure.name] = error
+            continue
+        found[structure.name] = one
+        if structure.name == EQ_15:
+            first = (one.fit["K"], one.fit["B"])
+    return found
+
+
+def response_frame(trial: str, response: FrequencyResponse, found: Fitted, realisations: int) -> pl.DataFrame:
+    """A row per frequency, with the curves of the structures."""
+    Z = response.impedance
+    columns: dict[str, object] = {
+        "trial": trial,
+        "method": response.method,
+        "realisations": realisations,
+        "frequency_hz": response.frequency_hz,
+        "angle_deg": np.rad2deg(response.angle),
+        "Z_re": Z.real,
+        "Z_im": Z.imag,
+        "magnitude": np.abs(Z),
+        "phase_deg": np.rad2deg(np.angle(Z)),
+        "noise_sd": response.noise_sd,
+        "total_sd": response.total_sd,
+        **{name: getattr(response, name) for name in LEVELS},
+    }
+    for name, short in zip(STRUCTURES, ("eq15", "eq9"), strict=True):
+        one = found.get(name)
+        curve = one.impedance(response.frequency_hz) if isinstance(one, FittedStructure) else None
+        columns[f"magnitude_{short}"] = None if curve is None else np.abs(curve)
+        columns[f"phase_deg_{short}"] = None if curve is None else np.rad2deg(np.angle(curve))
+    return pl.DataFrame(columns, schema=RESPONSE).fill_nan(None)
+
+
+def models_frame(trial: str, response: FrequencyResponse, found: Fitted, facts: Row) -> pl.DataFrame:
+    """A row per structure: parameters, misfit beyond the noise, its test, and the levels of the band."""
+    shared: Row = {
+        "trial": trial,
+        "method": response.method,
+        "lines": len(response.frequency_hz),
+        "lowest_hz": float(response.frequency_hz[0]),
+        "highest_hz": float(response.frequency_hz[-1]),
+        **facts,
+    }
+    rows = [
+        {**shared, "model": name, **(model_row(one) if isinstance(one, FittedStructure) else {"excluded": str(one)})}
+        for name, one in found.items()
+    ]
+    return pl.DataFrame(rows, schema=MODELS).fill_nan(None)
+
+
+def model_row(one: FittedStructure) -> Row:
+    """The columns of one fitted structure."""
+    names = one.structure.parameters
+    return {
+        "weights": one.weights,
+        "interval_method": one.fit.interval_method,
+        "parameters": len(names),
+        **estimates_row(one.fit, *names),
+        "VAF": one.vaf,
+        "misfit": one.misfit,
+        "misfit_ratio": one.ratio,
+        "misfit_p": one.p,
+    }
+
+
+def levels_row(levels: BandLevels) -> Row:
+    """`torque_level`, `noise_level` ... of the band [N*m]."""
+    return {f"{name}_level": getattr(levels, name) for name in BAND}

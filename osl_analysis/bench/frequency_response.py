@@ -145,9 +145,9 @@ def no_phasors() -> pl.DataFrame:
 
 def example_phasors() -> pl.DataFrame:
     """One row of `phasor_table`, of a sine that stands for no trial; only its columns count."""
-    time = np.arange(100) / 100
+    time = np.arange(200) / 200
     sine = np.sin(2 * np.pi * 10 * time)
-    return phasor_table("", [segment_phasors(time, sine, sine, Segment(1.0, 10.0, 0.0, 100.0, 10))])
+    return phasor_table("", [segment_phasors(time, sine, sine, Segment(1.0, 10.0, 0.0, 200.0, 10))])
 
 
 def no_responses() -> pl.DataFrame:

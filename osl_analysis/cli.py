@@ -4,14 +4,13 @@ from pathlib import Path
 
 import click
 
+from osl_analysis.cli_design import design, gains
 from osl_analysis.cli_options import (
     AS_JSON,
     CONFIG,
     DEVICE,
     FILE,
     NO_FILE,
-    NUMBERS,
-    PARAMETERS,
     OneLineErrors,
     desired_impedance,
     desired_options,
@@ -27,6 +26,10 @@ def main() -> None:
 
     Whole campaigns run with `snakemake reproduce-all`; these commands do one thing at a time.
     """
+
+
+main.add_command(gains)
+main.add_command(design)
 
 
 @main.command(epilog="Example: osl-analysis simulate --trial impedance_K300_B5.0_compensated /tmp/campaign")
@@ -173,49 +176,6 @@ def fit(
 
         draw_table("torque", fitted.series, [plot])
     say(command.estimates_json(fitted.estimates) if as_json else command.estimates_text(fitted.estimates))
-
-
-@main.command(epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (or 100:400:50 and 0,5 for a grid)")
-@click.option("--stiffness", type=NUMBERS, help="Desired joint stiffness K_d [N·m/rad]: 300, 100,200 or 100:400:50.")
-@click.option("--damping", type=NUMBERS, help="Desired joint damping B_d [N·m·s/rad]: 5, 0,2.5,5 or 0:7.5:2.5.")
-@click.option(
-    "--trajectory", type=FILE, help="CSV file with phase (0 to 1), K_d [N·m/rad] and B_d [N·m·s/rad] instead."
-)
-@click.option("--weight-hz", type=float, default=1.0, show_default=True, help="Cut-off of W in Eq. 14 [Hz].")
-@click.option("--weight-order", type=int, default=3, show_default=True, help="Order of W in Eq. 14.")
-@PARAMETERS
-@AS_JSON
-@click.option("--output", type=FILE, help="Write the table to this file (.csv or .json).")
-@click.option("--plot", type=FILE, help="Draw response, gains or trajectory to this file (.pdf, .svg or .png).")
-def gains(
-    stiffness: list[float] | None,
-    damping: list[float] | None,
-    trajectory: Path | None,
-    weight_hz: float,
-    weight_order: int,
-    parameters: Path,
-    as_json: bool,
-    output: Path | None,
-    plot: Path | None,
-) -> None:
-    """Select the control gains K_1 and B_1 that render a desired impedance best (Eqs. 13 and 14).
-
-    For one pair, a grid or a trajectory. The table also has the impedance that a fit will estimate, stability,
-    passivity and the frequency up to which the desired impedance is rendered.
-    """
-    from osl_analysis.commands import gains as command
-
-    if trajectory is not None and (stiffness is not None or damping is not None):
-        raise click.UsageError("--trajectory has K_d and B_d of its own: leave out --stiffness and --damping, or it")
-    if trajectory is None and (stiffness is None or damping is None):
-        raise click.UsageError("give --stiffness and --damping, or --trajectory")
-    request = command.Request(stiffness or [], damping or [], trajectory, weight_hz, weight_order)
-    table = command.requested_gains(request, parameters)
-    if output is not None:
-        command.write_gains(table, output)
-    if plot is not None:
-        command.plot_gains(request, table, parameters, plot)
-    say(command.gains_json(table) if as_json else command.gains_text(request, table, parameters))
 
 
 @main.command(epilog="Example: osl-analysis samples ../shared/real_data --output docs/real_samples.md")

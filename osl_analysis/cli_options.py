@@ -55,7 +55,7 @@ DEFAULT_CONFIG = Path("config/config.yaml")
 """The default configuration, as in `config.py`, whose import takes half a second."""
 WRITTEN = {"output", "plot", "draft_path"}
 """Parameters of commands that name a file to write."""
-SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md"}
+SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md", "design": ".csv"}
 """Suffix of what a command writes, where it writes one kind of file."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C or SIGTERM."""

@@ -17,6 +17,7 @@ MAY_IMPORT = {
     "stats": COMMON | {"stats", "signals"},
     "protocol": COMMON | {"protocol"},
     "spectral": COMMON | {"spectral", "stats", "signals", "model", "parameters"},
+    "design": COMMON | {"design", "spectral", "stats", "signals", "multisine"},
     "timebase": COMMON | {"timebase", "signals"},
     "bench": COMMON
     | {"bench", "protocol", "spectral", "stats", "second_order", "rails", "signals", "uniform", "timebase"}
@@ -67,7 +68,7 @@ def test_nothing_but_its_command_imports_the_study():
 
 def test_commands_are_called_by_the_command_line_alone():
     users = {m for m, s in stations(".") if s == "commands" and not m.startswith("commands/")}
-    assert users == {"cli.py"}
+    assert users == {"cli.py", "cli_design.py"}
 
 
 def test_matplotlib_stays_in_the_figures():

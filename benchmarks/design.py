@@ -1,0 +1,149 @@
+"""The tables of docs/design_of_experiments.md: achieved over predicted standard deviation of K, B and I.
+
+    python benchmarks/design.py study [trials]          stepped sine: trials of the Monte Carlo study
+    python benchmarks/design.py multisine [trials]      odd multisine: exact joint, Coulomb friction, drivetrain
+
+The study simulates its trials, brings them on a time base, finds their protocol, filters and fits them; it knows
+nothing of the prediction. Trials of a multisine are simulated in memory and fitted by `spectral.equation_error`.
+"""
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from scipy.interpolate import make_interp_spline
+
+from osl_analysis.config import Config, read_config
+from osl_analysis.design.distortion import Density, Distortion
+from osl_analysis.design.information import NAMES, Joint
+from osl_analysis.design.plan import PeriodicMultisine, SteppedSine
+from osl_analysis.design.precision import precision
+from osl_analysis.design.sensors import Sensors
+from osl_analysis.model.compensator import compensated_gains
+from osl_analysis.parameters import read_parameters
+from osl_analysis.simulator.dynamometer import drivetrain_effects, simulate_impedance
+from osl_analysis.simulator.joint_motion import JointMotion
+from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.spectral.equation_error import fit_periodic
+from osl_analysis.spectral.realisations import Realisation, period_spectra
+from osl_analysis.spectral.response import periodic_response
+from osl_analysis.study.batch import batch_rows
+from osl_analysis.study.trials import StudyInputs
+from osl_analysis.trial import Array
+from osl_analysis.yaml_settings import read_yaml
+
+STUDIED = ("second order", "second order, 250 Hz", "second order, 14 bits", "linear drivetrain", "drivetrain")
+RATE_HZ = 1000.0
+JOINT = Joint(300.0, 5.0, 0.02)
+PLAN = PeriodicMultisine(8.0, (0.5, 6.0), float(np.deg2rad(2)), 4, 4)
+SENSORS = Sensors(RATE_HZ, 0.05)
+Torque = Callable[[JointMotion], Array]
+
+
+def inputs_of(config: Config) -> StudyInputs:
+    """What the study's batches get from the configuration, without walking."""
+    study = config.study
+    simulation = read_yaml(study.simulation, SimulationSettings).model_copy(update={"seed": study.seed})
+    p = read_parameters(simulation.parameters)
+    return StudyInputs(study, simulation, None, p, config.dynamometer, config.actuator, config.walking, config.sources)
+
+
+def studied(experiment: str, inputs: StudyInputs, trials: int) -> Iterator[str]:
+    """Rows of a table: an experiment of the study."""
+    study, effects, bench = inputs.study, inputs.simulation.effects, inputs.dynamometer
+    found = pl.DataFrame(batch_rows(experiment, range(trials), inputs), infer_schema_length=None)
+    found = found.filter((pl.col("estimator") == "filtered") & (pl.col("interval_method") == "cycles"))
+    cycles = (float(study.cycles),) * len(bench.frequencies_hz)
+    amplitudes = tuple(np.deg2rad(study.amplitudes_deg).tolist())
+    sensors = Sensors(
+        250.0 if "250 Hz" in experiment else RATE_HZ,
+        effects.load_cell_noise.value,
+        torque_step=effects.load_cell_quantisation.value,
+        encoder_step=2 * np.pi / 2**14 if "14 bits" in experiment else effects.joint_encoder.value,
+        drift=effects.load_cell_drift.value / 60,
+    )
+    plan = SteppedSine(amplitudes, bench.frequencies_hz, cycles, bench.settle_cycles)
+    predicted = precision(plan, JOINT, sensors, bench.low_pass).se
+    for name, expected in zip(NAMES, predicted, strict=True):
+        row = found.filter(pl.col("quantity") == name)
+        yield line(experiment, name, float(expected), (row["value"] - row["truth"]).to_numpy())
+
+
+def line(label: str, name: str, predicted: float, errors: Array) -> str:
+    """A row of a table, from the errors (n,) of as many trials, whose ratio has a standard error of its own."""
+    ratio = float(np.std(errors, ddof=1)) / predicted
+    return f"| {label} | {name} | {predicted:.3g} | {ratio:.2f} ± {ratio / np.sqrt(2 * len(errors)):.2f} |"
+
+
+def multisine_trials(torque_of: Torque, trials: int, first: int) -> tuple[list[list[Realisation]], Array]:
+    """Trials whose realisations all differ, numbered from `first`, and their estimates (trials, 3)."""
+    rng = np.random.default_rng(first)
+    made = [
+        [realisation(first + trial * PLAN.realisations + r, torque_of, rng) for r in range(PLAN.realisations)]
+        for trial in range(trials)
+    ]
+    fits = [fit_periodic(one, read_config(Path("config/config.yaml")).dynamometer.low_pass) for one in made]
+    return made, np.array([[fit[name] for name in NAMES] for fit in fits])
+
+
+def realisation(number: int, torque_of: Torque, rng: np.random.Generator) -> Realisation:
+    """One realisation, after a transient period, read by a noisy load cell."""
+    motion, samples = PLAN.motion(number), round(PLAN.period_s * RATE_HZ)
+    n = samples * (PLAN.periods + 1) + 1
+    period = np.arange(samples) / RATE_HZ
+    moved = JointMotion(*(np.resize(motion.angle(period, k), n) for k in range(3)))
+    torque = torque_of(moved) + SENSORS.torque_noise * rng.standard_normal(n)
+    theta, tau = (
+        period_spectra(make_interp_spline(np.arange(n), y, k=5), float(samples), float(samples), PLAN.periods)
+        for y in (moved.theta, torque)
+    )
+    lines = int(3 * PLAN.period_s * PLAN.band_hz[1])
+    return Realisation(PLAN.period_s, RATE_HZ, theta[:, :lines], tau[:, :lines], 0.0)
+
+
+def exact(m: JointMotion) -> Array:
+    """Eq. 15."""
+    return np.asarray(JOINT.K * m.theta + JOINT.B * m.omega + JOINT.I * m.alpha)
+
+
+def multisines(inputs: StudyInputs, trials: int) -> Iterator[str]:
+    """Rows of the table of multisines: friction is stated, or another trial showed the level."""
+    low_pass = inputs.dynamometer.low_pass
+    for friction in (0.0, 0.02, 0.5):
+        _, found = multisine_trials(lambda m, T=friction: exact(m) + T * np.sign(m.omega), trials, 1)
+        predicted = precision(PLAN, JOINT, SENSORS, low_pass, Distortion(coulomb=friction)).se
+        for k, name in enumerate(NAMES):
+            yield line(f"exact joint, friction {friction:g} N·m stated", name, predicted[k], found[:, k])
+    gains = compensated_gains(inputs.study.K_d, inputs.study.B_d, inputs.p)
+    effects = drivetrain_effects(inputs.simulation)
+
+    def drivetrain(m: JointMotion) -> Array:
+        return simulate_impedance(RATE_HZ, m, gains, effects, inputs.p).torque
+
+    earlier, _ = multisine_trials(drivetrain, 1, 100_000)
+    _, found = multisine_trials(drivetrain, trials, 1)
+    response, _ = periodic_response(earlier[0])
+    spacing = float(np.min(np.diff(response.frequency_hz)))
+    density = Density(response.frequency_hz, 0.5 * (response.odd_level * response.angle) ** 2 / spacing)
+    for words, stated in (
+        ("no distortion stated", Distortion()),
+        ("level of another trial", Distortion(earlier=density)),
+    ):
+        predicted = precision(PLAN, JOINT, SENSORS, low_pass, stated).se
+        for k, name in enumerate(NAMES):
+            yield line(f"drivetrain, {words}", name, predicted[k], found[:, k])
+
+
+if __name__ == "__main__":
+    number = int(sys.argv[2]) if len(sys.argv) > 2 else 60
+    given = inputs_of(read_config(Path("config/config.yaml")))
+    print("| trials | | predicted SD | achieved over predicted |\n|---|---|---|---|")
+    if sys.argv[1] == "multisine":
+        for text in multisines(given, number):
+            print(text, flush=True)
+    else:
+        for one in STUDIED:
+            for text in studied(one, given, number):
+                print(text, flush=True)

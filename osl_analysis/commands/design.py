@@ -1,0 +1,197 @@
+"""Experiment design for the command line: what a protocol will tell on K, B and I, and the command of a multisine."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.config import Config
+from osl_analysis.design.distortion import Density, Distortion
+from osl_analysis.design.duration import long_enough, reached
+from osl_analysis.design.information import NAMES, Joint, weighted
+from osl_analysis.design.limits import lag_errors, warnings
+from osl_analysis.design.plan import TRANSIENTS, PeriodicMultisine, Plan
+from osl_analysis.design.precision import Precision, precision
+from osl_analysis.design.sensors import Sensors
+from osl_analysis.errors import InputError
+from osl_analysis.signals import LowPass
+from osl_analysis.table import read_table, write_table
+from osl_analysis.trial import Array
+
+RAMP_S = 1.0
+"""Time [s] in which a command rises at the start of a realisation and falls at its end."""
+PAUSE_S = 1.0
+"""Rest [s] between two realisations."""
+
+
+@dataclass(frozen=True)
+class DesignRequest:
+    """A plan and what its intervals depend on."""
+
+    plan: Plan
+    joint: Joint
+    sensors: Sensors
+    low_pass: LowPass
+    distortion: Distortion
+    lag_s: float
+    """Lag [s] of the torque whose effect is stated."""
+    within: Mapping[str, float]
+    """Half widths that are asked for, as shares of K, B, I."""
+
+    def judged(self, plan: Plan) -> Precision:
+        """The intervals that a plan gives; raises as `precision`."""
+        return precision(plan, self.joint, self.sensors, self.low_pass, self.distortion)
+
+    def suffices(self, plan: Plan) -> bool:
+        """Whether a plan reaches what is asked for."""
+        return reached(self.judged(plan), self.joint, self.within)
+
+
+@dataclass(frozen=True)
+class Design:
+    """What is said about a request."""
+
+    request: DesignRequest
+    found: Precision
+    recommended: Plan | None
+    """The shortest plan that reaches what is asked for; None where nothing is asked, or it is out of reach."""
+    recommended_found: Precision | None
+    lag: Mapping[str, float]
+    """What the lag adds to K, B, I."""
+    warnings: tuple[str, ...]
+
+
+def designed(request: DesignRequest, config: Config) -> Design:
+    """The intervals of a plan, how long to record, and what stands in the way.
+
+    Raises
+    ------
+    IdentifiabilityError, InputError
+        As `precision`; or the cut-off is not below half the sampling rate.
+    """
+    rate, low_pass = request.sensors.rate_hz, request.low_pass
+    if not low_pass.cutoff_hz < rate / 2:
+        raise InputError(
+            f"--rate {rate:g} Hz is too low for the filter's cut-off of {low_pass.cutoff_hz:g} Hz; sample faster than "
+            "twice the cut-off"
+        )
+    found = request.judged(request.plan)
+    best = None
+    if request.within:
+        best = long_enough(request.plan, request.suffices)
+    said = (*warnings(request.plan, found, request.joint, request.sensors, low_pass, request.distortion),)
+    lag = lag_errors(weighted(request.plan, low_pass), request.joint, request.lag_s)
+    said += (*range_warnings(request, config),)
+    if request.within and best is None:
+        said += (out_of_reach(found),)
+    return Design(request, found, best, None if best is None else request.judged(best), lag, said)
+
+
+def range_warnings(request: DesignRequest, config: Config) -> list[str]:
+    """Warnings on angles and torques that the configuration does not allow."""
+    said, bench = [], config.dynamometer
+    if request.plan.peak[0] > bench.largest_angle:
+        said.append(
+            f"the largest angle of {request.plan.peak[0]:.3g} rad is above dynamometer.largest_angle = "
+            f"{bench.largest_angle:g} rad: the recording would be refused"
+        )
+    if bench.load_cell_range is not None and peak_torque(request) > bench.load_cell_range:
+        said.append(
+            f"the torque of about {peak_torque(request):.3g} N·m is above dynamometer.load_cell_range = "
+            f"{bench.load_cell_range:g} N·m: the recording would be refused"
+        )
+    return said
+
+
+def out_of_reach(found: Precision) -> str:
+    """Why no length of the record is enough: the largest part of each variance."""
+    causes, parts = list(found.causes), np.array(list(found.causes.values()))
+    largest = np.argmax(parts, axis=0)
+    shares = 100 * np.max(parts, axis=0) / np.maximum(parts.sum(axis=0), np.finfo(float).tiny)
+    main = (f"{name}: {causes[k]} {share:.0f} %" for name, k, share in zip(NAMES, largest, shares, strict=True))
+    return (
+        f"no length of this protocol reaches what is asked for (variance of {', '.join(main)}); move further, widen "
+        "the band, or ask for less"
+    )
+
+
+def peak_torque(request: DesignRequest) -> float:
+    """Largest torque [N*m]: of sines one at a time the largest, of many the same multiple of the RMS as the angle."""
+    sines = request.plan.sines
+    torque = np.abs(request.joint.impedance(sines.w)) * sines.size
+    if sines.alone.all():
+        return float(torque.max()) + request.distortion.coulomb
+    crest = request.plan.peak[0] / float(np.sqrt(np.sum(sines.size**2) / 2))
+    return crest * float(np.sqrt(np.sum(torque**2) / 2)) + request.distortion.coulomb
+
+
+def earlier_distortion(path: Path, trial: str | None) -> Distortion:
+    """The distortion that an earlier trial showed: `response.csv` (levels), or `impedance.csv` (Coulomb friction).
+
+    Raises
+    ------
+    InputError
+        The table is missing or another one, has no such trial or several of them, or does not state the distortion.
+    """
+    table = read_table(path)
+    if "trial" not in table.columns or not ({"odd_level", "coulomb_torque"} & set(table.columns)):
+        raise InputError(f"{path}: no column odd_level or coulomb_torque; give response.csv or impedance.csv")
+    rows = table if trial is None else table.filter(pl.col("trial") == trial)
+    names = rows["trial"].unique().to_list()
+    if len(names) != 1:
+        what = f"no trial '{trial}'" if trial else f"{len(names)} trials"
+        raise InputError(f"{path}: {what}; choose one with --trial, such as {table['trial'][0]}")
+    return level_of(rows, path) if "odd_level" in rows.columns else friction_of(rows, path)
+
+
+def friction_of(rows: pl.DataFrame, path: Path) -> Distortion:
+    """The friction of the row over all amplitudes, or of a single row, from the columns of `impedance.csv`."""
+    whole = rows.filter(pl.col("amplitude_deg").is_null())
+    value = (whole if len(whole) else rows)["coulomb_torque"].cast(pl.Float64)[0]
+    if value is None or not np.isfinite(value):
+        raise InputError(f"{path}: coulomb_torque of trial {rows['trial'][0]} is empty; state --friction")
+    return Distortion(coulomb=abs(float(value)))
+
+
+def level_of(rows: pl.DataFrame, path: Path) -> Distortion:
+    """The density of the distortion, from the columns of `response.csv`.
+
+    A level is E|d|^2 of Z, times |theta|^2 twice the mean square of the torque that a line has; odd lines are as far
+    apart as the closest two.
+    """
+    known = rows.drop_nulls(["odd_level", "angle"]).sort("frequency_hz")
+    f, level, angle = (known[name].cast(pl.Float64).to_numpy() for name in ("frequency_hz", "odd_level", "angle"))
+    if len(f) < 2 or not np.isfinite(level).all():
+        raise InputError(f"{path}: no odd_level of trial {rows['trial'][0]}; it needs a periodic motion with odd lines")
+    return Distortion(earlier=Density(f, 0.5 * (level * angle) ** 2 / float(np.min(np.diff(f)))))
+
+
+def command_of(plan: PeriodicMultisine, rate_hz: float) -> tuple[Array, Array]:
+    """Times [s] and angles [rad] of all realisations, shape (n,) each.
+
+    Each rises within its transient period and falls after its last one; it is at rest in between.
+    """
+    length = (plan.periods + TRANSIENTS) * plan.period_s + RAMP_S
+    n, pause = round(length * rate_hz), np.zeros(round(PAUSE_S * rate_hz))
+    time = np.arange(n) / rate_hz
+    rising = np.clip(np.minimum(time, length - time) / RAMP_S, 0, 1)
+    envelope = 0.5 * (1 - np.cos(np.pi * rising))
+    parts = [part for r in range(plan.realisations) for part in (plan.motion(r).angle(time) * envelope, pause)]
+    angle = np.concatenate([pause, *parts])
+    return np.arange(len(angle)) / rate_hz, angle
+
+
+def write_command(plan: Plan, rate_hz: float, output: Path) -> None:
+    """Write the angle that a multisine commands: `time` [s], `theta_command` [rad].
+
+    Raises
+    ------
+    InputError
+        The plan is no multisine.
+    """
+    if not isinstance(plan, PeriodicMultisine):
+        raise InputError(f"{output}: only a multisine is written; give --excitation multisine")
+    time, angle = command_of(plan, rate_hz)
+    write_table(pl.DataFrame({"time": time, "theta_command": angle}), output)

@@ -1,0 +1,314 @@
+"""Experiment design: the predicted errors of K, B and I against closed forms, another formula, and simulated trials."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from osl_analysis.design.distortion import Density, Distortion, arcsine_power
+from osl_analysis.design.duration import long_enough, reached
+from osl_analysis.design.information import Joint, weighted
+from osl_analysis.design.limits import lag_errors, warnings
+from osl_analysis.design.plan import Continuous, PeriodicMultisine, SteppedSine
+from osl_analysis.design.precision import precision
+from osl_analysis.design.sensors import Sensors
+from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.multisine import odd_multisine
+from osl_analysis.signals import LowPass
+from osl_analysis.study.performance import regression_bound
+
+OPEN = LowPass(1e4)
+"""A filter that weighs nothing."""
+JOINT = Joint(300.0, 5.0, 0.02)
+DRAFT = SteppedSine(tuple(np.deg2rad([2, 4, 6])), (1.0, 2.0, 3.0, 4.0, 5.0), (20.0,) * 5, 2)
+MULTISINE = PeriodicMultisine(8.0, (0.5, 6.0), float(np.deg2rad(2)), 4, 4)
+
+
+def estimates(motion, torque):
+    """K, B, I and offset of theta, omega, alpha (n,) and torque (n, trials), by numpy alone."""
+    X = np.column_stack([*motion, np.ones(len(motion[0]))])
+    return np.linalg.lstsq(X, torque, rcond=None)[0][:3]
+
+
+def test_two_sines_have_the_errors_that_one_computes_by_hand():
+    """(X'X)^-1 of the columns a sin, a w cos, -a w^2 sin: with e = N a^2/2, var K = sigma^2 (e w1^4 + e w2^4)/
+    (e^2 (w1^2 - w2^2)^2), var I = sigma^2 2 e/(...), var B = sigma^2/(e w1^2 + e w2^2)."""
+    a, sigma, rate, seconds = 0.05, 0.3, 500.0, 10.0
+    plan = SteppedSine((a,), (1.0, 2.0), (10.0 + 1, 20.0 + 1), 0)
+    e, (w1, w2) = rate * seconds * a**2 / 2, (2 * np.pi, 4 * np.pi)
+    apart = e**2 * (w1**2 - w2**2) ** 2
+    by_hand = [e * (w1**4 + w2**4) / apart, 1 / (e * (w1**2 + w2**2)), 2 * e / apart]
+    found = precision(plan, JOINT, Sensors(rate, sigma), OPEN)
+    np.testing.assert_allclose(found.se, sigma * np.sqrt(by_hand), rtol=1e-9)
+    assert found.correlation == pytest.approx((w1**2 + w2**2) / np.sqrt(2 * (w1**4 + w2**4)))
+
+
+def test_the_amplitude_of_one_sine_has_the_variance_of_the_textbook():
+    """2 sigma^2/N per quadrature (Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 1974)."""
+    plan = SteppedSine((0.05,), (2.0,), (21.0,), 0)
+    only = Sensors(800.0, 0.3).variances(plan.sines, JOINT.impedance(plan.sines.w), 10.0)["torque noise"]
+    assert only.in_phase == only.quadrature == pytest.approx(2 * 0.3**2 / (800 * 10))
+
+
+def test_the_draft_s_protocol_reaches_the_bound_that_the_study_computes_in_time():
+    """Cramer and Rao over samples, from the study; a filter of 15 Hz changes it by less than a hundredth."""
+    time = np.arange(1000 * 17) / 1000
+    parts = [
+        (a * np.sin(2 * np.pi * f * t), a * 2 * np.pi * f * np.cos(2 * np.pi * f * t))
+        for a in DRAFT.amplitudes
+        for f, t in zip(DRAFT.frequencies_hz, (time[: 17000 // int(f)] for f in DRAFT.frequencies_hz), strict=True)
+    ]
+    w = np.repeat(np.tile(2 * np.pi * np.array(DRAFT.frequencies_hz), 3), [len(p[0]) for p in parts])
+    theta, omega = (np.concatenate(column) for column in zip(*parts, strict=True))
+    bound = regression_bound({"K": theta, "B": omega, "I": -(w**2) * theta, "offset": np.ones(len(w))}, 0.05)
+    found = precision(DRAFT, JOINT, Sensors(1000.0, 0.05), LowPass(15.0, 4))
+    np.testing.assert_allclose(found.se, [bound[name] for name in "KBI"], rtol=0.01)
+    assert found.method == "cycles"
+
+
+def test_a_narrow_filter_costs_what_weighted_least_squares_cost():
+    """Two sines, of which the filter halves the faster: (X'WX)^-1 X'W^2X (X'WX)^-1 with W = 1 and 1/4."""
+    plan = SteppedSine((0.05,), (1.0, 4.0), (11.0, 41.0), 0)
+    low_pass = LowPass(4.0, 4)
+    w, W = 2 * np.pi * np.array([1.0, 4.0]), (1 / (1 + (np.array([1.0, 4.0]) / 4) ** 8)) ** 2
+    assert W[1] == pytest.approx(0.25)
+    X = np.zeros((4, 3))
+    X[0::2, 0], X[0::2, 2], X[1::2, 1] = 0.05, -0.05 * w**2, 0.05 * w
+    W = np.repeat(W, 2)
+    inverse = np.linalg.inv(X.T @ (W[:, None] * X))
+    by_hand = inverse @ (X.T @ ((W**2)[:, None] * X)) @ inverse * 2 * 0.3**2 / (1000 * 10)
+    found = precision(plan, JOINT, Sensors(1000.0, 0.3), low_pass)
+    np.testing.assert_allclose(found.se, np.sqrt(np.diag(by_hand)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("noise_band", [None, 50.0])
+def test_simulated_trials_of_a_multisine_scatter_as_predicted(noise_band):
+    """400 trials: the standard error of a ratio is 3.5 %, three times of it. Noise in a quarter of the band has a
+    quarter of the variance where its density is the same."""
+    rate, plan = 100.0, replace(MULTISINE, periods=2, realisations=1)
+    motion, time = plan.motion(0), np.arange(1600) / 100.0
+    theta, omega, alpha = (motion.angle(time, k) for k in range(3))
+    rng = np.random.default_rng(11)
+    exact = 300 * theta + 5 * omega + 0.02 * alpha
+    found = estimates((theta, omega, alpha), exact[:, None] + 0.2 * rng.standard_normal((1600, 400)))
+    size = 0.2 if noise_band is None else 0.2 * np.sqrt(noise_band / (rate / 2))
+    predicted = precision(plan, JOINT, Sensors(rate, size, noise_band), OPEN)
+    np.testing.assert_allclose(found.std(axis=1, ddof=1) / predicted.se, 1, atol=0.105)
+    np.testing.assert_allclose(found.mean(axis=1), [300, 5, 0.02], rtol=5e-3)
+
+
+def friction_trials(number):
+    """K, B, I that Coulomb friction of 1 N*m adds in realisations of the multisine, (number, 3), by numpy alone."""
+    time = 8.0 * np.arange(1000) / 1000
+    found = []
+    for r in range(number):
+        motion = odd_multisine(8.0, (0.5, 6.0), MULTISINE.rms, 1, 1000 + r)
+        theta, omega, alpha = (motion.angle(time, k) for k in range(3))
+        found.append(estimates((theta, omega, alpha), np.sign(omega)))
+    return np.array(found)
+
+
+def test_realisations_scatter_by_friction_as_predicted_and_shift_b_by_its_equivalent_damping():
+    """200 realisations and 400 draws: 6 % in a ratio of standard deviations; B within 4 of its standard errors."""
+    found, friction = friction_trials(200), Distortion(coulomb=1.0)
+    predicted = precision(MULTISINE, JOINT, Sensors(1000.0, 0.0), OPEN, friction)
+    np.testing.assert_allclose(found.std(axis=0, ddof=1) / 2 / predicted.se, 1, atol=0.2)
+    error = found[:, 1].std(ddof=1) / np.sqrt(200)
+    assert found[:, 1].mean() == pytest.approx(friction.added_damping(MULTISINE)["in all"], abs=4 * error + 0.005)
+    np.testing.assert_array_equal(predicted.degrees_of_freedom, 3)
+    assert predicted.method == "realisations"
+    assert np.all(predicted.noise_half_width == 0)
+    np.testing.assert_allclose(predicted.half_width, 3.1824463 * predicted.se)  # Student, 3 degrees of freedom
+
+
+def test_the_level_of_friction_at_detection_lines_is_that_of_the_arcsine_law():
+    """Mean square of sign(omega) there over 300 realisations, whose mean over five lines has an error of 3 %."""
+    n, first, powers = 1000, MULTISINE.first, []
+    for r in range(300):
+        omega = MULTISINE.motion(r).angle(8.0 * np.arange(n) / n, 1)
+        powers.append(np.abs(np.fft.rfft(np.sign(omega))[first.detection] * 2 / n) ** 2 / 2)
+    by_law = np.interp(first.detection, first.lines, arcsine_power(MULTISINE.sines, 1 / 8))
+    assert np.mean(powers) == pytest.approx(np.mean(by_law), rel=0.1)
+    np.testing.assert_allclose(np.mean(powers, axis=0) / by_law, 1, atol=0.25)
+
+
+def test_longer_records_do_not_average_friction_out_but_realisations_do():
+    stated, sensors = Distortion(coulomb=0.5), Sensors(1000.0, 0.05)
+    one, periods, realisations = (
+        precision(plan, JOINT, sensors, OPEN, stated)
+        for plan in (MULTISINE, replace(MULTISINE, periods=16), replace(MULTISINE, realisations=16))
+    )
+    np.testing.assert_allclose(periods.causes["distortion"], one.causes["distortion"])
+    np.testing.assert_allclose(periods.causes["torque noise"], one.causes["torque noise"] / 4)
+    for cause in ("distortion", "torque noise"):
+        np.testing.assert_allclose(realisations.causes[cause], one.causes[cause] / 4)
+
+
+def test_one_realisation_has_the_interval_of_its_detection_lines():
+    """Errors of variance D at every line in phase and in quadrature: as of white noise of this size in this time."""
+    plan, stated = (
+        replace(MULTISINE, realisations=1),
+        Distortion(earlier=Density(np.array([1.0, 5.0]), np.full(2, 0.08))),
+    )
+    by_level = precision(plan, JOINT, Sensors(1000.0, 0.0), OPEN, stated)
+    variance = 0.08 * 2 / 8  # of a band as wide as two odd lines are apart
+    white = Sensors(1000.0, np.sqrt(variance * 32 * 500))  # S/T, T = 32 s, S over half the rate
+    np.testing.assert_allclose(by_level.se, precision(plan, JOINT, white, OPEN).se, rtol=1e-9)
+    assert by_level.method == "detection lines"
+    assert np.all((by_level.degrees_of_freedom > 2) & (by_level.degrees_of_freedom <= 2 * len(plan.first.detection)))
+
+
+@pytest.mark.parametrize("rate", [100.0, 1000.0])
+def test_rounding_repeats_in_every_cycle_and_is_predicted_whatever_the_samples_per_step(rate):
+    """Eight amplitudes and 100 zeros of the encoder, which draw the Bessel functions: 10 % in a ratio, three times."""
+    q, rng, ratios = np.deg2rad(0.5), np.random.default_rng(4), []
+    time, w = np.arange(round(rate)) / rate, 2 * np.pi * np.repeat([1.0, 2.0], round(rate))
+    phase = w * np.tile(time, 2) + 1e-3
+    long = np.repeat([5.0, 2.5], len(time))  # five cycles of each, all like the first
+    for amplitude in np.deg2rad(np.linspace(3.9, 4.6, 8)):
+        plan, theta = SteppedSine((amplitude,), (1.0, 2.0), (8.0, 8.0), 2), amplitude * np.sin(phase)
+        zero = rng.uniform(0, q, 100)
+        error = theta - (q * np.rint((theta[:, None] + zero) / q).T - zero[:, None])
+        X = np.column_stack([theta, amplitude * w * np.cos(phase), -(w**2) * theta])
+        root = np.sqrt(long)
+        found = np.linalg.lstsq(root[:, None] * X, (root * (300 - 0.02 * w**2) * error).T, rcond=None)[0]
+        predicted = precision(plan, Joint(300.0, 0.0, 0.02), Sensors(rate, 0.0, encoder_step=q), OPEN)
+        ratios.append((found[[0, 2]].std(axis=1) / predicted.se[[0, 2]]) ** 2)
+    assert np.sqrt(np.mean(ratios, axis=0)) == pytest.approx([1, 1], rel=0.3)
+
+
+def test_noise_of_half_a_step_cures_rounding():
+    q = 2 * np.pi / 2**12
+    repeated, cured = (
+        precision(DRAFT, JOINT, Sensors(1000.0, 0.0, encoder_step=q, angle_noise=s), OPEN) for s in (0.0, q / 2)
+    )
+    noise = precision(DRAFT, JOINT, Sensors(1000.0, 0.0, angle_noise=np.hypot(q / 2, q / np.sqrt(12))), OPEN)
+    np.testing.assert_allclose(cured.se, noise.se, rtol=0.02)
+    assert np.all(cured.se < 0.7 * repeated.se)
+
+
+def test_angle_noise_counts_as_torque_noise_through_the_impedance():
+    """Z = 300 at 1 and 2 Hz, without damping and inertia."""
+    plan, joint = SteppedSine((0.05,), (1.0, 2.0), (11.0, 11.0), 0), Joint(300.0, 0.0, 0.0)
+    of_angle = precision(plan, joint, Sensors(1000.0, 0.0, angle_noise=1e-4), OPEN)
+    np.testing.assert_allclose(of_angle.se, precision(plan, joint, Sensors(1000.0, 0.03), OPEN).se)
+
+
+def test_drift_that_is_not_seen_changes_a_sine_by_two_slopes_over_its_frequency():
+    """The integral of t sin wt over whole cycles; in a record the slope is known to 6 S/T^3."""
+    sines, density = DRAFT.sines, 2 * 0.05**2 / 1000
+    for seconds, slope in ((1e-3, 1e-4), (100.0, np.sqrt(6 * density / 100**3))):
+        drift = Sensors(1000.0, 0.05, drift=1e-4 if seconds < 1 else 1.0).variances(sines, 0j * sines.w, seconds)
+        by_hand = (2 * slope / (2 * np.pi * sines.frequency_hz)) ** 2 / 2
+        np.testing.assert_allclose(drift["load cell drift"].in_phase, by_hand, rtol=1e-3)
+
+
+def test_friction_shifts_the_damping_of_a_stepped_sine_and_leaves_a_misfit_that_no_cycles_cure():
+    """The describing function 4 T/pi in quadrature, fitted by numpy over amplitudes and frequencies."""
+    friction, sines = Distortion(coulomb=0.3), DRAFT.sines
+    columns, root = sines.size * sines.w, np.sqrt(sines.duration_s)
+    torque = np.full(len(columns), 4 * 0.3 / np.pi)
+    damping = np.linalg.lstsq((root * columns)[:, None], root * torque, rcond=None)[0][0]
+    left = (torque - damping * columns) * sines.duration_s * columns
+    by_hand = np.sqrt(np.sum(left**2)) / np.sum(sines.duration_s * columns**2)
+    for cycles in (20.0, 200.0):
+        plan = replace(DRAFT, cycles=(cycles,) * 5)
+        found = precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN, friction)
+        assert np.sqrt(found.causes["distortion"][1]) == pytest.approx(by_hand, rel=1e-9)
+        np.testing.assert_allclose(found.causes["distortion"][[0, 2]], 0, atol=1e-15)
+    added = friction.added_damping(DRAFT)
+    assert list(added) == ["2 deg", "4 deg", "6 deg"]
+    w, a = 2 * np.pi * np.array(DRAFT.frequencies_hz), DRAFT.amplitudes[1]
+    assert added["4 deg"] == pytest.approx(4 * 0.3 / np.pi * np.sum(1 / w * w) / np.sum(a * w), rel=1e-9)
+
+
+def test_the_degrees_of_freedom_of_cycles_are_those_of_welch_and_satterthwaite():
+    """B of two amplitudes that are one: both frequencies weigh a^2 w^2 T; each has 9 of 10 cycles' freedom."""
+    plan = SteppedSine((0.05, 0.05), (1.0, 2.0), (11.0, 11.0), 0)
+    found = precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN)
+    share = np.array([10 * 1.0, 5 * 4.0]) / 2  # variance by each: a^2 w^2 T
+    assert found.degrees_of_freedom[1] == pytest.approx(9 * (2 * share.sum()) ** 2 / (2 * np.sum(share**2)))
+
+
+def test_a_record_that_is_long_enough_is_the_shortest_one():
+    sensors, within = Sensors(1000.0, 0.5), {"K": 5e-4, "B": 1e-3}
+    stepped = replace(DRAFT, cycles=(20.0,) * 5)
+    for plan, shorter in (
+        (stepped, lambda p: replace(p, cycles=tuple(n - 1 for n in p.cycles))),
+        (replace(MULTISINE, rms=0.01), lambda p: replace(p, realisations=p.realisations - 1)),
+        (Continuous((0.5, 6.0), 0.02, 60.0, False), lambda p: replace(p, duration_s=p.duration_s - 1)),
+    ):
+
+        def enough(p):
+            return reached(precision(p, JOINT, sensors, LowPass(15.0, 4)), JOINT, within)
+
+        found = long_enough(plan, enough)
+        assert enough(found)
+        assert not enough(shorter(found)) or getattr(found, "realisations", 5) == 4
+
+
+def test_no_record_is_long_enough_where_rounding_stays():
+    coarse = Sensors(1000.0, 0.05, encoder_step=2 * np.pi / 2**10)
+    assert long_enough(DRAFT, lambda p: reached(precision(p, JOINT, coarse, OPEN), JOINT, {"K": 1e-5})) is None
+
+
+def test_a_lag_of_a_tenth_of_a_millisecond_costs_half_a_percent_of_b_and_2_5_of_i():
+    """By numpy: tau(t - lag), fitted over time. And B changes by -K lag, I by -B lag, to first order."""
+    time, plan = 8.0 * np.arange(4000) / 4000, replace(MULTISINE, realisations=1)
+    motion = plan.motion(0)
+    theta, omega, alpha = (motion.angle(time, k) for k in range(3))
+    late = 300 * motion.angle(time - 1e-4) + 5 * motion.angle(time - 1e-4, 1) + 0.02 * motion.angle(time - 1e-4, 2)
+    by_numpy = estimates((theta, omega, alpha), late) - np.array([300, 5, 0.02])
+    found = lag_errors(weighted(plan, OPEN), JOINT, 1e-4)
+    np.testing.assert_allclose(list(found.values()), by_numpy, rtol=1e-3, atol=1e-6)
+    assert found["B"] / 5 == pytest.approx(-300 * 1e-4 / 5, rel=0.1)
+    assert found["I"] / 0.02 == pytest.approx(-0.025, rel=0.02)
+
+
+def test_one_frequency_is_refused_and_a_narrow_band_is_told_what_is_missing():
+    with pytest.raises(IdentifiabilityError, match=r"K and I cannot be told apart by 2 Hz alone.*1 Hz or up to 4 Hz"):
+        precision(SteppedSine((0.05,), (2.0,), (20.0,), 2), JOINT, Sensors(1000.0, 0.05), OPEN)
+    said = advice(SteppedSine((0.05,), (3.0, 3.5), (20.0,) * 2, 2), Sensors(1000.0, 0.05, encoder_step=1e-5))
+    assert "hardly tells K from I" in said
+    assert "above 3.5 Hz, up to 7 Hz" in said
+
+
+def advice(plan, sensors, distortion=None):
+    """The warnings on a plan, joined."""
+    stated = distortion or Distortion()
+    found = precision(plan, JOINT, sensors, LowPass(15.0, 4), stated)
+    return "; ".join(warnings(plan, found, JOINT, sensors, LowPass(15.0, 4), stated))
+
+
+def test_warnings_name_what_no_length_cures():
+    fine, bits_12 = Sensors(1000.0, 0.05, encoder_step=1e-5), Sensors(1000.0, 0.05, encoder_step=2 * np.pi / 2**12)
+    assert advice(DRAFT, fine, Distortion(coulomb=0.1)).startswith("the interval of the analysis comes from the spread")
+    assert "no distortion is stated" in advice(MULTISINE, fine)
+    assert advice(MULTISINE, fine, Distortion(coulomb=0.1)) == ""
+    assert "rounding of the encoder makes" in advice(DRAFT, bits_12)
+    assert "steps of the encoder" in advice(replace(DRAFT, amplitudes=(0.01,)), bits_12)
+    assert "near the filter's cut-off" in advice(replace(DRAFT, frequencies_hz=(1, 3, 5, 8, 10)), fine)
+    assert "no step of the encoder is stated" in advice(DRAFT, Sensors(1000.0, 0.05))
+    assert "1 realisation of a distortion" in advice(replace(MULTISINE, realisations=1), fine)
+
+
+def test_a_level_says_nothing_on_motions_that_do_not_have_it():
+    density = Density(np.array([1.0, 5.0]), np.full(2, 0.01))
+    for plan, stated in (
+        (DRAFT, Distortion(earlier=density)),
+        (Continuous((0.5, 6.0), 0.03, 60.0, True), Distortion(level=0.01)),
+    ):
+        with pytest.raises(InputError, match="says nothing"):
+            precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN, stated)
+
+
+def test_a_chirp_and_noise_carry_what_their_bands_carry():
+    """Moments of a flat spectrum from f1 to f2, integrated by hand: w^2, w^4 as (f2^3 - f1^3)/3, (f2^5 - f1^5)/5."""
+    f1, f2, rms, seconds = 0.5, 6.0, 0.03, 60.0
+    m2, m4 = ((2 * np.pi) ** k * (f2 ** (k + 1) - f1 ** (k + 1)) / (k + 1) / (f2 - f1) for k in (2, 4))
+    unit = 0.05**2 / (1000 * seconds * rms**2)
+    by_hand = np.sqrt(unit * np.array([m4 / (m4 - m2**2), 1 / m2, 1 / (m4 - m2**2)]))
+    for chirp in (True, False):
+        found = precision(Continuous((f1, f2), rms, seconds, chirp), JOINT, Sensors(1000.0, 0.05), OPEN)
+        np.testing.assert_allclose(found.se, by_hand, rtol=1e-3)
+        assert found.method == "HAC"

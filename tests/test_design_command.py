@@ -1,0 +1,130 @@
+"""`osl-analysis design`: what it prints and writes, and what it refuses in one line."""
+
+import json
+
+import numpy as np
+import polars as pl
+import pytest
+from click.testing import CliRunner
+from conftest import ROOT
+
+from osl_analysis.cli import main
+from osl_analysis.spectral.realisations import periodic_motion
+
+
+@pytest.fixture(autouse=True)
+def in_root(monkeypatch):
+    monkeypatch.chdir(ROOT)
+
+
+def call(*arguments):
+    return CliRunner().invoke(main, ["design", *(str(a) for a in arguments)])
+
+
+def as_json(*arguments):
+    result = call(*arguments, "--json")
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout)
+
+
+def test_the_configuration_s_protocol_is_the_default():
+    said = as_json()
+    assert said["protocol"] == "stepped sine: 2, 4, 6 deg at 1, 2, 3, 4, 5 Hz, 20 cycles at each (17 fitted)"
+    assert said["record_s"] == pytest.approx(3 * 20 * (1 + 1 / 2 + 1 / 3 + 1 / 4 + 1 / 5))
+    assert {name: one["expected"] for name, one in said["estimates"].items()} == {"K": 300, "B": 5, "I": 0.02}
+    assert said["interval_method"] == "cycles"
+    assert said["recommended"] is None
+
+
+def test_text_and_json_say_the_same_intervals():
+    arguments = ("--excitation", "multisine", "--friction", "0.3")
+    text, said = call(*arguments).stdout, as_json(*arguments)
+    for name, one in said["estimates"].items():
+        (line,) = (line.split() for line in text.splitlines() if line.startswith(f"{name} "))
+        assert line[1:4] == [
+            f"{one['expected']:.4g}",
+            f"{one['half_width']:.3g}",
+            f"{100 * one['half_width'] / one['expected']:.3g}",
+        ]
+        assert sum(one["variance"].values()) == pytest.approx(one["se"] ** 2)
+    assert f"adds to B {said['friction_damping']['in all']:.3g}" in text
+
+
+def test_what_is_asked_for_is_reached_and_the_recommended_multisine_is_written(tmp_path):
+    output = tmp_path / "multisine.csv"
+    asked = ("--friction", "0.5", "--stiffness-within", "0.5%", "--damping-within", "1", "--rate", "200")
+    said = as_json("--excitation", "multisine", *asked, "--write", output)
+    best, shares = said["recommended"], {"K": 0.005, "B": 0.01}
+    assert said["asked_within"] == shares
+    for name, share in shares.items():
+        assert best["estimates"][name]["half_width"] <= share * best["estimates"][name]["expected"]
+    table = pl.read_csv(output)
+    time, angle = table["time"].to_numpy(), table["theta_command"].to_numpy()
+    np.testing.assert_allclose(np.diff(time), 1 / 200)
+    assert angle[0] == angle[-1] == 0
+    assert np.max(np.abs(np.diff(angle))) * 200 < 1.3 * 3.3  # rad/s: no jump at the ends of realisations
+    found = periodic_motion(angle, 300 * angle, 200.0, 10.0)
+    assert found.period == pytest.approx(8, rel=1e-4)
+    assert f"{len(found.realisations)} realisations" in best["protocol"]
+
+
+def test_a_peak_is_kept_by_all_realisations(tmp_path):
+    output = tmp_path / "multisine.csv"
+    call("--excitation", "multisine", "--peak", "6", "--rate", "100", "--write", output)
+    assert np.rad2deg(pl.read_csv(output)["theta_command"].abs().max()) == pytest.approx(6, rel=0.01)
+
+
+def test_an_earlier_trial_states_the_distortion(tmp_path):
+    rows = {"trial": ["a", "a", "b"], "amplitude_deg": [2.0, None, None], "coulomb_torque": [0.4, -0.3, 0.1]}
+    pl.DataFrame(rows).write_csv(tmp_path / "impedance.csv")
+    earlier = ("--earlier", tmp_path / "impedance.csv")
+    assert as_json(*earlier, "--trial", "a")["friction_damping"] == as_json("--friction", "0.3")["friction_damping"]
+    assert "2 trials; choose one with --trial, such as a" in call(*earlier).stderr
+    f = np.arange(5, 48, 2) / 8
+    levels = pl.DataFrame({"trial": "m", "frequency_hz": f, "angle": 0.01, "odd_level": 2.0})
+    levels.write_csv(tmp_path / "response.csv")
+    said = as_json("--excitation", "multisine", "--earlier", tmp_path / "response.csv", "--realisations", "1")
+    # 0.02 N*m at each line, half of its square in each quadrature, which is 0.01 of Z = |torque|/0.0119 rad
+    share = as_json("--excitation", "multisine", "--realisations", "1", "--distortion", "1%")
+    ratio = said["estimates"]["B"]["variance"]["distortion"] / share["estimates"]["B"]["variance"]["distortion"]
+    size = np.deg2rad(2) * np.sqrt(2 / 17)
+    w = 2 * np.pi * f
+    torque = np.mean((np.abs(300 - 0.02 * w**2 + 5j * w) * size * 0.01) ** 2 * w**2) / np.mean(w**2)
+    assert ratio == pytest.approx(0.02**2 / torque, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--rms", "3"), "a stepped-sine has no --rms"),
+        (("--excitation", "noise", "--rms", "3", "--peak", "4"), "not both"),
+        (("--excitation", "chirp", "--band", "1,2,3"), "lowest and the highest"),
+        (("--excitation", "chirp", "--band", "3,2"), "lower frequency first"),
+        (("--excitation", "multisine", "--band", "1,1.2"), "longer period or a wider band"),
+        (("--trial", "a"), "give --earlier too"),
+        (("--rate", "25"), "twice the cut-off"),
+        (("--frequencies", "2"), "K and I cannot be told apart"),
+        (("--stiffness-within", "0"), "no percentage"),
+        (("--write", "/tmp/x.csv"), "only a multisine is written"),
+        (("--write", "x.yaml"), "writes .csv files"),
+        (("--cycles", "2"), "leaves none of 2 cycles"),
+        (("--earlier", "config/config.yaml"), "config/config.yaml"),
+        (("--excitation", "chirp", "--distortion", "2"), "says nothing on a chirp"),
+        (("--stiffness", "nan"), "finite"),
+    ],
+)
+def test_a_mistake_is_one_line(arguments, message):
+    result = call(*arguments)
+    assert result.exit_code != 0
+    assert message in result.stderr.splitlines()[-1]
+    assert "Traceback" not in result.output
+
+
+def test_ranges_of_the_bench_are_said():
+    assert any("largest_angle = 1.2" in said for said in as_json("--amplitudes", "80")["warnings"])
+
+
+def test_what_no_record_reaches_is_said():
+    said = as_json("--encoder-bits", "10", "--stiffness-within", "0.01%")
+    assert said["recommended"] is None
+    assert "encoder rounding" in said["warnings"][-1]

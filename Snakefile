@@ -6,6 +6,7 @@ A rule names its inputs, its outputs and the settings that its job uses; `jobs.r
 
 import os
 import sys
+from dataclasses import asdict
 from operator import attrgetter
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from osl_analysis.commands.simulate import planned_sheet, settings_files
 from osl_analysis.config import DEFAULT_CONFIG, campaign_config
 from osl_analysis.doubtful import doubt_report
 from osl_analysis.errors import OslAnalysisError
+from osl_analysis.examples import matching, response_example, time_series_example
 from osl_analysis.exclusion import exclusion_report, truncation_report
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.figures import FIGURES, drawn_figures
@@ -40,7 +42,8 @@ try:
 except OslAnalysisError as error:
     sys.exit(f"error: {error}")  # an exception would be printed with the line of this file and a traceback
 
-RESULTS, RAW = CONFIG.results, CONFIG.raw_data
+RESULTS, RAW, PLACES = CONFIG.results, CONFIG.raw_data, CAMPAIGN.places()
+jobs.say_of_tables(CAMPAIGN.data)
 
 
 wildcard_constraints:

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,14 @@ from osl_analysis.experiments import Table
 from osl_analysis.formats.rosbag2.metadata import recorded_files
 from osl_analysis.job_log import plain
 from osl_analysis.model.compensator import CONTROLLERS
+from osl_analysis.parameters import joint_of
 from osl_analysis.quality.verdict import CHECKS, unknown_check, validate_rules
-from osl_analysis.sheet import read_sheet
+from osl_analysis.sheet import JOINT, read_sheet
+from osl_analysis.table import MEASURED, SIMULATED
 from osl_analysis.walking.conditions import PERTURBED, STATED, split_keys
 from osl_analysis.walking.static_choice import side_of, static_of
 
+TRUTH = "truth"  # folder that the simulator writes beside its recordings
 RECORDING_COLUMNS = ("trial", "experiment", "log", "log_source", "log_part", "mocap", "mocap_source")
 
 
@@ -100,38 +104,50 @@ class Campaign:
         row = self.sheet.loc[trial]
         return {str(name): None if pd.isna(value) else plain(value) for name, value in row.items()}
 
-    def impedance_trial(self, controller: str, K_d: float, B_d: float) -> str:
-        """The first trial of this controller and desired impedance [N*m/rad, N*m*s/rad].
+    def places(self) -> dict[str, dict[str, Any]]:
+        """Joint and side of every trial in the sheet, by trial. A side on the walkway is the one that is analysed."""
+        calibrated = (*self.trials("walking"), *self.plate_trials()) if self.trials("walking") else ()
+        static_by_trial = {trial: self.static(trial) for trial in calibrated}
+        side_by_static = {name: self.calibration_settings(name)["side"] for name in set(static_by_trial.values())}
+        sides = side_by_static | {trial: side_by_static[static] for trial, static in static_by_trial.items()}
+        rows = {trial: self.row(trial) for trial in self.trials()}
+        return {trial: {"joint": row["joint"], "side": sides.get(trial) or row["side"]} for trial, row in rows.items()}
 
-        Raises
-        ------
-        InputError
-            The sheet has none.
-        """
-        s = self.sheet
-        trials = s.index[(s["controller"] == controller) & (s["K_d"] == K_d) & (s["B_d"] == B_d)]
-        if trials.empty:
-            raise InputError(
-                f"{self.config.sheet}: no {controller} trial with K_d = {K_d:g}, B_d = {B_d:g}; choose another one, or "
-                "null, under `figures` in the configuration"
-            )
-        return str(trials[0])
+    def by_place(self, experiment: str) -> list[list[str]]:
+        """The trials of an experiment, those of each joint and side together."""
+        places, groups = self.places(), dict[tuple[str | None, str | None], list[str]]()
+        for trial in self.trials(experiment):
+            groups.setdefault((places[trial]["joint"], places[trial]["side"]), []).append(trial)
+        return list(groups.values())
+
+    @property
+    def data(self) -> str:
+        """What the data are: `simulated` or `measured`, as the configuration says, or where the simulator's truth lies
+        beside the recordings."""
+        made = self.config.simulation is not None or (self.config.raw_data / TRUTH).is_dir()
+        return self.config.data or (SIMULATED if made else MEASURED)
+
+    @cached_property
+    def joint_of_device(self) -> str | None:
+        """The joint of the device whose parameter file the configuration names; None without one."""
+        return joint_of(self.config.parameters) if self.config.parameters else None
+
+    def device(self, trial: str) -> Path | None:
+        """The parameter file of a trial's device; None where there is none for its joint."""
+        return self.config.parameters if self.row(trial)["joint"] == self.joint_of_device else None
 
     def predicted(self) -> list[str]:
         """The impedance trials whose gains are known: by a parameter file, a controller of the draft, K_d and B_d."""
         known = self.sheet["controller"].isin(CONTROLLERS) & self.sheet[["K_d", "B_d"]].notna().all(axis=1)
-        return [trial for trial in self.trials("impedance") if self.config.parameters is not None and known[trial]]
+        return [trial for trial in self.trials("impedance") if known[trial] and self.device(trial)]
 
     def rows_of(self, experiment: str, table: Table) -> list[str]:
         """Names of the trials of an experiment that have rows in one of its tables."""
         return self.crossings(perturbed=True) if table.perturbed_only else self.trials(experiment)
 
     def check(self) -> None:
-        """Refuse a configuration that names a missing file, a sheet without the trials of the chosen figures, and
-        walking trials whose analysis lacks other trials.
-        """
+        """Refuse a configuration that names a missing file, and walking trials whose analysis lacks other trials."""
         self.check_files()
-        self.check_figures()
         self.check_quality()
         self.check_walking()
 
@@ -164,18 +180,6 @@ class Campaign:
             unknown = [name for name in self.accepted(trial) if name not in CHECKS]
             if unknown:
                 raise InputError(f"{self.config.sheet}: trial '{trial}', accept: {unknown_check(unknown[0])}")
-
-    def check_figures(self) -> None:
-        """Refuse choices for Figs. 4 and 7 for which there is no trial."""
-        series, response = self.config.figures.time_series, self.config.figures.frequency_response
-        if self.trials("impedance") and series is not None:
-            self.impedance_trial(series.controller, series.K_d, series.B_d)
-        pairs = self.sheet.loc[self.trials("impedance"), ["K_d", "B_d"]].itertuples(index=False, name=None)
-        if self.trials("impedance") and response is not None and (response.K_d, response.B_d) not in set(pairs):
-            raise InputError(
-                f"{self.config.sheet}: no trial with K_d = {response.K_d:g}, B_d = {response.B_d:g} for Fig. 7; choose "
-                "another pair, or null, for figures.frequency_response in the configuration"
-            )
 
     def check_walking(self) -> None:
         """Refuse walking trials without the static, plate and other trials that their analysis needs."""
@@ -240,7 +244,7 @@ def open_campaign(config: Config, planned: pd.DataFrame | None) -> Campaign:
         The sheet is not valid, or excludes every trial.
     """
     sheet = read_sheet(config.sheet) if planned is None else planned.set_index("trial", drop=False)
-    used = sheet[sheet["exclude"].isna()]
+    used = sheet[sheet["exclude"].isna()].fillna({"joint": JOINT})
     if used.empty:
         raise InputError(f"{config.sheet}: every trial is excluded; clear `exclude` of those to analyse")
     return Campaign(config, used, {str(trial): str(why) for trial, why in sheet["exclude"].dropna().items()})

@@ -15,41 +15,41 @@ from osl_analysis.shared_choices import FOLLOWED, FollowedProtocol, SharedChoice
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
 from osl_analysis.yaml_settings import Degrees, Model, Positive, Settings, read_mapping, validated
 
+DEFAULT_CONFIG = Path("config/config.yaml")
+"""The default configuration, relative to the folder in which the pipeline runs."""
 MOST = 1_000_000
 """Largest number of trials, campaigns or crossings of a study; more is a slip of the keyboard."""
 
 
-class TimeSeriesFigure(Settings):
-    """The part of a trial that Fig. 4 shows."""
+class FrequencyResponseFigure(Settings):
+    """A desired impedance: Fig. 7 shows all trials that have it."""
 
-    K_d: Positive
-    """Desired stiffness of the trial [N*m/rad]."""
-    B_d: Annotated[float, Field(ge=0)]
-    """Desired damping of the trial [N*m*s/rad]."""
-    controller: str
-    """Controller of the trial."""
-    amplitude_deg: Degrees
-    """Amplitude of the sines [deg]."""
-    duration_s: Positive
+    K_d: Positive | None = None
+    """Desired stiffness [N*m/rad]; null: of trials without one."""
+    B_d: Annotated[float, Field(ge=0)] | None = None
+    """Desired damping [N*m*s/rad]; null: of trials without one."""
+
+
+class TimeSeriesFigure(FrequencyResponseFigure):
+    """The part of a trial that Fig. 4 shows: the first one with this controller and desired impedance."""
+
+    controller: str | None = None
+    """Controller of the trial; null: a trial without one."""
+    amplitude_deg: Degrees | None = None
+    """Amplitude of the sines [deg]; null: the largest."""
+    duration_s: Positive = 10.0
     """Length of the part [s], which ends with the block of that amplitude."""
 
 
-class FrequencyResponseFigure(Settings):
-    """The trials that Fig. 7 shows: all with this desired impedance."""
-
-    K_d: Positive
-    """Desired stiffness [N*m/rad]."""
-    B_d: Annotated[float, Field(ge=0)]
-    """Desired damping [N*m*s/rad]."""
-
-
 class FigureChoices(Settings):
-    """What the figures show."""
+    """What the figures show. What is null, or is the default campaign's and not in this one, is chosen from the data.
+    The figure says so.
+    """
 
-    time_series: TimeSeriesFigure | None
-    """The trial of Fig. 4; null: no Fig. 4."""
-    frequency_response: FrequencyResponseFigure | None
-    """The trials of Fig. 7; null: no Fig. 7."""
+    time_series: TimeSeriesFigure | None = None
+    """The trial of Fig. 4, whose estimates are headline numbers too; null: the first trial."""
+    frequency_response: FrequencyResponseFigure | None = None
+    """The desired impedance of Fig. 7; null: the one with the most trials."""
     midstance_stiffness: Positive | None
     """Stiffness that the walking controller commands in midstance [N*m/rad], marked in Fig. 9 where the sheet states no
     K_d and the campaign has one group; null: no mark."""
@@ -104,6 +104,10 @@ class Config(Settings):
     """Folder of the results."""
     simulation: Path | None
     """Settings of the simulator that makes the recordings; null: they are real."""
+    data: Literal["simulated", "measured"] | None = None
+    """What the recordings are, as figures, tables and summary say; null: simulated where the simulator made them."""
+    recorded: str | None = None
+    """Date of the recordings, as the figures say, such as 2026-03-14; null: the dates of the files."""
     parameters: Path | None
     """Parameter file of the device; null: none, it is analysed without predictions and without ratios to a file."""
     sources: Path
@@ -146,10 +150,6 @@ class Config(Settings):
         }
         used = every if experiment is None else FOLLOWED.get(experiment, ())
         return SharedChoices.model_validate({name: every[name] for name in used})
-
-
-DEFAULT_CONFIG = Path("config/config.yaml")
-"""The default configuration, relative to the folder in which the pipeline runs."""
 
 
 def overriding(base: Any, override: Any) -> Any:

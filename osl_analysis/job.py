@@ -21,6 +21,7 @@ from osl_analysis.files import temporary_path
 from osl_analysis.job_log import JobLog, write_log
 from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.remedy import NO_ACCESS, OF_SEVERAL, REMEDIES, reason_and_remedy
+from osl_analysis.table import tables_of
 
 LONGEST_WAIT_S = 2.0
 """For the end of a killed process [s]."""
@@ -34,12 +35,14 @@ class Job:
     request: its `input`, `output` and `settings`, each with the names of the rule.
     unnamed: further files that it depends on.
     files: all the files that it writes.
+    data: what the column `data` of its tables says; empty: they have none.
     """
 
     command: str
     request: Mapping[str, Mapping[str, Any]]
     unnamed: Sequence[str]
     files: Sequence[str]
+    data: str = ""
 
 
 class MissingInputError(Exception):
@@ -95,7 +98,8 @@ def call(job: Job) -> None:
     elif usable.missing:
         raise MissingInputError(usable.missing)
     convert = validate_call(config=ConfigDict(arbitrary_types_allowed=True))
-    convert(function)(**without_excluded(usable.inputs), **job.request["output"], **job.request["settings"], **told)
+    with tables_of(job.data):
+        convert(function)(**without_excluded(usable.inputs), **job.request["output"], **job.request["settings"], **told)
 
 
 def end(log: Path, job: Job, ended: JobLog, causes: Sequence[Refusal] | None = None) -> None:

@@ -4,8 +4,9 @@ import warnings
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import Annotated
 
-from pydantic import Field, field_validator
+from pydantic import BeforeValidator, Field, field_validator
 from pydantic_core import PydanticCustomError
 
 from osl_analysis.errors import InputError, nearest
@@ -77,10 +78,12 @@ class Quantity(Settings):
 
 
 class ParameterFile(Settings):
-    """A parameter file: the device's name, a warning that is shown at every use, and the quantities."""
+    """A parameter file: the device's name, its joint, a warning that is shown at every use, and the quantities."""
 
     name: str
     description: str
+    joint: str = "ankle"
+    """Joint of the device, as in the sample sheet. Trials of other joints are analysed as without a parameter file."""
     warning: str = ""
     parameters: dict[str, Quantity]
 
@@ -103,6 +106,15 @@ class ParameterFile(Settings):
 def wrong(reason: str, *place: str) -> PydanticCustomError:
     """An error that names the line of what is wrong, by the place within the quantities."""
     return PydanticCustomError("wrong", "{reason}", {"reason": reason, "place": place})
+
+
+FileOrNone = Annotated[Path | None, BeforeValidator(lambda value: value or None)]
+"""A parameter file as a rule passes it on: an input without files is an empty list."""
+
+
+def joint_of(path: Path) -> str:
+    """The joint of the device of a parameter file. Raises as `read_parameters`."""
+    return read_yaml(path, ParameterFile).joint
 
 
 def known_parameters(path: Path | None) -> DrivetrainParameters | None:

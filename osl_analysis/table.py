@@ -1,7 +1,9 @@
 """Tidy result tables as CSV, with full precision, written completely or not at all."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 
 import polars as pl
@@ -11,20 +13,61 @@ from osl_analysis.files import atomic_path
 from osl_analysis.refusal import check_not_refused
 
 TEXT_COLUMNS = (
-    "trial", "controller", "condition", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
+    "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
     "reason", "excluded", "panel", "curve",
     "interval_method", "doubtful", "experiment", "model", "terms", "by_VAF", "by_BIC", "motion",
     "group", "gait", "direction", "subject", "session", "side", "speed", "pooled", "series", "group_stated",
-    "not_checked", "excitation", "weighting", "desired", "loading",
-    "method", "weights", "trials", "joint", "title",
+    "not_checked", "excitation", "weighting", "desired", "loading", "method", "weights", "trials",
+    "joint", "title", "data", "chosen", "trajectory",
 )  # fmt: skip
 """Columns that are text even where every entry looks like a number (a trial named `01`)."""
 
 
+SIMULATED, MEASURED = "simulated", "measured"
+OF_DATA: ContextVar[str] = ContextVar("of_data", default="")
+"""What the data of the tables are, `SIMULATED` or `MEASURED`, as their last column `data` says; empty: not stated."""
+
+
+@contextmanager
+def tables_of(data: str) -> Iterator[None]:
+    """Within the block every table that is written says by its last column `data` what its data are."""
+    token = OF_DATA.set(data)
+    try:
+        yield
+    finally:
+        OF_DATA.reset(token)
+
+
 def write_table(frame: pl.DataFrame, path: Path) -> None:
-    """Write a table as CSV that reads back to the same numbers; null becomes an empty field, NaN stays `NaN`."""
+    """Write a table as CSV that reads back to the same numbers; null becomes an empty field, NaN stays `NaN`.
+
+    Within `tables_of` it has the column `data`. A line above the header would say the same, and stop other readers.
+    """
+    if data := OF_DATA.get():
+        frame = frame.select(pl.exclude("data"), pl.lit(data, pl.String).alias("data"))
     with atomic_path(path) as temporary:
         frame.write_csv(temporary)
+
+
+Places = Mapping[str, Mapping[str, str | None]]
+"""`joint` and `side` by the name of a trial or group."""
+
+
+def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.DataFrame:
+    """A table with a row or more per trial, or per group, with the columns `joint` and `side` behind its column `by`.
+
+    A trial that is not in `places` has none. A side that the table has already stays. A table without the column `by`
+    is left as it is.
+    """
+    if by not in table.columns:
+        return table
+    added = [name for name in ("joint", "side") if name not in table.columns]
+    known = {name: [places.get(one, {}).get(name) for one in table[by]] for name in added}
+    at = table.columns.index(by) + 1
+    columns = [*table.columns[:at], *added, *table.columns[at:]]
+    return table.with_columns(pl.Series(name, values, dtype=pl.String) for name, values in known.items()).select(
+        columns
+    )
 
 
 def read_table(path: Path, required: Sequence[str] = ()) -> pl.DataFrame:

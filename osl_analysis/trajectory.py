@@ -1,5 +1,6 @@
 """Trajectory of the desired impedance of a walking controller (Fig. 8): a CSV file, an input of a campaign."""
 
+import re
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -25,6 +26,8 @@ class ImpedanceTrajectory:
     """Desired damping [N*m*s/rad], shape (n,)."""
     theta_eq: Array | None
     """Equilibrium angle [rad], shape (n,); None: it is computed from the nominal ankle moment."""
+    kind: str | None = None
+    """What the file says of itself in a comment `# kind: synthetic`; None: it says nothing."""
 
     def at(self, values: Array, c: Array) -> Array:
         """One of the columns at cycle phases c of any cycle, by linear interpolation."""
@@ -34,6 +37,8 @@ class ImpedanceTrajectory:
 @lru_cache(maxsize=8)
 def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
     """Read a CSV table with columns phase, K_d [N*m/rad], B_d [N*m*s/rad] and, optionally, theta_eq_rad [rad].
+
+    Lines that begin with `#` are comments. One of them, `# kind: synthetic`, may say what the trajectory is.
 
     Raises
     ------
@@ -74,4 +79,10 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
     phase = columns["phase"]
     if phase[0] != 0 or phase[-1] != 1 or not (np.diff(phase) > 0).all():
         raise InputError(f"{path}: column phase runs from {phase[0]:g} to {phase[-1]:g}; it must rise from 0 to 1")
-    return ImpedanceTrajectory(phase, columns["K_d"], columns["B_d"], columns.get(EQUILIBRIUM))
+    return ImpedanceTrajectory(phase, columns["K_d"], columns["B_d"], columns.get(EQUILIBRIUM), kind_of(text))
+
+
+def kind_of(text: str) -> str | None:
+    """The word behind `# kind:` in the comments of a trajectory file; None without one."""
+    said = re.search(r"^#\s*kind:\s*(\S.*?)\s*$", text, re.MULTILINE)
+    return said[1] if said else None

@@ -25,7 +25,7 @@ from osl_analysis.refusal import forget_failures
 from osl_analysis.refusal_report import records_in
 from osl_analysis.stale import RECORDED, made_of, stale
 
-__all__ = ["at_end_of_run", "code", "code_of", "know_by_logs", "report", "run_job"]
+__all__ = ["at_end_of_run", "code", "code_of", "know_by_logs", "report", "run_job", "say_of_tables"]
 PRELOADED = [
     "snakemake.cli",  # what a job's __main__, the snakemake script, imports before the job begins
     "osl_analysis.commands.bench",
@@ -46,6 +46,18 @@ ONE_AT_A_TIME = threading.Lock()
 """Starting a process asks which others have ended. An exit code can be read once: of two threads, one gets none."""
 STARTED = time.time()
 """Start of this run [s]. Its report covers the logs that were written after this time."""
+
+
+said_of_tables = {"data": ""}
+"""What the data of this workflow's tables are; see `say_of_tables`."""
+
+
+def say_of_tables(data: str) -> None:
+    """Let every table of this workflow say by its column `data` what its data are (`table.tables_of`).
+
+    It is no parameter of the rules: it changes only with the recordings themselves, and then all is made again.
+    """
+    said_of_tables["data"] = data
 
 
 def run_job(log: Any, command: str, input: Any, output: Any, params: Any, files: Any = None) -> None:
@@ -70,7 +82,8 @@ def run_job(log: Any, command: str, input: Any, output: Any, params: Any, files:
     path, request = Path(str(log)), {"input": named(input), "output": outputs(output), "settings": named(params)}
     unnamed = [] if isinstance(input, Mapping) else sorted(set(map(str, input)) - set(flat(request["input"])))
     request[MADE_OF] = made_of(flat(input), params)
-    job = Job(command, request, unnamed, flat(plain(list(files)) if files else request["output"]))
+    files_made = flat(plain(list(files)) if files else request["output"])
+    job = Job(command, request, unnamed, files_made, said_of_tables["data"])
     path.unlink(missing_ok=True)
     process = fork_server().Process(target=run_uninterrupted, args=(path, job), daemon=True)
     try:

@@ -1,8 +1,10 @@
 """Tables -> the numbers that a figure plots (CSV) -> the figure."""
 
 SUFFIXES = ("pdf", "svg", "png")
-TIME_SERIES = CONFIG.figures.time_series
-RESPONSE = CONFIG.figures.frequency_response
+try:
+    TIME_SERIES, RESPONSE = time_series_example(CAMPAIGN), response_example(CAMPAIGN)
+except OslAnalysisError as error:
+    sys.exit(f"error: {error}")
 
 
 def setting(name: str):
@@ -20,19 +22,13 @@ def drawn_files() -> list[Path]:
     ]
 
 
-def time_series_trial() -> str:
-    """The trial that Fig. 4 shows."""
-    return CAMPAIGN.impedance_trial(TIME_SERIES.controller, TIME_SERIES.K_d, TIME_SERIES.B_d)
-
-
 def shown_rows(figure: str) -> list[Path]:
     """The results of single trials that a figure shows; those that are missing are named below it."""
     if figure == "fig4":
         return []  # one trial, without which it is not drawn
     if figure == "fig7":
-        sheet = CAMPAIGN.sheet.loc[CAMPAIGN.trials("impedance")]
-        shown = (sheet["K_d"] == RESPONSE.K_d) & (sheet["B_d"] == RESPONSE.B_d)
-        return rows("phasors", sheet.index[shown])
+        asked = {} if RESPONSE is None else {"K_d": RESPONSE.K_d, "B_d": RESPONSE.B_d}
+        return rows("phasors", matching(CAMPAIGN, asked))
     return rows_behind(FIGURES[figure].table)
 
 
@@ -64,28 +60,28 @@ rule plot_numbers_fig3:
     log:
         RESULTS / "logs/figures/fig3_numbers.log",
     params:
-        code=jobs.code_of("bench.plotted_numbers_fig3"),
+        code=jobs.code_of("plotted_numbers.fig3"),
     run:
-        jobs.run_job(log, "bench.plotted_numbers_fig3", input, output, params)
+        jobs.run_job(log, "plotted_numbers.fig3", input, output, params)
 
 
 rule plot_numbers_fig4:
     input:
-        trial=lambda wildcards: trial_file(time_series_trial()),
-        quality=lambda wildcards: checked([time_series_trial()]),
-        fit=lambda wildcards: rows("impedance", [time_series_trial()])[0],
+        trial=lambda wildcards: trial_file(TIME_SERIES.trial),
+        quality=lambda wildcards: checked([TIME_SERIES.trial]),
+        fit=lambda wildcards: rows("impedance", [TIME_SERIES.trial])[0],
     output:
         RESULTS / "figures/fig4.csv",
     log:
         RESULTS / "logs/figures/fig4_numbers.log",
     params:
-        code=jobs.code_of("bench.plotted_numbers_fig4"),
+        code=jobs.code_of("plotted_numbers.fig4"),
         settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
-        choice=TIME_SERIES and TIME_SERIES.model_dump(mode="json"),
+        choice=TIME_SERIES and asdict(TIME_SERIES),
         limits=limits_of("impedance"),
-        windows=lambda wildcards: CAMPAIGN.row(time_series_trial())["windows"],
+        windows=lambda wildcards: CAMPAIGN.row(TIME_SERIES.trial)["windows"],
     run:
-        jobs.run_job(log, "bench.plotted_numbers_fig4", input, output, params)
+        jobs.run_job(log, "plotted_numbers.fig4", input, output, params)
 
 
 rule plot_numbers_fig7:
@@ -97,12 +93,11 @@ rule plot_numbers_fig7:
     log:
         RESULTS / "logs/figures/fig7_numbers.log",
     params:
-        code=jobs.code_of("bench.plotted_numbers_fig7"),
+        code=jobs.code_of("plotted_numbers.fig7"),
         weight=CONFIG.gain_weight.model_dump(mode="json"),
-        frequencies_hz=CONFIG.dynamometer.frequencies_hz,
         choice=RESPONSE and RESPONSE.model_dump(mode="json"),
     run:
-        jobs.run_job(log, "bench.plotted_numbers_fig7", input, output, params)
+        jobs.run_job(log, "plotted_numbers.fig7", input, output, params)
 
 
 rule plot_numbers_response:

@@ -1,14 +1,9 @@
 """Trial -> the tables of its fit, for every experiment whose facts name a job (`osl_analysis/experiments.py`)."""
 
 
-def device() -> dict[str, Path]:
-    """The parameter file of the device, as an input by name, where it has one."""
-    return {"parameters": CONFIG.parameters} if CONFIG.parameters else {}
-
-
-def no_device() -> dict[str, None]:
-    """The same as a parameter, where there is no such file."""
-    return {} if CONFIG.parameters else {"parameters": None}
+def device(trial: str):
+    """The parameter file of a trial's device, as an input; none where there is none for its joint."""
+    return CAMPAIGN.device(trial) or []
 
 
 def sheet_row(*columns: str):
@@ -29,7 +24,7 @@ for experiment, facts in EXPERIMENTS.items():
         name:
             f"fit_{experiment}_trial"
         input:
-            **(device() if facts.fit.parameters else {}),
+            **({"parameters": lambda wildcards: device(wildcards.trial)} if facts.fit.parameters else {}),
             trial=RESULTS / "trials/{trial}.parquet",
         output:
             **{table.name: RESULTS / f"fits/{table.name}/{{trial}}.csv" for table in facts.tables},
@@ -39,7 +34,6 @@ for experiment, facts in EXPERIMENTS.items():
             trial=CAMPAIGN.pattern(experiment),
         params:
             **{name: getattr(CONFIG, section).part(model) for name, (section, model) in facts.fit.settings.items()},
-            **(no_device() if facts.fit.parameters else {}),
             **({"condition": sheet_row(*facts.fit.sheet)} if facts.fit.sheet else {}),
             **({"windows": stated_windows} if facts.fit.windows else {}),
             command=facts.fit.job,

@@ -1,24 +1,30 @@
 """Rival models side by side: belt and transmission predict other trials, the rendered impedance other amplitudes."""
 
-REPEATS = [name for name in ("belt", "transmission") if CAMPAIGN.trials(name)]
+REPEATS = {
+    f"{experiment}_trials" + f"_{number}" * (number > 1): trials
+    for experiment in ("belt", "transmission")
+    for number, trials in enumerate(CAMPAIGN.by_place(experiment), start=1)
+}
+"""Comparisons over trials: the trials of each joint and side, which predict each other."""
 AMPLITUDES = CAMPAIGN.predicted() if len(CONFIG.dynamometer.amplitudes_deg) > 1 else []
-COMPARISONS = [*(f"{name}_trials" for name in REPEATS), *AMPLITUDES]
-IS_PREDICTED = bool(AMPLITUDES) or any(len(CAMPAIGN.trials(name)) > 1 for name in REPEATS)
+COMPARISONS = [*REPEATS, *AMPLITUDES]
+IS_PREDICTED = bool(AMPLITUDES) or any(len(trials) > 1 for trials in REPEATS.values())
 """Whether any model predicts data that it was not fitted to."""
 
 
 rule compare_belt_models:
     input:
-        **device(),
-        trials=ingested("belt"),
-        quality=checked(CAMPAIGN.trials("belt")),
-        fitted=lambda wildcards: rows("belt"),
+        parameters=lambda wildcards: device(REPEATS[wildcards.belts][0]),
+        trials=lambda wildcards: [trial_file(trial) for trial in REPEATS[wildcards.belts]],
+        quality=lambda wildcards: checked(REPEATS[wildcards.belts]),
+        fitted=lambda wildcards: rows("belt", REPEATS[wildcards.belts]),
     output:
-        RESULTS / "fits/model_comparison/belt_trials.csv",
+        RESULTS / "fits/model_comparison/{belts}.csv",
     log:
-        RESULTS / "logs/model_comparison/belt_trials.log",
+        RESULTS / "logs/model_comparison/{belts}.log",
+    wildcard_constraints:
+        belts="belt_trials(_[0-9]+)?",
     params:
-        **no_device(),
         code=jobs.code_of("bench.compare_belt_models"),
         settings=CONFIG.dynamometer.part("BeltAnalysis"),
     run:
@@ -27,13 +33,15 @@ rule compare_belt_models:
 
 rule compare_transmission_models:
     input:
-        trials=ingested("transmission"),
-        quality=checked(CAMPAIGN.trials("transmission")),
-        fitted=lambda wildcards: rows("transmission"),
+        trials=lambda wildcards: [trial_file(trial) for trial in REPEATS[wildcards.transmissions]],
+        quality=lambda wildcards: checked(REPEATS[wildcards.transmissions]),
+        fitted=lambda wildcards: rows("transmission", REPEATS[wildcards.transmissions]),
     output:
-        RESULTS / "fits/model_comparison/transmission_trials.csv",
+        RESULTS / "fits/model_comparison/{transmissions}.csv",
     log:
-        RESULTS / "logs/model_comparison/transmission_trials.log",
+        RESULTS / "logs/model_comparison/{transmissions}.log",
+    wildcard_constraints:
+        transmissions="transmission_trials(_[0-9]+)?",
     params:
         code=jobs.code_of("bench.compare_transmission_models"),
         settings=CONFIG.dynamometer.part("SteppedSineAnalysis"),
@@ -44,7 +52,7 @@ rule compare_transmission_models:
 
 rule compare_impedance_models:
     input:
-        **device(),
+        parameters=lambda wildcards: device(wildcards.trial),
         trial=RESULTS / "trials/{trial}.parquet",
         fitted=lambda wildcards: rows("impedance", [wildcards.trial]),
     output:

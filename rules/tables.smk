@@ -35,7 +35,7 @@ def result_tables() -> list[Path]:
     tables = [table for table, trials in PER_TRIAL.items() if trials and table not in {"quality", *UNPUBLISHED}]
     tables += [table for table, (source, _) in DERIVED.items() if source in tables]
     tables += [table for name in EXPERIMENTS if CAMPAIGN.trials(name) for table in EXPERIMENTS[name].further_tables]
-    tables += ["gains"] * bool(CONFIG.impedance_trajectory and CONFIG.parameters)
+    tables += ["gains"] * bool(CONFIG.impedance_trajectory)
     return [RESULTS / f"tables/{table}.csv" for table in tables]
 
 
@@ -72,6 +72,7 @@ rule table:
         code=jobs.code_of("tables.gather"),
         limits=lambda wildcards: limits_of(wildcards.table),
         limits_of_fits=lambda wildcards: limits_of(DOUBTS_OF.get(wildcards.table, "")),
+        places=PLACES,
     run:
         jobs.run_job(log, "tables.gather", input, output, params)
 
@@ -94,7 +95,7 @@ rule derived_table:
 
 rule pool_responses:
     input:
-        **device(),
+        parameters=CONFIG.parameters or [],
         lines=lambda wildcards: rows("response_lines"),
         quality=lambda wildcards: verdicts_on("response_lines"),
     output:
@@ -103,7 +104,6 @@ rule pool_responses:
     log:
         RESULTS / "logs/tables/response_pooled.log",
     params:
-        **no_device(),
         code=jobs.code_of("response.pool_responses"),
         conditions=lambda wildcards: {trial: CAMPAIGN.row(trial) for trial in PER_TRIAL["response_lines"]},
         settings=CONFIG.dynamometer.part("FilterSettings"),

@@ -79,6 +79,7 @@ rule quality_table:
         RESULTS / "logs/tables/quality.log",
     params:
         code=jobs.code_of("quality.tabulate"),
+        places=PLACES,
     run:
         jobs.run_job(log, "quality.tabulate", input, output, params)
 
@@ -94,5 +95,6 @@ rule excluded_trials:
     params:
         code=jobs.code_of("quality.list_excluded"),
         by_sheet=dict(CAMPAIGN.excluded),
+        places=PLACES,
     run:
         jobs.run_job(log, "quality.list_excluded", input, output, params)

@@ -3,6 +3,9 @@
 CALIBRATED = CAMPAIGN.statics() if CAMPAIGN.trials("walking") else {}
 """The crossings that each static trial calibrates."""
 
+WALKED = {trial: PLACES[trial] for trial in CAMPAIGN.trials("walking")}
+"""Joint and side of every crossing."""
+
 
 def motion_of(static: str) -> list[str]:
     """Crossings that show how foot and shank turn against each other: the first unperturbed ones of a static trial."""
@@ -80,6 +83,7 @@ rule measure_platform:
     params:
         code=jobs.code_of("crossing.measure_platform"),
         settings=CONFIG.walking.part("PlatformMotionSettings"),
+        places=WALKED,
         statics=lambda wildcards: statics(CAMPAIGN.crossings(perturbed=True)),
     run:
         jobs.run_job(log, "crossing.measure_platform", input, output, params)
@@ -117,6 +121,7 @@ rule select_crossings:
         code=jobs.code_of("walking.select_crossings"),
         settings=CONFIG.walking.part("SelectionSettings"),
         sheet=CAMPAIGN.conditions(),
+        places=WALKED,
     run:
         jobs.run_job(log, "walking.select_crossings", input, output, params)
 
@@ -171,6 +176,7 @@ rule summarise_walking:
         code=jobs.code_of("walking.summarise_perturbations"),
         settings=CONFIG.walking.part("EnsembleSettings"),
         sheet=CAMPAIGN.conditions(),
+        places=WALKED,
         limits=CONFIG.doubtful.of("walking_groups").model_dump(mode="json"),
     run:
         jobs.run_job(log, "walking.summarise_perturbations", input, output, params)

@@ -40,6 +40,8 @@ from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table
 
 K_S = 685.6
+PLACE_UNKNOWN = {"joint": pl.lit(None, pl.String), "side": pl.lit(None, pl.String)}
+PLACE = {"joint": pl.lit("ankle"), "side": pl.lit(None, pl.String)}
 
 
 def belt_table():
@@ -53,7 +55,7 @@ def belt_table():
     mean = {"trial": fig3.MEAN_SLOPE, "branch": "loading", "theta_s_deg": [0.0, 5.0], "torque": [0.0, 59.8]}
     interval = {"K_s": [K_S] * 2, "K_s_low": [682.9] * 2, "K_s_high": [688.3] * 2}
     table = pl.concat([*trials, pl.DataFrame(mean | interval)], how="diagonal")
-    return table.with_columns(doubtful=pl.lit(""))
+    return table.with_columns(doubtful=pl.lit(""), **PLACE)
 
 
 def time_series():
@@ -66,8 +68,9 @@ def time_series():
             "torque": torque,
             "torque_model": 0.99 * torque,
             "doubtful": "",
+            "trial": "k300",
         }
-    )
+    ).with_columns(chosen=pl.lit(None, pl.String), **PLACE)
 
 
 def impedance():
@@ -94,7 +97,8 @@ def response_table():
     frequency = [1.0, 2.0, 3.0, 4.0, 5.0]
     response = pl.concat(
         pl.DataFrame({
-            "controller": controller, "K_d": 200.0, "B_d": 7.5, "frequency_hz": frequency,
+            "trial": f"{controller} trial", "controller": controller, "K_d": 200.0, "B_d": 7.5,
+            "frequency_hz": frequency,
             "magnitude": [5e-3, 4.8e-3, 4.4e-3, 4.0e-3, 3.5e-3],
             "phase_deg": [-13.0, -25.0, -35.0, -43.0, -50.0], "doubtful": "",
         })
@@ -106,17 +110,17 @@ def response_table():
         magnitude_max=magnitude + 3e-4, phase_low_deg=phase - 1, phase_high_deg=phase + 1, phase_min_deg=phase - 3,
         phase_max_deg=phase + 2,
     )  # fmt: skip
-    curves = pl.concat(
-        pl.DataFrame({"condition": name, "frequency_hz": frequency, "magnitude": 4e-3, "phase_deg": -30.0})
-        for name in ("desired", f"compensated{fig7.LINEAR_MODEL}", f"uncompensated{fig7.LINEAR_MODEL}")
-    )
-    return fig7.points(response, curves)
+    curves = [(fig7.DESIRED, None), (fig7.LINEAR_MODEL, "compensated"), (fig7.LINEAR_MODEL, "uncompensated")]
+    flat, Y = np.array(frequency), 4e-3 * np.exp(-1j * np.deg2rad(30)) * np.ones(5)
+    drawn = pl.concat(fig7.response_curve(curve, name, flat, Y) for curve, name in curves)
+    return fig7.points(response, drawn.with_columns(**PLACE_UNKNOWN))
 
 
 def gains():
     phase = np.linspace(0, 0.6, 31)
     K_d = 100 + 240 * np.sin(np.pi * phase / 0.6)
-    return pl.DataFrame({"phase": phase, "K_d": K_d, "B_d": 2 + phase, "K_1_joint": 2 * K_d, "B_1_joint": 3 + phase})
+    joint = {"K_1_joint": 2 * K_d, "B_1_joint": 3 + phase}
+    return pl.DataFrame({"phase": phase, "trajectory": "synthetic", "K_d": K_d, "B_d": 2 + phase, **joint})
 
 
 def walking_summary():
@@ -465,8 +469,9 @@ def test_fig7_draws_observed_points_with_intervals_and_the_curves():
     table = response_table()
     magnitude, phase = fig7.draw(table).axes
     for ax, column in ((magnitude, "magnitude"), (phase, "phase_deg")):
-        for condition, look in LOOKS.items():
-            rows = table.filter(pl.col("condition") == condition)
+        for name, look in LOOKS.items():
+            of = (pl.col("curve") == name) | ((pl.col("controller") == name) & (pl.col("curve") == fig7.OBSERVED))
+            rows = table.filter(of)
             np.testing.assert_array_equal(line(ax, look.label), [rows["frequency_hz"], rows[column]])
         assert len(ax.lines) == 5
     assert magnitude.get_yscale() == "log"
@@ -766,14 +771,22 @@ def test_numbers_in_memory_are_drawn_as_a_file_of_the_format_that_its_suffix_nam
     assert [path.name for path in tmp_path.iterdir()] == ["torque.png"]
 
 
-def test_unknown_figures_formats_and_empty_tables_are_refused(tmp_path):
-    write_table(plotted("fig8").clear(), tmp_path / "empty.csv")
+def test_a_figure_that_no_trial_has_numbers_for_is_a_page_that_says_so(tmp_path, monkeypatch):
+    """As Fig. 7 of a campaign without a stepped sine: it is no fault of a recording, and refuses nothing."""
+    write_table(plotted("fig7").clear(), tmp_path / "empty.csv")
+    drawn = []
+    monkeypatch.setattr("osl_analysis.commands.figure.draw_table", lambda name, table, *_: drawn.append((name, table)))
+    draw_figure("fig7", tmp_path / "empty.csv", [tmp_path / "f.png"])
+    ((name, table),) = drawn
+    assert name == "not_drawn"
+    assert "no trial of the campaign has the numbers" in texts(not_drawn.draw(table))
+
+
+def test_unknown_figures_and_formats_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"no figure 'fig2'; there are fig3"):
         draw_figure("fig2", tmp_path / "t.csv", [])
     with pytest.raises(InputError, match=r"f\.jpg: figures are written as \.pdf, \.svg, \.png"):
         draw_table("fig8", plotted("fig8"), [tmp_path / "f.jpg"])
-    with pytest.raises(InputError, match=r"empty\.csv: no rows to draw as fig8"):
-        draw_figure("fig8", tmp_path / "empty.csv", [tmp_path / "f.png"])
 
 
 TABLES = {
@@ -794,17 +807,17 @@ def test_plotted_numbers_are_written_from_the_result_table_that_the_list_names(n
 
 def test_every_module_that_draws_is_in_the_list_of_figures_and_no_other_is():
     folder = Path(osl_analysis.figures.__file__).parent
-    modules = {path.stem for path in folder.glob("*.py")} - {"__init__", "style"}
+    modules = {path.stem for path in folder.glob("*.py")} - {"__init__", "style", "names"}
     assert modules == {*FIGURES, *OTHER_DRAWINGS}
 
 
-def test_a_figure_is_drawn_where_its_table_is_there_and_its_setting_is_not_null():
+def test_a_figure_is_drawn_where_its_table_is_there():
     def drawn(tables, **settings):
         return [figure.name for figure in drawn_figures(tables, settings.get)]
 
     assert drawn({"belt"}) == ["fig3"]
-    assert drawn({"impedance", "frequency_response"}) == ["fig5", "fig6"]
-    assert drawn({"impedance"}, **{"figures.time_series": 1}) == ["fig4", "fig5", "fig6"]
+    assert drawn({"impedance"}) == ["fig4", "fig5", "fig6"]
+    assert drawn({"impedance", "frequency_response"}) == ["fig4", "fig5", "fig6", "fig7"]
     assert drawn({"walking_summary"}) == ["fig9"]
 
 

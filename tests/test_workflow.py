@@ -340,7 +340,10 @@ def test_a_misspelt_field_is_one_line_that_names_it(workspace):
             {"impedance_trajectory": "config/nowhere.csv"},
             r"config/nowhere\.csv: no such file; correct impedance_trajectory in the configuration, or write null",
         ),
-        ({"parameters": "nowhere.yaml"}, r"nowhere\.yaml: no such file; correct parameters in the configuration$"),
+        (
+            {"parameters": "nowhere.yaml"},
+            r"nowhere\.yaml: no such file; correct parameters in the configuration, or write null for none$",
+        ),
         (
             {"study": {"simulation": "nowhere.yaml"}},
             r"nowhere\.yaml: no such file; correct study\.simulation",

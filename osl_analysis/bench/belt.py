@@ -29,6 +29,7 @@ CURVE_STEP_HZ = 50.0
 LOCKED = 0.01
 """Largest turn of the shaft, as a share of the joint's, that counts as rest where n_T is not known: K_s is 1 % off at
 most."""
+PLACE = ("joint", "side")
 SUMMARISED = ("K_s", "unloading", "hysteresis_area", "quadratic_K_s2")
 """Columns of the belt table of which `belt_summary.csv` has a mean over trials."""
 
@@ -178,9 +179,17 @@ def belt_figure_points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.Da
 
     `curves` are the trials' `belt_curve`s, `table` is `belt.csv`, `summary` is `belt_summary.csv`.
     """
-    reasons = table.select("trial", "doubtful")
-    marked_curves = curves.join(reasons, on="trial", how="left", maintain_order="left")
-    K_s, low, high = summary.filter(pl.col("quantity") == "K_s").select("mean", "low", "high").row(0)
+    facts = table.select("trial", *PLACE, "doubtful")
+    marked_curves = curves.join(facts, on="trial", how="left", maintain_order="left")
+    parts = marked_curves.partition_by(PLACE, maintain_order=True)
+    return pl.concat([frame for part in parts for frame in (part, mean_slope(part, summary))], how="diagonal")
+
+
+def mean_slope(curves: pl.DataFrame, summary: pl.DataFrame) -> pl.DataFrame:
+    """The mean slope of the belts of one joint and side as two points, from 0 to the largest deflection."""
+    place = curves.select(PLACE).row(0, named=True)
+    same = [pl.col(name).eq_missing(pl.lit(value, pl.String)) for name, value in place.items()]
+    K_s, low, high = summary.filter(pl.col("quantity") == "K_s", *same).select("mean", "low", "high").row(0)
     peak = float(np.abs(curves["theta_s_deg"].to_numpy()).max())
     line = pl.DataFrame(
         {
@@ -193,4 +202,4 @@ def belt_figure_points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.Da
             "K_s_high": [high] * 2,
         }
     )
-    return pl.concat([marked_curves, line], how="diagonal")
+    return line.with_columns(pl.lit(value, pl.String).alias(name) for name, value in place.items())

@@ -30,7 +30,7 @@ from osl_analysis.trial import Array
 
 Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
 """theta/torque [rad/(N*m)] of a model, for complex s [rad/s]."""
-RESPONSE_KEYS = ("trial", "controller", "K_d", "B_d", "frequency_hz")
+RESPONSE_KEYS = ("trial", "joint", "side", "controller", "K_d", "B_d", "frequency_hz")
 """Columns of the phasor table whose rows differ in the amplitude only."""
 
 
@@ -152,16 +152,20 @@ def example_phasors() -> pl.DataFrame:
 
 def no_responses() -> pl.DataFrame:
     """The columns of `frequency_response_table` without a row."""
-    keys = {name: pl.lit(None, pl.String if name in ("trial", "controller") else pl.Float64) for name in RESPONSE_KEYS}
+    numbers = ("K_d", "B_d", "frequency_hz")
+    keys = {name: pl.lit(None, pl.Float64 if name in numbers else pl.String) for name in RESPONSE_KEYS}
     row = pl.DataFrame([mean_response_row(example_phasors().with_columns(doubtful=pl.lit("")))])
     return row.select(**keys).hstack(row).clear()
 
 
 def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
     """Complex mean of Y over the amplitudes, a row per trial and frequency, from the gathered phasor tables."""
-    groups = phasors.group_by(RESPONSE_KEYS, maintain_order=True)
-    rows = [{**dict(zip(RESPONSE_KEYS, k, strict=True)), **mean_response_row(g)} for k, g in groups]
-    return pl.DataFrame(rows) if rows else no_responses()
+    keys = [key for key in RESPONSE_KEYS if key in phasors.columns]
+    groups = phasors.group_by(keys, maintain_order=True)
+    rows = [{**dict(zip(keys, values, strict=True)), **mean_response_row(group)} for values, group in groups]
+    if not rows:
+        return no_responses()
+    return pl.DataFrame(rows, schema_overrides={key: phasors.schema[key] for key in keys}, infer_schema_length=None)
 
 
 def mean_response_row(amplitudes: pl.DataFrame) -> Row:

@@ -31,6 +31,9 @@ HELD_OUT_BY_TRIAL = ("belt", "transmission")
 """Experiments in which each trial is predicted from the other trials; elsewhere each amplitude from the others."""
 SCORE_COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out", "BIC")
 """Columns of `model_comparison.csv` that its summary uses."""
+PLACE = ("joint", "side")
+"""Columns by which its summary is split too, where the table has them."""
+OF_MODEL = ("experiment", *PLACE, "controller", "model", "terms", "parameters")
 SMALLEST_LOSS = 1e-9
 """Percent of the variance below which what a model leaves is rounding error."""
 SAMPLES_PER_PERIOD = 6
@@ -127,21 +130,22 @@ def score_table(experiment: str, trial: str, scores: Sequence[Score], controller
 
 
 def comparison_summary(scores: pl.DataFrame) -> pl.DataFrame:
-    """A row per experiment, controller and model: means over the trials of `model_comparison.csv`, and the standing.
+    """A row per experiment, joint, side, controller and model: means over the trials of `model_comparison.csv`.
 
     `VAF_held_out` [percent]; `VAF_gain` over the experiment's first model, that of the draft; `unexplained_ratio`, the
     geometric mean of the unexplained variance divided by that of the first model; `VAF_behind` the model with the
     highest mean; `BIC_change` from the first model and `BIC_behind` the lowest mean. Differences are paired by trial.
     Each has the 95 % interval over trials. `by_VAF` and `by_BIC` are the words of `rank_words`.
     """
-    groups = scores.partition_by("experiment", "controller", maintain_order=True)
+    keys = [key for key in ("experiment", *PLACE, "controller") if key in scores.columns]
+    groups = scores.partition_by(keys, maintain_order=True)
     return pl.DataFrame([row for group in groups for row in standing_rows(group)], infer_schema_length=None)
 
 
 def standing_rows(scores: pl.DataFrame) -> list[dict[str, object]]:
     """Rows of the summary for the trials of one experiment and controller, its models in the order of the table."""
-    shared = scores["experiment"][0] in HELD_OUT_BY_TRIAL
-    models = scores.unique("model", keep="first", maintain_order=True)
+    shared, own = scores["experiment"][0] in HELD_OUT_BY_TRIAL, [key for key in OF_MODEL if key in scores.columns]
+    models = scores.unique("model", keep="first", maintain_order=True).select(own)
     vaf, bic = (scores_of_models(scores, column) for column in ("VAF_held_out", "BIC"))
     log_left = np.log(np.maximum(100 - vaf, SMALLEST_LOSS))
     vaf_words, bic_words = rank_words(-vaf, shared), rank_words(bic)
@@ -159,7 +163,7 @@ def standing_rows(scores: pl.DataFrame) -> list[dict[str, object]]:
             **mean_with_bounds("BIC_behind", bic_behind[:, i]),
             "by_BIC": bic_words[i],
         }
-        for i, model in enumerate(models.select("experiment", "controller", "model", "terms", "parameters").to_dicts())
+        for i, model in enumerate(models.to_dicts())
     ]
 
 

@@ -1,18 +1,18 @@
 """Jobs of the benches: read trials and tables, call the experiment in `bench/`, write its tables."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
 import polars as pl
 
 from osl_analysis.bench.actuator import actuator_summary, actuator_table, actuator_time_base, actuator_trial
 from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
-from osl_analysis.bench.belt import belt_curve, belt_figure_points, belt_summary, belt_table, belt_time_base, belt_trial
+from osl_analysis.bench.belt import belt_curve, belt_summary, belt_table, belt_time_base, belt_trial
 from osl_analysis.bench.estimators import estimator_table
-from osl_analysis.bench.frequency_response import frequency_response_table, theoretical_responses
+from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.model_comparison import (
+    PLACE,
     SCORE_COLUMNS,
     belt_scores,
     comparison_summary,
@@ -26,28 +26,18 @@ from osl_analysis.bench.plausibility import (
     plausible_belt,
     plausible_transmission,
 )
-from osl_analysis.bench.rendered import (
-    rendered_phasors,
-    rendered_response,
-    rendered_time_base,
-    rendered_trial,
-    shown_series,
-)
+from osl_analysis.bench.rendered import rendered_phasors, rendered_response, rendered_time_base, rendered_trial
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, ImpedanceAnalysis, SteppedSineAnalysis
-from osl_analysis.bench.stepped_sine import SteppedSineTrial, stepped_sine_trial
+from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.transmission import transmission_summary, transmission_table, transmission_time_base
-from osl_analysis.config import FrequencyResponseFigure, TimeSeriesFigure
-from osl_analysis.doubtful import Doubt, marked
 from osl_analysis.errors import InputError
-from osl_analysis.figures.fig7 import LINEAR_MODEL, RESPONSE, only_curves, points, response_curve
 from osl_analysis.model.admittance_error import Weight
-from osl_analysis.model.compensator import select_gains
-from osl_analysis.parameters import known_parameters, read_parameters
+from osl_analysis.parameters import FileOrNone, known_parameters, read_parameters
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 
 
-def fit_belt_trial(trial: Path, parameters: Path | None, settings: BeltAnalysis, tables: Mapping[str, Path]) -> None:
+def fit_belt_trial(trial: Path, parameters: FileOrNone, settings: BeltAnalysis, tables: Mapping[str, Path]) -> None:
     """Fit one belt trial: its rows of the tables `belt` and `belt_curves` (torque against deflection)."""
     read, p = read_trial(trial), known_parameters(parameters)
     check_recording(read, settings)
@@ -58,7 +48,7 @@ def fit_belt_trial(trial: Path, parameters: Path | None, settings: BeltAnalysis,
 
 
 def fit_transmission_trial(
-    trial: Path, parameters: Path | None, settings: SteppedSineAnalysis, tables: Mapping[str, Path]
+    trial: Path, parameters: FileOrNone, settings: SteppedSineAnalysis, tables: Mapping[str, Path]
 ) -> None:
     """Fit one transmission trial: its rows of the table `transmission`."""
     read = read_trial(trial)
@@ -71,7 +61,7 @@ def fit_transmission_trial(
 
 def fit_impedance_trial(
     trial: Path,
-    parameters: Path | None,
+    parameters: FileOrNone,
     condition: DesiredImpedance,
     weight: Weight,
     settings: ImpedanceAnalysis,
@@ -97,7 +87,7 @@ def fit_impedance_trial(
 
 
 def fit_actuator_trial(
-    trial: Path, parameters: Path | None, settings: ActuatorAnalysis, tables: Mapping[str, Path]
+    trial: Path, parameters: FileOrNone, settings: ActuatorAnalysis, tables: Mapping[str, Path]
 ) -> None:
     """Fit one trial of the actuator's bench: its row of the table `actuator`."""
     read = read_trial(trial)
@@ -108,19 +98,31 @@ def fit_actuator_trial(
     write_table(actuator_time_base(actuator), tables["timebase"])
 
 
+def by_place(table: pl.DataFrame, summary: Callable[[pl.DataFrame], pl.DataFrame]) -> pl.DataFrame:
+    """The summary of each joint and side on its own, one below the other, with columns that name them."""
+    if not set(PLACE) <= set(table.columns):
+        return summary(table)
+    parts = table.partition_by(PLACE, maintain_order=True)
+    found = [(part.select(PLACE).row(0, named=True), summary(part)) for part in parts]
+    named = [
+        one.select([pl.lit(v, pl.String).alias(name) for name, v in place.items()] + [pl.all()]) for place, one in found
+    ]
+    return pl.concat(named, how="vertical_relaxed")
+
+
 def summarise_belt(table: Path, output: Path) -> None:
     """Mean, scatter and interval over the trials of `belt.csv`."""
-    write_table(belt_summary(read_table(table)), output)
+    write_table(by_place(read_table(table), belt_summary), output)
 
 
 def summarise_transmission(table: Path, output: Path) -> None:
     """Mean, scatter and interval over the trials of `transmission.csv`."""
-    write_table(transmission_summary(read_table(table)), output)
+    write_table(by_place(read_table(table), transmission_summary), output)
 
 
 def summarise_actuator(table: Path, output: Path) -> None:
     """Mean, scatter and interval over the trials of `actuator.csv`."""
-    write_table(actuator_summary(read_table(table)), output)
+    write_table(by_place(read_table(table), actuator_summary), output)
 
 
 def summarise_model_comparison(table: Path, output: Path) -> None:
@@ -133,7 +135,7 @@ def average_over_amplitudes(table: Path, output: Path) -> None:
     write_table(frequency_response_table(read_table(table, ["amplitude_deg", "doubtful"])), output)
 
 
-def compare_belt_models(trials: Sequence[Path], parameters: Path | None, settings: BeltAnalysis, output: Path) -> None:
+def compare_belt_models(trials: Sequence[Path], parameters: FileOrNone, settings: BeltAnalysis, output: Path) -> None:
     """Rival models of the belt on each trial, predicted by fits to all the others."""
     p = known_parameters(parameters)
     write_table(belt_scores([belt_trial(read_trial(path), p, settings) for path in trials]), output)
@@ -168,59 +170,3 @@ def compare_impedance_models(
     if gains is None:
         raise InputError(f"trial {trial.stem}: {condition.unknown_gains()}; Eq. 9 needs the gains of the controller")
     write_table(impedance_scores(drivetrain_of(rendered, gains, p, sign_width), condition.controller), output)
-
-
-def plotted_numbers_fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path) -> None:
-    """The numbers of Fig. 3, from the trials' curves, `belt.csv` and `belt_summary.csv`."""
-    drawn = pl.concat([read_table(path) for path in curves])
-    write_table(belt_figure_points(drawn, read_table(table, ["trial", "doubtful"]), read_table(summary)), output)
-
-
-def plotted_numbers_fig4(
-    trial: Path,
-    fit: Path,
-    settings: ImpedanceAnalysis,
-    choice: TimeSeriesFigure,
-    limits: Doubt,
-    output: Path,
-    windows: str | None = None,
-) -> None:
-    """The numbers of Fig. 4: the last seconds of one amplitude, measured and by the best second-order fit.
-
-    `fit` is the trial's own table of fits. By `limits` it says whether the fit of this amplitude is doubtful. A motion
-    that is no stepped sine has no amplitude: its last seconds are shown. `windows` as in `fit_impedance_trial`.
-    """
-    rendered = rendered_trial(read_trial(trial), settings, windows)
-    series = shown_series(rendered, choice.amplitude_deg, choice.duration_s)
-    fits = marked(read_table(fit), limits, "impedance")
-    shown = (pl.col("amplitude_deg") - choice.amplitude_deg).abs() < 1e-6
-    doubtful = fits.filter(shown if isinstance(rendered, SteppedSineTrial) else pl.col("amplitude_deg").is_null())
-    write_table(series.with_columns(doubtful=pl.lit(doubtful["doubtful"][0], pl.String)), output)
-
-
-def plotted_numbers_fig7(
-    table: Path,
-    parameters: Path,
-    choice: FrequencyResponseFigure,
-    weight: Weight,
-    frequencies_hz: Sequence[float],
-    output: Path,
-) -> None:
-    """The numbers of Fig. 7: measured responses of one K_d, B_d, the desired one (Eq. 11), the linear model (Eq. 9).
-
-    A campaign without a stepped sine has no measured phasors: the figure then shows the desired response alone.
-    """
-    responses, p = read_table(table, required=RESPONSE), read_parameters(parameters)
-    measured = responses.filter((pl.col("K_d") == choice.K_d) & (pl.col("B_d") == choice.B_d))
-    if measured.is_empty() and not responses.is_empty():
-        raise InputError(
-            f"{table}: no trial with K_d = {choice.K_d:g}, B_d = {choice.B_d:g}; choose another one, or null, for "
-            "figures.frequency_response in the configuration"
-        )
-    controllers = measured["controller"].unique(maintain_order=True)
-    gains = {name + LINEAR_MODEL: select_gains(name, choice.K_d, choice.B_d, p, weight) for name in controllers}
-    f = np.linspace(min(frequencies_hz), max(frequencies_hz), 101)
-    s = np.asarray(2j * np.pi * f, dtype=np.complex128)
-    curves = theoretical_responses(choice.K_d, choice.B_d, gains, p)
-    frames = [response_curve(name, f, Y(s)) for name, Y in curves.items()]
-    write_table(points(measured, pl.concat(frames)) if len(measured) else only_curves(pl.concat(frames)), output)

@@ -9,6 +9,7 @@ import polars as pl
 
 from osl_analysis.commands.platform_file import read_platform, write_platform
 from osl_analysis.commands.walking_files import (
+    on_the_walkway,
     read_calibration,
     read_plate,
     write_calibration,
@@ -17,7 +18,7 @@ from osl_analysis.commands.walking_files import (
     write_refusal,
 )
 from osl_analysis.errors import InputError, OslAnalysisError
-from osl_analysis.table import write_table
+from osl_analysis.table import Places, write_table
 from osl_analysis.trial import read_trial
 from osl_analysis.walking.ankle import StaticCalibration, static_calibration
 from osl_analysis.walking.body_mass import body_mass
@@ -101,17 +102,18 @@ def measure_platform(
     settings: PlatformMotionSettings,
     output: Path,
     comparison: Path,
+    places: Places | None = None,
 ) -> None:
     """The motion that the platform's perturbations share, from the perturbed crossings, to a JSON file.
 
     `calibrations` and `statics` as for `identify_plate`. The table `comparison` shows when each crossing's perturbation
-    starts, and whether it follows the shared motion.
+    starts, and whether it follows the shared motion; `places` has joint and side of each.
     """
     calibrated = calibrations_of(calibrations, statics)
     read = [read_trial(path) for path in trials if path.stem in calibrated]
     model = identify_platform(read, calibrated, settings)
     write_platform(model, output)
-    write_table(platform_table(model), comparison)
+    write_table(on_the_walkway(platform_table(model), places), comparison)
 
 
 def analyse(

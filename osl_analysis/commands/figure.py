@@ -14,6 +14,7 @@ from osl_analysis.files import atomic_path
 from osl_analysis.refusal import Refusal, is_refused, read_refusals
 from osl_analysis.table import read_table, write_table
 
+EMPTY = "no trial of the campaign has the numbers that this figure shows"
 METADATA: dict[str, dict[str, Any]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}, ".png": {}}
 """Formats that can be written, with the metadata that would hold the time removed: equal numbers give equal files."""
 
@@ -26,7 +27,7 @@ def draw_figure(name: str, table_csv: Path, outputs: Sequence[Path], refused: Se
     Raises
     ------
     InputError
-        Unknown figure or suffix; the table is missing, has no rows or lacks a column.
+        Unknown figure or suffix; the table is missing or lacks a column.
     """
     if is_refused(table_csv):
         causes = [(cause.trial, cause.file, cause.reason) for cause in read_refusals(table_csv)]
@@ -37,7 +38,9 @@ def draw_figure(name: str, table_csv: Path, outputs: Sequence[Path], refused: Se
         draw_table("not_drawn", not_drawn(name, [("", str(table_csv), figure_module(name).NOTHING)]), outputs)
         return
     if table.is_empty():
-        raise InputError(f"{table_csv}: no rows to draw as {name}; does the campaign have trials of this experiment?")
+        nothing = {"figure": name, "trial": "", "file": str(table_csv), "reason": EMPTY}
+        draw_table("not_drawn", pl.DataFrame([nothing]), outputs)
+        return
     draw_table(name, table, outputs, list(dict.fromkeys(cause.trial for cause in refused if cause.trial)))
 
 

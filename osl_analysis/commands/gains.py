@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.errors import InputError, UnreachableImpedanceError
 from osl_analysis.figures.fig7 import COLUMNS as FIG7_COLUMNS
-from osl_analysis.figures.fig7 import CURVES, LINEAR_MODEL, response_curve
+from osl_analysis.figures.fig7 import DESIRED, LINEAR_MODEL, response_curve
+from osl_analysis.figures.fig8 import GAINS as FIG8_GAINS
 from osl_analysis.figures.fig8 import points as fig8_points
 from osl_analysis.files import atomic_path
 from osl_analysis.model.admittance_error import Weight
@@ -21,10 +22,11 @@ from osl_analysis.model.compensator import PAPER_WEIGHT, Gains, check_request, s
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
 from osl_analysis.model.gain_selection import optimal_damping
 from osl_analysis.model.rendering import predicted_impedance, rendering
-from osl_analysis.parameters import DrivetrainParameters, read_parameters
+from osl_analysis.parameters import DrivetrainParameters, FileOrNone, known_parameters, read_parameters
 from osl_analysis.table import finite_or_null, write_table
 from osl_analysis.trajectory import read_impedance_trajectory
 
+GAIN_TYPES = dict.fromkeys(("K_d", "B_d", *FIG8_GAINS), pl.Float64)
 TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)
 """Frequencies of Section III-B, at which the fit of Eq. 15 is predicted."""
 
@@ -128,19 +130,26 @@ def requested_gains(request: Request, parameters: Path) -> pl.DataFrame:
     return gain_table(K_d, B_d, p, request.weight, TESTED_HZ)
 
 
-def trajectory_table(trajectory: Path, p: DrivetrainParameters, weight: Weight) -> pl.DataFrame:
-    """The table of gains for every row of a trajectory file, `phase` first; a refusal names the file."""
+def trajectory_table(trajectory: Path, p: DrivetrainParameters | None, weight: Weight) -> pl.DataFrame:
+    """The table of gains for every row of a trajectory file, `phase` first; a refusal names the file.
+
+    `trajectory` is what the file says of itself, as synthetic. Without parameters there are no gains.
+    """
     desired = read_impedance_trajectory(trajectory)
     try:
-        table = gain_table(desired.K_d, desired.B_d, p, weight, TESTED_HZ)
+        if p is None:
+            table = pl.DataFrame({"K_d": desired.K_d, "B_d": desired.B_d} | dict.fromkeys(FIG8_GAINS), GAIN_TYPES)
+        else:
+            table = gain_table(desired.K_d, desired.B_d, p, weight, TESTED_HZ)
     except UnreachableImpedanceError as error:
         raise UnreachableImpedanceError(f"{trajectory}: {error}") from error
-    return table.select(pl.Series("phase", desired.phase), pl.all())
+    kind = pl.lit(desired.kind, pl.String).alias("trajectory")
+    return table.select(pl.Series("phase", desired.phase), kind, pl.all())
 
 
-def select_trajectory(trajectory: Path, parameters: Path, weight: Weight, output: Path) -> None:
+def select_trajectory(trajectory: Path, weight: Weight, output: Path, parameters: FileOrNone = None) -> None:
     """Write the gains for every row of a trajectory (Fig. 8)."""
-    write_table(trajectory_table(trajectory, read_parameters(parameters), weight), output)
+    write_table(trajectory_table(trajectory, known_parameters(parameters), weight), output)
 
 
 def write_gains(table: pl.DataFrame, output: Path) -> None:
@@ -211,10 +220,10 @@ def plot_gains(request: Request, table: pl.DataFrame, parameters: Path, output: 
 def pair_response(row: dict[str, float], p: DrivetrainParameters) -> pl.DataFrame:
     """Desired and predicted response of one pair over 0.1 to 10 Hz, as rows of Fig. 7."""
     f = np.geomspace(0.1, 10, 201)
-    curves = {
-        "desired": desired_admittance(row["K_d"], row["B_d"]),
-        f"compensated{LINEAR_MODEL}": joint_admittance(row["K_1"], row["B_1"], p, p.J_j),
-    }
-    frames = [response_curve(name, f, Y(2j * np.pi * f)) for name, Y in curves.items()]
-    observed_only = (name for name in FIG7_COLUMNS if name not in CURVES)
-    return pl.concat(frames).with_columns(pl.lit(None, pl.Float64).alias(name) for name in observed_only)
+    curves = (
+        (DESIRED, None, desired_admittance(row["K_d"], row["B_d"])),
+        (LINEAR_MODEL, "compensated", joint_admittance(row["K_1"], row["B_1"], p, p.J_j)),
+    )
+    frames = [response_curve(curve, name, f, Y(2j * np.pi * f)) for curve, name, Y in curves]
+    others = [name for name in FIG7_COLUMNS if name not in frames[0].columns]
+    return pl.concat(frames).with_columns(pl.lit(None, pl.Float64).alias(name) for name in others)

@@ -9,7 +9,7 @@ from osl_analysis.quality.checks import Commanded
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.quality.verdict import examine, quality_table
 from osl_analysis.refusal import Refusal, refused_trials
-from osl_analysis.table import read_table, write_table
+from osl_analysis.table import Places, read_table, with_places, write_table
 from osl_analysis.trial import read_trial
 
 
@@ -26,10 +26,11 @@ def check_trial(
     write_table(quality_table(record.name, examine(record, experiment, commanded), rules, accept), output)
 
 
-def tabulate(rows: Sequence[Path], output: Path, refused: Sequence[Refusal] = ()) -> None:
+def tabulate(rows: Sequence[Path], output: Path, refused: Sequence[Refusal] = (), places: Places | None = None) -> None:
     """One table from the verdicts on single trials, with a row for every trial that could not be judged, and why."""
     tables = [read_table(path) for path in rows]
-    write_table(pl.concat([*tables, refused_rows(refused, verdict="refused")], how="diagonal_relaxed"), output)
+    table = pl.concat([*tables, refused_rows(refused, verdict="refused")], how="diagonal_relaxed")
+    write_table(with_places(table, places or {}), output)
 
 
 def refused_rows(refused: Sequence[Refusal], **cells: str) -> pl.DataFrame:
@@ -43,11 +44,18 @@ def refused_rows(refused: Sequence[Refusal], **cells: str) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=schema | dict.fromkeys(cells, text) | {"remark": text})
 
 
-def list_excluded(verdicts: Path, by_sheet: Mapping[str, str], output: Path, refused: Sequence[Refusal] = ()) -> None:
+def list_excluded(
+    verdicts: Path,
+    by_sheet: Mapping[str, str],
+    output: Path,
+    refused: Sequence[Refusal] = (),
+    places: Places | None = None,
+) -> None:
     """List every trial that is not used, with the reason: the failed checks that exclude it, why it was refused, or
     what the sheet says.
     """
     failed = read_table(verdicts).filter(pl.col("verdict") == "exclude").drop("verdict")
     rows = [{"trial": trial, "check": "sample sheet", "remark": reason} for trial, reason in by_sheet.items()]
     stated = pl.DataFrame(rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String))
-    write_table(pl.concat([refused_rows(refused), failed, stated], how="diagonal_relaxed"), output)
+    table = pl.concat([refused_rows(refused), failed, stated], how="diagonal_relaxed")
+    write_table(with_places(table.drop("joint", "side", strict=False), places or {}), output)

@@ -8,7 +8,7 @@ import polars as pl
 
 from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.figures.response import points
-from osl_analysis.parameters import known_parameters
+from osl_analysis.parameters import FileOrNone, joint_of, known_parameters
 from osl_analysis.spectral.period_lines import pooled, realisations_from
 from osl_analysis.spectral.realisations import Realisation
 from osl_analysis.spectral.tables import MODELS, RESPONSE, periodic_tables
@@ -25,14 +25,14 @@ def pool_responses(
     settings: FilterSettings,
     response_pooled: Path,
     response_models_pooled: Path,
-    parameters: Path | None = None,
+    parameters: FileOrNone = None,
 ) -> None:
     """Write the response of all realisations of each condition, and the structures fitted to it.
 
     `lines` are the files of the periods' lines of single trials; `conditions` are the rows of the sheet by trial.
     Conditions with a single trial have no rows, nor have trials whose motions differ in more than phases.
     """
-    p = known_parameters(parameters)
+    p, of_joint = known_parameters(parameters), joint_of(parameters) if parameters else None
     made: dict[str, list[pl.DataFrame]] = {"response": [], "response_models": []}
     for group in groups_of(lines, conditions):
         names = list(group)
@@ -40,7 +40,8 @@ def pool_responses(
         place = [
             pl.lit(conditions[names[0]].get(column), dtype).alias(column) for column, dtype in place_schema().items()
         ]
-        frames = periodic_tables(", ".join(names), every, settings.low_pass, p).frames()
+        device = p if conditions[names[0]].get("joint") == of_joint else None
+        frames = periodic_tables(", ".join(names), every, settings.low_pass, device).frames()
         for name, pools in made.items():
             pools.append(frames[name].rename({"trial": "trials"}).select(*place, pl.all()))
     for name, schema, path in (

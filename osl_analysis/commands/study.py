@@ -20,7 +20,7 @@ from osl_analysis.study.batch import batch_rows
 from osl_analysis.study.page import page
 from osl_analysis.study.performance import performance_table
 from osl_analysis.study.trials import StudyInputs
-from osl_analysis.table import read_table, write_table
+from osl_analysis.table import SIMULATED, read_table, tables_of, write_table
 from osl_analysis.walking.settings import WalkingAnalysis
 from osl_analysis.yaml_settings import read_yaml
 
@@ -42,7 +42,8 @@ def run_batch(
     p = read_parameters(simulation.parameters)
     inputs = StudyInputs(study, simulation, gait, p, dynamometer, actuator_analysis, walking, sources)
     rows = batch_rows(experiment, range(first, first + number), inputs)
-    write_table(pl.DataFrame(rows, infer_schema_length=None), output)
+    with tables_of(SIMULATED):
+        write_table(pl.DataFrame(rows, infer_schema_length=None), output)
 
 
 def write_page(table: Path, output: Path) -> None:
@@ -65,4 +66,5 @@ def summarise(batches: Sequence[Path], output: Path, refused: Sequence[Refusal] 
             "correct the settings of the study and run again"
         )
     estimates = pl.concat([read_table(path) for path in batches], how="diagonal_relaxed")
-    write_table(performance_table(estimates), output)
+    with tables_of(SIMULATED):
+        write_table(performance_table(estimates), output)

@@ -7,7 +7,7 @@ import polars as pl
 
 from osl_analysis.doubtful import Doubt, marked, with_doubts_of
 from osl_analysis.errors import InputError
-from osl_analysis.table import read_table, write_table
+from osl_analysis.table import Places, read_table, with_places, write_table
 
 
 def gather(
@@ -16,10 +16,12 @@ def gather(
     limits: Doubt | None = None,
     fits: Sequence[Path] = (),
     limits_of_fits: Doubt | None = None,
+    places: Places | None = None,
 ) -> None:
     """One table from the tables of single trials, in the order given; with `limits`, doubtful fits are marked.
 
     `fits` are the trials' fits of the table whose doubts the rows share, if any, with the limits of that table.
+    `places` has joint and side of each trial, which become columns.
 
     Raises
     ------
@@ -34,4 +36,4 @@ def gather(
     if limits_of_fits is not None and fits:
         of = pl.concat([read_table(path) for path in fits], how="diagonal_relaxed")
         table = with_doubts_of(table, of, limits_of_fits, fits[0].parent.name)
-    write_table(table, output)
+    write_table(with_places(table, places or {}), output)

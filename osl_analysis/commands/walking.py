@@ -8,10 +8,10 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.commands.unperturbed_file import read_unperturbed_gaits, write_unperturbed_gaits
-from osl_analysis.commands.walking_files import read_crossing, read_crossing_files
+from osl_analysis.commands.walking_files import on_the_walkway, read_crossing, read_crossing_files, shared_side
 from osl_analysis.doubtful import DOUBTFUL, EXCLUDED, Doubt, doubtful_row, marked
 from osl_analysis.errors import InputError, OslAnalysisError
-from osl_analysis.table import read_table, write_table
+from osl_analysis.table import Places, read_table, write_table
 from osl_analysis.trial import read_trial
 from osl_analysis.walking.conditions import ALL, statements
 from osl_analysis.walking.crossing import Crossing
@@ -52,17 +52,18 @@ def select_crossings(
     settings: SelectionSettings,
     output: Path,
     sheet: Mapping[str, Mapping[str, Any]] | None = None,
+    places: Places | None = None,
 ) -> None:
     """One row per crossing, in the order of the files: its quality, its group and, if it is excluded, the reason.
 
-    `sheet` has the conditions of every crossing of the campaign; None: there are none. A warning says by which
-    conditions results are split although the configuration does not ask for it.
+    `sheet` has the conditions of every crossing of the campaign; None: there are none. `places` has joint and
+    side of each. A warning says by which conditions results are split although the configuration does not ask for it.
     """
     rows = selection_rows(*read_crossing_files(crossings), settings, sheet)
     table = pl.DataFrame([rows[path.stem] for path in crossings], infer_schema_length=None)
     for sentence in [*statements(sheet or {}, settings), *timing_statements(table, settings)]:
         warnings.warn(sentence, stacklevel=2)
-    write_table(table, output)
+    write_table(on_the_walkway(table, places), output)
 
 
 def timing_statements(table: pl.DataFrame, settings: SelectionSettings) -> list[str]:
@@ -144,12 +145,14 @@ def summarise_perturbations(
     groups: Path,
     sheet: Mapping[str, Mapping[str, Any]] | None = None,
     limits: Doubt | None = None,
+    places: Places | None = None,
 ) -> None:
     """Per group the mean over perturbations and the ensemble fit to `output`, its conditions to `groups`, every
     response in its window to `responses`, and the crossings that are not used, with the reason, to `excluded`.
 
     `table` is `walking.csv`, `crossings` are the perturbed ones, `selection` is `walking_crossings.csv`. A group
     without a result has rows with the reason. A group beyond one of the `limits` is doubtful, and so is its ensemble.
+    `places` has joint and side of each crossing.
 
     Raises
     ------
@@ -158,7 +161,7 @@ def summarise_perturbations(
     """
     fits, chosen = read_table(table, ["trial"]), read_table(selection, ["trial", "reason", "gait", "group"])
     reasons = fits.select("trial", pl.col(EXCLUDED).alias("reason"))
-    write_table(excluded_crossings(chosen, reasons), excluded)
+    write_table(on_the_walkway(excluded_crossings(chosen, reasons), places), excluded)
     fitted = fits.filter(pl.col(EXCLUDED).is_null())
     if len(fitted) < FEWEST_PERTURBED:
         raise InputError(
@@ -166,9 +169,10 @@ def summarise_perturbations(
             f"a scatter; see the reasons in {excluded.name}, or record more"
         )
     gaits, files = read_unperturbed_gaits(unperturbed), {path.stem: path for path in crossings}
-    rows, facts, curves, why = [], [], [], {}
+    rows, facts, curves, why, sides = [], [], [], {}, {}
     for group in groups_of(chosen, sheet):
         own = fitted.filter(pl.col("trial").is_in(group.trials))
+        sides[group.name] = {"side": shared_side(group.trials, places)}
         gait, known = gaits.get(group.gait), {"group": group.name}
         fact: dict[str, object] = group_row(group, gait, settings.window_s) | {"fitted_phase": None, "reason": None}
         try:
@@ -192,9 +196,9 @@ def summarise_perturbations(
     judged = marked(pl.DataFrame(facts, infer_schema_length=None), limits or Doubt(), "walking_groups")
     doubts = dict(zip(judged["group"], judged[DOUBTFUL], strict=True))
     rows = [row | {"doubt": doubts[str(row["group"])] if row["estimator"] == ENSEMBLE else None} for row in rows]
-    write_table(pl.DataFrame(rows, infer_schema_length=None), output)
-    write_table(judged, groups)
-    write_table(pl.concat(curves), responses)
+    write_table(on_the_walkway(pl.DataFrame(rows, infer_schema_length=None), sides, "group"), output)
+    write_table(on_the_walkway(judged.drop("side"), sides, "group"), groups)
+    write_table(on_the_walkway(pl.concat(curves), sides, "group"), responses)
 
 
 def headline_of(

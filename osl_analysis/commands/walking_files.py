@@ -16,7 +16,8 @@ import polars as pl
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.refusal import check_not_refused
-from osl_analysis.table import finite_or_null
+from osl_analysis.sheet import JOINT
+from osl_analysis.table import Places, finite_or_null, with_places
 from osl_analysis.trial import NAME_KEY, PROVENANCE_KEY, Trial, read_trial, write_trial
 from osl_analysis.walking.ankle import SEGMENTS, StaticCalibration
 from osl_analysis.walking.crossing import Crossing, CrossingQuality, RefusedCrossing
@@ -220,3 +221,15 @@ def quality_from_events(facts: dict[str, Any]) -> CrossingQuality:
 def plate_error_columns(frame: pl.DataFrame) -> np.ndarray:
     """The plate's errors (m, rows) [N*m] in a file's columns `plate_error_0`, ..."""
     return frame.select(pl.col(f"^{PLATE_ERROR}.*$")).to_numpy().T
+
+
+def on_the_walkway(table: pl.DataFrame, places: Places | None, by: str = "trial") -> pl.DataFrame:
+    """A table of crossings or groups with the columns `joint`, which the walkway decides, and `side`."""
+    known = {name: {"joint": JOINT, "side": (places or {}).get(name, {}).get("side")} for name in table[by].unique()}
+    return with_places(table, known, by)
+
+
+def shared_side(trials: Sequence[str], places: Places | None) -> str | None:
+    """The side that all crossings have; None if they differ, or none is known."""
+    sides = {(places or {}).get(trial, {}).get("side") for trial in trials}
+    return sides.pop() if len(sides) == 1 else None

@@ -7,6 +7,9 @@ line per column, `name: unit | meaning`. Three short forms keep them true and sh
 * `cov K B I:` describes the covariances cov_K_B, cov_K_I and cov_B_I, whose units are the products of the columns';
 * `include GROUP:` takes a group of columns, and a name without a description a column, from `shared.yaml`.
 
+Two things stand in no section: a result table with the column `trial` has `joint` and `side` behind it, and the last
+column of every table is `data`.
+
 A new column is its line of code and its line here; a test fails where one is missing.
 """
 
@@ -70,6 +73,9 @@ def tables_of(content: Mapping[str, Any]) -> Iterator[DescribedTable]:
         described: dict[str, DescribedColumn] = {}
         for key, text in table["columns"].items():
             described |= {column.name: column for column in columns_of(key, text, described)}
+            if key == "trial" and place.startswith("tables/"):
+                described |= {column.name: column for column in columns_of("include place", None, described)}
+        described |= {column.name: column for column in columns_of("data", None, described)}
         yield DescribedTable(place, table.get("also", ""), table["rows"], described)
 
 

@@ -1,24 +1,52 @@
 """Fig. 3: torque against deflection of the transmission, every trial, and the mean stiffness."""
 
 import polars as pl
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from osl_analysis.figures.style import BLACK, DOTTED, GREY, IS_DOUBTFUL, MAGENTA, SINGLE_COLUMN, panels, paper_style
+from osl_analysis.figures.names import placed_rows
+from osl_analysis.figures.style import (
+    BLACK,
+    DOTTED,
+    DOUBLE_COLUMN,
+    GREY,
+    IS_DOUBTFUL,
+    MAGENTA,
+    SINGLE_COLUMN,
+    panels,
+    paper_style,
+)
 
-COLUMNS = ("trial", "branch", "theta_s_deg", "torque", "K_s", "K_s_low", "K_s_high", "doubtful")
+COLUMNS = ("joint", "side", "trial", "branch", "theta_s_deg", "torque", "K_s", "K_s_low", "K_s_high", "doubtful")
+MOST_ACROSS = 3
+"""Panels side by side."""
 MEAN_SLOPE = "mean slope"
 """Name that takes the place of the trial in the two rows that carry the mean slope."""
 
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """Trials as transparent grey loops, those with a doubtful fit dotted black, the mean slope dashed magenta.
+    """Trials as transparent grey loops, those with a doubtful fit dotted black, the mean slope dashed magenta; a panel
+    for each joint and side.
 
     Rows per trial in order of time: `branch` (loading or unloading), `theta_s_deg` [deg], `torque` [N*m], and why the
     trial's fit is `doubtful`. The two rows of trial `MEAN_SLOPE` are its ends and carry the stiffness `K_s` [N*m/rad]
     with the bounds of its 95 % interval, `K_s_low` and `K_s_high`.
     """
-    figure, (ax,) = panels(SINGLE_COLUMN, 2.4)
+    parts = placed_rows(table)
+    across = min(len(parts), MOST_ACROSS)
+    rows = -(-len(parts) // MOST_ACROSS)
+    width, names = (SINGLE_COLUMN if across == 1 else DOUBLE_COLUMN), [name for name, _ in parts]
+    figure, axes = panels(width, 2.4 * rows, rows=rows, columns=across, names=names)
+    for ax, (_, part) in zip(axes, parts, strict=False):
+        draw_belts(ax, part)
+    for ax in axes[len(parts) :]:
+        ax.remove()
+    return figure
+
+
+def draw_belts(ax: Axes, table: pl.DataFrame) -> None:
+    """The trials and the mean slope of one joint and side."""
     mean = table.filter(pl.col("trial") == MEAN_SLOPE)
     trials = table.filter(pl.col("trial") != MEAN_SLOPE).partition_by("trial", maintain_order=True)
     for number, trial in enumerate(trials):
@@ -40,7 +68,6 @@ def draw(table: pl.DataFrame) -> Figure:
     ax.set_ylabel("Joint torque (N·m)")
     ax.legend(loc="upper left")
     ax.text(0.98, 0.05, stiffness_text(mean), transform=ax.transAxes, ha="right", va="bottom", linespacing=1.4)
-    return figure
 
 
 def stiffness_text(mean: pl.DataFrame) -> str:

@@ -4,9 +4,10 @@ import numpy as np
 import polars as pl
 from matplotlib.figure import Figure
 
+from osl_analysis.figures.names import drawn_name, place_name
 from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, IS_DOUBTFUL, MAGENTA, panels, paper_style
 
-COLUMNS = ("time", "theta_deg", "torque", "torque_model", "doubtful")
+COLUMNS = ("joint", "side", "trial", "chosen", "time", "theta_deg", "torque", "torque_model", "doubtful")
 
 
 @paper_style()
@@ -15,10 +16,14 @@ def draw(table: pl.DataFrame) -> Figure:
 
     The draft calls this line blue in its caption and magenta in its text. Rows in order of time: `time` [s] from
     0, `theta_deg` [deg], `torque` and `torque_model` [N*m], and `doubtful`. The legend says if the fit is doubtful.
-    Lines end where the time steps over rows that are not of this amplitude.
+    Lines end where the time steps over rows that are not of this amplitude. The line below names the trial where it
+    was `chosen`.
     """
     table = with_breaks(table)
-    figure, (angle, torque) = panels(DOUBLE_COLUMN, 2.8, rows=2)
+    joint, side, trial, chosen = table.select("joint", "side", "trial", "chosen").row(0)
+    figure, (angle, torque) = panels(DOUBLE_COLUMN, 2.8, rows=2, names=[f"{place_name(joint, side)}: angle", "Torque"])
+    angle.sharex(torque)
+    angle.tick_params(labelbottom=False)
     angle.plot(table["time"], table["theta_deg"], color=BLACK, linewidth=0.9)
     torque.plot(table["time"], table["torque"], color="#B4B4B4", linewidth=2.2, label="Measured")
     torque.plot(
@@ -35,6 +40,8 @@ def draw(table: pl.DataFrame) -> Figure:
     for ax in (angle, torque):
         ax.margins(x=0.005)
     torque.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
+    if chosen:
+        figure.supxlabel(f"Trial {drawn_name(trial)}: {chosen}", fontsize=8)
     return figure
 
 

@@ -9,13 +9,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from osl_analysis.errors import InputError
+from osl_analysis.figures.names import look_numbers, looks_in, of_place, placed_rows
 from osl_analysis.figures.style import (
     BLACK,
     DOUBLE_COLUMN,
     GREY,
     IS_DOUBTFUL,
-    LOOKS,
     WHITE,
+    Look,
     draw_spread,
     panels,
     paper_style,
@@ -29,13 +30,19 @@ WHERE_THEY_ARE = (
 )  # fmt: skip
 """Columns that `points` takes if the table has them; they are null if not."""
 COLUMNS = (
-    "trial", "controller", "K_d", "B_d", "K", "K_low", "K_high", "B", "B_low", "B_high", *WHERE_THEY_ARE, "doubtful",
+    "trial", "joint", "side", "controller", "look", "K_d", "B_d", "K", "K_low", "K_high", "B", "B_low", "B_high",
+    *WHERE_THEY_ARE, "doubtful",
 )  # fmt: skip
 
 CLUSTER = 0.72
 """Width that the trials of one desired value take, as a share of the distance to the next desired value."""
 DASHES = (0, (4, 2))
 """Line style of desired values."""
+MOST_EVEN = 4.0
+"""Largest distance between two desired values over the smallest one, up to which the axis is to scale."""
+MOST_TICKS = 12
+"""Desired values that are lettered; of more, every second, third ... one is."""
+NOT_STATED = "not\nstated"
 SOUND = "_sound"
 """Label of the filled markers; matplotlib lists no label with an underscore."""
 
@@ -60,7 +67,7 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
     table = table.with_columns(absent)
     if "doubtful" not in table.columns:
         table = table.with_columns(doubtful=pl.lit(None, pl.String))
-    return table.select(COLUMNS)
+    return of_place(table).with_columns(look_numbers(table["controller"])).select(COLUMNS)
 
 
 @paper_style()
@@ -70,61 +77,81 @@ def draw(table: pl.DataFrame) -> Figure:
     Trials of one desired value stand side by side, those of one controller together, in the order of the other desired
     value. A filled marker is a sound fit, an open one a doubtful fit. A thin bar is the range of the fits to single
     amplitudes, a thick bar the 95 % interval of noise. The legend names the bars, or says that the markers hide them. A
-    dash of the same colour is the prediction of linear theory for the trial's gains.
+    dash of the same colour is the prediction of linear theory for the trial's gains. Every joint and side has a row of
+    panels. Trials whose desired value is not stated stand at the right end of the axis.
     """
-    figure, (stiffness, damping) = panels(DOUBLE_COLUMN, 2.7, columns=2)
-    draw_quantity(stiffness, table, "K")
-    draw_quantity(damping, table, "B")
-    stiffness.set_xlabel("Desired $K_d$ (N·m/rad)")
-    stiffness.set_ylabel(r"Stiffness $\hat{K}$ (N·m/rad)")
-    damping.set_xlabel("Desired $B_d$ (N·m·s/rad)")
-    damping.set_ylabel(r"Damping $\hat{B}$ (N·m·s/rad)")
-    bars, remark = spread_entries({stiffness: "K", damping: "B"}, table)
-    figure.legend(handles=[*entries(table), *bars], loc="outside upper center", ncols=6, columnspacing=1.4)
+    parts, looks = placed_rows(table), looks_in(table)
+    names = [name for name, _ in parts for _ in range(2)]
+    figure, axes = panels(DOUBLE_COLUMN, 0.3 + 2.4 * len(parts), rows=len(parts), columns=2, names=names)
+    for number, (_, part) in enumerate(parts):
+        stiffness, damping = axes[2 * number : 2 * number + 2]
+        draw_quantity(stiffness, part, "K", looks)
+        draw_quantity(damping, part, "B", looks)
+        stiffness.set_xlabel("Desired $K_d$ (N·m/rad)")
+        stiffness.set_ylabel(r"Stiffness $\hat{K}$ (N·m/rad)")
+        damping.set_xlabel("Desired $B_d$ (N·m·s/rad)")
+        damping.set_ylabel(r"Damping $\hat{B}$ (N·m·s/rad)")
+    bars, remark = spread_entries({ax: "KB"[number % 2] for number, ax in enumerate(axes)}, table)
+    figure.legend(handles=[*entries(table, looks), *bars], loc="outside upper center", ncols=6, columnspacing=1.4)
     figure.supxlabel(remark, fontsize=8)
     return figure
 
 
-def draw_quantity(ax: Axes, table: pl.DataFrame, symbol: str) -> None:
+def draw_quantity(ax: Axes, table: pl.DataFrame, symbol: str, looks: dict[str | None, Look]) -> None:
     """One quantity, `K` or `B`, against its desired value."""
     desired = f"{symbol}_d"
+    places = axis_places(table[desired])
     table = table.with_columns(x=side_by_side(table, desired, "B_d" if symbol == "K" else "K_d"))
-    levels = table[desired].unique().sort().to_numpy()
-    half = CLUSTER / 2 * spacing(table[desired])
-    ax.hlines(levels, levels - 1.15 * half, levels + 1.15 * half, color=BLACK, linestyle=DASHES, linewidth=0.7)
-    for controller in ("compensated", "uncompensated"):
-        look = LOOKS[controller]
-        rows = table.filter(pl.col("controller") == controller)
+    half, stated = CLUSTER / 2 * spacing(places), [level for level in places if level is not None]
+    at = np.array([places[level] for level in stated])
+    ax.hlines(stated, at - 1.15 * half, at + 1.15 * half, color=BLACK, linestyle=DASHES, linewidth=0.7)
+    for controller, look in looks.items():
+        rows = table.filter(pl.col("controller").eq_missing(pl.lit(controller)))
         draw_spread(ax, rows, "x", symbol, look.colour)
         ax.plot(rows["x"], rows[f"{symbol}_predicted"], "_", color=look.colour, markersize=5.5, mew=0.6)
         sound = rows.filter(~IS_DOUBTFUL)
         for fits, fill, label in ((rows, WHITE, look.label), (sound, look.colour, SOUND)):
             x, y = fits["x"], fits[symbol]
             ax.plot(x, y, look.marker, color=look.colour, mfc=fill, mew=0.7, markersize=look.size, label=label)
-    ax.set_xticks(levels.tolist())
+    every = -(-len(places) // MOST_TICKS)
+    shown = [level for k, level in enumerate(places) if k % every == 0 or level is None]
+    letters = [NOT_STATED if level is None else f"{level:g}" for level in shown]
+    ax.set_xticks([places[level] for level in shown], letters)
     ax.tick_params(axis="x", length=0)
 
 
-def entries(table: pl.DataFrame) -> list[Line2D]:
+def entries(table: pl.DataFrame, looks: dict[str | None, Look]) -> list[Line2D]:
     """Legend of the markers, of the desired values and of linear theory, as far as the table has them."""
 
     def entry(marker: str, label: str, **look: Any) -> Line2D:
         """A marker of the legend."""
         return Line2D([], [], linestyle="", marker=marker, label=label, **look)
 
-    looks = [look for name, look in LOOKS.items() if name in table["controller"]]
-    found = [entry(look.marker, look.label, color=look.colour, markersize=look.size) for look in looks]
+    found = [entry(look.marker, look.label, color=look.colour, markersize=look.size) for look in looks.values()]
     if len(table.filter(IS_DOUBTFUL)):
         found.append(entry("o", "Open: doubtful fit", color=GREY, mfc=WHITE, markersize=3.8, mew=0.7))
-    found.append(Line2D([], [], color=BLACK, linestyle=DASHES, linewidth=0.7, label="Desired"))
+    if table["K_d"].count() or table["B_d"].count():
+        found.append(Line2D([], [], color=BLACK, linestyle=DASHES, linewidth=0.7, label="Desired"))
     if table["K_predicted"].count() or table["B_predicted"].count():
         found.append(entry("_", "Linear model", color=BLACK, markersize=5.5, mew=0.6))
     return found
 
 
-def spacing(desired: pl.Series) -> float:
-    """Smallest distance between two desired values (n,); 1 if all are equal."""
-    return float(np.min(np.diff(desired.unique().sort().to_numpy()), initial=np.inf)) if desired.n_unique() > 1 else 1.0
+def axis_places(desired: pl.Series) -> dict[float | None, float]:
+    """Place of each desired value on its axis: to scale where the values are about evenly spaced, else one after the
+    other. The place of trials without one is behind the last."""
+    levels = [float(level) for level in desired.drop_nulls().unique().sort()]
+    steps = np.diff(levels)
+    even = bool(len(levels) < 2 or steps.max() <= MOST_EVEN * steps.min())
+    places: dict[float | None, float] = {level: level if even else float(k) for k, level in enumerate(levels)}
+    if desired.null_count():
+        places[None] = max(places.values(), default=0.0) + spacing(places)
+    return places
+
+
+def spacing(places: dict[float | None, float]) -> float:
+    """Smallest distance between two places; 1 if there is one."""
+    return float(np.min(np.diff(sorted(places.values())), initial=np.inf)) if len(places) > 1 else 1.0
 
 
 def side_by_side(table: pl.DataFrame, desired: str, other: str) -> pl.Series:
@@ -136,4 +163,5 @@ def side_by_side(table: pl.DataFrame, desired: str, other: str) -> pl.Series:
         for controller, value in table.select("controller", other).iter_rows()
     ]
     place = (np.array(slot) - (slots - 1) / 2) / max(slots - 1, 1)
-    return pl.Series(table[desired].to_numpy() + CLUSTER * spacing(table[desired]) * place)
+    places = axis_places(table[desired])
+    return pl.Series([places[value] for value in table[desired]]) + CLUSTER * spacing(places) * place

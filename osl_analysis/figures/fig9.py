@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
+from osl_analysis.figures.names import drawn_name
 from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, PALE_ORANGE, PURPLE, SINGLE_COLUMN, panels, paper_style
 
 TABLE_COLUMNS = ("group", "quantity", "estimator", "n", "mean", "sd", "low", "high", "n_doubtful", "commanded")
@@ -88,7 +89,7 @@ def draw(table: pl.DataFrame) -> Figure:
 
 def tick(row: dict[str, object]) -> str:
     """Name of a group for the axis, with its number of perturbations."""
-    name = str(row["group"]).replace("K_d", "$K_d$").replace("B_d", "$B_d$")
+    name = drawn_name(str(row["group"]), 60).replace("K_d", "$K_d$").replace("B_d", "$B_d$")
     return f"{name} ({row['n']})"
 
 

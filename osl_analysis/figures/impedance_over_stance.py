@@ -6,6 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.figures.fig9 import LABELS, QUANTITIES
+from osl_analysis.figures.names import drawn_name
 from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, GREY, MAGENTA, ORANGE, PURPLE, panels, paper_style
 
 COLUMNS = (
@@ -30,7 +31,7 @@ def draw(table: pl.DataFrame) -> Figure:
         if len(curve):
             ax.plot(100 * curve["phase"], curve["commanded"], color=BLACK, linestyle=(0, (3, 2)), label="Commanded")
         for number, name in enumerate(names):
-            label = "Fit of mean response, 95 %" if len(names) == 1 else name
+            label = "Fit of mean response, 95 %" if len(names) == 1 else drawn_name(name)
             draw_series(ax, rows.filter(pl.col("series") == name), COLOURS[number % len(COLOURS)], label)
         ax.axhline(0, color=BLACK, linewidth=0.4)
         ax.set_xlim(0, 100)

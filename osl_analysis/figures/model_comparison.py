@@ -1,15 +1,19 @@
 """Rival models of belt, transmission and rendered impedance: the variance of held-out torque that they do not
 explain."""
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
+from osl_analysis.figures.names import MARKERS, PLACE, of_place, place_name
 from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, GREY, LOOKS, Look, panels, paper_style
 
-TABLE_COLUMNS = COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out")
+TABLE_COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out")
+COLUMNS = (*PLACE, *TABLE_COLUMNS)
 MODELS = {
     "belt": ("Belt", {"M1": "linear", "M2": "quadratic", "M3": "linear,\nhysteresis", "M4": "quadratic,\nhysteresis"}),
     "transmission": ("Transmission", {"M1": "$B_j$, $J_j$", "M2": "$B_j$, $J_j$,\nCoulomb"}),
@@ -32,7 +36,7 @@ def points(scores: pl.DataFrame) -> pl.DataFrame:
     InputError
         There is none.
     """
-    table = scores.select(COLUMNS).filter(pl.col("VAF_held_out").is_finite())
+    table = of_place(scores).select(COLUMNS).filter(pl.col("VAF_held_out").is_finite())
     if table.is_empty():
         raise InputError(
             "no model was held against data that it was not fitted to; add a second belt or transmission trial, or a "
@@ -43,20 +47,28 @@ def points(scores: pl.DataFrame) -> pl.DataFrame:
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """A panel per experiment, the draft's model on the left: each line is a trial, each bar the geometric mean.
+    """A panel per experiment, the draft's model on the left: each line is a trial, each bar the geometric mean. Joints
+    and sides stand side by side, each with a marker and a mean of its own.
 
     The axes are logarithmic in the share of the variance of held-out torque that a model does not account for.
     """
+    several = len(table.select(PLACE).unique()) > 1
     present = [experiment for experiment in MODELS if experiment in table["experiment"]]
     shares = [len(MODELS[experiment][1]) for experiment in present]
     figure, axes = panels(DOUBLE_COLUMN, 2.6, columns=len(present), shares=shares)
     for ax, experiment in zip(axes, present, strict=True):
         name, models = MODELS[experiment]
         rows = table.filter(pl.col("experiment") == experiment)
-        conditions = rows.partition_by("controller", maintain_order=True)
+        conditions = rows.partition_by(*PLACE, "controller", maintain_order=True)
         for k, trials in enumerate(conditions):
-            shift = 0.24 * (k - (len(conditions) - 1) / 2)
-            draw_trials(ax, trials, list(models), shift, LOOKS.get(trials["controller"][0], REPEATS))
+            shift = min(0.24, 0.72 / len(conditions)) * (k - (len(conditions) - 1) / 2)
+            look = LOOKS.get(trials["controller"][0], REPEATS)
+            if several:
+                place = place_name(trials["joint"][0], trials["side"][0])
+                looks = [*dict.fromkeys(rows.select(PLACE).rows())]
+                marker = MARKERS[looks.index(trials.select(PLACE).row(0)) % len(MARKERS)]
+                look = replace(look, label=f"{look.label}, {place}", marker=marker)
+            draw_trials(ax, trials, list(models), shift, look)
         ax.set_title(name)
         ax.set_yscale("log")
         ax.set_xticks(range(len(models)), list(models.values()))

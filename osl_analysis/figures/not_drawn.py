@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import polars as pl
 from matplotlib.figure import Figure
 
+from osl_analysis.figures.names import with_glyphs
 from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, GREY, paper_style
 
 COLUMNS = ("figure", "trial", "file", "reason")
@@ -26,7 +27,7 @@ def draw(table: pl.DataFrame) -> Figure:
     figure = Figure(figsize=(DOUBLE_COLUMN, 0.6 + 0.14 * len(lines)))
     figure.text(0.02, 0.95, f"{title} is not drawn", color=BLACK, fontsize=11, va="top")
     below = 1 - 0.4 / figure.get_figheight()
-    figure.text(0.02, below, "\n".join(lines), color=GREY, va="top", parse_math=False)
+    figure.text(0.02, below, with_glyphs("\n".join(lines)), color=GREY, va="top", parse_math=False)
     return figure
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Any
 
 import matplotlib as mpl
@@ -21,6 +22,8 @@ ORANGE, PALE_ORANGE, PURPLE = "#E66100", "#F5C09A", "#5D3A9B"
 
 LIGHT_DOT = Line2D([], [], linestyle="", marker="o", color=GREY, mfc=WHITE, markersize=3, mew=1.2, label="Doubtful fit")
 """For the legend of filled markers with a light dot."""
+LETTERS = 26
+"""Panels that have letters."""
 THIN, THICK = 0.7, 1.8
 """Widths [pt] of bars over amplitudes, and of intervals."""
 DOTTED = (0, (1, 1.5))
@@ -30,7 +33,8 @@ IS_DOUBTFUL = pl.col("doubtful").fill_null("") != ""
 """Rows whose fit is doubtful: a number is beyond a limit of the configuration."""
 
 PAPER: dict[Any, Any] = {
-    "font.family": "STIXGeneral",  # Times-like, and shipped with matplotlib: the same on every machine
+    # Times-like, and for the letters that it lacks another: both are shipped with matplotlib, the same on every machine
+    "font.family": ["STIXGeneral", "DejaVu Sans"],
     "mathtext.fontset": "stix",
     "font.size": 8,
     "axes.labelsize": 8,
@@ -95,18 +99,26 @@ def paper_style() -> Iterator[None]:
 
 
 def panels(
-    width: float, height: float, rows: int = 1, columns: int = 1, shares: Sequence[float] | None = None
+    width: float,
+    height: float,
+    rows: int = 1,
+    columns: int = 1,
+    shares: Sequence[float] | None = None,
+    names: Sequence[str] = (),
 ) -> tuple[Figure, list[Axes]]:
     """A figure of the given size [in] and its panels, row by row, lettered (a), (b) ... if there are several.
 
-    `shares` are the relative widths of the columns; the panels of a row then share their vertical axis.
+    `shares` are the relative widths of the columns; the panels of a row then share their vertical axis. `names` stand
+    behind the letters; panels with names of their own share no axis.
     """
     figure = Figure(figsize=(width, height), layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False, sharex=rows > 1, sharey=bool(shares), width_ratios=shares)
+    share = rows > 1 and not names
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=bool(shares), width_ratios=shares)
     axes = [ax for row in grid for ax in row]
-    if len(axes) > 1:
-        for ax, letter in zip(axes, "abcdefgh", strict=False):
-            ax.set_title(f"({letter})", loc="left")
+    letters = [f"({chr(ord('a') + k)})" if k < LETTERS else "" for k in range(len(axes))]
+    titles = [f"{letter} {name}" for letter, name in zip_longest(letters * (len(axes) > 1), names, fillvalue="")]
+    for ax, title in zip(axes, titles, strict=False):
+        ax.set_title(title.strip(), loc="left")
     return figure, axes
 
 

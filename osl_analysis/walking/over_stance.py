@@ -13,6 +13,7 @@ QUANTITIES = ("K", "B", "I")
 COMMANDED = "commanded"
 """Series of the curve that the controller commands."""
 FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
+PLACE = ("joint", "side")
 
 
 def impedance_over_stance(summary: pl.DataFrame, groups: pl.DataFrame) -> pl.DataFrame:
@@ -28,8 +29,9 @@ def impedance_over_stance(summary: pl.DataFrame, groups: pl.DataFrame) -> pl.Dat
     series = pl.Series("series", [series_of(name) for name in rows["group"]], dtype=pl.String)
     order = pl.col("quantity").replace_strict({q: i for i, q in enumerate(QUANTITIES)}, return_dtype=pl.Int64)
     table = rows.with_columns(series).sort(order, "series", "fitted_phase", maintain_order=True)
+    place = [name for name in PLACE if name in table.columns]
     return table.select(
-        "group", "series", "quantity", pl.col("fitted_phase").alias("phase"), "onset_phase", "end_phase", "n",
+        "group", *place, "series", "quantity", pl.col("fitted_phase").alias("phase"), "onset_phase", "end_phase", "n",
         pl.col("mean").alias("estimate"), "se", "low", "high", pl.col("commanded").cast(pl.Float64),
     )  # fmt: skip
 

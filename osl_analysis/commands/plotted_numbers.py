@@ -1,0 +1,107 @@
+"""The numbers of Figs. 3, 4 and 7, which need more than one result table."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.bench.belt import PLACE, belt_figure_points
+from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.bench.rendered import rendered_trial, shown_series
+from osl_analysis.bench.settings import ImpedanceAnalysis
+from osl_analysis.bench.stepped_sine import SteppedSineTrial
+from osl_analysis.config import FrequencyResponseFigure
+from osl_analysis.doubtful import Doubt, marked
+from osl_analysis.examples import ImpedanceExample
+from osl_analysis.figures.fig7 import CURVE_TYPES, DESIRED, LINEAR_MODEL, RESPONSE, points, response_curve
+from osl_analysis.figures.names import look_numbers, of_place
+from osl_analysis.model.admittance_error import Weight
+from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
+from osl_analysis.parameters import FileOrNone, joint_of, read_parameters
+from osl_analysis.table import read_table, write_table
+from osl_analysis.trial import read_trial
+
+CHOSEN = "the desired impedance with the most trials"
+
+
+def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path) -> None:
+    """The numbers of Fig. 3, from the trials' curves, `belt.csv` and `belt_summary.csv`."""
+    drawn = pl.concat([read_table(path) for path in curves])
+    write_table(
+        belt_figure_points(drawn, read_table(table, ["trial", *PLACE, "doubtful"]), read_table(summary)), output
+    )
+
+
+def fig4(
+    trial: Path,
+    fit: Path,
+    settings: ImpedanceAnalysis,
+    choice: ImpedanceExample,
+    limits: Doubt,
+    output: Path,
+    windows: str | None = None,
+) -> None:
+    """The numbers of Fig. 4: the last seconds of one amplitude, measured and by the best second-order fit.
+
+    `fit` is the trial's own table of fits. By `limits` it says whether the fit of this amplitude is doubtful. A motion
+    that is no stepped sine has no amplitude: its last seconds are shown. `windows` as in `bench.fit_impedance_trial`.
+    """
+    rendered, amplitude = rendered_trial(read_trial(trial), settings, windows), choice.amplitude_deg or 0.0
+    shown = pl.col("amplitude_deg").is_null()
+    if isinstance(rendered, SteppedSineTrial):
+        amplitude = amplitude or max(block.amplitude_deg for block in rendered.blocks)
+        shown = (pl.col("amplitude_deg") - amplitude).abs() < 1e-6
+    series = shown_series(rendered, amplitude, choice.duration_s)
+    doubtful = marked(read_table(fit), limits, "impedance").filter(shown)["doubtful"][0]
+    said = {"trial": choice.trial, "joint": choice.joint, "side": choice.side, "chosen": choice.chosen or None}
+    constant = (pl.lit(value, pl.String).alias(name) for name, value in (said | {"doubtful": doubtful}).items())
+    write_table(series.with_columns(constant), output)
+
+
+def fig7(
+    table: Path,
+    parameters: FileOrNone,
+    choice: FrequencyResponseFigure | None,
+    weight: Weight,
+    output: Path,
+) -> None:
+    """The numbers of Fig. 7: measured responses of one K_d, B_d, the desired one (Eq. 11), the linear model (Eq. 9).
+
+    Without a `choice` it is the desired impedance that most responses have. Where K_d or B_d is not known there is no
+    desired response; where the gains are not (`DesiredImpedance.gains`), or the parameter file is of another joint,
+    there is no linear model. Trials that no stepped sine moved have no responses; without any other the table is empty.
+    """
+    responses = of_place(read_table(table, required=RESPONSE))
+    responses = responses.with_columns(look_numbers(responses["controller"]))
+    K_d, B_d = (choice.K_d, choice.B_d) if choice else most_frequent(responses)
+    shown = responses.filter(pl.col("K_d").eq_missing(pl.lit(K_d)), pl.col("B_d").eq_missing(pl.lit(B_d)))
+    shown = shown.sort("frequency_hz", maintain_order=True)
+    parts = shown.partition_by(PLACE, maintain_order=True)
+    curves = [curve for part in parts for curve in responses_in_theory(part, parameters, weight)]
+    drawn = points(shown, pl.concat([pl.DataFrame(schema=CURVE_TYPES), *curves]))
+    write_table(drawn.with_columns(chosen=pl.lit(None if choice else CHOSEN, pl.String)), output)
+
+
+def most_frequent(responses: pl.DataFrame) -> tuple[float | None, float | None]:
+    """K_d and B_d of the most trials, the first of equals; None where they are not stated."""
+    pairs = responses.group_by("K_d", "B_d", maintain_order=True).agg(pl.col("trial").n_unique())
+    most = pairs.sort("trial", descending=True, maintain_order=True)
+    return most.select("K_d", "B_d").row(0) if len(most) else (None, None)
+
+
+def responses_in_theory(measured: pl.DataFrame, parameters: Path | None, weight: Weight) -> list[pl.DataFrame]:
+    """The desired response and those of the linear model beside the measured ones of one joint, side, K_d and B_d."""
+    joint, side, K_d, B_d = measured.select(*PLACE, "K_d", "B_d").row(0)
+    p = read_parameters(parameters) if parameters and joint_of(parameters) == joint else None
+    f = np.linspace(float(measured["frequency_hz"][0]), float(measured["frequency_hz"][-1]), 101)
+    s = np.asarray(2j * np.pi * f, dtype=np.complex128)
+    curves = [] if K_d is None or B_d is None else [response_curve(DESIRED, None, f, desired_admittance(K_d, B_d)(s))]
+    for name in measured["controller"].unique(maintain_order=True) if p else ():
+        gains = DesiredImpedance(name, K_d, B_d).gains(p, weight)
+        if p and gains:
+            Y = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
+            curves.append(response_curve(LINEAR_MODEL, name, f, Y(s)))
+    place = {"joint": joint, "side": side}
+    named = [pl.lit(value, pl.String).alias(column) for column, value in place.items()]
+    return [curve.with_columns(named).select(list(CURVE_TYPES)) for curve in curves]

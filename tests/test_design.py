@@ -194,6 +194,11 @@ def test_angle_noise_counts_as_torque_noise_through_the_impedance():
     np.testing.assert_allclose(of_angle.se, precision(plan, joint, Sensors(1000.0, 0.03), OPEN).se)
 
 
+def test_the_load_cell_s_step_counts_as_noise_of_a_step_over_the_root_of_twelve():
+    rounded, noisy = Sensors(1000.0, 0.03, torque_step=0.1), Sensors(1000.0, float(np.hypot(0.03, 0.1 / np.sqrt(12))))
+    np.testing.assert_allclose(precision(DRAFT, JOINT, rounded, OPEN).se, precision(DRAFT, JOINT, noisy, OPEN).se)
+
+
 def test_drift_that_is_not_seen_changes_a_sine_by_two_slopes_over_its_frequency():
     """The integral of t sin wt over whole cycles; in a record the slope is known to 6 S/T^3."""
     sines, density = DRAFT.sines, 2 * 0.05**2 / 1000
@@ -228,6 +233,12 @@ def test_the_degrees_of_freedom_of_cycles_are_those_of_welch_and_satterthwaite()
     found = precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN)
     share = np.array([10 * 1.0, 5 * 4.0]) / 2  # variance by each: a^2 w^2 T
     assert found.degrees_of_freedom[1] == pytest.approx(9 * (2 * share.sum()) ** 2 / (2 * np.sum(share**2)))
+
+
+def test_the_shares_of_the_sines_sum_to_the_variances():
+    fit, error = weighted(DRAFT, LowPass(8.0)), Sensors(1000.0, 0.05, encoder_step=1e-4)
+    for each in error.variances(fit.sines, JOINT.impedance(fit.sines.w), 100.0).values():
+        np.testing.assert_allclose(fit.share(each).sum(axis=0), np.diag(fit.covariance(each)), rtol=1e-9)
 
 
 def test_a_record_that_is_long_enough_is_the_shortest_one():

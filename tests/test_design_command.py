@@ -10,6 +10,7 @@ from conftest import ROOT
 
 from osl_analysis.cli import main
 from osl_analysis.spectral.realisations import periodic_motion
+from osl_analysis.spectral.tables import RESPONSE
 
 
 @pytest.fixture(autouse=True)
@@ -80,9 +81,12 @@ def test_an_earlier_trial_states_the_distortion(tmp_path):
     earlier = ("--earlier", tmp_path / "impedance.csv")
     assert as_json(*earlier, "--trial", "a")["friction_damping"] == as_json("--friction", "0.3")["friction_damping"]
     assert "2 trials; choose one with --trial, such as a" in call(*earlier).stderr
+    pl.DataFrame(rows).head(0).write_csv(tmp_path / "empty.csv")
+    assert "0 trials; choose one with --trial" in call("--earlier", tmp_path / "empty.csv").stderr
     f = np.arange(5, 48, 2) / 8
-    levels = pl.DataFrame({"trial": "m", "frequency_hz": f, "angle": 0.01, "odd_level": 2.0})
+    levels = pl.DataFrame({"trial": "m", "frequency_hz": f, "angle_deg": np.rad2deg(0.01), "odd_level": 2.0})
     levels.write_csv(tmp_path / "response.csv")
+    assert set(levels.columns) < set(RESPONSE)
     said = as_json("--excitation", "multisine", "--earlier", tmp_path / "response.csv", "--realisations", "1")
     # 0.02 N*m at each line, half of its square in each quadrature, which is 0.01 of Z = |torque|/0.0119 rad
     share = as_json("--excitation", "multisine", "--realisations", "1", "--distortion", "1%")
@@ -91,6 +95,20 @@ def test_an_earlier_trial_states_the_distortion(tmp_path):
     w = 2 * np.pi * f
     torque = np.mean((np.abs(300 - 0.02 * w**2 + 5j * w) * size * 0.01) ** 2 * w**2) / np.mean(w**2)
     assert ratio == pytest.approx(0.02**2 / torque, rel=0.1)
+
+
+def test_the_spread_of_an_earlier_multisine_s_realisations_is_that_of_the_next(tmp_path):
+    row = {"trial": ["m"], "interval_method": ["realisations"], "realisations": [4], "amplitude_deg": [None]}
+    band = {"band_low_hz": [0.63], "band_high_hz": [5.9], "theta_rms_deg": [2.0], "coulomb_torque": [0.1]}
+    errors = {"K_se": [0.3], "B_se": [0.01], "I_se": [5e-4]}
+    pl.DataFrame({**row, **band, **errors}).write_csv(tmp_path / "impedance.csv")
+    asked = ("--excitation", "multisine", "--earlier", tmp_path / "impedance.csv")
+    for realisations, rms, factor in ((4, 2, 1.0), (16, 2, 0.5), (4, 4, 0.5)):
+        said = as_json(*asked, "--realisations", realisations, "--rms", rms)["estimates"]
+        for name, one in said.items():
+            assert one["variance"]["distortion"] == pytest.approx((factor * errors[f"{name}_se"][0]) ** 2)
+    other = call(*asked, "--band", "0.5,3")
+    assert (other.exit_code, "multisine from 0.63 to 5.9 Hz" in other.stderr) == (1, True)
 
 
 @pytest.mark.parametrize(

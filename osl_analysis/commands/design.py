@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.config import Config
-from osl_analysis.design.distortion import Density, Distortion
+from osl_analysis.design.distortion import Distortion
 from osl_analysis.design.duration import long_enough, reached
 from osl_analysis.design.information import NAMES, Joint, weighted
 from osl_analysis.design.limits import lag_errors, warnings
@@ -17,7 +17,7 @@ from osl_analysis.design.precision import Precision, precision
 from osl_analysis.design.sensors import Sensors
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
-from osl_analysis.table import read_table, write_table
+from osl_analysis.table import write_table
 from osl_analysis.trial import Array
 
 RAMP_S = 1.0
@@ -125,47 +125,6 @@ def peak_torque(request: DesignRequest) -> float:
         return float(torque.max()) + request.distortion.coulomb
     crest = request.plan.peak[0] / float(np.sqrt(np.sum(sines.size**2) / 2))
     return crest * float(np.sqrt(np.sum(torque**2) / 2)) + request.distortion.coulomb
-
-
-def earlier_distortion(path: Path, trial: str | None) -> Distortion:
-    """The distortion that an earlier trial showed: `response.csv` (levels), or `impedance.csv` (Coulomb friction).
-
-    Raises
-    ------
-    InputError
-        The table is missing or another one, has no such trial or several of them, or does not state the distortion.
-    """
-    table = read_table(path)
-    if "trial" not in table.columns or not ({"odd_level", "coulomb_torque"} & set(table.columns)):
-        raise InputError(f"{path}: no column odd_level or coulomb_torque; give response.csv or impedance.csv")
-    rows = table if trial is None else table.filter(pl.col("trial") == trial)
-    names = rows["trial"].unique().to_list()
-    if len(names) != 1:
-        what = f"no trial '{trial}'" if trial else f"{len(names)} trials"
-        raise InputError(f"{path}: {what}; choose one with --trial, such as {table['trial'][0]}")
-    return level_of(rows, path) if "odd_level" in rows.columns else friction_of(rows, path)
-
-
-def friction_of(rows: pl.DataFrame, path: Path) -> Distortion:
-    """The friction of the row over all amplitudes, or of a single row, from the columns of `impedance.csv`."""
-    whole = rows.filter(pl.col("amplitude_deg").is_null())
-    value = (whole if len(whole) else rows)["coulomb_torque"].cast(pl.Float64)[0]
-    if value is None or not np.isfinite(value):
-        raise InputError(f"{path}: coulomb_torque of trial {rows['trial'][0]} is empty; state --friction")
-    return Distortion(coulomb=abs(float(value)))
-
-
-def level_of(rows: pl.DataFrame, path: Path) -> Distortion:
-    """The density of the distortion, from the columns of `response.csv`.
-
-    A level is E|d|^2 of Z, times |theta|^2 twice the mean square of the torque that a line has; odd lines are as far
-    apart as the closest two.
-    """
-    known = rows.drop_nulls(["odd_level", "angle"]).sort("frequency_hz")
-    f, level, angle = (known[name].cast(pl.Float64).to_numpy() for name in ("frequency_hz", "odd_level", "angle"))
-    if len(f) < 2 or not np.isfinite(level).all():
-        raise InputError(f"{path}: no odd_level of trial {rows['trial'][0]}; it needs a periodic motion with odd lines")
-    return Distortion(earlier=Density(f, 0.5 * (level * angle) ** 2 / float(np.min(np.diff(f)))))
 
 
 def command_of(plan: PeriodicMultisine, rate_hz: float) -> tuple[Array, Array]:

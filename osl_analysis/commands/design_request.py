@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from osl_analysis.commands.design import DesignRequest, earlier_distortion
+from osl_analysis.commands.design import DesignRequest
+from osl_analysis.commands.earlier_trial import earlier_distortion
 from osl_analysis.config import Config
 from osl_analysis.design.distortion import Distortion
 from osl_analysis.design.information import Joint

@@ -22,6 +22,8 @@ from osl_analysis.trial import Array
 FINE = 64
 """Samples per period of the highest line with which the autocorrelation is computed: arcsin r has cusps."""
 
+SAME_BAND = 0.2
+"""Largest difference between the ends of two bands that count as one, as a share."""
 DRAWS = 400
 """Random phases from whose scatter that of the estimates is taken: its standard error is 3.5 %."""
 
@@ -41,6 +43,37 @@ class Density:
 
 
 @dataclass(frozen=True)
+class Spread:
+    """How far the estimates of one realisation of an earlier multisine were from those of another."""
+
+    variance: Array
+    """Variances of K, B and I of one realisation, shape (3,)."""
+    band_hz: tuple[float, float]
+    """Band of the motion [Hz]."""
+    rms: float
+    """Root mean square of the angle [rad]."""
+
+    def at(self, plan: Plan) -> Array:
+        """Covariance (3, 3) of K, B and I in a plan; a torque that stays when the motion grows counts for less.
+
+        Raises
+        ------
+        InputError
+            The plan is no multisine of this band.
+        """
+        frequency = plan.sines.frequency_hz
+        if not isinstance(plan, PeriodicMultisine) or not np.allclose(
+            [frequency.min(), frequency.max()], self.band_hz, rtol=SAME_BAND
+        ):
+            low, high = self.band_hz
+            raise InputError(
+                f"the spread of realisations of an earlier trial says nothing on another motion than a multisine from "
+                f"{low:.3g} to {high:.3g} Hz; give its response.csv, or --friction"
+            )
+        return np.asarray(np.diag(self.variance) * (self.rms / plan.rms) ** 2 / plan.realisations)
+
+
+@dataclass(frozen=True)
 class Distortion:
     """How far the joint is from linear, as far as it is stated. What is stated twice counts twice."""
 
@@ -50,6 +83,13 @@ class Distortion:
     """Odd distortion at the excited lines as a share of the torque there."""
     earlier: Density | None = None
     """Density of the distortion in an earlier trial. That of friction hardly depends on the size of the motion."""
+    spread: Spread | None = None
+    """Spread of the realisations of an earlier trial, the noise in it too."""
+
+    @property
+    def stated(self) -> bool:
+        """Whether anything is."""
+        return bool(self.coulomb or self.level or self.earlier or self.spread)
 
     def covariance(self, plan: Plan, fit: Weighted, Z: Phasors) -> Array:
         """Covariance (3, 3) of K, B and I by the distortion; `Z` (n,) is the impedance [N*m/rad] at the sines.
@@ -64,6 +104,8 @@ class Distortion:
         InputError
             As `variance`.
         """
+        if self.spread:
+            return self.spread.at(plan) + replace(self, spread=None).covariance(plan, fit, Z)
         few = isinstance(plan, PeriodicMultisine) and plan.realisations < ENOUGH_REALISATIONS
         if few or not (random_motion(plan) and self.coulomb):
             return fit.covariance(self.variance(plan, fit, Z))

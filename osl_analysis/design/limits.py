@@ -113,7 +113,7 @@ def about_sensors(plan: Plan, found: Precision, sensors: Sensors) -> Iterator[st
 
 def about_distortion(plan: Plan, found: Precision, distortion: Distortion) -> Iterator[str]:
     """Warnings on what is not linear."""
-    if not (distortion.coulomb or distortion.level or distortion.earlier):
+    if not distortion.stated:
         yield (
             "no distortion is stated: these are the intervals of a joint that is exactly Eq. 15; with friction the "
             "estimates of a multisine scatter up to 50 times as much, and those of a stepped sine are shifted; state "
@@ -130,7 +130,7 @@ def about_distortion(plan: Plan, found: Precision, distortion: Distortion) -> It
             f"{plan.realisations} realisation{'s' if plan.realisations > 1 else ''} of a distortion {level}: take "
             f"{ENOUGH_REALISATIONS} or more, and 8 to know the level within 0.5 dB"
         )
-    if isinstance(plan, Continuous) and (distortion.coulomb or distortion.level or distortion.earlier):
+    if isinstance(plan, Continuous) and distortion.stated:
         yield "a motion that does not repeat itself does not tell noise from distortion; a multisine does"
 
 

@@ -210,7 +210,7 @@ def frequency_response_of_lines():
         "method": "robust", "realisations": 4, "frequency_hz": f, "magnitude": np.abs(Z),
         "phase_deg": np.rad2deg(np.angle(Z)), "magnitude_eq15": np.abs(Z) * 0.98,
         "phase_deg_eq15": np.rad2deg(np.angle(Z)) + 1, "magnitude_eq9": np.abs(Z) * 1.005,
-        "phase_deg_eq9": np.rad2deg(np.angle(Z)), "noise_sd": 0.03 + 0 * f, "doubtful": "", **levels,
+        "phase_deg_eq9": np.rad2deg(np.angle(Z)), "noise_sd": 0.03 + 0 * f, "total_sd": 1.0, "doubtful": "", **levels,
     }  # fmt: skip
     absent = dict.fromkeys(("K_d", "B_d", "odd_level", "even_level", "total_level", "magnitude_eq9", "phase_deg_eq9"))
     chirp = {**periodic, **absent, "trial": "C1", "method": "local polynomial", "realisations": 1, "doubtful": "VAF 80"}

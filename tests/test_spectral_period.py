@@ -9,7 +9,6 @@ from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.equation_error import fit_periodic
 from osl_analysis.spectral.lines import lines_of
-from osl_analysis.spectral.period import find_repetition
 from osl_analysis.spectral.realisations import distinct, period_spectra, periodic_motion
 
 RATE, PERIOD, LOW_PASS = 250.0, 4.0, LowPass(15)
@@ -59,12 +58,19 @@ def test_the_same_motion_recorded_twice_is_one_realisation():
     assert np.abs(theta - theta.mean(0)).max() < 1e-3 * np.abs(theta).min()
 
 
-@pytest.mark.parametrize("motion", ["chirp", "noise", "rest", "once"])
+@pytest.mark.parametrize("motion", ["chirp", "noise", "rest", "once", "by hand"])
 def test_what_does_not_repeat_itself_has_no_period(motion):
     t, rng = np.arange(round(40 * RATE)) / RATE, np.random.default_rng(4)
     walk = np.convolve(rng.standard_normal(len(t)), np.hanning(60), "same")
     made = {"chirp": np.sin(np.pi * 0.1 * t**2), "noise": walk, "rest": np.zeros(len(t)), "once": multisine(5, 1.5)[0]}
-    assert find_repetition(made[motion], RATE) is None
+    made["by hand"] = np.sin(2 * np.pi * 1.2 * t + 2e-2 * np.cumsum(walk) / RATE)  # a sine whose period changes by 5 %
+    assert periodic_motion(made[motion], made[motion], RATE, 10.0) is None
+
+
+def test_a_period_is_found_beside_a_drift_of_the_angle():
+    theta, torque = record(11, multisine(1))
+    drifting = theta + 0.004 * np.arange(len(theta)) / RATE
+    assert periodic_motion(drifting, torque, RATE, 10.0).period == pytest.approx(PERIOD, rel=1e-5)
 
 
 def test_a_gap_ends_a_realisation():

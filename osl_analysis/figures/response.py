@@ -23,7 +23,18 @@ from osl_analysis.figures.style import (
 
 CURVES = ("magnitude", "phase_deg", "magnitude_eq15", "phase_deg_eq15", "magnitude_eq9", "phase_deg_eq9")
 LEVELS = ("noise_level", "odd_level", "even_level", "total_level")
-COLUMNS = ("title", "trials", "method", "realisations", "frequency_hz", *CURVES, *LEVELS, "noise_sd", "doubtful")
+COLUMNS = (
+    "title",
+    "trials",
+    "method",
+    "realisations",
+    "frequency_hz",
+    *CURVES,
+    *LEVELS,
+    "noise_sd",
+    "total_sd",
+    "doubtful",
+)
 NOTHING = "every impedance trial follows the stepped sine; its frequency response is in phasors.csv and Fig. 7"
 """Why there is nothing to draw where the table has no rows."""
 MOST = 12
@@ -65,7 +76,7 @@ def title_of(row: dict[str, object]) -> str:
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """Per condition magnitude, phase, and what is beside the structures: their deviation, distortion and noise.
+    """Per condition magnitude and phase with 95 % intervals, and the structures' deviation, distortion and noise.
 
     Distortion below the noise is not drawn.
     """
@@ -101,6 +112,8 @@ def method_words(rows: pl.DataFrame) -> str:
 def draw_curves(ax: Axes, rows: pl.DataFrame, quantity: str) -> dict[str, Line2D]:
     """Measured points and the lines of the structures; the entries of the legend."""
     f = rows["frequency_hz"]
+    half = intervals(rows, quantity)
+    ax.vlines(f, rows[quantity] - half, rows[quantity] + half, color=BLACK, linewidth=0.7)
     (line,) = ax.plot(f, rows[quantity], "o", color=BLACK, markersize=3, mew=0)
     entries = {"Measured Z": line}
     if rows.filter(IS_DOUBTFUL).height:
@@ -112,6 +125,14 @@ def draw_curves(ax: Axes, rows: pl.DataFrame, quantity: str) -> dict[str, Line2D
             (line,) = ax.plot(f, curve, color=colour, linestyle=style, linewidth=0.9)
             entries[label] = line
     return entries
+
+
+def intervals(rows: pl.DataFrame, quantity: str) -> pl.Series:
+    """Half-widths of the 95 % intervals of magnitude or phase, of noise and distortion, or of noise where these are not
+    known."""
+    sd = pl.coalesce(pl.col("total_sd").cast(pl.Float64), pl.col("noise_sd").cast(pl.Float64)).fill_null(0.0)
+    half = 1.96 * sd / np.sqrt(2)  # of one direction in the complex plane
+    return rows.select(half if quantity == "magnitude" else half / pl.col("magnitude") * (180 / np.pi)).to_series()
 
 
 def draw_levels(ax: Axes, rows: pl.DataFrame) -> dict[str, Line2D]:

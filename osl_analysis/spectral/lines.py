@@ -68,7 +68,7 @@ def check_alike(realisations: Sequence[Realisation]) -> None:
     if not realisations:
         raise InputError("no periods to fit; record at least two periods of the motion")
     periods = np.array([r.period for r in realisations])
-    if np.ptp(periods) > PERIODS_AGREE * periods[0] or len({r.theta.shape[1] for r in realisations}) > 1:
+    if np.ptp(periods) > PERIODS_AGREE * periods[0]:
         raise InputError(
             f"realisations with periods from {periods.min():.6g} to {periods.max():.6g} s cannot be fitted together; "
             "analyse them as trials of their own"

@@ -44,7 +44,7 @@ ALIKE = 2.0
 
 @dataclass(frozen=True)
 class CoarseMotion:
-    """An angle (n,) [rad], averaged down to about `COARSE_HZ` and without its mean."""
+    """An angle (n,) [rad], averaged down to about `COARSE_HZ` without its mean and its drift."""
 
     theta: Array
     rate_hz: float
@@ -119,12 +119,16 @@ def find_repetition(theta: Array, rate_hz: float, usable: NDArray[np.bool_] | No
 
 
 def coarse(theta: Array, rate_hz: float, usable: NDArray[np.bool_] | None) -> CoarseMotion:
-    """The angle (n,) averaged over neighbours down to about `COARSE_HZ`."""
+    """The angle (n,) averaged over neighbours down to about `COARSE_HZ`, without its mean and its drift."""
     step = max(int(rate_hz / COARSE_HZ), 1)
     rows = len(theta) // step * step
     mean = theta[:rows].reshape(-1, step).mean(axis=1)
     good = np.ones(len(theta), dtype=bool) if usable is None else usable
-    return CoarseMotion(mean - mean.mean(), rate_hz / step, np.asarray(good[:rows].reshape(-1, step).all(axis=1)))
+    place = np.arange(len(mean)) - (len(mean) - 1) / 2
+    slope = float(place @ mean) / max(float(place @ place), 1.0)
+    return CoarseMotion(
+        mean - mean.mean() - slope * place, rate_hz / step, np.asarray(good[:rows].reshape(-1, step).all(axis=1))
+    )
 
 
 def candidates(correlation: Array) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.spectral.lines import PERIODS_AGREE
-from osl_analysis.spectral.realisations import Realisation
+from osl_analysis.spectral.realisations import Realisation, with_common_lines
 from osl_analysis.trial import Array
 
 SIZES_AGREE = 0.1
@@ -50,12 +50,9 @@ def realisations_from(lines: pl.DataFrame) -> list[Realisation]:
 
 def alike(first: Realisation, second: Realisation) -> bool:
     """Whether two motions differ in their phases only: the same period, and lines of the same size."""
-    if (
-        abs(first.period - second.period) > PERIODS_AGREE * first.period
-        or first.theta.shape[1] != second.theta.shape[1]
-    ):
+    if abs(first.period - second.period) > PERIODS_AGREE * first.period:
         return False
-    one, two = sizes(first), sizes(second)
+    one, two = map(sizes, with_common_lines([first, second]))
     return bool(np.linalg.norm(one - two) <= SIZES_AGREE * np.linalg.norm(one))
 
 

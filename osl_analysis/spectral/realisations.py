@@ -22,6 +22,9 @@ REFINEMENTS = 2
 """How often the period is corrected by the phases of its lines."""
 STRONG = 0.1
 """Size of a line, as a share of the largest, from which its phase helps to find the period."""
+LARGEST_UNSTEADINESS = 0.02
+"""Largest difference of the lines of two periods, as a share of their size. A bench repeats a motion within 1 %, a hand
+that tries to within 5 to 10."""
 SAME_MOTION = 0.99
 """Correlation of two mean periods, at the best shift, from which they are one realisation, recorded twice."""
 
@@ -92,7 +95,16 @@ def periodic_motion(
         change, error = phase_drift(made)
         period *= 1 + change
     made = realisations_of(found, period, splines, rate_hz, highest_hz)
-    return PeriodicMotion(period, 1e6 * error, tuple(made)) if made else None
+    if not made or max(map(unsteadiness, made)) > LARGEST_UNSTEADINESS:
+        return None
+    return PeriodicMotion(period, 1e6 * error, tuple(made))
+
+
+def unsteadiness(one: Realisation) -> float:
+    """RMS difference of the angle's lines between periods, as a share of their size; without the mean."""
+    mean = one.theta.mean(axis=0)
+    apart = np.sum(np.abs((one.theta - mean)[:, 1:]) ** 2) / (one.periods - 1)
+    return float(np.sqrt(apart / np.sum(np.abs(mean[1:]) ** 2)))
 
 
 def realisations_of(
@@ -159,7 +171,7 @@ def distinct(made: Sequence[Realisation]) -> list[Realisation]:
     A motion that is repeated has the same distortion again; only other phases give another one.
     """
     joined: list[Realisation] = []
-    for one in made:
+    for one in with_common_lines(made):
         for place, other in enumerate(joined):
             shift = shift_between(other, one)
             if shift is not None:
@@ -176,10 +188,16 @@ def distinct(made: Sequence[Realisation]) -> list[Realisation]:
     return joined
 
 
+def with_common_lines(made: Sequence[Realisation]) -> list[Realisation]:
+    """The realisations with the lines that all have: the period decides whether the last one is below the cut-off."""
+    lines = min((one.theta.shape[1] for one in made), default=0)
+    return [replace(one, theta=one.theta[:, :lines], torque=one.torque[:, :lines]) for one in made]
+
+
 def shift_between(first: Realisation, second: Realisation) -> float | None:
     """Share of a period by which the second must be turned on to be the first; None if it is another motion."""
     one, two = (r.theta.mean(axis=0)[1:] for r in (first, second))
-    if len(one) != len(two) or abs(first.period - second.period) > 1e-3 * first.period:
+    if abs(first.period - second.period) > 1e-3 * first.period:
         return None
     cross = one * two.conj()
     count = 16 * (len(cross) + 1)

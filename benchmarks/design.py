@@ -16,13 +16,14 @@ import polars as pl
 from scipy.interpolate import make_interp_spline
 
 from osl_analysis.config import Config, read_config
-from osl_analysis.design.distortion import Density, Distortion
+from osl_analysis.design.distortion import Density, Distortion, Spread
 from osl_analysis.design.information import NAMES, Joint
 from osl_analysis.design.plan import PeriodicMultisine, SteppedSine
 from osl_analysis.design.precision import precision
 from osl_analysis.design.sensors import Sensors
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.parameters import read_parameters
+from osl_analysis.signals import LowPass
 from osl_analysis.simulator.dynamometer import drivetrain_effects, simulate_impedance
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.settings import SimulationSettings
@@ -39,6 +40,8 @@ RATE_HZ = 1000.0
 JOINT = Joint(300.0, 5.0, 0.02)
 PLAN = PeriodicMultisine(8.0, (0.5, 6.0), float(np.deg2rad(2)), 4, 4)
 SENSORS = Sensors(RATE_HZ, 0.05)
+EARLIER = 16
+"""Realisations of the other trial, whose distortion is stated."""
 Torque = Callable[[JointMotion], Array]
 
 
@@ -77,15 +80,14 @@ def line(label: str, name: str, predicted: float, errors: Array) -> str:
     return f"| {label} | {name} | {predicted:.3g} | {ratio:.2f} ± {ratio / np.sqrt(2 * len(errors)):.2f} |"
 
 
-def multisine_trials(torque_of: Torque, trials: int, first: int) -> tuple[list[list[Realisation]], Array]:
-    """Trials whose realisations all differ, numbered from `first`, and their estimates (trials, 3)."""
-    rng = np.random.default_rng(first)
-    made = [
-        [realisation(first + trial * PLAN.realisations + r, torque_of, rng) for r in range(PLAN.realisations)]
-        for trial in range(trials)
-    ]
-    fits = [fit_periodic(one, read_config(Path("config/config.yaml")).dynamometer.low_pass) for one in made]
-    return made, np.array([[fit[name] for name in NAMES] for fit in fits])
+def multisine_trials(torque_of: Torque, trials: int, first: int) -> Array:
+    """Estimates (trials, 3) of trials whose realisations all differ, numbered from `first`."""
+    rng, low_pass, found = np.random.default_rng(first), LowPass(15.0, 4), []
+    for trial in range(trials):
+        numbers = range(first + trial * PLAN.realisations, first + (trial + 1) * PLAN.realisations)
+        fit = fit_periodic([realisation(number, torque_of, rng) for number in numbers], low_pass)
+        found.append([fit[name] for name in NAMES])
+    return np.array(found)
 
 
 def realisation(number: int, torque_of: Torque, rng: np.random.Generator) -> Realisation:
@@ -108,11 +110,32 @@ def exact(m: JointMotion) -> Array:
     return np.asarray(JOINT.K * m.theta + JOINT.B * m.omega + JOINT.I * m.alpha)
 
 
+def rubbing(friction: float) -> Torque:
+    """The exact joint with Coulomb friction [N*m]."""
+    return lambda m: exact(m) + friction * np.sign(m.omega)
+
+
+def seen_before(torque_of: Torque, low_pass: LowPass) -> dict[str, Distortion]:
+    """What another trial, of `EARLIER` realisations, showed of the distortion, in words."""
+    rng = np.random.default_rng(7)
+    earlier = [realisation(100_000 + r, torque_of, rng) for r in range(EARLIER)]
+    response, _ = periodic_response(earlier)
+    spacing, band = float(np.min(np.diff(response.frequency_hz))), response.frequency_hz[[0, -1]]
+    density = Density(response.frequency_hz, 0.5 * (response.odd_level * response.angle) ** 2 / spacing)
+    fit = fit_periodic(earlier, low_pass)
+    variance = EARLIER * np.array([fit.se(name) for name in NAMES]) ** 2
+    return {
+        "no distortion stated": Distortion(),
+        "level of another trial": Distortion(earlier=density),
+        "spread of another trial": Distortion(spread=Spread(variance, (float(band[0]), float(band[1])), PLAN.rms)),
+    }
+
+
 def multisines(inputs: StudyInputs, trials: int) -> Iterator[str]:
     """Rows of the table of multisines: friction is stated, or another trial showed the level."""
-    low_pass = inputs.dynamometer.low_pass
+    low_pass = LowPass(15.0, 4)
     for friction in (0.0, 0.02, 0.5):
-        _, found = multisine_trials(lambda m, T=friction: exact(m) + T * np.sign(m.omega), trials, 1)
+        found = multisine_trials(rubbing(friction), trials, 1)
         predicted = precision(PLAN, JOINT, SENSORS, low_pass, Distortion(coulomb=friction)).se
         for k, name in enumerate(NAMES):
             yield line(f"exact joint, friction {friction:g} N·m stated", name, predicted[k], found[:, k])
@@ -122,15 +145,8 @@ def multisines(inputs: StudyInputs, trials: int) -> Iterator[str]:
     def drivetrain(m: JointMotion) -> Array:
         return simulate_impedance(RATE_HZ, m, gains, effects, inputs.p).torque
 
-    earlier, _ = multisine_trials(drivetrain, 1, 100_000)
-    _, found = multisine_trials(drivetrain, trials, 1)
-    response, _ = periodic_response(earlier[0])
-    spacing = float(np.min(np.diff(response.frequency_hz)))
-    density = Density(response.frequency_hz, 0.5 * (response.odd_level * response.angle) ** 2 / spacing)
-    for words, stated in (
-        ("no distortion stated", Distortion()),
-        ("level of another trial", Distortion(earlier=density)),
-    ):
+    found = multisine_trials(drivetrain, trials, 1)
+    for words, stated in seen_before(drivetrain, low_pass).items():
         predicted = precision(PLAN, JOINT, SENSORS, low_pass, stated).se
         for k, name in enumerate(NAMES):
             yield line(f"drivetrain, {words}", name, predicted[k], found[:, k])

@@ -158,23 +158,53 @@ def test_one_realisation_has_the_interval_of_its_detection_lines():
     assert np.all((by_level.degrees_of_freedom > 2) & (by_level.degrees_of_freedom <= 2 * len(plan.first.detection)))
 
 
-@pytest.mark.parametrize("rate", [100.0, 1000.0])
-def test_rounding_repeats_in_every_cycle_and_is_predicted_whatever_the_samples_per_step(rate):
-    """Eight amplitudes and 100 zeros of the encoder, which draw the Bessel functions: 10 % in a ratio, three times."""
-    q, rng, ratios = np.deg2rad(0.5), np.random.default_rng(4), []
-    time, w = np.arange(round(rate)) / rate, 2 * np.pi * np.repeat([1.0, 2.0], round(rate))
-    phase = w * np.tile(time, 2) + 1e-3
-    long = np.repeat([5.0, 2.5], len(time))  # five cycles of each, all like the first
+@pytest.mark.parametrize("samples", [100, 1000])
+def test_rounding_of_a_sine_has_the_predicted_fundamental_whatever_the_samples_per_step(samples):
+    """Zeros of the encoder, amplitudes and phases of sampling are drawn. A fifth in a variance, from 200 draws of the
+    two sensors' errors at mirrored samples, which are alike or opposite."""
+    q, rng, found = np.deg2rad(0.5), np.random.default_rng(4), []
+    for amplitude in rng.uniform(7, 10, 200) * q:
+        phase = 2 * np.pi * (np.arange(samples) + rng.random()) / samples
+        zero = rng.uniform(0, q, 20)
+        theta = amplitude * np.sin(phase)[:, None]
+        error = q * np.rint((theta + zero) / q) - zero - theta
+        found.append([np.mean((2 / samples * wave @ error) ** 2) for wave in (np.sin(phase), np.cos(phase))])
+    plan = SteppedSine((8.4 * q,), (1.0, 2.0), (20.0, 20.0), 2)
+    sensors = Sensors(float(samples), 0.0, encoder_step=q)
+    each, gain = sensors.rounding(plan.sines), sensors.rounded_gain(plan.sines) * plan.sines.size**2
+    predicted = [each.in_phase[0] + gain[0], each.quadrature[0]]
+    assert np.mean(found, axis=0) == pytest.approx(predicted, rel=0.3)
+
+
+@pytest.mark.parametrize("rate", [50.0, 2000.0])
+def test_rounding_of_a_multisine_has_the_predicted_power_whatever_the_samples_per_step(rate):
+    """Mean over lines, both quadratures, 40 realisations and their zeros: 4 % by chance, 20 % for a normal velocity."""
+    q, rng, found = np.deg2rad(0.5), np.random.default_rng(4), []
+    plan, time = PeriodicMultisine(4.0, (0.5, 6.0), float(np.deg2rad(2)), 5, 1), np.arange(round(4 * rate)) / rate
+    for number in range(40):
+        motion, zero = plan.motion(number), rng.uniform(0, q)
+        theta = motion.angle(time + rng.random() / rate)
+        error = q * np.rint((theta + zero) / q) - zero - theta
+        found.append(np.mean(np.abs(2 / len(time) * np.fft.rfft(error)[motion.lines]) ** 2) / 2)
+    each = Sensors(rate, 0.0, encoder_step=q).rounding(plan.sines)
+    assert np.mean(found) == pytest.approx(np.mean(each.in_phase + each.quadrature) / 2, rel=0.25)
+
+
+def test_rounding_changes_k_at_all_frequencies_alike_and_cycles_repeat_it():
+    """100 zeros at each of eight amplitudes, by numpy: 8 % in the ratio, twice; one second stands for all."""
+    rate, q, rng, ratios = 1000.0, np.deg2rad(0.5), np.random.default_rng(4), []
+    w, time = 2 * np.pi * np.repeat([1.0, 2.0], 1000), np.tile(np.arange(1000) / rate, 2)
+    root = np.sqrt(np.repeat([5.0, 2.5], 1000))  # five cycles of each, all like the first
     for amplitude in np.deg2rad(np.linspace(3.9, 4.6, 8)):
-        plan, theta = SteppedSine((amplitude,), (1.0, 2.0), (8.0, 8.0), 2), amplitude * np.sin(phase)
-        zero = rng.uniform(0, q, 100)
+        theta, zero = amplitude * np.sin(w * time), rng.uniform(0, q, 100)
         error = theta - (q * np.rint((theta[:, None] + zero) / q).T - zero[:, None])
-        X = np.column_stack([theta, amplitude * w * np.cos(phase), -(w**2) * theta])
-        root = np.sqrt(long)
+        X = np.column_stack([theta, amplitude * w * np.cos(w * time), -(w**2) * theta])
         found = np.linalg.lstsq(root[:, None] * X, (root * (300 - 0.02 * w**2) * error).T, rcond=None)[0]
-        predicted = precision(plan, Joint(300.0, 0.0, 0.02), Sensors(rate, 0.0, encoder_step=q), OPEN)
-        ratios.append((found[[0, 2]].std(axis=1) / predicted.se[[0, 2]]) ** 2)
-    assert np.sqrt(np.mean(ratios, axis=0)) == pytest.approx([1, 1], rel=0.3)
+        for cycles in (8.0, 80.0):
+            plan = SteppedSine((amplitude,), (1.0, 2.0), (cycles, cycles), 2)
+            predicted = precision(plan, Joint(300.0, 0.0, 0.02), Sensors(rate, 0.0, encoder_step=q), OPEN)
+            ratios.append((found[0].std() / predicted.se[0]) ** 2)
+    assert np.sqrt(np.mean(ratios)) == pytest.approx(1, rel=0.16)
 
 
 def test_noise_of_half_a_step_cures_rounding():

@@ -100,11 +100,13 @@ def gains(
 @click.option("--band", type=NUMBERS, help="Lowest and highest frequency [Hz]; default: 0.5,6.")
 @click.option("--rms", type=POSITIVE, help="Root mean square of the angle [deg]; default: 2.")
 @click.option("--peak", type=POSITIVE, help="Largest angle [deg], instead of --rms.")
-@click.option("--period", type=POSITIVE, default=8.0, show_default=True, help="Of a multisine [s].")
+@click.option("--period", type=click.FloatRange(0.1, 600), default=8.0, show_default=True, help="Of a multisine [s].")
 @click.option("--periods", type=click.IntRange(2, 1000), default=4, show_default=True, help="Fitted, per realisation.")
 @click.option("--realisations", type=click.IntRange(1, 200), default=4, show_default=True, help="Of a multisine.")
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the multisine's phases.")
-@click.option("--duration", type=POSITIVE, default=60.0, show_default=True, help="Of a chirp or noise [s].")
+@click.option(
+    "--duration", type=click.FloatRange(1, 100_000), default=60.0, show_default=True, help="Of a chirp or noise [s]."
+)
 @click.option("--stiffness", type=float, help="Expected K [N·m/rad]; default: study.K_d of the configuration.")
 @click.option("--damping", type=float, help="Expected B [N·m·s/rad]; default: study.B_d.")
 @click.option("--inertia", type=float, help="Expected I [kg·m²]; default: study.I.")

@@ -128,7 +128,12 @@ def test_the_spread_of_an_earlier_multisine_s_realisations_is_that_of_the_next(t
         (("--cycles", "2"), "leaves none of 2 cycles"),
         (("--earlier", "config/config.yaml"), "config/config.yaml"),
         (("--excitation", "chirp", "--distortion", "2"), "says nothing on a chirp"),
-        (("--stiffness", "nan"), "finite"),
+        (("--stiffness", "nan"), "--stiffness is nan; give a finite number"),
+        (("--torque-noise", "nan"), "finite"),
+        (("--frequencies", "1,inf"), "finite"),
+        (("--frequencies", "1,20"), "20 Hz is above the filter's cut-off of 15 Hz"),
+        (("--excitation", "multisine", "--period", "1e9"), "0.1<=x<=600"),
+        (("--excitation", "multisine", "--rate", "1e6", "--write", "/tmp/x.csv"), "are more than 1e+07"),
     ],
 )
 def test_a_mistake_is_one_line(arguments, message):

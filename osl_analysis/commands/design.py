@@ -22,6 +22,8 @@ from osl_analysis.trial import Array
 
 RAMP_S = 1.0
 """Time [s] in which a command rises at the start of a realisation and falls at its end."""
+MOST_SAMPLES = 1e7
+"""Largest number of samples that are written: nearly three hours at 1 kHz."""
 PAUSE_S = 1.0
 """Rest [s] between two realisations."""
 
@@ -69,14 +71,10 @@ def designed(request: DesignRequest, config: Config) -> Design:
     Raises
     ------
     IdentifiabilityError, InputError
-        As `precision`; or the cut-off is not below half the sampling rate.
+        As `precision` and `check_band`.
     """
-    rate, low_pass = request.sensors.rate_hz, request.low_pass
-    if not low_pass.cutoff_hz < rate / 2:
-        raise InputError(
-            f"--rate {rate:g} Hz is too low for the filter's cut-off of {low_pass.cutoff_hz:g} Hz; sample faster than "
-            "twice the cut-off"
-        )
+    low_pass = request.low_pass
+    check_band(request)
     found = request.judged(request.plan)
     best = None
     if request.within:
@@ -87,6 +85,22 @@ def designed(request: DesignRequest, config: Config) -> Design:
     if request.within and best is None:
         said += (out_of_reach(found),)
     return Design(request, found, best, None if best is None else request.judged(best), lag, said)
+
+
+def check_band(request: DesignRequest) -> None:
+    """Refuse a rate that is too low for the filter, and frequencies that the filter takes out."""
+    rate, cutoff = request.sensors.rate_hz, request.low_pass.cutoff_hz
+    if not cutoff < rate / 2:
+        raise InputError(
+            f"--rate {rate:g} Hz is too low for the filter's cut-off of {cutoff:g} Hz; sample faster than twice the "
+            "cut-off"
+        )
+    highest = float(request.plan.sines.frequency_hz.max())
+    if highest > cutoff:
+        raise InputError(
+            f"{highest:.4g} Hz is above the filter's cut-off of {cutoff:g} Hz; raise dynamometer.cutoff_hz or excite "
+            "lower frequencies"
+        )
 
 
 def range_warnings(request: DesignRequest, config: Config) -> list[str]:
@@ -148,9 +162,14 @@ def write_command(plan: Plan, rate_hz: float, output: Path) -> None:
     Raises
     ------
     InputError
-        The plan is no multisine.
+        The plan is no multisine, or too long.
     """
     if not isinstance(plan, PeriodicMultisine):
         raise InputError(f"{output}: only a multisine is written; give --excitation multisine")
+    samples = plan.record_s * rate_hz
+    if samples > MOST_SAMPLES:
+        raise InputError(
+            f"{output}: {samples:.3g} samples are more than {MOST_SAMPLES:g}; lower --rate, or ask for less"
+        )
     time, angle = command_of(plan, rate_hz)
     write_table(pl.DataFrame({"time": time, "theta_command": angle}), output)

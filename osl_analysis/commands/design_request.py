@@ -27,11 +27,10 @@ def design_request(chosen: Mapping[str, Any], config: Config) -> DesignRequest:
     InputError
         A protocol, a table or a number cannot be used.
     """
+    check_numbers(chosen)
     low_pass, study = config.dynamometer.low_pass, config.study
     expected = {"stiffness": study.K_d, "damping": study.B_d, "inertia": study.I}
     joint = [expected[name] if chosen[name] is None else chosen[name] for name in expected]
-    if not np.isfinite(joint).all():
-        raise InputError(f"expected K, B, I are {joint}; give finite numbers")
     within = {name[0]: chosen[f"{option}_within"] for name, option in zip("KBI", expected, strict=True)}
     return DesignRequest(
         plan=plan_of(chosen, config),
@@ -42,6 +41,14 @@ def design_request(chosen: Mapping[str, Any], config: Config) -> DesignRequest:
         lag_s=1e-3 * chosen["lag"],
         within={name: share for name, share in within.items() if share is not None},
     )
+
+
+def check_numbers(chosen: Mapping[str, Any]) -> None:
+    """Refuse options that are no finite numbers."""
+    for name, value in chosen.items():
+        numbers = value if isinstance(value, list) else [value]
+        if any(isinstance(one, float) and not np.isfinite(one) for one in numbers):
+            raise InputError(f"--{name.replace('_', '-')} is {value}; give a finite number")
 
 
 def plan_of(chosen: Mapping[str, Any], config: Config) -> Plan:

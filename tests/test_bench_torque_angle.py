@@ -17,6 +17,7 @@ from osl_analysis.bench.angle_cycles import find_cycles, turning_points
 from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
 from osl_analysis.bench.torque_angle_tables import curve_table, cycle_table, plausible_torque_angle, torque_angle_table
+from osl_analysis.campaign import open_campaign
 from osl_analysis.config import read_config
 from osl_analysis.doubtful import marked
 from osl_analysis.errors import InputError
@@ -238,7 +239,13 @@ NOISE = np.random.default_rng(3).standard_normal(FULL.size)
         (FULL, -K * FULL, {}, "K = -200 N*m/rad is negative, so the torque drives the motion"),
         (path(0, 10, 0, rest=0.2), K * path(0, 10, 0, rest=0.2), {}, "does not rest at the end of the recording"),
         (FULL, K * FULL, {"angle_step_deg": 5}, "expected 5 or more; lower angle_step_deg from 5 deg to 0.99 deg"),
-        (FULL, K * FULL, {"bench_stiffness": {"value": "150 N*m/rad"}}, ""),
+        (FULL, K * FULL, {"bench_stiffness": {"value": "150 N*m/rad"}}, "the torque drives the motion"),
+        (
+            FULL,
+            K * FULL,
+            {"bench_stiffness": {"value": "350 N*m/rad"}},
+            "K = 466.7 N*m/rad is not between 0 and the bench",
+        ),
     ],
 )
 def test_what_is_no_trial_of_torque_against_angle_is_refused(theta, torque, changes, message):
@@ -266,6 +273,21 @@ def test_drift_creep_clipping_speed_and_energy_from_nothing_are_doubtful():
     assert "the energy lost depends on the speed" in doubts(mixed, viscous)
     late = np.roll(K * FULL, 30) + 0.01 * NOISE
     assert "gives back more than it takes up" in doubts(FULL, late)
+
+
+def test_the_change_of_the_energy_with_speed_is_that_from_the_slowest_cycle_to_the_fastest():
+    theta = np.concatenate([path(0, 10, 0, speed=speed) for speed in (2, 4, 8)])
+    damped = K * theta + 20 * np.gradient(theta) * RATE
+    lost = cycle_table(torque_angle_trial(trial_of(theta, damped), settings()))["energy_lost"].to_numpy()
+    assert lost[2] / lost[0] == pytest.approx(4, rel=0.02)
+    slope = np.sum((np.log([2, 4, 8]) - np.log(4)) * lost) / (2 * np.log(2) ** 2)  # least squares over log speed
+    assert rows_of(theta, damped)["rate_change"] == pytest.approx(slope * np.log(4) / lost.mean(), rel=0.01)
+    assert rows_of(FULL, K * FULL)["rate_change"] is None
+
+
+def test_another_part_of_the_same_file_is_ingested_again():
+    campaign = open_campaign(read_config(ROOT / "config/campaigns/desr/config.yaml"), None)
+    assert campaign.recording("both_cams_45mm")["log_part"] == "DESR_N.x45"
 
 
 def test_a_desired_curve_stands_beside_the_measured_one():

@@ -2,6 +2,7 @@
 
 import struct
 import tracemalloc
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from mat_builder import compressed, matrix, opaque, part, write_mat, write_mat73
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mat.address import find, parsed, vector
 from osl_analysis.formats.mat.mat_file import open_mat
+from osl_analysis.formats.mat.values import Value
 
 RISING = np.arange(12.0)
 CONTENT = {
@@ -93,6 +95,16 @@ def test_an_address_in_matlabs_notation_leads_to_the_numbers(write, address, exp
 )
 def test_an_address_that_leads_nowhere_says_what_is_there(write, address, message, tmp_path):
     assert message in refusal(write(tmp_path / "a.mat"), address)
+
+
+def test_elements_are_counted_column_by_column_as_in_matlab(tmp_path):
+    cell, array = np.empty((2, 2), dtype=object), np.zeros((2, 2), dtype=[("x", object)])
+    for row, column in np.ndindex(2, 2):
+        cell[row, column] = array["x"][row, column] = np.array([row, column, 0.5])
+    path = write_mat(tmp_path / "a.mat", cells=cell, structs=array)
+    for number, (row, column) in enumerate([(0, 0), (1, 0), (0, 1), (1, 1)], start=1):
+        assert at(path, f"cells{{{number}}}").tolist() == [row, column, 0.5]
+        assert at(path, f"structs({number}).x").tolist() == [row, column, 0.5]
 
 
 @pytest.mark.parametrize("text", ["", "2x", "a.", "a..b", ".a", "a(0)", "a(:,0)", "a b", "a{x}", "a(1", "(2).a"])
@@ -210,6 +222,41 @@ def test_damaged_files_of_version_73_are_refused_in_one_line(tmp_path):
     for length in (200, 600, len(whole) // 2):
         path.write_bytes(whole[:length])
         assert "cannot be read" in refusal(path, "row")
+
+
+SCIPYS = sorted((Path(scipy.io.__file__).parent / "matlab/tests/data").glob("*.mat"))
+"""Files that MATLAB 4 to 8 wrote, on several machines, some of them damaged; not every package of scipy has them."""
+
+
+@pytest.mark.skipif(not SCIPYS, reason="scipy is installed without its tests")
+@pytest.mark.filterwarnings("ignore")
+def test_samples_of_scipy_are_read_as_by_scipy_or_refused():
+    opened, read = {path: opens(path) for path in SCIPYS}, set()
+    for path, values in opened.items():
+        raw = scipy.io.loadmat(path) if open_mat_version(path) == "5" and values else {}
+        for name, value in values.items():
+            if value.load is not None:
+                numbers = value.load()
+                assert not raw or np.array_equal(numbers, raw[name])
+                read.add(path.stem.split("_")[0])
+    assert {"testdouble", "testmatrix", "testmulti", "testminus", "test3dmatrix", "big", "testhdf5"} <= read
+    newer = {path.stem for path, values in opened.items() if not values and "_4" not in path.stem}
+    assert newer - {"debigged_m4", "test_mat4_le_floats"} == {
+        "bad_miuint32", "bad_miutf8_array_name", "corrupted_zlib_checksum", "corrupted_zlib_data", "malformed1",
+    }  # fmt: skip
+
+
+def opens(path: Path) -> Mapping[str, Value]:
+    """The variables of a file; none if it is refused."""
+    with suppress(InputError):
+        file = open_mat(path)
+        return file.read(file.names)
+    return {}
+
+
+def open_mat_version(path: Path) -> str:
+    """Version of a file that begins with text."""
+    return "7.3" if path.read_bytes().startswith(b"MATLAB 7") else "5"
 
 
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no real data here")

@@ -60,7 +60,7 @@ def check_stiffer(trial: str, symbol: str, stiffness: float, bench: BenchStiffne
     if bench is not None and not 0 < stiffness * bench.compliance < 1:
         raise InputError(
             f"trial {trial}: {symbol} = {stiffness:.4g} N*m/rad is not between 0 and the bench's stiffness of "
-            f"{bench.value}, so that the frame would yield more than the joint; correct dynamometer.bench_stiffness "
+            f"{bench.value}, so that the frame would yield more than the joint; correct `bench_stiffness` "
             "and its unit in the configuration"
         )
 

@@ -136,8 +136,7 @@ def cycle_edges(theta: Array, turns: Sequence[int], span: float) -> list[int]:
     for a, b in segments[1 : -1 if closes else None]:
         if (start - theta[a]) * direction > 0 and (theta[b] - start) * direction > 0:
             edges.append(a + int(np.argmax((theta[a : b + 1] - start) * direction >= 0)))
-    returns = closes and (theta[last] - theta[segments[-1][0]]) * direction > 0
-    return [*edges, last] if returns else edges
+    return [*edges, last]
 
 
 def moving(theta: Array) -> slice:

@@ -102,7 +102,8 @@ def torque_angle_trial(trial: Trial, settings: TorqueAngleAnalysis) -> TorqueAng
         found = analysed(signals, settings, bench.compliance if bench else 0.0)
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
-    check_stiffer(trial.name, "K", float(np.nanmax(np.abs(found.curves[0].stiffness))), bench)
+    slopes = [straight_line(found.theta, found.torque, pieces) for pieces in found.pieces(0)]
+    check_stiffer(trial.name, "K", float(np.mean(slopes)), bench)
     return found
 
 

@@ -95,7 +95,7 @@ def is_edf(begin: bytes) -> bool:
 
 def is_hdf5(begin: bytes) -> bool:
     """Whether a file is HDF5 and none that MATLAB wrote."""
-    return any(begin[at : at + 8] == HDF5 for at in (0, 512, 1024, 2048)) and not begin.startswith(b"MATLAB 7.3 MAT")
+    return any(begin[at : at + 8] == HDF5 for at in (0, 512, 1024, 2048)) and not begin.startswith(b"MATLAB 7.")
 
 
 VIDEO = starting(b"RIFF", b"\x1aE\xdf\xa3", b"OggS", b"fLaC", b"ID3")

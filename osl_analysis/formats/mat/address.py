@@ -188,6 +188,8 @@ def vector(address: Address, value: Value) -> Array:
         They are no real numbers, none, or a matrix.
     """
     numbers = real_numbers(address.text, value)
+    if numbers.ndim > 2:
+        raise InputError(f"{address.text} is a {value.described()}; save each of its matrices as a variable of its own")
     if max(numbers.shape) != numbers.size:
         raise InputError(
             f"{address.text} is a {value.described()}; choose one column, as {address.text}(:,1), or one row, as "

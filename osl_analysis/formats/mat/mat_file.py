@@ -10,7 +10,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats.mat.values import Value
 from osl_analysis.formats.mat.version5 import read_version5, variable_classes
 
-MARK5, MARK73 = b"MATLAB 5.0 MAT", b"MATLAB 7.3 MAT"
+MARK5, MARK73 = b"MATLAB 5.0 MAT", b"MATLAB 7."
 
 
 def is_mat(begin: bytes) -> bool:

@@ -28,6 +28,8 @@ NUMERIC = range(6, 16)
 COMPLEX = 0x800
 SMALLEST_MATRIX = 8
 """Bytes of an empty array, which is a tag without content."""
+MOST_BLANKS = 1000
+"""Largest number of characters that a file may declare without holding them. MATLAB writes some texts so."""
 DAMAGED = "copy the file again, or save it again in MATLAB"
 
 
@@ -102,10 +104,12 @@ class Structure:
         return names[0]
 
     def check_numbers(self, at: int, stop: int, count: int, parts: int, exact: bool) -> None:
-        """The real part, or both, of `count` numbers; characters may take more bytes than one."""
+        """The real part, or both, of `count` numbers. Characters may take several bytes, and blanks none."""
         for _ in range(parts):
             kind, _, size, at = self.part(at, stop)
             there = size // ITEM_BYTES.get(kind, 8)
+            if not (exact or size) and count <= MOST_BLANKS:
+                continue
             if there < count or (exact and there > count):
                 raise InputError(f"declares {count} numbers where {there} are; {DAMAGED}")
 
@@ -205,6 +209,8 @@ def value_of(raw: Any) -> Value:
     from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
     from scipy.sparse import issparse
 
+    if raw is None:  # an element of a struct without fields
+        return Value("struct")
     if isinstance(raw, MatlabOpaque):
         return Value(bytes(raw.flat[0]["s2"]).decode("latin-1") or "object")
     if isinstance(raw, MatlabFunction):

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import t as student
 
 from osl_analysis.design.distortion import Density, Distortion, arcsine_power
-from osl_analysis.design.duration import long_enough, reached
+from osl_analysis.design.duration import long_enough, reached, smallest
 from osl_analysis.design.information import Joint, weighted
 from osl_analysis.design.limits import lag_errors, warnings
 from osl_analysis.design.plan import Continuous, PeriodicMultisine, SteppedSine
@@ -64,6 +65,8 @@ def test_the_draft_s_protocol_reaches_the_bound_that_the_study_computes_in_time(
     found = precision(DRAFT, JOINT, Sensors(1000.0, 0.05), LowPass(15.0, 4))
     np.testing.assert_allclose(found.se, [bound[name] for name in "KBI"], rtol=0.01)
     assert found.method == "cycles"
+    np.testing.assert_allclose(found.half_width, student.ppf(0.975, found.degrees_of_freedom) * found.se)
+    np.testing.assert_allclose(found.noise_half_width, found.half_width)  # no distortion is stated
 
 
 def test_a_narrow_filter_costs_what_weighted_least_squares_cost():
@@ -132,6 +135,23 @@ def test_the_level_of_friction_at_detection_lines_is_that_of_the_arcsine_law():
     np.testing.assert_allclose(np.mean(powers, axis=0) / by_law, 1, atol=0.25)
 
 
+def test_the_fit_of_noise_scatters_by_friction_as_predicted():
+    """150 records of 20 s of Gaussian noise by numpy, and 400 draws: 7 % in a ratio, three times of it."""
+    n, rng, rms, found = 1000, np.random.default_rng(8), 0.03, []
+    lines = np.arange(20, 121)  # 1 to 6 Hz
+    for _ in range(150):
+        spectrum = np.zeros((3, n // 2 + 1), dtype=complex)
+        theta = rms * n / 2 / np.sqrt(len(lines)) * (rng.standard_normal(101) + 1j * rng.standard_normal(101))
+        spectrum[:, lines] = theta * (2j * np.pi * lines / 20) ** np.arange(3)[:, None]
+        motion = np.fft.irfft(spectrum, n, axis=1)
+        found.append(estimates(motion, np.sign(motion[1])))
+    for friction in (1.0, 0.5):
+        predicted = precision(
+            Continuous((1.0, 6.0), rms, 20.0, False), JOINT, Sensors(1000.0, 0.0), OPEN, Distortion(coulomb=friction)
+        )
+        np.testing.assert_allclose(friction * np.std(found, axis=0, ddof=1) / predicted.se, 1, atol=0.22)
+
+
 def test_longer_records_do_not_average_friction_out_but_realisations_do():
     stated, sensors = Distortion(coulomb=0.5), Sensors(1000.0, 0.05)
     one, periods, realisations = (
@@ -155,7 +175,11 @@ def test_one_realisation_has_the_interval_of_its_detection_lines():
     white = Sensors(1000.0, np.sqrt(variance * 32 * 500))  # S/T, T = 32 s, S over half the rate
     np.testing.assert_allclose(by_level.se, precision(plan, JOINT, white, OPEN).se, rtol=1e-9)
     assert by_level.method == "detection lines"
-    assert np.all((by_level.degrees_of_freedom > 2) & (by_level.degrees_of_freedom <= 2 * len(plan.first.detection)))
+    lines, freedom = len(plan.first.detection), by_level.degrees_of_freedom
+    assert np.all((freedom > 2) & (freedom <= 2 * lines))
+    assert freedom[0] > lines  # of the two at each line; the stiffness is told by most of them
+    two = precision(replace(plan, realisations=2), JOINT, Sensors(1000.0, 0.0), OPEN, stated)
+    np.testing.assert_allclose(two.degrees_of_freedom, 2 * freedom)
 
 
 @pytest.mark.parametrize("samples", [100, 1000])
@@ -288,6 +312,12 @@ def test_a_record_that_is_long_enough_is_the_shortest_one():
         assert not enough(shorter(found)) or getattr(found, "realisations", 5) == 4
 
 
+def test_the_smallest_number_is_found_at_either_end_and_between():
+    for least in (1, 4, 5, 37, 99, 100):
+        assert smallest(lambda n, least=least: n >= least, 4, 100) == max(least, 4)
+    assert smallest(lambda n: n > 100, 4, 100) is None
+
+
 def test_no_record_is_long_enough_where_rounding_stays():
     coarse = Sensors(1000.0, 0.05, encoder_step=2 * np.pi / 2**10)
     assert long_enough(DRAFT, lambda p: reached(precision(p, JOINT, coarse, OPEN), JOINT, {"K": 1e-5})) is None
@@ -353,3 +383,5 @@ def test_a_chirp_and_noise_carry_what_their_bands_carry():
         found = precision(Continuous((f1, f2), rms, seconds, chirp), JOINT, Sensors(1000.0, 0.05), OPEN)
         np.testing.assert_allclose(found.se, by_hand, rtol=1e-3)
         assert found.method == "HAC"
+    found = precision(Continuous((f1, f2), rms, seconds, True), JOINT, Sensors(1000.0, 0.05), LowPass(15.0))
+    np.testing.assert_allclose(found.degrees_of_freedom, 1.5 * 60 / (8 / 30) - 4)  # eight half periods of 15 Hz

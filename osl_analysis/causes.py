@@ -79,6 +79,16 @@ def late_or_yielding(_: float, row: Mapping[str, object]) -> str:
     return LATE if late < yielding else YIELDING.format(k=k)
 
 
+def late_for_inertia(share: float, row: Mapping[str, object]) -> str:
+    """The words for a lag that makes a share of I: the lag, its share of B, and what to do about it."""
+    lag, of_damping = row.get("lag_s"), row.get("lag_share")
+    if not isinstance(lag, float) or not isinstance(of_damping, float):
+        return LATE
+    size = f"{1e6 * abs(lag):.0f} us, which make {100 * of_damping:.1f} % of B and {100 * share:.0f} % of I"
+    who = "the torque is late" if lag > 0 else "the angle is late"
+    return f"{who} by {size}: {late_or_yielding(share, row)}"
+
+
 def changing(symbol: str, rising: str, falling: str) -> Words:
     """The words for an estimate that changes with the amplitude, by its relative change."""
 
@@ -107,6 +117,8 @@ REMEDIES: dict[str, str | Words] = {
     "quality check `saturation`: use a sensor of larger range",
     "lag_share": late_or_yielding,
     "certain_lag_damping": late_or_yielding,
+    "lag_inertia_share": late_for_inertia,
+    "angle_noise_share": "I is too small by this share, the noise of the encoder, move the joint further or faster",
     "K_change": changing("K", "a spring that stiffens, or backlash", "friction, or a spring that softens"),
     "B_change": changing("B", "damping that grows with the velocity", "friction"),
     "coulomb_share": "this share of B is Coulomb friction and not damping",

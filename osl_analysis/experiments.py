@@ -157,7 +157,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         any_motion=True,
         log="dynamometer",
         tables=(
-            Table("impedance"),
+            Table("impedance", derived={"impedance_repeats": "bench.average_over_trials"}),
             Table("phasors", doubts_of="impedance", derived={"frequency_response": "bench.average_over_amplitudes"}),
             Table("estimators", doubts_of="impedance"),
             Table("response", doubts_of="impedance"),

@@ -1,23 +1,24 @@
 """Rendered impedance from any motion of the joint: Eq. 15 over the moving record, as a row of `impedance.csv`."""
 
-from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
 
 from osl_analysis.bench.alternatives import check_stiffer, time_base_row, time_base_words, timebase_table, widened
+from osl_analysis.bench.excitation_clocks import record_clock_row
 from osl_analysis.bench.excitation_lag import record_lag_row
 from osl_analysis.bench.excitation_limits import angle_noise_share, check_alias, check_band, check_moves
 from osl_analysis.bench.frequency_response import Admittance
 from osl_analysis.bench.impedance import IMPEDANCE, MAY_BE_NULL
 from osl_analysis.bench.moving_record import MovingRecord, fit_of
-from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.errors import IdentifiabilityError, OslAnalysisError
 from osl_analysis.second_order import fit_impedance, impedance_torque
-from osl_analysis.signals import Motion
+from osl_analysis.spectral.equation_error import fit_periodic
+from osl_analysis.spectral.realisations import distinct
+from osl_analysis.spectral.response import periodic_response
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
 from osl_analysis.stats.regression import LinearFit
-from osl_analysis.timebase.chunks import chunked_slope
-from osl_analysis.timebase.drift import ClockDrift, check_drift
 from osl_analysis.trial import Array
 
 SIGN_WIDTH = 0.05
@@ -25,16 +26,41 @@ SIGN_WIDTH = 0.05
 WEIGHTING = "power of the filtered motion"
 """How frequencies weigh in the estimates, as in every least-squares fit of filtered signals."""
 OF_SINES = (
-    "even_harmonics", "odd_harmonics", "stiffening", "backlash_deg", "backlash_share", "K_change", "B_change",
+    "stiffening", "backlash_deg", "backlash_share", "K_change", "B_change",
     "K_amplitudes_low", "K_amplitudes_high", "B_amplitudes_low", "B_amplitudes_high", "I_amplitudes_low",
     "I_amplitudes_high",
 )  # fmt: skip
 """Columns that only a stepped sine fills."""
+OF_PERIODS = ("period_s", "periods", "realisations", "even_harmonics", "odd_harmonics")
+"""Columns that only a motion that repeats itself fills."""
 
 
 def estimate(record: MovingRecord) -> LinearFit:
     """Eq. 15 with the error of the bench's stiffness in its intervals; raises as `fit_of`."""
-    return widened(fit_of(record), None if record.softer is None else fit_of(record.softer))
+    softer = None if record.softer is None else by_lines(record.softer, fit_of(record.softer))
+    return widened(by_lines(record, fit_of(record)), softer)
+
+
+def by_lines(record: MovingRecord, fit: LinearFit) -> LinearFit:
+    """The fit of a record, of a periodic motion with estimates and intervals from its lines; diagnostics stay.
+
+    Whatever repeats in every period, as the rounding of an encoder and friction, is in these intervals. Noise alone is
+    in those of `fit`.
+    """
+    if record.periodic is None:
+        return fit
+    try:
+        lines = fit_periodic(record.periodic.realisations, record.low_pass)
+    except OslAnalysisError:
+        return fit
+    return replace(
+        fit,
+        names=lines.names,
+        estimates=lines.estimates,
+        covariance=lines.covariance,
+        degrees_of_freedom=lines.degrees_of_freedom,
+        interval_method=lines.interval_method,
+    )
 
 
 def checked_fit(record: MovingRecord) -> LinearFit:
@@ -79,25 +105,41 @@ def record_table(record: MovingRecord, expected: Admittance | None = None) -> pl
         **record_lag_row(record, fit, expected),
         **friction_row(record, fit),
         "VAF_held_out": lowest_vaf_of_parts(record),
-        "load_cell_drift": 60 * (record.drift + fit["drift"]),
+        "load_cell_drift": 60 * record.drift,
         **time_base_row(fit, other, IMPEDANCE),
-        **record_clock_row(record),
+        **record_clock_row(record, fit),
     }
     empty: Row = dict.fromkeys(OF_SINES)
-    numbers = dict.fromkeys(("amplitude_deg", *MAY_BE_NULL, *OF_SINES), pl.Float64)
+    numbers = dict.fromkeys(("amplitude_deg", *MAY_BE_NULL, *OF_SINES, *OF_PERIODS), pl.Float64)
     return pl.DataFrame([row | empty], schema_overrides=numbers)
 
 
 def excitation_row(record: MovingRecord) -> Row:
     """What moved the joint: estimates of a device that is no second-order system depend on band and weights."""
     return {
-        "excitation": "other",
+        **periodic_row(record),
         "band_low_hz": record.band_hz[0],
         "band_high_hz": record.band_hz[1],
         "theta_rms_deg": float(np.rad2deg(np.std(record.motion.theta[record.rows]))),
         "weighting": WEIGHTING,
         "angle_noise_share": angle_noise_share(record),
         "fitted_s": record.seconds,
+    }
+
+
+def periodic_row(record: MovingRecord) -> Row:
+    """`excitation`, the period, and for a motion of odd lines the odd and even distortion as shares of the torque."""
+    found = record.periodic
+    if found is None:
+        return {"excitation": "other", **dict.fromkeys(OF_PERIODS)}
+    levels = periodic_response(found.realisations)[1]
+    shares = (float(x / levels.torque) if np.isfinite(x) else None for x in (levels.even, levels.odd))
+    return {
+        "excitation": "periodic",
+        "period_s": found.period,
+        "periods": sum(one.periods for one in found.realisations),
+        "realisations": len(distinct(found.realisations)),
+        **dict(zip(("even_harmonics", "odd_harmonics"), shares, strict=True)),
     }
 
 
@@ -123,42 +165,6 @@ def lowest_vaf_of_parts(record: MovingRecord) -> float:
         left = left - np.polyval(np.polyfit(time - time.mean(), left, 1), time - time.mean())
         values.append(100 * (1 - float(np.var(left)) / float(np.var(record.filtered_torque[held_out]))))
     return min(values)
-
-
-def record_clock_row(record: MovingRecord) -> Row:
-    """As `clock_drift_row`: what a torque that gets later and later adds, beside Eq. 15, its lag, and a change of K.
-
-    Raises
-    ------
-    InputError
-        The drift is beyond what the configuration allows.
-    """
-    names = ("clock_drift_ppm", "clock_drift_se_ppm", "certain_clock_drift_ppm")
-    if record.uniform.one_device("theta", "torque"):
-        return dict.fromkeys(names)
-    every = max(record.low_pass.independent_samples(record.rate_hz) // 4, 1)
-    rows = record.rows[::every]
-    motion, late = record.motion, record.time - record.time[record.rows].mean()
-    slope = np.gradient(record.filtered_torque, record.time)
-    columns = [*signals_of(motion), slope, late, late * motion.theta, np.ones_like(late)]
-    X = np.column_stack([column[rows] for column in columns])
-    Q, _ = np.linalg.qr(X / np.linalg.norm(X, axis=0))
-    both = np.stack([-(late * slope)[rows], record.filtered_torque[rows]], axis=1)
-    rest = both - Q @ (Q.T @ both)
-    ppm, se = (1e6 * x for x in chunked_slope(rest[:, 0], rest[:, 1]))
-    if not np.isfinite(se):
-        return dict.fromkeys(names)
-    drift = ClockDrift(ppm, se)
-    try:
-        check_drift(drift, record.largest_drift_ppm)
-    except InputError as error:
-        raise InputError(f"trial {record.name}: {error}") from error
-    return dict(zip(names, (drift.ppm, drift.se, drift.certain_ppm), strict=True))
-
-
-def signals_of(motion: Motion) -> Sequence[Array]:
-    """Angle, velocity and acceleration."""
-    return motion.theta, motion.omega, motion.alpha
 
 
 def record_time_base(record: MovingRecord) -> pl.DataFrame:

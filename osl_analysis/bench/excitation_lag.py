@@ -71,8 +71,9 @@ def linear_torque(record: MovingRecord, expected: Admittance) -> Array:
 def record_lag(record: MovingRecord, fit: LinearFit, expected: Admittance | None) -> RecordLag | None:
     """The lag, by a second-order joint or by the linear model with other K, B and I, whichever fits better.
 
-    Where neither fits much better than the other, the difference of their lags is part of the standard error. None
-    where it cannot be estimated.
+    A joint of second order that leaves only noise decides alone where the other model leaves more. Where neither fits
+    much better than the other, the difference of their lags is part of the standard error. None where it cannot be
+    estimated.
     """
     try:
         bases = [None] if expected is None else [None, linear_torque(record, expected)]
@@ -82,7 +83,10 @@ def record_lag(record: MovingRecord, fit: LinearFit, expected: Admittance | None
     if len(found) == 1:
         return found[0]
     better, worse = found
-    doubt = better.lag - worse.lag if worse.misfit < MUCH_BETTER * better.misfit else 0.0
+    only_noise = better.misfit < ONLY_NOISE * noise_behind(record, record.low_pass)
+    independent = 2 * record.low_pass.noise_bandwidth_hz * record.seconds
+    enough = 1 + CERTAIN_IN_NOISE / np.sqrt(independent) if only_noise else MUCH_BETTER
+    doubt = better.lag - worse.lag if worse.misfit < enough * better.misfit else 0.0
     return RecordLag(better.lag, float(np.hypot(better.se, doubt)), better.misfit)
 
 

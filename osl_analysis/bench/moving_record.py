@@ -8,19 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.bench.alternatives import joint_angle
-from osl_analysis.bench.moving_rows import band_of, fitted_pieces
+from osl_analysis.bench.moving_rows import band_of, fitted_pieces, rows_inside
 from osl_analysis.bench.segments import Segment
 from osl_analysis.bench.settings import BenchStiffness, ImpedanceAnalysis
 from osl_analysis.bench.stepped_sine import RawSignals, without_drift
 from osl_analysis.errors import InputError
 from osl_analysis.second_order import impedance_columns
 from osl_analysis.signals import LowPass, Motion, filtered_motion
+from osl_analysis.spectral.realisations import PeriodicMotion, periodic_motion
 from osl_analysis.stats.covariance import ResidualCorrelation, moving_sums
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.timebase.gaps import GapLimits
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import UniformSignals, regridded, uniform_signals
 
+PERIODIC = 1.5
+"""Highest line of a periodic motion, in cut-offs of the filter."""
 PARTS = 3
 """Number of consecutive parts of a record, each of which is predicted by a fit to the others."""
 
@@ -55,6 +58,8 @@ class MovingRecord:
     """The torque through the same filter [N*m]."""
     pieces: tuple[slice, ...]
     """Rows of the stretches that are fitted: moving, measured, away from ends."""
+    inside: NDArray[np.bool_]
+    """Rows of the stated windows; all of them without one."""
     band_hz: tuple[float, float]
     """Lowest and highest frequency [Hz] of the motion."""
     low_pass: LowPass
@@ -105,6 +110,12 @@ class MovingRecord:
         """
         off = self.torque - self.filtered_torque - (modelled - self.low_pass(modelled, self.rate_hz))
         return UnfilteredNoise(every=self.low_pass.independent_samples(self.rate_hz), filtered_off=off[self.rows])
+
+    @cached_property
+    def periodic(self) -> PeriodicMotion | None:
+        """The realisations of a motion that repeats itself, in the whole record or the stated windows; else None."""
+        used = self.uniform.usable & self.inside
+        return periodic_motion(self.theta, self.torque, self.rate_hz, PERIODIC * self.low_pass.cutoff_hz, used)
 
     @property
     def raw(self) -> RawSignals:
@@ -179,10 +190,10 @@ def filtered_record(signals: UniformSignals, low_pass: LowPass, compliance: floa
     """The record of signals whose torque still has its drift."""
     theta = joint_angle(signals["theta"], signals["torque"], compliance)
     motion, filtered = filtered_motion(signals.time, theta, signals["torque"], low_pass)
-    pieces = fitted_pieces(signals, low_pass, windows)
+    pieces, inside = fitted_pieces(signals, low_pass, windows), rows_inside(signals, windows)
     rows = np.concatenate([np.r_[piece] for piece in pieces])
     band = band_of(motion[rows], signals.rate_hz)
-    return MovingRecord(signals, theta, signals["torque"], motion, filtered, pieces, band, low_pass)
+    return MovingRecord(signals, theta, signals["torque"], motion, filtered, pieces, inside, band, low_pass)
 
 
 def fit_of(record: MovingRecord, more: Sequence[tuple[str, Array]] = ()) -> LinearFit:

@@ -4,6 +4,7 @@ import re
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import welch
 
 from osl_analysis.errors import InputError
@@ -51,6 +52,15 @@ def fitted_pieces(signals: UniformSignals, low_pass: LowPass, windows: str | Non
             "for longer"
         )
     return pieces
+
+
+def rows_inside(signals: UniformSignals, windows: str | None) -> NDArray[np.bool_]:
+    """Rows of the stated windows, all of them without one; raises as `stated_windows`."""
+    time = signals.time - signals.time[0]
+    if windows is None:
+        return np.ones(len(time), dtype=bool)
+    parts = [(time >= start) & (time <= stop) for start, stop in stated_windows(windows, float(time[-1]))]
+    return np.asarray(np.any(parts, axis=0))
 
 
 def stated_windows(text: str, duration: float) -> list[tuple[float, float]]:

@@ -19,7 +19,15 @@ from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import uniform_signals
 
 RenderedTrial = SteppedSineTrial | MovingRecord
-OF_RECORDS = ("lag_inertia_share", "theta_rms_deg", "angle_noise_share", "fitted_s")
+OF_RECORDS = (
+    "lag_inertia_share",
+    "theta_rms_deg",
+    "angle_noise_share",
+    "fitted_s",
+    "period_s",
+    "periods",
+    "realisations",
+)
 """Columns of `impedance.csv` that only another motion than a stepped sine fills."""
 
 

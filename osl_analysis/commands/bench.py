@@ -27,6 +27,7 @@ from osl_analysis.bench.plausibility import (
     plausible_transmission,
 )
 from osl_analysis.bench.rendered import rendered_phasors, rendered_response, rendered_time_base, rendered_trial
+from osl_analysis.bench.repeated_trials import repeated_trials_table
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, ImpedanceAnalysis, SteppedSineAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.transmission import transmission_summary, transmission_table, transmission_time_base
@@ -128,6 +129,11 @@ def summarise_actuator(table: Path, output: Path) -> None:
 def summarise_model_comparison(table: Path, output: Path) -> None:
     """Standing of the rival models over the trials of `model_comparison.csv`."""
     write_table(comparison_summary(read_table(table, required=SCORE_COLUMNS)), output)
+
+
+def average_over_trials(table: Path, output: Path) -> None:
+    """K, B and I over the trials of each condition of `impedance.csv` that has several."""
+    write_table(repeated_trials_table(read_table(table, ["amplitude_deg", "doubtful"])), output)
 
 
 def average_over_amplitudes(table: Path, output: Path) -> None:

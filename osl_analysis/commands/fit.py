@@ -202,7 +202,7 @@ def estimates_text(estimates: pl.DataFrame) -> str:
     lines = []
     for row in estimates.to_dicts():
         amplitude = row.get("amplitude_deg")
-        which = "all amplitudes" if amplitude is None else f"{amplitude:g} deg"
+        which = motion_text(row) if amplitude is None else f"{amplitude:g} deg"
         which = f"mean of cycles: {row['cycles']}" if "cycles" in row else which
         quality = f"VAF {row['VAF']:.2f} %"
         if "R2" in row:
@@ -217,6 +217,15 @@ def estimates_text(estimates: pl.DataFrame) -> str:
     return "\n".join(
         [*lines, "± is the half-width of the 95 % interval of noise, by the method that interval_method names"]
     )
+
+
+def motion_text(row: Mapping[str, Any]) -> str:
+    """What a fit without an amplitude is a fit to."""
+    excitation = row.get("excitation")
+    if excitation in (None, "stepped sine"):
+        return "all amplitudes"
+    band = f"{row['band_low_hz']:.3g} to {row['band_high_hz']:.3g} Hz, {row['theta_rms_deg']:.2g} deg RMS"
+    return f"{row['fitted_s']:.1f} s of {'periodic' if excitation == 'periodic' else 'any'} motion, {band}"
 
 
 def amplitudes_text(row: Mapping[str, Any], name: str) -> str:

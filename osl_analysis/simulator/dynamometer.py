@@ -15,6 +15,7 @@ from osl_analysis.simulator.drivetrain_sim import (
     simulate_belt_torque,
     simulate_drivetrain,
 )
+from osl_analysis.simulator.excitations import excitation_motion
 from osl_analysis.simulator.joint_motion import JointMotion, position_loop, stepped_sine, there_and_back
 from osl_analysis.simulator.second_order_joint import second_order_torque
 from osl_analysis.simulator.sensors import stream
@@ -68,7 +69,7 @@ def simulate_dynamometer_trial(
         still = np.zeros_like(motion.theta)
         response = BenchResponse(still, still, settings.foot.torque(motion))
     else:
-        command, motion = moved(stepped_sine(settings.protocol, settings.dynamometer.rate_hz), settings)
+        command, motion = moved(commanded(row, settings), settings)
         if row["experiment"] == "transmission":
             response = simulate_transmission(motion, p)
         elif settings.joint is not None:
@@ -81,6 +82,15 @@ def simulate_dynamometer_trial(
             response = simulate_impedance(settings.dynamometer.rate_hz, motion, gains, drivetrain_effects(settings), p)
     log, drawn = recorded_dynamometer(trial, command, motion, response, settings)
     return log, bench_truth(trial, settings, p, gains, drawn)
+
+
+def commanded(row: Mapping[str, Any], settings: SimulationSettings) -> JointMotion:
+    """The motion that the dynamometer is told to make in a transmission or impedance trial."""
+    trial, rate = str(row["trial"]), settings.dynamometer.rate_hz
+    excitation = settings.excitation_of(trial) if row["experiment"] == "impedance" else None
+    if excitation is None:
+        return stepped_sine(settings.protocol, rate)
+    return excitation_motion(excitation, trial, settings.seed, rate)
 
 
 def moved(command: JointMotion, settings: SimulationSettings) -> tuple[Array, JointMotion]:

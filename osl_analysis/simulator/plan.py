@@ -42,8 +42,10 @@ def bench_plan(settings: SimulationSettings) -> list[PlannedRow]:
     rows += [planned_row(name, "actuator") for name in numbered("actuator", wanted.actuator, 1)]
     rows += [planned_row(name, "torque_angle") for name in numbered("torque_angle", wanted.torque_angle, 1)]
     for controller, K_d, B_d in itertools.product(wanted.controllers, wanted.K_d, wanted.B_d):
-        row = planned_row(f"impedance_K{K_d:g}_B{B_d:.1f}_{controller}", "impedance")
-        rows.append(row | {"controller": controller, "K_d": K_d, "B_d": B_d})
+        name = f"impedance_K{K_d:g}_B{B_d:.1f}_{controller}"
+        moved = [f"{name}_{end}" for excitation in settings.excitations for end in excitation.trial_endings] or [name]
+        asked = {"controller": controller, "K_d": K_d, "B_d": B_d}
+        rows += [planned_row(trial, "impedance") | asked for trial in moved]
     if settings.recorder.torque_node is not None:
         rows = [row | {"log_source": f"{row['log_source']}{TWO_NODES}"} for row in rows]
     return rows

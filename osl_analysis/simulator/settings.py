@@ -13,6 +13,7 @@ from osl_analysis.shared_choices import PAPER, WeightSettings
 from osl_analysis.simulator.condition_settings import Conditions
 from osl_analysis.simulator.effect import NotNegative, Positive
 from osl_analysis.simulator.effect_settings import Effects, SecondOrderJoint
+from osl_analysis.simulator.excitations import Excitation
 from osl_analysis.simulator.passive_foot import PassiveFoot
 from osl_analysis.simulator.recorder_settings import RecorderSettings
 from osl_analysis.simulator.schedules import ActuatorBench, BeltMotion, SteppedSineSchedule
@@ -133,6 +134,8 @@ class SimulationSettings(Settings):
     """Imperfections of recorders and sensors."""
     joint: SecondOrderJoint | None = None
     """A second-order joint that replaces the drivetrain in every impedance trial; null: the drivetrain."""
+    excitations: tuple[Excitation, ...] = ()
+    """Motions of the impedance trials in place of the stepped sine; none: the stepped sine of `protocol`."""
     actuator: ActuatorBench | None = None
     """The schedule of actuator trials."""
     foot: PassiveFoot | None = None
@@ -143,6 +146,18 @@ class SimulationSettings(Settings):
     """W of Eq. 14, with which the leg's gains are selected. That of a campaign's configuration replaces it.
 
     So do its `parameters`, its `impedance_trajectory`, and the frequencies, amplitudes and cycles of `dynamometer`."""
+
+    @model_validator(mode="after")
+    def _excitations_have_names(self) -> Self:
+        names = [one.name for one in self.excitations]
+        if len(set(names)) < len(names):
+            raise ValueError(f"excitations have the names {', '.join(names)}; give each a name of its own")
+        return self
+
+    def excitation_of(self, trial: str) -> Excitation | None:
+        """The excitation of an impedance trial, by its name; None: the stepped sine."""
+        found = (one for one in self.excitations if any(trial.endswith(f"_{end}") for end in one.trial_endings))
+        return next(found, None)
 
     @model_validator(mode="after")
     def _actuator_is_described(self) -> Self:
@@ -160,7 +175,8 @@ class SimulationSettings(Settings):
     def _is_sampled_fast_enough(self) -> Self:
         rate, bandwidth = self.dynamometer.rate_hz, self.effects.dynamometer_bandwidth
         tones = () if self.actuator is None else (*self.actuator.velocity, *self.actuator.current)
-        fastest = max((*self.protocol.frequencies_hz, *(tone.frequency_hz for tone in tones)))
+        bands = (one.band_hz[1] for one in self.excitations)
+        fastest = max((*self.protocol.frequencies_hz, *(tone.frequency_hz for tone in tones), *bands))
         if rate < SAMPLES_PER_CYCLE * fastest:
             raise ValueError(
                 f"dynamometer.rate_hz = {rate:g} Hz takes {rate / fastest:g} samples of a cycle at {fastest:g} Hz; "
@@ -180,6 +196,7 @@ class SimulationSettings(Settings):
             durations["actuator"] = self.actuator.duration_s
         if self.foot is not None:
             durations["foot.cycles"] = self.foot.cycles.total_s
+        durations |= {f"excitations.{one.name}": one.total_s for one in self.excitations}
         for name, duration in durations.items():
             check_length(name, duration, self.dynamometer.rate_hz)
         return self

@@ -12,7 +12,7 @@ from osl_analysis.bench.settings import ImpedanceAnalysis
 from osl_analysis.bench.stepped_sine import SteppedSineTrial, stepped_sine_trial
 from osl_analysis.errors import InputError
 from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.protocol.likeness import likeness
+from osl_analysis.protocol.likeness import HARDLY, likeness
 from osl_analysis.spectral.tables import NO_RESPONSE, RecordedMotion, ResponseTables, response_tables
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.trial import Array, Trial
@@ -36,7 +36,7 @@ def rendered_trial(trial: Trial, settings: ImpedanceAnalysis, windows: str | Non
 
     A motion in which half of the moving time is sines of one frequency each is a stepped sine; one that hardly has any,
     and does not have the commanded frequencies in turn, is another motion. Between the two a stepped sine may be
-    damaged: it is fitted, or refused, as one, and a refusal names the setting by which it is taken for another motion.
+    damaged: it is refused, or fitted as one, and a refusal names the setting by which it is taken for another motion.
     `windows` [s] of the sample sheet state that it is one.
 
     Raises
@@ -52,15 +52,33 @@ def rendered_trial(trial: Trial, settings: ImpedanceAnalysis, windows: str | Non
     found = likeness(angle.time, angle["theta"], settings.protocol)
     if found.kind == "other":
         return moving_record(trial, settings, windows)
-    try:
+    if found.kind == "stepped sine" or not found.moves:
         return stepped_sine_trial(trial, settings)
+    return perhaps_damaged(trial, settings, found.sines)
+
+
+def perhaps_damaged(trial: Trial, settings: ImpedanceAnalysis, sines: float) -> SteppedSineTrial:
+    """A stepped sine that may be damaged, `sines` of whose moving time are sines.
+
+    Raises
+    ------
+    InputError
+        As `stepped_sine_trial`, or hardly any of it is a sine; the message names the setting for another motion.
+    """
+    meant = (
+        f"{100 * sines:.0f} % of the moving time are sines of one frequency: if another motion was meant, "
+        "state `excitation: any` under `dynamometer` in the configuration, or its windows in the sheet"
+    )
+    try:
+        found = stepped_sine_trial(trial, settings)
     except InputError as error:
-        if found.kind == "stepped sine" or not found.moves:
-            raise
+        raise InputError(f"{error}; {meant}") from error
+    if sines < HARDLY:
         raise InputError(
-            f"{error}; {100 * found.sines:.0f} % of the moving time are sines: if the motion was meant to be another "
-            "one, state `excitation: any` under `dynamometer` in the configuration, or its windows in the sheet"
-        ) from error
+            f"trial {trial.name}: theta has the commanded frequencies, but is no stepped sine; look for spikes, hum "
+            f"and a mount that turns; {meant}, or `excitation: stepped_sine` to fit what there is"
+        )
+    return found
 
 
 def rendered_table(trial: RenderedTrial, expected: Admittance | None) -> pl.DataFrame:

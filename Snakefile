@@ -11,6 +11,7 @@ from operator import attrgetter
 from pathlib import Path
 
 from osl_analysis import workflow as jobs
+from osl_analysis.about_campaign import about
 from osl_analysis.campaign import open_campaign
 from osl_analysis.commands.simulate import planned_sheet, settings_files
 from osl_analysis.config import DEFAULT_CONFIG, campaign_config
@@ -38,10 +39,12 @@ try:
     CONFIG = campaign_config(config, [Path(os.path.relpath(f)) for f in reversed(workflow.configfiles)])
     CAMPAIGN = open_campaign(CONFIG, planned_sheet(CONFIG.simulation, CONFIG.sheet) if CONFIG.simulation else None)
     CAMPAIGN.check()
+    TIME_SERIES, RESPONSE = time_series_example(CAMPAIGN), response_example(CAMPAIGN)
     SIMULATION_FILES = settings_files(CONFIG.simulation, CONFIG.shared()) if CONFIG.simulation else []
 except OslAnalysisError as error:
     sys.exit(f"error: {error}")  # an exception would be printed with the line of this file and a traceback
 
+ABOUT = about(CAMPAIGN, SIMULATION_FILES)
 RESULTS, RAW, PLACES = CONFIG.results, CONFIG.raw_data, CAMPAIGN.places()
 jobs.say_of_tables(CAMPAIGN.data)
 
@@ -75,6 +78,7 @@ rule:
         drawn_files(),
         RESULTS / "summary.json",
         RESULTS / "numbers.tex",
+        RESULTS / "csv-metadata.json",
 
 
 def end_of_run(records) -> str:

@@ -1,10 +1,6 @@
 """Tables -> the numbers that a figure plots (CSV) -> the figure."""
 
 SUFFIXES = ("pdf", "svg", "png")
-try:
-    TIME_SERIES, RESPONSE = time_series_example(CAMPAIGN), response_example(CAMPAIGN)
-except OslAnalysisError as error:
-    sys.exit(f"error: {error}")
 
 
 def setting(name: str):
@@ -171,7 +167,8 @@ rule draw_figure:
     log:
         RESULTS / "logs/figures/{figure}.log",
     params:
-        code=lambda wildcards: jobs.code("commands.figure", f"figures.{wildcards.figure}"),
+        code=lambda wildcards: jobs.code("commands.figure", "figures.footer", f"figures.{wildcards.figure}"),
         name="{figure}",
+        footer=ABOUT.sentence(),
     run:
         jobs.run_job(log, "figure.draw_figure", input, output, params)

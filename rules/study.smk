@@ -80,6 +80,8 @@ rule study_figure:
     params:
         code=jobs.code("commands.figure", "figures.study"),
         name="study",
+        footer=f"Simulated data: Monte Carlo study with seed {STUDY.seed}, osl-analysis {ABOUT.version}, configuration "
+        f"{ABOUT.configuration}",
     run:
         jobs.run_job(log, "figure.draw_figure", input, output, params)
 

@@ -39,6 +39,20 @@ def result_tables() -> list[Path]:
     return [RESULTS / f"tables/{table}.csv" for table in tables]
 
 
+def written_tables() -> list[str]:
+    """Every table that this run writes for the reader, below the results' folder."""
+    published = [*result_tables(), RESULTS / "tables/quality.csv", RESULTS / "tables/excluded.csv", *drawn_files()]
+    return [str(path.relative_to(RESULTS)) for path in published if path.suffix == ".csv"]
+
+
+def example():
+    """The desired impedance of Fig. 4, whose estimates are headline numbers; None without impedance trials."""
+    if TIME_SERIES is None:
+        return None
+    row = CAMPAIGN.row(TIME_SERIES.trial)
+    return {"K_d": row["K_d"], "B_d": row["B_d"], "chosen": TIME_SERIES.chosen}
+
+
 def limits_of(table: str):
     """The limits beyond which a fit of a table is doubtful; None for a table that is not judged."""
     return CONFIG.doubtful.of(table).model_dump(mode="json") if table in judged_tables() else None
@@ -137,9 +151,23 @@ rule headline_numbers:
         RESULTS / "logs/summary.log",
     params:
         code=jobs.code("commands.summarise"),
-        campaign=CONFIG.campaign,
+        about=asdict(ABOUT),
+        example=example(),
         trials={name: CAMPAIGN.trials(name) for name in EXPERIMENTS if CAMPAIGN.trials(name)},
     run:
         paths = {Path(table).stem: table for table in input.tables}
         files = {"table_paths": paths, "excluded": input.excluded}
         jobs.run_job(log, "summarise.write_summary", files, output, params)
+
+
+rule describe_tables:
+    output:
+        RESULTS / "csv-metadata.json",
+    log:
+        RESULTS / "logs/csv_metadata.log",
+    params:
+        code=jobs.code_of("summarise.write_table_metadata"),
+        about=asdict(ABOUT),
+        tables=lambda wildcards: written_tables(),
+    run:
+        jobs.run_job(log, "summarise.write_table_metadata", input, output, params)

@@ -775,7 +775,9 @@ def test_a_figure_that_no_trial_has_numbers_for_is_a_page_that_says_so(tmp_path,
     """As Fig. 7 of a campaign without a stepped sine: it is no fault of a recording, and refuses nothing."""
     write_table(plotted("fig7").clear(), tmp_path / "empty.csv")
     drawn = []
-    monkeypatch.setattr("osl_analysis.commands.figure.draw_table", lambda name, table, *_: drawn.append((name, table)))
+    monkeypatch.setattr(
+        "osl_analysis.commands.figure.draw_table", lambda name, table, *_, **__: drawn.append((name, table))
+    )
     draw_figure("fig7", tmp_path / "empty.csv", [tmp_path / "f.png"])
     ((name, table),) = drawn
     assert name == "not_drawn"
@@ -807,7 +809,7 @@ def test_plotted_numbers_are_written_from_the_result_table_that_the_list_names(n
 
 def test_every_module_that_draws_is_in_the_list_of_figures_and_no_other_is():
     folder = Path(osl_analysis.figures.__file__).parent
-    modules = {path.stem for path in folder.glob("*.py")} - {"__init__", "style", "names"}
+    modules = {path.stem for path in folder.glob("*.py")} - {"__init__", "style", "names", "footer"}
     assert modules == {*FIGURES, *OTHER_DRAWINGS}
 
 

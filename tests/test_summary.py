@@ -6,25 +6,20 @@ import re
 import polars as pl
 import pytest
 
+from osl_analysis.about import ABOUT_MACROS, About
 from osl_analysis.commands.quality import list_excluded
 from osl_analysis.commands.summarise import format_results_table, read_summary, write_summary
 from osl_analysis.errors import InputError
 from osl_analysis.figures import fig9
 from osl_analysis.refusal import Refusal
-from osl_analysis.summary.headlines import (
-    BOOTSTRAP,
-    ENSEMBLE,
-    FIT,
-    PAIRED,
-    RANGE,
-    STUDENT,
-    Headline,
-    headline_numbers,
-)
+from osl_analysis.summary.headlines import ENSEMBLE, headline_numbers
 from osl_analysis.summary.labels import all_labels
+from osl_analysis.summary.number import BOOTSTRAP, FIT, PAIRED, RANGE, STUDENT, Headline
 from osl_analysis.summary.text import decimals, to_json, to_tex, told_apart
 from osl_analysis.table import write_table
 from osl_analysis.walking import tables as walking
+
+MADE = About("made", "simulated", "1.2.3", "0a1b2c3d", "made with seed 1")
 
 
 def summary_rows(**means):
@@ -117,14 +112,14 @@ def test_the_example_of_fig4_has_the_interval_of_its_fit():
 
 def test_the_example_says_how_far_the_single_amplitudes_spread_and_is_rounded_to_that():
     headlines = headline_numbers(all_tables())
-    K = json.loads(to_json("made", headlines))["numbers"]["K_example_compensated"]
+    K = json.loads(to_json(MADE, headlines))["numbers"]["K_example_compensated"]
     assert (K["amplitudes_low"], K["amplitudes_high"]) == pytest.approx((300.96, 304.06))
-    assert "amplitudes_low" not in json.loads(to_json("made", headlines))["numbers"]["K_s"]
-    tex = to_tex("made", headlines)
+    assert "amplitudes_low" not in json.loads(to_json(MADE, headlines))["numbers"]["K_s"]
+    tex = to_tex(MADE, headlines)
     assert r"\oslCompensatedExampleStiffness}{303.0}" in tex
     assert r"\oslCompensatedExampleStiffnessAmplitudesLow}{301.0}" in tex
     assert r"\oslCompensatedExampleStiffnessAmplitudesHigh}{304.1}" in tex
-    said = format_results_table(json.loads(to_json("made", headlines)))
+    said = format_results_table(json.loads(to_json(MADE, headlines)))
     assert f"299.0 to 307.5, {FIT}; single amplitudes 301.0 to 304.1" in said
 
 
@@ -134,9 +129,9 @@ def test_doubtful_fits_are_counted_by_table_and_rows_without_a_fit_are_none():
     assert (found["doubtful_walking"].value, found["doubtful_walking"].n) == (0, 2)
     assert "doubtful_belt" not in found
     assert "| doubtful fits in impedance.csv, whose column says why | 2 fits |  | 6 |  |" in format_results_table(
-        json.loads(to_json("made", list(found.values())))
+        json.loads(to_json(MADE, list(found.values())))
     )
-    assert r"\newcommand{\oslDoubtfulImpedance}{2}%" in to_tex("made", list(found.values()))
+    assert r"\newcommand{\oslDoubtfulImpedance}{2}%" in to_tex(MADE, list(found.values()))
 
 
 def test_every_headline_number_has_its_label_in_the_list_that_the_data_dictionary_prints():
@@ -200,7 +195,7 @@ def test_a_mean_that_is_nan_is_refused_by_quantity():
 
 
 def test_json_keeps_full_precision_and_null_where_there_is_nothing():
-    content = json.loads(to_json("made", headline_numbers(all_tables())))["numbers"]
+    content = json.loads(to_json(MADE, headline_numbers(all_tables())))["numbers"]
     assert content["K_s"]["value"] == 686.2
     assert content["K_s"]["unit"] == "N*m/rad"
     assert content["K_error_uncompensated"]["low"] is None
@@ -211,13 +206,15 @@ def test_json_keeps_full_precision_and_null_where_there_is_nothing():
 def test_every_line_of_the_macros_is_a_comment_or_one_definition_that_latex_accepts():
     number = r"-?\d+(\.\d+)?(\\times 10\^\{-\d+\})?"
     definition = rf"\\newcommand\{{\\[A-Za-z]+\}}\{{({number}|\\ensuremath\{{{number}\}})\}}% [ -~]*"
-    lines = to_tex("made", headline_numbers(all_tables())).splitlines()
+    lines = to_tex(MADE, headline_numbers(all_tables())).splitlines()
     assert len(lines) > 40
-    assert all(re.fullmatch(rf"%.*|{definition}", line) for line in lines)
+    facts = [line for line in lines if re.match(rf"\\newcommand{{\\osl({'|'.join(ABOUT_MACROS.values())})}}", line)]
+    assert len(facts) == len(ABOUT_MACROS)
+    assert all(re.fullmatch(rf"%.*|{definition}", line) for line in lines if line not in facts)
 
 
 def test_macros_are_unique_and_have_low_and_high_only_where_there_is_an_interval():
-    names = re.findall(r"newcommand\{\\(\w+)\}", to_tex("made", headline_numbers(all_tables())))
+    names = re.findall(r"newcommand\{\\(\w+)\}", to_tex(MADE, headline_numbers(all_tables())))
     assert len(set(names)) == len(names)
     assert {"oslBeltStiffness", "oslBeltStiffnessLow", "oslBeltStiffnessHigh"} <= set(names)
     assert "oslUncompensatedStiffnessError" in names
@@ -243,11 +240,11 @@ def number(value, low, high, interval=STUDENT):
     ],
 )
 def test_values_are_rounded_to_two_digits_of_half_the_interval_or_to_three_digits(value, low, high, text):
-    assert rf"\oslX}}{{{text}}}%" in to_tex("made", [number(value, low, high)])
+    assert rf"\oslX}}{{{text}}}%" in to_tex(MADE, [number(value, low, high)])
 
 
 def test_a_range_over_trials_does_not_blunt_the_mean():
-    assert r"\oslX}{95.8}%" in to_tex("made", [number(95.84, 74.0, 99.2, RANGE)])
+    assert r"\oslX}{95.8}%" in to_tex(MADE, [number(95.84, 74.0, 99.2, RANGE)])
 
 
 def test_rounding_errors_of_equal_values_do_not_count_as_an_interval():
@@ -263,18 +260,18 @@ def test_files_are_written_from_the_tables_that_exist_and_read_back(tmp_path):
         write_table(table, paths[name])
     paths["gains"] = tmp_path / "not_read.csv"
     files = {"summary_json": tmp_path / "summary.json", "numbers_tex": tmp_path / "numbers.tex"}
-    write_summary(campaign="made", table_paths=paths, **files)
+    write_summary(about=MADE, table_paths=paths, **files)
     summary = read_summary(tmp_path / "summary.json")
     complete = {"trials": {}, "missing_results": {}}
-    assert summary == json.loads(to_json("made", headline_numbers(all_tables()))) | complete
-    assert (tmp_path / "numbers.tex").read_text() == to_tex("made", headline_numbers(all_tables()))
+    assert summary == json.loads(to_json(MADE, headline_numbers(all_tables()))) | complete
+    assert (tmp_path / "numbers.tex").read_text() == to_tex(MADE, headline_numbers(all_tables()))
 
 
 def test_a_table_without_a_column_stops_the_summary_and_nothing_is_written(tmp_path):
     write_table(summary_rows(K_s=686.2).drop("low"), tmp_path / "belt.csv")
     with pytest.raises(InputError, match=r"belt\.csv: no column 'low'"):
         write_summary(
-            campaign="made",
+            about=MADE,
             table_paths={"belt_summary": tmp_path / "belt.csv"},
             summary_json=tmp_path / "s.json",
             numbers_tex=tmp_path / "n.tex",
@@ -290,7 +287,7 @@ def test_missing_trials_are_counted_and_named_with_the_reason_in_every_form_of_t
     write_table(pl.DataFrame([verdict | {"remark": "theta"}]), tmp_path / "quality.csv")
     list_excluded(tmp_path / "quality.csv", {"i_9": "stumbled"}, tmp_path / "excluded.csv", [lost, walking])
     write_summary(
-        campaign="made",
+        about=MADE,
         table_paths={},
         summary_json=tmp_path / "summary.json",
         numbers_tex=tmp_path / "numbers.tex",
@@ -344,9 +341,9 @@ def test_a_missing_or_broken_summary_is_refused(tmp_path, content, message):
 
 
 def test_the_table_for_people_has_a_row_per_number_and_no_stray_bars():
-    table = format_results_table(json.loads(to_json("made", headline_numbers(all_tables()))))
+    table = format_results_table(json.loads(to_json(MADE, headline_numbers(all_tables()))))
     lines = table.splitlines()
-    assert lines[0] == "Campaign made"
+    assert lines[0].startswith("Simulated data: campaign made, osl-analysis 1.2.3, configuration 0a1b2c3d, made with")
     lines = lines[2:]
     assert len(lines) == 2 + len(headline_numbers(all_tables()))
     assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {6}
@@ -365,9 +362,9 @@ def test_headline_means_say_how_many_doubtful_trials_they_leave_out_or_contain()
     assert (alone.n, alone.n_doubtful, alone.n_left_out) == (1, 1, 0)
     assert (found["VAF_mean_compensated"].n, found["VAF_mean_compensated"].n_doubtful) == (3, 1)
     headlines = list(found.values())
-    said = format_results_table(json.loads(to_json("made", headlines)))
+    said = format_results_table(json.loads(to_json(MADE, headlines)))
     assert "| 2 of 3, 1 doubtful left out |" in said
     assert "| 1, 1 of them doubtful |" in said
-    assert "n = 2 of 3, 1 doubtful left out" in to_tex("made", headlines)
+    assert "n = 2 of 3, 1 doubtful left out" in to_tex(MADE, headlines)
     belts = summary_rows(K_s=686.2).with_columns(n_doubtful=pl.lit(2), n_left_out=pl.lit(2))
     assert by_name({"belt_summary": belts})["K_s"].n_left_out == 2

@@ -15,6 +15,7 @@ from conftest import ROOT
 from walking_setup import Setup, load_setup
 from walking_synthetic import settings
 
+from osl_analysis.about import About
 from osl_analysis.commands.crossing import analyse, calibrate, identify_plate
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.summarise import read_summary, write_summary
@@ -264,7 +265,8 @@ def test_a_campaign_in_which_no_perturbation_can_be_used_has_its_other_headline_
     write_table(belt, tmp_path / "belt_summary.csv")
     tables = {name: tmp_path / f"{name}.csv" for name in ("belt_summary", "walking")}
     summary = tmp_path / "summary.json"
-    write_summary(campaign="made", table_paths=tables, summary_json=summary, numbers_tex=tmp_path / "numbers.tex")
+    made = About("made", "simulated", "1.2.3", "0a1b2c3d", "made with seed 1")
+    write_summary(about=made, table_paths=tables, summary_json=summary, numbers_tex=tmp_path / "numbers.tex")
     assert read_summary(summary)["numbers"]["K_s"]["value"] == 685.6
     assert read_table(tmp_path / "walking.csv")["excluded"].unique().to_list() == ["a shoe was lost"]
 

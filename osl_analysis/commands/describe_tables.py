@@ -16,8 +16,11 @@ of `results/summary.json`. Made by `{command}` from
 `osl_analysis/dictionary/` and `osl_analysis/figures/figures.yaml`; do not edit this page.
 
 Units are SI unless a column's name ends in its unit (`_deg`, `_mm`, `_ms`, `_hz`). `1` is a number without a unit.
-An empty cell is null: there is no value, and the column's meaning says why. Angles are positive in dorsiflexion.
-Torques resist the motion: positive K, B and I oppose positive motion, as in Eq. 15. Intervals cover 95 %.
+The last column of every table, `data`, says whether the data are simulated or measured. Campaign, version,
+configuration and date of all tables stand in `csv-metadata.json` beside them (CSV on the Web, W3C), because a comment
+in a table would stop other readers. An empty cell is null: there is no value, and the column's meaning says why. Angles
+are positive in dorsiflexion. Torques resist the motion: positive K, B and I oppose positive motion, as in Eq. 15.
+Intervals cover 95 %.
 """
 
 
@@ -53,9 +56,11 @@ def summary_section() -> str:
     rows = ((f"`{label.name}`", label.unit, label.meaning) for label in all_labels())
     entries = markdown(("entry", "unit", "meaning"), rows)
     text = (
-        "`campaign` is the name of the campaign. `trials` has for every experiment how many trials are `used`, of how "
-        "many (`of`), and the reason of each that is `missing`. `missing_results` has the reason of each result over "
-        "several trials that could not be computed. `numbers` has an entry per headline number, with these fields:"
+        "`campaign` is the name of the campaign, `data` says whether its data are simulated or measured, `version` is "
+        "that of osl-analysis, `configuration` the first digits of the SHA-256 of the configuration and of the files "
+        "that it names, `recorded` the date of the data. `trials` has for every experiment how many trials are `used`, "
+        "of how many (`of`), and the reason of each that is `missing`. `missing_results` has the reason of each result "
+        "over several trials that could not be computed. `numbers` has an entry per headline number, with these fields:"
     )
     return f"## `summary.json`\n\n{text}\n\n{fields}\nThe entries:\n\n{entries}"
 

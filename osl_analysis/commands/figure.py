@@ -18,11 +18,17 @@ EMPTY = "no trial of the campaign has the numbers that this figure shows"
 METADATA: dict[str, dict[str, Any]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}, ".png": {}}
 """Formats that can be written, with the metadata that would hold the time removed: equal numbers give equal files."""
 
+SUBJECT = {".pdf": "Subject", ".svg": "Description", ".png": "Description"}
+"""By format, the entry of the metadata that says what the data are."""
 
-def draw_figure(name: str, table_csv: Path, outputs: Sequence[Path], refused: Sequence[Refusal] = ()) -> None:
+
+def draw_figure(
+    name: str, table_csv: Path, outputs: Sequence[Path], refused: Sequence[Refusal] = (), footer: str = ""
+) -> None:
     """Draw the numbers of `table_csv` as figure `name` (one of `FIGURES`) into PDF, SVG or PNG files, by suffix.
 
-    `refused` are the causes of what the figure lacks. It names these trials; if there are no numbers, it says why.
+    `refused` are the causes of what the figure lacks. It names these trials; if there are no numbers, it says why. The
+    `footer` says what the data are.
 
     Raises
     ------
@@ -31,17 +37,15 @@ def draw_figure(name: str, table_csv: Path, outputs: Sequence[Path], refused: Se
     """
     if is_refused(table_csv):
         causes = [(cause.trial, cause.file, cause.reason) for cause in read_refusals(table_csv)]
-        draw_table("not_drawn", not_drawn(name, causes), outputs)
+        draw_table("not_drawn", not_drawn(name, causes), outputs, footer=footer)
         return
-    table = read_table(table_csv, required=figure_module(name).COLUMNS)
-    if table.is_empty() and hasattr(figure_module(name), "NOTHING"):
-        draw_table("not_drawn", not_drawn(name, [("", str(table_csv), figure_module(name).NOTHING)]), outputs)
-        return
+    module = figure_module(name)
+    table = read_table(table_csv, required=module.COLUMNS)
     if table.is_empty():
-        nothing = {"figure": name, "trial": "", "file": str(table_csv), "reason": EMPTY}
-        draw_table("not_drawn", pl.DataFrame([nothing]), outputs)
+        nothing = not_drawn(name, [("", str(table_csv), getattr(module, "NOTHING", EMPTY))])
+        draw_table("not_drawn", nothing, outputs, footer=footer)
         return
-    draw_table(name, table, outputs, list(dict.fromkeys(cause.trial for cause in refused if cause.trial)))
+    draw_table(name, table, outputs, list(dict.fromkeys(cause.trial for cause in refused if cause.trial)), footer)
 
 
 def not_drawn(name: str, causes: Sequence[tuple[str, str, str]]) -> pl.DataFrame:
@@ -50,19 +54,28 @@ def not_drawn(name: str, causes: Sequence[tuple[str, str, str]]) -> pl.DataFrame
     return pl.DataFrame([(name, *cause) for cause in causes], schema=columns, orient="row")
 
 
-def draw_table(name: str, table: pl.DataFrame, outputs: Sequence[Path], missing: Sequence[str] = ()) -> None:
-    """The same for numbers in memory; `name` is one of `FIGURES` or `OTHER_DRAWINGS`. `missing` trials are named."""
+def draw_table(
+    name: str, table: pl.DataFrame, outputs: Sequence[Path], missing: Sequence[str] = (), footer: str = ""
+) -> None:
+    """The same for numbers in memory; `name` is one of `FIGURES` or `OTHER_DRAWINGS`. `missing` trials are named.
+
+    The files have the `footer` in their metadata too.
+    """
     for path in outputs:
         if path.suffix not in METADATA:
             raise InputError(f"{path}: figures are written as {', '.join(METADATA)}; choose one of these suffixes")
     figure = figure_module(name).draw(table)
     if missing:
         figure_module("not_drawn").remark_missing(figure, missing)
+    page_box = import_module("osl_analysis.figures.footer").write_footer(figure, footer) if footer else None
     style = import_module("osl_analysis.figures.style")
     for path in outputs:
+        said = {SUBJECT[path.suffix]: footer} if footer else {}
         page = BytesIO()  # a writer that the disk interrupts would leave its file open
         with style.paper_style():
-            figure.savefig(page, format=path.suffix.removeprefix("."), metadata=METADATA[path.suffix])
+            figure.savefig(
+                page, format=path.suffix.removeprefix("."), metadata=METADATA[path.suffix] | said, bbox_inches=page_box
+            )
         with atomic_path(path) as temporary:
             temporary.write_bytes(page.getvalue())
 

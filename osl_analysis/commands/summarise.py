@@ -2,15 +2,18 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field
 
+from osl_analysis.about import About
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.refusal import Refusal, check_not_refused
 from osl_analysis.summary.headlines import headline_numbers, needed_columns
+from osl_analysis.summary.labels import DRAFT_EXAMPLE, Example
 from osl_analysis.summary.text import to_json, to_markdown, to_tex
 from osl_analysis.summary.trials import missing_lines, missing_results, trials_content, trials_used
 from osl_analysis.table import read_table
@@ -23,15 +26,18 @@ REMEDY = "delete it and run `snakemake reproduce-all`"
 
 def write_summary(
     *,
-    campaign: str,
+    about: About,
     table_paths: Mapping[str, Path],
     summary_json: Path,
     numbers_tex: Path,
     trials: Mapping[str, Sequence[str]] | None = None,
     excluded: Path | None = None,
     refused: Sequence[Refusal] = (),
+    example: Example | None = None,
 ) -> None:
     """Write headline numbers of a campaign from the tables that it has, by their names.
+
+    `about` says what they are made of, `example` which desired impedance Fig. 4 shows.
 
     Tables without headline numbers and without doubtful fits are ignored. `trials` are those of each experiment,
     `excluded` is the table of those that are not used, `refused` are the causes of tables that are missing.
@@ -43,12 +49,27 @@ def write_summary(
     """
     needed = {name: needed_columns(name) for name in table_paths}
     tables = {name: read_table(table_paths[name], required=columns) for name, columns in needed.items() if columns}
-    headlines = headline_numbers(tables)
+    headlines = headline_numbers(tables, example or DRAFT_EXAMPLE)
     used = trials_used(trials or {}, read_table(excluded, NEEDED)) if excluded else []
     missing = {"trials": trials_content(used), "missing_results": missing_results(refused)}
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
-        json_path.write_text(to_json(campaign, headlines, missing), encoding="utf-8")
-        tex_path.write_text(to_tex(campaign, headlines, missing_lines(missing, reasons=False)), encoding="utf-8")
+        json_path.write_text(to_json(about, headlines, missing), encoding="utf-8")
+        tex_path.write_text(to_tex(about, headlines, missing_lines(missing, reasons=False)), encoding="utf-8")
+
+
+def write_table_metadata(about: About, tables: Sequence[str], output: Path) -> None:
+    """Say in one file what all tables are made of, as CSV on the Web (W3C, 2015) does: a table itself has only its
+    column `data`, because a comment above the header stops other readers.
+    """
+    content = {
+        "@context": ["http://www.w3.org/ns/csvw", {"@language": "en"}],
+        "dc:title": f"Tables of campaign {about.campaign}",
+        "dc:description": about.sentence(),
+        **{f"osl:{name}": value for name, value in asdict(about).items()},
+        "tables": [{"url": table} for table in tables],
+    }
+    with atomic_path(output) as path:
+        path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 class Number(Settings):
@@ -81,6 +102,10 @@ class Summary(Settings):
     """The summary of a campaign."""
 
     campaign: str
+    data: str = ""
+    version: str = ""
+    configuration: str = ""
+    recorded: str = ""
     trials: dict[str, Trials] = Field(default_factory=dict)
     missing_results: dict[str, str] = Field(default_factory=dict)
     numbers: dict[str, Number]
@@ -114,8 +139,9 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
 
 
 def format_results_table(summary: Mapping[str, Any]) -> str:
-    """The campaign's name, a Markdown table of its numbers (quantity, value, interval, n, the draft's value), and which
-    trials and results are missing.
+    """What a summary is made of, a Markdown table of its numbers (quantity, value, interval, n, the draft's value), and
+    which trials and results are missing.
     """
     missing = "".join(f"\n{line}\n" for line in missing_lines(summary, reasons=True))
-    return f"Campaign {summary['campaign']}\n\n{to_markdown(summary['numbers'])}{missing}"
+    said = About(**{field.name: summary.get(field.name, "") for field in fields(About)}).sentence()
+    return f"{said}\n\n{to_markdown(summary['numbers'])}{missing}"

@@ -118,6 +118,7 @@ def draw_quantity(ax: Axes, table: pl.DataFrame, symbol: str, looks: dict[str | 
     letters = [NOT_STATED if level is None else f"{level:g}" for level in shown]
     ax.set_xticks([places[level] for level in shown], letters)
     ax.tick_params(axis="x", length=0)
+    ax.ticklabel_format(axis="y", useOffset=False)
 
 
 def entries(table: pl.DataFrame, looks: dict[str | None, Look]) -> list[Line2D]:

@@ -23,7 +23,7 @@ TABLE_COLUMNS = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "VAF")
 COLUMNS = (*TABLE_COLUMNS, *PLACE, "look", "x", "x_centre", "median_VAF", "doubtful")
 
 HEIGHT = 2.4
-LEFT, RIGHT, BOTTOM, PANEL_HEIGHT = 0.52, 0.06, 0.26, 2.08
+LEFT, RIGHT, BOTTOM, PANEL_HEIGHT = 0.56, 0.06, 0.26, 2.08
 """Margins and height [in] of the panel: fixed, because the swarm's positions depend on its size."""
 LETTERS_PER_INCH = 15
 LINE = 0.13
@@ -33,7 +33,7 @@ DIAMETER = 4.9 / 72
 BESIDE = 2
 """Swarms up to which the median stands beside each, in a single column; of more it stands below each."""
 LARGEST_VAF = 99.9999
-TICKS = (-900, 0, 50, 80, 90, 95, 98, 99, 99.5, 99.8, 99.9, 99.95, 99.98, 99.99, 99.999)
+TICKS = (-900, 0, 50, 80, 90, 95, 98, 99, 99.5, 99.8, 99.9, 99.95, 99.98, 99.99, 99.999, 99.9999)
 
 
 def vaf_scale(vaf: Array) -> Array:
@@ -101,7 +101,7 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
         inches = (vaf_scale(rows["VAF"].to_numpy()) - low) / (high - low) * PANEL_HEIGHT
         offsets = swarm_positions(inches, DIAMETER) / width
         squeeze = min(1.0, 0.4 * pitch / max(float(np.max(np.abs(offsets), initial=0)), 1e-9))
-        centre = pitch * (number + (0.46 if len(groups) <= BESIDE else 0.5))
+        centre = pitch * (0.92 * number + 0.46 if len(groups) <= BESIDE else number + 0.5)
         swarms.append(
             rows.with_columns(x=centre + squeeze * offsets, x_centre=pl.lit(centre), median_VAF=pl.col("VAF").median())
         )

@@ -43,7 +43,8 @@ CURVE_TYPES = {
 """Columns, with their types, of the curves that `points` takes."""
 OBSERVED, DESIRED, LINEAR_MODEL = "observed", "desired", "linear model"
 """Kinds of `curve`."""
-NICE = (1, 1.5, 2, 3, 4, 5, 6, 8)
+NICE = ((1, 1.5, 2, 3, 4, 5, 6, 8), tuple(np.arange(10, 100, 2) / 10), tuple(np.arange(100, 1000) / 100))
+"""Steps of the ticks of a decade; the first ones of which two lie within the axis are taken."""
 
 
 def points(response: pl.DataFrame, curves: pl.DataFrame) -> pl.DataFrame:
@@ -166,7 +167,8 @@ def label_magnitudes(ax: Axes) -> None:
     """Ticks at round thousandths within the limits of a logarithmic axis, lettered as thousandths."""
     low, high = ax.get_ylim()
     decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
-    ticks = [decade * nice for decade in decades for nice in NICE if low <= decade * nice <= high]
-    ax.set_yticks(ticks, [f"{1e3 * tick:g}" for tick in ticks])
+    found = ([decade * nice for decade in decades for nice in steps if low <= decade * nice <= high] for steps in NICE)
+    ticks = next((ticks for ticks in found if len(ticks) > 1), [low, high])
+    ax.set_yticks(ticks, [f"{1e3 * tick:.4g}" for tick in ticks])
     ax.minorticks_off()
     ax.set_ylim(low, high)

@@ -6,19 +6,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from osl_analysis.summary.headlines import COUNT, RANGE, Headline
+from osl_analysis.about import ABOUT_MACROS, ABOUT_MEANING, About
+from osl_analysis.summary.number import COUNT, RANGE, Headline
 
 AMPLITUDES = ("amplitudes_low", "amplitudes_high")
 KEPT = ("value", "unit", "low", "high", "interval", "n", "n_doubtful", "n_left_out", "doubt", "draft", "meaning")
 MACRO_PREFIX = "osl"
+SPECIAL = {sign: f"\\{sign}" for sign in "#$%&_{}"} | {
+    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"
+}  # fmt: skip
+"""Letters with a meaning of their own in LaTeX, and what sets them."""
 ROUNDING = 1e-9
 """Relative width of an interval that counts as rounding."""
 SMALLEST_PLAIN = 1e-4
 """Numbers smaller than this are written with a power of ten."""
 
 
-def to_json(campaign: str, headlines: Sequence[Headline], missing: Mapping[str, Any] | None = None) -> str:
-    """The name of the campaign, and under `numbers` an object per headline number, in full precision.
+def to_json(about: About, headlines: Sequence[Headline], missing: Mapping[str, Any] | None = None) -> str:
+    """What the numbers are made of, and under `numbers` an object per headline number, in full precision.
 
     `missing` are further entries: which trials and results are missing.
 
@@ -28,17 +33,22 @@ def to_json(campaign: str, headlines: Sequence[Headline], missing: Mapping[str, 
         h.name: {key: getattr(h, key) for key in (*KEPT, *(AMPLITUDES if h.amplitudes_low is not None else ()))}
         for h in headlines
     }
-    content = {"campaign": campaign, **(missing or {}), "numbers": numbers}
+    content = {**asdict(about), **(missing or {}), "numbers": numbers}
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def to_tex(campaign: str, headlines: Sequence[Headline], remarks: Sequence[str] = ()) -> str:
+def to_tex(about: About, headlines: Sequence[Headline], remarks: Sequence[str] = ()) -> str:
     r"""Macros such as `\oslBeltStiffness`, with `Low` and `High` where there is an interval, rounded, without unit.
 
-    Each line ends in a comment, so that reading the file puts no space into the text. `remarks` are comments too.
+    The first comment and `\oslData`, `\oslCampaign` ... say what the numbers are made of. Each line ends in a comment,
+    so that reading the file puts no space into the text. `remarks` are comments too.
     """
-    lines = [f"% Headline numbers of campaign {campaign}, by osl-analysis; \\input this file and use the macros."]
+    lines = [f"% {about.sentence()}", "% Headline numbers by osl-analysis; \\input this file and use the macros."]
     lines += [f"% {remark}" for remark in remarks]
+    lines += [
+        f"\\newcommand{{\\{MACRO_PREFIX}{ABOUT_MACROS[name]}}}{{{tex_text(value)}}}% {ABOUT_MEANING[name]}"
+        for name, value in asdict(about).items()
+    ]
     for h in headlines:
         digits = decimals(h.value, *rounded_by(asdict(h)))
         finer = told_apart(h.low, h.high, digits)
@@ -55,6 +65,11 @@ def to_tex(campaign: str, headlines: Sequence[Headline], remarks: Sequence[str] 
                     f"\\newcommand{{\\{MACRO_PREFIX}{h.macro}{suffix}}}{{{tex_number(number, places)}}}% {comment}"
                 )
     return "\n".join(lines) + "\n"
+
+
+def tex_text(text: str) -> str:
+    """Text as LaTeX sets it letter by letter."""
+    return "".join(SPECIAL.get(sign, sign) for sign in text)
 
 
 def to_markdown(numbers: Mapping[str, Mapping[str, Any]]) -> str:

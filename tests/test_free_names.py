@@ -1,0 +1,119 @@
+"""A campaign with names of its own: a knee with three made-up controllers, a second joint, and no parameter file."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+import yaml
+from conftest import ROOT
+
+K, B, INERTIA = 60.0, 1.5, 0.04
+HOSTILE = "PD $K_{p}$ 50 % & \\alpha_é 脚 – a very long name of a controller indeed"
+SHEET = (
+    ("k_hostile", HOSTILE, 60, 1.5, "knee", "left", 1.0),
+    ("k_pd", "pd", 60, 1.5, "knee", "left", 1.2),
+    ("k_none", "", "", 1.5, "knee", "right", 0.8),
+    ("exo", "_spring", "", "", "exoskeleton hip", "", 2.0),
+)
+"""Trial, controller, K_d, B_d, joint, side, and by how much its impedance exceeds K, B and I."""
+
+
+def recording(share: float, seed: int) -> pl.DataFrame:
+    """A stepped sine of 1 to 3 Hz at 2 and 4 deg against an exact second-order joint, in the columns of `bench_csv`."""
+    rate, pieces = 250, []
+    for amplitude in np.deg2rad([2, 4]):
+        for f in (1, 2, 3):
+            t = np.arange(round(8 / f * rate)) / rate
+            w = 2 * np.pi * f
+            theta = amplitude * np.sin(w * t)
+            pieces.append((theta, share * ((K - INERTIA * w**2) * theta + B * w * amplitude * np.cos(w * t))))
+        pieces.append((np.zeros(rate), np.zeros(rate)))
+    theta, torque = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
+    noise = np.random.default_rng(seed).standard_normal((2, theta.size))
+    return pl.DataFrame({
+        "time [s]": np.arange(theta.size) / rate, "joint angle [deg]": np.rad2deg(theta) + 1e-3 * noise[0],
+        "actuator angle [deg]": 0 * theta, "load cell torque [N*m]": -torque + 0.005 * noise[1],
+        "motor current [A]": 0 * theta,
+    })  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of one run of the workflow."""
+    folder = tmp_path_factory.mktemp("free")
+    rows = ["trial,experiment,controller,K_d,B_d,joint,side,log,log_source"]
+    for seed, (trial, controller, K_d, B_d, joint, side, share) in enumerate(SHEET):
+        recording(share, seed).write_csv(folder / f"{trial}.csv")
+        rows.append(f'{trial},impedance,"{controller}",{K_d},{B_d},{joint},{side},{trial}.csv,bench_csv')
+    (folder / "trials.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    protocol = {"amplitudes_deg": [2, 4], "frequencies_hz": [1, 2, 3], "cycles": 8}
+    ours = {
+        "campaign": "knee", "raw_data": str(folder), "sheet": str(folder / "trials.csv"),
+        "results": str(folder / "out"),
+        "simulation": None, "parameters": None, "data": "simulated", "recorded": "2026-03-14",
+        "dynamometer": protocol | {"time_base": {"highest_hz": 3}},
+    }  # fmt: skip
+    (folder / "ours.yaml").write_text(yaml.safe_dump(ours))
+    command = [sys.executable, "-m", "snakemake", "--configfile", str(folder / "ours.yaml"), "--directory", str(ROOT)]
+    return run(command, folder)
+
+
+def run(command: list[str], folder: Path) -> Path:
+    """Run Snakemake and hand over the results' folder."""
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder / "out"
+
+
+def test_every_trial_is_analysed_and_nothing_is_predicted(results: Path) -> None:
+    """K and B are those of the exact joint, times the share of each."""
+    table = pl.read_csv(results / "tables/impedance.csv").filter(pl.col("amplitude_deg").is_null())
+    shares = {trial: share for trial, *_, share in SHEET}
+    for row in table.iter_rows(named=True):
+        share = shares[row["trial"]]
+        assert (row["K"], row["B"]) == pytest.approx((share * K, share * B), rel=0.01), row["trial"]
+    assert table["K_predicted"].null_count() == table["K_over_K_s"].null_count() == len(SHEET)
+    assert table["not_checked"].str.contains("parameter file").all()
+    assert dict(table.select("trial", "controller").iter_rows())["k_hostile"] == HOSTILE
+    assert set(table.select("joint", "side").iter_rows()) == {
+        ("knee", "left"), ("knee", "right"), ("exoskeleton hip", None),
+    }  # fmt: skip
+
+
+def test_all_figures_are_drawn_and_say_what_is_simulated(results: Path) -> None:
+    drawn = {path.stem for path in (results / "figures").glob("*.svg")}
+    assert {"fig4", "fig5", "fig6", "fig7"} <= drawn
+    for path in (results / "figures").glob("*.svg"):
+        assert "Simulated data: campaign knee, osl-analysis" in path.read_text(encoding="utf-8")
+    assert pl.read_csv(results / "figures/fig4.csv")["chosen"][0].startswith("the first impedance trial of the sheet")
+
+
+def test_headline_numbers_and_their_macros_are_told_apart(results: Path) -> None:
+    summary = json.loads((results / "summary.json").read_text(encoding="utf-8"))
+    assert (summary["data"], summary["recorded"]) == ("simulated", "recorded 2026-03-14")
+    assert summary["numbers"]["K_example_pd (knee, left)"]["value"] == pytest.approx(1.2 * K, rel=0.01)
+    assert "K_error_no_controller (knee, right)" not in summary["numbers"]
+    assert summary["numbers"]["B_error_no_controller (knee, right)"]["value"] == pytest.approx(0.2 * B, rel=0.05)
+    tex = (results / "numbers.tex").read_text(encoding="utf-8")
+    names = re.findall(r"newcommand\{\\(\w+)\}", tex)
+    assert len(names) == len(set(names)) > 20
+    assert all(re.fullmatch("[A-Za-z]+", name) for name in names)
+    assert r"\newcommand{\oslData}{simulated}" in tex
+    assert tex.startswith("% Simulated data: campaign knee")
+
+
+def test_every_table_is_plain_csv_that_says_what_its_data_are(results: Path) -> None:
+    listed = {one["url"] for one in json.loads((results / "csv-metadata.json").read_text(encoding="utf-8"))["tables"]}
+    written = {
+        str(path.relative_to(results)) for part in ("tables", "figures") for path in (results / part).glob("*.csv")
+    }
+    assert listed == written
+    for name in listed:
+        table = pl.read_csv(results / name, infer_schema_length=None)
+        assert table.columns[-1] == "data", name
+        assert set(table["data"]) <= {"simulated"}

@@ -136,10 +136,10 @@ def test_the_level_of_friction_at_detection_lines_is_that_of_the_arcsine_law():
 
 
 def test_the_fit_of_noise_scatters_by_friction_as_predicted():
-    """150 records of 20 s of Gaussian noise by numpy, and 400 draws: 7 % in a ratio, three times of it."""
-    n, rng, rms, found = 1000, np.random.default_rng(8), 0.03, []
+    """100 records of 20 s of Gaussian noise by numpy, and 400 draws: 8 % in a ratio, three times of it."""
+    n, rng, rms, found = 4000, np.random.default_rng(8), 0.03, []
     lines = np.arange(20, 121)  # 1 to 6 Hz
-    for _ in range(150):
+    for _ in range(100):
         spectrum = np.zeros((3, n // 2 + 1), dtype=complex)
         theta = rms * n / 2 / np.sqrt(len(lines)) * (rng.standard_normal(101) + 1j * rng.standard_normal(101))
         spectrum[:, lines] = theta * (2j * np.pi * lines / 20) ** np.arange(3)[:, None]
@@ -149,7 +149,7 @@ def test_the_fit_of_noise_scatters_by_friction_as_predicted():
         predicted = precision(
             Continuous((1.0, 6.0), rms, 20.0, False), JOINT, Sensors(1000.0, 0.0), OPEN, Distortion(coulomb=friction)
         )
-        np.testing.assert_allclose(friction * np.std(found, axis=0, ddof=1) / predicted.se, 1, atol=0.22)
+        np.testing.assert_allclose(friction * np.std(found, axis=0, ddof=1) / predicted.se, 1, atol=0.24)
 
 
 def test_longer_records_do_not_average_friction_out_but_realisations_do():

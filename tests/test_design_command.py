@@ -67,6 +67,7 @@ def test_what_is_asked_for_is_reached_and_the_recommended_multisine_is_written(t
     found = periodic_motion(angle, 300 * angle, 200.0, 10.0)
     assert found.period == pytest.approx(8, rel=1e-4)
     assert f"{len(found.realisations)} realisations" in best["protocol"]
+    assert best["record_s"] == 8 * sum(one.periods + 1 for one in found.realisations)
 
 
 def test_a_peak_is_kept_by_all_realisations(tmp_path):

@@ -103,6 +103,10 @@ def test_channels_of_other_rates_have_rows_of_their_own(tmp_path: Path) -> None:
     np.testing.assert_allclose(samples.drop_nulls("torque")["time"], 0.0025 + np.arange(20) * 5e-3, atol=1e-12)
     assert len(samples) == 120
     assert recording.facts["rates_hz"] == pytest.approx({"theta": 1000.0, "torque": 200.0})
+    later = {**timing(), "wf_start_time": START + np.timedelta64(2500, "us")}
+    tasks = write(tmp_path / "c.tdms", [("Angle", ANGLE, timing(unit_string="deg")), ("Torque", TORQUE, later)])
+    started = read(tasks).samples.drop_nulls("torque")["time"][0]
+    assert started == pytest.approx(2.5e-3, abs=1e-9)
     late = write(tmp_path / "b.tdms", [("Angle", ANGLE, timing()), ("Torque", TORQUE, timing(1e-3, 60.0))])
     channels = {**SOURCE["channels"], "theta": {"channel": "Angle", "unit": "deg"}}  # type: ignore[dict-item]
     assert "begin up to 60.000 s apart and do not overlap" in refused(late, channels=channels)

@@ -82,7 +82,6 @@ class SplitLog:
         number_of = {one: self.number(part, one) for one in sorted(part.declared.channels)}
         for counts, total in (
             (own.read, all_of.read),
-            (own.misfits, all_of.misfits),
             (own.indexed_lost, all_of.indexed_lost),
         ):
             total.update(Counter({number_of[one]: count for one, count in counts.items() if one in number_of}))

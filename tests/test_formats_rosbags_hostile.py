@@ -2,6 +2,7 @@
 
 import sqlite3
 import tracemalloc
+from contextlib import closing
 from pathlib import Path
 
 import lz4.frame
@@ -20,6 +21,7 @@ from osl_analysis.formats.mcap.limits import Budget
 from osl_analysis.formats.messages.ros1 import ros1_type, walk_of
 from osl_analysis.formats.rosbag1.bag import Bag, DamagedError
 from osl_analysis.formats.rosbag1.records import Record, walk_chunk
+from osl_analysis.formats.rosbag2.database import opened
 from osl_analysis.ingest import raw_files
 
 
@@ -69,6 +71,7 @@ def test_a_chunk_whose_records_do_not_end_with_it_is_lost_as_a_whole(tmp_path: P
     lost = 2000 - len(recording.samples)
     assert 0 < lost <= 10
     assert recording.facts["damage"]["topics"]["/lab"]["messages_lost"] == lost
+    assert recording.facts["damage"]["chunks_lost"] == 1
 
 
 def test_a_ros_1_message_has_the_length_of_its_definition() -> None:
@@ -105,6 +108,8 @@ def test_no_file_appears_beside_a_database_that_had_a_write_ahead_log(tmp_path: 
     check_rows(read(bag))
     assert kept_files(bag) == before
     assert (bag / "bag.db3").read_bytes() == content
+    with closing(opened(bag / "bag.db3")) as database, pytest.raises(sqlite3.OperationalError, match="readonly"):
+        database.execute("DELETE FROM messages")
 
 
 def test_a_standard_type_that_changed_needs_the_distribution(tmp_path: Path) -> None:

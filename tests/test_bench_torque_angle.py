@@ -177,6 +177,17 @@ def test_intervals_over_cycles_are_students_and_one_cycle_has_none():
     )
 
 
+@pytest.mark.parametrize("cycles", [1, 3])
+def test_intervals_of_the_slope_cover_it_with_one_cycle_and_with_several(cycles):
+    theta, covered = A * np.sin(W * clock(cycles * PERIOD)), []
+    analysis = settings(**PLAIN, angle_step_deg=4)
+    for seed in range(20):
+        noise = 0.2 * np.random.default_rng(seed).standard_normal(theta.size)
+        curve = curve_table(torque_angle_trial(trial_of(theta, K * theta + noise), analysis)).drop_nulls("stiffness")
+        covered.append(((curve["stiffness_low"] < K) & (curve["stiffness_high"] > K)).to_numpy())
+    assert 0.9 < np.mean(covered) < 1  # of 200 intervals, whose share has a standard error of 0.015
+
+
 def test_a_pause_on_the_way_does_not_change_the_straight_line():
     theta, slow = path(0, 12, 0), np.deg2rad(12)
     torque = K * theta + 2000 * theta**3

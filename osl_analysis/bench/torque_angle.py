@@ -14,6 +14,7 @@ from osl_analysis.bench.diagnostics import check_changes
 from osl_analysis.bench.torque_angle_curve import (
     Curve,
     Energies,
+    Smoothing,
     branch_curve,
     energies,
     grid_deg,
@@ -120,8 +121,8 @@ def analysed(signals: UniformSignals, settings: TorqueAngleAnalysis, compliance:
     cycles = find_cycles(theta, settings.settle_cycles)
     branches = [[joined(c.pieces(theta, cycles.loading * sign)) for c in cycles.used] for sign in (1, -1)]
     at = grid_deg(theta, branches, settings.angle_step_deg)
-    window = settings.window_share * float(np.ptp(theta))
-    loading, unloading = (branch_curve(theta, torque, rows, np.deg2rad(at), window) for rows in branches)
+    smoothing = Smoothing(settings.window_share * float(np.ptp(theta)), low_pass.independent_samples(rate))
+    loading, unloading = (branch_curve(theta, torque, rows, np.deg2rad(at), smoothing) for rows in branches)
     found = TorqueAngleTrial(
         signals.trial,
         signals.time,

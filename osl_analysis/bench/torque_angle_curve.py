@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.angle_cycles import Cycle, joined
 from osl_analysis.errors import InputError
-from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.repeats import over_repeats
+from osl_analysis.stats.slow_motion import fit_slow_motion
 from osl_analysis.trial import Array
 
 FEWEST_SAMPLES = 10
 """Samples around a point of a curve below which it stays empty."""
+NORMAL = 1.96
+"""Half-width of the 95 % interval, in standard errors, where the noise is known well."""
 FEWEST_POINTS = 5
 """Points of a curve below which a trial is refused."""
 
@@ -81,35 +83,82 @@ def grid_deg(theta: Array, branches: Sequence[Sequence[NDArray[np.intp]]], step_
     return np.asarray(np.arange(first, last + 1) * step_deg, dtype=np.float64)
 
 
-def local_line(theta: Array, torque: Array, at: float, window: float) -> tuple[float, float, float, float]:
-    """Torque [N*m] and slope [N*m/rad] at an angle [rad], and the half-widths of their 95 % intervals.
-
-    A parabola is fitted to the samples (n,) within `window` [rad] to each side; the slope is NaN where the samples do
-    not reach that far on both sides. The intervals are those of one cycle's noise (Newey and West).
+@dataclass(frozen=True)
+class Smoothing:
+    """How a point of a curve is fitted: samples within `window` [rad] to each side, of which noise is independent after
+    `every` samples (`LowPass.independent_samples`).
     """
+
+    window: float
+    every: int
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point of a curve: torque [N*m] and slope [N*m/rad], with what their errors are made of.
+
+    unit: squared standard errors (2,) of both if the noise has a spectral density of 1 [(N*m)^2 per sample].
+    noise: the density that the samples around show. freedom: its degrees of freedom. All NaN without enough samples.
+    """
+
+    torque: float
+    slope: float
+    unit: tuple[float, float]
+    noise: float
+    freedom: float
+
+
+EMPTY = Point(np.nan, np.nan, (np.nan, np.nan), np.nan, np.nan)
+
+
+def local_line(theta: Array, torque: Array, at: float, smoothing: Smoothing) -> Point:
+    """Torque and slope at an angle [rad] of the samples (n,) of one branch: a parabola through those around.
+
+    The slope is NaN where they do not reach as far as the window on both sides. What a cubic describes is not noise.
+    """
+    window = smoothing.window
     near = np.abs(theta - at) <= window
     x = (theta[near] - at) / window
     if x.size < FEWEST_SAMPLES:
-        return (np.nan,) * 4
+        return EMPTY
     columns = {"torque": np.ones_like(x), "slope": x, "curvature": x**2}
-    fit = linear_fit(torque[near], columns)
-    halves = [fit.interval(name)[1] - fit[name] for name in ("torque", "slope")]
+    fit = fit_slow_motion(torque[near], columns, {"cubic": x**3}, smoothing.every)
+    solution = np.linalg.pinv(np.column_stack(list(columns.values())))
+    unit = np.sum(solution[:2] ** 2, axis=1)
     reaches = theta.min() <= at - window and theta.max() >= at + window
-    slope, half = (fit["slope"] / window, halves[1] / window) if reaches else (np.nan, np.nan)
-    return fit["torque"], slope, halves[0], half
+    slope = fit["slope"] / window if reaches else np.nan
+    noise, freedom = float(fit.covariance[0, 0] / unit[0]), float(fit.degrees_of_freedom[0])
+    return Point(fit["torque"], slope, (float(unit[0]), float(unit[1]) / window**2), noise, freedom)
 
 
-def branch_curve(theta: Array, torque: Array, branches: Sequence[NDArray[np.intp]], at: Array, window: float) -> Curve:
+def branch_curve(
+    theta: Array, torque: Array, branches: Sequence[NDArray[np.intp]], at: Array, smoothing: Smoothing
+) -> Curve:
     """A branch at the angles `at` (m,) [rad], from its rows in each cycle.
 
     With two cycles or more the intervals are those of their scatter (Student), with one those of its noise.
     """
-    fits = np.array([[local_line(theta[rows], torque[rows], a, window) for a in at] for rows in branches])
-    torques, slopes = fits[:, :, 0], fits[:, :, 1]
+    points = [[local_line(theta[rows], torque[rows], a, smoothing) for a in at] for rows in branches]
+    torques = np.array([[point.torque for point in cycle] for cycle in points])
+    slopes = np.array([[point.slope for point in cycle] for cycle in points])
     if len(branches) == 1:
-        return Curve(torques[0], slopes[0], fits[0, :, 2], fits[0, :, 3], torques)
-    halves = [[half_width(values[:, k]) for k in range(len(at))] for values in (torques, slopes)]
-    return Curve(torques.mean(axis=0), slopes.mean(axis=0), np.array(halves[0]), np.array(halves[1]), torques)
+        halves = NORMAL * np.sqrt(usual_noise(points[0]) * np.array([point.unit for point in points[0]]))
+        return Curve(torques[0], slopes[0], halves[:, 0], halves[:, 1], torques)
+    scatter = [np.array([half_width(values[:, k]) for k in range(len(at))]) for values in (torques, slopes)]
+    return Curve(torques.mean(axis=0), slopes.mean(axis=0), scatter[0], scatter[1], torques)
+
+
+def usual_noise(points: Sequence[Point]) -> float:
+    """Spectral density of the noise of a branch [(N*m)^2 per sample]: the median over its points.
+
+    At a kink of the curve, what the cubic cannot describe would count as noise. The median of few degrees of freedom is
+    below their mean by the factor of Wilson and Hilferty (1931).
+    """
+    found = np.array([(point.noise, point.freedom) for point in points if np.isfinite(point.noise)]).reshape(-1, 2)
+    if not len(found):
+        return np.nan
+    density, freedom = np.median(found, axis=0)
+    return float(density / (1 - 2 / (9 * freedom)) ** 3)
 
 
 def half_width(values: Array) -> float:

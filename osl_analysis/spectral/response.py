@@ -45,7 +45,8 @@ class FrequencyResponse:
     noise_level: Array
     """Noise in the mean over the periods of one realisation [N*m/rad]."""
     odd_level: Array
-    """Odd distortion, from odd lines that are not excited, without the noise [N*m/rad]."""
+    """Odd distortion, from odd lines that are not excited and the scatter of realisations, without the noise
+    [N*m/rad]."""
     even_level: Array
     """Even distortion, from even lines that are not excited, without the noise [N*m/rad]."""
     total_level: Array
@@ -61,9 +62,11 @@ class BandLevels:
     noise: float
     """Noise in the mean over the periods."""
     odd: float
-    """Odd distortion, without the noise."""
+    """Odd distortion at all odd lines that show it, without the noise."""
     even: float
     """Even distortion, without the noise."""
+    detection: float
+    """Distortion at the lines without excitation that show what excited lines have, without the noise."""
     distortion: float
     """Distortion at the excited lines from the scatter of realisations, without the noise."""
 
@@ -130,11 +133,10 @@ def periodic_response(realisations: Sequence[Realisation]) -> tuple[FrequencyRes
     at, count = np.flatnonzero(found.lines.excited), len(found.error)
     mean_angle = found.angle[at] / count
     noise = smoothed(found.noise.mean(axis=0), (np.arange(len(found.angle)) > 0).astype(float))[at]
-    square = np.mean(np.abs(found.error) ** 2, axis=0)
-    odd, even = (without_noise(square, found.noise, kind) for kind in (found.lines.odd, found.lines.even))
-    if not found.lines.only_odd:  # an even line then shows both
-        odd, even = both(odd, even), np.full(len(odd), np.nan)
-    between = count / max(count - 1, 1) * smoothed(square, found.lines.excited.astype(float))[at]
+    square = mean_square(found)
+    kinds = showing(found.lines, count)
+    odd, even = (without_noise(square, found.noise, kind) for kind in kinds)
+    between = smoothed(square, found.lines.excited.astype(float))[at]
     seen = (found.lines.detection).any()
     total = between if count > 1 else (noise + odd[at] if seen else np.full(len(at), np.nan))
     response = FrequencyResponse(
@@ -162,9 +164,23 @@ def without_noise(square: Array, noise: Array, kind: NDArray[np.bool_]) -> Array
     return np.asarray(np.interp(k, at, np.maximum(above, 0.0)))
 
 
-def both(odd: Array, even: Array) -> Array:
-    """The larger of two levels (lines,), NaN where neither is known."""
-    return np.fmax(odd, even)
+def mean_square(found: EquationError) -> Array:
+    """E|error|^2 over realisations (lines,); at excited lines, where Z was fitted to them, with one degree less."""
+    square = np.mean(np.abs(found.error) ** 2, axis=0)
+    count = len(found.error)
+    return np.asarray(np.where(found.lines.excited, square * count / max(count - 1, 1), square))
+
+
+def showing(lines: Lines, realisations: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Lines (lines,) that show the odd and the even distortion.
+
+    Of several realisations of an odd motion the excited lines show the odd distortion too. Of another motion every line
+    shows both, and counts as odd.
+    """
+    odd, even = lines.odd, lines.even
+    if not lines.only_odd:
+        odd, even = odd | even, np.zeros_like(even)
+    return (odd | lines.excited if realisations > 1 else odd), even
 
 
 def band_levels(found: EquationError, square: Array) -> BandLevels:
@@ -174,17 +190,18 @@ def band_levels(found: EquationError, square: Array) -> BandLevels:
     band = np.arange(len(noise)) <= np.flatnonzero(lines.excited)[-1]
     band[0] = False
 
-    def level(kind: NDArray[np.bool_], factor: float = 1.0) -> float:
+    def level(kind: NDArray[np.bool_]) -> float:
         """Distortion at the lines of a kind."""
-        above = float(np.mean(factor * square[kind] - noise[kind])) if kind.any() else np.nan
+        above = float(np.mean(square[kind] - noise[kind])) if kind.any() else np.nan
         return float(np.sqrt(np.maximum(above, 0.0)))
 
     torque = found.impedance * found.angle / count
-    apart = lines.only_odd
+    odd, even = showing(lines, count)
     return BandLevels(
         torque=float(np.sqrt(np.mean(np.abs(torque[lines.excited]) ** 2))),
         noise=float(np.sqrt(np.mean(noise[band]))),
-        odd=level(lines.odd) if apart else level(lines.detection),
-        even=level(lines.even) if apart else np.nan,
-        distortion=level(lines.excited, count / (count - 1)) if count > 1 else np.nan,
+        odd=level(odd),
+        even=level(even),
+        detection=level(lines.detection),
+        distortion=level(lines.excited) if count > 1 else np.nan,
     )

@@ -29,7 +29,7 @@ RESPONSE: dict[str, type[pl.DataType]] = {
 }  # fmt: skip
 """Columns of `response.csv`."""
 ESTIMATED = tuple(f"{name}{end}" for name in ("K", "B", "I", "K_1", "B_1") for end in ("", "_se", "_low", "_high"))
-BAND = ("torque", "noise", "odd", "even", "distortion")
+BAND = ("torque", "noise", "odd", "even", "detection", "distortion")
 MODELS: dict[str, type[pl.DataType]] = {
     "trial": pl.String, "model": pl.String, "method": pl.String, "weights": pl.String, "interval_method": pl.String,
     **dict.fromkeys(("parameters", "realisations", "periods", "lines"), pl.Int64),

@@ -35,6 +35,8 @@ def test_the_configuration_s_protocol_is_the_default():
     assert {name: one["expected"] for name, one in said["estimates"].items()} == {"K": 300, "B": 5, "I": 0.02}
     assert said["interval_method"] == "cycles"
     assert said["recommended"] is None
+    assert said["lag_s"] == pytest.approx(1e-4)
+    assert said["lag_errors"]["B"] == pytest.approx(-300 * 1e-4, rel=0.1)
 
 
 def test_text_and_json_say_the_same_intervals():
@@ -49,6 +51,7 @@ def test_text_and_json_say_the_same_intervals():
         ]
         assert sum(one["variance"].values()) == pytest.approx(one["se"] ** 2)
     assert f"adds to B {said['friction_damping']['in all']:.3g}" in text
+    assert "load cell drift 0.05 N·m/min" in text
 
 
 def test_what_is_asked_for_is_reached_and_the_recommended_multisine_is_written(tmp_path):

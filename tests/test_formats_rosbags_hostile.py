@@ -74,6 +74,15 @@ def test_a_chunk_whose_records_do_not_end_with_it_is_lost_as_a_whole(tmp_path: P
     assert recording.facts["damage"]["chunks_lost"] == 1
 
 
+def test_an_index_record_of_odd_length_is_no_crash(tmp_path: Path) -> None:
+    content = bytearray(write_bag1(tmp_path / "a.bag").read_bytes())
+    place = content.rindex(b"ver=") + 8  # the last record counts the messages of a chunk: its length, then the pair
+    end = content.index((8).to_bytes(4, "little"), place)
+    content[end : end + 4] = (5).to_bytes(4, "little")
+    (tmp_path / "a.bag").write_bytes(content)
+    assert read(tmp_path / "a.bag").facts["damage"]["messages_lost"] is None
+
+
 def test_a_ros_1_message_has_the_length_of_its_definition() -> None:
     own = "Header header\nbyte level\nchar letter\ntime at\nduration[2] took\n"
     header = "===\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"

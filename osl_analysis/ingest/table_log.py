@@ -62,7 +62,8 @@ def read_table_log(table: Table, source: TableSource, own_time: Array | None = N
     columns, origins, missing, absent = [pl.Series("time", time)], {}, {}, []
     for column, channel in source.channels.items():
         found = column_of(table, column, channel)
-        raw = found.values.astype(np.float64)
+        with np.errstate(invalid="ignore"):  # a signalling NaN is one, too
+            raw = found.values.astype(np.float64)
         present = np.ones(raw.size, bool) if found.present is None else found.present
         what = f"{path}: {channel.ADDRESS} '{channel.name}'"
         check_values(what, np.where(present, raw, 0.0), time, source.most_missing)

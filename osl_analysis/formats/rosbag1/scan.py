@@ -25,6 +25,7 @@ from osl_analysis.formats.rosbag1.records import (
 
 MAGIC = b"#ROSBAG V2.0\n"
 ANY_VERSION = b"#ROSBAG V"
+PAIR = 8  # bytes of the number of a connection and of its messages in a chunk
 
 
 def read_bag(path: Path) -> Bag:
@@ -89,8 +90,8 @@ def take_index(bag: Bag, position: int, head: Record) -> bool:
             bag.declare(bag.data, record)
             connections -= 1
         else:
-            pairs = np.frombuffer(bag.data[record.start : record.end], "<u4")
-            pairs = pairs[: pairs.size // 2 * 2].reshape(-1, 2)
+            count = (record.end - record.start) // PAIR
+            pairs = np.frombuffer(bag.data[record.start : record.start + count * PAIR], "<u4").reshape(-1, 2)
             bag.counts[record.number(b"chunk_pos", 8)] = Counter(dict(pairs.tolist()))
             chunks -= 1
         position = record.end

@@ -217,3 +217,86 @@ def test_real_files_of_opensim_are_read_as_numpy_reads_their_cells() -> None:
     described = {"channels": {"plate1_force_z": {"column": "R_ground_force_vy", "unit": "N"}}}
     force = read(path, **described).samples["plate1_force_z"]
     np.testing.assert_array_equal(force, np.loadtxt(path, skiprows=7)[:, 2])
+
+
+CORNERS = [[0.0, 0.0, -0.3], [0.6, 0.0, -0.3], [0.6, 0.0, 0.1], [0.0, 0.0, 0.1]]
+PLATE = {"force": "R_v", "point": "R_p", "moment": "R_m", "corners": CORNERS}
+
+
+def write_forces(path: Path, rate: float = 200.0, rows: int = 80, start: float = 0.0) -> tuple[Path, Array]:
+    """Ground reactions in OpenSim's axes: force (rows, 3) [N], its point [m], and the moment about the point [N*m]."""
+    k = np.arange(rows)
+    force = np.column_stack([20 * np.sin(k / 9), 700 + k, 5 * np.cos(k / 9)])
+    point = np.column_stack([0.1 + 0.004 * k, 0 * k, np.full(rows, -0.12)])
+    moment = np.column_stack([0 * k, 2 * np.sin(k / 5), 0 * k])
+    table = np.column_stack([start + k / rate, force, point, moment])
+    names = ["time", *(f"R_{kind}{axis}" for kind in "vpm" for axis in "xyz")]
+    lines = ["grf", f"nRows={rows}", f"nColumns={len(names)}", "endheader", "\t".join(names)]
+    path.write_text("\n".join([*lines, *("\t".join(f"{value:.9f}" for value in row) for row in table)]) + "\n")
+    return path, table[:, 1:]
+
+
+def test_a_plate_gives_the_moment_about_its_centre_in_our_axes(tmp_path: Path) -> None:
+    path, table = write_forces(tmp_path / "grf.mot")
+    recording = read(path, plates={1: PLATE})
+    force, point, moment = (table[:, at : at + 3] for at in (0, 3, 6))
+    ours = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # forward x, left -z, up y
+    arm = point - np.array([0.3, 0.0, -0.1])
+    by_hand = moment + np.column_stack(  # r x F, component by component
+        [
+            arm[:, 1] * force[:, 2] - arm[:, 2] * force[:, 1],
+            arm[:, 2] * force[:, 0] - arm[:, 0] * force[:, 2],
+            arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0],
+        ]
+    )
+    for values, quantity in ((force, "force"), (by_hand, "moment")):
+        expected = values @ np.array(ours).T
+        found = recording.samples.select(f"plate1_{quantity}_{axis}" for axis in "xyz").to_numpy()
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+    (plate,) = recording.facts["plates"]
+    np.testing.assert_allclose(np.mean(plate["corners"], axis=0), [0.3, 0.1, 0.0], atol=1e-12)
+    pushed = read(path, plates={1: {**PLATE, "sign": -1}}).samples["plate1_force_z"]
+    np.testing.assert_allclose(pushed, -table[:, 1], atol=1e-6)
+
+
+def test_markers_and_ground_reactions_of_one_export_share_their_times(tmp_path: Path) -> None:
+    write_trc(tmp_path / "walk.trc", walk(), 100.0, start=2.0)
+    _, table = write_forces(tmp_path / "grf.mot", 200.0, start=1.95)
+    (tmp_path / "trc.yaml").write_text("format: trc\naxes: [x, -z, y]\n")
+    source = {"format": "opensim", "clock": "common", "plates": {1: PLATE}}
+    (tmp_path / "mot.yaml").write_text(yaml.safe_dump(source))
+    row = {"trial": "a", "log": "grf.mot", "log_source": "mot", "mocap": "walk.trc", "mocap_source": "trc"}
+    trial = trial_from_files(row, tmp_path, tmp_path)
+    rows = trial.samples.drop_nulls("plate1_force_z")
+    at = np.rint((rows["time"].to_numpy() + 0.05) * 200).astype(int)
+    np.testing.assert_allclose(rows["plate1_force_z"], table[at, 1], atol=1e-6)
+    assert trial.provenance["clock"]["method"] == "common"
+    assert trial.provenance["clock"]["rows_before"] == 10
+    assert trial.provenance["plates"][0]["plate"] == 1
+    assert len(trial.samples.drop_nulls("marker_TOE_x")) == FRAMES
+
+
+def test_plates_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
+    path, _ = write_forces(tmp_path / "grf.mot")
+    assert "column 'L_vx' is missing" in refused(path, plates={1: {**PLATE, "force": "L_v"}})
+    path.write_text(path.read_text().replace("700.000000000", "nan", 1))
+    assert "column 'R_vy': nan in sample 1 of 80" in refused(path, plates={1: PLATE})
+    with pytest.raises(ValueError, match="three different axes"):
+        read(path, plates={1: PLATE}, axes=("x", "y", "-z"))
+    with pytest.raises(ValueError, match="under `channels`, or plates under `plates`"):
+        read(path)
+    with pytest.raises(ValueError, match="needs the column of time in s"):
+        read(path, plates={1: PLATE}, clock="common", time={"column": None, "unit": None, "rate": 100})
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
+def test_the_plates_of_a_real_run_have_the_forces_of_its_file() -> None:
+    path = REAL_DATA / "opensim" / "grf_run.mot"
+    plates = {
+        number: {"force": f"{s}_ground_force_v", "point": f"{s}_ground_force_p", "moment": f"{s}_ground_torque_"}
+        | {"corners": CORNERS}
+        for number, s in ((1, "R"), (2, "L"))
+    }
+    samples = read(path, plates=plates).samples
+    for number, largest in ((1, 1751.2), (2, 1623.05)):
+        assert samples[f"plate{number}_force_z"].max() == pytest.approx(largest, rel=1e-4)

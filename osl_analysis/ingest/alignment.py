@@ -16,6 +16,8 @@ from osl_analysis.trial import Array
 def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) -> tuple[ClockFit, list[str]]:
     """The clock fit, and a warning if the edges of the sync channels could not be used.
 
+    A log that says `clock: common` has the times of motion capture's file.
+
     In this case the clocks are aligned by correlation: of the angle that motion capture's source file names under
     `shared`, or else of the two sync voltages.
 
@@ -24,6 +26,8 @@ def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) 
     InputError
         Neither edges nor correlation align the clocks; the message has both reasons.
     """
+    if log.facts.get("clock") == "common":
+        return common_clock(log, mocap), []
     try:
         return fit_clock(edges_of(log, "log"), edges_of(mocap, "motion capture")), []
     except InputError as error:
@@ -38,6 +42,17 @@ def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) 
     except InputError as error:
         raise InputError(f"{refused}; cross-correlation of {what} does not align them either: {error}") from error
     return fit, [f"clocks aligned by cross-correlation of {what}, because of the sync edges: {refused}"]
+
+
+def common_clock(log: Recording, mocap: Recording) -> ClockFit:
+    """The clock of a log whose times [s] are those of the capture's file, by the time of each one's first row."""
+    starts = [one.facts.get("time", {}).get("start") for one in (log, mocap)]
+    if None in starts:
+        raise InputError(
+            "the log says `clock: common`, but the capture's file states no times, as only TRC does; write `clock: "
+            "sync` and map the column sync"
+        )
+    return ClockFit(starts[0] - starts[1], 0.0, 0.0, 0.0, 0, 0, "common")
 
 
 def course_of(recording: Recording, column: str, who: str) -> Course:

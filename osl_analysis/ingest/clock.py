@@ -35,7 +35,8 @@ class ClockFit:
     excluded_edges: int
     """Edges of the slave, during the time that both recorded, that match no edge of the master."""
     method: str = "edges"
-    """What was matched: `edges` of a pulse train, or by `correlation` a signal that both recorded."""
+    """What was matched: `edges` of a pulse train, or by `correlation` a signal that both recorded; nothing where both
+    files have `common` times."""
 
     def to_master(self, time: Array) -> Array:
         """Times [s] of the slave on the master's clock [s]."""

@@ -2,19 +2,23 @@
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
+import polars as pl
+from pydantic import Field, PositiveInt, field_validator, model_validator
 
 from osl_analysis.columns import unit_of
 from osl_analysis.errors import InputError
 from osl_analysis.formats.opensim_table import OpenSimTable, read_opensim
 from osl_analysis.ingest.column_names import clock_among, likely_unit
 from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
+from osl_analysis.ingest.opensim_plates import OpenSimPlate, plate_load, plate_signals
 from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of
 from osl_analysis.ingest.recording import Recording
+from osl_analysis.ingest.source_fields import Axis, misplaced, right_handed, rotation_of
 from osl_analysis.ingest.table_log import Table, TableColumn, read_table_log
 from osl_analysis.ingest.table_source import TableChannel, TableSource, TableTime
 from osl_analysis.ingest.units import si_factor
@@ -54,8 +58,27 @@ class OpenSimSource(TableSource):
     """Format of the file."""
     time: OpenSimTime = OpenSimTime()
     """Where the time of a row comes from."""
-    channels: dict[str, OpenSimChannel] = Field(min_length=1)
+    clock: Literal["master", "sync", "shared", "common"] = "master"  # type: ignore[assignment]
+    """As in every log, and `common`: its times are those of the capture in TRC, which was exported with it."""
+    channels: dict[str, OpenSimChannel] = Field(default={})
     """The column of each canonical column."""
+    plates: dict[PositiveInt, OpenSimPlate] = Field(default={})
+    """Force plates by number, counted from 1."""
+    axes: tuple[Axis, Axis, Axis] = ("x", "-z", "y")
+    """The file's axes that point forward, to the left and up, for its plates. OpenSim's own are x forward, y up."""
+
+    @field_validator("axes")
+    @classmethod
+    def _right_handed(cls, axes: tuple[Axis, Axis, Axis]) -> tuple[Axis, Axis, Axis]:
+        return right_handed(axes)
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> "OpenSimSource":
+        if not self.channels and not self.plates:
+            raise misplaced("name the columns to read under `channels`, or plates under `plates`", "channels")
+        if self.clock == "common" and (self.time.column is None or self.time.unit != "s"):
+            raise misplaced("`clock: common` needs the column of time in s, as {column: time, unit: s}", "time")
+        return self
 
 
 def read_opensim_log(path: Path, source: OpenSimSource) -> Recording:
@@ -69,8 +92,25 @@ def read_opensim_log(path: Path, source: OpenSimSource) -> Recording:
     """
     table = read_opensim(path)
     check_angles(table, source)
-    facts = {"header": table.header}
-    return read_table_log(Table(path, len(table.rows), lambda name: TableColumn(table.column(name)), (), facts), source)
+    facts = {"header": table.header, "clock": source.clock}
+    rows = Table(path, len(table.rows), lambda name: TableColumn(table.column(name)), facts=facts)
+    recording = read_table_log(rows, source)
+    return with_plates(table, recording, source) if source.plates else recording
+
+
+def with_plates(table: OpenSimTable, recording: Recording, source: OpenSimSource) -> Recording:
+    """A recording with the plates that the source file names."""
+    time = recording.samples["time"].to_numpy()
+    if time.size != len(table.rows):
+        raise InputError(
+            f"{table.path}: rows that repeat a stamp were left out, but the plates need all; remove `repeated: drop`, "
+            f"as {source.place('time', 'repeated')}"
+        )
+    loads = [plate_load(table, number, plate, time) for number, plate in source.plates.items()]
+    columns, origins, plates = plate_signals(loads, rotation_of(source.axes))
+    samples = recording.samples.with_columns(**{name: pl.Series(values) for name, values in columns.items()})
+    facts = {**recording.facts, "plates": plates}
+    return replace(recording, samples=samples, columns={**recording.columns, **origins}, facts=facts)
 
 
 def check_angles(table: OpenSimTable, source: OpenSimSource) -> None:

@@ -176,16 +176,12 @@ class CaptureSource(SourceFile):
     @property
     def rotation(self) -> Array:
         """From the file's axes to ours, (3, 3): our coordinates are `rotation @ (x, y, z)`."""
-        return np.array(
-            [[(-1.0 if name[0] == "-" else 1.0) * (name[-1] == axis) for axis in AXES] for name in self.axes]
-        )
+        return rotation_of(self.axes)
 
     @field_validator("axes")
     @classmethod
     def _right_handed(cls, axes: tuple[Axis, Axis, Axis]) -> tuple[Axis, Axis, Axis]:
-        if round(float(np.linalg.det(cls.model_construct(axes=axes).rotation))) != 1:
-            raise ValueError("forward, left and up must be three different axes of a right-handed laboratory")
-        return axes
+        return right_handed(axes)
 
     @field_validator("markers", mode="before")
     @classmethod
@@ -198,6 +194,18 @@ class CaptureSource(SourceFile):
         for column, channel in channels.items():
             check_canonical(column, channel)
         return channels
+
+
+def rotation_of(axes: tuple[Axis, Axis, Axis]) -> Array:
+    """From a file's axes to ours, (3, 3), by the file's axes that point forward, to the left and up."""
+    return np.array([[(-1.0 if name[0] == "-" else 1.0) * (name[-1] == axis) for axis in AXES] for name in axes])
+
+
+def right_handed(axes: tuple[Axis, Axis, Axis]) -> tuple[Axis, Axis, Axis]:
+    """The axes as they are; raises ValueError if they are none of a right-handed laboratory."""
+    if round(float(np.linalg.det(rotation_of(axes)))) != 1:
+        raise ValueError("forward, left and up must be three different axes of a right-handed laboratory")
+    return axes
 
 
 def all_none_or_list(value: Any) -> Any:

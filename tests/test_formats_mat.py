@@ -216,6 +216,16 @@ def test_a_file_of_version_73_leads_to_no_other_file_and_unpacks_to_no_more_than
     np.testing.assert_array_equal(at(path, "x"), RISING)
 
 
+def test_texts_of_any_length_and_references_in_a_circle_are_no_numbers(tmp_path):
+    path = write_mat73(tmp_path / "a.mat", x=RISING)
+    with h5py.File(path, "r+") as file:
+        file["text"] = ["/x", "/x"]
+        circle = file.create_dataset("circle", shape=(1, 2), dtype=h5py.ref_dtype)
+        circle[0, 0] = circle[0, 1] = circle.ref
+    assert "text is a 2 object, not real numbers" in refusal(path, "text")
+    assert "more than 32 deep" in refusal(path, "circle{1}")
+
+
 def test_damaged_files_of_version_73_are_refused_in_one_line(tmp_path):
     whole = written73(tmp_path / "a.mat").read_bytes()
     path = tmp_path / "b.mat"

@@ -80,7 +80,7 @@ class Reader:
         if "MATLAB_empty" in item.attrs:
             shape = tuple(int(size) for size in np.ravel(item[()])) if item.size <= DEEPEST else (0, 0)
             return Value(kind or "double", shape, load=lambda: np.zeros(shape) if 0 in shape else np.zeros((0, 0)))
-        if item.dtype == h5py.ref_dtype:
+        if holds_references(item):
             cells = [self.value(item.file[reference], depth + 1) for reference in self.references(item)]
             return Value("cell", tuple(reversed(item.shape)), cells=cells)
         return self.numbers(item, kind)
@@ -135,12 +135,17 @@ class Reader:
             raise InputError(f"the numbers of '{dataset.name}' stand in another file; save them in this one")
 
 
+def holds_references(dataset: h5py.Dataset) -> bool:
+    """Whether a dataset holds references to others; texts of any length have the same type for numpy."""
+    return h5py.check_ref_dtype(dataset.dtype) is h5py.Reference
+
+
 def shape_of_array(group: h5py.Group, name: str) -> tuple[int, ...] | None:
     """Shape of the array of structs of which a dataset holds one field of all elements; None if it is no such field."""
     if not isinstance(group.get(name, getlink=True), h5py.HardLink):
         return None
     item = group[name]
-    if isinstance(item, h5py.Dataset) and item.dtype == h5py.ref_dtype and "MATLAB_class" not in item.attrs:
+    if isinstance(item, h5py.Dataset) and holds_references(item) and "MATLAB_class" not in item.attrs:
         return tuple(item.shape)
     return None
 

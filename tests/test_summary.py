@@ -140,6 +140,28 @@ def test_every_headline_number_has_its_label_in_the_list_that_the_data_dictionar
     assert {"doubtful_belt", "drivetrain_VAF_gain_compensated", "B_example_uncompensated"} <= labels
 
 
+def test_torque_against_angle_has_numbers_of_every_trial_with_an_interval_over_cycles_where_there_is_one():
+    ends = {
+        f"{q}_{end}": [None, 2.0]
+        for q in ("energy_stored", "energy_returned", "energy_lost")
+        for end in ("low", "high")
+    }
+    energies = {q: [3.0, 2.0] for q in ("energy_stored", "energy_returned", "energy_lost")}
+    table = pl.DataFrame(
+        {"trial": ["slow_1", "fast"], "cycles": [1, 4], "K": [90.0, 95.0]}
+        | {"K_low": [None, 94.0], "K_high": [None, 96.0]}
+        | energies | ends | {"doubtful": ["", "cycle_drift 0.1 is above 0.05"]}
+    )  # fmt: skip
+    found = by_name({"torque_angle": table})
+    slow, fast = found["torque_angle_K (slow_1)"], found["torque_angle_K (fast)"]
+    assert (slow.value, slow.low, slow.interval, slow.n, slow.doubt) == (90, None, None, 1, None)
+    assert (fast.value, fast.low, fast.high, fast.n) == (95, 94, 96, 4)
+    assert fast.doubt is not None
+    assert (slow.macro, fast.macro) == ("TorqueAngleStiffnessSlowOne", "TorqueAngleStiffnessFast")
+    assert found["energy_lost (fast)"].unit == "J"
+    assert found["doubtful_torque_angle"].value == 1
+
+
 def test_a_repeated_example_becomes_the_mean_with_its_range():
     again = impedance().filter(pl.col("K") == 303.0).with_columns(K=pl.lit(297.0))
     K = by_name({"impedance": pl.concat([impedance(), again])})["K_example_compensated"]

@@ -14,6 +14,7 @@ from osl_analysis.summary.labels import (
     CONTROLLERS,
     DRAFT_EXAMPLE,
     SYMMETRY_LABELS,
+    TORQUE_ANGLE_LABELS,
     TRANSMISSION_LABELS,
     TRANSMISSION_VAF,
     WALKING_LABELS,
@@ -29,6 +30,7 @@ from osl_analysis.summary.labels import (
 from osl_analysis.summary.number import (
     BOOTSTRAP,
     COUNT,
+    CYCLES,
     FIT,
     PAIRED,
     Headline,
@@ -59,6 +61,11 @@ TABLES = {
     "impedance": (
         "controller", "K_d", "B_d", "amplitude_deg", "K", "K_low", "K_high", "K_amplitudes_low", "K_amplitudes_high",
         "B", "B_low", "B_high", "B_amplitudes_low", "B_amplitudes_high", "VAF",
+    ),
+    "torque_angle": (
+        "trial", "cycles", "K", "K_low", "K_high", "energy_stored", "energy_stored_low", "energy_stored_high",
+        "energy_returned", "energy_returned_low", "energy_returned_high", "energy_lost", "energy_lost_low",
+        "energy_lost_high",
     ),
     "model_comparison_summary": (
         "experiment", "controller", "model", "trials", "VAF_gain", "VAF_gain_low", "VAF_gain_high",
@@ -180,6 +187,17 @@ def model_gain_headlines(table: pl.DataFrame) -> list[Headline]:
     return numbers
 
 
+def torque_angle_headlines(table: pl.DataFrame) -> list[Headline]:
+    """K and the energies of every trial: its means over cycles, which need not be those of one device."""
+    numbers = []
+    for row in table.iter_rows(named=True):
+        for quantity, label in TORQUE_ANGLE_LABELS.items():
+            interval = Interval(row[f"{quantity}_low"], row[f"{quantity}_high"], CYCLES)
+            number = headline(of_group(label, row["trial"]), row[quantity], int(row["cycles"]), interval)
+            numbers.append(replace(number, doubt=row[DOUBTFUL] or None))
+    return numbers
+
+
 def doubtful_fits(name: str, table: pl.DataFrame) -> Headline:
     """Number of doubtful fits of a table; `n` is the number of all its fits."""
     doubtful, n = doubtful_count(table)
@@ -192,6 +210,7 @@ BENCH: tuple[tuple[str, Callable[[pl.DataFrame, Example], list[Headline]]], ...]
     ("transmission", lambda table, _: transmission_headlines(table)),
     ("actuator_summary", lambda table, _: summary_means(table, ACTUATOR_LABELS)),
     ("impedance", impedance_headlines),
+    ("torque_angle", lambda table, _: torque_angle_headlines(table)),
     ("model_comparison_summary", lambda table, _: model_gain_headlines(table)),
 )
 """The tables of the bench with headline numbers, and what computes these, in the order of the summary."""

@@ -65,6 +65,12 @@ ACTUATOR_LABELS = {
     "B_m": Label("B_m", "N*m*s/rad", 5.6e-3, "MotorDamping", "damping of the actuator, mean of trials"),
     "J_m": Label("J_m", "kg*m^2", 9.211e-3, "MotorInertia", "inertia of the actuator, mean of trials"),
 }
+TORQUE_ANGLE_LABELS = {
+    "K": Label("torque_angle_K", "N*m/rad", None, "TorqueAngleStiffness", "stiffness while loading, mean of cycles"),
+    "energy_stored": Label("energy_stored", "J", None, "EnergyStored", "energy taken up in a cycle, mean of cycles"),
+    "energy_returned": Label("energy_returned", "J", None, "EnergyReturned", "energy given back, mean of cycles"),
+    "energy_lost": Label("energy_lost", "J", None, "EnergyLost", "energy lost in a cycle, mean of cycles"),
+}
 DRAFT_EXAMPLE = Example()
 """That of the draft."""
 DRAFT_GAINS = (("belt", None, "M4"), ("transmission", None, "M2"), *(("impedance", c, "M3") for c in CONTROLLERS))
@@ -171,7 +177,7 @@ def doubtful_label(table: str) -> Label:
 
 
 def all_labels() -> list[Label]:
-    """Every number that the summary of the draft's campaign can have."""
+    """Every number that the summary of the draft's campaign can have, and those of a trial of torque against angle."""
     return [
         *BELT_LABELS.values(),
         *TRANSMISSION_LABELS.values(),
@@ -179,6 +185,7 @@ def all_labels() -> list[Label]:
         *ACTUATOR_LABELS.values(),
         *(label for controller in CONTROLLERS for label in impedance_labels(controller).values()),
         *(label for key in DRAFT_GAINS if (label := model_gain_label(*key)) is not None),
+        *TORQUE_ANGLE_LABELS.values(),
         *WALKING_LABELS.values(),
         *SYMMETRY_LABELS.values(),
         WALKING_VAF,

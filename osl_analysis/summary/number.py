@@ -17,6 +17,7 @@ from osl_analysis.trial import Array
 STUDENT = "95 % of the mean (Student)"
 FIT = "95 % of the fit (its noise; without errors of the model)"
 BOOTSTRAP = "95 % (bootstrap over crossings and trials of the unloaded plate)"
+CYCLES = "95 % of the mean of cycles (Student)"
 PAIRED = "95 % of the mean difference of the same trials (Student)"
 RANGE = "lowest to highest"
 COUNT = "count"

@@ -1,5 +1,8 @@
 """Impedance over frequency with noise and distortion, and the structures fitted to it, for every condition."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
@@ -8,6 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
+from osl_analysis.figures.names import drawn_name, place_name
 from osl_analysis.figures.style import (
     BLACK,
     DOUBLE_COLUMN,
@@ -23,18 +27,9 @@ from osl_analysis.figures.style import (
 
 CURVES = ("magnitude", "phase_deg", "magnitude_eq15", "phase_deg_eq15", "magnitude_eq9", "phase_deg_eq9")
 LEVELS = ("noise_level", "odd_level", "even_level", "total_level")
-COLUMNS = (
-    "title",
-    "trials",
-    "method",
-    "realisations",
-    "frequency_hz",
-    *CURVES,
-    *LEVELS,
-    "noise_sd",
-    "total_sd",
-    "doubtful",
-)
+PLACE = ("trials", "joint", "side", "controller", "K_d", "B_d")
+COLUMNS = (*PLACE, "method", "realisations", "frequency_hz", *CURVES, *LEVELS, "noise_sd", "total_sd", "doubtful")
+TEXT = ("trials", "joint", "side", "controller", "method", "doubtful")
 NOTHING = "every impedance trial follows the stepped sine; its frequency response is in phasors.csv and Fig. 7"
 """Why there is nothing to draw where the table has no rows."""
 MOST = 12
@@ -53,25 +48,19 @@ def points(single: pl.DataFrame, pooled: pl.DataFrame) -> pl.DataFrame:
     in_pool = {name for names in pooled["trials"].unique() for name in str(names).split(", ")}
     alone = single.filter(~pl.col("trial").is_in(in_pool)).with_columns(trials=pl.col("trial"))
     rows = pl.concat([pooled, alone], how="diagonal_relaxed")
-    schema = {"title": pl.String, "trials": pl.String, "method": pl.String, "doubtful": pl.String}
-    rows = rows.with_columns(
-        pl.lit(None, pl.String).alias(name) for name in ("doubtful", "joint", "side") if name not in rows.columns
-    )
-    if rows.is_empty():
-        return pl.DataFrame(schema={name: schema.get(name, pl.Float64) for name in COLUMNS})
-    titles = [title_of(row) for row in rows.iter_rows(named=True)]
-    return rows.with_columns(pl.Series("title", titles, dtype=pl.String)).select(COLUMNS)
+    absent = {name: pl.String if name in TEXT else pl.Float64 for name in COLUMNS if name not in rows.columns}
+    return rows.with_columns(pl.lit(None, kind).alias(name) for name, kind in absent.items()).select(COLUMNS)
 
 
-def title_of(row: dict[str, object]) -> str:
+def title_of(row: Mapping[str, Any]) -> str:
     """Joint, controller and desired impedance of a condition, as far as they are known, and its trials."""
-    words = [str(row[name]) for name in ("joint", "side", "controller") if row.get(name) is not None]
+    words = [place_name(row["joint"], row["side"]), drawn_name(row["controller"] or "")]
     for symbol, unit in (("K_d", "N·m/rad"), ("B_d", "N·m·s/rad")):
-        if row.get(symbol) is not None:
+        if row[symbol] is not None:
             words.append(f"${symbol}$ = {row[symbol]:g} {unit}")
     trials = str(row["trials"]).split(", ")
-    named = trials[0] if len(trials) == 1 else f"{trials[0]} and {len(trials) - 1} more trials"
-    return ", ".join([*words, named])
+    more = f" and {len(trials) - 1} more trial{'s' * (len(trials) > 2)}" if len(trials) > 1 else ""
+    return ", ".join(filter(None, [*words, drawn_name(trials[0]) + more]))
 
 
 @paper_style()
@@ -80,13 +69,13 @@ def draw(table: pl.DataFrame) -> Figure:
 
     Distortion below the noise is not drawn.
     """
-    conditions = table.partition_by("title", "trials", maintain_order=True)
+    conditions = table.partition_by("trials", maintain_order=True)
     shown = conditions[:MOST]
     figure = Figure(figsize=(DOUBLE_COLUMN, 0.6 + 2.0 * len(shown)), layout="constrained")
     parts = figure.subfigures(len(shown), 1, squeeze=False)[:, 0]
     entries: dict[str, Line2D] = {}
     for part, rows in zip(parts, shown, strict=True):
-        part.suptitle(f"{rows['title'][0]} ({method_words(rows)})", fontsize=8)
+        part.suptitle(f"{title_of(rows.row(0, named=True))} ({method_words(rows)})", fontsize=8)
         magnitude, phase, beside = part.subplots(1, 3)
         entries |= draw_curves(magnitude, rows, "magnitude") | draw_curves(phase, rows, "phase_deg")
         entries |= draw_levels(beside, rows)

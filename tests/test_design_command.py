@@ -54,6 +54,15 @@ def test_text_and_json_say_the_same_intervals():
     assert "load cell drift 0.05 N·m/min" in text
 
 
+def test_the_torque_to_expect_is_that_of_the_largest_sine_or_of_all_together():
+    """|300 - 0.02 w^2 + 5j w| times 6 deg at 5 Hz; of noise of 2 deg on a spring, four times 300 N*m/rad."""
+    w = 10 * np.pi
+    largest = abs(300 - 0.02 * w**2 + 5j * w) * np.deg2rad(6)
+    assert f"torque about {largest:.3g} N·m" in call().stdout
+    said = call("--excitation", "noise", "--band", "0.2,1", "--damping", "0", "--inertia", "0").stdout
+    assert f"torque about {4 * 300 * np.deg2rad(2):.3g} N·m" in said
+
+
 def test_what_is_asked_for_is_reached_and_the_recommended_multisine_is_written(tmp_path):
     output = tmp_path / "multisine.csv"
     asked = ("--friction", "0.5", "--stiffness-within", "0.5%", "--damping-within", "1", "--rate", "200")

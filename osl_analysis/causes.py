@@ -128,6 +128,7 @@ REMEDIES: dict[str, str | Words] = {
     "closure_torque": "the torque does not come back with the angle, the load cell drifts, the device creeps, or "
     "its first cycle differs, which settle_cycles leaves out",
     "cycle_drift": "the torque drifts from cycle to cycle, let the device settle and zero the load cell",
+    "bridged_share": "the recording has gaps, and what the device did there is not known",
     "rate_change": "the energy lost depends on the speed, so that the trial is not quasi-static, record it slower",
     "energy_lost": "the device gives back more than it takes up, the torque is late or its sign is wrong",
     "coherence": "perturbations cancel each other, look at their directions and onsets",

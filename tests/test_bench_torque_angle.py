@@ -263,10 +263,13 @@ def test_what_is_no_trial_of_torque_against_angle_is_refused(theta, torque, chan
     assert message in refusal(theta, torque, **changes)
 
 
+LIMITS = CONFIG.doubtful.of("torque_angle")
+
+
 def doubts(theta: Array, torque: Array, **changes: object) -> str:
     trial = trial_of(theta, torque)
     table = plausible_torque_angle(torque_angle_table(torque_angle_trial(trial, settings(**changes))), trial)
-    return str(marked(table, CONFIG.doubtful.of("torque_angle"), "torque_angle")["doubtful"][0])
+    return str(marked(table, LIMITS, "torque_angle")["doubtful"][0])
 
 
 def test_a_sound_trial_is_not_doubtful():
@@ -282,6 +285,10 @@ def test_drift_creep_clipping_speed_and_energy_from_nothing_are_doubtful():
     mixed = np.concatenate([path(0, 10, 0, speed=2), path(0, 10, 0, speed=8)])
     viscous = K * mixed + 20 * np.gradient(mixed) * RATE
     assert "the energy lost depends on the speed" in doubts(mixed, viscous)
+    whole, tip = trial_of(FULL, K * FULL + 0.01 * NOISE), int(np.argmax(FULL))
+    cut = Trial("foot", pl.concat([whole.samples[: tip - 40], whole.samples[tip + 40 :]]))
+    table = torque_angle_table(torque_angle_trial(cut, settings()))
+    assert "gaps" in marked(table.with_columns(saturated_samples=0), LIMITS, "torque_angle")["doubtful"][0]
     late = np.roll(K * FULL, 30) + 0.01 * NOISE
     assert "gives back more than it takes up" in doubts(FULL, late)
 

@@ -94,6 +94,7 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
         "closure_torque": largest(cycles["closure_torque"]),
         "cycle_drift": cycle_drift(trial),
         "rate_change": rate_change(cycles),
+        "bridged_share": bridged_share(trial),
         **desired_row(trial, desired),
     }
     empty = {name: pl.String if name in TEXTS else pl.Float64 for name, value in row.items() if value is None}
@@ -136,6 +137,11 @@ def rate_change(cycles: pl.DataFrame) -> float | None:
         return None
     slope = np.polyfit(np.log(speed), lost, 1)[0]
     return float(slope * np.log(speed.max() / speed.min()) / abs(lost.mean()))
+
+
+def bridged_share(trial: TorqueAngleTrial) -> float:
+    """Share of the rows of the cycles in gaps of the recording, or near them, where signals are interpolated."""
+    return float(np.mean(~np.concatenate([trial.uniform.usable[cycle.rows] for cycle in trial.cycles.used])))
 
 
 def desired_row(trial: TorqueAngleTrial, desired: str | None) -> dict[str, float | str | None]:

@@ -15,7 +15,7 @@ from osl_analysis.about_campaign import about
 from osl_analysis.campaign import open_campaign
 from osl_analysis.commands.simulate import planned_sheet, settings_files
 from osl_analysis.config import DEFAULT_CONFIG, campaign_config
-from osl_analysis.doubtful import doubt_report
+from osl_analysis.doubtful import doubt_report, unchecked_report
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.examples import matching, response_example, time_series_example
 from osl_analysis.exclusion import exclusion_report, truncation_report
@@ -87,6 +87,7 @@ def end_of_run(records) -> str:
     said = [
         jobs.report(RESULTS / "logs"),
         doubt_report(result_tables()),
+        unchecked_report(result_tables()),
         exclusion_report(checked(CAMPAIGN.trials()), CAMPAIGN.excluded),
         truncation_report(checked(CAMPAIGN.trials()), recordings),
         refusal_report(refusals_in(records), recordings, ACCEPT, records),

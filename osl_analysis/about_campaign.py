@@ -12,8 +12,8 @@ from osl_analysis.config import Config
 from osl_analysis.files import digest
 from osl_analysis.yaml_settings import read_mapping
 
-PLACES = {"raw_data", "sheet", "results", "sources", "failed_trials"}
-"""Settings that say where files are, or how a run ends: other ones give the same results."""
+PLACES = {"raw_data", "sheet", "results", "sources", "failed_trials", "data", "recorded"}
+"""Settings that say where files are, how a run ends, or what stands beside the hash: others give the same results."""
 DIGITS = 8
 """Hexadecimal digits of the configuration's hash that are written."""
 

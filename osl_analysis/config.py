@@ -1,6 +1,7 @@
 """The configuration of a campaign: choices with their units, validated when they are read."""
 
 from collections.abc import Sequence
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -106,7 +107,7 @@ class Config(Settings):
     """Settings of the simulator that makes the recordings; null: they are real."""
     data: Literal["simulated", "measured"] | None = None
     """What the recordings are, as figures, tables and summary say; null: simulated where the simulator made them."""
-    recorded: str | None = None
+    recorded: date | str | None = None
     """Date of the recordings, as the figures say, such as 2026-03-14; null: the dates of the files."""
     parameters: Path | None
     """Parameter file of the device; null: none, it is analysed without predictions and without ratios to a file."""

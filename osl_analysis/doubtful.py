@@ -137,6 +137,17 @@ def doubtful_count(table: pl.DataFrame) -> tuple[int, int]:
     return len(table.filter(IS_DOUBTFUL)), table[DOUBTFUL].count()
 
 
+def unchecked_report(tables: Iterable[Path]) -> str:
+    """Message at the end of a run: for each thing that could not be checked, the number of trials; empty if all was."""
+    counts: dict[str, set[str]] = {}
+    for path in tables:
+        table = read_table(path) if path.is_file() and not is_refused(path) else pl.DataFrame()
+        if "not_checked" in table.columns:
+            for trial, reason in table.select("trial", "not_checked").drop_nulls().unique().iter_rows():
+                counts.setdefault(reason, set()).add(trial)
+    return "\n".join(f"not checked: {reason} (trials: {len(counts[reason])})" for reason in sorted(counts))
+
+
 def doubt_report(tables: Iterable[Path]) -> str:
     """Message at the end of a run: the number of doubtful fits of each table; empty without doubtful fits."""
     written = {path.stem: read_table(path) for path in tables if path.is_file() and not is_refused(path)}

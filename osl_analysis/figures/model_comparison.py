@@ -75,7 +75,7 @@ def draw(table: pl.DataFrame) -> Figure:
         ax.set_xlim(-0.5, len(models) - 0.5)
     axes[0].set_ylabel("Held-out variance\nnot accounted for (%)")
     handles = {label: h for ax in axes for h, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4)
+    figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=4)
     return figure
 
 

@@ -10,6 +10,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from osl_analysis.figures.names import PLACE, of_place, placed_rows
 from osl_analysis.figures.style import (
     BLACK,
     DOTTED,
@@ -28,7 +29,7 @@ TABLE_COLUMNS = (
     "desired",
 )  # fmt: skip
 """Columns of `torque_angle_curves.csv` that are drawn."""
-COLUMNS = (*TABLE_COLUMNS, "doubtful")
+COLUMNS = (*PLACE, *TABLE_COLUMNS, "doubtful")
 WITH_DESIRED = (MAGENTA, ORANGE, PURPLE, GREY)
 """Colours of the desired curves and of the trials that should follow them."""
 LIGHTEST = 0.6
@@ -40,17 +41,30 @@ MOST_NAMED = 16
 
 def points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
     """The curves of all trials with the reason why a trial is doubtful, from `torque_angle.csv`."""
-    reasons = table.select("trial", "doubtful")
-    return curves.select(TABLE_COLUMNS).join(reasons, on="trial", how="left", maintain_order="left")
+    facts = of_place(table).select("trial", *PLACE, "doubtful")
+    joined = curves.select(TABLE_COLUMNS).join(facts, on="trial", how="left", maintain_order="left")
+    return joined.select(COLUMNS)
 
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
     """(a) Torque against angle: loading thick, unloading thin, desired curves dashed. (b) Stiffness while loading, with
-    its 95 % interval as a band. Doubtful trials are dotted.
+    its 95 % interval as a band. Doubtful trials are dotted. Every joint and side has panels of its own.
     """
-    figure, (left, right) = panels(DOUBLE_COLUMN, 3.2, columns=2)
-    colours = colours_of(table)
+    parts, colours = placed_rows(table), colours_of(table)
+    names = [name for name, _ in parts for _ in range(2)]
+    figure, axes = panels(DOUBLE_COLUMN, 3.2 * len(parts), rows=len(parts), columns=2, names=names)
+    for number, (_, part) in enumerate(parts):
+        draw_place(axes[2 * number], axes[2 * number + 1], part, colours)
+    shown = list(colours)[:MOST_NAMED]
+    handles = [Line2D([], [], color=colours[name], label=name.replace("_", " ")) for name in shown]
+    more = [Line2D([], [], color="none", label=f"and {len(colours) - len(shown)} more")] * (len(colours) > len(shown))
+    figure.legend(handles=[*handles, *more, *line_entries(table)], loc="outside right center")
+    return figure
+
+
+def draw_place(left: Axes, right: Axes, table: pl.DataFrame, colours: Mapping[str, str]) -> None:
+    """The trials of one joint and side, with their desired curves."""
     for trial in table.partition_by("trial", maintain_order=True):
         draw_trial(left, right, trial, colours[trial["trial"][0]])
     wanted = table.filter(pl.col("desired").is_not_null())
@@ -64,11 +78,6 @@ def draw(table: pl.DataFrame) -> Figure:
         ax.set_xlabel("Joint angle (deg)")
     left.set_ylabel("Resisting torque (N·m)")
     right.set_ylabel("Stiffness while loading (N·m/rad)")
-    names = list(colours)[:MOST_NAMED]
-    handles = [Line2D([], [], color=colours[name], label=name.replace("_", " ")) for name in names]
-    more = [Line2D([], [], color="none", label=f"and {len(colours) - len(names)} more")] * (len(colours) > len(names))
-    figure.legend(handles=[*handles, *more, *line_entries(table)], loc="outside right center")
-    return figure
 
 
 def colours_of(table: pl.DataFrame) -> Mapping[str, str]:

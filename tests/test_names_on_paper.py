@@ -1,0 +1,218 @@
+"""Any controller, joint and side: told apart in figures, means, headlines and macros, and written as they are."""
+
+import warnings
+from io import BytesIO
+from pathlib import Path
+
+import polars as pl
+import pytest
+from test_figures import gains, impedance, texts
+
+from osl_analysis.about_campaign import about
+from osl_analysis.bench.belt import belt_figure_points, belt_summary
+from osl_analysis.campaign import open_campaign
+from osl_analysis.commands.bench import by_place
+from osl_analysis.commands.figure import draw_table
+from osl_analysis.config import read_config
+from osl_analysis.doubtful import unchecked_report
+from osl_analysis.errors import InputError
+from osl_analysis.examples import response_example, time_series_example
+from osl_analysis.figures import fig5, fig6, fig8
+from osl_analysis.figures.names import look_numbers, looks_in, place_name
+from osl_analysis.figures.style import LOOKS
+from osl_analysis.summary.headlines import headline_numbers
+from osl_analysis.summary.labels import Example, letters
+from osl_analysis.summary.number import ENDINGS
+from osl_analysis.table import read_table, tables_of, with_places, write_table
+
+HOSTILE = ("$x_1$ 50 %", "_hidden", "a" * 90 + "1", "a" * 90 + "2", "Ünï 脚 \\alpha {", "compensated", None)
+
+
+def of_controllers(*names, **place):
+    """The table of the figures' tests with these controllers in place of its two, and a joint and side."""
+    table = impedance()
+    parts = [table.filter(pl.col("controller") == "compensated")] * len(names)
+    named = [part.with_columns(controller=pl.lit(name, pl.String)) for part, name in zip(parts, names, strict=True)]
+    return pl.concat(named).with_columns(pl.lit(value, pl.String).alias(key) for key, value in place.items())
+
+
+def test_other_controllers_have_looks_of_their_own_which_are_the_same_in_a_figure_of_some_of_them():
+    everyone = of_controllers("uncompensated", *"fbdeca")
+    everyone = everyone.with_columns(look_numbers(everyone["controller"]))
+    looks = looks_in(everyone)
+    assert list(looks) == ["uncompensated", *"abcdef"]
+    assert looks["uncompensated"] == LOOKS["uncompensated"]
+    assert len({(look.colour, look.marker) for look in looks.values()}) == 7
+    some = looks_in(everyone.filter(pl.col("controller").is_in(["b", "e"])))
+    assert some == {name: looks[name] for name in "be"}
+
+
+@pytest.mark.parametrize("module", [fig5, fig6])
+def test_hostile_names_are_drawn_letter_by_letter_without_a_warning(module):
+    """Mathematics, hidden labels, letters that no font has, and two long names that are shortened alike."""
+    table = of_controllers(*HOSTILE, joint="exo $K_d$ & more", side="left").filter(pl.col("K_d") == 100)
+    figure = module.draw(module.points(table))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        figure.savefig(BytesIO(), format="png")
+    written = texts(figure).replace("\\$", "$").replace("\n", " ")
+    for shown in ("$x_1$ 50 %", "_hidden", "\\alpha {", "Exo $K_d$ & more, left", "No controller"):
+        assert shown in written, shown
+    labels = [look.label for look in looks_in(module.points(of_controllers(*HOSTILE))).values()]
+    assert len(labels) == len(set(labels)) == len(HOSTILE)
+
+
+def test_trials_of_two_joints_share_neither_a_panel_nor_a_swarm():
+    both = pl.concat([
+        of_controllers("pd", joint="knee", side="left"),
+        of_controllers("pd", joint="ankle", side="left").with_columns(pl.col("K") + 1000),
+        of_controllers("pd", joint="ankle", side="right").with_columns(pl.col("K") + 2000),
+    ])  # fmt: skip
+    both = both.filter(pl.col("K_d") == 100)
+    axes = fig5.draw(fig5.points(both)).axes
+    shown = [[y for line in ax.lines if line.get_marker() == "s" for y in line.get_ydata()] for ax in axes[::2]]
+    assert [int(min(values) // 1000) for values in shown] == [0, 1, 2]
+    assert [int(max(values) // 1000) for values in shown] == [0, 1, 2]
+    assert [ax.get_title(loc="left") for ax in axes[::2]] == ["(a) Knee, left", "(c) Ankle, left", "(e) Ankle, right"]
+    assert fig6.points(both)["x_centre"].n_unique() == 3
+
+
+def test_a_trial_without_k_d_stands_at_the_end_of_the_axis_and_uneven_values_one_after_the_other():
+    table = of_controllers("pd").with_columns(
+        K_d=pl.col("K_d").replace_strict({100: 1.0, 200: 2.0, 300: 500.0, 400: None})
+    )
+    ax = fig5.draw(fig5.points(table)).axes[0]
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["1", "2", "500", fig5.NOT_STATED]
+    assert list(ax.get_xticks()) == [0, 1, 2, 3]
+    dashes = sorted(s[0][1] for c in ax.collections for s in c.get_segments() if s[0][1] == s[1][1])
+    assert dashes == [1, 2, 500]
+
+
+def belts():
+    """Two belts of an ankle, of 600 and 700 N*m/rad, and one of a knee, of 1000."""
+    slopes = {"a_1": 600.0, "a_2": 700.0, "k_1": 1000.0}
+    table = pl.DataFrame({"trial": list(slopes), "K_s": list(slopes.values()), "doubtful": "", "other": 0.0})
+    table = table.with_columns(**{name: pl.lit(0.0) for name in ("unloading", "hysteresis_area", "quadratic_K_s2")})
+    joints = {"a_1": "ankle", "a_2": "ankle", "k_1": "knee"}
+    return with_places(table, {trial: {"joint": joint, "side": None} for trial, joint in joints.items()})
+
+
+def test_means_are_of_one_joint_and_so_are_their_headlines_of_which_the_ankle_s_has_the_draft_s_value():
+    summary = by_place(belts(), belt_summary)
+    stiffness = summary.filter(pl.col("quantity") == "K_s")
+    assert stiffness.select("joint", "mean", "n").rows() == [("ankle", 650, 2), ("knee", 1000, 1)]
+    found = {h.name: (h.value, h.draft, h.macro) for h in headline_numbers({"belt_summary": summary})}
+    assert found["K_s (ankle)"] == (650, 685.6, "BeltStiffnessAnkle")
+    assert found["K_s (knee)"] == (1000, None, "BeltStiffnessKnee")
+    curves = pl.DataFrame({"trial": ["a_1", "a_2", "k_1"], "theta_s_deg": 5.0, "torque": 1.0, "branch": "loading"})
+    drawn = belt_figure_points(curves, belts(), summary).filter(pl.col("trial") == "mean slope")
+    assert drawn.select("joint", "K_s").unique(maintain_order=True).rows() == [("ankle", 650), ("knee", 1000)]
+
+
+def test_names_and_macros_of_any_controllers_are_letters_and_no_two_are_alike():
+    """`PD 1` and `PD-1` have the same letters; a controller `xLow` has the letters of the lower bound of `x`."""
+    names = ("PD 1", "PD-1", "α", "a_", "A", "脚", "no controller", None)
+    rows = of_controllers(*names, joint="knee", side=None).with_columns(doubtful=pl.lit(""))
+    ends = {f"{q}_amplitudes_{e}": pl.col(q) for q in "KB" for e in ("low", "high")}
+    found = headline_numbers({"impedance": rows.with_columns(**ends)}, Example(100.0, 0.0))
+    macros = [h.macro + ending for h in found for ending in ENDINGS]
+    assert len(macros) == len(set(macros))
+    assert all(macro.isascii() and macro.isalpha() for macro in macros)
+    assert len({h.name for h in found}) == len(found)
+    assert {"PDOneVAFMedian", "PDOneVAFMedianB", "AlphaVAFMedian"} <= {h.macro for h in found}
+    assert {h.meaning for h in found if not h.meaning.endswith(", knee") and h.unit != "fits"} == set()
+
+
+def test_letters_of_a_group_stay_what_they_were():
+    assert letters("K_d 200, timing 41 %") == "KdTwoZeroZeroTimingFourOne"
+    assert letters("%%") == "Unnamed"
+
+
+def campaign(tmp_path: Path, rows: str, **settings):
+    """A campaign of these trials and settings."""
+    header = "trial,experiment,controller,K_d,B_d,joint,log,log_source\n"
+    (tmp_path / "trials.csv").write_text(header + rows)
+    lines = [f"{name}: {value}" for name, value in ({"sheet": tmp_path / "trials.csv"} | settings).items()]
+    (tmp_path / "c.yaml").write_text("\n".join(lines))
+    return open_campaign(read_config(tmp_path / "c.yaml"), None)
+
+
+TWO_JOINTS = (
+    "a,impedance,compensated,300,5,,a.csv,bench_csv\n"
+    "k,impedance,compensated,300,5,knee,k.csv,bench_csv\n"
+    "p,impedance,pd,300,5,,p.csv,bench_csv\n"
+)
+
+
+def test_a_parameter_file_is_used_for_its_own_joint_only(tmp_path):
+    """The default file is of the ankle: predictions of a knee by it would be wrong without a word."""
+    made = campaign(tmp_path, TWO_JOINTS)
+    assert made.predicted() == ["a"]
+    assert made.device("k") is None
+    assert campaign(tmp_path, TWO_JOINTS, parameters="null").predicted() == []
+
+
+def test_examples_are_those_of_the_configuration_or_chosen_and_said(tmp_path):
+    """Where the default's example is not in the campaign one is chosen; another one that is not there is refused."""
+    assert time_series_example(campaign(tmp_path, TWO_JOINTS)).chosen == ""
+    knee = "k,impedance,pd,,,knee,k.csv,bench_csv\n"
+    found = time_series_example(campaign(tmp_path, knee))
+    assert (found.trial, found.amplitude_deg) == ("k", None)
+    assert "not in this campaign" in found.chosen
+    assert response_example(campaign(tmp_path, knee)) is None
+    wrong = "{time_series: {K_d: 250, B_d: 5, controller: compensated}, frequency_response: {K_d: 1, B_d: 1}}"
+    with pytest.raises(InputError, match="no compensated trial with K_d = 250, B_d = 5; choose another one under"):
+        time_series_example(campaign(tmp_path, knee, figures=wrong))
+    with pytest.raises(InputError, match="no impedance trial with K_d = 1, B_d = 1"):
+        response_example(campaign(tmp_path, knee, figures=wrong))
+
+
+def test_the_hash_is_of_the_settings_and_the_files_that_they_name_and_not_of_where_results_are(tmp_path):
+    parameters = tmp_path / "p.yaml"
+    parameters.write_text(Path("config/parameters/default.yaml").read_text())
+    real = {"simulation": "null", "raw_data": tmp_path, "parameters": parameters}
+
+    def made(**settings):
+        return about(campaign(tmp_path, TWO_JOINTS, **(real | settings)), [])
+
+    first = made()
+    assert (first.data, first.recorded) == ("measured", "date not known")
+    assert made(results=tmp_path / "else", failed_trials="accept") == first
+    assert made(gain_weight="{cutoff_hz: 2}").configuration != first.configuration
+    parameters.write_text(parameters.read_text() + "# another file\n")
+    assert made().configuration != first.configuration
+    (tmp_path / "truth").mkdir()
+    assert made().data == "simulated"
+    assert made(data="measured", recorded="2026-03-14").sentence().startswith("Measured data: campaign default, osl-")
+
+
+def test_a_table_says_what_its_data_are_in_its_last_column_and_stays_plain_csv(tmp_path):
+    with tables_of("measured"):
+        write_table(pl.DataFrame({"data": ["x"], "a": [1.5]}), tmp_path / "t.csv")
+    assert (tmp_path / "t.csv").read_text() == "a,data\n1.5,measured\n"
+    write_table(pl.DataFrame({"a": [1.5]}), tmp_path / "t.csv")
+    assert read_table(tmp_path / "t.csv").columns == ["a"]
+
+
+def test_a_figure_says_below_it_and_in_its_metadata_what_its_data_are(tmp_path):
+    said = "Simulated data: campaign made"
+    outputs = [tmp_path / f"f.{suffix}" for suffix in ("pdf", "svg", "png")]
+    sizes = []
+    for footer in ("", said):
+        draw_table("fig8", fig8.points(gains()), outputs, footer=footer)
+        assert [said.encode() in path.read_bytes() for path in outputs] == [bool(footer)] * 3
+        sizes.append([int.from_bytes(outputs[2].read_bytes()[at : at + 4]) for at in (16, 20)])
+    (width, height), (width_with, height_with) = sizes
+    assert (width_with, height_with > height) == (width, True)
+
+
+def test_what_was_not_checked_is_said_with_the_number_of_trials(tmp_path):
+    table = pl.DataFrame({"trial": ["a", "a", "b", "c"], "not_checked": ["K: no file"] * 3 + [None]})
+    write_table(table, tmp_path / "impedance.csv")
+    assert unchecked_report([tmp_path / "impedance.csv"]) == "not checked: K: no file (trials: 2)"
+
+
+def test_a_place_is_written_with_its_side_where_it_has_one():
+    assert place_name("knee", "left") == "Knee, left"
+    assert place_name("ankle", None) == "Ankle"
+    assert place_name(None, None) == ""

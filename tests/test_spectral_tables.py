@@ -3,6 +3,7 @@
 import numpy as np
 import polars as pl
 import pytest
+from conftest import ROOT
 from test_spectral_period import LOW_PASS, RATE, B, I, K, multisine, record
 
 from osl_analysis.bench.settings import FilterSettings
@@ -94,7 +95,11 @@ def test_trials_of_one_condition_are_pooled_where_their_motions_differ_in_phases
     knee = {"joint": "knee", "side": "left", "controller": None, "K_d": None, "B_d": None}
     conditions = {name: {**knee, "K_d": 300.0 if name == "other" else None} for name in paths}
     pooled, models = tmp_path / "response_pooled.csv", tmp_path / "response_models_pooled.csv"
-    pool_responses(list(paths.values()), conditions, FilterSettings(cutoff_hz=15, order=4), pooled, models)
+    device = ROOT / "config/parameters/default.yaml"
+    settings = FilterSettings(cutoff_hz=15, order=4)
+    pool_responses(list(paths.values()), conditions, ["M1", "M2"], settings, pooled, models, device)
+    assert read_table(models)["model"].to_list() == ["Eq. 15", "Eq. 9"]
+    pool_responses(list(paths.values()), conditions, [], settings, pooled, models, device)
     rows = read_table(models)
     assert rows["trials"].to_list() == ["M1, M2"]
     row = rows.row(0, named=True)
@@ -112,6 +117,6 @@ def test_trials_of_one_condition_are_pooled_where_their_motions_differ_in_phases
 def test_conditions_without_a_second_trial_are_not_pooled(tmp_path):
     write_table(response_tables(periodic("M1", 1), None).lines, tmp_path / "M1.csv")
     pooled, models = tmp_path / "response_pooled.csv", tmp_path / "response_models_pooled.csv"
-    pool_responses([tmp_path / "M1.csv"], {"M1": {}}, FilterSettings(cutoff_hz=15, order=4), pooled, models)
+    pool_responses([tmp_path / "M1.csv"], {"M1": {}}, [], FilterSettings(cutoff_hz=15, order=4), pooled, models)
     assert read_table(pooled).is_empty()
     assert points(pl.DataFrame(schema=RESPONSE), read_table(pooled)).is_empty()

@@ -120,7 +120,6 @@ rule pool_responses:
     params:
         code=jobs.code_of("response.pool_responses"),
         conditions=lambda wildcards: {trial: CAMPAIGN.row(trial) for trial in PER_TRIAL["response_lines"]},
-        of_device=[trial for trial in PER_TRIAL["response_lines"] if CAMPAIGN.device(trial)],
         settings=CONFIG.dynamometer.part("FilterSettings"),
     run:
         jobs.run_job(log, "response.pool_responses", input, output, params)

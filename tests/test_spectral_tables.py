@@ -95,11 +95,8 @@ def test_trials_of_one_condition_are_pooled_where_their_motions_differ_in_phases
     knee = {"joint": "knee", "side": "left", "controller": None, "K_d": None, "B_d": None}
     conditions = {name: {**knee, "K_d": 300.0 if name == "other" else None} for name in paths}
     pooled, models = tmp_path / "response_pooled.csv", tmp_path / "response_models_pooled.csv"
-    device = ROOT / "config/parameters/default.yaml"
-    settings = FilterSettings(cutoff_hz=15, order=4)
-    pool_responses(list(paths.values()), conditions, ["M1", "M2"], settings, pooled, models, device)
-    assert read_table(models)["model"].to_list() == ["Eq. 15", "Eq. 9"]
-    pool_responses(list(paths.values()), conditions, [], settings, pooled, models, device)
+    settings, device = FilterSettings(cutoff_hz=15, order=4), ROOT / "config/parameters/default.yaml"
+    pool_responses(list(paths.values()), conditions, settings, pooled, models, device)  # that of an ankle
     rows = read_table(models)
     assert rows["trials"].to_list() == ["M1, M2"]
     row = rows.row(0, named=True)
@@ -117,6 +114,6 @@ def test_trials_of_one_condition_are_pooled_where_their_motions_differ_in_phases
 def test_conditions_without_a_second_trial_are_not_pooled(tmp_path):
     write_table(response_tables(periodic("M1", 1), None).lines, tmp_path / "M1.csv")
     pooled, models = tmp_path / "response_pooled.csv", tmp_path / "response_models_pooled.csv"
-    pool_responses([tmp_path / "M1.csv"], {"M1": {}}, [], FilterSettings(cutoff_hz=15, order=4), pooled, models)
+    pool_responses([tmp_path / "M1.csv"], {"M1": {}}, FilterSettings(cutoff_hz=15, order=4), pooled, models)
     assert read_table(pooled).is_empty()
     assert points(pl.DataFrame(schema=RESPONSE), read_table(pooled)).is_empty()

@@ -22,7 +22,6 @@ NUMBERS = ("K_d", "B_d")
 def pool_responses(
     lines: Sequence[Path],
     conditions: Mapping[str, Mapping[str, Any]],
-    of_device: Sequence[str],
     settings: FilterSettings,
     response_pooled: Path,
     response_models_pooled: Path,
@@ -30,8 +29,7 @@ def pool_responses(
 ) -> None:
     """Write the response of all realisations of each condition, and the structures fitted to it.
 
-    `lines` are the files of the periods' lines of single trials; `conditions` are the rows of the sheet by trial, and
-    `of_device` the trials whose joint is that of the parameter file; the others have no Eq. 9.
+    `lines` are the files of the periods' lines of single trials; `conditions` are the rows of the sheet by trial.
     Conditions with a single trial have no rows, nor have trials whose motions differ in more than phases.
     """
     p, of_joint = known_parameters(parameters), joint_of(parameters) if parameters else None

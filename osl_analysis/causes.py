@@ -130,7 +130,7 @@ REMEDIES: dict[str, str | Words] = {
     "cycle_drift": "the torque drifts from cycle to cycle, let the device settle and zero the load cell",
     "bridged_share": "the recording has gaps, and what the device did there is not known",
     "rate_change": "the energy lost depends on the speed, so that the trial is not quasi-static, record it slower",
-    "energy_lost": "the device gives back more than it takes up, the torque is late or its sign is wrong",
+    "returned_share": "the device gives back more than it takes up, the torque is late or its sign is wrong",
     "coherence": "perturbations cancel each other, look at their directions and onsets",
     "outside_interval": "an estimate lies outside its own interval, look at the single responses for one unlike the "
     "others",

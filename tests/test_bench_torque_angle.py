@@ -276,6 +276,13 @@ def test_a_sound_trial_is_not_doubtful():
     assert doubts(FULL, K * FULL + jenkins(FULL, 300, 0.5) + 0.05 * NOISE) == ""
 
 
+def test_a_small_motion_over_few_angles_of_the_grid_is_not_doubtful():
+    theta = path(0, 2.9, 0, 2.9, 0, speed=1)
+    torque = K * theta + 0.01 * np.random.default_rng(4).standard_normal(theta.size)
+    assert doubts(theta, torque) == ""
+    assert rows_of(theta, torque)["VAF"] > 99.9
+
+
 def test_drift_creep_clipping_speed_and_energy_from_nothing_are_doubtful():
     ramp = np.linspace(0, 1, FULL.size)
     assert "cycle_drift" in doubts(FULL, K * FULL + 6 * ramp, **PLAIN)

@@ -83,9 +83,18 @@ class TorqueAngleTrial:
         model = np.full(len(self.theta), np.nan)
         for branch, curve in enumerate(self.curves):
             for rows in self.rows(branch):
-                model[rows] = np.interp(np.rad2deg(self.theta[rows]), self.angle_deg, curve.torque)
+                model[rows] = along(np.rad2deg(self.theta[rows]), self.angle_deg, curve.torque)
         known = np.isfinite(model)
         return self.time[known], self.torque[known], model[known]
+
+
+def along(x: Array, at: Array, y: Array) -> Array:
+    """Values at x (n,) of the broken line through y at rising places (m,), whose end pieces go on beyond the ends."""
+    ends = np.array([min(x.min(), at[0] - 1), max(x.max(), at[-1] + 1)])
+    first, last = (
+        y[i] + (y[i] - y[j]) / (at[i] - at[j]) * (end - at[i]) for end, i, j in ((ends[0], 0, 1), (ends[1], -1, -2))
+    )
+    return np.asarray(np.interp(x, np.concatenate([ends[:1], at, ends[1:]]), np.concatenate([[first], y, [last]])))
 
 
 def torque_angle_trial(trial: Trial, settings: TorqueAngleAnalysis) -> TorqueAngleTrial:

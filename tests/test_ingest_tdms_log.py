@@ -210,6 +210,29 @@ def test_the_draft_has_units_and_the_clock_where_channels_have_no_timing(tmp_pat
     assert list(draft["channels"].values()) == [{"channel": "Bench/torque_Nm", "unit": "Nm"}]
 
 
+def test_interleaved_values_are_told_apart(tmp_path: Path) -> None:
+    """The library writes no such file: bit 5 of the segment's mask says that the values take turns."""
+    path = write(tmp_path / "a.tdms", [("Angle", ANGLE, timing(unit_string="deg")), ("Torque", TORQUE, timing())])
+    content = bytearray(path.read_bytes())
+    content[4] |= 1 << 5
+    content[-16 * ROWS :] = np.column_stack([ANGLE, TORQUE]).tobytes()
+    path.write_bytes(content)
+    recording = read(path)
+    np.testing.assert_allclose(recording.samples["theta"], np.radians(ANGLE))
+    assert recording.samples["torque"][3] == pytest.approx(-TORQUE[3] * 4.4482216152605 * 0.0254)
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
+def test_a_real_file_of_daqmx_is_scaled_as_its_properties_say() -> None:
+    """Rows of seven 16-bit integers stand before its last segment; they are decoded here by hand."""
+    path = REAL_DATA / "tdms" / "raw1.tdms"
+    recording = read(path, channels={"sync": {"channel": "Third Chan", "unit": "V"}})
+    content = path.read_bytes()
+    end = content.rindex(b"TDSm")
+    counts = np.frombuffer(content[end - 2000 * 7 * 2 : end], "<i2").reshape(2000, 7)[:, 2]
+    np.testing.assert_allclose(recording.samples["sync"], counts * 0.0003051850947599719, rtol=1e-12)
+
+
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
 @pytest.mark.parametrize(
     ("name", "channel", "unit", "rate"),

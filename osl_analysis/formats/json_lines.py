@@ -25,6 +25,9 @@ MOST_FIELDS = 2000
 """Fields that are listed; more are names that count up."""
 
 
+NUMBER = "name a number as `field` in the source file; for time, or state the rate: `time: {rate: 1000}`"
+
+
 @dataclass(frozen=True)
 class JsonLines:
     """The lines of one file that are not blank."""
@@ -128,7 +131,7 @@ def decode_lines(lines: JsonLines, paths: Sequence[str]) -> DecodedLines:
     misfit = reader.misfit or mixed
     misfits = lines.starts.size - sum(rows.size for rows, _ in parts)
     if not parts:
-        raise InputError(f"{lines.path}: {in_lines(misfit, lines)}; correct `field` in the source file, or the log")
+        raise InputError(f"{lines.path}: {in_lines(misfit, lines)}; {NUMBER}")
     order = np.argsort(np.concatenate([rows for rows, _ in parts]))
     values, present = {}, {}
     for path in paths:

@@ -9,6 +9,7 @@ import lz4.frame
 import numpy as np
 import pytest
 import yaml
+import zstandard
 from bag_builder import KIND, START, STEP, sample, typestore, write_bag1, write_bag2, write_split
 from mcap.records import Schema
 from rosbags.rosbag2 import StoragePlugin
@@ -119,6 +120,21 @@ def test_no_file_appears_beside_a_database_that_had_a_write_ahead_log(tmp_path: 
     assert (bag / "bag.db3").read_bytes() == content
     with closing(opened(bag / "bag.db3")) as database, pytest.raises(sqlite3.OperationalError, match="readonly"):
         database.execute("DELETE FROM messages")
+
+
+def test_packed_messages_that_do_not_say_their_size_are_read(tmp_path: Path) -> None:
+    bag = write_bag2(tmp_path / "bag")
+    packer = zstandard.ZstdCompressor(write_content_size=False)
+    with sqlite3.connect(bag / "bag.db3") as connection:
+        rows = connection.execute("SELECT id, data FROM messages").fetchall()
+        packed = [(packer.compress(data), row) for row, data in rows]
+        connection.executemany("UPDATE messages SET data = ? WHERE id = ?", packed)
+    connection.close()
+    check_rows(read(bag))
+    with sqlite3.connect(bag / "bag.db3") as connection:
+        connection.execute("UPDATE messages SET data = ? WHERE id = 7", (packer.compress(bytes(1 << 27)),))
+    connection.close()
+    assert "more than the 67108864 that are unpacked" in refused(bag / "bag.db3")
 
 
 def test_a_standard_type_that_changed_needs_the_distribution(tmp_path: Path) -> None:

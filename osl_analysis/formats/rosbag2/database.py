@@ -115,8 +115,12 @@ class Database:
         """A message that was compressed on its own."""
         try:
             size = zstandard.get_frame_parameters(data).content_size
-            self.budget.take_chunk(0, len(data), min(size, LARGEST_MESSAGE + 1))
-            return zstandard.ZstdDecompressor().decompress(data, max_output_size=LARGEST_MESSAGE)
+            if size == zstandard.CONTENTSIZE_UNKNOWN:
+                content = zstandard.ZstdDecompressor().stream_reader(data).read(LARGEST_MESSAGE + 1)
+                self.budget.take_chunk(0, len(data), len(content))
+                return bytes(content)
+            self.budget.take_chunk(0, len(data), size)
+            return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
         except zstandard.ZstdError:
             return data  # it is no message in CDR then, which is counted where it is decoded
 

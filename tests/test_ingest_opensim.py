@@ -4,12 +4,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 import yaml
 from c3d_builder import REAL_DATA
 
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
+from osl_analysis.ingest.alignment import aligned_clock
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.known_formats import FORMATS, recognise
 from osl_analysis.ingest.raw_files import trial_from_files
@@ -274,6 +276,15 @@ def test_markers_and_ground_reactions_of_one_export_share_their_times(tmp_path: 
     assert trial.provenance["clock"]["rows_before"] == 10
     assert trial.provenance["plates"][0]["plate"] == 1
     assert len(trial.samples.drop_nulls("marker_TOE_x")) == FRAMES
+
+
+def test_common_times_need_a_capture_that_states_them() -> None:
+    samples = pl.DataFrame({"time": [0.0, 0.01]})
+    log = Recording(samples, {}, {"clock": "common", "time": {"start": 1.0}})
+    fit, _ = aligned_clock(log, Recording(samples, {}, {"time": {"start": 0.25}}), None)
+    assert (fit.offset, fit.drift) == (0.75, 0.0)
+    with pytest.raises(InputError, match="the capture's file states no times, as only TRC does"):
+        aligned_clock(log, Recording(samples, {}, {}), None)
 
 
 def test_plates_that_cannot_be_read_are_refused(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ Forty seeds take two minutes. The same seeds give the same.
 
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from osl_analysis.signals import LowPass
 from osl_analysis.spectral.equation_error import fit_periodic
 from osl_analysis.spectral.local_polynomial import record_spectrum
 from osl_analysis.spectral.models import fit_structure, lines_of_periods, lines_of_record
-from osl_analysis.spectral.realisations import PeriodicMotion, periodic_motion
+from osl_analysis.spectral.realisations import PeriodicMotion, Realisation, periodic_motion
 from osl_analysis.spectral.response import periodic_response
 from osl_analysis.spectral.structures import SecondOrder
 from osl_analysis.trial import Array
@@ -108,6 +109,12 @@ def periods(seeds: int) -> None:
             print(f"| {bits} | {ppm:g} | {1e6 * max(errors):.2f} |")
 
 
+def coarse(seed: int) -> list[Realisation]:
+    """Periods whose rounding to 14 bits repeats."""
+    made = found(exact(seed, 1, 4, 14, 0.0)).realisations
+    return [replace(one, steps=(2 * np.pi / 2**14, None)) for one in made]
+
+
 def noise_record(seed: int) -> Signals:
     """40 s of noise of 0.5 to 6 Hz, made as a multisine of a long period, and its torque."""
     rng, seconds = np.random.default_rng([seed, 2]), 40.0
@@ -136,6 +143,7 @@ def main(seeds: int) -> None:
     for count in (7, 4, 2):
         lines = lambda seed, n=count: lines_of_periods(found(exact(seed, 1, n)).realisations, LOW_PASS)  # noqa: E731
         false_alarms(f"{count} periods", lines, seeds)
+    false_alarms("4 periods, 14 bits, clocks alike", lambda seed: lines_of_periods(coarse(seed), LOW_PASS), seeds)
     false_alarms(
         "40 s of noise, local polynomial",
         lambda seed: lines_of_record(record_spectrum(*noise_record(seed), RATE, LOW_PASS.cutoff_hz), LOW_PASS),

@@ -15,6 +15,7 @@ from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.protocol.likeness import HARDLY, likeness
 from osl_analysis.spectral.tables import NO_RESPONSE, RecordedMotion, ResponseTables, response_tables
 from osl_analysis.stats.fit_row import Row
+from osl_analysis.stats.rounding import visible_step
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import uniform_signals
 
@@ -117,8 +118,9 @@ def rendered_response(trial: RenderedTrial, p: DrivetrainParameters | None) -> R
     for piece in trial.pieces:
         inside[max(piece.start - edge, 0) : piece.stop + edge] = True
     usable = inside & trial.uniform.usable
-    signals = trial.theta, trial.torque
-    return response_tables(RecordedMotion(trial.name, *signals, trial.rate_hz, trial.low_pass, usable, trial.pieces), p)
+    signals = trial.theta, trial.torque, trial.rate_hz
+    steps = visible_step(trial.uniform["theta"]), visible_step(trial.uniform["torque"])
+    return response_tables(RecordedMotion(trial.name, *signals, trial.low_pass, usable, trial.pieces, steps), p)
 
 
 def rendered_time_base(trial: RenderedTrial) -> pl.DataFrame:

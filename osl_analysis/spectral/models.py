@@ -17,6 +17,7 @@ from osl_analysis.spectral.lines import NEIGHBOURS, smoothed
 from osl_analysis.spectral.local_polynomial import HALF_WIDTH, LOCAL_FREEDOM, RecordSpectrum, end_columns, local_fit
 from osl_analysis.spectral.realisations import Realisation, Spectrum, distinct
 from osl_analysis.spectral.response import equation_error
+from osl_analysis.spectral.rounding import repeated_rounding
 from osl_analysis.spectral.structures import Structure
 from osl_analysis.stats.covariance import ResidualCorrelation
 from osl_analysis.stats.regression import LinearFit, linear_fit
@@ -99,7 +100,8 @@ class FittedStructure:
 
 
 def lines_of_periods(realisations: Sequence[Realisation], low_pass: LowPass) -> FittedLines:
-    """The excited lines of realisations. Their noise comes from the scatter of periods at all lines nearby.
+    """The excited lines of realisations. Their noise comes from the scatter of periods at all lines nearby, and from
+    rounding that every period repeats.
 
     Raises
     ------
@@ -113,7 +115,8 @@ def lines_of_periods(realisations: Sequence[Realisation], low_pass: LowPass) -> 
     level, shares = distortion_level(np.asarray(found.error * weight), found.lines)
     window = (np.abs(at[:, None] - np.arange(1, found.error.shape[1])) <= NEIGHBOURS).astype(float)
     of_one = np.average(found.noise * periods, axis=0, weights=found.freedom)[1:]
-    noise = window @ of_one / window.sum(axis=1) / periods
+    rounding = np.array([repeated_rounding(one, found.impedance[at]) for one in single])
+    noise = window @ of_one / window.sum(axis=1) / periods + rounding
     theta, torque = (
         np.array([s.mean(axis=0) for s in each])[:, at]
         for each in zip(*((r.theta, r.torque) for r in single), strict=True)

@@ -12,10 +12,14 @@ from osl_analysis.trial import Array
 SIZES_AGREE = 0.1
 """Largest difference between the sizes of two motions, and of their lines, that are realisations of one condition, as a
 share. Friction weighs more in a smaller motion."""
+NUMBERS = (
+    "period_s", "rate_hz", "start_s", "theta_step", "torque_step", "theta_re", "theta_im", "torque_re", "torque_im",
+)  # fmt: skip
 LINES: dict[str, type[pl.DataType]] = {
-    "trial": pl.String, **dict.fromkeys(("realisation", "period", "line"), pl.Int64),
-    **dict.fromkeys(("period_s", "rate_hz", "start_s", "theta_re", "theta_im", "torque_re", "torque_im"), pl.Float64),
-}  # fmt: skip
+    "trial": pl.String,
+    **dict.fromkeys(("realisation", "period", "line"), pl.Int64),
+    **dict.fromkeys(NUMBERS, pl.Float64),
+}
 """Columns of the lines of the periods of a trial."""
 
 
@@ -27,7 +31,8 @@ def lines_frame(trial: str, realisations: Sequence[Realisation]) -> pl.DataFrame
         theta, torque = one.theta.ravel(), one.torque.ravel()
         columns: dict[str, object] = {
             "trial": trial, "realisation": number, "period": period, "line": line, "period_s": one.period,
-            "rate_hz": one.rate_hz, "start_s": one.start, "theta_re": theta.real, "theta_im": theta.imag,
+            "rate_hz": one.rate_hz, "start_s": one.start,
+            "theta_step": one.steps[0], "torque_step": one.steps[1], "theta_re": theta.real, "theta_im": theta.imag,
             "torque_re": torque.real, "torque_im": torque.imag,
         }  # fmt: skip
         frames.append(pl.DataFrame(columns, schema=LINES))
@@ -43,8 +48,10 @@ def realisations_from(lines: pl.DataFrame) -> list[Realisation]:
             (rows[f"{name}_re"].to_numpy() + 1j * rows[f"{name}_im"].to_numpy()).reshape(shape)
             for name in ("theta", "torque")
         )
-        period, rate_hz, start = rows.select("period_s", "rate_hz", "start_s").row(0)
-        made.append(Realisation(period, rate_hz, theta, torque, start))
+        period, rate_hz, start, *steps = rows.select("period_s", "rate_hz", "start_s", "theta_step", "torque_step").row(
+            0
+        )
+        made.append(Realisation(period, rate_hz, theta, torque, start, (steps[0], steps[1])))
     return made
 
 

@@ -47,6 +47,8 @@ class Realisation:
     """Lines of the resisting torque [N*m], shape (periods, lines)."""
     start: float
     """When the first period begins [s], from the first sample of the record."""
+    steps: tuple[float | None, float | None] = (None, None)
+    """Steps to which angle [rad] and torque [N*m] were rounded; None where they are not known."""
 
     @property
     def periods(self) -> int:

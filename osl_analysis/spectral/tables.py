@@ -59,9 +59,15 @@ class RecordedMotion:
     pieces: tuple[slice, ...]
     """Stretches in which the joint moves, without their ends. The longest is used if the motion does not repeat."""
 
+    steps: tuple[float | None, float | None] = (None, None)
+    """Steps to which angle [rad] and torque [N*m] were rounded; None where they are not known."""
+
     def periods(self) -> PeriodicMotion | None:
         """The periods of the motion; None if it does not repeat itself. Raises as `periodic_motion`."""
-        return periodic_motion(self.theta, self.torque, self.rate_hz, self.low_pass.cutoff_hz, self.usable)
+        found = periodic_motion(self.theta, self.torque, self.rate_hz, self.low_pass.cutoff_hz, self.usable)
+        if found is None:
+            return None
+        return replace(found, realisations=tuple(replace(one, steps=self.steps) for one in found.realisations))
 
 
 @dataclass(frozen=True)

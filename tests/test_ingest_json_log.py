@@ -12,7 +12,8 @@ import yaml
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.known_formats import FORMATS, recognise
+from osl_analysis.ingest.json_log import JsonSource, read_json_log
+from osl_analysis.ingest.known_formats import FORMATS, read_source, recognise
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.ingest.recording import Recording
 
@@ -202,3 +203,13 @@ def test_json_that_is_not_lines_is_refused_with_the_remedy(tmp_path: Path) -> No
     (tmp_path / "a.json").write_text(json.dumps({"t": [1, 2], "angle": [3, 4]}, indent=1))
     with pytest.raises(InputError, match="a document of JSON, which is not read; write JSON lines, an object per line"):
         recognise(tmp_path / "a.json")
+
+
+def test_the_shipped_source_file_for_the_recorder_in_rust_fits_its_lines(tmp_path: Path) -> None:
+    names = {"joint_position": 0.25, "output_position": 0.5, "motor_current": 1500}
+    lines = [{"variables": {"time": k / 500, "sync": k % 50 < 25, **names}, "functions": {}} for k in range(100)]
+    source = read_source(Path(__file__).parents[1] / "config" / "sources" / "osl_rust.yaml")
+    assert isinstance(source, JsonSource)
+    samples = read_json_log(write(tmp_path / "a", lines), source).samples
+    assert samples.drop("time", "sync").row(7, named=True) == {"theta": 0.25, "theta_m": 0.5, "current": 1.5}
+    np.testing.assert_array_equal(samples["sync"], np.arange(100) % 50 < 25)

@@ -278,6 +278,20 @@ def test_markers_and_ground_reactions_of_one_export_share_their_times(tmp_path: 
     assert len(trial.samples.drop_nulls("marker_TOE_x")) == FRAMES
 
 
+@pytest.mark.parametrize(
+    ("stem", "moment"), [("R_ground_force_", "R_ground_torque_"), ("ground_force_1_", "ground_moment_1_")]
+)
+def test_the_draft_of_ground_reactions_proposes_their_plates(tmp_path: Path, stem: str, moment: str) -> None:
+    names = ["time", *(f"{begin}{axis}" for begin in (f"{stem}v", f"{stem}p", moment) for axis in "xyz")]
+    rows = ["\t".join(["0.01", *["1"] * 9]), "\t".join(["0.02", *["1"] * 9])]
+    path = tmp_path / "grf.mot"
+    path.write_text("\n".join(["grf", "endheader", "\t".join(names), *rows]))
+    (note,) = [line for line in draft_source(inspect_file(path), "grf.mot").splitlines() if "force plates" in line]
+    drafted = yaml.safe_load(note.partition("corners: ")[2])["plates"][1]
+    assert drafted == {"force": f"{stem}v", "point": f"{stem}p", "moment": moment, "corners": "UNKNOWN"}
+    assert len(read(path, plates={1: {**drafted, "corners": CORNERS}}).samples) == 2
+
+
 def test_common_times_need_a_capture_that_states_them() -> None:
     samples = pl.DataFrame({"time": [0.0, 0.01]})
     log = Recording(samples, {}, {"clock": "common", "time": {"start": 1.0}})

@@ -227,7 +227,7 @@ def channel_of(one: Any) -> TdmsChannel:
     since, offset = properties.get("wf_start_time"), float(properties.get("wf_start_offset", 0.0))
     begin = int(since.astype("datetime64[us]").astype(np.int64)) if isinstance(since, np.datetime64) else 0
     unit = next((str(properties[key]) for key in UNITS if properties.get(key)), "")
-    timed = isinstance(step, float) and np.isfinite(step) and step > 0
+    timed = isinstance(step, float | int) and np.isfinite(step) and step > 0
     kind = np.dtype(one.dtype).str if one.dtype is not None else "V"
     return TdmsChannel(one.group_name, one.name, len(one), kind, unit, float(step) if timed else None, begin, offset)
 

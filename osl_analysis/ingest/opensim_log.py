@@ -15,7 +15,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats.opensim_table import OpenSimTable, read_opensim
 from osl_analysis.ingest.column_names import clock_among, likely_unit
 from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
-from osl_analysis.ingest.opensim_plates import OpenSimPlate, plate_load, plate_signals
+from osl_analysis.ingest.opensim_plates import OpenSimPlate, plate_load, plate_signals, plates_text
 from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source_fields import Axis, misplaced, right_handed, rotation_of
@@ -135,7 +135,8 @@ def inspect_opensim(path: Path) -> Overview:
     guessed = [f"{one.address['column']} [{one.likely_unit}]" for one in channels if one.likely_unit]
     remarks += [f"units guessed from the names, to be checked: {', '.join(guessed)}"] * bool(guessed)
     time = {"column": clock or NAME_OF_TIME, "unit": "s" if clock else UNKNOWN}
-    return Overview("opensim", facts, channels, remarks, {"clock": "master", "time": time})
+    note = plates_text(table.names)
+    return Overview("opensim", facts, channels, remarks, {"clock": "master", "time": time}, draft_note=note)
 
 
 def columns_of(table: OpenSimTable, clock: str | None, remarks: list[str]) -> Iterator[RecordedChannel]:

@@ -4,13 +4,18 @@ OpenSim's files of ground reactions have, per plate, the force on the foot, the 
 about this point. Columns differ by their last letter: `ground_force_vx`, `ground_force_vy`, `ground_force_vz`.
 """
 
+import json
+import re
+from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
 import numpy as np
 
 from osl_analysis.columns import AXES, plate_columns, unit_of
+from osl_analysis.errors import printable
 from osl_analysis.formats.opensim_table import OpenSimTable
 from osl_analysis.ingest.capture import PlateLoad, geometry
+from osl_analysis.ingest.draft_places import UNKNOWN
 from osl_analysis.ingest.raw_channels import channel_facts
 from osl_analysis.ingest.recording import check_finite
 from osl_analysis.trial import Array
@@ -70,3 +75,26 @@ def plate_signals(loads: list[PlateLoad], rotation: Array) -> tuple[dict[str, Ar
                 columns[column] = turned
                 origins[column] = {"plate": load.number, **load.origin, "si_unit": unit_of(column)}
     return columns, origins, [geometry(load, rotation) for load in loads]
+
+
+def plates_text(names: Sequence[str]) -> str:
+    """The plates that the names of columns tell, as a source file has them but for their corners; empty if none."""
+    plates = [
+        f"{number}: {{{', '.join(f'{key}: {json.dumps(begin)}' for key, begin in found.items())}, corners: {UNKNOWN}}}"
+        for number, found in enumerate(named_plates(names), start=1)
+    ]
+    text = f"these columns are force plates, if you state their corners: plates: {{{', '.join(plates)}}}"
+    return printable(text) if plates else ""
+
+
+def named_plates(names: Sequence[str]) -> Iterator[dict[str, str]]:
+    """Beginnings of the names of force, point and moment of each plate: `ground_force_v`, `ground_force_p` ..."""
+    triples = {name[:-1] for name in names if name[-1:] == "x" and {f"{name[:-1]}y", f"{name[:-1]}z"} <= {*names}}
+    for name in names:
+        force = name[:-1]
+        if name.endswith("vx") and force in triples and f"{force[:-1]}p" in triples:
+            stem = force[:-1]  # `R_ground_force_`: its moment is `R_ground_torque_` or `R_ground_moment_`
+            moments = [re.sub("force", word, stem) for word in ("torque", "moment")]
+            moment = next((one for one in moments if one != stem and one in triples), None)
+            if moment is not None:
+                yield {"force": force, "point": f"{stem}p", "moment": moment}

@@ -42,11 +42,20 @@ def test_the_period_is_found_within_a_millionth_on_a_clock_that_is_off(ppm):
     assert [r.periods for r in found.realisations] == [5]
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_multiple_of_the_period_is_not_taken_for_it(seed):
+    theta, torque = record(seed, multisine(seed, 9))
+    noisy = theta + 1e-3 * np.random.default_rng(seed).standard_normal(len(theta))
+    assert periodic_motion(noisy, torque, RATE, 10.0).period == pytest.approx(PERIOD, rel=1e-4)
+
+
 def test_a_record_of_three_motions_with_one_period_has_three_realisations():
     found = periodic_motion(*record(2, *(multisine(seed) for seed in (1, 2, 3))), RATE, 10.0)
     assert [r.periods for r in found.realisations] == [4, 4, 4]
     starts = [r.start for r in found.realisations]  # after a second of rest, and a ramp within the first period
     assert np.diff(starts) == pytest.approx([21, 21], abs=0.2)
+    ends = [r.start + r.periods * PERIOD for r in found.realisations]
+    assert ends == pytest.approx([21, 42, 63], abs=0.3)  # what is over is left out in the transient
     assert 2 < starts[0] < 1 + PERIOD + 0.1
 
 

@@ -177,7 +177,7 @@ def test_the_gains_that_made_the_torque_are_recovered_from_eq_9(parameters):
     lines = lines_of_periods([realisation(2, torque_of, 4, 1e-3)], LOW_PASS)
     found = fit_structure(Drivetrain(p), lines, (280.0, 5.0))
     assert found.fit["K_1"] == pytest.approx(K_1, rel=1e-3)
-    assert found.fit["B_1"] == pytest.approx(B_1, rel=1e-2)
+    assert found.fit["B_1"] == pytest.approx(B_1, rel=2e-3)
     assert found.p > 0.01
     assert found.impedance(np.array([0.0])).real == pytest.approx([K_1 * p.K_s / (K_1 + p.K_s / p.n_T**2)], rel=1e-3)
     with pytest.raises(InputError, match=r"Eq\. 9 of this parameter file cannot render"):
@@ -199,14 +199,16 @@ def moving(seed: int, noise: float):
 
 
 def test_the_local_polynomial_method_finds_the_response_of_a_simulated_system_within_its_noise():
-    response = local_response(record_spectrum(*moving(1, 0.02), RATE, 15.0))
-    s = 2j * np.pi * response.frequency_hz
-    z = np.abs(response.impedance - (200 + 4 * s + 0.05 * s**2)) / response.noise_sd
-    assert len(z) > 30
-    assert np.mean(z**2) == pytest.approx(1, abs=0.5)
-    assert np.max(z) < 3.5
-    noise = local_fit(record_spectrum(*moving(1, 0.02), RATE, 15.0)).noise
-    assert np.mean(noise) == pytest.approx(4 * 0.02**2 / (30 * RATE), rel=0.1)
+    squares, noise = [], []
+    for seed in (1, 2, 3, 4):
+        spectrum = record_spectrum(*moving(seed, 0.02), RATE, 15.0)
+        response = local_response(spectrum)
+        s = 2j * np.pi * response.frequency_hz
+        squares.extend(np.abs(response.impedance - (200 + 4 * s + 0.05 * s**2)) ** 2 / response.noise_sd**2)
+        noise.append(local_fit(spectrum).noise)
+    assert len(squares) > 120
+    assert np.mean(squares) == pytest.approx(1, abs=0.3)  # 0.1 by theory
+    assert np.mean(noise) == pytest.approx(4 * 0.02**2 / (30 * RATE), rel=0.06)
 
 
 def test_a_drift_of_the_torque_does_not_reach_the_response_of_a_record():

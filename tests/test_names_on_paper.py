@@ -1,16 +1,20 @@
 """Any controller, joint and side: told apart in figures, means, headlines and macros, and written as they are."""
 
 import warnings
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import polars as pl
 import pytest
-from test_figures import gains, impedance, texts
+from test_figures import gains, impedance, response_table, texts
 
 from osl_analysis.about_campaign import about
-from osl_analysis.bench.belt import belt_figure_points, belt_summary
+from osl_analysis.bench.belt import belt_figure_points, belt_summary, check_locked
 from osl_analysis.campaign import open_campaign
+from osl_analysis.commands import plotted_numbers, response
 from osl_analysis.commands.bench import by_place
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.config import read_config
@@ -20,11 +24,14 @@ from osl_analysis.examples import response_example, time_series_example
 from osl_analysis.figures import fig5, fig6, fig8
 from osl_analysis.figures.names import look_numbers, looks_in, place_name
 from osl_analysis.figures.style import LOOKS
+from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.summary.headlines import headline_numbers
 from osl_analysis.summary.labels import Example, letters
-from osl_analysis.summary.number import ENDINGS
+from osl_analysis.summary.number import ENDINGS, Headline, with_own_names
 from osl_analysis.table import read_table, tables_of, with_places, write_table
+from osl_analysis.trajectory import read_impedance_trajectory
 
+COMMON = ("magnitude", "magnitude_low", "magnitude_high", "phase_deg")
 HOSTILE = ("$x_1$ 50 %", "_hidden", "a" * 90 + "1", "a" * 90 + "2", "Ünï 脚 \\alpha {", "compensated", None)
 
 
@@ -197,9 +204,9 @@ def test_a_table_says_what_its_data_are_in_its_last_column_and_stays_plain_csv(t
 def test_a_figure_says_below_it_and_in_its_metadata_what_its_data_are(tmp_path):
     said = "Simulated data: campaign made"
     outputs = [tmp_path / f"f.{suffix}" for suffix in ("pdf", "svg", "png")]
-    sizes = []
+    sizes, lacking = [], pl.DataFrame({"figure": ["fig8"], "trial": [""], "file": ["f"], "reason": ["none"]})
     for footer in ("", said):
-        draw_table("fig8", fig8.points(gains()), outputs, footer=footer)
+        draw_table("not_drawn", lacking, outputs, footer=footer)
         assert [said.encode() in path.read_bytes() for path in outputs] == [bool(footer)] * 3
         sizes.append([int.from_bytes(outputs[2].read_bytes()[at : at + 4]) for at in (16, 20)])
     (width, height), (width_with, height_with) = sizes
@@ -216,3 +223,60 @@ def test_a_place_is_written_with_its_side_where_it_has_one():
     assert place_name("knee", "left") == "Knee, left"
     assert place_name("ankle", None) == "Ankle"
     assert place_name(None, None) == ""
+
+
+def test_a_controller_keeps_its_look_whatever_the_order_of_the_table():
+    names = pl.Series(["pd", "compensated", None, "adaptive"], dtype=pl.String)
+    assert look_numbers(names).to_list() == [1, None, None, 0]
+    assert look_numbers(names.reverse()).to_list() == [0, None, None, 1]
+
+
+def test_the_macro_of_a_number_is_not_that_of_another_one_s_bound():
+    label = Headline("a", "1", None, "Stiff", "stiffness", 1.0, 0.9, 1.1, "range", 2)
+    found = with_own_names([label, replace(label, name="b", macro="StiffLow"), label])
+    assert [(h.name, h.macro) for h in found] == [("a", "Stiff"), ("b", "StiffLowB"), ("a (2)", "StiffB")]
+    turned = with_own_names([replace(label, macro="StiffLow"), replace(label, name="b")])
+    assert [h.macro for h in turned] == ["StiffLow", "StiffB"]
+
+
+@pytest.mark.parametrize(("joint", "predicted"), [("ankle", True), ("knee", False)])
+def test_responses_are_predicted_by_a_parameter_file_of_their_joint_alone(tmp_path, monkeypatch, joint, predicted):
+    """Fig. 7 and the pooled responses: Eq. 9 with the belt and motor of another joint would be wrong without a word."""
+    device, table = Path("config/parameters/default.yaml"), response_table().filter(pl.col("curve") == "observed")
+    facts = {"joint": pl.lit(joint), "magnitude_min": 1e-3, "magnitude_max": 2e-3, "phase_min_deg": -40.0}
+    facts |= {"phase_max_deg": -10.0, "phase_low_deg": -30.0, "phase_high_deg": -20.0, "doubtful": pl.lit("")}
+    given = table.select("trial", "side", "controller", "K_d", "B_d", "frequency_hz", *COMMON)
+    write_table(given.with_columns(**facts), tmp_path / "t.csv")
+    plotted_numbers.fig7(tmp_path / "t.csv", device, None, PAPER_WEIGHT, tmp_path / "fig7.csv")
+    drawn = read_table(tmp_path / "fig7.csv")
+    assert set(drawn["curve"]) == {"observed", "desired"} | ({"linear model"} if predicted else set())
+    asked = []
+    monkeypatch.setattr(response, "groups_of", lambda *_: [{"a": []}])
+    monkeypatch.setattr(response, "periodic_tables", lambda *given: asked.append(given[-1]) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        response.pool_responses([], {"a": {"joint": joint}}, SimpleNamespace(low_pass=None), *[tmp_path] * 2, device)
+    assert [p is not None for p in asked] == [predicted]
+
+
+def test_a_belt_without_parameters_is_the_joint_s_own_turn_and_needs_a_shaft_that_rests():
+    theta = np.linspace(0, 0.1, 50)
+    check_locked(theta, 0.0009 * np.sin(np.arange(50)) / 2)
+    with pytest.raises(InputError, match=r"theta_m turns by 0\.02 rad while theta turns by 0\.1 rad, and without"):
+        check_locked(theta, 0.2 * theta)
+
+
+def test_a_trajectory_says_of_itself_that_it_is_synthetic(tmp_path):
+    assert read_impedance_trajectory(Path("config/impedance/synthetic_walking.csv")).kind == "synthetic"
+    (tmp_path / "t.csv").write_text("# measured in 2026\nphase,K_d,B_d\n0,1,1\n1,2,1\n")
+    assert read_impedance_trajectory(tmp_path / "t.csv").kind is None
+    drawn = fig8.points(gains().with_columns(K_1_joint=None, B_1_joint=None).cast({"K_1_joint": pl.Float64}))
+    assert "Desired $K_d$ (synthetic)" in texts(fig8.draw(drawn))
+    assert fig8.NO_GAINS in texts(fig8.draw(drawn))
+
+
+def test_sides_and_joints_of_rows_are_those_of_their_trials_and_a_side_of_a_row_stays():
+    places = {"a": {"joint": "knee", "side": "left"}}
+    table = with_places(pl.DataFrame({"trial": ["a", "b"], "K": [1, 2]}), places)
+    assert table.columns == ["trial", "joint", "side", "K"]
+    assert table.rows() == [("a", "knee", "left", 1), ("b", None, None, 2)]
+    assert with_places(pl.DataFrame({"trial": ["a"], "side": ["right"]}), places).row(0) == ("a", "knee", "right")

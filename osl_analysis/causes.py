@@ -118,7 +118,7 @@ REMEDIES: dict[str, str | Words] = {
     "lag_share": late_or_yielding,
     "certain_lag_damping": late_or_yielding,
     "lag_inertia_share": late_for_inertia,
-    "angle_noise_share": "I is too small by this share, the noise of the encoder, move the joint further or faster",
+    "angle_noise_share": "noise of the encoder changes I by this share, move the joint further or faster",
     "K_change": changing("K", "a spring that stiffens, or backlash", "friction, or a spring that softens"),
     "B_change": changing("B", "damping that grows with the velocity", "friction"),
     "coulomb_share": "this share of B is Coulomb friction and not damping",

@@ -53,8 +53,8 @@ def chirp(rng, band=(0.5, 6.0), rms_deg=2.0, duration=30.0, rate=RATE):
     return time, faded(time, duration, tuple(size * x for x in motion))
 
 
-def made_trial(rng, motion, torque_noise=0.05, bits=18, late=0.0, more=0.0, **impedance):
-    """A trial of a joint of `TRUE` impedance, or another one: rounded angle, noisy torque with offset and drift.
+def made_trial(rng, motion, torque_noise=0.05, angle_noise=0.0, bits=18, late=0.0, more=0.0, **impedance):
+    """A trial of a joint of `TRUE` impedance, or another one: noisy, rounded angle, noisy torque with offset and drift.
 
     `late` [s] is a lag of the torque, `more` (n,) [N*m] what the joint adds.
     """
@@ -65,5 +65,6 @@ def made_trial(rng, motion, torque_noise=0.05, bits=18, late=0.0, more=0.0, **im
         torque = CubicSpline(time, torque)(time - late)
     torque = torque + 0.4 + 1e-3 * time + torque_noise * rng.standard_normal(len(time))
     step = 2 * np.pi / 2**bits
+    theta = theta + (angle_noise * rng.standard_normal(len(time)) if angle_noise else 0.0)
     samples = {"time": time + 7.0, "theta": np.rint(theta / step + rng.uniform()) * step, "torque": torque}
     return Trial("made", pl.DataFrame(samples))

@@ -7,8 +7,8 @@ import polars as pl
 
 from osl_analysis.bench.alternatives import check_stiffer, time_base_row, time_base_words, timebase_table, widened
 from osl_analysis.bench.excitation_clocks import record_clock_row
-from osl_analysis.bench.excitation_lag import record_lag_row
-from osl_analysis.bench.excitation_limits import angle_noise_share, check_alias, check_band, check_moves
+from osl_analysis.bench.excitation_lag import LITTLE_INERTIA, record_lag_row
+from osl_analysis.bench.excitation_limits import angle_noise_bias, check_alias, check_band, check_moves
 from osl_analysis.bench.frequency_response import Admittance
 from osl_analysis.bench.impedance import IMPEDANCE, MAY_BE_NULL
 from osl_analysis.bench.moving_record import MovingRecord, fit_of
@@ -98,7 +98,7 @@ def record_table(record: MovingRecord, expected: Admittance | None = None) -> pl
     row: Row = {
         "trial": record.name,
         "amplitude_deg": None,
-        **excitation_row(record),
+        **excitation_row(record, fit),
         **estimates_row(fit, "K", "B", "I", "offset"),
         **covariance_row(fit, "K", "B", "I"),
         **diagnostics_row(fit, record.rate_hz, record.low_pass),
@@ -107,14 +107,14 @@ def record_table(record: MovingRecord, expected: Admittance | None = None) -> pl
         "VAF_held_out": lowest_vaf_of_parts(record),
         "load_cell_drift": 60 * record.drift,
         **time_base_row(fit, other, IMPEDANCE),
-        **record_clock_row(record, fit),
+        **record_clock_row(record),
     }
     empty: Row = dict.fromkeys(OF_SINES)
     numbers = dict.fromkeys(("amplitude_deg", *MAY_BE_NULL, *OF_SINES, *OF_PERIODS), pl.Float64)
     return pl.DataFrame([row | empty], schema_overrides=numbers)
 
 
-def excitation_row(record: MovingRecord) -> Row:
+def excitation_row(record: MovingRecord, fit: LinearFit) -> Row:
     """What moved the joint: estimates of a device that is no second-order system depend on band and weights."""
     return {
         **periodic_row(record),
@@ -122,7 +122,7 @@ def excitation_row(record: MovingRecord) -> Row:
         "band_high_hz": record.band_hz[1],
         "theta_rms_deg": float(np.rad2deg(np.std(record.motion.theta[record.rows]))),
         "weighting": WEIGHTING,
-        "angle_noise_share": angle_noise_share(record),
+        "angle_noise_share": abs(angle_noise_bias(record, fit)) / float(np.hypot(fit["I"], LITTLE_INERTIA)),
         "fitted_s": record.seconds,
     }
 

@@ -9,12 +9,11 @@ from osl_analysis.errors import InputError
 from osl_analysis.spectral.lines import lines_of
 from osl_analysis.spectral.realisations import PeriodicMotion
 from osl_analysis.stats.fit_row import Row
-from osl_analysis.stats.regression import LinearFit
 from osl_analysis.timebase.chunks import chunked_slope
 from osl_analysis.timebase.drift import ClockDrift, check_drift
 
 
-def record_clock_row(record: MovingRecord, fit: LinearFit) -> Row:
+def record_clock_row(record: MovingRecord) -> Row:
     """As `clock_drift_row`; all null where one device recorded both, or the motion does not show a drift.
 
     Raises
@@ -22,7 +21,7 @@ def record_clock_row(record: MovingRecord, fit: LinearFit) -> Row:
     InputError
         The drift is beyond what the configuration allows; the message names the trial.
     """
-    drift = drift_between(record, fit)
+    drift = drift_between(record)
     if drift is None:
         return dict.fromkeys(("clock_drift_ppm", "clock_drift_se_ppm", "certain_clock_drift_ppm"))
     try:
@@ -36,7 +35,7 @@ def record_clock_row(record: MovingRecord, fit: LinearFit) -> Row:
     }
 
 
-def drift_between(record: MovingRecord, fit: LinearFit) -> ClockDrift | None:
+def drift_between(record: MovingRecord) -> ClockDrift | None:
     """The drift of the torque's clock against the angle's; None where the record does not show it.
 
     A motion that repeats itself shows it whatever the joint is. Any other one does so only for a joint of second order:
@@ -44,11 +43,7 @@ def drift_between(record: MovingRecord, fit: LinearFit) -> ClockDrift | None:
     """
     if record.uniform.one_device("theta", "torque"):
         return None
-    found = None
-    if record.periodic is not None:
-        found = drift_of_periods(record.periodic)
-    elif float(np.std(fit.residual)) < ONLY_NOISE * noise_behind(record, record.low_pass):
-        found = drift_beside_impedance(record)
+    found = drift_beside_impedance(record) if record.periodic is None else drift_of_periods(record.periodic)
     return found if found is not None and np.isfinite(found.se) else None
 
 
@@ -68,7 +63,10 @@ def drift_of_periods(motion: PeriodicMotion) -> ClockDrift | None:
 
 
 def drift_beside_impedance(record: MovingRecord) -> ClockDrift | None:
-    """The drift from what a torque that gets later and later adds, beside Eq. 15, a lag, and a change of K."""
+    """The drift from what a torque that gets later and later adds, beside Eq. 15, a lag, and a change of K.
+
+    None where this leaves more than the noise.
+    """
     rows = record.rows[:: max(record.low_pass.independent_samples(record.rate_hz) // 4, 1)]
     motion, late = record.motion, record.time - record.time[record.rows].mean()
     slope = np.gradient(record.filtered_torque, record.time)
@@ -77,7 +75,9 @@ def drift_beside_impedance(record: MovingRecord) -> ClockDrift | None:
     Q, _ = np.linalg.qr(X / np.linalg.norm(X, axis=0))
     both = np.stack([-(late * slope)[rows], record.filtered_torque[rows]], axis=1)
     rest = both - Q @ (Q.T @ both)
-    return in_ppm(*chunked_slope(rest[:, 0], rest[:, 1]))
+    slope_of_drift, se = chunked_slope(rest[:, 0], rest[:, 1])
+    left = float(np.std(rest[:, 1] - slope_of_drift * rest[:, 0]))
+    return in_ppm(slope_of_drift, se) if left < ONLY_NOISE * noise_behind(record, record.low_pass) else None
 
 
 def in_ppm(slope: float, se: float) -> ClockDrift:

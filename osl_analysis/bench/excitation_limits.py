@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfreqz
 
-from osl_analysis.bench.moving_record import MovingRecord
+from osl_analysis.bench.moving_record import TERMS, MovingRecord, noise_beyond
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.stats.regression import LinearFit
@@ -86,19 +86,40 @@ def check_band(record: MovingRecord, fit: LinearFit, largest_inertia_error: floa
         )
 
 
-def angle_noise_share(record: MovingRecord) -> float:
-    """Share of the own part of the acceleration that is noise of the angle: by as much I is too small.
+def angle_noise_moments(record: MovingRecord) -> tuple[float, float, float]:
+    """Variances of the angle's noise behind the filter, and of its first and second derivative.
 
     The noise is taken as white; its power beyond the filter is what the filter takes off the angle.
     """
     theta, low_pass, rate = record.motion.theta, record.low_pass, record.rate_hz
-    off = (record.theta - theta - (theta - low_pass(theta, rate)))[record.rows]
+    off = noise_beyond(record.theta - theta, theta, low_pass, rate)[record.rows]
     f, passed = filter_gain(low_pass, rate)
-    density = float(np.var(off)) / np.trapezoid((1 - passed) ** 2, f)
-    noise = density * float(np.trapezoid((2 * np.pi * f) ** 4 * passed**2, f))
-    alpha, others = record.motion.alpha[record.rows], (theta[record.rows], record.motion.omega[record.rows])
-    own = own_part(alpha - alpha.mean(), *(x - x.mean() for x in others))
-    return float(noise / own**2) if own > 0 else np.inf
+    density = float(np.var(off)) / float(np.trapezoid((1 - passed) ** (2 * TERMS + 2), f))
+    w = 2 * np.pi * f
+    still, moving, turning = (density * float(np.trapezoid(w**k * passed**2, f)) for k in (0, 2, 4))
+    return still, moving, turning
+
+
+def angle_noise_share(record: MovingRecord) -> float:
+    """Share of the own part of the acceleration that is noise of the angle."""
+    motion, rows = record.motion, record.rows
+    theta, omega, alpha = (x[rows] - x[rows].mean() for x in (motion.theta, motion.omega, motion.alpha))
+    own = own_part(alpha, theta, omega)
+    return float(angle_noise_moments(record)[2] / own**2) if own > 0 else np.inf
+
+
+def angle_noise_bias(record: MovingRecord, fit: LinearFit) -> float:
+    """By how much noise of the angle changes I [kg*m^2], to first order in its variance.
+
+    Least squares take the columns for exact. With the covariance S of their noise the estimates are off by
+    -(X'X/n)^-1 S times the estimates (Fuller, Measurement Error Models, 1987, ch. 2). The noise of angle and
+    acceleration is correlated, so that a stiff joint has too large an I, and a light one too small.
+    """
+    still, moving, turning = angle_noise_moments(record)
+    S = np.array([[still, 0, -moving], [0, moving, 0], [-moving, 0, turning]])
+    motion, rows = record.motion, record.rows
+    X = np.column_stack([x[rows] - x[rows].mean() for x in (motion.theta, motion.omega, motion.alpha)])
+    return float(-np.linalg.solve(X.T @ X / len(rows), S @ [fit["K"], fit["B"], fit["I"]])[2])
 
 
 def filter_gain(low_pass: LowPass, rate_hz: float) -> tuple[Array, Array]:

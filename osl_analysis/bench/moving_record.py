@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.bench.alternatives import joint_angle
-from osl_analysis.bench.moving_rows import band_of, fitted_pieces, rows_inside
+from osl_analysis.bench.moving_rows import band_of, fitted_pieces, rows_inside, stretches_of
 from osl_analysis.bench.segments import Segment
 from osl_analysis.bench.settings import BenchStiffness, ImpedanceAnalysis
 from osl_analysis.bench.stepped_sine import RawSignals, without_drift
@@ -22,6 +22,8 @@ from osl_analysis.timebase.gaps import GapLimits
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import UniformSignals, regridded, uniform_signals
 
+TERMS = 5
+"""Terms by which a signal is found from what a filter left of it: up to the cut-off 97 % of it."""
 PERIODIC = 1.5
 """Highest line of a periodic motion, in cut-offs of the filter."""
 PARTS = 3
@@ -105,10 +107,9 @@ class MovingRecord:
     def residual_correlation(self, modelled: Array) -> ResidualCorrelation:
         """How residuals in the fitted rows depend on one another, if the torque without noise is `modelled` (n,).
 
-        What the filter takes off the torque is noise, but for the motion near the cut-off, of which it takes off as
-        much of the modelled torque.
+        What the filter takes off the torque is noise, but for the motion near the cut-off.
         """
-        off = self.torque - self.filtered_torque - (modelled - self.low_pass(modelled, self.rate_hz))
+        off = noise_beyond(self.torque - self.filtered_torque, modelled, self.low_pass, self.rate_hz)
         return UnfilteredNoise(every=self.low_pass.independent_samples(self.rate_hz), filtered_off=off[self.rows])
 
     @cached_property
@@ -129,6 +130,18 @@ class MovingRecord:
     def thirds(self) -> list[NDArray[np.intp]]:
         """The fitted rows as consecutive parts."""
         return [np.asarray(part) for part in np.array_split(self.rows, PARTS)]
+
+
+def noise_beyond(taken_off: Array, signal: Array, low_pass: LowPass, rate_hz: float) -> Array:
+    """What a filter H took off a noisy signal (n,), without the part of the `signal` itself, which is known behind H.
+
+    The filter took off (1 - H) of the signal s, of which H s is known: s = H s + (1 - H) H s + (1 - H)^2 H s + ...
+    """
+    whole = part = signal
+    for _ in range(TERMS - 1):
+        part = part - low_pass(part, rate_hz)
+        whole = whole + part
+    return np.asarray(taken_off - (whole - low_pass(whole, rate_hz)))
 
 
 def moving_record(trial: Trial, settings: ImpedanceAnalysis, windows: str | None = None) -> MovingRecord:
@@ -191,8 +204,7 @@ def filtered_record(signals: UniformSignals, low_pass: LowPass, compliance: floa
     theta = joint_angle(signals["theta"], signals["torque"], compliance)
     motion, filtered = filtered_motion(signals.time, theta, signals["torque"], low_pass)
     pieces, inside = fitted_pieces(signals, low_pass, windows), rows_inside(signals, windows)
-    rows = np.concatenate([np.r_[piece] for piece in pieces])
-    band = band_of(motion[rows], signals.rate_hz)
+    band = band_of(motion, signals.rate_hz, stretches_of(pieces, inside))
     return MovingRecord(signals, theta, signals["torque"], motion, filtered, pieces, inside, band, low_pass)
 
 

@@ -1,6 +1,7 @@
 """Which rows of a record are fitted where the joint moves in any way, and the band of frequencies of its motion."""
 
 import re
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -83,13 +84,34 @@ def stated_windows(text: str, duration: float) -> list[tuple[float, float]]:
     return windows
 
 
-def band_of(motion: Motion, rate_hz: float) -> tuple[float, float]:
+def band_of(motion: Motion, rate_hz: float, stretches: Sequence[slice]) -> tuple[float, float]:
     """Lowest and highest frequency [Hz] of a motion (n,): 1 % of the angle's power lies below, of the acceleration's
-    above."""
-    length = min(len(motion.theta), round(BAND_PIECE_S * rate_hz))
-    f, angle = welch(motion.theta, rate_hz, nperseg=length)
-    _, acceleration = welch(motion.alpha, rate_hz, nperseg=length)
-    low, high = (np.cumsum(power[1:]) for power in (angle, acceleration))
-    if not low[-1] > 0 or not high[-1] > 0:
+    above. Its spectrum is the mean over the stretches, in which gaps are bridged.
+
+    Raises
+    ------
+    InputError
+        The joint does not move.
+    """
+    length = min(round(BAND_PIECE_S * rate_hz), *(one.stop - one.start for one in stretches))
+    f, low, high = np.empty(0), np.zeros(length // 2 + 1), np.zeros(length // 2 + 1)
+    for one in stretches:
+        f, angle = welch(motion.theta[one], rate_hz, nperseg=length)
+        _, acceleration = welch(motion.alpha[one], rate_hz, nperseg=length)
+        low += (one.stop - one.start) * angle
+        high += (one.stop - one.start) * acceleration
+    below, up_to = np.cumsum(low[1:]), np.cumsum(high[1:])
+    if not below[-1] > 0 or not up_to[-1] > 0:
         raise InputError("the joint does not move; check the channel of theta in the source file")
-    return float(f[1:][np.argmax(low > LEAST * low[-1])]), float(f[1:][np.argmax(high > MOST * high[-1])])
+    return float(f[1:][np.argmax(below > LEAST * below[-1])]), float(f[1:][np.argmax(up_to > MOST * up_to[-1])])
+
+
+def stretches_of(pieces: Sequence[slice], inside: NDArray[np.bool_]) -> list[slice]:
+    """Stretches from the first to the last piece in each window; the gaps between pieces belong to them."""
+    joined: list[slice] = []
+    for piece in pieces:
+        if joined and inside[joined[-1].stop : piece.start].all():
+            joined[-1] = slice(joined[-1].start, piece.stop)
+        else:
+            joined.append(piece)
+    return joined

@@ -31,7 +31,8 @@ def physical_values(topic: str, path: str, decoded: Decoded, unit: str) -> Array
             f"topic '{topic}': field '{path}' is {str(bool(values[row])).lower()} in message {row + 1}, a truth value "
             f"and no number in {unit}; name a number as `field` in the source file"
         )
-    return values.astype(np.float64)
+    with np.errstate(invalid="ignore"):  # a signalling NaN is one, too
+        return values.astype(np.float64)
 
 
 def counts_of(topic: str, path: str, decoded: Decoded) -> Indices:

@@ -59,7 +59,7 @@ def test_the_torque_to_expect_is_that_of_the_largest_sine_or_of_all_together():
     w = 10 * np.pi
     largest = abs(300 - 0.02 * w**2 + 5j * w) * np.deg2rad(6)
     assert f"torque about {largest:.3g} N·m" in call().stdout
-    said = call("--excitation", "noise", "--band", "0.2,1", "--damping", "0", "--inertia", "0").stdout
+    said = call("--excitation", "noise", "--band", "0.2,5", "--damping", "0", "--inertia", "0").stdout
     assert f"torque about {4 * 300 * np.deg2rad(2):.3g} N·m" in said
 
 
@@ -134,6 +134,8 @@ def test_the_spread_of_an_earlier_multisine_s_realisations_is_that_of_the_next(t
         (("--excitation", "multisine", "--band", "1,1.2"), "longer period or a wider band"),
         (("--trial", "a"), "give --earlier too"),
         (("--rate", "25"), "twice the cut-off"),
+        (("--excitation", "multisine", "--band", "0.5,1.5"), "the analysis would refuse this protocol"),
+        (("--excitation", "chirp", "--band", "0.2,1"), "the band from 1 to about 2.3 Hz is missing"),
         (("--frequencies", "2"), "K and I cannot be told apart"),
         (("--stiffness-within", "0"), "no percentage"),
         (("--write", "/tmp/x.csv"), "only a multisine is written"),
@@ -160,7 +162,31 @@ def test_ranges_of_the_bench_are_said():
     assert any("largest_angle = 1.2" in said for said in as_json("--amplitudes", "80")["warnings"])
 
 
+def test_a_band_is_refused_as_the_analysis_refuses_it():
+    """0.1 % of the torque over what of the acceleration angle and velocity do not explain; moments of a flat band."""
+    w = 2 * np.pi * np.linspace(0.5, 1.5, 2001)
+    own = np.sqrt(np.mean(w**4) - np.mean(w**2) ** 2)
+    change = 1e-3 * np.sqrt(np.mean(np.abs(300 - 0.02 * w**2 + 5j * w) ** 2)) / own
+    for kind in ("noise", "chirp"):
+        assert f"changes I by {change:.2g} kg*m^2" in call("--excitation", kind, "--band", "0.5,1.5").stderr
+    assert call("--band", "0.5,2.5", "--excitation", "noise").exit_code == 0
+
+
 def test_what_no_record_reaches_is_said():
     said = as_json("--encoder-bits", "10", "--stiffness-within", "0.01%")
     assert said["recommended"] is None
     assert "encoder rounding" in said["warnings"][-1]
+    assert "what is asked for is beyond the longest record that is searched" in said["warnings"][-1]
+
+
+def test_what_only_a_longer_record_reaches_is_not_called_out_of_reach():
+    """White noise averages out: the interval shrinks by the root of the time, down to the longest that is searched."""
+    asked = ("--excitation", "noise", "--encoder-step", "0", "--drift", "0")
+    one = as_json(*asked, "--duration", "7200")["estimates"]["K"]
+    share = 100 * one["half_width"] / one["expected"]
+    said = call(*asked, "--stiffness-within", share / 2).stdout
+    assert f"the longest record that is searched, 2 h, which gives K ± {share:.2g} % (variance by torque noise" in said
+    assert "no length" not in said
+    assert as_json(*asked, "--stiffness-within", 1.01 * share)["recommended"]["record_s"] == pytest.approx(
+        7200, rel=0.03
+    )

@@ -42,13 +42,20 @@ class Tellable:
 
 
 def tellable(record: MovingRecord) -> Tellable:
-    """The change of K and I by an error of `TORQUE_ERROR` that has the shape of their own parts of the motion.
-
-    The own part of the acceleration is what angle and velocity do not explain. A slow motion has little of it.
-    """
+    """As `told_by`, of a record."""
     motion, rows = record.motion, record.rows
     theta, omega, alpha = (x[rows] - x[rows].mean() for x in (motion.theta, motion.omega, motion.alpha))
-    error = TORQUE_ERROR * float(np.std(record.filtered_torque[rows]))
+    return told_by(theta, omega, alpha, float(np.std(record.filtered_torque[rows])))
+
+
+def told_by(theta: Array, omega: Array, alpha: Array, torque_rms: float) -> Tellable:
+    """The change of K and I by an error of `TORQUE_ERROR` that has the shape of their own parts of the motion.
+
+    Angle [rad], velocity and acceleration are filtered and without their means, shape (n,) each; `torque_rms` [N*m] is
+    that of the filtered torque. The own part of the acceleration is what angle and velocity do not explain. A slow
+    motion has little of it.
+    """
+    error = TORQUE_ERROR * torque_rms
     sizes = [own_part(theta, omega, alpha), own_part(alpha, omega, theta)]
     return Tellable(*(error / max(size, np.finfo(float).tiny) for size in sizes))
 
@@ -68,19 +75,36 @@ def check_band(record: MovingRecord, fit: LinearFit, largest_inertia_error: floa
     IdentifiabilityError
         It cannot; the message names the band that is missing.
     """
-    low, high = record.band_hz
-    change = tellable(record)
+    check_told(f"trial {record.name}", record.band_hz, tellable(record), (fit["K"], fit.se("K")), largest_inertia_error)
+
+
+def check_told(
+    what: str,
+    band_hz: tuple[float, float],
+    change: Tellable,
+    stiffness: tuple[float, float],
+    largest_inertia_error: float | None,
+) -> None:
+    """Refuse a band [Hz] that cannot tell K from I; `stiffness` is K with its standard error, `what` begins the
+    message.
+
+    Raises
+    ------
+    IdentifiabilityError
+        As `check_band`.
+    """
+    (low, high), (K, K_se) = band_hz, stiffness
     if largest_inertia_error is not None and change.inertia > largest_inertia_error:
         needed = max(high * np.sqrt(change.inertia / (0.5 * largest_inertia_error)), 1.5 * high)
         raise IdentifiabilityError(
-            f"trial {record.name}: a motion of {low:.2g} to {high:.2g} Hz cannot tell K from I: an error of 0.1 % of "
+            f"{what}: a motion of {low:.2g} to {high:.2g} Hz cannot tell K from I: an error of 0.1 % of "
             f"the torque changes I by {change.inertia:.2g} kg*m^2, more than the {largest_inertia_error:g} of "
             f"`largest_inertia_error` in the configuration; the band from {high:.2g} to about {needed:.2g} Hz is "
             "missing, excite it as well, or take the stiffness alone by experiment 'torque_angle'"
         )
-    if change.stiffness > LARGEST_STIFFNESS_ERROR * abs(fit["K"]) and change.stiffness > fit.se("K"):
+    if change.stiffness > LARGEST_STIFFNESS_ERROR * abs(K) and change.stiffness > K_se:
         raise IdentifiabilityError(
-            f"trial {record.name}: a motion of {low:.2g} to {high:.2g} Hz cannot tell K from I: an error of 0.1 % of "
+            f"{what}: a motion of {low:.2g} to {high:.2g} Hz cannot tell K from I: an error of 0.1 % of "
             f"the torque changes K by {change.stiffness:.2g} N*m/rad; the band below {low:.2g} Hz is missing, excite "
             "it as well"
         )

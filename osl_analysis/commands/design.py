@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from osl_analysis.bench.excitation_limits import check_told, told_by
 from osl_analysis.config import Config
 from osl_analysis.design.distortion import Distortion
-from osl_analysis.design.duration import long_enough, reached
-from osl_analysis.design.information import NAMES, Joint, weighted
+from osl_analysis.design.duration import long_enough, longest, reached
+from osl_analysis.design.information import NAMES, Joint, Weighted, weighted
 from osl_analysis.design.limits import lag_errors, warnings
-from osl_analysis.design.plan import TRANSIENTS, PeriodicMultisine, Plan
+from osl_analysis.design.plan import TRANSIENTS, PeriodicMultisine, Plan, SteppedSine
 from osl_analysis.design.precision import Precision, precision
 from osl_analysis.design.sensors import Sensors
 from osl_analysis.errors import InputError
@@ -71,19 +72,20 @@ def designed(request: DesignRequest, config: Config) -> Design:
     Raises
     ------
     IdentifiabilityError, InputError
-        As `precision` and `check_band`.
+        As `precision`, `check_band` and `check_analysed`.
     """
     low_pass = request.low_pass
     check_band(request)
-    found = request.judged(request.plan)
+    found, fit = request.judged(request.plan), weighted(request.plan, low_pass)
+    check_analysed(request, fit, float(found.se[0]), config.dynamometer.largest_inertia_error)
     best = None
     if request.within:
         best = long_enough(request.plan, request.suffices)
     said = (*warnings(request.plan, found, request.joint, request.sensors, low_pass, request.distortion),)
-    lag = lag_errors(weighted(request.plan, low_pass), request.joint, request.lag_s)
+    lag = lag_errors(fit, request.joint, request.lag_s)
     said += (*range_warnings(request, config),)
     if request.within and best is None:
-        said += (out_of_reach(found),)
+        said += (out_of_reach(request),)
     return Design(request, found, best, None if best is None else request.judged(best), lag, said)
 
 
@@ -103,6 +105,30 @@ def check_band(request: DesignRequest) -> None:
         )
 
 
+def check_analysed(request: DesignRequest, fit: Weighted, K_se: float, largest_inertia_error: float | None) -> None:
+    """Refuse a motion that the analysis will refuse, because its band cannot tell K from I.
+
+    The analysis judges samples of the filtered motion. Two rows per sine, in phase and in quadrature with the angle,
+    have the same products. A stepped sine is analysed in another way, and not judged so.
+
+    Raises
+    ------
+    IdentifiabilityError
+        As `bench.excitation_limits.check_told`.
+    """
+    if isinstance(request.plan, SteppedSine):
+        return
+    sines, n = fit.sines, len(fit.sines.w)
+    fitted_s = float(np.sum(sines.duration_s) if sines.alone.all() else np.max(sines.duration_s))
+    size = sines.size * np.sqrt(n * fit.weight * sines.duration_s / fitted_s)
+    w, still = sines.w, np.zeros(n)
+    theta, omega, alpha = (np.concatenate(pair) for pair in ((size, still), (still, w * size), (-(w**2) * size, still)))
+    torque = float(np.sqrt(np.sum(np.abs(request.joint.impedance(w) * size) ** 2) / (2 * n)))
+    band = float(sines.frequency_hz.min()), float(sines.frequency_hz.max())
+    change = told_by(theta, omega, alpha, torque)
+    check_told("the analysis would refuse this protocol", band, change, (request.joint.K, K_se), largest_inertia_error)
+
+
 def range_warnings(request: DesignRequest, config: Config) -> list[str]:
     """Warnings on angles and torques that the configuration does not allow."""
     said, bench = [], config.dynamometer
@@ -119,15 +145,22 @@ def range_warnings(request: DesignRequest, config: Config) -> list[str]:
     return said
 
 
-def out_of_reach(found: Precision) -> str:
-    """Why no length of the record is enough: the largest part of each variance."""
+def out_of_reach(request: DesignRequest) -> str:
+    """How far the longest plan that is tried comes, and the largest part of each variance there."""
+    plan = longest(request.plan)
+    found = request.judged(plan)
     causes, parts = list(found.causes), np.array(list(found.causes.values()))
     largest = np.argmax(parts, axis=0)
     shares = 100 * np.max(parts, axis=0) / np.maximum(parts.sum(axis=0), np.finfo(float).tiny)
-    main = (f"{name}: {causes[k]} {share:.0f} %" for name, k, share in zip(NAMES, largest, shares, strict=True))
+    values = np.maximum(np.abs(request.joint.values), np.finfo(float).tiny)
+    reaches = (
+        f"{name} ± {100 * found.half_width[k] / values[k]:.2g} % (variance by {causes[largest[k]]} {shares[k]:.0f} %)"
+        for k, name in enumerate(NAMES)
+        if name in request.within
+    )
     return (
-        f"no length of this protocol reaches what is asked for (variance of {', '.join(main)}); move further, widen "
-        "the band, or ask for less"
+        f"what is asked for is beyond the longest record that is searched, {plan.record_s / 3600:.2g} h, which gives "
+        f"{', '.join(reaches)}; move further, widen the band, or ask for less"
     )
 
 

@@ -33,7 +33,7 @@ def design_text(made: Design) -> str:
         asked = ", ".join(f"{name} ± {100 * share:g} %" for name, share in request.within.items())
         lines += ["", f"for {asked}:"]
         if made.recommended is None or made.recommended_found is None:
-            lines.append("  no length of this protocol is enough")
+            lines.append("  beyond the longest record that is searched")
         else:
             lines += [f"  {made.recommended.words}", f"  record {seconds(made.recommended.record_s)}"]
             lines += ["  " + line for line in interval_lines(request, made.recommended_found)]

@@ -28,7 +28,7 @@ def reached(found: Precision, joint: Joint, within: Mapping[str, float]) -> bool
 
 
 def long_enough(plan: Plan, enough: Callable[[Plan], bool]) -> Plan | None:
-    """The shortest plan of the same kind that is `enough`; None if no length is.
+    """The shortest plan of the same kind that is `enough`; None if no length that is tried is.
 
     Of a multisine, periods and realisations are chosen together, with four realisations or more: their spread is the
     only interval that has the distortion as it is.
@@ -45,6 +45,16 @@ def long_enough(plan: Plan, enough: Callable[[Plan], bool]) -> Plan | None:
         return None if seconds is None else replace(plan, duration_s=float(seconds))
     assert isinstance(plan, PeriodicMultisine)
     return shortest_multisine(plan, enough)
+
+
+def longest(plan: Plan) -> Plan:
+    """The longest plan of the same kind that `long_enough` tries."""
+    if isinstance(plan, SteppedSine):
+        return replace(plan, cycles=(float(MOST_CYCLES),) * len(plan.frequencies_hz))
+    if isinstance(plan, Continuous):
+        return replace(plan, duration_s=float(LONGEST_S))
+    assert isinstance(plan, PeriodicMultisine)
+    return replace(plan, periods=max(PERIODS), realisations=MOST_REALISATIONS)
 
 
 def shortest_multisine(plan: PeriodicMultisine, enough: Callable[[Plan], bool]) -> PeriodicMultisine | None:

@@ -116,13 +116,14 @@ def test_a_motion_with_even_lines_shows_no_even_distortion_apart():
 
 
 def test_noise_is_taken_off_the_misfit():
-    third = Z + 4e-4 * S**3
-    clean = fit_structure(SecondOrder(), lines_of_periods([lines(1, 1e-6, impedance=third)], LOW_PASS), (200, 4))
+    third = Z + 4e-5 * S**3
+    clean = fit_structure(SecondOrder(), lines_of_periods([lines(1, 1e-9, impedance=third)], LOW_PASS), (200, 4))
     noisy = [
         fit_structure(SecondOrder(), lines_of_periods([lines(s, 0.05, impedance=third)], LOW_PASS), (200, 4))
         for s in range(50)
     ]
-    assert np.sqrt(np.mean([f.misfit**2 for f in noisy])) == pytest.approx(clean.misfit, rel=0.12)
+    assert np.sqrt(np.mean([f.misfit**2 for f in noisy])) == pytest.approx(clean.misfit, rel=0.25)
+    assert clean.misfit < 2.0  # as much as the noise
 
 
 def test_the_test_of_a_record_that_does_not_repeat_itself_has_the_spread_that_it_states():

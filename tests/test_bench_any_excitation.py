@@ -10,7 +10,7 @@ from conftest import ROOT
 from scipy.linalg import expm
 
 from osl_analysis.bench.any_excitation import estimate, record_table
-from osl_analysis.bench.excitation_lag import lag_beside, linear_torque
+from osl_analysis.bench.excitation_lag import lag_beside, linear_torque, record_lag
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.moving_record import MovingRecord, fit_of, moving_record
 from osl_analysis.bench.moving_rows import stated_windows
@@ -130,9 +130,17 @@ def test_the_lag_of_a_leg_is_found_beside_the_higher_dynamics_of_its_linear_mode
     s[0] = 1e-9j
     torque = np.fft.irfft(spectrum / expected(s) * np.exp(-s * 3e-4), len(theta))
     record = moving_record(made_trial(rng, motion, K=0.0, B=0.0, I=0.0, more=torque), SETTINGS)
-    found = lag_beside(record, linear_torque(record, expected), 0.0)
+    found = lag_beside(record, linear_torque(record, expected))
     assert found.lag == pytest.approx(3e-4, abs=4 * found.se + 2e-5)
     assert found.se < 5e-5
+    assert record_lag(record, None) is None
+
+
+def test_a_lag_of_many_samples_is_found_too():
+    rng = np.random.default_rng(11)
+    row = row_of(made_trial(rng, noise(rng, (0.5, 6.0), duration=40.0), late=5e-3))
+    assert row["lag_s"] == pytest.approx(5e-3, abs=4 * row["lag_se_s"])
+    assert row["lag_se_s"] < 1.5e-4
 
 
 def test_a_joint_without_a_lag_has_none_that_counts():

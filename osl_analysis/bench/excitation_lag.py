@@ -3,11 +3,13 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from osl_analysis.bench.frequency_response import Admittance
 from osl_analysis.bench.moving_record import MovingRecord, fit_of
 from osl_analysis.bench.torque_lag import (
     CERTAIN_LAG,
+    LAG_STEPS,
     LARGEST_YIELD,
     MUCH_BETTER,
     ONLY_NOISE,
@@ -18,8 +20,10 @@ from osl_analysis.stats.fit_row import Row, lag_damping_row
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.trial import Array
 
-CERTAIN_IN_NOISE = 3.0
-"""Standard errors from which a lag is certain where the fit leaves only noise."""
+CERTAIN_IN_NOISE = 2.5
+"""Standard errors from which a lag is certain where the fit leaves only noise; 1 % of sound joints have one."""
+SETTLED = 0.01
+"""Standard errors by which the last step to the lag changes it."""
 LITTLE_INERTIA = 5e-3
 """Inertia [kg*m^2] below which a share of I says little; it is added in quadrature to what the share is taken of."""
 
@@ -33,23 +37,40 @@ class RecordLag:
     misfit: float
 
 
-def lag_beside(record: MovingRecord, base: Array | None, inertia: float) -> RecordLag:
-    """The lag d if the torque is that of `base` (n,) [N*m] and of K, B and I, late by d.
+def lag_beside(record: MovingRecord, base: Array | None) -> RecordLag | None:
+    """The lag d if the torque is that of `base` (n,) [N*m] and of K, B and I, late by d; None: no base.
 
-    To first order a lag adds -d times the torque's derivative. Its parts K omega and B alpha look like damping and
-    inertia: only the rest, the base's derivative and I times the jerk, tells a lag. `inertia` is that of a fit without
-    a lag. None: no base.
+    A lag adds -d times the torque's derivative. Its parts K omega and B alpha look like damping and inertia: only the
+    rest, the base's derivative and I times the jerk, tells a lag. Each step takes the lag found so far off the torque.
+    None if the lag is no longer small against the fastest motion: it then stands for other dynamics.
     """
     jerk = differentiate(record.time, record.motion.omega).alpha
     beyond = np.zeros_like(jerk) if base is None else base
-    without = fit_of(shifted_by(record, beyond), ())
-    own = without["I"] if base is not None else inertia
-    late = own * jerk + (np.gradient(base, record.time) if base is not None else 0.0)
-    fit = fit_of(shifted_by(record, beyond), [("lag", -late)])
-    return RecordLag(fit["lag"], fit.se("lag"), float(np.std(fit.residual)))
+    rising = 0.0 if base is None else np.gradient(base, record.time)
+    lag, largest, early = 0.0, 1 / (2 * np.pi * record.band_hz[1]), record
+    for _ in range(LAG_STEPS):
+        rest = without_torque(early, beyond)
+        late = fit_of(rest, ())["I"] * jerk + rising
+        fit = fit_of(rest, [("lag", -late)])
+        lag += fit["lag"]
+        if abs(lag) > largest:
+            return None
+        if abs(fit["lag"]) < SETTLED * fit.se("lag"):
+            break
+        early = advanced(record, lag)
+    return RecordLag(lag, fit.se("lag"), float(np.std(fit.residual)))
 
 
-def shifted_by(record: MovingRecord, base: Array) -> MovingRecord:
+def advanced(record: MovingRecord, lag: float) -> MovingRecord:
+    """The record with a torque that is earlier by `lag` [s]."""
+    torque, filtered = (
+        make_interp_spline(record.time, y, k=3)(np.clip(record.time + lag, record.time[0], record.time[-1]))
+        for y in (record.torque, record.filtered_torque)
+    )
+    return replace(record, torque=torque, filtered_torque=filtered)
+
+
+def without_torque(record: MovingRecord, base: Array) -> MovingRecord:
     """The record with a torque (n,) [N*m] taken off."""
     return replace(record, torque=record.torque - base, filtered_torque=record.filtered_torque - base)
 
@@ -68,22 +89,28 @@ def linear_torque(record: MovingRecord, expected: Admittance) -> Array:
     return np.asarray(np.fft.irfft(response * np.fft.rfft(mirrored), 2 * n)[:n])
 
 
-def record_lag(record: MovingRecord, fit: LinearFit, expected: Admittance | None) -> RecordLag | None:
+def record_lag(record: MovingRecord, expected: Admittance | None) -> RecordLag | None:
     """The lag, by a second-order joint or by the linear model with other K, B and I, whichever fits better.
 
     A joint of second order that leaves only noise decides alone where the other model leaves more. Where neither fits
     much better than the other, the difference of their lags is part of the standard error. None where it cannot be
-    estimated.
+    estimated: the lag of a device that is not of second order is not seen without its linear model, because a lag and
+    what Eq. 15 misses look alike.
     """
     try:
         bases = [None] if expected is None else [None, linear_torque(record, expected)]
-        found = sorted((lag_beside(record, base, fit["I"]) for base in bases), key=lambda lag: lag.misfit)
+        tried = [lag for base in bases if (lag := lag_beside(record, base)) is not None]
     except OslAnalysisError:
+        return None
+    found = sorted(tried, key=lambda lag: lag.misfit)
+    if not found:
+        return None
+    only_noise = found[0].misfit < ONLY_NOISE * noise_behind(record, record.low_pass)
+    if expected is None and not only_noise:
         return None
     if len(found) == 1:
         return found[0]
     better, worse = found
-    only_noise = better.misfit < ONLY_NOISE * noise_behind(record, record.low_pass)
     independent = 2 * record.low_pass.noise_bandwidth_hz * record.seconds
     enough = 1 + CERTAIN_IN_NOISE / np.sqrt(independent) if only_noise else MUCH_BETTER
     doubt = better.lag - worse.lag if worse.misfit < enough * better.misfit else 0.0
@@ -95,7 +122,7 @@ def record_lag_row(record: MovingRecord, fit: LinearFit, expected: Admittance | 
 
     A frame of stiffness k in series looks like a lag of 2 B/k up to the third power of s.
     """
-    found = record_lag(record, fit, expected)
+    found = record_lag(record, expected)
     if found is None:
         nothing: Row = dict.fromkeys(("lag_share", "lag_inertia_share", "frame_stiffness"))
         return {**lag_damping_row(None, None, fit["K"]), **nothing}

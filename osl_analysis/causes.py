@@ -126,7 +126,7 @@ REMEDIES: dict[str, str | Words] = {
     "backlash_share": "this share of K is lost to backlash, the play between joint and bench",
     "closure_angle": "a cycle does not end where it began, record the way back",
     "closure_torque": "the torque does not come back with the angle, the load cell drifts, the device creeps, or "
-    "its first cycle differs, which settle_cycles leaves out",
+    "it begins another way than it goes on, record several cycles",
     "cycle_drift": "the torque drifts from cycle to cycle, let the device settle and zero the load cell",
     "bridged_share": "the recording has gaps, and what the device did there is not known",
     "rate_change": "the energy lost depends on the speed, so that the trial is not quasi-static, record it slower",

@@ -207,7 +207,6 @@ def test_a_pause_on_the_way_does_not_change_the_straight_line():
         ((3, 10, -10, 10, -10, 3), 2, 0),
         ((-10, 10, -10, 10, -10), 2, 0),
         ((0, 10, 0, 10, 0, 5), 2, 1),
-        ((0, 10, 0, 4, 0, 10, 0), 2, 1),
         ((0, -10, 10, -10, 10, 5), 1, 1),
         ((0, 10, 1, 10, 1, 10, 0), 1, 2),  # from a preload
     ],
@@ -215,6 +214,38 @@ def test_a_pause_on_the_way_does_not_change_the_straight_line():
 def test_cycles_begin_and_end_where_the_angle_comes_back(angles, cycles, partial):
     found = find_cycles(path(*angles))
     assert (len(found.used), found.partial) == (cycles, partial)
+
+
+def test_whole_cycles_of_a_smaller_amplitude_are_counted_and_said():
+    theta = path(*(x for a in (6, 8, 10, 6, 8, 10) for x in (0, a, -a)), 0)
+    found = find_cycles(theta)
+    assert (len(found.used), found.smaller, found.partial) == (2, 4, 0)
+    assert (find_cycles(path(0, 10, 0, 4, 0, 10, 0)).smaller, find_cycles(path(0, 10, 0, 10, 0, 5)).smaller) == (1, 0)
+    assert "smaller_cycles, whole but smaller than the largest, are not analysed" in unchecked(theta, K * theta)
+    assert unchecked(FULL, K * FULL) == ""
+
+
+def test_a_device_that_starts_from_rest_within_its_loop_is_judged_from_the_second_cycle_on():
+    """Cycles of +-A lose 4 limit (A - limit/slip); on its way out the first one has not the torque of the others."""
+    slip, limit, theta = 400.0, 4.0, path(0, *(10, -10) * 4, 0)
+    torque = K * theta + jenkins(theta, slip, limit)
+    row = rows_of(theta, torque, zero="start")
+    assert (row["cycles"], row["settled_cycles"], row["partial_cycles"]) == (3, 1, 0)
+    assert row["energy_lost"] == pytest.approx(4 * limit * (A - limit / slip), rel=1e-3)
+    assert row["K_lowest"] == pytest.approx(K, rel=1e-3)
+    assert row["closure_torque"] < 0.002
+    assert doubts(theta, torque, zero="start") == ""
+    whole = rows_of(theta, torque, zero="start", settle_cycles=0)
+    assert (whole["cycles"], whole["settled_cycles"]) == (4, 0)
+    assert whole["K_lowest"] < 0.9 * K
+    assert "record several cycles" in doubts(theta, torque, zero="start", settle_cycles=0)
+    single = rows_of(theta := path(0, -10, 10, 0), K * theta + jenkins(theta, slip, limit), zero="start")
+    assert (single["cycles"], single["settled_cycles"]) == (1, 0)
+
+
+def test_drift_is_no_reason_to_leave_a_cycle_out():
+    drift = 6 * np.linspace(0, 1, FULL.size)
+    assert rows_of(FULL, K * FULL + drift, **PLAIN)["settled_cycles"] == 0
 
 
 def test_first_cycles_are_left_out_and_one_must_remain():
@@ -270,6 +301,12 @@ def doubts(theta: Array, torque: Array, **changes: object) -> str:
     trial = trial_of(theta, torque)
     table = plausible_torque_angle(torque_angle_table(torque_angle_trial(trial, settings(**changes))), trial)
     return str(marked(table, LIMITS, "torque_angle")["doubtful"][0])
+
+
+def unchecked(theta: Array, torque: Array, **changes: object) -> str:
+    trial = trial_of(theta, torque)
+    table = plausible_torque_angle(torque_angle_table(torque_angle_trial(trial, settings(**changes))), trial)
+    return table["not_checked"][0] or ""
 
 
 def test_a_sound_trial_is_not_doubtful():

@@ -1,7 +1,7 @@
 """The cycles of a slow back-and-forth motion, found from the angle itself, and their two branches."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,6 +18,10 @@ CLOSED = 0.05
 """Largest distance of a cycle's ends, as a part of the range of motion."""
 WHOLE = 0.9
 """Smallest range of a cycle, as a part of the range of motion."""
+NO_RETURN = 0.005
+"""Part of the range of torque by which a first cycle may miss its begin without differing from the later ones."""
+MUCH_MORE = 3.0
+"""Ratio of this distance to that of later cycles from which on the first one differs: drift makes them alike."""
 RESTS = 0.01
 """Part of the range of motion within which the joint rests."""
 
@@ -45,14 +49,27 @@ class Cycle:
 class Cycles:
     """The cycles of a recording.
 
-    used: those that are analysed. partial: number of further stretches that are no whole cycle. loading: direction in
-    which the joint moves away from rest, 1 up or -1 down. starts_at: the angle [rad] at which a cycle begins.
+    used: those that are analysed. settled: number of first ones that are not. smaller: number of further ones of a
+    smaller range. partial: number of further stretches that are no whole cycle. loading: direction in which the joint
+    moves away from rest, 1 up or -1 down. starts_at: the angle [rad] at which a cycle begins.
     """
 
     used: tuple[Cycle, ...]
+    settled: int
+    smaller: int
     partial: int
     loading: int
     starts_at: float
+
+    def settled_for(self, torque: Array) -> "Cycles":
+        """Without the first cycle if it differs: its torque (n,) [N*m] does not come back, that of later ones does.
+
+        A device with hysteresis that starts from rest begins within its loop and ends on it.
+        """
+        first, *later = (abs(float(torque[cycle.stop] - torque[cycle.start])) for cycle in self.used)
+        if not later or first <= max(MUCH_MORE * max(later), NO_RETURN * float(np.ptp(torque))):
+            return self
+        return replace(self, used=self.used[1:], settled=self.settled + 1)
 
 
 def find_cycles(theta: Array, settle: int = 0) -> Cycles:
@@ -71,11 +88,12 @@ def find_cycles(theta: Array, settle: int = 0) -> Cycles:
     span, start = high - low, float(theta[0])
     turns = turning_points(theta, SMALLEST_SWING * span)
     edges = cycle_edges(theta, turns, span)
-    found = [
+    closed = [
         Cycle(a, b, tuple(t for t in turns if a < t < b))
         for a, b in pairwise(edges)
-        if abs(theta[b] - theta[a]) <= CLOSED * span and np.ptp(theta[a : b + 1]) >= WHOLE * span
+        if abs(theta[b] - theta[a]) <= CLOSED * span and np.ptp(theta[a : b + 1]) > SMALLEST_SWING * span
     ]
+    found = [cycle for cycle in closed if np.ptp(theta[cycle.rows]) >= WHOLE * span]
     if not found:
         raise InputError(
             f"no whole cycle: the angle begins at {in_deg(start)} deg, goes to {in_deg(low)} and {in_deg(high)} deg, "
@@ -86,7 +104,8 @@ def find_cycles(theta: Array, settle: int = 0) -> Cycles:
             f"the first {settle} of {len(found)} whole cycles are not analysed; record more, or lower settle_cycles"
         )
     farther = 1 if high - theta[found[0].start] >= theta[found[0].start] - low else -1
-    return Cycles(tuple(found[settle:]), partial_cycles(theta, edges, found), farther, start)
+    partial, smaller = partial_cycles(theta, edges, closed), len(closed) - len(found)
+    return Cycles(tuple(found[settle:]), settle, smaller, partial, farther, start)
 
 
 def in_deg(angle: float) -> str:

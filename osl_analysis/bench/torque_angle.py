@@ -127,7 +127,9 @@ def analysed(signals: UniformSignals, settings: TorqueAngleAnalysis, compliance:
     zero = torque_zero(bench_theta, torque, rate, settings)
     torque = torque - zero
     theta = joint_angle(bench_theta, torque, compliance)
-    cycles = find_cycles(theta, settings.settle_cycles)
+    cycles = find_cycles(theta, settings.settle_cycles or 0)
+    if settings.settle_cycles is None:
+        cycles = cycles.settled_for(torque)
     branches = [[joined(c.pieces(theta, cycles.loading * sign)) for c in cycles.used] for sign in (1, -1)]
     at = grid_deg(theta, branches, settings.angle_step_deg)
     smoothing = Smoothing(settings.window_share * float(np.ptp(theta)), low_pass.independent_samples(rate))

@@ -45,8 +45,9 @@ class TorqueAngleAnalysis(BenchAnalysis):
     """Angle to each side of a point, as a share of the range of motion, over which its torque and slope are fitted."""
     smallest_motion_deg: Positive
     """Range of motion [deg] below which a trial is refused."""
-    settle_cycles: Annotated[int, Field(ge=0, le=1000)]
-    """Number of first cycles that are not analysed: a device with hysteresis begins another way than it goes on."""
+    settle_cycles: Annotated[int, Field(ge=0, le=1000)] | None
+    """Number of first cycles that are not analysed: a device with hysteresis begins another way than it goes on. None:
+    the first one, where its torque does not come back and that of later ones does."""
     shortest_cycle_s: Positive
     """Duration [s] of a cycle below which a trial is refused: inertia and damping are in its torque."""
     desired: dict[str, DesiredCurve] = Field(default_factory=dict)

@@ -5,7 +5,7 @@ import polars as pl
 
 from osl_analysis.bench.alternatives import timebase_table
 from osl_analysis.bench.angle_cycles import joined, moving
-from osl_analysis.bench.plausibility import with_clipping
+from osl_analysis.bench.plausibility import not_checked, with_clipping
 from osl_analysis.bench.torque_angle import TorqueAngleTrial, analysed
 from osl_analysis.bench.torque_angle_curve import secant, straight_line
 from osl_analysis.errors import InputError
@@ -18,6 +18,8 @@ OTHER_SPEED = 1.3
 """Ratio of the speeds of the fastest and slowest cycle from which on they say whether torque depends on speed."""
 TEXTS = ("interval_method", "desired")
 """Columns of a trial's row that hold text and may be empty."""
+SMALLER = "smaller_cycles, whole but smaller than the largest, are not analysed: record each amplitude as its own trial"
+"""Said of a trial with cycles of several amplitudes."""
 OVER_CYCLES = ("K", "K_secant", "K_unloading", "energy_stored", "energy_returned", "energy_lost")
 """Columns of the table of cycles of which the trial's row has mean and interval."""
 
@@ -69,6 +71,8 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
     row: dict[str, float | str | None] = {
         "trial": trial.name,
         "cycles": len(cycles),
+        "settled_cycles": trial.cycles.settled,
+        "smaller_cycles": trial.cycles.smaller,
         "partial_cycles": trial.cycles.partial,
         "loading": "rising" if trial.cycles.loading > 0 else "falling",
         "angle_min_deg": float(np.rad2deg(moved.min())),
@@ -191,5 +195,6 @@ def torque_angle_time_base(trial: TorqueAngleTrial) -> pl.DataFrame:
 
 
 def plausible_torque_angle(table: pl.DataFrame, trial: Trial) -> pl.DataFrame:
-    """The trial's row with `saturated_samples`."""
-    return with_clipping(table, trial, "torque", "theta")
+    """The trial's row with `saturated_samples`, and `not_checked`: what of the recording the numbers leave out."""
+    reasons = [SMALLER] if table["smaller_cycles"][0] else []
+    return with_clipping(table, trial, "torque", "theta").with_columns(not_checked("; ".join(reasons)))

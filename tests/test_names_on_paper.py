@@ -65,6 +65,9 @@ def test_hostile_names_are_drawn_letter_by_letter_without_a_warning(module):
     written = texts(figure).replace("\\$", "$").replace("\n", " ")
     for shown in ("$x_1$ 50 %", "_hidden", "\\alpha {", "Exo $K_d$ & more, left", "No controller"):
         assert shown in written, shown
+    figure.draw_without_rendering()
+    inked, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    assert min(inked.x0, inked.y0, width - inked.x1, height - inked.y1) > -0.01
     labels = [look.label for look in looks_in(module.points(of_controllers(*HOSTILE))).values()]
     assert len(labels) == len(set(labels)) == len(HOSTILE)
 

@@ -25,8 +25,8 @@ COLUMNS = (*TABLE_COLUMNS, *PLACE, "look", "x", "x_centre", "median_VAF", "doubt
 HEIGHT = 2.4
 LEFT, RIGHT, BOTTOM, PANEL_HEIGHT = 0.56, 0.06, 0.26, 2.08
 """Margins and height [in] of the panel: fixed, because the swarm's positions depend on its size."""
-LETTERS_PER_INCH = 15
-LINE = 0.13
+LETTERS_PER_INCH = 17
+LINE = 0.17
 """Height [in] of a further line of the names below the panel."""
 DIAMETER = 4.9 / 72
 """Diameter [in] of each point in the swarm: the marker and a small gap."""

@@ -1,9 +1,15 @@
 """Motions of the simulated dynamometer: each derivative is that of the signal before, and the motion is as stated."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from conftest import ROOT
 
+from osl_analysis.commands.simulate import read_simulation
+from osl_analysis.config import read_config
 from osl_analysis.simulator.excitations import Excitation, excitation_motion
+from osl_analysis.simulator.plan import plan_trials
 
 RATE = 1000.0
 SMOOTH = ("multisine", "chirp", "noise", "hand")
@@ -59,3 +65,14 @@ def test_trials_differ_and_one_is_the_same_each_time():
     excitation, motion = made("noise")
     np.testing.assert_array_equal(motion.theta, excitation_motion(excitation, "trial_x_1", 3, RATE).theta)
     assert np.abs(motion.theta - excitation_motion(excitation, "trial_x_2", 3, RATE).theta).max() > 0.01
+
+
+def test_the_shipped_campaign_plans_its_motions_by_the_names_of_its_trials(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    config = read_config(Path("config/campaigns/excitations/config.yaml"))
+    settings = read_simulation(config.simulation, config.shared())
+    names = plan_trials(settings)["trial"].to_list()
+    assert len(names) == 2 * (4 + 5)
+    kinds = [settings.excitation_of(name).kind for name in names[:9]]
+    assert kinds == ["multisine"] * 4 + ["chirp", "noise", "prbs", "ramps", "hand"]
+    assert settings.excitation_of("impedance_K300_B5.0_compensated") is None

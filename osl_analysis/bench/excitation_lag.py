@@ -47,7 +47,9 @@ def lag_beside(record: MovingRecord, base: Array | None) -> RecordLag | None:
     jerk = differentiate(record.time, record.motion.omega).alpha
     beyond = np.zeros_like(jerk) if base is None else base
     rising = 0.0 if base is None else np.gradient(base, record.time)
-    lag, largest, early = 0.0, 1 / (2 * np.pi * record.band_hz[1]), record
+    largest = 1 / (2 * np.pi * record.band_hz[1])
+    lag = first_lag(record, jerk, largest) if base is None else 0.0
+    early = advanced(record, lag) if lag else record
     for _ in range(LAG_STEPS):
         rest = without_torque(early, beyond)
         late = fit_of(rest, ())["I"] * jerk + rising
@@ -59,6 +61,20 @@ def lag_beside(record: MovingRecord, base: Array | None) -> RecordLag | None:
             break
         early = advanced(record, lag)
     return RecordLag(lag, fit.se("lag"), float(np.std(fit.residual)))
+
+
+def first_lag(record: MovingRecord, jerk: Array, largest: float) -> float:
+    """The lag [s] of a second-order joint from a fit with the jerk (n,) as a fourth column, below the `largest`.
+
+    By the series of exp(-s d) the four coefficients of a late torque, K, B', I' and J', obey
+    K d^3/6 + B' d^2/2 + I' d + J' = 0. Of its real roots the one counts whose torque, made earlier, is fitted best.
+    """
+    fit = fit_of(record, [("J", jerk)])
+    roots = np.roots([fit["K"] / 6, fit["B"] / 2, fit["I"], fit["J"]])
+    tried = [float(root.real) for root in roots if abs(root.imag) < 1e-9 and abs(root.real) < largest]
+    if len(tried) < 2:
+        return tried[0] if tried else 0.0
+    return min(tried, key=lambda lag: float(np.std(fit_of(advanced(record, lag)).residual)))
 
 
 def advanced(record: MovingRecord, lag: float) -> MovingRecord:

@@ -81,6 +81,65 @@ def test_arrays_names_and_levels_are_addressed_as_in_messages(tmp_path: Path) ->
     np.testing.assert_allclose(samples["time"], np.arange(20) / 100)
 
 
+def test_a_name_with_a_dot_is_quoted_and_never_taken_for_a_level(tmp_path: Path) -> None:
+    lines = [
+        {"t_s": k / 100, "f": {"cell.mz_Nm": k + 0.5, "cell": {"mz_Nm": -k}, 'a"[b]': [0, 3 * k]}, "x.y": k}
+        for k in range(20)
+    ]
+    path = write(tmp_path / "a", lines)
+    draft = yaml.safe_load(draft_source(inspect_file(path), "a"))
+    fields = {one["field"]: one["unit"] for one in draft["channels"].values()}
+    assert fields == {
+        'f["cell.mz_Nm"]': "Nm",
+        "f.cell.mz_Nm": "Nm",
+        'f["a\\"[b]"][0]': "UNKNOWN",
+        'f["a\\"[b]"][1]': "UNKNOWN",
+        '["x.y"]': "UNKNOWN",
+    }
+    channels = {
+        "torque": {"field": 'f["cell.mz_Nm"]', "unit": "N*m"},
+        "torque_m": {"field": "f.cell.mz_Nm", "unit": "N*m"},
+        "theta": {"field": 'f["a\\"[b]"][1]', "unit": "rad"},
+        "theta_m": {"field": '["x.y"]', "unit": "rad"},
+    }
+    time = {"field": "t_s", "unit": "s"}
+    k = np.arange(20)
+    samples = read(path, time=time, channels=channels).samples
+    for column, expected in (("torque", k + 0.5), ("torque_m", -k), ("theta", 3 * k), ("theta_m", k)):
+        np.testing.assert_array_equal(samples[column], expected)
+    for one in lines:
+        del one["f"]["cell"]
+    said = refused(write(tmp_path / "b", lines), time=time, channels=channels)
+    assert said.endswith("""did you mean 'f["cell.mz_Nm"]'?""")
+    lines[7]["f"]["cell.mz_Nm"] = "high"
+    del channels["torque_m"]
+    assert """field 'f["cell.mz_Nm"]' is "high", not a number, in line 8""" in refused(
+        write(tmp_path / "c", lines), time=time, channels=channels
+    )
+
+
+def test_every_element_of_a_list_is_listed_up_to_a_limit(tmp_path: Path) -> None:
+    lines: list[Any] = [
+        {"f": [], "j": [{"q": 1}], "m": [[1, 2], [3, 4]], "long": [0.5] * 70, "name": ["hip", "ankle"], "p": [1, None]},
+        {"f": [1, None, 3], "j": [{"q": 1}, {"q": 2}]},
+    ]
+    overview = inspect_file(write(tmp_path / "a", lines * 5))
+    listed = [channel.address["field"] for channel in overview.channels]
+    long = [f"long[{i}]" for i in range(64)]
+    m = ["m[0][0]", "m[0][1]", "m[1][0]", "m[1][1]"]
+    assert listed == ["j[0].q", *m, *long, "p[name=hip]", "f[0]", "f[2]", "j[1].q"]
+    assert "long has 70 elements; only the first 64 are listed" in overview.remarks
+
+
+def test_a_field_that_only_unusable_lines_have_is_not_called_absent(tmp_path: Path) -> None:
+    lines: list[Any] = rust_lines()
+    for one in lines:
+        one["functions"]["torque"] = {"Nm": one["functions"]["torque"]}
+    said = refused(write(tmp_path / "a", [{"meta": 1}, *lines]))
+    assert "no line has" not in said
+    assert "field 'functions.torque' is {\"Nm\": 0.0}, not a number, in line 2; name a number" in said
+
+
 def test_nanoseconds_since_1970_are_exact(tmp_path: Path) -> None:
     start = 1_700_000_000_123_456_789
     lines = [{"t_ns": start + 1_000_001 * k, "angle": 0.5} for k in range(50)]

@@ -9,9 +9,9 @@ import numpy as np
 
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats.csv_text import UTF_16_MARKS
+from osl_analysis.formats.json_numbers import addresses_in_line
 from osl_analysis.formats.mcap.limits import WrongFieldError
 from osl_analysis.formats.mcap.topics import joined_field
-from osl_analysis.formats.messages.description import FieldDescription, describe_json
 from osl_analysis.formats.messages.effort import EffortError, text_effort_for
 from osl_analysis.formats.messages.json_messages import ByText
 from osl_analysis.formats.messages.leaves import Indices
@@ -137,11 +137,28 @@ def decode_lines(lines: JsonLines, paths: Sequence[str]) -> DecodedLines:
     for path in paths:
         values[path], present[path] = joined_field(parts, path, order)
         if not present[path].any():
-            names = [one for field in describe_lines(lines) for one in field.addresses()]
+            check_misfit(lines, path, misfit)
+            names, _ = addresses_of(lines)
             advice = nearest(path, names) or "; correct `field` in the source file"
             raise InputError(f"{lines.path}: no line has a field '{path}'; there are {listing(names)}{advice}")
     rows = np.concatenate([rows for rows, _ in parts])[order]
     return DecodedLines(rows, values, present, misfits, in_lines(misfit, lines))
+
+
+def check_misfit(lines: JsonLines, path: str, misfit: str) -> None:
+    """Blame the lines that cannot be used where only these have a number at the path.
+
+    Raises
+    ------
+    InputError
+        They do.
+    """
+    alone = ByText([path], effort=text_effort_for(len(lines.data)))
+    if misfit and any(path in values for _, values in alone.read(lines.data, lines.starts, lines.lengths)):
+        raise InputError(
+            f"{lines.path}: every line with a field '{path}' has something else than a number in another field: "
+            f"{in_lines(misfit, lines)}; {NUMBER}"
+        )
 
 
 def without_mixed(parts: Sequence[tuple[Indices, Values]]) -> tuple[list[tuple[Indices, Values]], str]:
@@ -166,19 +183,23 @@ def in_lines(misfit: str, lines: JsonLines) -> str:
     return misfit
 
 
-def describe_lines(lines: JsonLines) -> list[FieldDescription]:
-    """Every number in the first lines and in some of the others, in the order in which they appear."""
+def addresses_of(lines: JsonLines) -> tuple[list[str], dict[str, int]]:
+    """Every number in the first lines and in some of the others, in the order in which they appear, and long arrays.
+
+    The latter are those of which only the first elements are among the addresses, with their lengths.
+    """
     count = lines.starts.size
     first = np.arange(min(count, MOST_DESCRIBED // 2))
     others = np.linspace(0, count - 1, MOST_DESCRIBED // 2).astype(np.int64)
-    found: dict[str, FieldDescription] = {}
+    found: dict[str, None] = {}
+    long: dict[str, int] = {}
     for row in np.unique(np.concatenate([first, others])).tolist():
         try:
-            fields = describe_json(lines.line(row))
+            addresses, cut = addresses_in_line(lines.line(row), MOST_FIELDS)
         except (ValueError, RecursionError):
             continue
-        for field in fields:
-            found.setdefault(field.path, field)
+        found.update(dict.fromkeys(addresses))
+        long.update(cut)
         if len(found) > MOST_FIELDS:
             break
-    return list(found.values())[:MOST_FIELDS]
+    return list(found)[:MOST_FIELDS], long

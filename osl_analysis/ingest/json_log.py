@@ -9,7 +9,9 @@ from pydantic import Field
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.csv_rows import share_above
-from osl_analysis.formats.json_lines import DecodedLines, JsonLines, decode_lines, describe_lines, read_json_lines
+from osl_analysis.formats.json_lines import DecodedLines, JsonLines, addresses_of, decode_lines, read_json_lines
+from osl_analysis.formats.json_numbers import MOST_ELEMENTS
+from osl_analysis.formats.messages.field_path import last_name
 from osl_analysis.ingest.column_names import clock_among, likely_unit
 from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
 from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of
@@ -28,7 +30,7 @@ class JsonChannel(TableChannel):
 
     field: str
     """Dotted path of the number, with an index or a name where it passes an array: `variables.ankle_angle`,
-    `position[0]`, `position[name=ankle]`."""
+    `position[0]`, `position[name=ankle]`; a name with a dot in it in quotes, `functions["loadcell.mz"]`."""
     unit: str
     """Unit of the number; JSON states none."""
 
@@ -109,13 +111,14 @@ def inspect_json(path: Path) -> Overview:
         No line holds a number.
     """
     lines = read_json_lines(path)
-    names = [name for one in describe_lines(lines) for name in one.addresses()]
+    names, long = addresses_of(lines)
     if not names:
         raise InputError(f"{path}: no line holds a number; name a recording")
     decoded = decoded_for_list(lines, names)
     clock = clock_among(names)
     channels = [channel_of(name, decoded[name], name == clock) for name in names]
     remarks = list(dict.fromkeys(note for one in decoded.values() for note in notes_on(lines, one)))
+    remarks += [f"{name} has {size} elements; only the first {MOST_ELEMENTS} are listed" for name, size in long.items()]
     guessed = [f"{one.address['field']} [{one.likely_unit}]" for one in channels if one.likely_unit]
     remarks += [f"units guessed from the names, to be checked: {', '.join(guessed)}"] * bool(guessed)
     time = {"field": clock or NAME_OF_TIME, "unit": (likely_unit(clock) if clock else "") or UNKNOWN}
@@ -146,5 +149,5 @@ def channel_of(name: str, decoded: DecodedLines, is_clock: bool) -> RecordedChan
     note += f", in {values.size} of {there.size} lines" if values.size < there.size else ""
     kind = decoded.values[name].dtype.name
     return RecordedChannel(
-        "field", {"field": name}, "", int(known.size), None, note, kind, likely_unit=likely_unit(name)
+        "field", {"field": name}, "", int(known.size), None, note, kind, likely_unit=likely_unit(last_name(name))
     )

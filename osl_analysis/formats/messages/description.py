@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.formats.messages.effort import check_text
+from osl_analysis.formats.messages.field_path import path_to
 from osl_analysis.formats.messages.leaves import AnyLeaf, Varint
 from osl_analysis.formats.messages.templates import INDEXED, MessageWalk
 
@@ -89,7 +90,7 @@ def describe_json(text: bytes) -> list[FieldDescription]:
 def described_value(value: Any, path: str, texts: Mapping[str, Sequence[str]]) -> Iterator[FieldDescription]:
     """The fields of one JSON value; `texts` are the arrays of text beside it."""
     if isinstance(value, dict):
-        inner = {f"{path}.{name}" if path else name: one for name, one in value.items()}
+        inner = {path_to(path, name): one for name, one in value.items()}
         beside = {name: one for name, one in inner.items() if is_array_of(one, str)}
         for name, one in inner.items():
             yield from described_value(one, name, beside)

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from osl_analysis.formats.messages.field_path import PART, name_in
 from osl_analysis.formats.messages.leaves import Indices
-from osl_analysis.formats.messages.one_by_one import PART
 
 MOST_PARSED = 3  # messages to look at for a first one that is sound
 
@@ -24,7 +24,7 @@ class RepeatedNameError(ValueError):
 def names_on_the_way(paths: Collection[str]) -> frozenset[str]:
     """All names of objects' fields that lead to the paths."""
     parts = [part for path in paths for part in PART.finditer(path)]
-    return frozenset(name for part in parts for name in (part["name"], part["names"]) if name is not None)
+    return frozenset(name for part in parts for name in (name_in(part), part["names"]) if name is not None)
 
 
 def load(text: bytes, names: Collection[str]) -> Any:

@@ -7,7 +7,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.formats.messages.one_by_one import PART
+from osl_analysis.formats.messages.field_path import PART, name_in
 
 NUMBERS = (pl.Int64, pl.Float64, pl.Boolean)
 
@@ -25,7 +25,8 @@ def steps_of(path: str) -> tuple[Step, ...]:
     parts = [part for part in PART.finditer(path) if part[0] != "."]
     if any(part["names"] for part in parts):
         raise NoTypesError("an element that is chosen by name must be searched in each message")
-    return tuple(part["name"] if part["name"] is not None else int(part["index"]) for part in parts)
+    named = [(part, name_in(part)) for part in parts]
+    return tuple(int(part["index"]) if name is None else name for part, name in named)
 
 
 def names_of(steps: Sequence[Step]) -> list[bytes]:

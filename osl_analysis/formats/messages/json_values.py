@@ -8,7 +8,8 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from osl_analysis.formats.messages.one_by_one import PART, Numbers, child, element, numbers_at
+from osl_analysis.formats.messages.field_path import PART, name_in
+from osl_analysis.formats.messages.one_by_one import Numbers, child, element, numbers_at
 
 MOST_SHOWN = 40  # characters of a value in a message to the user
 
@@ -41,9 +42,9 @@ def check_absent(message: Any, path: str) -> None:
     for part in PART.finditer(path):
         if value is None:
             return
-        if part["name"] is not None:
+        if (name := name_in(part)) is not None:
             expect(value, Mapping, way, "an object with fields")
-            parent, value = value, child(value, part["name"])
+            parent, value = value, child(value, name)
         elif part["index"] is not None or part["names"] is not None:
             expect(value, list, way, "an array")
             value = chosen(value, parent, part)

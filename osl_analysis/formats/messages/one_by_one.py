@@ -1,6 +1,5 @@
 """Numbers of messages that a library decodes one by one, for messages that cannot be read all at once."""
 
-import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -9,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import OslAnalysisError
+from osl_analysis.formats.messages.field_path import PART, name_in
 from osl_analysis.formats.messages.leaves import Indices
 
 Numbers = dict[str, Any]
 Values = dict[str, NDArray[Any]]
-
-PART = re.compile(r"(?P<name>[^.\[\]]+)|\[(?P<index>\d+)\]|\[(?P<names>\w+)=(?P<one>[^\]]+)\]|\.")
 
 
 class WholeArrayError(OslAnalysisError):
@@ -50,8 +48,8 @@ def number_at(message: Any, path: str) -> float | bool | None:
     """The number at a path; None where there is none."""
     value, parent = message, None
     for part in PART.finditer(path):
-        if part["name"] is not None:
-            parent, value = value, child(value, part["name"])
+        if (name := name_in(part)) is not None:
+            parent, value = value, child(value, name)
         elif part["names"] is not None:
             names = child(parent, part["names"])
             value = element(value, list(names).index(part["one"]) if part["one"] in (names or ()) else -1)

@@ -20,8 +20,8 @@ from osl_analysis.stats.fit_row import Row, lag_damping_row
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.trial import Array
 
-CERTAIN_IN_NOISE = 2.5
-"""Standard errors from which a lag is certain where the fit leaves only noise; 1 % of sound joints have one."""
+CERTAIN_IN_NOISE = 3.0
+"""Standard errors from which a lag is certain where the fit leaves only noise."""
 SETTLED = 0.01
 """Standard errors by which the last step to the lag changes it."""
 LITTLE_INERTIA = 5e-3

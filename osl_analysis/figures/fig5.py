@@ -18,6 +18,7 @@ from osl_analysis.figures.style import (
     WHITE,
     Look,
     draw_spread,
+    legend_columns,
     panels,
     paper_style,
     spread_entries,
@@ -92,7 +93,9 @@ def draw(table: pl.DataFrame) -> Figure:
         damping.set_xlabel("Desired $B_d$ (N·m·s/rad)")
         damping.set_ylabel(r"Damping $\hat{B}$ (N·m·s/rad)")
     bars, remark = spread_entries({ax: "KB"[number % 2] for number, ax in enumerate(axes)}, table)
-    figure.legend(handles=[*entries(table, looks), *bars], loc="outside upper center", ncols=6, columnspacing=1.4)
+    handles = [*entries(table, looks), *bars]
+    columns = legend_columns([str(handle.get_label()) for handle in handles], DOUBLE_COLUMN, most=6)
+    figure.legend(handles=handles, loc="outside upper center", ncols=columns, columnspacing=1.4)
     figure.supxlabel(remark, fontsize=8)
     return figure
 

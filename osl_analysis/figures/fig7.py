@@ -20,6 +20,7 @@ from osl_analysis.figures.style import (
     SINGLE_COLUMN,
     Look,
     draw_spread,
+    legend_columns,
     light_dots,
     panels,
     paper_style,
@@ -135,7 +136,8 @@ def legend(figure: Figure, table: pl.DataFrame, shown: Mapping[Axes, str]) -> No
     bars, remark = spread_entries(shown, table)
     handles += bars + [LIGHT_DOT] * len(table.filter(IS_DOUBTFUL).head(1))
     labels = [*named, *(str(handle.get_label()) for handle in handles[len(named) :])]
-    figure.legend(handles, labels, loc="outside upper center", ncols=2 * len(figure.axes) // 2, columnspacing=1.5)
+    columns = legend_columns(labels, figure.get_figwidth(), most=2 if len(shown) == 2 else 4)
+    figure.legend(handles, labels, loc="outside upper center", ncols=columns, columnspacing=1.5)
     chosen = said_of_choice(table)
     figure.supxlabel("\n".join(filter(None, [remark, chosen])), fontsize=8)
 

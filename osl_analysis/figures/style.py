@@ -11,7 +11,9 @@ import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
+from matplotlib.textpath import TextPath
 
 SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.16
 """Widths [in] of one column and of the text block of an IEEE two-column page."""
@@ -22,6 +24,8 @@ ORANGE, PALE_ORANGE, PURPLE = "#E66100", "#F5C09A", "#5D3A9B"
 
 LIGHT_DOT = Line2D([], [], linestyle="", marker="o", color=GREY, mfc=WHITE, markersize=3, mew=1.2, label="Doubtful fit")
 """For the legend of filled markers with a light dot."""
+HANDLE = 0.45
+"""Width [in] of the handle of a legend's entry with its spaces."""
 LETTERS = 26
 """Panels that have letters."""
 THIN, THICK = 0.7, 1.8
@@ -120,6 +124,25 @@ def panels(
     for ax, title in zip(axes, titles, strict=False):
         ax.set_title(title.strip(), loc="left")
     return figure, axes
+
+
+def width_of(label: str) -> float:
+    """Width [in] of a label at 8 points; a letter beyond ASCII counts as a wide one."""
+    plain = "".join(sign if sign.isascii() else "M" for sign in label.replace("\\$", "S").replace("$", ""))
+    font = FontProperties(family=PAPER["font.family"][:1])
+    return float(TextPath((0, 0), plain, size=8, prop=font).get_extents().width) / 72 if plain.strip() else 0.0
+
+
+def legend_columns(labels: Sequence[str], width: float, most: int) -> int:
+    """Columns, `most` or fewer, of a legend with these labels that is no wider than the page of `width` [in]."""
+    widths = np.array([width_of(label) for label in labels])
+    for columns in range(min(most, len(labels)), 1, -1):
+        rows, longer = divmod(len(labels), columns)
+        ends = np.cumsum([rows + (k < longer) for k in range(columns)])
+        parts = np.split(widths, ends[:-1])
+        if sum(max(part) + HANDLE for part in parts) < width:
+            return columns
+    return 1
 
 
 def light_dots(ax: Axes, x: pl.Series, y: pl.Series) -> None:

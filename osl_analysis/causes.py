@@ -127,6 +127,8 @@ REMEDIES: dict[str, str | Words] = {
     "closure_angle": "a cycle does not end where it began, record the way back",
     "closure_torque": "the torque does not come back with the angle, the load cell drifts, the device creeps, or "
     "it begins another way than it goes on, record several cycles",
+    "rest_change": "at rest the torque at the end is not that at the start, hysteresis leaves a torque in the device "
+    "that is taken for zero, or the load cell drifts, write zero: start if the device was without load there",
     "cycle_drift": "the torque drifts from cycle to cycle, let the device settle and zero the load cell",
     "bridged_share": "the recording has gaps, and what the device did there is not known",
     "rate_change": "the energy lost depends on the speed, so that the trial is not quasi-static, record it slower",

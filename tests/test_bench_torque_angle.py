@@ -243,6 +243,42 @@ def test_a_device_that_starts_from_rest_within_its_loop_is_judged_from_the_secon
     assert (single["cycles"], single["settled_cycles"]) == (1, 0)
 
 
+def test_a_torque_that_hysteresis_leaves_at_rest_is_not_taken_for_an_offset_without_a_word():
+    """A spring that slips keeps its limit at the end, half the width of the loop; before the motion it has none."""
+    limit, theta = 4.0, path(0, *(10, -10) * 3, 0)
+    torque = K * theta + jenkins(theta, 400, limit)
+    span = 2 * (K * A + limit)
+    wrong, right = rows_of(theta, torque), rows_of(theta, torque, zero="start")
+    assert wrong["zero_off_middle"] == pytest.approx(limit, rel=1e-3)
+    assert wrong["rest_change"] == pytest.approx(limit / span, rel=0.01)
+    assert "write zero: start" in doubts(theta, torque)
+    assert "what hysteresis leaves in the device" in unchecked(theta, torque)
+    assert right["zero_off_middle"] == pytest.approx(0, abs=0.01)
+    assert right["rest_change"] is None
+    assert right["torque_max"] == pytest.approx(K * A + limit, abs=0.2)  # the filter cuts 0.05 deg off the tip
+    assert (doubts(theta, torque, zero="start"), unchecked(theta, torque, zero="start")) == ("", "")
+    assert rows_of(theta, torque, **PLAIN)["zero_off_middle"] is None
+
+
+def test_a_residual_torque_is_said_also_without_a_rest_before_the_motion_and_at_an_end_of_it():
+    theta = path(0, *(10, -10) * 3, 0)[round(RATE) :]
+    torque = K * theta + jenkins(theta, 400, 4) + 2
+    assert rows_of(theta, torque)["rest_change"] is None
+    assert "what hysteresis leaves" in unchecked(theta, torque)
+    pressed = path(0, 10, 0, 10, 0, 10, 0)
+    assert rows_of(pressed, K * pressed + jenkins(pressed, 400, 4))["zero_off_middle"] is None
+    assert "what hysteresis leaves" in unchecked(pressed, K * pressed + jenkins(pressed, 400, 4))
+
+
+def test_an_offset_of_a_device_whose_loop_closes_at_rest_is_no_matter():
+    """Dry friction lets go at rest, a damper has no torque there, and a spring has no loop."""
+    theta = path(0, *(10, -10) * 3, 0)
+    omega = np.gradient(theta) * RATE
+    for torque in (1.5 * np.sign(np.round(omega, 9)), 20 * omega, 3000 * theta**3):
+        assert unchecked(theta, K * theta + torque + 5) == ""
+        assert doubts(theta, K * theta + torque + 5) == ""
+
+
 def test_drift_is_no_reason_to_leave_a_cycle_out():
     drift = 6 * np.linspace(0, 1, FULL.size)
     assert rows_of(FULL, K * FULL + drift, **PLAIN)["settled_cycles"] == 0
@@ -411,5 +447,6 @@ def test_the_tests_of_a_real_foot_give_what_an_independent_computation_finds_wit
         for name, ours in REFERENCE.items():
             if ours is not None:
                 assert found[ours] == pytest.approx(float(theirs[name]), rel=0.01), (row["trial"], name)
+        assert "what hysteresis leaves in the device" in found["not_checked"]
         assert printed.line(printed.cells(found)) in page, row["trial"]
     assert not expected

@@ -21,6 +21,7 @@ from osl_analysis.bench.torque_angle_curve import (
     straight_line,
 )
 from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
+from osl_analysis.bench.torque_angle_zero import torque_zero
 from osl_analysis.errors import InputError
 from osl_analysis.stats.regression import variance_accounted_for
 from osl_analysis.trial import Array, Trial
@@ -28,8 +29,6 @@ from osl_analysis.uniform import UniformSignals, uniform_signals
 
 LEAST_VAF = 50.0
 """VAF [percent] of the torque by its curve over angle below which the torque does not follow the angle."""
-AT_REST = 0.01
-"""Part of the range of motion by which the angle may change while the joint rests."""
 
 
 @dataclass(frozen=True)
@@ -159,29 +158,6 @@ def check_moves(theta: Array, settings: TorqueAngleAnalysis) -> None:
             f"the angle moves by {range_deg:.3g} deg in all, expected {settings.smallest_motion_deg:g} deg or more "
             "(smallest_motion_deg); check the channel of theta and its unit in the source file"
         )
-
-
-def torque_zero(theta: Array, torque: Array, rate_hz: float, settings: TorqueAngleAnalysis) -> float:
-    """Torque [N*m] at rest, by the rule of the settings; 0 if there is none.
-
-    Raises
-    ------
-    InputError
-        The joint does not rest there.
-    """
-    if settings.zero == "none":
-        return 0.0
-    count = max(round(settings.rest_s * rate_hz), 1)
-    rows = slice(-count, None) if settings.zero == "end" else slice(count)
-    moved = float(np.ptp(theta[rows]))
-    if count >= len(theta) or moved > AT_REST * np.ptp(theta):
-        other = "start" if settings.zero == "end" else "end"
-        raise InputError(
-            f"the joint does not rest at the {settings.zero} of the recording: the angle moves by "
-            f"{np.rad2deg(moved):.2g} deg in {settings.rest_s:g} s; write `zero: {other}` under torque_angle, or "
-            "`zero: none` if the torque was zeroed before, or a shorter `rest_s`"
-        )
-    return float(torque[rows].mean())
 
 
 def check_slow(trial: TorqueAngleTrial) -> None:

@@ -5,9 +5,10 @@ import polars as pl
 
 from osl_analysis.bench.alternatives import timebase_table
 from osl_analysis.bench.angle_cycles import joined, moving
-from osl_analysis.bench.plausibility import not_checked, with_clipping
+from osl_analysis.bench.plausibility import with_clipping
 from osl_analysis.bench.torque_angle import TorqueAngleTrial, analysed
 from osl_analysis.bench.torque_angle_curve import secant, straight_line
+from osl_analysis.bench.torque_angle_zero import loop_at, may_be_left, rest_change
 from osl_analysis.errors import InputError
 from osl_analysis.stats.regression import variance_accounted_for
 from osl_analysis.stats.repeats import CommonError, over_repeats
@@ -16,10 +17,15 @@ from osl_analysis.trial import Array, Trial
 BRANCHES = ("loading", "unloading")
 OTHER_SPEED = 1.3
 """Ratio of the speeds of the fastest and slowest cycle from which on they say whether torque depends on speed."""
-TEXTS = ("interval_method", "desired")
+TEXTS = ("interval_method", "desired", "not_checked")
 """Columns of a trial's row that hold text and may be empty."""
 SMALLER = "smaller_cycles, whole but smaller than the largest, are not analysed: record each amplitude as its own trial"
 """Said of a trial with cycles of several amplitudes."""
+LEFT = (
+    "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device (zero_off_middle): "
+    "torque_min, torque_max, energy_stored and energy_returned depend on it"
+)
+"""Said of a zero that lies on a branch of the loop."""
 OVER_CYCLES = ("K", "K_secant", "K_unloading", "energy_stored", "energy_returned", "energy_lost")
 """Columns of the table of cycles of which the trial's row has mean and interval."""
 
@@ -67,6 +73,7 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
     loading, unloading = trial.curves
     moved, torque = trial.theta[moving(trial.theta)], trial.torque
     _, measured, model = trial.modelled()
+    widest = float(np.nanmax(np.abs(loading.torque - unloading.torque)))
     stored, returned = (cycles[name].to_numpy() for name in ("energy_stored", "energy_returned"))
     row: dict[str, float | str | None] = {
         "trial": trial.name,
@@ -81,7 +88,7 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
         "bench_angle_max_deg": float(np.rad2deg(trial.bench_theta.max())),
         "torque_min": float(torque.min()),
         "torque_max": float(torque.max()),
-        "torque_zero": trial.zero,
+        **zero_row(trial, widest),
         **{key: value for name in OVER_CYCLES for key, value in mean_over_cycles(name, cycles, softer).items()},
         "K_uncorrected": float(
             np.mean([straight_line(trial.bench_theta, torque, pieces) for pieces in trial.pieces(0)])
@@ -89,7 +96,7 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
         "K_lowest": float(np.nanmin(loading.stiffness)),
         "K_highest": float(np.nanmax(loading.stiffness)),
         "returned_share": float(np.sum(returned) / np.sum(stored)),
-        "hysteresis_torque": float(np.nanmax(np.abs(loading.torque - unloading.torque))),
+        "hysteresis_torque": widest,
         "interval_method": "cycles" if len(cycles) > 1 else None,
         "VAF": variance_accounted_for(measured, measured - model),
         "speed_deg_s": float(np.mean(cycles["speed_deg_s"].to_numpy())),
@@ -103,6 +110,22 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
     }
     empty = {name: pl.String if name in TEXTS else pl.Float64 for name, value in row.items() if value is None}
     return pl.DataFrame([row], schema_overrides=empty)
+
+
+def zero_row(trial: TorqueAngleTrial, widest: float) -> dict[str, float | str | None]:
+    """The torque taken for zero, and what speaks against it; the loop is `widest` [N*m] at its widest."""
+    torque, zero, settings = trial.torque, trial.zero, trial.settings
+    rest = float(np.rad2deg(trial.theta[0 if settings.zero == "start" else -1]))
+    loop = loop_at(rest, trial.angle_deg, *(curve.torque for curve in trial.curves))
+    stated = settings.zero == "none"
+    left = not stated and may_be_left(zero, loop, widest, float(np.ptp(torque)))
+    reasons = [*([SMALLER] if trial.cycles.smaller else []), *([LEFT] if left else [])]
+    return {
+        "torque_zero": zero,
+        "zero_off_middle": None if stated or loop is None else -loop.middle,
+        "rest_change": rest_change(trial.bench_theta, torque, trial.uniform.rate_hz, settings),
+        "not_checked": "; ".join(reasons) or None,
+    }
 
 
 def largest(values: pl.Series) -> float:
@@ -195,6 +218,5 @@ def torque_angle_time_base(trial: TorqueAngleTrial) -> pl.DataFrame:
 
 
 def plausible_torque_angle(table: pl.DataFrame, trial: Trial) -> pl.DataFrame:
-    """The trial's row with `saturated_samples`, and `not_checked`: what of the recording the numbers leave out."""
-    reasons = [SMALLER] if table["smaller_cycles"][0] else []
-    return with_clipping(table, trial, "torque", "theta").with_columns(not_checked("; ".join(reasons)))
+    """The trial's row with `saturated_samples`."""
+    return with_clipping(table, trial, "torque", "theta")

@@ -140,6 +140,48 @@ def test_a_field_that_only_unusable_lines_have_is_not_called_absent(tmp_path: Pa
     assert "field 'functions.torque' is {\"Nm\": 0.0}, not a number, in line 2; name a number" in said
 
 
+def stamped_lines(seconds: str, nanoseconds: str, rows: int = 50) -> list[Any]:
+    """Lines behind a header, with stamps that count up by 20.000001 ms across whole seconds."""
+    ns = [1_700_000_000_990_000_000 + 20_000_001 * k for k in range(rows)]
+    stamps = [{seconds: one // 10**9, nanoseconds: one % 10**9} for one in ns]
+    return [{"meta": {"rate": 50}}, *({"h": {"stamp": one}, "q": 0.5 * k} for k, one in enumerate(stamps))]
+
+
+@pytest.mark.parametrize("parts", [("sec", "nanosec"), ("secs", "nsecs"), ("seconds", "nanos")])
+def test_a_stamp_of_seconds_and_nanoseconds_is_time_and_exact(tmp_path: Path, parts: tuple[str, str]) -> None:
+    path = write(tmp_path / "a", stamped_lines(*parts))
+    channels = {"theta": {"field": "q", "unit": "rad"}}
+    recording = read(path, time={"field": "h.stamp"}, channels=channels)
+    np.testing.assert_allclose(recording.samples["time"], 20.000001e-3 * np.arange(50), rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(recording.samples["theta"], 0.5 * np.arange(50))
+    assert "a: 1 of 51 lines have none of the fields and were left out, first line 1" in recording.warnings
+    assert "units are known; remove `time.unit`" in refused(
+        path, time={"field": "h.stamp", "unit": "s"}, channels=channels
+    )
+    lines = stamped_lines(*parts)
+    lines[9]["q"] = "high"  # another fault does not hide the clock
+    overview = inspect_file(write(tmp_path / "a", lines))
+    assert "h.stamp  50 samples at 50 Hz; a stamp of seconds and nanoseconds, in 50 of 51" in overview_text(overview)
+    draft = yaml.safe_load(draft_source(overview, "a"))
+    assert draft["time"] == {"field": "h.stamp"}
+    assert [one["field"] for one in draft["channels"].values()] == ["meta.rate", "q"]
+
+
+def test_a_stamp_with_a_part_that_is_no_count_is_refused_with_its_line(tmp_path: Path) -> None:
+    channels = {"theta": {"field": "q", "unit": "rad"}}
+    for name, wrong in (("sec", 1.5), ("nanosec", 2_000_000_000)):
+        lines = stamped_lines("sec", "nanosec")
+        lines[7]["h"]["stamp"][name] = wrong
+        said = refused(write(tmp_path / name, lines), time={"field": "h.stamp"}, channels=channels)
+        assert f"field 'h.stamp.{name}' is {wrong}" in said
+        assert "in line 8, which is no whole number" in said
+        assert any("in line 8, which is no whole number" in one for one in inspect_file(tmp_path / name).remarks)
+    lines = stamped_lines("sec", "nanosec")
+    del lines[7]["h"]["stamp"]["nanosec"]
+    said = refused(write(tmp_path / "c", lines), time={"field": "h.stamp"}, channels=channels)
+    assert "field 'h.stamp': no time in row 7 of 50" in said
+
+
 def test_nanoseconds_since_1970_are_exact(tmp_path: Path) -> None:
     start = 1_700_000_000_123_456_789
     lines = [{"t_ns": start + 1_000_001 * k, "angle": 0.5} for k in range(50)]

@@ -14,6 +14,7 @@ from osl_analysis.formats.json_numbers import MOST_ELEMENTS
 from osl_analysis.formats.messages.field_path import last_name
 from osl_analysis.ingest.column_names import clock_among, likely_unit
 from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
+from osl_analysis.ingest.json_stamp import stamp_column, stamps_among, without_other_lines
 from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.table_log import Table, TableColumn, read_table_log
@@ -41,7 +42,7 @@ class JsonTime(TableTime):
     ADDRESS: ClassVar[str] = "field"
 
     field: str | None = None
-    """Path of the number that holds time."""
+    """Path of the number that holds time, or of a stamp: an object of seconds and nanoseconds, without `unit`."""
 
 
 class JsonSource(TableSource):
@@ -67,15 +68,28 @@ def read_json_log(path: Path, source: JsonSource) -> Recording:
         number), or the source file is refused by `read_table_log`.
     """
     lines = read_json_lines(path)
+    field = source.time.field
+    parts = stamps_among(addresses_of(lines)[0]).get(field) if field else None
+    if parts and source.time.unit is not None:
+        raise InputError(
+            f"{path}: field '{field}' is a stamp of '{parts[0]}' and '{parts[1]}', whose units are known; remove "
+            f"{source.place('time', 'unit')}"
+        )
     wanted = [name for channel in source.channels.values() for name in (channel.field, channel.counter) if name]
-    decoded = decode_lines(lines, list(dict.fromkeys([*wanted, *filter(None, [source.time.field])])))
+    names = list(dict.fromkeys([*wanted, *(parts or filter(None, [field]))]))
+    decoded, note = decode_lines(lines, names), ""
     check_misfits(lines, decoded, source)
+    if field:  # with a rate, every line counts
+        decoded, note = without_other_lines(lines, decoded, names)
 
     def column(name: str) -> TableColumn:
         """A field of the lines that can be used."""
+        if parts and name == field:
+            return stamp_column(lines, decoded, parts)
         return TableColumn(decoded.values[name], decoded.present[name])
 
-    return read_table_log(Table(path, decoded.rows.size, column, notes_on(lines, decoded), damage_of(decoded)), source)
+    notes = [*notes_on(lines, decoded), *[note] * bool(note)]
+    return read_table_log(Table(path, decoded.rows.size, column, notes, damage_of(decoded)), source)
 
 
 def check_misfits(lines: JsonLines, decoded: DecodedLines, source: JsonSource) -> None:
@@ -115,16 +129,34 @@ def inspect_json(path: Path) -> Overview:
     if not names:
         raise InputError(f"{path}: no line holds a number; name a recording")
     decoded = decoded_for_list(lines, names)
-    clock = clock_among(names)
+    stamp, parts = next(iter(stamps_among(names).items()), ("", ("", "")))
+    clock = clock_among([name for name in names if name not in parts]) or stamp
     channels = [channel_of(name, decoded[name], name == clock) for name in names]
     remarks = list(dict.fromkeys(note for one in decoded.values() for note in notes_on(lines, one)))
     remarks += [f"{name} has {size} elements; only the first {MOST_ELEMENTS} are listed" for name, size in long.items()]
     guessed = [f"{one.address['field']} [{one.likely_unit}]" for one in channels if one.likely_unit]
     remarks += [f"units guessed from the names, to be checked: {', '.join(guessed)}"] * bool(guessed)
-    time = {"field": clock or NAME_OF_TIME, "unit": (likely_unit(clock) if clock else "") or UNKNOWN}
+    time = {"field": clock or NAME_OF_TIME, "unit": (likely_unit(last_name(clock)) if clock else "") or UNKNOWN}
+    if clock and clock == stamp:
+        time = {"field": stamp}
+        try:
+            as_one = stamp_channel(stamp, stamp_column(lines, decode_lines(lines, parts), parts))
+            channels = [as_one, *(one for one in channels if one.address["field"] not in parts)]
+        except InputError as error:
+            remarks.append(str(error))
     return Overview(
         "json_lines", {"rows": str(lines.starts.size)}, channels, remarks, {"clock": "master", "time": time}
     )
+
+
+def stamp_channel(name: str, column: TableColumn) -> RecordedChannel:
+    """A stamp of seconds and nanoseconds, as one clock."""
+    there = np.ones(column.values.size, bool) if column.present is None else column.present
+    seconds = (column.values[there] - column.values[there][:1].sum()) * 1e-9
+    notes = ["a stamp of seconds and nanoseconds", gaps_text(seconds)]
+    notes += [f"in {seconds.size} of {there.size} lines"] * bool(seconds.size < there.size)
+    note = ", ".join(filter(None, notes))
+    return RecordedChannel("field", {"field": name}, "", int(seconds.size), rate_of(seconds), note, "int64")
 
 
 def decoded_for_list(lines: JsonLines, names: Sequence[str]) -> dict[str, DecodedLines]:

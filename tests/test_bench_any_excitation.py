@@ -10,6 +10,7 @@ from conftest import ROOT
 from scipy.linalg import expm
 
 from osl_analysis.bench.any_excitation import estimate, record_table
+from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
 from osl_analysis.bench.excitation_lag import lag_beside, linear_torque, record_lag
 from osl_analysis.bench.excitation_limits import angle_noise_bias
 from osl_analysis.bench.impedance import DesiredImpedance
@@ -272,6 +273,13 @@ def test_noise_of_the_angle_changes_the_inertia_by_the_share_that_is_stated(K, s
     assert abs(np.mean(shares)) > 4 * spread
 
 
+def test_a_joint_without_stiffness_is_none_whose_stiffness_cannot_be_told():
+    rng = np.random.default_rng(7)
+    row = row_of(made_trial(rng, noise(rng), K=0.0, B=1.0, I=0.05))
+    assert row["K"] == pytest.approx(0, abs=4 * row["K_se"])
+    assert row["K_se"] < 0.05
+
+
 def test_a_fast_motion_of_a_light_joint_cannot_tell_its_stiffness():
     rng = np.random.default_rng(7)
     with pytest.raises(IdentifiabilityError, match=r"changes K by .*band below 8 Hz is missing"):
@@ -304,3 +312,15 @@ def test_a_part_of_the_record_with_another_joint_lowers_the_held_out_vaf():
     motion = noise(rng)
     stiffer = np.where(motion[0] > 20, 60 * motion[1][0], 0.0)
     assert row_of(made_trial(rng, motion, more=stiffer))["VAF_held_out"] < 98
+
+
+def test_a_lag_that_is_known_is_not_said_to_be_unchecked():
+    asked = AskedImpedance(DesiredImpedance("ours", None, None), PAPER.weight, (1.0,))
+    assert "whether the torque is late" in asked.not_checked(None, lag_known=False)
+    rng = np.random.default_rng(4)
+    motion = noise(rng)
+    trial = made_trial(rng, motion)
+    table = judged_impedance(moving_record(trial, SETTINGS), trial, None, asked)
+    assert table["lag_s"].is_not_null().all()
+    assert "whether K is what the gains should give" in table["not_checked"][0]
+    assert "late" not in table["not_checked"][0]

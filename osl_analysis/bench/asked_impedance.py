@@ -17,7 +17,10 @@ from osl_analysis.model.rendering import predicted_impedance
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.trial import Trial
 
-OF_GAINS = "whether K is what the gains should give, whether the torque is late, whether the bench's frame yields"
+OF_GAINS, OF_LAG = (
+    "whether K is what the gains should give, whether the bench's frame yields",
+    "whether the torque is late",
+)
 BAND_POINTS = 12
 """Frequencies of a band at which the rendered impedance is predicted."""
 OF_BELT = "K against the belt's K_s"
@@ -44,12 +47,13 @@ class AskedImpedance:
         """The gains that the leg had; None where they are not known. Raises as `DesiredImpedance.gains`."""
         return self.desired.gains(p, self.weight)
 
-    def not_checked(self, p: DrivetrainParameters | None) -> str:
+    def not_checked(self, p: DrivetrainParameters | None, lag_known: bool) -> str:
         """What a trial is not checked for, and why; empty if it is checked for all."""
+        of_gains = OF_GAINS if lag_known else f"{OF_GAINS}, {OF_LAG}"
         if p is None:
-            return f"{OF_BELT}, {OF_GAINS}: the configuration names no parameter file"
+            return f"{OF_BELT}, {of_gains}: the configuration names no parameter file"
         why = self.desired.unknown_gains()
-        return f"{OF_GAINS}: {why}" if why else ""
+        return f"{of_gains}: {why}" if why else ""
 
 
 def judged_impedance(
@@ -70,9 +74,9 @@ def judged_impedance(
         if asked is None:
             return table.with_columns(not_checked("" if p else f"{OF_BELT}: no parameter file is named"))
         known = table.with_columns(**asked.desired.columns(), **prediction_columns(None))
-        return known.with_columns(not_checked(asked.not_checked(p)))
+        return known.with_columns(not_checked(asked.not_checked(p, known["lag_s"].is_not_null().all())))
     table = rendered_table(rendered, joint_admittance(gains.K_1, gains.B_1, p, p.J_j))
     predicted = predicted_impedance(gains, p, asked.frequencies_of(rendered))
     plausible = plausible_impedance(table, trial, p, predicted[0])
     judged = plausible.with_columns(**asked.desired.columns(), **prediction_columns(predicted))
-    return judged.with_columns(not_checked(asked.not_checked(p)))
+    return judged.with_columns(not_checked(asked.not_checked(p, lag_known=True)))

@@ -140,6 +140,25 @@ def test_a_field_that_only_unusable_lines_have_is_not_called_absent(tmp_path: Pa
     assert "field 'functions.torque' is {\"Nm\": 0.0}, not a number, in line 2; name a number" in said
 
 
+@pytest.mark.parametrize(
+    ("step", "unit"),
+    [(0.001, "s"), (0.02, "s"), (2.0, "ms"), (500, "us"), (1e6, "ns"), (1, "UNKNOWN"), (0.1, "UNKNOWN")],
+)
+def test_the_unit_of_a_clock_is_guessed_from_its_rate_and_never_for_a_count(
+    tmp_path: Path, step: float, unit: str
+) -> None:
+    path = write(tmp_path / "a", [{"time": 7 + step * k, "q": 0.5} for k in range(30)])
+    drafted = draft_source(inspect_file(path), "a")
+    assert yaml.safe_load(drafted)["time"] == {"field": "time", "unit": unit}
+    assert ("# time: its unit is guessed" in drafted) == (unit != "UNKNOWN")
+    (tmp_path / "b.csv").write_text("".join(["time,q\n", *(f"{7 + step * k:.6f},0.5\n" for k in range(30))]))
+    overview = inspect_file(tmp_path / "b.csv")
+    assert overview.settings["time"] == {"column": "time", "unit": unit}
+    assert not overview.remarks
+    few = inspect_file(write(tmp_path / "c", [{"time": 7 + step * k} for k in range(5)]))
+    assert few.settings["time"] == {"field": "time", "unit": "UNKNOWN"}
+
+
 def stamped_lines(seconds: str, nanoseconds: str, rows: int = 50) -> list[Any]:
     """Lines behind a header, with stamps that count up by 20.000001 ms across whole seconds."""
     ns = [1_700_000_000_990_000_000 + 20_000_001 * k for k in range(rows)]
@@ -294,7 +313,7 @@ def test_the_draft_names_the_clock_and_all_numbers_also_late_ones(tmp_path: Path
     assert "variables.late_deg  1 samples; from 3 to 3, in 1 of 200 lines" in overview_text(overview)
     draft = yaml.safe_load(draft_source(overview, "a"))
     assert draft["format"] == "json_lines"
-    assert draft["time"] == {"field": "variables.time", "unit": "UNKNOWN"}
+    assert draft["time"] == {"field": "variables.time", "unit": "ms"}
     fields = [one["field"] for one in draft["channels"].values()]
     assert fields == ["variables.ankle_angle", "variables.on", "functions.torque", "variables.late_deg"]
     assert list(draft["channels"].values())[3]["unit"] == "deg"

@@ -161,6 +161,13 @@ def test_a_draft_becomes_a_source_file_by_naming_two_signals_and_their_units(wri
     np.testing.assert_allclose(read.samples["time"], TIME, atol=1e-12)
 
 
+def test_the_unit_of_a_clock_without_one_is_guessed_from_its_rate_in_the_draft(tmp_path):
+    path = write_mat(tmp_path / "a.mat", run={"time": TIME, "q": ANGLE})
+    assert 'time: {"variable": "time", "unit": "s"}\n# time: its unit is guessed' in draft_source(
+        inspect_file(path), "a"
+    )
+
+
 def test_a_single_part_is_named_in_the_draft_and_unreadable_variables_in_remarks(tmp_path):
     path = write_mat(tmp_path / "a.mat", runs=struct_array([{**RUNS[0], "time": TIME[:12]}]))
     assert yaml.safe_load(draft_source(inspect_file(path), "a.mat"))["log_part"] == "runs"

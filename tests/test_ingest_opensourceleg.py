@@ -154,5 +154,5 @@ def test_rows_from_before_the_header_that_no_failure_explains_are_refused(record
 
 def test_inspect_finds_the_clock_and_every_column(record: Callable[..., Path]) -> None:
     overview = inspect_file(record())
-    assert overview.settings["time"] == {"column": "time", "unit": "UNKNOWN"}
+    assert overview.settings["time"] == {"column": "time", "unit": "s"}
     assert [one.address["column"] for one in overview.channels][1:3] == ["joint_position", "output_position"]

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 
 from osl_analysis.formats.csv_table import places_of
 from osl_analysis.formats.csv_text import name_and_unit
-from osl_analysis.formats.messages.field_path import last_name
 
 CLOCKS = (
     "time", "t", "timestamp", "stamp", "state_time", "loop_time", "pi_time", "sys_time", "ros_time", "elapsed",
@@ -43,7 +42,7 @@ def is_clock(title: str) -> bool:
 def clock_among(paths: Sequence[str]) -> str | None:
     """The one of several dotted paths whose last name is that of a clock, the shortest way first; None without one."""
     shortest_first = sorted(paths, key=lambda path: path.count("."))
-    return next((path for path in shortest_first if is_clock(last_name(path))), None)
+    return next((path for path in shortest_first if is_clock(path.rpartition(".")[2])), None)
 
 
 def lasting_name(name: str, names: Sequence[str]) -> str:

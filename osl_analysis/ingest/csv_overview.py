@@ -20,7 +20,7 @@ from osl_analysis.formats.csv_text import (
 )
 from osl_analysis.ingest.column_names import clock_of, lasting_name, likely_unit
 from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
-from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of
+from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of, unit_of_clock
 from osl_analysis.ingest.units import base_units, normalised
 
 COMMENT = "#"
@@ -121,13 +121,14 @@ def column_channels(names: list[str], units: list[str], rows: Rows) -> Iterator[
             note += f", {gaps_text(known)}" if gaps_text(known) else ""
         note += "".join(f", {count} x '{word}'" for word, count in words)
         address = {"column": lasting_name(name, names)}
-        guess = "" if unit else likely_unit(name)
+        guess = "" if unit else likely_unit(name) or (unit_of_clock(known) if title == clock else "")
         yield RecordedChannel("column", address, unit, int(known.size), None, note, likely_unit=guess)
 
 
 def guesses(channels: list[RecordedChannel]) -> Iterator[str]:
     """A remark on units that are guessed from names."""
-    guessed = [f"{channel.address['column']} [{channel.likely_unit}]" for channel in channels if channel.likely_unit]
+    names = {channel.address["column"]: channel.likely_unit for channel in channels if channel.likely_unit}
+    guessed = [f"{name} [{unit}]" for name, unit in names.items() if likely_unit(name)]
     if guessed:
         yield f"units guessed from the names, to be checked: {', '.join(guessed)}"
 

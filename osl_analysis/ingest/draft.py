@@ -21,6 +21,7 @@ NAMES_OF_TIME = ("column", "variable", "field", "channel")
 """Fields of `time` that name a column, in some format."""
 MOST_ACTIVE = 8
 """Largest number of channels of which all are entries."""
+GUESSED_CLOCK = "# time: its unit is guessed from its name or from the rate of its readings: check it"
 NO_CLOCK = "# time: name its column and unit, or state the rate of the rows instead, as {rate: 1000}"
 
 
@@ -46,6 +47,7 @@ def log_lines(overview: Overview) -> list[str]:
     return [
         *[f"# {overview.draft_note}"] * bool(overview.draft_note),
         *[NO_CLOCK] * (clock_column == NAME_OF_TIME),
+        *[GUESSED_CLOCK] * any(c.likely_unit and not c.unit for c in listed if clock_column in c.address.values()),
         HINT,
         f"# canonical names: {known}",
         "channels:",

@@ -12,10 +12,10 @@ from osl_analysis.formats.csv_rows import share_above
 from osl_analysis.formats.json_lines import DecodedLines, JsonLines, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.json_numbers import MOST_ELEMENTS
 from osl_analysis.formats.messages.field_path import last_name
-from osl_analysis.ingest.column_names import clock_among, likely_unit
+from osl_analysis.ingest.column_names import is_clock, likely_unit
 from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
 from osl_analysis.ingest.json_stamp import stamp_column, stamps_among, without_other_lines
-from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of
+from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of, unit_of_clock
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.table_log import Table, TableColumn, read_table_log
 from osl_analysis.ingest.table_source import TableChannel, TableSource, TableTime
@@ -130,13 +130,19 @@ def inspect_json(path: Path) -> Overview:
         raise InputError(f"{path}: no line holds a number; name a recording")
     decoded = decoded_for_list(lines, names)
     stamp, parts = next(iter(stamps_among(names).items()), ("", ("", "")))
-    clock = clock_among([name for name in names if name not in parts]) or stamp
+    shortest_first = sorted((name for name in names if name not in parts), key=lambda name: name.count("."))
+    clock = next((name for name in shortest_first if is_clock(last_name(name))), stamp)
     channels = [channel_of(name, decoded[name], name == clock) for name in names]
     remarks = list(dict.fromkeys(note for one in decoded.values() for note in notes_on(lines, one)))
     remarks += [f"{name} has {size} elements; only the first {MOST_ELEMENTS} are listed" for name, size in long.items()]
-    guessed = [f"{one.address['field']} [{one.likely_unit}]" for one in channels if one.likely_unit]
+    guessed = [
+        f"{one.address['field']} [{one.likely_unit}]"
+        for one in channels
+        if likely_unit(last_name(one.address["field"]))
+    ]
     remarks += [f"units guessed from the names, to be checked: {', '.join(guessed)}"] * bool(guessed)
-    time = {"field": clock or NAME_OF_TIME, "unit": (likely_unit(last_name(clock)) if clock else "") or UNKNOWN}
+    unit = next((one.likely_unit for one in channels if one.address["field"] == clock), "")
+    time = {"field": clock or NAME_OF_TIME, "unit": unit or UNKNOWN}
     if clock and clock == stamp:
         time = {"field": stamp}
         try:
@@ -167,19 +173,18 @@ def decoded_for_list(lines: JsonLines, names: Sequence[str]) -> dict[str, Decode
     return {name: decode_lines(lines, [name]) for name in names}
 
 
-def channel_of(name: str, decoded: DecodedLines, is_clock: bool) -> RecordedChannel:
+def channel_of(name: str, decoded: DecodedLines, is_time: bool) -> RecordedChannel:
     """One number of the lines, with its range."""
     there = decoded.present[name]
     values = decoded.values[name][there].astype(np.float64)
     known = values[np.isfinite(values)]
     note = f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
-    if is_clock:
+    if is_time:
         rate = rate_of(known)
         note = f"a clock, {rate:g} per unit" if rate else "a clock that stands still"
         note += f", {gaps_text(known)}" if gaps_text(known) else ""
     note += f", {values.size - known.size} x NaN or Infinity" if known.size < values.size else ""
     note += f", in {values.size} of {there.size} lines" if values.size < there.size else ""
     kind = decoded.values[name].dtype.name
-    return RecordedChannel(
-        "field", {"field": name}, "", int(known.size), None, note, kind, likely_unit=likely_unit(last_name(name))
-    )
+    unit = likely_unit(last_name(name)) or (unit_of_clock(known) if is_time else "")
+    return RecordedChannel("field", {"field": name}, "", int(known.size), None, note, kind, likely_unit=unit)

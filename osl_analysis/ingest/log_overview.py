@@ -107,7 +107,8 @@ def channels_of(survey: ChannelSurvey, fields: list[FieldDescription]) -> Iterat
         address = {"topic": topic, "field": path}
         samples = 0 if field.length == 0 else survey.messages
         unit = standard_unit(survey.schema.name if survey.schema else "", path)
-        yield RecordedChannel(kind, address, "", samples, rate, timing, f"{field.type}{array}", likely_unit=unit)
+        own_rate = rate if samples else None
+        yield RecordedChannel(kind, address, "", samples, own_rate, timing, f"{field.type}{array}", likely_unit=unit)
     if len(numbers) > MOST_FIELDS or not numbers:
         more = f"and {len(numbers) - MOST_FIELDS} more numbers" if numbers else ""
         yield RecordedChannel(kind, {"topic": topic}, "", survey.messages, rate, timing, more)

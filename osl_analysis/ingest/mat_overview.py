@@ -12,7 +12,7 @@ from osl_analysis.formats.mat.mat_file import open_mat
 from osl_analysis.formats.mat.values import Value
 from osl_analysis.ingest.column_names import is_clock, likely_unit
 from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
-from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of
+from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of, unit_of_clock
 
 MOST_LISTED = 500
 """Largest number of variables that are listed."""
@@ -101,13 +101,21 @@ def channel_of(leaf: Leaf) -> RecordedChannel:
     if known.size:
         note = f"from {known.min():.6g} to {known.max():.6g}" if known.size > 1 else f"{known[0]:.6g}"
         note += f", {values.size - known.size} x NaN or Inf" if known.size < values.size else ""
-    rate = rate_of(values) if is_signal(value) and seems_clock(leaf.name) else None
+    is_time = is_signal(value) and seems_clock(leaf.name)
+    rate, unit = rate_of(values) if is_time else None, likely_unit(leaf.name)
     if rate is not None:
         note += f", a clock, {rate:.6g} per unit{', ' * bool(gaps_text(values))}{gaps_text(values)}"
     note = f"'{value.text}'" if value.text else note
     size = value.described()
     return RecordedChannel(
-        "variable", {"variable": leaf.address}, "", value.size, None, note, size, likely_unit=likely_unit(leaf.name)
+        "variable",
+        {"variable": leaf.address},
+        "",
+        value.size,
+        None,
+        note,
+        size,
+        likely_unit=unit or (unit_of_clock(values) if is_time else ""),
     )
 
 
@@ -139,7 +147,7 @@ def settings_of(parts: Sequence[str], drafted: Sequence[Leaf]) -> dict[str, obje
     clock = next((leaf for leaf in drafted if seems_clock(leaf.name) and 1 in leaf.value.shape), None)
     time = {"variable": NAME_OF_TIME, "unit": UNKNOWN}
     if clock is not None:
-        time = {"variable": clock.name, "unit": likely_unit(clock.name) or UNKNOWN}
+        time = {"variable": clock.name, "unit": channel_of(clock).likely_unit or UNKNOWN}
     return {"clock": "master", **({"log_part": part} if part else {}), "time": time}
 
 

@@ -8,6 +8,10 @@ import numpy as np
 from osl_analysis.trial import Array
 
 GAP = 1.5  # of the median step: what is longer is a gap
+USUAL_RATES = (50.0, 5000.0)
+"""Rates of recorders of joints [Hz], less than a factor of 1000 apart: a reading fits them in one unit only."""
+FEWEST_READINGS = 20
+"""Readings of a clock from which its unit is guessed."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,16 @@ def rate_of(time: Array) -> float | None:
     steps = np.diff(time)
     steps = steps[steps > 0]
     return float(1 / np.median(steps)) if steps.size else None
+
+
+def unit_of_clock(time: Array) -> str:
+    """The unit in which readings of a clock come at a usual rate: a guess; empty where none does, or they may count."""
+    per_unit = rate_of(time)
+    if per_unit is None or time.size < FEWEST_READINGS or bool((np.diff(time) == 1).all()):
+        return ""
+    lowest, highest = USUAL_RATES
+    units = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+    return next((unit for unit, in_second in units.items() if lowest <= per_unit * in_second <= highest), "")
 
 
 def gaps_text(time: Array) -> str:

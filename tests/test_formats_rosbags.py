@@ -106,6 +106,80 @@ def test_the_trial_of_a_folder_names_all_its_files_with_their_hashes(tmp_path: P
     assert isinstance(trial, Trial)
 
 
+def write_split1(folder: Path, names: list[str]) -> Path:
+    """A recording of ROS 1 in files of these names, of 5 messages each."""
+    folder.mkdir()
+    for number, name in enumerate(names):
+        write_bag1(folder / name, range(5 * number, 5 * number + 5), chunk=200)
+    return folder
+
+
+def test_the_bags_of_a_split_recording_of_ros_1_are_one_log_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    folder = write_split1(tmp_path / "bag", [f"knee_2026-11-20-10-{k:02}-00_{k}.bag" for k in range(12)])
+    recording = read(folder)
+    check_rows(recording, range(60))
+    damage = recording.facts["damage"]
+    assert (damage["complete"], damage["topics"]) == (True, {"/lab": {"messages": 60, "messages_lost": 0}})
+    assert inspect_file(folder).facts["messages lost"] == "0"
+    (tmp_path / "ros.yaml").write_text(
+        yaml.safe_dump({"format": "rosbag1", "time": {"source": "header"}, "channels": CHANNELS})
+    )
+    trial = trial_from_files({"trial": "a", "log": "bag", "log_source": "ros"}, tmp_path, tmp_path)
+    files = [one["path"] for one in trial.provenance["files"]["log"]["parts"]]
+    assert [name.rpartition("_")[2] for name in files] == [f"{k}.bag" for k in range(12)]
+    (tmp_path / "ros.yaml").write_text(
+        yaml.safe_dump({"format": "rosbag2", "time": {"source": "header"}, "channels": CHANNELS})
+    )
+    with pytest.raises(InputError, match="a folder with a recording in rosbag1, its source file says rosbag2"):
+        trial_from_files({"trial": "a", "log": "bag", "log_source": "ros"}, tmp_path, tmp_path)
+
+
+def test_a_damaged_chunk_in_one_bag_of_a_split_recording_is_counted(tmp_path: Path) -> None:
+    folder = write_split1(tmp_path / "bag", ["rec_0.bag", "rec_1.bag"])
+    content = bytearray((folder / "rec_1.bag").read_bytes())
+    content[content.index(b"compression=none")] ^= 0xFF
+    (folder / "rec_1.bag").write_bytes(content)
+    recording = read(folder, largest_loss=0.9)
+    lost = recording.facts["damage"]["topics"]["/lab"]["messages_lost"]
+    assert lost > 0
+    assert recording.facts["damage"]["topics"]["/lab"]["messages"] == 10 - lost
+    assert any("rec_1.bag: " in remark for remark in recording.facts["damage"]["remarks"])
+
+
+def test_a_split_recording_of_ros_1_whose_first_bags_were_deleted_or_last_was_not_closed_says_so(
+    tmp_path: Path,
+) -> None:
+    folder = write_split1(tmp_path / "bag", ["rec_3.bag", "rec_4.bag.active"])
+    last = folder / "rec_4.bag.active"
+    last.write_bytes(last.read_bytes()[:-40])
+    recording = read(folder)
+    check_rows(recording, range(10))
+    assert recording.facts["damage"]["messages_lost"] is None
+    assert any("begins with 'rec_3.bag': its files before that are not here" in text for text in recording.warnings)
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (["rec_0.bag", "rec_1.bag", "rec_3.bag"], "the file rec_2.bag of the recording cannot be found"),
+        (["rec_0.bag", "rec_1.orig.bag"], "rec_1.orig.bag cannot be a file of a split recording"),
+        (["a_0.bag", "b_1.bag"], "files of several recordings (a_0.bag, b_1.bag)"),
+        (["rec_0.bag", "rec_0.bag.active"], "files of several recordings (rec_0.bag, rec_0.bag.active)"),
+    ],
+)
+def test_bags_of_ros_1_that_are_not_one_recording_are_refused_without_a_remedy_of_ros_2(
+    tmp_path: Path, names: list[str], said: str
+) -> None:
+    folder = write_split1(tmp_path / "bag", names)
+    text = refused(folder)
+    assert said in text
+    assert "name one bag as the trial's log" in text
+    assert "ros2" not in text
+    with pytest.raises(InputError) as caught:
+        inspect_file(folder)
+    assert str(caught.value) == text
+
+
 def test_one_part_of_a_split_recording_is_read_with_a_warning(tmp_path: Path) -> None:
     for storage, ending in (("SQLITE3", "db3"), ("MCAP", "mcap")):
         folder = write_split(tmp_path / storage, storage)

@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import ConfigDict, field_validator
 
 from osl_analysis.errors import InputError, nearest
+from osl_analysis.formats.bag_folder import folder_format
 from osl_analysis.formats.c3d_header import is_c3d
 from osl_analysis.formats.csv_text import is_text
 from osl_analysis.formats.json_lines import is_json_lines
@@ -93,8 +94,6 @@ FORMATS = {
     "json_lines": KnownFormat(is_json_lines, (".jsonl", ".ndjson"), JsonSource, read_json_log, inspect_json),
     "csv": KnownFormat(is_text, (".csv",), CsvSource, read_csv_log, inspect_csv),
 }
-FOLDERS = "rosbag2"
-"""Format of a recording that is a folder."""
 ANY_TEXT = "csv"
 """Format of a text file that is not recognised by content or name."""
 NOT_READ = (".h5", ".tsv", ".xlsx")
@@ -139,7 +138,7 @@ def recognise(path: Path) -> str:
         The file is of no format that is read.
     """
     if path.is_dir():
-        return FOLDERS
+        return folder_format(path)
     begin = beginning(path)
     by_suffix = [name for name, known in FORMATS.items() if path.suffix.lower() in known.suffixes]
     candidates = [*formats_of(path, begin), *by_suffix, *[ANY_TEXT] * is_text(begin)]
@@ -159,10 +158,11 @@ def check_format(path: Path, source: Source) -> None:
         The file is of another format, or of one that is not read.
     """
     if path.is_dir():
-        if source.format != FOLDERS:
+        found_in = folder_format(path)
+        if source.format != found_in:
             raise InputError(
-                f"{path}: a folder is a recording in {FOLDERS}, its source file says {source.format}; write `format: "
-                f"{FOLDERS}` in a source file for it, or name a file in it"
+                f"{path}: a folder with a recording in {found_in}, its source file says {source.format}; write "
+                f"`format: {found_in}` in a source file for it, or name a file in it"
             )
         return
     begin = beginning(path)

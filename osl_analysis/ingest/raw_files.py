@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.errors import InputError, printable
-from osl_analysis.formats.rosbag2.metadata import NAME, REINDEX, parts_of, recorded_files
+from osl_analysis.formats.bag_folder import files_in
 from osl_analysis.ingest.assemble import assemble
 from osl_analysis.ingest.known_formats import FORMATS, Source, check_format, read_source
 from osl_analysis.ingest.largest_values import check_sizes
@@ -106,12 +106,8 @@ def check_markers(trial: Trial, experiment: str | None) -> None:
 
 def check_file(path: Path) -> None:
     """Refuse a file that is missing or empty, and what is no recording: a device, a pipe, a folder without parts."""
-    if path.is_dir() and recorded_files(path) == [path]:
-        raise InputError(
-            f"{path}: a folder that is no ROS 2 bag (it has no `{NAME}` that lists its files); name the recording in "
-            f"it; {REINDEX}"
-        )
     if path.is_dir():
+        files_in(path)
         return
     if path.exists() and not path.is_file():
         raise InputError(f"{path}: a device or a pipe, not a recording; name a file, or copy its content into one")
@@ -151,8 +147,7 @@ def identity_of(path: Path, given: str, source: str) -> Identity:
     """
     if not path.is_dir():
         return identity(path, given, source)
-    parts_of(path)
-    parts = tuple((file, identity(file, file.name, source)) for file in recorded_files(path))
+    parts = tuple((file, identity(file, file.name, source)) for file in files_in(path))
     reports = [{key: one.report[key] for key in ("path", "bytes", "sha256")} for _, one in parts]
     together = hashlib.sha256("".join(report["sha256"] for report in reports).encode()).hexdigest()
     size = sum(report["bytes"] for report in reports)

@@ -76,19 +76,6 @@ def metadata_of(said: Mapping[str, Any]) -> Metadata:
     )
 
 
-def recorded_files(path: Path) -> list[Path]:
-    """The files of a log: itself, or in a folder its description and the parts that this lists.
-
-    A folder without a description stands for itself.
-    """
-    if not path.is_dir():
-        return [path]
-    try:
-        return [path / NAME, *(path / part for part in read_metadata(path).parts)]
-    except InputError:
-        return [path]
-
-
 def parts_of(folder: Path) -> list[Path]:
     """The files of the bag in a folder, in the order of recording.
 

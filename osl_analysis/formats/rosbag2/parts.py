@@ -1,17 +1,8 @@
 """A ROS 2 bag: one file, or a folder with the parts of one recording, which are read as one log."""
 
-from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-from mcap.opcode import Opcode
-
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap.chunk import MessageBlock
-from osl_analysis.formats.mcap.damage import Damage
-from osl_analysis.formats.mcap.declared import Declared, Meaning, meaning_of
 from osl_analysis.formats.mcap.limits import Budget
 from osl_analysis.formats.mcap.mcap_file import read_mcap
 from osl_analysis.formats.mcap.walk import MAGIC as MCAP
@@ -19,82 +10,7 @@ from osl_analysis.formats.message_file import MessageFile
 from osl_analysis.formats.rosbag2.database import MAGIC as SQLITE
 from osl_analysis.formats.rosbag2.database import read_database
 from osl_analysis.formats.rosbag2.metadata import Metadata, parts_of, read_metadata
-
-
-@dataclass
-class SplitLog:
-    """The parts of one recording, one after the other. A topic has one channel in all of them."""
-
-    path: Path
-    """Their folder."""
-    parts: Sequence[MessageFile]
-    """The files, in the order of recording."""
-    metadata: Metadata
-    """The description of the recording."""
-    budget: Budget
-    """The size of all."""
-    numbers: dict[tuple[Meaning, Meaning], int] = field(default_factory=dict)
-    """Channel by what it means: topic, encoding and definition of its messages."""
-    declared: Declared = field(default_factory=Declared)
-    """The channels; complete once the blocks are read."""
-    damage: Damage = field(default_factory=lambda: Damage(finished=True))
-    """Losses; complete once the blocks are read."""
-    kind: str = "bag"
-    """What it is, for messages."""
-
-    def blocks(self) -> Iterator[MessageBlock]:
-        """The messages of all parts. Call it once.
-
-        Raises
-        ------
-        InputError
-            A part cannot be read.
-        """
-        for part in self.parts:
-            for block in part.blocks():
-                known = np.unique(block.channel).tolist()
-                number_of = np.zeros(1 << 16, np.uint16)
-                number_of[known] = [self.number(part, one) for one in known]
-                yield replace(block, channel=number_of[block.channel])
-            self.count(part)
-        self.damage.declared_messages = self.metadata.counts.total()
-        topics = Counter(channel.topic for channel in self.declared.channels.values())
-        if max(topics.values(), default=0) < 2:
-            counts = self.metadata.counts
-            self.damage.declared = Counter({c.id: counts[c.topic] for c in self.declared.channels.values()})
-
-    def number(self, part: MessageFile, own: int) -> int:
-        """The channel, in all parts, of a part's own channel."""
-        channel = part.declared.channels[own]
-        schema = part.declared.schemas.get(channel.schema_id)
-        said = meaning_of(replace(channel, schema_id=0)), meaning_of(schema) if schema else ()
-        number = self.numbers.setdefault(said, len(self.numbers))
-        if number not in self.declared.channels:
-            if schema:
-                self.declared.take(Opcode.SCHEMA, replace(schema, id=number + 1), provisional=False)
-            one = replace(channel, id=number, schema_id=number + 1 if schema else 0)
-            self.declared.take(Opcode.CHANNEL, one, provisional=False)
-        return number
-
-    def count(self, part: MessageFile) -> None:
-        """Add the losses of a part that was read, and its topics without messages."""
-        own, all_of = part.damage, self.damage
-        number_of = {one: self.number(part, one) for one in sorted(part.declared.channels)}
-        for counts, total in (
-            (own.read, all_of.read),
-            (own.indexed_lost, all_of.indexed_lost),
-        ):
-            total.update(Counter({number_of[one]: count for one, count in counts.items() if one in number_of}))
-        all_of.finished &= own.finished
-        all_of.gaps |= own.gaps
-        all_of.uncounted |= own.uncounted
-        all_of.verified += own.verified
-        all_of.chunks += own.chunks
-        all_of.chunks_lost += own.chunks_lost
-        all_of.bytes += own.bytes
-        all_of.bytes_lost += own.bytes_lost
-        for remark in own.remarks:
-            all_of.remark(f"{part.path.name}: {remark}")
+from osl_analysis.formats.split_log import SplitLog
 
 
 def read_rosbag2(path: Path) -> MessageFile:
@@ -111,7 +27,7 @@ def read_rosbag2(path: Path) -> MessageFile:
     parts = [part_of(file, described) for file in files]
     for part in parts:
         part.damage.finished |= part.kind == "bag"  # its description is that of the whole
-    return SplitLog(path, parts, described, Budget(sum(file.stat().st_size for file in files)))
+    return SplitLog(path, parts, described.counts, Budget(sum(file.stat().st_size for file in files)))
 
 
 def part_of(path: Path, described: Metadata) -> MessageFile:

@@ -1,5 +1,6 @@
 """Standard errors, weights and tests of fits to lines, against the scatter of many fits and fits written by hand."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,6 +15,7 @@ from osl_analysis.signals import LowPass
 from osl_analysis.spectral.equation_error import DETECTION, EXCITED, REALISATIONS, fit_periodic
 from osl_analysis.spectral.local_polynomial import RecordSpectrum
 from osl_analysis.spectral.models import NOISE, fit_structure, lines_of_periods, lines_of_record
+from osl_analysis.spectral.period_scatter import PERIODS
 from osl_analysis.spectral.realisations import Realisation
 from osl_analysis.spectral.response import periodic_response
 from osl_analysis.spectral.structures import SecondOrder
@@ -153,3 +155,20 @@ def test_periods_beside_a_gap_are_not_in_the_response_of_a_trial():
     whole = periods()
     usable[round(20.2 * RATE) : round(21.4 * RATE)] = False
     assert (whole, periods()) == (8, 7)
+
+
+def test_a_stiffness_that_changes_from_period_to_period_widens_the_interval_by_what_fits_of_periods_scatter():
+    rng = np.random.default_rng(3)
+    one = lines(4, 1e-3, periods=8)
+    K = 200 + 10 * rng.standard_normal(8)
+    changing = replace(one, torque=one.torque + (K - 200)[:, None] * one.theta)
+    fit = fit_periodic([changing], LOW_PASS)
+    each = [
+        fit_periodic([replace(changing, theta=one.theta[[p, p]], torque=changing.torque[[p, p]])], LOW_PASS)["K"]
+        for p in range(8)
+    ]
+    assert fit.interval_method == PERIODS
+    assert fit.se("K") == pytest.approx(np.std(each, ddof=1) / np.sqrt(8), rel=0.01)
+    low, high = fit.interval("K")
+    assert low < 200 < high
+    assert fit_periodic([one], LOW_PASS).interval_method == DETECTION

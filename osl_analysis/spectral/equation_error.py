@@ -17,6 +17,7 @@ import numpy as np
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.lines import Lines, lines_of, scatter
+from osl_analysis.spectral.period_scatter import at_least_of_periods
 from osl_analysis.spectral.realisations import Realisation, Spectrum, distinct
 from osl_analysis.stats.covariance import ResidualCorrelation
 from osl_analysis.stats.regression import LinearFit, linear_fit
@@ -85,8 +86,9 @@ def fit_periodic(realisations: Sequence[Realisation], low_pass: LowPass) -> Line
 
     Realisations of one motion count as one, with more periods. The interval comes from the spread of four realisations
     or more, else from the lines without excitation, else from what the fit leaves at the excited lines, where a misfit
-    of Eq. 15 widens it. `offset` is the mean torque at angle 0. VAF and R2 are those of all lines up to the highest
-    excited one, behind the filter; `samples` are those in the periods, and `residual` the weighted equation error.
+    of Eq. 15 widens it. Where the periods scatter certainly more, as those of a device that changes, this is added.
+    `offset` is the mean torque at angle 0. VAF and R2 are those of all lines up to the highest excited one, behind the
+    filter; `samples` are those in the periods, and `residual` the weighted equation error.
 
     Raises
     ------
@@ -110,6 +112,9 @@ def fit_periodic(realisations: Sequence[Realisation], low_pass: LowPass) -> Line
     error = np.asarray(torque - theta * (first["K"] + s * first["B"] + s**2 * first["I"]))
     level, shares = distortion_level(error, lines)
     fit = linear_fit(y, columns, LineScatter(shape=(len(single), len(at)), level=level, shares=shares))
+    modelled = fit["K"] + s * fit["B"] + s**2 * fit["I"]
+    each = [own * (r.torque - modelled * r.theta) for own, r in zip(weight, single, strict=True)]
+    fit = at_least_of_periods(fit, columns, [np.asarray(one[:, at]) for one in each])
     top = slice(1, at[-1] + 1)
     left, all_of = (float(np.sum(np.abs(e[:, top]) ** 2)) for e in (error, torque))
     return with_offset(replace(fit, vaf=100 * (1 - left / all_of), r_squared=1 - left / all_of), single)

@@ -115,6 +115,8 @@ REMEDIES: dict[str, str | Words] = {
     "B_m_ratio": too_far("B_m", FROM_FILE),
     "saturated_samples": "a torque, angle or current is clipped, it stands at an end of its sensor's range, see the "
     "quality check `saturation`: use a sensor of larger range",
+    "torque_at_peaks": "the torque stands still where Eq. 15 has its peaks, it is clipped, by the range of its sensor "
+    "or amplifier or by a limit of the motor, or the spring softens: use a larger range, or a smaller motion",
     "lag_share": late_or_yielding,
     "certain_lag_damping": late_or_yielding,
     "lag_inertia_share": late_for_inertia,

@@ -9,6 +9,7 @@ from osl_analysis.bench.alternatives import check_stiffer, time_base_row, time_b
 from osl_analysis.bench.excitation_clocks import record_clock_row
 from osl_analysis.bench.excitation_lag import LITTLE_INERTIA, record_lag_row
 from osl_analysis.bench.excitation_limits import angle_noise_bias, check_alias, check_band, check_moves
+from osl_analysis.bench.excitation_peaks import torque_at_peaks
 from osl_analysis.bench.frequency_response import Admittance
 from osl_analysis.bench.impedance import IMPEDANCE, MAY_BE_NULL
 from osl_analysis.bench.moving_record import MovingRecord, fit_of
@@ -104,6 +105,7 @@ def record_table(record: MovingRecord, expected: Admittance | None = None) -> pl
         **diagnostics_row(fit, record.rate_hz, record.low_pass),
         **record_lag_row(record, fit, expected),
         **friction_row(record, fit),
+        "torque_at_peaks": torque_at_peaks(record, fit),
         "VAF_held_out": lowest_vaf_of_parts(record),
         "load_cell_drift": 60 * record.drift,
         **time_base_row(fit, other, IMPEDANCE),

@@ -24,6 +24,7 @@ OF_RECORDS = (
     "lag_inertia_share",
     "theta_rms_deg",
     "angle_noise_share",
+    "torque_at_peaks",
     "fitted_s",
     "period_s",
     "periods",

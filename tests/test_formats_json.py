@@ -14,8 +14,12 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from osl_analysis.errors import InputError
+from osl_analysis.formats.json_numbers import addresses_in_line
 from osl_analysis.formats.mcap.mcap_file import read_mcap
 from osl_analysis.formats.mcap.topics import Decoded, decode_topics
+from osl_analysis.formats.messages.field_path import last_name, path_to
+from osl_analysis.formats.messages.json_types import steps_of
+from osl_analysis.formats.messages.one_by_one import number_at
 from osl_analysis.ingest.log_overview import inspect_mcap
 from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 
@@ -103,6 +107,29 @@ def test_a_real_json_log_equals_pythons_parser() -> None:
     for name in ("clientX", "clientY"):
         assert decoded.values[name].tolist() == [message[name] for message in messages]
     assert decoded.how[0]["one_by_one"] == 0
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.text('ab.[]"\\\\= \n\u00e9', max_size=4), min_size=1, max_size=3))
+def test_the_path_to_any_names_leads_to_their_number_and_is_how_it_is_listed(names: list[str]) -> None:
+    path, message = "", 1.5
+    for name in names:
+        path = path_to(path, name)
+    for name in reversed(names):
+        message = {name: message, f"{name}.a": 2.5}  # type: ignore[assignment]
+    assert steps_of(path) == tuple(names)
+    assert number_at(message, path) == 1.5
+    assert path in addresses_in_line(json.dumps(message).encode(), 99)[0]
+    assert last_name(path) == names[-1]
+
+
+def test_a_name_with_a_dot_is_read_in_a_topic_as_in_lines(tmp_path: Path) -> None:
+    texts = [json.dumps({"f": {"cell.mz": k, "cell": {"mz": -k}}}) for k in range(30)]
+    path = write(tmp_path / "log.mcap", texts, chunk_size=200)
+    decoded = read(path, 'f["cell.mz"]', "f.cell.mz")
+    assert decoded.values['f["cell.mz"]'].tolist() == list(range(30))
+    assert decoded.values["f.cell.mz"].tolist() == [-k for k in range(30)]
+    assert [one.address["field"] for one in inspect_mcap(path).channels] == ['f["cell.mz"]', "f.cell.mz"]
 
 
 def test_a_number_with_a_fraction_after_whole_ones_is_not_cut(tmp_path: Path) -> None:

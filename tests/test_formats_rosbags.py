@@ -23,6 +23,7 @@ from rosbags.typesys import Stores, get_typestore
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.rosbag1.records import record_at
+from osl_analysis.formats.rosbag1.scan import read_bag
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.known_formats import FORMATS, recognise
 from osl_analysis.ingest.raw_files import trial_from_files
@@ -89,6 +90,7 @@ def test_a_ros_2_bag_gives_the_columns_that_were_written(tmp_path: Path, storage
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
 def test_the_parts_of_a_split_recording_are_one_log(tmp_path: Path, storage: str) -> None:
     folder = write_split(tmp_path / "bag", storage)
+    write_bag1(folder / "other_0.bag", range(5))  # the description tells what belongs to the recording
     recording = read(folder)
     check_rows(recording)
     assert recording.facts["damage"]["topics"]["/lab"] == {"messages": 50, "messages_lost": 0}
@@ -115,7 +117,7 @@ def write_split1(folder: Path, names: list[str]) -> Path:
 
 
 def test_the_bags_of_a_split_recording_of_ros_1_are_one_log_in_the_order_of_their_numbers(tmp_path: Path) -> None:
-    folder = write_split1(tmp_path / "bag", [f"knee_2026-11-20-10-{k:02}-00_{k}.bag" for k in range(12)])
+    folder = write_split1(tmp_path / "bag", [f"knee_{k}.bag" for k in range(12)])
     recording = read(folder)
     check_rows(recording, range(60))
     damage = recording.facts["damage"]
@@ -137,25 +139,30 @@ def test_the_bags_of_a_split_recording_of_ros_1_are_one_log_in_the_order_of_thei
 def test_a_damaged_chunk_in_one_bag_of_a_split_recording_is_counted(tmp_path: Path) -> None:
     folder = write_split1(tmp_path / "bag", ["rec_0.bag", "rec_1.bag"])
     content = bytearray((folder / "rec_1.bag").read_bytes())
-    content[content.index(b"compression=none")] ^= 0xFF
+    start = read_bag(folder / "rec_1.bag").sections[0].start
+    content[start : start + 4] = b"\xff" * 4  # no chunk any more: only the index of this bag tells what it held
     (folder / "rec_1.bag").write_bytes(content)
     recording = read(folder, largest_loss=0.9)
     lost = recording.facts["damage"]["topics"]["/lab"]["messages_lost"]
     assert lost > 0
     assert recording.facts["damage"]["topics"]["/lab"]["messages"] == 10 - lost
+    assert recording.facts["damage"]["chunks_lost"] == 1
     assert any("rec_1.bag: " in remark for remark in recording.facts["damage"]["remarks"])
 
 
 def test_a_split_recording_of_ros_1_whose_first_bags_were_deleted_or_last_was_not_closed_says_so(
     tmp_path: Path,
 ) -> None:
-    folder = write_split1(tmp_path / "bag", ["rec_3.bag", "rec_4.bag.active"])
-    last = folder / "rec_4.bag.active"
+    folder = write_split1(tmp_path / "bag", ["2026-11-20-10-00-00_3.bag", "2026-11-20-10-05-00_4.bag.active"])
+    last = folder / "2026-11-20-10-05-00_4.bag.active"
     last.write_bytes(last.read_bytes()[:-40])
     recording = read(folder)
     check_rows(recording, range(10))
     assert recording.facts["damage"]["messages_lost"] is None
-    assert any("begins with 'rec_3.bag': its files before that are not here" in text for text in recording.warnings)
+    assert any(
+        "begins with '2026-11-20-10-00-00_3.bag': its files before that are not here" in text
+        for text in recording.warnings
+    )
 
 
 @pytest.mark.parametrize(

@@ -177,6 +177,7 @@ def test_a_stamp_of_seconds_and_nanoseconds_is_time_and_exact(tmp_path: Path, pa
     assert "units are known; remove `time.unit`" in refused(
         path, time={"field": "h.stamp", "unit": "s"}, channels=channels
     )
+    assert len(read(path, time={"rate": 50}, channels=channels).samples) == 51  # by a rate, a line is a time step
     lines = stamped_lines(*parts)
     lines[9]["q"] = "high"  # another fault does not hide the clock
     overview = inspect_file(write(tmp_path / "a", lines))

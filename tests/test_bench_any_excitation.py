@@ -16,7 +16,8 @@ from osl_analysis.bench.excitation_limits import angle_noise_bias
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.moving_record import MovingRecord, fit_of, moving_record
 from osl_analysis.bench.moving_rows import stated_windows
-from osl_analysis.bench.rendered import rendered_trial
+from osl_analysis.bench.plausibility import check_recording
+from osl_analysis.bench.rendered import rendered_table, rendered_trial
 from osl_analysis.bench.repeated_trials import repeated_trials_table
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.commands.bench import average_over_amplitudes, fit_impedance_trial
@@ -324,3 +325,40 @@ def test_a_lag_that_is_known_is_not_said_to_be_unchecked():
     assert table["lag_s"].is_not_null().all()
     assert "whether K is what the gains should give" in table["not_checked"][0]
     assert "late" not in table["not_checked"][0]
+
+
+def up_and_down(time, within_s):
+    """An angle [rad] that goes up by 4 deg at 5 s, and down at 25 s."""
+    up, down = (np.clip((time - at) / within_s, 0, 1) for at in (5.0, 25.0))
+    return np.deg2rad(4) * (10 * up**3 - 15 * up**4 + 6 * up**5 - (10 * down**3 - 15 * down**4 + 6 * down**5))
+
+
+@pytest.mark.parametrize(
+    ("angle", "words"),
+    [
+        (
+            lambda t: up_and_down(t, 0.2),
+            r"made: the joint moves for 0\.\d+ of the \d+.* s.*keep it moving.*torque_angle",
+        ),
+        (lambda t: up_and_down(t, 15.0), r"moves too slowly.*1\.\d deg RMS.*'torque_angle'"),
+        (lambda t: 0.1 * np.arcsin(np.sin(0.12 * t)), r"moves too slowly.*by 18 deg in all.*'torque_angle'"),
+        (lambda t: 0 * t, r"trial made: the joint does not move: theta turns by 0 deg in all"),
+        (
+            lambda t: np.deg2rad(4) * np.sin(2 * np.pi * 1.7 * t) * (t > 2) * (t < 2 + 40 / 1.7),
+            r"K and I cannot .* sines of 4 deg are of 1\.7 Hz alone.*below 0\.85 Hz or from 3\.4 Hz is missing",
+        ),
+    ],
+)
+def test_a_motion_that_cannot_tell_is_refused_with_what_is_missing(angle, words):
+    time = np.arange(0, 40, 1 / 250)
+    trial = made_trial(np.random.default_rng(1), (time, (angle(time), 0 * time, 0 * time)), B=0.0, I=0.0)
+    with pytest.raises((IdentifiabilityError, InputError), match=words):
+        rendered_table(rendered_trial(trial, SETTINGS), None)
+
+
+def test_an_angle_beyond_a_joint_beside_a_torque_of_an_angle_s_size_is_said_to_be_swapped():
+    rng = np.random.default_rng(3)
+    trial = made_trial(rng, noise(rng))
+    swapped = Trial("made", trial.samples.rename({"theta": "torque", "torque": "theta"}))
+    with pytest.raises(InputError, match=r"theta turns by \+-\d+.*torque has \+-0\.\d+ N\*m only, are the two swapped"):
+        check_recording(swapped, SETTINGS)

@@ -8,11 +8,12 @@ import polars as pl
 from osl_analysis.bench.alternatives import check_stiffer, time_base_row, time_base_words, timebase_table, widened
 from osl_analysis.bench.excitation_clocks import record_clock_row
 from osl_analysis.bench.excitation_lag import LITTLE_INERTIA, record_lag_row
-from osl_analysis.bench.excitation_limits import angle_noise_bias, check_alias, check_band, check_moves
+from osl_analysis.bench.excitation_limits import angle_noise_bias, check_alias, check_band
 from osl_analysis.bench.excitation_peaks import torque_at_peaks
+from osl_analysis.bench.excitation_size import check_moves
 from osl_analysis.bench.frequency_response import Admittance
 from osl_analysis.bench.impedance import IMPEDANCE, MAY_BE_NULL
-from osl_analysis.bench.moving_record import MovingRecord, fit_of
+from osl_analysis.bench.moving_record import MovingRecord, fit_of, moves_little
 from osl_analysis.errors import IdentifiabilityError, OslAnalysisError
 from osl_analysis.second_order import fit_impedance, impedance_torque
 from osl_analysis.spectral.equation_error import fit_periodic
@@ -156,11 +157,20 @@ def friction_row(record: MovingRecord, fit: LinearFit) -> Row:
 
 
 def lowest_vaf_of_parts(record: MovingRecord) -> float:
-    """Lowest VAF [percent] of a part of the record by the fit to the others; each has its own offset and drift."""
+    """Lowest VAF [percent] of a part of the record by the fit to the others; each has its own offset and drift.
+
+    Raises
+    ------
+    IdentifiabilityError
+        The joint rests in two of three parts.
+    """
     parts, values = record.thirds, []
     for k, held_out in enumerate(parts):
         rows = np.concatenate([part for i, part in enumerate(parts) if i != k])
-        fit = fit_impedance(record.motion[rows], record.filtered_torque[rows])
+        try:
+            fit = fit_impedance(record.motion[rows], record.filtered_torque[rows])
+        except IdentifiabilityError as error:
+            raise IdentifiabilityError(f"trial {record.name}: {moves_little(record, error)}") from error
         motion = record.motion[held_out]
         left = record.filtered_torque[held_out] - impedance_torque(fit.K, fit.B, fit.I, motion)
         time = record.time[held_out]

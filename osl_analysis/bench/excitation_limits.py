@@ -20,10 +20,6 @@ LARGEST_STIFFNESS_ERROR = 0.1
 MUCH_AMPLIFIED = 3.0
 """The same, as a multiple of what the error is of torque over angle: without stiffness there is no share of K. It
 is 1.6 from 0.5 to 6 Hz."""
-FEWEST_STEPS = 20.0
-"""Steps of the encoder that an angle turns by at least; below, its rounding is no noise but a part of the motion."""
-HARDLY_MOVES = 0.1
-"""Share of the acceleration that is the encoder's noise, from which a record is refused."""
 SPIKE = 8.0
 """Robust standard deviations of third differences that noise does not reach."""
 ROUNDING_REACHES = 4.5
@@ -158,38 +154,6 @@ def filter_gain(low_pass: LowPass, rate_hz: float) -> tuple[Array, Array]:
     sections = butter(low_pass.order, low_pass.cutoff_hz, fs=rate_hz, output="sos")
     f, response = sosfreqz(sections, worN=4096, fs=rate_hz)
     return np.asarray(f), np.asarray(np.abs(response) ** 2)
-
-
-def check_moves(record: MovingRecord) -> float:
-    """`angle_noise_share`, refused where the record hardly moves.
-
-    Raises
-    ------
-    InputError
-        The noise of the angle is a large share of its motion, or the motion is a few steps of the encoder.
-    """
-    share, steps = angle_noise_share(record), steps_turned(record)
-    if steps < FEWEST_STEPS:
-        raise InputError(
-            f"trial {record.name}: the joint hardly moves: theta turns by {steps:.0f} steps of its encoder, "
-            f"{FEWEST_STEPS:g} are needed; move it by more, and check the unit of theta in the source file"
-        )
-    if share > HARDLY_MOVES:
-        turn = np.rad2deg(np.std(record.motion.theta[record.rows]))
-        raise InputError(
-            f"trial {record.name}: the joint hardly moves: theta turns by {turn:.2g} deg RMS, and {100 * share:.0f} % "
-            "of the acceleration behind the filter is noise of the encoder; move it by more, or faster, and check the "
-            "unit of theta in the source file"
-        )
-    return share
-
-
-def steps_turned(record: MovingRecord) -> float:
-    """Steps of the encoder by which the fitted angle turns, at most as many as there are different values."""
-    measured = record.uniform["theta"][record.rows]
-    step = visible_step(measured)
-    levels = len(np.unique(measured))
-    return float(levels if step is None else min(np.ptp(measured) / step, levels))
 
 
 def jumps(record: MovingRecord) -> tuple[NDArray[np.intp], Array]:

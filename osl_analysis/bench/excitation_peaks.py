@@ -1,4 +1,7 @@
-"""Whether the torque goes on to change at its peaks as Eq. 15 does there, or stands still: then it is clipped."""
+"""Whether the torque goes on to change at its peaks as Eq. 15 does there, or stands still: then it is clipped.
+
+A sensor at the end of its range repeats one value (`rails.py`). Noise that is added behind an amplifier hides that.
+"""
 
 import numpy as np
 

@@ -12,7 +12,8 @@ from osl_analysis.bench.moving_rows import band_of, fitted_pieces, rows_inside, 
 from osl_analysis.bench.segments import Segment
 from osl_analysis.bench.settings import BenchStiffness, ImpedanceAnalysis
 from osl_analysis.bench.stepped_sine import RawSignals, without_drift
-from osl_analysis.errors import InputError
+from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.protocol.likeness import moving_bins
 from osl_analysis.second_order import impedance_columns
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.spectral.realisations import PeriodicMotion, periodic_motion
@@ -163,8 +164,8 @@ def moving_record(trial: Trial, settings: ImpedanceAnalysis, windows: str | None
             other=None if other is None else record_of(other, settings, stated),
             softer=None if bench is None else record_of(made.uniform, settings, stated, bench.compliance_error),
         )
-    except InputError as error:
-        raise InputError(f"trial {trial.name}: {error}") from error
+    except (InputError, IdentifiabilityError) as error:
+        raise type(error)(f"trial {trial.name}: {error}") from error
 
 
 def record_of(
@@ -182,7 +183,7 @@ def record_of(
     if made.uniform.report.masked or any(stream.bridged for stream in made.uniform.report.streams):
         limits = GapLimits(highest, settings.cutoff_hz, settings.time_base.longest_gap_s)
         made = filtered_record(regridded(signals, limits), low_pass, compliance, windows)
-    drift = fit_of(made)["drift"]
+    drift = drift_of(made)
     torque = without_drift(made.time, made.torque, drift)
     theta = joint_angle(made.uniform["theta"], torque, compliance)
     motion, filtered = filtered_motion(made.time, theta, torque, low_pass)
@@ -192,10 +193,29 @@ def record_of(
         torque=torque,
         motion=motion,
         filtered_torque=filtered,
-        drift=float(drift),
+        drift=drift,
         bench=bench,
         largest_inertia_error=settings.largest_inertia_error,
         largest_drift_ppm=settings.time_base.largest_drift_ppm,
+    )
+
+
+def drift_of(record: MovingRecord) -> float:
+    """Drift [N*m/s] of the load cell beside Eq. 15; raises IdentifiabilityError in the words of `moves_little`."""
+    try:
+        return float(fit_of(record)["drift"])
+    except IdentifiabilityError as error:
+        raise IdentifiabilityError(moves_little(record, error)) from error
+
+
+def moves_little(record: MovingRecord, error: IdentifiabilityError) -> str:
+    """For how long and at which frequencies a record moves, where Eq. 15 cannot be fitted to it or to a part of it."""
+    moving = np.count_nonzero(moving_bins(record.time, record.theta)[record.rows]) / record.rate_hz
+    low, high = record.band_hz
+    return (
+        f"the joint moves for {moving:.2g} of the {record.seconds:.3g} s that are fitted, at {low:.2g} to "
+        f"{high:.2g} Hz: {str(error).partition(';')[0]}; keep it moving by 0.5 to 6 Hz, or take the stiffness alone by "
+        "experiment 'torque_angle'"
     )
 
 

@@ -32,10 +32,15 @@ def check_recording(trial: Trial, limits: BenchAnalysis, torque: str = "torque",
     """
     turned, measured = recorded_values(trial, angle), recorded_values(trial, torque)
     if turned.size and (half := float(np.ptp(turned)) / 2) > limits.largest_angle:
+        swapped = measured.size and float(np.ptp(measured)) / 2 < limits.largest_angle
+        cause = (
+            f"{torque} has +-{np.ptp(measured) / 2:.2g} N*m only, are the two swapped? Correct their names"
+            if swapped
+            else "is it recorded in deg and declared as rad? Correct its `unit`"
+        )
         raise InputError(
             f"trial {trial.name}: {angle} turns by +-{half:.3g} rad ({np.rad2deg(half):.0f} deg), more than the "
-            f"{limits.largest_angle:g} rad of `largest_angle` in the configuration: is it recorded in deg and declared "
-            "as rad? Correct its `unit` in the source file"
+            f"{limits.largest_angle:g} rad of `largest_angle` in the configuration: {cause} in the source file"
         )
     largest = float(np.max(np.abs(measured))) if measured.size else 0.0
     if limits.load_cell_range is not None and largest > limits.load_cell_range:

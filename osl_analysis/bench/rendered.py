@@ -10,15 +10,17 @@ from osl_analysis.bench.moving_record import MovingRecord, moving_record
 from osl_analysis.bench.moving_rows import EDGE
 from osl_analysis.bench.settings import ImpedanceAnalysis
 from osl_analysis.bench.stepped_sine import SteppedSineTrial, stepped_sine_trial
-from osl_analysis.errors import InputError
+from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.protocol.likeness import HARDLY, likeness
+from osl_analysis.protocol.likeness import BIN_S, HARDLY, MOVES, likeness
 from osl_analysis.spectral.tables import NO_RESPONSE, RecordedMotion, ResponseTables, response_tables
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.rounding import visible_step
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import uniform_signals
 
+SLOW_TURN_DEG = 1.0
+"""Turn of a joint [deg] beyond the noise of any encoder: it moved, if slowly."""
 RenderedTrial = SteppedSineTrial | MovingRecord
 OF_RECORDS = (
     "lag_inertia_share",
@@ -54,9 +56,35 @@ def rendered_trial(trial: Trial, settings: ImpedanceAnalysis, windows: str | Non
     found = likeness(angle.time, angle["theta"], settings.protocol)
     if found.kind == "other":
         return moving_record(trial, settings, windows)
-    if found.kind == "stepped sine" or not found.moves:
+    if not found.moves:
+        return perhaps_at_rest(trial, settings, float(np.ptp(angle["theta"])))
+    if found.kind == "stepped sine":
         return stepped_sine_trial(trial, settings)
     return perhaps_damaged(trial, settings, found.sines)
+
+
+def perhaps_at_rest(trial: Trial, settings: ImpedanceAnalysis, turned: float) -> SteppedSineTrial:
+    """A stepped sine in an angle that turns by no more than its noise, `turned` [rad] in all.
+
+    Raises
+    ------
+    InputError
+        There is none: the joint does not move, or slowly.
+    """
+    try:
+        return stepped_sine_trial(trial, settings)
+    except InputError as error:
+        degrees = np.rad2deg(turned)
+        if degrees > SLOW_TURN_DEG:
+            raise InputError(
+                f"trial {trial.name}: the joint moves too slowly: theta changes by {degrees:.3g} deg in all, but by no "
+                f"more than {100 * MOVES:g} % of it, or its noise, within {BIN_S:g} s; move it by 0.5 to 6 Hz, or take "
+                "the stiffness alone by experiment 'torque_angle'"
+            ) from error
+        raise InputError(
+            f"trial {trial.name}: the joint does not move: theta turns by {degrees:.3g} deg in all; check the channel "
+            "and the unit of theta in the source file, and that this is the recording of the trial"
+        ) from error
 
 
 def perhaps_damaged(trial: Trial, settings: ImpedanceAnalysis, sines: float) -> SteppedSineTrial:
@@ -87,11 +115,25 @@ def rendered_table(trial: RenderedTrial, expected: Admittance | None) -> pl.Data
     """The trial's rows of `impedance.csv`; `expected` and what is raised as in `impedance_table` and `record_table`."""
     if isinstance(trial, MovingRecord):
         return record_table(trial, expected)
-    table = impedance_table(trial, trial_phasors(trial), expected)
+    try:
+        table = impedance_table(trial, trial_phasors(trial), expected)
+    except IdentifiabilityError as error:
+        raise IdentifiabilityError(f"trial {trial.name}: {missing_band(trial)}") from error
     low, high = band_hz(trial)
     row: Row = {"excitation": "stepped sine", "band_low_hz": low, "band_high_hz": high, "weighting": WEIGHTING}
     nothing = {name: pl.lit(None, pl.Float64) for name in OF_RECORDS}
     return table.with_columns(**{name: pl.lit(value) for name, value in row.items()}, **nothing)
+
+
+def missing_band(trial: SteppedSineTrial) -> str:
+    """What a stepped sine that cannot tell K from I has at its poorest amplitude, and which band is missing."""
+    at = {block.amplitude_deg: sorted({s.frequency_hz for s in block.segments}) for block in trial.blocks}
+    amplitude, found = min(at.items(), key=lambda item: (len(item[1]), item[1][-1] / item[1][0]))
+    return (
+        f"K and I cannot be told apart: the sines of {amplitude:g} deg are of {', '.join(f'{f:g}' for f in found)} Hz "
+        "alone, and at one frequency K - I w^2 is one number; the band below "
+        f"{found[0] / 2:.2g} Hz or from {2 * found[-1]:.2g} Hz is missing, excite it as well"
+    )
 
 
 def band_hz(trial: RenderedTrial) -> tuple[float, float]:

@@ -67,14 +67,22 @@ def first_lag(record: MovingRecord, jerk: Array, largest: float) -> float:
     """The lag [s] of a second-order joint from a fit with the jerk (n,) as a fourth column, below the `largest`.
 
     By the series of exp(-s d) the four coefficients of a late torque, K, B', I' and J', obey
-    K d^3/6 + B' d^2/2 + I' d + J' = 0. Of its real roots the one counts whose torque, made earlier, is fitted best.
+    K d^3/6 + B' d^2/2 + I' d + J' = 0. Two of its real roots explain the torque to third order. The smaller one counts,
+    unless the torque made earlier by another leaves certainly less.
     """
     fit = fit_of(record, [("J", jerk)])
     roots = np.roots([fit["K"] / 6, fit["B"] / 2, fit["I"], fit["J"]])
-    tried = [float(root.real) for root in roots if abs(root.imag) < 1e-9 and abs(root.real) < largest]
+    tried = sorted((float(r.real) for r in roots if abs(r.imag) < 1e-9 and abs(r.real) < largest), key=abs)
     if len(tried) < 2:
         return tried[0] if tried else 0.0
-    return min(tried, key=lambda lag: float(np.std(fit_of(advanced(record, lag)).residual)))
+    left = [float(np.std(fit_of(advanced(record, lag)).residual)) for lag in tried]
+    return next(lag for lag, size in zip(tried, left, strict=True) if size < certainly_more(record) * min(left))
+
+
+def certainly_more(record: MovingRecord) -> float:
+    """Factor by which what one model leaves is certainly more than what another one does, if both leave noise."""
+    independent = 2 * record.low_pass.noise_bandwidth_hz * record.seconds
+    return float(1 + CERTAIN_IN_NOISE / np.sqrt(independent))
 
 
 def advanced(record: MovingRecord, lag: float) -> MovingRecord:
@@ -127,8 +135,7 @@ def record_lag(record: MovingRecord, expected: Admittance | None) -> RecordLag |
     if len(found) == 1:
         return found[0]
     better, worse = found
-    independent = 2 * record.low_pass.noise_bandwidth_hz * record.seconds
-    enough = 1 + CERTAIN_IN_NOISE / np.sqrt(independent) if only_noise else MUCH_BETTER
+    enough = certainly_more(record) if only_noise else MUCH_BETTER
     doubt = better.lag - worse.lag if worse.misfit < enough * better.misfit else 0.0
     return RecordLag(better.lag, float(np.hypot(better.se, doubt)), better.misfit)
 

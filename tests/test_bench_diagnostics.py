@@ -13,6 +13,7 @@ from osl_analysis.bench.frequency_response import trial_phasors
 from osl_analysis.bench.impedance import impedance_table
 from osl_analysis.bench.plausibility import plausible_impedance
 from osl_analysis.bench.protocol import find_blocks
+from osl_analysis.bench.rendered import rendered_table
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.bench.torque_lag import ImpedancePoints, torque_lag
 from osl_analysis.causes import REMEDIES
@@ -84,7 +85,7 @@ def test_where_neither_model_of_the_joint_fits_their_difference_makes_the_lag_un
 
 def rows(torque_of, noise=0.03):
     record = stepped_sine(torque_of, noise)
-    return marked(impedance_table(record, trial_phasors(record)), LIMITS_WITHOUT_PLAUSIBILITY, "impedance").to_dicts()
+    return marked(rendered_table(record, None), LIMITS_WITHOUT_PLAUSIBILITY, "impedance").to_dicts()
 
 
 LIMITS_WITHOUT_PLAUSIBILITY = LIMITS.model_copy(

@@ -11,10 +11,10 @@ from osl_analysis.bench.model_comparison import thinned_amplitudes
 from osl_analysis.bench.protocol import unit_sines
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
-from osl_analysis.commands.bench import plotted_numbers_fig4
+from osl_analysis.commands import plotted_numbers
 from osl_analysis.commands.fit import estimates_text
-from osl_analysis.config import TimeSeriesFigure
 from osl_analysis.doubtful import Doubt
+from osl_analysis.examples import ImpedanceExample
 from osl_analysis.figures.fig4 import draw as draw_fig4
 from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.signals import LowPass, filtered_motion
@@ -53,9 +53,9 @@ def test_fig4_says_whether_the_fit_of_the_amplitude_that_it_shows_is_doubtful(tm
     table = impedance_table(record, trial_phasors(record))
     write_table(table.with_columns(VAF=pl.Series([99.0, 80.0, 80.0])), tmp_path / "fit.csv")
     for amplitude, reason in zip(degrees, ("", "VAF 80 is below 90"), strict=True):
-        choice = TimeSeriesFigure(K_d=1, B_d=1, controller="compensated", amplitude_deg=amplitude, duration_s=1)
+        choice = ImpedanceExample("made", "ankle", None, amplitude, 1, "")
         limits = Doubt(below={"VAF": 90})
-        plotted_numbers_fig4(
+        plotted_numbers.fig4(
             tmp_path / "made.parquet", tmp_path / "fit.csv", settings, choice, limits, tmp_path / "fig4.csv"
         )
         assert set(read_table(tmp_path / "fig4.csv")["doubtful"]) == {reason}
@@ -71,8 +71,8 @@ def test_fig4_shows_an_amplitude_that_the_protocol_has_twice(tmp_path):
         cutoff_hz=15, order=4, amplitudes_deg=(degrees, degrees), frequencies_hz=PROTOCOL.frequencies_hz, cycles=9,
         settle_cycles=2,
     )  # fmt: skip
-    choice = TimeSeriesFigure(K_d=1, B_d=1, controller="compensated", amplitude_deg=degrees, duration_s=1)
-    plotted_numbers_fig4(
+    choice = ImpedanceExample("made", "ankle", None, degrees, 1, "")
+    plotted_numbers.fig4(
         tmp_path / "made.parquet", tmp_path / "fit.csv", settings, choice, Doubt(), tmp_path / "fig4.csv"
     )
     assert len(read_table(tmp_path / "fig4.csv")) == RATE
@@ -102,8 +102,8 @@ def test_where_amplitudes_nest_inside_frequencies_fig4_and_the_comparison_use_on
     assert table["K"].to_list()[:2] == pytest.approx([100, 200], rel=1e-3)
     write_table(table, tmp_path / "fit.csv")
     for amplitude, size in zip(degrees, PROTOCOL.amplitudes, strict=True):
-        choice = TimeSeriesFigure(K_d=1, B_d=1, controller="compensated", amplitude_deg=amplitude, duration_s=10)
-        plotted_numbers_fig4(
+        choice = ImpedanceExample("made", "ankle", None, amplitude, 10, "")
+        plotted_numbers.fig4(
             tmp_path / "made.parquet", tmp_path / "fit.csv", settings, choice, Doubt(), tmp_path / "fig4.csv"
         )
         shown = read_table(tmp_path / "fig4.csv")

@@ -278,14 +278,15 @@ CROSSINGS = {"identify_plate", "analyse_crossing", "select_crossings", "average_
     [
         ({"dynamometer": PROTOCOL | {"load_cell_drift": 0.1}}, {"fit_belt_trial", "compare_belt_models"}),
         ({"dynamometer": PROTOCOL | {"cutoff_hz": 20}}, BENCH | RIVALS),
+        ({"dynamometer": PROTOCOL | {"settle_cycles": 1}}, STEPPED_SINE),
         (
-            {"dynamometer": PROTOCOL | {"settle_cycles": 1}},
-            (BENCH | RIVALS) - {"fit_belt_trial", "compare_belt_models"},
+            {"actuator": {"slowest": 0.6}, "walking": WALKING | {"bootstrap_samples": 200}},
+            {"fit_actuator_trial", "summarise_walking"},
         ),
-        ({"actuator": {"slowest": 0.6}}, {"fit_actuator_trial"}),
-        ({"model_comparison": {"sign_width": 0.06}}, RIVALS - {"compare_belt_models"}),
-        ({"walking": WALKING | {"bootstrap_samples": 200}}, {"summarise_walking"}),
-        ({"walking": WALKING | {"cutoff_hz": 18}}, CROSSINGS | {"summarise_walking"}),
+        (
+            {"model_comparison": {"sign_width": 0.06}, "walking": WALKING | {"cutoff_hz": 18}},
+            (RIVALS - {"compare_belt_models"}) | CROSSINGS | {"summarise_walking"},
+        ),
         ({"quality": {"gap": {"threshold": "0.06 s"}}}, {"check_quality"}),
     ],
 )

@@ -137,6 +137,9 @@ def test_the_lag_of_a_leg_is_found_beside_the_higher_dynamics_of_its_linear_mode
     assert found.lag == pytest.approx(3e-4, abs=4 * found.se + 2e-5)
     assert found.se < 5e-5
     assert record_lag(record, None) is None
+    assert record_lag(record, expected).lag == pytest.approx(3e-4, abs=5e-5)
+    rubbing = made_trial(rng, motion, K=0.0, B=0.0, I=0.0, more=torque + 2 * np.sign(motion[1][1]))
+    assert record_lag(moving_record(rubbing, SETTINGS), expected) is None
 
 
 @pytest.mark.parametrize("late", [2e-3, 4.5e-3])

@@ -10,6 +10,7 @@ from osl_analysis.bench.impedance import DesiredImpedance, prediction_columns
 from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.plausibility import not_checked, plausible_impedance
 from osl_analysis.bench.rendered import RenderedTrial, rendered_table
+from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain import joint_admittance
@@ -53,7 +54,9 @@ class AskedImpedance:
         if p is None:
             return f"{OF_BELT}, {of_gains}: the configuration names no parameter file"
         why = self.desired.unknown_gains()
-        return f"{of_gains}: {why}" if why else ""
+        if why:
+            return f"{of_gains}: {why}"
+        return "" if lag_known else f"{OF_LAG}: what a lag would add and what Eqs. 15 and 9 miss look alike"
 
 
 def judged_impedance(
@@ -76,7 +79,8 @@ def judged_impedance(
         known = table.with_columns(**asked.desired.columns(), **prediction_columns(None))
         return known.with_columns(not_checked(asked.not_checked(p, known["lag_s"].is_not_null().all())))
     table = rendered_table(rendered, joint_admittance(gains.K_1, gains.B_1, p, p.J_j))
+    lag_known = isinstance(rendered, SteppedSineTrial) or table["lag_s"].is_not_null().all()
     predicted = predicted_impedance(gains, p, asked.frequencies_of(rendered))
     plausible = plausible_impedance(table, trial, p, predicted[0])
     judged = plausible.with_columns(**asked.desired.columns(), **prediction_columns(predicted))
-    return judged.with_columns(not_checked(asked.not_checked(p, lag_known=True)))
+    return judged.with_columns(not_checked(asked.not_checked(p, lag_known)))

@@ -24,17 +24,20 @@ CERTAIN_IN_NOISE = 3.0
 """Standard errors from which a lag is certain where the fit leaves only noise."""
 SETTLED = 0.01
 """Standard errors by which the last step to the lag changes it."""
+MOST = 0.5
+"""Share of what the fit leaves without a lag, below which it leaves with one, so that the lag explains most of it."""
 LITTLE_INERTIA = 5e-3
 """Inertia [kg*m^2] below which a share of I says little; it is added in quadrature to what the share is taken of."""
 
 
 @dataclass(frozen=True)
 class RecordLag:
-    """The lag [s] of the torque, its standard error [s], and the RMS of what the fit with it leaves [N*m]."""
+    """The lag [s] of the torque, its standard error [s], and the RMS [N*m] of what fits with and without it leave."""
 
     lag: float
     se: float
     misfit: float
+    without: float
 
 
 def lag_beside(record: MovingRecord, base: Array | None) -> RecordLag | None:
@@ -60,7 +63,8 @@ def lag_beside(record: MovingRecord, base: Array | None) -> RecordLag | None:
         if abs(fit["lag"]) < SETTLED * fit.se("lag"):
             break
         early = advanced(record, lag)
-    return RecordLag(lag, fit.se("lag"), float(np.std(fit.residual)))
+    without = float(np.std(fit_of(without_torque(record, beyond), ()).residual))
+    return RecordLag(lag, fit.se("lag"), float(np.std(fit.residual)), without)
 
 
 def first_lag(record: MovingRecord, jerk: Array, largest: float) -> float:
@@ -118,8 +122,8 @@ def record_lag(record: MovingRecord, expected: Admittance | None) -> RecordLag |
 
     A joint of second order that leaves only noise decides alone where the other model leaves more. Where neither fits
     much better than the other, the difference of their lags is part of the standard error. None where it cannot be
-    estimated: the lag of a device that is not of second order is not seen without its linear model, because a lag and
-    what Eq. 15 misses look alike.
+    estimated: a lag and what a model misses look alike. Beside friction a lag is seen only if it explains most of what
+    the linear model leaves; without that model the lag of a device that is not of second order is not seen.
     """
     try:
         bases = [None] if expected is None else [None, linear_torque(record, expected)]
@@ -130,14 +134,14 @@ def record_lag(record: MovingRecord, expected: Admittance | None) -> RecordLag |
     if not found:
         return None
     only_noise = found[0].misfit < ONLY_NOISE * noise_behind(record, record.low_pass)
-    if expected is None and not only_noise:
+    if not only_noise and (expected is None or found[0].misfit > MOST * found[0].without):
         return None
     if len(found) == 1:
         return found[0]
     better, worse = found
     enough = certainly_more(record) if only_noise else MUCH_BETTER
     doubt = better.lag - worse.lag if worse.misfit < enough * better.misfit else 0.0
-    return RecordLag(better.lag, float(np.hypot(better.se, doubt)), better.misfit)
+    return replace(better, se=float(np.hypot(better.se, doubt)))
 
 
 def record_lag_row(record: MovingRecord, fit: LinearFit, expected: Admittance | None) -> Row:

@@ -1,7 +1,6 @@
 """Standard errors, weights and tests of fits to lines, against the scatter of many fits and fits written by hand."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +9,7 @@ from scipy.special import ndtri
 from test_spectral_period import LOW_PASS, RATE, multisine, record
 from test_spectral_response import LINES, PERIOD
 
+from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.rendered import rendered_response
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.equation_error import DETECTION, EXCITED, REALISATIONS, fit_periodic
@@ -147,9 +147,9 @@ def test_periods_beside_a_gap_are_not_in_the_response_of_a_trial():
     signals = {"theta": theta, "torque": torque}
 
     def periods():
-        uniform = type("Uniform", (), {"usable": usable, "__getitem__": lambda self, name: signals[name]})()
-        trial = SimpleNamespace(name="gap", theta=theta, torque=torque, rate_hz=RATE, low_pass=LOW_PASS,
-                                pieces=(slice(0, len(theta)),), uniform=uniform)  # fmt: skip
+        facts = {"usable": usable, "trial": "gap", "rate_hz": RATE, "__getitem__": lambda self, name: signals[name]}
+        whole, inside = (slice(0, len(theta)),), np.ones(len(theta), dtype=bool)
+        trial = MovingRecord(type("Uniform", (), facts)(), theta, torque, None, torque, whole, inside, (0, 6), LOW_PASS)
         return rendered_response(trial, None).models["periods"][0]
 
     whole = periods()

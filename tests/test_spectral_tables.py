@@ -10,13 +10,15 @@ from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.commands.response import plotted_numbers, pool_responses
 from osl_analysis.figures.response import points, title_of
 from osl_analysis.spectral.period_lines import LINES, realisations_from
+from osl_analysis.spectral.realisations import periodic_motion
 from osl_analysis.spectral.tables import MODELS, RESPONSE, RecordedMotion, response_tables
 from osl_analysis.table import read_table, write_table
 
 
 def recorded(name, theta, torque):
     whole = (slice(0, len(theta)),)
-    return RecordedMotion(name, theta, torque, RATE, LOW_PASS, np.ones(len(theta), dtype=bool), whole)
+    found = periodic_motion(theta, torque, RATE, LOW_PASS.cutoff_hz)
+    return RecordedMotion(name, theta, torque, RATE, LOW_PASS, found, whole)
 
 
 def periodic(name, *seeds, size=1.0):
@@ -79,7 +81,7 @@ def test_a_record_too_short_for_a_response_has_a_row_with_the_reason():
 def test_lines_of_a_trial_are_read_back_as_they_were(tmp_path):
     motion = periodic("M", 1, 2)
     write_table(response_tables(motion, None).lines, tmp_path / "M.csv")
-    back, there = realisations_from(read_table(tmp_path / "M.csv")), motion.periods().realisations
+    back, there = realisations_from(read_table(tmp_path / "M.csv")), motion.realisations(motion.periodic)
     for one, other in zip(back, there, strict=True):
         assert (one.period, one.rate_hz, one.start) == (other.period, other.rate_hz, other.start)
         assert np.array_equal(one.theta, other.theta)

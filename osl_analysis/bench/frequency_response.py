@@ -1,6 +1,6 @@
 """Frequency response of the joint (Fig. 7): phasors of angle and torque, and the admittance Y = theta/torque."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,9 +11,6 @@ from osl_analysis.bench.rounding import RepeatedRounding
 from osl_analysis.bench.segments import Segment, repeated_cycles
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.errors import InputError
-from osl_analysis.model.compensator import Gains
-from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
-from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.stats.complex_estimate import (
     ComplexEstimate,
     complex_from_row,
@@ -192,11 +189,3 @@ def mean_response_row(amplitudes: pl.DataFrame) -> Row:
         "n_amplitudes": len(responses),
         "doubtful": "; ".join(f"at {amplitude:g} deg: {reason}" for amplitude, reason in reasons),
     }
-
-
-def theoretical_responses(
-    K_d: float, B_d: float, gains: Mapping[str, Gains], p: DrivetrainParameters
-) -> dict[str, Admittance]:
-    """The `desired` admittance (Eq. 11), and that of the linear drivetrain with each controller's gains (Eq. 9)."""
-    linear = {name: joint_admittance(chosen.K_1, chosen.B_1, p, p.J_j) for name, chosen in gains.items()}
-    return {"desired": desired_admittance(K_d, B_d), **linear}

@@ -7,7 +7,6 @@ from osl_analysis.bench.any_excitation import WEIGHTING, record_points, record_s
 from osl_analysis.bench.frequency_response import Admittance, no_phasors, phasor_table, trial_phasors
 from osl_analysis.bench.impedance import amplitude_series, impedance_series, impedance_table, impedance_time_base
 from osl_analysis.bench.moving_record import MovingRecord, moving_record
-from osl_analysis.bench.moving_rows import EDGE
 from osl_analysis.bench.settings import ImpedanceAnalysis
 from osl_analysis.bench.stepped_sine import SteppedSineTrial, stepped_sine_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
@@ -150,20 +149,12 @@ def rendered_phasors(trial: RenderedTrial) -> pl.DataFrame:
 
 
 def rendered_response(trial: RenderedTrial, p: DrivetrainParameters | None) -> ResponseTables:
-    """The trial's rows of `response.csv` and its models; none of a stepped sine, whose response is in `phasors.csv`.
-
-    Periods are looked for in stretches with their ends: only filtered signals are wrong there.
-    """
+    """The trial's rows of `response.csv` and its models; none of a stepped sine, whose response is in `phasors.csv`."""
     if isinstance(trial, SteppedSineTrial):
         return NO_RESPONSE
-    inside = np.zeros(len(trial.theta), dtype=bool)
-    edge = int(np.ceil(EDGE / trial.low_pass.cutoff_hz * trial.rate_hz))
-    for piece in trial.pieces:
-        inside[max(piece.start - edge, 0) : piece.stop + edge] = True
-    usable = inside & trial.uniform.usable
     signals = trial.theta, trial.torque, trial.rate_hz
     steps = visible_step(trial.uniform["theta"]), visible_step(trial.uniform["torque"])
-    return response_tables(RecordedMotion(trial.name, *signals, trial.low_pass, usable, trial.pieces, steps), p)
+    return response_tables(RecordedMotion(trial.name, *signals, trial.low_pass, trial.periodic, trial.pieces, steps), p)
 
 
 def rendered_time_base(trial: RenderedTrial) -> pl.DataFrame:

@@ -16,8 +16,9 @@ from osl_analysis.formats.csv_table import CsvTable, read_csv_table
 from osl_analysis.formats.csv_text import UnreadableCellError, name_and_unit, numbers, without_brackets
 from osl_analysis.ingest.csv_source import CsvSource
 from osl_analysis.ingest.recording import Recording
+from osl_analysis.ingest.row_time import RowStamps, since_first
 from osl_analysis.ingest.units import base_units, normalised, si_factor
-from osl_analysis.trial import Array, check_time
+from osl_analysis.trial import Array
 
 DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}:\d{2}")  # such as 2024-05-01T12:00:00 and 12:00:00.5
 LEVEL = "V"
@@ -53,17 +54,11 @@ def read_csv_log(path: Path, source: CsvSource) -> Recording:
             columns.append(counter_of(table, channel.counter, source).alias(counter_column(column)))
         origins[column] = {**channel.origin(column, table.units[place]), **matched(table, channel.column, place)}
     check_own_columns(table, source)
-    fresh = np.concatenate([[True], np.diff(time) != 0])
-    kept = fresh if source.time.repeated == "drop" else np.ones_like(fresh)
-    facts = {
-        "time": {**source.time.model_dump(exclude_none=True), "start": start},
-        "rates_hz": {path.name: median_rate(time[kept])},
-        "missing": missing,
-        "repeated_stamps": int((~fresh).sum()),
-        "comments": table.comments[:COMMENTS],
-    }
-    warnings = [*csv_warnings(table, source, missing), *repeats_text(path, fresh, source)]
-    return Recording(pl.DataFrame(columns).filter(pl.Series(kept)), origins, facts, warnings)
+    stamps = RowStamps(time, source.time)
+    facts = {**stamps.facts(path.name, start), "missing": missing, "comments": table.comments[:COMMENTS]}
+    repeats = f"{path.name}: {stamps.repeats} of {time.size} rows repeat the stamp of the row before"
+    warnings = [*csv_warnings(table, source, missing), *stamps.repeats_text(repeats, source.place("time"))]
+    return Recording(pl.DataFrame(columns).filter(pl.Series(stamps.kept)), origins, facts, warnings)
 
 
 def check_own_columns(table: CsvTable, source: CsvSource) -> None:
@@ -84,25 +79,6 @@ def matched(table: CsvTable, given: str, place: int) -> dict[str, str]:
     return {} if name_and_unit(table.names[place])[0] == name_and_unit(given)[0] else {"found": table.names[place]}
 
 
-def repeats_text(path: Path, fresh: NDArray[np.bool_], source: CsvSource) -> list[str]:
-    """What was done with rows that repeat the stamp of the row before; `fresh` (rows,) are the others."""
-    count = f"{path.name}: {np.count_nonzero(~fresh)} of {fresh.size} rows repeat the stamp of the row before"
-    if fresh.all():
-        return []
-    if source.time.repeated == "drop":
-        return [f"{count} and were left out"]
-    return [
-        f"{count} and are taken for samples whose stamps were rounded; if the device was read faster than it sampled, "
-        f"write `repeated: drop` under {source.place('time')}"
-    ]
-
-
-def median_rate(time: Array) -> float | None:
-    """Median sampling rate [Hz] of stamps (n,) [s]; None for a single row, or if most rows repeat a stamp."""
-    step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
-    return 1 / step if step > 0 else None
-
-
 def time_of(table: CsvTable, source: CsvSource) -> tuple[Array, float]:
     """Time [s] of every row since the first one, and the reading of the clock in the first row."""
     if source.time.rate is not None:
@@ -118,13 +94,9 @@ def time_of(table: CsvTable, source: CsvSource) -> tuple[Array, float]:
     if absent.any():
         line = table.rows[int(np.argmax(absent))][0]
         raise InputError(f"{table.path}: line {line}: no time in column '{source.time.column}'; remove the line")
-    first, time = float(raw[0]), np.asarray((raw - raw[0]) * factor, dtype=np.float64)
     what = f"{table.path}, column '{table.names[place]}'"
-    check_time(what, time)
-    if time.size > 1 and time[0] == time[-1]:
-        advice = "take another column, or state the rate of the rows: `time: {rate: 1000}`"
-        raise InputError(f"{what}: time stands still at {first:g} in all {time.size} rows; {advice}")
-    return time, first
+    advice = "rows; take another column, or state the rate of the rows: `time: {rate: 1000}`"
+    return since_first(raw, factor, what, advice), float(raw[0])
 
 
 def whole_numbers(cells: Sequence[str | None]) -> tuple[NDArray[np.int64], NDArray[np.bool_]] | None:

@@ -1,16 +1,13 @@
 """The source file of a log in CSV: a logger's or a bench's own table."""
 
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import Field, PositiveFloat, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from osl_analysis.formats.csv_rows import CsvLayout
-from osl_analysis.ingest.sensor import Stamps
+from osl_analysis.ingest.row_time import RowTime, Share
 from osl_analysis.ingest.source_fields import Conversion, LogSource
-from osl_analysis.ingest.units import si_factor
-from osl_analysis.yaml_settings import Settings
 
-Share = Annotated[float, Field(ge=0, le=1)]
 Delimiter = Literal["auto", ",", ";", "tab", "space", "|"]
 
 
@@ -35,32 +32,18 @@ class CsvChannel(Conversion):
         return text_of_number(value)
 
 
-class CsvTime(Settings):
+class CsvTime(RowTime):
     """Where the time of a row comes from: a column, or the rate at which rows were written."""
 
     column: str | None = None
     """Name of the column that holds time."""
     unit: str | None = None
     """Unit of the column. Without it, the file's unit is used."""
-    rate: PositiveFloat | None = None
-    """Rows per second [Hz], for a file without a column of time."""
-    repeated: Literal["keep", "drop"] = "keep"
-    """Rows whose stamp is that of the row before. `keep`: they are samples whose stamps were rounded. `drop`: the
-    recorder read a device faster than it sampled; only the first row of each stamp is used."""
-    stamps: Stamps = "auto"
-    """How the stamps are taken."""
 
     @field_validator("column", mode="before")
     @classmethod
     def _number(cls, value: Any) -> Any:
         return text_of_number(value)
-
-    @field_validator("unit")
-    @classmethod
-    def _of_time(cls, unit: str | None) -> str | None:
-        if unit is not None:
-            si_factor(unit, "s")
-        return unit
 
     @model_validator(mode="after")
     def _one(self) -> "CsvTime":

@@ -11,11 +11,11 @@ from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats.mat.address import LISTED, Address, find, vector
 from osl_analysis.formats.mat.mat_file import MatFile, open_mat
 from osl_analysis.formats.mat.values import Value
-from osl_analysis.ingest.csv_log import median_rate
 from osl_analysis.ingest.mat_source import MatSource
 from osl_analysis.ingest.recording import Recording, check_values
+from osl_analysis.ingest.row_time import RowStamps, since_first
 from osl_analysis.ingest.units import si_factor
-from osl_analysis.trial import Array, check_time
+from osl_analysis.trial import Array
 
 
 class Signals:
@@ -81,21 +81,19 @@ def read_mat_log(path: Path, source: MatSource) -> Recording:
         if channel.counter is not None:
             columns.append(counter_of(signals, channel.counter, time).alias(counter_column(column)))
         origins[column] = {**channel.origin(column), "variable": signals.within_part(channel.variable).text}
-    fresh = np.concatenate([[True], np.diff(time) != 0])
-    kept = fresh if source.time.repeated == "drop" else np.ones_like(fresh)
+    stamps = RowStamps(time, source.time)
     missing = {column: int(np.isnan(values).sum()) for column, values in raw.items()}
     facts = {
-        "time": {**source.time.model_dump(exclude_none=True), "start": start},
-        "rates_hz": {path.name: median_rate(time[kept])},
+        **stamps.facts(path.name, start),
         "missing": missing,
-        "repeated_stamps": int((~fresh).sum()),
         "version": signals.file.version,
         "header": signals.file.header,
         "log_part": source.log_part,
     }
     warnings = [f"{path.name}: {column} is NaN in {n} of {time.size} samples" for column, n in missing.items() if n]
-    warnings += repeats_text(path, int((~fresh).sum()), source)
-    return Recording(pl.DataFrame(columns).filter(pl.Series(kept)), origins, facts, warnings)
+    repeats = f"{path.name}: {stamps.repeats} samples repeat the stamp of the sample before"
+    warnings += stamps.repeats_text(repeats, source.place("time"))
+    return Recording(pl.DataFrame(columns).filter(pl.Series(stamps.kept)), origins, facts, warnings)
 
 
 def time_of(signals: Signals, samples: int) -> tuple[Array, float]:
@@ -104,15 +102,9 @@ def time_of(signals: Signals, samples: int) -> tuple[Array, float]:
     if source.rate is not None:
         return np.arange(samples) / source.rate, 0.0
     raw = signals.vector(str(source.variable))
-    time: Array = (raw - raw[0]) * si_factor(str(source.unit), "s")
-    what = f"{path}: {source.variable}"
-    check_time(what, time)
-    if time.size > 1 and time[0] == time[-1]:
-        raise InputError(
-            f"{what}: time stands still at {raw[0]:g} in all {time.size} samples; take another variable, or state the "
-            "rate of the samples: `time: {rate: 1000}`"
-        )
-    return time, float(raw[0])
+    factor, what = si_factor(str(source.unit), "s"), f"{path}: {source.variable}"
+    advice = "samples; take another variable, or state the rate of the samples: `time: {rate: 1000}`"
+    return since_first(raw, factor, what, advice), float(raw[0])
 
 
 def check_lengths(signals: Signals, raw: Mapping[str, Array], time: Array) -> None:
@@ -147,16 +139,3 @@ def counter_of(signals: Signals, text: str, time: Array) -> pl.Series:
         what = f"{raw[np.argmax(wrong)]} is no count" if wrong.any() else f"{raw.size} counts of {time.size} samples"
         raise InputError(f"{signals.file.path}: {text}: {what}; remove `counter` from the source file")
     return pl.Series(raw.astype(np.int64))
-
-
-def repeats_text(path: Path, count: int, source: MatSource) -> list[str]:
-    """What was done with `count` samples that repeat the stamp of the sample before."""
-    if not count:
-        return []
-    repeat = f"{path.name}: {count} samples repeat the stamp of the sample before"
-    if source.time.repeated == "drop":
-        return [f"{repeat} and were left out"]
-    return [
-        f"{repeat} and are taken for samples whose stamps were rounded; if the device was read faster than it sampled, "
-        f"write `repeated: drop` under {source.place('time')}"
-    ]

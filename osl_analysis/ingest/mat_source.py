@@ -1,16 +1,12 @@
 """The source file of a log in a MATLAB file."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import Field, PositiveFloat, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from osl_analysis.formats.mat.address import Address, parsed
-from osl_analysis.ingest.sensor import Stamps
+from osl_analysis.ingest.row_time import RowTime, Share
 from osl_analysis.ingest.source_fields import Conversion, LogSource
-from osl_analysis.ingest.units import si_factor
-from osl_analysis.yaml_settings import Settings
-
-Share = Annotated[float, Field(ge=0, le=1)]
 
 
 def checked_address(text: str | None) -> str | None:
@@ -37,32 +33,16 @@ class MatChannel(Conversion):
         return checked_address(text)
 
 
-class MatTime(Settings):
+class MatTime(RowTime):
     """Where the time of a sample comes from: a variable, or the rate."""
 
     variable: str | None = None
     """Address of the variable that holds time, as in `channels`."""
-    unit: str | None = None
-    """Its unit."""
-    rate: PositiveFloat | None = None
-    """Samples per second [Hz], for a file without time."""
-    repeated: Literal["keep", "drop"] = "keep"
-    """Samples whose stamp is that of the sample before. `keep`: their stamps were rounded. `drop`: the recorder read a
-    device faster than it sampled; only the first sample of each stamp is used."""
-    stamps: Stamps = "auto"
-    """How the stamps are taken."""
 
     @field_validator("variable")
     @classmethod
     def _is_address(cls, text: str | None) -> str | None:
         return checked_address(text)
-
-    @field_validator("unit")
-    @classmethod
-    def _of_time(cls, unit: str | None) -> str | None:
-        if unit is not None:
-            si_factor(unit, "s")
-        return unit
 
     @model_validator(mode="after")
     def _one(self) -> "MatTime":

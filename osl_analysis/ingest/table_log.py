@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from osl_analysis.columns import counter_column, unit_of
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.csv_log import LEVEL, median_rate
+from osl_analysis.ingest.csv_log import LEVEL
 from osl_analysis.ingest.recording import Recording, check_values
+from osl_analysis.ingest.row_time import RowStamps, since_first
 from osl_analysis.ingest.table_source import TableChannel, TableSource
 from osl_analysis.ingest.units import si_factor
-from osl_analysis.trial import Array, check_time
+from osl_analysis.trial import Array
 
 
 @dataclass(frozen=True)
@@ -74,18 +75,13 @@ def read_table_log(table: Table, source: TableSource, own_time: Array | None = N
         if channel.counter is not None:
             columns.append(counter_of(table, channel, time).alias(counter_column(column)))
         origins[column] = channel.origin(column, found.unit)
-    fresh = np.concatenate([[True], np.diff(time) != 0])
-    kept = fresh if source.time.repeated == "drop" else np.ones_like(fresh)
-    facts = {
-        "time": {**source.time.model_dump(exclude_none=True), "start": start},
-        "rates_hz": {path.name: median_rate(time[kept])},
-        "missing": missing,
-        "repeated_stamps": int((~fresh).sum()),
-        **table.facts,
-    }
+    stamps = RowStamps(time, source.time)
+    facts = {**stamps.facts(path.name, start), "missing": missing, **table.facts}
     said = [*absent, *(f"{column} is NaN in {n} of {time.size} rows" for column, n in missing.items() if n)]
-    warnings = [*table.notes, *(f"{path.name}: {text}" for text in said), *repeats_text(path, fresh, source)]
-    return Recording(pl.DataFrame(columns).filter(pl.Series(kept)), origins, facts, warnings)
+    repeats = f"{path.name}: {stamps.repeats} of {time.size} rows repeat the stamp of the row before"
+    warnings = [*table.notes, *(f"{path.name}: {text}" for text in said)]
+    warnings += stamps.repeats_text(repeats, source.place("time"))
+    return Recording(pl.DataFrame(columns).filter(pl.Series(stamps.kept)), origins, facts, warnings)
 
 
 def absent_text(channel: TableChannel, present: NDArray[np.bool_]) -> list[str]:
@@ -142,12 +138,8 @@ def time_of(table: Table, source: TableSource, own_time: Array | None) -> tuple[
         factor = si_factor(unit, "s")
     except InputError as error:
         raise InputError(f"{what}: {error}, as {source.place('time', 'unit')}") from error
-    time = np.asarray((raw - raw[0]) * factor, dtype=np.float64)
-    check_time(what, time)
-    if time.size > 1 and time[0] == time[-1]:
-        advice = "take another one, or state the rate of the rows: `time: {rate: 1000}`"
-        raise InputError(f"{what}: time stands still at {raw[0]:g} in all {time.size} rows; {advice}")
-    return time, float(raw[0])
+    advice = "rows; take another one, or state the rate of the rows: `time: {rate: 1000}`"
+    return since_first(raw, factor, what, advice), float(raw[0])
 
 
 def check_own_columns(path: Path, source: TableSource) -> None:
@@ -174,16 +166,3 @@ def counter_of(table: Table, channel: TableChannel, time: Array) -> pl.Series:
             "is no count of samples; remove `counter` from the source file, or the row from the log"
         )
     return pl.Series(found.values.astype(np.int64))
-
-
-def repeats_text(path: Path, fresh: NDArray[np.bool_], source: TableSource) -> list[str]:
-    """What was done with rows that repeat the stamp of the row before; `fresh` (rows,) are the others."""
-    count = f"{path.name}: {np.count_nonzero(~fresh)} of {fresh.size} rows repeat the stamp of the row before"
-    if fresh.all():
-        return []
-    if source.time.repeated == "drop":
-        return [f"{count} and were left out"]
-    return [
-        f"{count} and are taken for samples whose stamps were rounded; if the device was read faster than it sampled, "
-        f"write `repeated: drop` under {source.place('time')}"
-    ]

@@ -1,15 +1,11 @@
 """The source file of a log that is one table of numbers, in JSON lines, TDMS or a table of OpenSim."""
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, ClassVar
 
-from pydantic import Field, PositiveFloat, field_validator, model_validator
+from pydantic import Field, model_validator
 
-from osl_analysis.ingest.sensor import Stamps
+from osl_analysis.ingest.row_time import RowTime, Share
 from osl_analysis.ingest.source_fields import Conversion, LogSource
-from osl_analysis.ingest.units import si_factor
-from osl_analysis.yaml_settings import Settings
-
-Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class TableChannel(Conversion):
@@ -27,7 +23,7 @@ class TableChannel(Conversion):
         return str(getattr(self, self.ADDRESS))
 
 
-class TableTime(Settings):
+class TableTime(RowTime):
     """Where the time of a row comes from: a column, or the rate at which rows were written."""
 
     ADDRESS: ClassVar[str]
@@ -35,28 +31,11 @@ class TableTime(Settings):
     IN_FILE: ClassVar[bool] = False
     """Whether the format itself tells when a sample was taken."""
 
-    unit: str | None = None
-    """Unit of the column."""
-    rate: PositiveFloat | None = None
-    """Rows per second [Hz], for a file without time."""
-    repeated: Literal["keep", "drop"] = "keep"
-    """Rows whose stamp is that of the row before. `keep`: they are samples whose stamps were rounded. `drop`: the
-    recorder read a device faster than it sampled; only the first row of each stamp is used."""
-    stamps: Stamps = "auto"
-    """How the stamps are taken."""
-
     @property
     def name(self) -> str | None:
         """Name of the column that holds time."""
         given: str | None = getattr(self, self.ADDRESS)
         return given
-
-    @field_validator("unit")
-    @classmethod
-    def _of_time(cls, unit: str | None) -> str | None:
-        if unit is not None:
-            si_factor(unit, "s")
-        return unit
 
     @model_validator(mode="after")
     def _one(self) -> "TableTime":

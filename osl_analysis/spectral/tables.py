@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.parameters import DrivetrainParameters
@@ -13,7 +12,7 @@ from osl_analysis.signals import LowPass
 from osl_analysis.spectral.local_polynomial import local_response, record_spectrum
 from osl_analysis.spectral.models import FittedLines, FittedStructure, fit_structure, lines_of_periods, lines_of_record
 from osl_analysis.spectral.period_lines import LINES, lines_frame
-from osl_analysis.spectral.realisations import PeriodicMotion, Realisation, distinct, periodic_motion
+from osl_analysis.spectral.realisations import PeriodicMotion, Realisation, distinct
 from osl_analysis.spectral.response import BandLevels, FrequencyResponse, periodic_response
 from osl_analysis.spectral.structures import EQ_9, EQ_15, Drivetrain, SecondOrder, Structure
 from osl_analysis.stats.fit_row import Row, estimates_row
@@ -54,20 +53,21 @@ class RecordedMotion:
     """Sampling rate [Hz]."""
     low_pass: LowPass
     """The filter of the fits in time; its cut-off is the end of the band."""
-    usable: NDArray[np.bool_]
-    """Rows that are not near a gap, and in which the joint is to be analysed."""
+    periodic: PeriodicMotion | None
+    """The periods of the motion; None if it does not repeat itself."""
     pieces: tuple[slice, ...]
     """Stretches in which the joint moves, without their ends. The longest is used if the motion does not repeat."""
 
     steps: tuple[float | None, float | None] = (None, None)
     """Steps to which angle [rad] and torque [N*m] were rounded; None where they are not known."""
 
-    def periods(self) -> PeriodicMotion | None:
-        """The periods of the motion; None if it does not repeat itself. Raises as `periodic_motion`."""
-        found = periodic_motion(self.theta, self.torque, self.rate_hz, self.low_pass.cutoff_hz, self.usable)
-        if found is None:
-            return None
-        return replace(found, realisations=tuple(replace(one, steps=self.steps) for one in found.realisations))
+    def realisations(self, found: PeriodicMotion) -> list[Realisation]:
+        """The realisations in its periods, their lines up to the end of the band."""
+        band = slice(int(np.floor(self.low_pass.cutoff_hz * found.period + 1e-9)) + 1)
+        return [
+            replace(one, theta=one.theta[:, band], torque=one.torque[:, band], steps=self.steps)
+            for one in found.realisations
+        ]
 
 
 @dataclass(frozen=True)
@@ -93,9 +93,10 @@ def response_tables(recorded: RecordedMotion, p: DrivetrainParameters | None) ->
     A structure that cannot be fitted has a row with the reason, and so has a trial without a frequency response.
     """
     try:
-        motion = recorded.periods()
-        if motion is not None:
-            return periodic_tables(recorded.trial, motion.realisations, recorded.low_pass, p, motion.period_error_ppm)
+        found = recorded.periodic
+        if found is not None:
+            realisations = recorded.realisations(found)
+            return periodic_tables(recorded.trial, realisations, recorded.low_pass, p, found.period_error_ppm)
         longest = max(recorded.pieces, key=lambda piece: piece.stop - piece.start)
         signals = recorded.theta[longest], recorded.torque[longest]
         spectrum = record_spectrum(*signals, recorded.rate_hz, recorded.low_pass.cutoff_hz)
@@ -103,10 +104,10 @@ def response_tables(recorded: RecordedMotion, p: DrivetrainParameters | None) ->
     except OslAnalysisError as error:
         reason = {"trial": recorded.trial, "model": EQ_15, "excluded": str(error)}
         return replace(NO_RESPONSE, models=pl.DataFrame([reason], schema=MODELS))
-    found = fitted_structures(lines_of_record(spectrum, recorded.low_pass), p)
+    structures = fitted_structures(lines_of_record(spectrum, recorded.low_pass), p)
     return ResponseTables(
-        response_frame(recorded.trial, response, found, 1),
-        models_frame(recorded.trial, response, found, {"realisations": 1}),
+        response_frame(recorded.trial, response, structures, 1),
+        models_frame(recorded.trial, response, structures, {"realisations": 1}),
         NO_RESPONSE.lines,
     )
 

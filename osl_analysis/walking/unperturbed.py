@@ -35,14 +35,6 @@ class UnperturbedGait:
     stance: Array
     plate_errors: Array
 
-    def theta_at(self, phase: Array) -> Array:
-        """Angle (crossings, k) [rad] at phases (k,)."""
-        return at_phases(self.theta, phase)
-
-    def torque_at(self, phase: Array) -> Array:
-        """Torque (crossings, k) [N*m] at phases (k,)."""
-        return at_phases(self.torque, phase)
-
     def mean_plate_errors_at(self, phase: Array) -> Array:
         """Plate errors (m, k) [N*m] of the mean crossing at phases (k,)."""
         return at_phases(self.plate_errors.mean(axis=1), phase)

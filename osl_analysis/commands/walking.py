@@ -7,17 +7,16 @@ from typing import Any
 
 import polars as pl
 
+from osl_analysis.commands.group_result import FEWEST_PERTURBED, NO_GAIT, group_result
 from osl_analysis.commands.unperturbed_file import read_unperturbed_gaits, write_unperturbed_gaits
 from osl_analysis.commands.walking_files import on_the_walkway, read_crossing, read_crossing_files, shared_side
-from osl_analysis.doubtful import DOUBTFUL, EXCLUDED, Doubt, doubtful_row, marked
+from osl_analysis.doubtful import DOUBTFUL, EXCLUDED, Doubt, marked
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.table import Places, read_table, write_table
 from osl_analysis.trial import read_trial
 from osl_analysis.walking.conditions import ALL, statements
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.group_table import commanded, fitted_time, group_row, groups_of
-from osl_analysis.walking.headline import Headline, group_headline
-from osl_analysis.walking.headline_doubts import group_facts
+from osl_analysis.walking.group_table import groups_of
 from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.selection import SEPARATOR, selection_rows
 from osl_analysis.walking.settings import (
@@ -30,21 +29,12 @@ from osl_analysis.walking.settings import (
 from osl_analysis.walking.tables import (
     ENSEMBLE,
     excluded_crossings,
-    headline_rows,
     perturbation_row,
-    reason_rows,
-    response_table,
 )
-from osl_analysis.walking.unperturbed import UnperturbedGait, unperturbed_gait
+from osl_analysis.walking.unperturbed import unperturbed_gait
 
 SUMMARISED = ("K", "B", "I", "VAF")
 """Columns that a row without a fit has too: a campaign in which no perturbation can be used keeps its other results."""
-FEWEST_PERTURBED = 2
-"""Fewest perturbations of a result."""
-NO_GAIT = (
-    "no mean unperturbed gait under the same conditions: fewer unperturbed crossings than fewest_unperturbed are used; "
-    "record more, or leave the condition empty in the sheet where unperturbed crossings serve every value"
-)
 
 
 def select_crossings(
@@ -169,55 +159,26 @@ def summarise_perturbations(
             f"a scatter; see the reasons in {excluded.name}, or record more"
         )
     gaits, files = read_unperturbed_gaits(unperturbed), {path.stem: path for path in crossings}
-    rows, facts, curves, why, sides = [], [], [], {}, {}
+    sides, results = {}, []
     for group in groups_of(chosen, sheet):
-        own = fitted.filter(pl.col("trial").is_in(group.trials))
         sides[group.name] = {"side": shared_side(group.trials, places)}
-        gait, known = gaits.get(group.gait), {"group": group.name}
-        fact: dict[str, object] = group_row(group, gait, settings.window_s) | {"fitted_phase": None, "reason": None}
-        try:
-            headline = headline_of(own, files, gait, settings)
-        except OslAnalysisError as error:
-            why[group.name] = fact["reason"] = str(error)
-            warnings.warn(f"no result of {group.name}: {error}", stacklevel=2)
-            rows += [known | row for row in reason_rows(str(error), len(own))]
-        else:
-            fact |= {"fitted_phase": phase_after(fact, fitted_time(headline.ensemble, settings.timing))}
-            fact |= group_facts(headline)
-            rows += [
-                known | row | {"commanded": commanded(group.cells, str(row["quantity"])), "reason": None}
-                for row in headline_rows(headline, own, doubtful_row(own))
-            ]
-            curves.append(response_table(group.name, headline.responses, headline.ensemble))
-        facts.append(fact)
+        own = fitted.filter(pl.col("trial").is_in(group.trials))
+        results.append(group_result(group, own, files, gaits.get(group.gait), settings))
+    facts, curves = [one.fact for one in results], [one.curve for one in results if one.curve is not None]
     if not curves:
+        why = {fact["group"]: fact["reason"] for fact in facts}
         said = "; ".join(reason if name == ALL else f"{name}: {reason}" for name, reason in why.items())
         raise InputError(f"{table}: no result from {len(fits)} perturbations: {said}; see {excluded.name}")
     judged = marked(pl.DataFrame(facts, infer_schema_length=None), limits or Doubt(), "walking_groups")
     doubts = dict(zip(judged["group"], judged[DOUBTFUL], strict=True))
-    rows = [row | {"doubt": doubts[str(row["group"])] if row["estimator"] == ENSEMBLE else None} for row in rows]
+    rows = [
+        {**row, "doubt": doubts[str(row["group"])] if row["estimator"] == ENSEMBLE else None}
+        for one in results
+        for row in one.rows
+    ]
     write_table(on_the_walkway(pl.DataFrame(rows, infer_schema_length=None), sides, "group"), output)
     write_table(on_the_walkway(judged.drop("side"), sides, "group"), groups)
     write_table(on_the_walkway(pl.concat(curves), sides, "group"), responses)
-
-
-def headline_of(
-    fits: pl.DataFrame, files: Mapping[str, Path], gait: UnperturbedGait | None, settings: EnsembleSettings
-) -> Headline:
-    """Result of the crossings of one group that have rows in `fits`; `files` are the crossings' by trial."""
-    if gait is None:
-        raise InputError(NO_GAIT)
-    if len(fits) < FEWEST_PERTURBED:
-        raise InputError(
-            f"{len(fits)} perturbations can be used, expected {FEWEST_PERTURBED} or more for a scatter; see the "
-            "reasons in walking_excluded.csv, or record more"
-        )
-    return group_headline([read_crossing(files[trial]) for trial in fits["trial"]], gait, settings)
-
-
-def phase_after(fact: Mapping[str, Any], time: float) -> float:
-    """Phase of stance a time [s] after the onset of a group, whose row of `walking_groups.csv` is given."""
-    return float(fact["onset_phase"] + time / fact["stance_s"])
 
 
 def selected_crossings(crossings: Sequence[Path], selection: Path) -> list[Crossing]:

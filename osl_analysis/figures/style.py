@@ -1,15 +1,17 @@
 """Common style of all figures: page size, lettering, colours, markers, and panels."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
+from urllib.parse import quote
 
 import matplotlib as mpl
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
+from matplotlib.collections import Collection
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
@@ -26,6 +28,8 @@ LIGHT_DOT = Line2D([], [], linestyle="", marker="o", color=GREY, mfc=WHITE, mark
 """For the legend of filled markers with a light dot."""
 HANDLE = 0.45
 """Width [in] of the handle of a legend's entry with its spaces."""
+REPORT = "../report.html"
+"""The report of a run as its figures' SVG files reach it."""
 LETTERS = 26
 """Panels that have letters."""
 THIN, THICK = 0.7, 1.8
@@ -149,6 +153,11 @@ def light_dots(ax: Axes, x: pl.Series, y: pl.Series) -> None:
     """A light dot in each filled marker whose fit is doubtful."""
     if len(x):
         ax.plot(x, y, ".", color=WHITE, markersize=2.2, mew=0)
+
+
+def link_to_trials(drawn: Collection, trials: Iterable[str]) -> None:
+    """In an SVG, each of the points or lines (n,) leads to its trial (n,) in the report of the run."""
+    drawn.set_urls([f"{REPORT}#trial={quote(trial, safe='')}" for trial in trials])
 
 
 def draw_spread(ax: Axes, rows: pl.DataFrame, x: str, quantity: str, colour: str) -> None:

@@ -1,6 +1,7 @@
 """What a campaign's results are made of: whether the data are simulated, by which version and configuration, and when.
 
-Every figure, `summary.json`, `numbers.tex` and `csv-metadata.json` says it. Nothing in it changes from run to run.
+Every figure, `captions.md`, `summary.json`, `numbers.tex` and `csv-metadata.json` says it. Nothing in it changes from
+run to run.
 """
 
 from dataclasses import dataclass

@@ -8,14 +8,16 @@ def setting(name: str):
     return attrgetter(name)(CONFIG)
 
 
-def drawn_files() -> list[Path]:
-    """Every figure that the campaign's tables and settings give, in each format, and its numbers."""
+def drawn_names() -> list[str]:
+    """The names of the figures that the campaign's tables and settings give."""
     tables = {path.stem for path in result_tables()} - ({"model_comparison"} if not IS_PREDICTED else set())
-    return [
-        RESULTS / f"figures/{figure.name}.{suffix}"
-        for figure in drawn_figures(tables, setting)
-        for suffix in ("csv", *SUFFIXES)
-    ]
+    return [figure.name for figure in drawn_figures(tables, setting)]
+
+
+def drawn_files() -> list[Path]:
+    """Every figure of the campaign, in each format, and its numbers; the captions, if there is any."""
+    files = [RESULTS / f"figures/{name}.{suffix}" for name in drawn_names() for suffix in ("csv", *SUFFIXES)]
+    return [*files, RESULTS / "figures/captions.md"] if files else []
 
 
 def shown_rows(figure: str) -> list[Path]:
@@ -172,3 +174,21 @@ rule draw_figure:
         footer=ABOUT.sentence(),
     run:
         jobs.run_job(log, "figure.draw_figure", input, output, params)
+
+
+rule captions:
+    input:
+        fitted=lambda wildcards: [
+            file for name in drawn_names() for file in (RESULTS / f"figures/{name}.csv", *shown_rows(name))
+        ],
+    output:
+        RESULTS / "figures/captions.md",
+    log:
+        RESULTS / "logs/figures/captions.log",
+    params:
+        code=lambda wildcards: jobs.code("commands.captions", *(f"figures.{name}" for name in drawn_names())),
+        tables=lambda wildcards: {name: str(RESULTS / f"figures/{name}.csv") for name in drawn_names()},
+        shown=lambda wildcards: {name: list(map(str, shown_rows(name))) for name in drawn_names()},
+        footer=ABOUT.sentence(),
+    run:
+        jobs.run_job(log, "captions.write_captions", input, output, params)

@@ -117,7 +117,11 @@ def test_every_figure_table_and_headline_number_is_there(workspace):
     results = workspace.folder / "results"
     figures = {path.name for path in (results / "figures").iterdir()}
     drawn = FIGURES.keys() - {"torque_angle"}
-    assert figures == {f"{name}.{suffix}" for name in drawn for suffix in ("csv", "pdf", "svg", "png")}
+    files = {f"{name}.{suffix}" for name in drawn for suffix in ("csv", "pdf", "svg", "png")}
+    assert figures == files | {"captions.md"}
+    captions = (results / "figures/captions.md").read_text(encoding="utf-8")
+    assert captions.count("\n## ") == len(drawn)
+    assert captions.count("Simulated data") == 1
     summary = json.loads((results / "summary.json").read_text())
     assert summary["campaign"] == "small"
     assert {"K_s", "B_j", "k_tau_n_m", "walking_K"} <= set(summary["numbers"])

@@ -42,10 +42,15 @@ def draw_figure(
     module = figure_module(name)
     table = read_table(table_csv, required=module.COLUMNS)
     if table.is_empty():
-        nothing = not_drawn(name, [("", str(table_csv), getattr(module, "NOTHING", EMPTY))])
+        nothing = not_drawn(name, [("", str(table_csv), nothing_to_draw(module))])
         draw_table("not_drawn", nothing, outputs, footer=footer)
         return
     draw_table(name, table, outputs, list(dict.fromkeys(cause.trial for cause in refused if cause.trial)), footer)
+
+
+def nothing_to_draw(module: Any) -> str:
+    """Why a figure without any number is not drawn; a module with a reason of its own has `NOTHING`."""
+    return str(getattr(module, "NOTHING", EMPTY))
 
 
 def not_drawn(name: str, causes: Sequence[tuple[str, str, str]]) -> pl.DataFrame:

@@ -21,6 +21,8 @@ from osl_analysis.yaml_settings import Settings, validated
 
 NEEDED = ("trial", "check", "value", "unit", "threshold", "remark")
 """Columns of `excluded.csv`."""
+CAPTIONS = "figures/captions.md"
+"""What the tables of plotted numbers show, in words; beside the metadata of the tables."""
 REMEDY = "delete it and run `snakemake reproduce-all`"
 
 
@@ -66,6 +68,7 @@ def write_table_metadata(about: About, tables: Sequence[str], output: Path) -> N
         "dc:title": f"Tables of campaign {about.campaign}",
         "dc:description": about.sentence(),
         **{f"osl:{name}": value for name, value in asdict(about).items()},
+        **({"rdfs:seeAlso": {"@id": CAPTIONS}} if any(table.startswith("figures/") for table in tables) else {}),
         "tables": [{"url": table} for table in tables],
     }
     with atomic_path(output) as path:

@@ -1,8 +1,9 @@
 """The list of figures, which the workflow, the command line and the tests read.
 
 A new figure is a module here, an entry in `figures.yaml`, and its test. Its module has `COLUMNS` (the columns of the
-plotted numbers) and `draw` (plotted numbers -> page). Where the numbers come from one result table, the module has
-`TABLE_COLUMNS` (what it needs of that table) and `points` (result table -> plotted numbers) too.
+plotted numbers), `draw` (plotted numbers -> page) and `caption` (plotted numbers -> a paragraph of Markdown, by the
+words of `captions.py`). Where the numbers come from one result table, the module has `TABLE_COLUMNS` (what it needs of
+that table) and `points` (result table -> plotted numbers) too.
 """
 
 from collections.abc import Callable, Collection

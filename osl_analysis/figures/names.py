@@ -54,6 +54,12 @@ def place_name(joint: str | None, side: str | None) -> str:
     return ", ".join(filter(None, [capital, side]))
 
 
+def figure_title(figure: str) -> str:
+    """Title of a figure by its name: `Fig. 5`, or `Walking page`."""
+    number = figure.removeprefix("fig")
+    return f"Fig. {number}" if number.isdecimal() else figure.replace("_", " ").capitalize()
+
+
 def placed_rows(table: pl.DataFrame) -> list[tuple[str, pl.DataFrame]]:
     """The rows of each joint and side, with its name; results of different ones never share a panel."""
     parts = table.partition_by(PLACE, maintain_order=True)

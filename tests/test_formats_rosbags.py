@@ -3,6 +3,7 @@
 import sqlite3
 import sys
 import tracemalloc
+from functools import partial
 from pathlib import Path
 from shutil import rmtree
 from typing import Any
@@ -13,6 +14,7 @@ import yaml
 import zstandard
 from bag_builder import KIND, START, STEP, sample, typestore, write_bag1, write_bag2, write_split
 from c3d_builder import REAL_DATA
+from recognised_files import read_recognised, refusal_of
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import Reader as Reader2
@@ -25,7 +27,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats.rosbag1.records import record_at
 from osl_analysis.formats.rosbag1.scan import read_bag
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.known_formats import FORMATS, recognise
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.trial import Trial
@@ -35,24 +36,8 @@ CHANNELS = {
     "torque": {"topic": "/lab", "field": "torque[0]", "unit": "N*m", "sign": -1},
     "sync": {"topic": "/lab", "field": "sync", "unit": "V"},
 }
-
-
-def read(path: Path, channels: Any = CHANNELS, **options: Any) -> Recording:
-    """A bag, by a source file of the format that its content has."""
-    known = FORMATS[name := recognise(path)]
-    described = {"format": name, "time": {"source": "header"}, "channels": channels, **options}
-    return known.read(path, known.source.model_validate(described))
-
-
-def refused(path: Path, **options: Any) -> str:
-    """What ingest says to a bag: one line that names the file."""
-    with pytest.raises(InputError) as caught:
-        read(path, **options)
-    message = str(caught.value)
-    assert str(path) in message
-    assert "\n" not in message
-    assert len(message) < 500
-    return message
+read = partial(read_recognised, time={"source": "header"}, channels=CHANNELS)
+refused = partial(refusal_of, time={"source": "header"}, channels=CHANNELS)
 
 
 def check_rows(recording: Recording, rows: range = range(50)) -> None:
@@ -63,6 +48,14 @@ def check_rows(recording: Recording, rows: range = range(50)) -> None:
     np.testing.assert_array_equal(recording.samples["torque"], row / 2)
     np.testing.assert_array_equal(recording.samples["sync"], row % 2 == 0)
     assert recording.facts["time"]["start_ns"] == START + rows[0] * STEP
+
+
+def check_one_chunk_is_lost(recording: Recording, rows: int) -> None:
+    """Few of the messages, all in one chunk, and counted."""
+    lost = rows - len(recording.samples)
+    assert 0 < lost <= 10
+    assert recording.facts["damage"]["topics"]["/lab"]["messages_lost"] == lost
+    assert recording.facts["damage"]["chunks_lost"] == 1
 
 
 def kept_files(folder: Path) -> list[str]:
@@ -313,7 +306,7 @@ def test_standard_types_are_known_without_definitions_and_others_are_refused(
 ) -> None:
     bag = standard_bag(tmp_path / "bag", "std_msgs/msg/Float64", data=2.5)
     channels = {"theta": {"topic": "/lab", "field": "data", "unit": "rad"}}
-    assert read(bag, channels, time={"source": "log"}).samples["theta"].to_list() == [2.5, 2.5]
+    assert read(bag, channels=channels, time={"source": "log"}).samples["theta"].to_list() == [2.5, 2.5]
     with sqlite3.connect(write_bag2(tmp_path / "own") / "own.db3") as connection:
         connection.execute("DROP TABLE message_definitions")
     said = refused(tmp_path / "own")
@@ -346,11 +339,7 @@ def test_a_damaged_chunk_of_a_ros_1_bag_is_lost_and_counted(tmp_path: Path) -> N
     place = content.index(b"\x04\x22\x4d\x18", len(content) // 2)
     content[place + 20 : place + 200] = bytes(180)
     path.write_bytes(content)
-    recording = read(path)
-    lost = 2000 - len(recording.samples)
-    assert 0 < lost <= 10
-    assert recording.facts["damage"]["topics"]["/lab"]["messages_lost"] == lost
-    assert recording.facts["damage"]["chunks_lost"] == 1
+    check_one_chunk_is_lost(read(path), 2000)
 
 
 @pytest.mark.parametrize("compression", ["BZ2", "LZ4"])
@@ -399,7 +388,7 @@ def test_a_real_ros_1_bag_is_read_as_the_library_reads_it() -> None:
     path = REAL_DATA / "bag" / "fake_joint_state.bag"
     field = {"topic": "/fake_joints_state", "unit": "rad"}
     channels = {"theta": field | {"field": "position[name=joint_2]"}, "theta_m": field | {"field": "position[0]"}}
-    samples = read(path, channels, time={"source": "log"}).samples
+    samples = read(path, channels=channels, time={"source": "log"}).samples
     store = get_typestore(Stores.ROS1_NOETIC)
     with Reader1(path) as reader:
         messages = [(time, store.deserialize_ros1(raw, one.msgtype)) for one, time, raw in reader.messages()]
@@ -416,7 +405,7 @@ def test_a_real_ros_2_database_is_read_as_the_library_reads_it(tmp_path: Path) -
     for name, own in (("rosbag2_test_0.db3", "rosbag2_test_0.db3"), ("rosbag2_test_metadata.yaml", "metadata.yaml")):
         (folder / own).write_bytes((REAL_DATA / "bag" / name).read_bytes())
     channels = {"theta": {"topic": "/imu", "field": "angular_velocity.x", "unit": "rad"}}
-    recording = read(folder, channels)
+    recording = read(folder, channels=channels)
     assert recording.facts["damage"]["topics"]["/imu"] == {"messages": 1565, "messages_lost": 0}
     store = get_typestore(Stores.ROS2_FOXY)
     description = yaml.safe_load((folder / "metadata.yaml").read_text())

@@ -2,20 +2,21 @@
 
 import json
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from recognised_files import read_recognised, refusal_of
 
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.json_log import JsonSource, read_json_log
-from osl_analysis.ingest.known_formats import FORMATS, read_source, recognise
+from osl_analysis.ingest.known_formats import read_source, recognise
 from osl_analysis.ingest.raw_files import trial_from_files
-from osl_analysis.ingest.recording import Recording
 
 ROWS = 200
 CHANNELS = {
@@ -41,18 +42,8 @@ def write(path: Path, lines: list[Any], end: str = "\n") -> Path:
     return path
 
 
-def read(path: Path, **options: Any) -> Recording:
-    known = FORMATS[recognise(path)]
-    return known.read(path, known.source.model_validate({**SOURCE, **options}))
-
-
-def refused(path: Path, **options: Any) -> str:
-    with pytest.raises(InputError) as caught:
-        read(path, **options)
-    message = str(caught.value)
-    assert message.startswith(str(path))
-    assert "\n" not in message
-    return message
+read = partial(read_recognised, **SOURCE)
+refused = partial(refusal_of, **SOURCE)
 
 
 def test_the_recorder_in_rust_gives_canonical_columns(tmp_path: Path) -> None:

@@ -8,12 +8,13 @@ import polars as pl
 import pytest
 import yaml
 from c3d_builder import REAL_DATA
+from recognised_files import read_recognised as read
+from recognised_files import refusal_of as refused
 
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.alignment import aligned_clock
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.known_formats import FORMATS, recognise
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.trial import Array
@@ -63,20 +64,6 @@ MOT = {
         "torque": {"column": "ankle_moment", "unit": "N*m", "sign": -1},
     },
 }
-
-
-def read(path: Path, **described: Any) -> Recording:
-    known = FORMATS[name := recognise(path)]
-    return known.read(path, known.source.model_validate({"format": name, **described}))
-
-
-def refused(path: Path, **described: Any) -> str:
-    with pytest.raises(InputError) as caught:
-        read(path, **described)
-    message = str(caught.value)
-    assert message.startswith(str(path))
-    assert "\n" not in message
-    return message
 
 
 def test_markers_of_trc_are_metres_in_our_axes(tmp_path: Path) -> None:

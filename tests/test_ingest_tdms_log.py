@@ -1,6 +1,7 @@
 """LabVIEW's TDMS gives canonical columns by the timing of its channels or a channel of time, and else is refused."""
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +10,12 @@ import pytest
 import yaml
 from c3d_builder import REAL_DATA
 from nptdms import ChannelObject, RootObject, TdmsFile, TdmsWriter
+from recognised_files import read_recognised, refusal_of
 
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.known_formats import FORMATS, recognise
 from osl_analysis.ingest.raw_files import trial_from_files
-from osl_analysis.ingest.recording import Recording
 
 ROWS = 100
 START = np.datetime64("2024-05-01T12:00:00")
@@ -58,18 +58,8 @@ def bench(path: Path, segments: int = 1, **options: Any) -> Path:
     )
 
 
-def read(path: Path, **options: Any) -> Recording:
-    known = FORMATS[recognise(path)]
-    return known.read(path, known.source.model_validate({**SOURCE, **options}))
-
-
-def refused(path: Path, **options: Any) -> str:
-    with pytest.raises(InputError) as caught:
-        read(path, **options)
-    message = str(caught.value)
-    assert message.startswith(str(path))
-    assert "\n" not in message
-    return message
+read = partial(read_recognised, **SOURCE)
+refused = partial(refusal_of, **SOURCE)
 
 
 @pytest.mark.parametrize("segments", [1, 7])

@@ -1,0 +1,27 @@
+"""A file of any format, read as a user's is: its content says the format, a source file says the rest."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.known_formats import FORMATS, recognise
+from osl_analysis.ingest.recording import Recording
+
+
+def read_recognised(path: Path, **described: Any) -> Recording:
+    """The canonical columns of a file or folder; `described` are the fields of its source file."""
+    known = FORMATS[name := recognise(path)]
+    return known.read(path, known.source.model_validate({"format": name, **described}))
+
+
+def refusal_of(path: Path, **described: Any) -> str:
+    """What ingest says to a file that it refuses: one line that begins with the file, of a length that can be read."""
+    with pytest.raises(InputError) as caught:
+        read_recognised(path, **described)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    assert len(message) < 500
+    return message

@@ -1,7 +1,16 @@
 """What several tests share: the shipped parameters, and motions with derivatives written by hand."""
 
+import os
 from fnmatch import fnmatch
 from pathlib import Path
+
+# One thread per process, as in the jobs of a campaign, and before numpy is imported: the tests themselves take all
+# cores, and threads of linear algebra that wait for one another took half of the time of some.
+os.environ.update(
+    dict.fromkeys(
+        ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "POLARS_MAX_THREADS"), "1"
+    )
+)
 
 import numpy as np
 import pytest

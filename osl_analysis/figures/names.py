@@ -7,7 +7,7 @@ from functools import cache
 import polars as pl
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
-from osl_analysis.figures.style import LOOKS, PAPER, Look
+from osl_analysis.figures.style import LOOKS, PAPER, Dash, Look
 
 DRAFT = ("compensated", "uncompensated")
 """The controllers of the draft, whose looks are fixed."""
@@ -15,12 +15,17 @@ LONGEST = 28
 """Characters of a name in a figure; a longer one is shortened in its middle."""
 MISSING = "\ufffd"
 """Sign in place of a letter that no font of the figures has."""
-COLOURS = ("#0072B2", "#00805C", "#8C510A", "#C2127F", "#4D4D4D")
-"""Colours of controllers other than those of the draft: told apart by every common kind of colour vision."""
+COLOURS = ("#3F8FBF", "#6B3A0A", "#2F5555", "#B98860", "#2B46F0")
+"""Colours of controllers other than those of the draft: with these two and black 20 or more apart (CIE 1976) for
+readers without long- or medium-wavelength cones."""
 MARKERS = ("s", "^", "v", "P", "X", "p", "h")
+DASHES: tuple[Dash, ...] = (
+    (0, (2, 1.2)), (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (6, 1, 2, 1)), (0, (12, 1.5, 1.5, 1.5)),
+)  # fmt: skip
+"""Line styles of their models."""
 SIZE = 3.6
 """Size [pt] of their markers."""
-NO_CONTROLLER = Look("#4D4D4D", "o", SIZE, "No controller")
+NO_CONTROLLER = Look("#757575", ">", SIZE, "No controller", (0, (1, 0.8)))
 PLACE = ("joint", "side")
 
 
@@ -103,4 +108,5 @@ def looks_in(table: pl.DataFrame) -> dict[str | None, Look]:
 def other_look(controller: str, number: int | None) -> Look:
     """Colour and marker of a controller that is not the draft's, by its number."""
     number = number or 0
-    return Look(COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)], SIZE, drawn_name(controller))
+    colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
+    return Look(colour, marker, SIZE, drawn_name(controller), DASHES[number % len(DASHES)])

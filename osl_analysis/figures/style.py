@@ -80,20 +80,25 @@ PAPER: dict[Any, Any] = {
 }
 
 
+Dash = str | tuple[float, tuple[float, ...]]
+"""A line style as matplotlib takes it."""
+
+
 @dataclass(frozen=True)
 class Look:
-    """Colour, marker, size of the marker [pt] and name of one condition, the same in every figure."""
+    """Colour, marker, size of the marker [pt], name and line style of one condition, the same in every figure."""
 
     colour: str
     marker: str
     size: float
     label: str
+    dash: Dash = "-"
 
 
 LOOKS = {
     "desired": Look(BLACK, "", 0, "Desired"),
-    "compensated": Look(ORANGE, "o", 3.8, "Compensated"),
-    "uncompensated": Look(PURPLE, "D", 3.4, "Uncompensated"),
+    "compensated": Look(ORANGE, "o", 3.8, "Compensated", (0, (4, 1.5))),
+    "uncompensated": Look(PURPLE, "D", 3.4, "Uncompensated", (0, (5, 1.5, 1, 1.5))),
 }
 
 

@@ -293,56 +293,66 @@ def test_fig4_draws_angle_torque_and_the_dashed_fit():
     np.testing.assert_array_equal(line(torque, "Best-fit second-order system"), [table["time"], table["torque_model"]])
 
 
+def scattered(ax, label):
+    """Places (n, 2), faces (n, 4) and links (n,) of the points with that label."""
+    (found,) = [artist for artist in ax.collections if artist.get_label() == label]
+    return np.asarray(found.get_offsets()), found.get_facecolor(), found.get_urls()
+
+
 @pytest.mark.parametrize(("panel", "symbol"), [(0, "K"), (1, "B")])
-def test_fig5_draws_every_trial_beside_its_desired_value_and_no_two_at_one_place(panel, symbol):
+def test_fig5_gives_each_desired_impedance_a_place_and_draws_every_trial_there_beside_its_desired_value(panel, symbol):
     table = fig5.points(impedance())
     ax = fig5.draw(table).axes[panel]
-    desired = table[f"{symbol}_d"].unique().sort().to_numpy()
+    lines = [s for c in ax.collections if hasattr(c, "get_segments") for s in c.get_segments() if s[0][1] == s[1][1]]
+    assert len(lines) == 16
     places = []
     for controller, look in LOOKS.items():
         if controller != "desired":
-            rows = table.filter(pl.col("controller") == controller)
-            assert len(rows) == 16
-            x, y = line(ax, look.label)
-            np.testing.assert_array_equal(y, rows[symbol])
-            assert np.abs(x - rows[f"{symbol}_d"].to_numpy()).max() < 0.4 * np.diff(desired)[0]
-            places += list(np.round(x, 9))
-    assert len(set(places)) == 32
-    dashes = [s for c in ax.collections for s in c.get_segments() if s[0][1] == s[1][1]]
-    assert sorted(s[0][1] for s in dashes) == desired.tolist()
-    assert [np.mean(s[:, 0]) for s in dashes] == pytest.approx(desired.tolist())
+            rows = table.filter(pl.col("controller") == controller).sort("K_d", "B_d")
+            points, _, links = scattered(ax, look.label)
+            np.testing.assert_array_equal(points[:, 1], rows[symbol])
+            assert links == [f"../report.html#trial={trial}" for trial in rows["trial"]]
+            beside = [line[0][1] for x, _ in points for line in lines if line[0][0] < x < line[1][0]]
+            assert beside == rows[f"{symbol}_d"].to_list()
+            places += list(points[:, 0])
+    assert np.diff(sorted(places)).min() == 1
+
+
+def test_fig5_letters_desired_dampings_within_desired_stiffnesses_below_the_trials_that_have_them():
+    ax = fig5.draw(fig5.points(impedance())).axes[1]
+    first, second = ([label.get_text() for label in ax.get_xticklabels(minor=minor)] for minor in (False, True))
+    assert first == ["0", "2.5", "5", "7.5"] * 4
+    assert second == [f"$K_d$ = {K_d}" for K_d in (100, 200, 300, 400)]
+    centres = [np.mean([x for x, _ in scattered(ax, LOOKS[name].label)[0][:4]]) for name in list(LOOKS)[1:]]
+    assert ax.get_xticks(minor=True)[0] == pytest.approx(np.mean(centres))
+    assert np.mean(ax.get_xticks()[:4]) == pytest.approx(np.mean(centres))
 
 
 def test_fig5_intervals_are_those_of_the_table_and_are_drawn():
     table = fig5.points(impedance())
     np.testing.assert_allclose(table["K_high"] - table["K"], 0.98)
     np.testing.assert_allclose(table["B"] - table["B_low"], 0.1)
-    bars = [s for c in fig5.draw(table).axes[0].collections for s in c.get_segments()]
-    drawn = [s for s in bars if s[0][0] == s[1][0]]
+    drawn = upright(fig5.draw(table).axes[0])
     np.testing.assert_array_equal(sorted(s[0][1] for s in drawn), sorted(table["K_low"]))
     np.testing.assert_array_equal(sorted(s[1][1] for s in drawn), sorted(table["K_high"]))
 
 
-def test_fig5_draws_the_range_over_amplitudes_and_says_which_bar_is_what():
+def upright(ax):
+    """The vertical bars of a panel."""
+    bars = [s for c in ax.collections if hasattr(c, "get_segments") for s in c.get_segments()]
+    return [s for s in bars if s[0][0] == s[1][0]]
+
+
+def test_fig5_draws_the_range_over_amplitudes_and_its_caption_says_which_bar_is_what():
     ends = {f"{q}_amplitudes_{end}": pl.col(q) + step for q in "KB" for end, step in (("low", -7.0), ("high", 5.0))}
     table = fig5.points(impedance().with_columns(**ends))
-    figure = fig5.draw(table)
-    drawn = {(s[0][1], s[1][1]) for c in figure.axes[1].collections for s in c.get_segments()}
+    drawn = {(s[0][1], s[1][1]) for s in upright(fig5.draw(table).axes[1])}
     assert set(table.select("B_amplitudes_low", "B_amplitudes_high").rows()) < drawn
     assert set(table.select("B_low", "B_high").rows()) < drawn
-    assert "Range over amplitudes" in texts(figure)
-    assert "Range over amplitudes" not in texts(fig5.draw(fig5.points(impedance())))
-
-
-def test_fig5_says_that_intervals_cannot_be_seen_only_where_that_is_so():
-    remark, entry = "shorter than the markers", "95 % interval of noise"
-    short = impedance().with_columns(B_low=pl.col("B") - 0.05, B_high=pl.col("B") + 0.05)
-    small = texts(fig5.draw(fig5.points(short)))
-    wide = texts(fig5.draw(fig5.points(impedance().with_columns(B_high=pl.col("B") + 2))))
-    assert remark in small
-    assert f"{entry} " not in f"{small} ".replace(f"{entry}s", "")
-    assert remark not in wide
-    assert entry in wide
+    assert "Thin bars are the range of the fits to single amplitudes" in fig5.caption(table)
+    assert "at most ±0.98 N·m/rad and ±0.1 N·m·s/rad" in fig5.caption(table)
+    without = fig5.points(impedance().with_columns(K_low=pl.lit(None, pl.Float64), K_high=pl.lit(None, pl.Float64)))
+    assert "bars" not in fig5.caption(without)
 
 
 def test_fig5_takes_only_the_fits_over_all_amplitudes_and_says_when_there_is_none():
@@ -354,13 +364,21 @@ def test_fig5_takes_only_the_fits_over_all_amplitudes_and_says_when_there_is_non
 def test_fig5_fills_the_marker_of_a_sound_fit_and_says_that_open_ones_are_doubtful():
     def filled(table):
         figure = fig5.draw(fig5.points(table))
-        sound = [line for ax in figure.axes for line in ax.lines if line.get_label() == fig5.SOUND]
-        return [len(line.get_xdata()) for line in sound], "doubtful" in texts(figure)
+        looks = [look for name, look in LOOKS.items() if name != "desired"]
+        faces = [scattered(ax, look.label)[1] for ax in figure.axes for look in looks]
+        return [len(face) - int((face == 1).all(axis=1).sum()) for face in faces], "doubtful" in texts(figure)
 
     reason = pl.when((pl.col("K_d") == 100) & (pl.col("B_d") == 0)).then(pl.lit("VAF 80 is below 90"))
-    assert filled(impedance().with_columns(doubtful=reason)) == ([15, 15, 15, 15], True)
+    doubtful = impedance().with_columns(doubtful=reason)
+    assert filled(doubtful) == ([15, 15, 15, 15], True)
+    assert "2 of 32 fits (impedance\\_K100\\_B0.0\\_comp" in fig5.caption(fig5.points(doubtful))
     assert filled(impedance().with_columns(doubtful=pl.lit(""))) == ([16, 16, 16, 16], False)
     assert filled(impedance()) == ([16, 16, 16, 16], False)
+
+
+def test_fig5_caption_has_the_errors_of_each_controller_with_mean_sd_and_range():
+    table = fig5.points(impedance().with_columns(K=pl.col("K_d") + 2 * (pl.col("B_d") > 0)))
+    assert r"Compensated ($n$ = 16): $\hat{K} - K_d$ is 1.50 ± 0.89 N·m/rad, 0.00 to 2.00" in fig5.caption(table)
 
 
 def test_fig5_without_a_prediction_draws_none():

@@ -10,6 +10,8 @@ from osl_analysis.files import atomic_path
 from osl_analysis.refusal import is_refused, read_refusals
 from osl_analysis.table import read_table
 
+DOUBTS = "Why a fit is doubtful stands in the column `doubtful` of the figure's CSV file."
+
 
 def write_captions(
     *, tables: Mapping[str, Path], shown: Mapping[str, Sequence[Path]], footer: str, output: Path
@@ -29,7 +31,7 @@ def write_captions(
         for name, table in tables.items()
     ]
     with atomic_path(output) as path:
-        path.write_text("\n".join([f"# Captions\n\n{as_text(footer)}.\n", *sections]), encoding="utf-8")
+        path.write_text("\n".join([f"# Captions\n\n{as_text(footer)}. {DOUBTS}\n", *sections]), encoding="utf-8")
 
 
 def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:

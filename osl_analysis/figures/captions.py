@@ -16,10 +16,12 @@ from osl_analysis.figures.style import IS_DOUBTFUL
 
 UNIT_OF = {"K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²"}
 """Units of stiffness, damping and inertia as they are printed."""
-MOST_NAMED = 8
+MOST_NAMED = 6
 """Trials that a caption names; the tables have all of them."""
 DIGITS = 2
 """Significant digits of half the width of an interval, and of a standard deviation."""
+MOST_DIGITS = 5
+"""Significant digits of an estimate, whatever its interval."""
 SPECIAL = re.compile(r"[\\`*_{}\[\]<>#|~$&!^@\"']|:(?=//)|(?<=-)-|(?<=\.)\.|(?<=www)\.")
 """Signs that mean something in Markdown, as its dialects have it: repeated hyphens and dots are joined by some."""
 
@@ -35,9 +37,14 @@ def listed(names: Iterable[str], most: int = MOST_NAMED) -> str:
     return ", ".join(found[:most]) + (f" and {len(found) - most} more" if len(found) > most else "")
 
 
-def decimals_of(spread: float) -> int:
-    """Digits behind the point at which a half width or standard deviation has `DIGITS` significant ones."""
-    return max(DIGITS - 1 - math.floor(math.log10(abs(spread))), 0) if spread and math.isfinite(spread) else 3
+def decimals_of(spread: float, largest: float = 0.0) -> int:
+    """Digits behind the point at which a half width or standard deviation has `DIGITS` significant ones.
+
+    A number of the size `largest` has no more than `MOST_DIGITS`: rounding leaves a spread where there is none.
+    """
+    sizes = ((spread, DIGITS), (largest, MOST_DIGITS))
+    digits = [most - 1 - math.floor(math.log10(abs(size))) for size, most in sizes if size and math.isfinite(size)]
+    return max(min(digits, default=0), 0)
 
 
 def number(value: float, decimals: int) -> str:
@@ -49,7 +56,7 @@ def with_interval(value: float, low: float | None, high: float | None, unit: str
     """An estimate with its 95 % interval, as `299.1 N·m/rad (95 % interval 298.2 to 300.0)`; alone without one."""
     if low is None or high is None:
         return f"{value:.4g} {unit}".replace("-", "−")
-    digits = decimals_of((high - low) / 2)
+    digits = decimals_of((high - low) / 2, value)
     ends = f"{number(low, digits)} to {number(high, digits)}"
     return f"{number(value, digits)} {unit} (95 % interval {ends})"
 
@@ -58,7 +65,7 @@ def with_sd(mean: float, sd: float | None, unit: str) -> str:
     """A mean with its standard deviation, as `338 ± 20 N·m/rad`; alone without one."""
     if sd is None:
         return f"{mean:.3g} {unit}".replace("-", "−")
-    digits = decimals_of(sd)
+    digits = decimals_of(sd, mean)
     return f"{number(mean, digits)} ± {number(sd, digits)} {unit}"
 
 

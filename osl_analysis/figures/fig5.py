@@ -1,5 +1,6 @@
 """Fig. 5: estimated stiffness and damping against the desired ones."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -9,19 +10,22 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from osl_analysis.errors import InputError
+from osl_analysis.figures.captions import UNIT_OF, as_text, decimals_of, doubtful_fits, number, with_sd
 from osl_analysis.figures.names import look_numbers, looks_in, of_place, placed_rows
 from osl_analysis.figures.style import (
     BLACK,
     DOUBLE_COLUMN,
     GREY,
     IS_DOUBTFUL,
+    OPEN_MARKER,
     WHITE,
     Look,
     draw_spread,
     legend_columns,
+    link_to_trials,
     panels,
     paper_style,
-    spread_entries,
+    width_of,
 )
 
 TABLE_COLUMNS = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "K", "K_low", "K_high", "B", "B_low", "B_high")
@@ -35,17 +39,17 @@ COLUMNS = (
     *WHERE_THEY_ARE, "doubtful",
 )  # fmt: skip
 
-CLUSTER = 0.72
-"""Width that the trials of one desired value take, as a share of the distance to the next desired value."""
-DASHES = (0, (4, 2))
-"""Line style of desired values."""
-MOST_EVEN = 4.0
-"""Largest distance between two desired values over the smallest one, up to which the axis is to scale."""
-MOST_TICKS = 12
-"""Desired values that are lettered; of more, every second, third ... one is."""
-NOT_STATED = "not\nstated"
-SOUND = "_sound"
-"""Label of the filled markers; matplotlib lists no label with an underscore."""
+NOT_STATED = "not stated"
+GAPS = (0.7, 1.6)
+"""Distances between two trials of different B_d, and of different K_d, beyond the 1 between trials of one condition."""
+FEWEST = 8
+"""Trials side by side for which an axis has room at least."""
+LIGHT = "#B8B8B8"
+"""Colour of the lines between desired stiffnesses."""
+BELOW = 13
+"""Distance [pt] of the desired stiffnesses below the desired dampings."""
+LARGEST, SMALLEST = 1.0, 0.3
+"""Sizes of the markers, as shares of those of the controllers: where trials have room, and where they have none."""
 
 
 def points(impedance: pl.DataFrame) -> pl.DataFrame:
@@ -73,55 +77,152 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """(a) stiffness, (b) damping: a marker per trial's fit to all amplitudes, over a dashed line at the desired value.
+    """(a) stiffness, (b) damping: a marker per trial's fit to all amplitudes, a black line at the desired value.
 
-    Trials of one desired value stand side by side, those of one controller together, in the order of the other desired
-    value. A filled marker is a sound fit, an open one a doubtful fit. A thin bar is the range of the fits to single
-    amplitudes, a thick bar the 95 % interval of noise. The legend names the bars, or says that the markers hide them. A
-    dash of the same colour is the prediction of linear theory for the trial's gains. Every joint and side has a row of
-    panels. Trials whose desired value is not stated stand at the right end of the axis.
+    Each desired impedance has a place of its own on the axis, which is no scale: `B_d` in the first row, `K_d` in the
+    second. Both panels have the same places. Trials of one desired impedance stand side by side, in the order of their
+    controllers. A filled marker is a sound fit, an open one a doubtful fit. A thin bar is the range of the fits to
+    single amplitudes, a thick bar the 95 % interval of noise. A dash of the same colour is the prediction of linear
+    theory for the trial's gains. Every joint and side has two panels.
     """
     parts, looks = placed_rows(table), looks_in(table)
     names = [name for name, _ in parts for _ in range(2)]
-    figure, axes = panels(DOUBLE_COLUMN, 0.3 + 2.4 * len(parts), rows=len(parts), columns=2, names=names)
-    for number, (_, part) in enumerate(parts):
-        stiffness, damping = axes[2 * number : 2 * number + 2]
-        draw_quantity(stiffness, part, "K", looks)
-        draw_quantity(damping, part, "B", looks)
-        stiffness.set_xlabel("Desired $K_d$ (N·m/rad)")
+    figure, axes = panels(DOUBLE_COLUMN, 0.5 + 3.2 * len(parts), rows=2 * len(parts), names=names)
+    for (_, part), stiffness, damping in zip(parts, axes[::2], axes[1::2], strict=True):
+        rows = side_by_side(part, looks)
+        for ax, symbol in ((stiffness, "K"), (damping, "B")):
+            draw_quantity(ax, rows, symbol, looks)
+            part_by_stiffness(ax, rows)
+        stiffness.set_xticks([])
+        letter_conditions(damping, rows)
         stiffness.set_ylabel(r"Stiffness $\hat{K}$ (N·m/rad)")
-        damping.set_xlabel("Desired $B_d$ (N·m·s/rad)")
         damping.set_ylabel(r"Damping $\hat{B}$ (N·m·s/rad)")
-    bars, remark = spread_entries({ax: "KB"[number % 2] for number, ax in enumerate(axes)}, table)
-    handles = [*entries(table, looks), *bars]
-    columns = legend_columns([str(handle.get_label()) for handle in handles], DOUBLE_COLUMN, most=6)
+    handles = entries(table, looks)
+    columns = legend_columns([str(handle.get_label()) for handle in handles], 0.9 * DOUBLE_COLUMN, most=6)
     figure.legend(handles=handles, loc="outside upper center", ncols=columns, columnspacing=1.4)
-    figure.supxlabel(remark, fontsize=8)
+    figure.align_ylabels()
     return figure
 
 
-def draw_quantity(ax: Axes, table: pl.DataFrame, symbol: str, looks: dict[str | None, Look]) -> None:
-    """One quantity, `K` or `B`, against its desired value."""
-    desired = f"{symbol}_d"
-    places = axis_places(table[desired])
-    table = table.with_columns(x=side_by_side(table, desired, "B_d" if symbol == "K" else "K_d"))
-    half, stated = CLUSTER / 2 * spacing(places), [level for level in places if level is not None]
-    at = np.array([places[level] for level in stated])
-    ax.hlines(stated, at - 1.15 * half, at + 1.15 * half, color=BLACK, linestyle=DASHES, linewidth=0.7)
+def side_by_side(table: pl.DataFrame, looks: dict[str | None, Look]) -> pl.DataFrame:
+    """The rows of one joint and side in the order of K_d, B_d and controller, with their place `x` on the axis.
+
+    Desired values that are not stated come last.
+    """
+    order = {controller: number for number, controller in enumerate(looks)}
+    ranks = pl.Series("rank", [order[controller] for controller in table["controller"]])
+    rows = table.with_columns(ranks).sort("K_d", "B_d", "rank", nulls_last=True, maintain_order=True)
+    steps, before = [0.0], rows.select("K_d", "B_d").rows()
+    for (K_before, B_before), (K_d, B_d) in pairwise(before):
+        steps.append(1 + (GAPS[1] if K_d != K_before else GAPS[0] if B_d != B_before else 0.0))
+    return rows.with_columns(x=pl.Series(np.cumsum(steps)))
+
+
+def draw_quantity(ax: Axes, rows: pl.DataFrame, symbol: str, looks: dict[str | None, Look]) -> None:
+    """One quantity, `K` or `B`, of the trials at their places `x`."""
+    for wanted in rows.drop_nulls(f"{symbol}_d").partition_by("K_d", "B_d", maintain_order=True):
+        reach = float(wanted["x"].min()) - 0.6, float(wanted["x"].max()) + 0.6  # type: ignore[arg-type]
+        ax.hlines(wanted[f"{symbol}_d"][0], *reach, color=BLACK, linewidth=0.8)
+    share = size_share(ax, rows)
     for controller, look in looks.items():
-        rows = table.filter(pl.col("controller").eq_missing(pl.lit(controller)))
-        draw_spread(ax, rows, "x", symbol, look.colour)
-        ax.plot(rows["x"], rows[f"{symbol}_predicted"], "_", color=look.colour, markersize=5.5, mew=0.6)
-        sound = rows.filter(~IS_DOUBTFUL)
-        for fits, fill, label in ((rows, WHITE, look.label), (sound, look.colour, SOUND)):
-            x, y = fits["x"], fits[symbol]
-            ax.plot(x, y, look.marker, color=look.colour, mfc=fill, mew=0.7, markersize=look.size, label=label)
-    every = -(-len(places) // MOST_TICKS)
-    shown = [level for k, level in enumerate(places) if k % every == 0 or level is None]
-    letters = [NOT_STATED if level is None else f"{level:g}" for level in shown]
-    ax.set_xticks([places[level] for level in shown], letters)
-    ax.tick_params(axis="x", length=0)
+        fits = rows.filter(pl.col("controller").eq_missing(pl.lit(controller)))
+        draw_spread(ax, fits, "x", symbol, look.colour)
+        ax.plot(fits["x"], fits[f"{symbol}_predicted"], "_", color=look.colour, markersize=7 * share, mew=0.7)
+        fill = [WHITE if doubtful else look.colour for doubtful in fits.select(IS_DOUBTFUL).to_series()]
+        drawn = ax.scatter(
+            fits["x"], fits[symbol], (share * look.size) ** 2, marker=look.marker, facecolors=fill,
+            edgecolors=look.colour, linewidths=0.8, label=look.label, zorder=3,
+        )  # fmt: skip
+        link_to_trials(drawn, fits["trial"])
     ax.ticklabel_format(axis="y", useOffset=False)
+    last = float(rows["x"].max())  # type: ignore[arg-type]
+    edge = max(1.0, (FEWEST - last) / 2)
+    ax.set_xlim(-edge, last + edge)
+
+
+def size_share(ax: Axes, rows: pl.DataFrame) -> float:
+    """Size of the markers, as a share of the usual one, at which neighbours do not touch: 1 for up to 60 trials."""
+    points = 72 * ax.figure.figure.get_figwidth() / (float(rows["x"].max()) + 8)  # type: ignore[arg-type]
+    return float(np.clip(points / 4.5, SMALLEST, LARGEST))
+
+
+def part_by_stiffness(ax: Axes, rows: pl.DataFrame) -> None:
+    """A thin line between the trials of two desired stiffnesses."""
+    parts = rows.partition_by("K_d", maintain_order=True)
+    for left, right in pairwise(parts):
+        ax.axvline((left["x"][-1] + right["x"][0]) / 2, color=LIGHT, linewidth=0.5, zorder=0)
+
+
+def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
+    """Below the axis the desired dampings, and below these the desired stiffnesses; as many as there is room for."""
+    inches = (ax.figure.figure.get_figwidth() - 0.6) / float(np.ptp(ax.get_xlim()))
+    for minor, keys in ((False, ["K_d", "B_d"]), (True, ["K_d"])):
+        places = rows.group_by(keys, maintain_order=True).agg(pl.col("x").mean())
+        name, equals = ("$K_d$ ", "= ") if minor else ("", "")
+        words = [name + (NOT_STATED if value is None else f"{equals}{value:g}") for value in places[keys[-1]]]
+        shown, end = [], -np.inf
+        for place, word in zip(places["x"], words, strict=True):
+            half = width_of(word) / inches / 2
+            if place - half > end:
+                shown.append((place, word))
+                end = place + half + 0.06 / inches
+        ax.set_xticks([place for place, _ in shown], [word for _, word in shown], minor=minor)
+    ax.xaxis.remove_overlapping_locs = False
+    ax.tick_params(axis="x", which="both", length=0)
+    ax.tick_params(axis="x", which="minor", pad=BELOW)
+    ax.set_xlabel("Desired $B_d$ (N·m·s/rad) for each desired $K_d$ (N·m/rad)")
+
+
+def caption(table: pl.DataFrame) -> str:
+    """What markers and bars mean, by how much each controller misses what was desired, and which fits are doubtful."""
+    said = [
+        r"Estimated stiffness $\hat{K}$ (a) and damping $\hat{B}$ (b) of the joint for every desired impedance $K_d$, "
+        "$B_d$. A marker is the fit of Eq. 15 to all amplitudes of one trial, a black line the desired value. Places "
+        "on the axis are no scale.",
+    ]
+    if table["K_predicted"].count() or table["B_predicted"].count():
+        said.append("A short line in the colour of a marker is what linear theory predicts for its gains.")
+    if table["K_amplitudes_low"].count() or table["B_amplitudes_low"].count():
+        said.append("Thin bars are the range of the fits to single amplitudes.")
+    widths = [largest_half_width(table, symbol) for symbol in "KB"]
+    if None not in widths:
+        ends = " and ".join(f"±{width:.2g} {UNIT_OF[s]}" for s, width in zip("KB", widths, strict=True))
+        said.append(f"Thick bars, where they are longer than the markers, are 95 % intervals of noise, at most {ends}.")
+    parts = placed_rows(table)
+    for _, part in parts:
+        place = part.select("joint", "side").row(0) if len(parts) > 1 else ()
+        for controller, look in looks_in(part).items():
+            fits = part.filter(pl.col("controller").eq_missing(pl.lit(controller)))
+            name = ", ".join(filter(None, [*place, controller or look.label.lower()]))
+            said.append(f"{as_text(name[:1].upper() + name[1:])} ($n$ = {len(fits)}): {errors_said(fits)}.")
+    return " ".join([*said, doubtful_fits(table, "drawn open")])
+
+
+def largest_half_width(table: pl.DataFrame, symbol: str) -> float | None:
+    """Half the width of the widest interval of noise, in the unit of the quantity; None without any."""
+    widths = (table[f"{symbol}_high"] - table[f"{symbol}_low"]).drop_nulls()
+    return float(widths.max()) / 2 if len(widths) else None  # type: ignore[arg-type]
+
+
+def errors_said(fits: pl.DataFrame) -> str:
+    """Mean and SD over trials of estimate minus desired value, and their range; without desired values the estimates'.
+
+    Both of stiffness and of damping.
+    """
+    said = []
+    for symbol in "KB":
+        errors = (fits[symbol] - fits[f"{symbol}_d"]).drop_nulls()
+        name = rf"$\hat{{{symbol}}} - {symbol}_d$"
+        if errors.is_empty():
+            errors, name = fits[symbol].drop_nulls(), rf"$\hat{{{symbol}}}$"
+        if errors.is_empty():
+            continue
+        sd = None if len(errors) == 1 else float(errors.std())  # type: ignore[arg-type]
+        mean, low, high = (float(value) for value in (errors.mean(), errors.min(), errors.max()))  # type: ignore[arg-type]
+        digits = decimals_of(sd or 0.0, mean)
+        reach = f", {number(low, digits)} to {number(high, digits)}" if sd is not None else ""
+        said.append(f"{name} is {with_sd(mean, sd, UNIT_OF[symbol])}{reach}")
+    return ", ".join(said) + (" (mean ± SD, range)" if len(fits) > 1 else "")
 
 
 def entries(table: pl.DataFrame, looks: dict[str | None, Look]) -> list[Line2D]:
@@ -133,39 +234,9 @@ def entries(table: pl.DataFrame, looks: dict[str | None, Look]) -> list[Line2D]:
 
     found = [entry(look.marker, look.label, color=look.colour, markersize=look.size) for look in looks.values()]
     if len(table.filter(IS_DOUBTFUL)):
-        found.append(entry("o", "Open: doubtful fit", color=GREY, mfc=WHITE, markersize=3.8, mew=0.7))
+        found.append(OPEN_MARKER)
     if table["K_d"].count() or table["B_d"].count():
-        found.append(Line2D([], [], color=BLACK, linestyle=DASHES, linewidth=0.7, label="Desired"))
+        found.append(Line2D([], [], color=BLACK, linewidth=0.8, label="Desired"))
     if table["K_predicted"].count() or table["B_predicted"].count():
-        found.append(entry("_", "Linear model", color=BLACK, markersize=5.5, mew=0.6))
+        found.append(entry("_", "Linear model", color=GREY, markersize=7, mew=0.7))
     return found
-
-
-def axis_places(desired: pl.Series) -> dict[float | None, float]:
-    """Place of each desired value on its axis: to scale where the values are about evenly spaced, else one after the
-    other. The place of trials without one is behind the last."""
-    levels = [float(level) for level in desired.drop_nulls().unique().sort()]
-    steps = np.diff(levels)
-    even = bool(len(levels) < 2 or steps.max() <= MOST_EVEN * steps.min())
-    places: dict[float | None, float] = {level: level if even else float(k) for k, level in enumerate(levels)}
-    if desired.null_count():
-        places[None] = max(places.values(), default=0.0) + spacing(places)
-    return places
-
-
-def spacing(places: dict[float | None, float]) -> float:
-    """Smallest distance between two places; 1 if there is one."""
-    return float(np.min(np.diff(sorted(places.values())), initial=np.inf)) if len(places) > 1 else 1.0
-
-
-def side_by_side(table: pl.DataFrame, desired: str, other: str) -> pl.Series:
-    """Places of the trials on the axis of one desired value: controller by controller, in the order of the other."""
-    levels, controllers = (table[column].unique().sort().to_list() for column in (other, "controller"))
-    slots = len(controllers) * (len(levels) + 1) - 1  # one stays free between two controllers
-    slot = [
-        controllers.index(controller) * (len(levels) + 1) + levels.index(value)
-        for controller, value in table.select("controller", other).iter_rows()
-    ]
-    place = (np.array(slot) - (slots - 1) / 2) / max(slots - 1, 1)
-    places = axis_places(table[desired])
-    return pl.Series([places[value] for value in table[desired]]) + CLUSTER * spacing(places) * place

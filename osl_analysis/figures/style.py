@@ -26,6 +26,10 @@ ORANGE, PALE_ORANGE, PURPLE = "#E66100", "#F5C09A", "#5D3A9B"
 
 LIGHT_DOT = Line2D([], [], linestyle="", marker="o", color=GREY, mfc=WHITE, markersize=3, mew=1.2, label="Doubtful fit")
 """For the legend of filled markers with a light dot."""
+OPEN_MARKER = Line2D(
+    [], [], linestyle="", marker="o", color=GREY, mfc=WHITE, markersize=3.8, mew=0.8, label="Open: doubtful"
+)
+"""For the legend of markers that are open where the fit is doubtful."""
 HANDLE = 0.45
 """Width [in] of the handle of a legend's entry with its spaces."""
 REPORT = "../report.html"

@@ -6,7 +6,7 @@ import pytest
 from bench_synthetic import PROTOCOL, RATE, second_order, stepped_sine
 
 from osl_analysis.bench.frequency_response import trial_phasors
-from osl_analysis.bench.impedance import impedance_table
+from osl_analysis.bench.impedance import amplitude_series, impedance_table
 from osl_analysis.bench.model_comparison import thinned_amplitudes
 from osl_analysis.bench.protocol import unit_sines
 from osl_analysis.bench.settings import DynamometerAnalysis
@@ -59,6 +59,29 @@ def test_fig4_says_whether_the_fit_of_the_amplitude_that_it_shows_is_doubtful(tm
             tmp_path / "made.parquet", tmp_path / "fit.csv", settings, choice, limits, tmp_path / "fig4.csv"
         )
         assert set(read_table(tmp_path / "fig4.csv")["doubtful"]) == {reason}
+
+
+def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_beyond_them():
+    """Before the settled cycles the torque is three times as large, which a fit to all rows would take up."""
+
+    def disturbed(motion):
+        joint, fast = second_order(motion), np.abs(motion.theta) > 0
+        ends = np.flatnonzero(np.diff(fast.astype(int), prepend=0) == 1)  # each block begins with the 1 Hz
+        for start in ends[np.diff(ends, prepend=-RATE * 5) > RATE * 5]:
+            joint[start : start + round(0.8 * RATE)] *= 3
+        return joint
+
+    record = stepped_sine(disturbed)
+    shown = amplitude_series(record, record.blocks[1].amplitude_deg, 1000.0)
+    row = impedance_table(record, trial_phasors(record)).row(1, named=True)
+    block = record.blocks[1].stretches[0]
+    motion = record.motion[np.r_[block]]
+    expected = row["K"] * motion.theta + row["B"] * motion.omega + row["I"] * motion.alpha + row["offset"]
+    fitted = shown["torque_model"].is_not_null().to_numpy()
+    np.testing.assert_allclose(shown["torque_model"].to_numpy()[fitted], expected[fitted], rtol=1e-9, atol=1e-9)
+    assert row["K"] == pytest.approx(200, rel=1e-3)
+    # of nine cycles at 1, 3 and 5 Hz the first two and the last one
+    assert (~fitted).sum() == pytest.approx(3 * RATE * (1 + 1 / 3 + 1 / 5), abs=4)
 
 
 def test_fig4_shows_an_amplitude_that_the_protocol_has_twice(tmp_path):

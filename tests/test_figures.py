@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -54,8 +55,11 @@ def belt_table():
     ]
     mean = {"trial": fig3.MEAN_SLOPE, "branch": "loading", "theta_s_deg": [0.0, 5.0], "torque": [0.0, 59.8]}
     interval = {"K_s": [K_S] * 2, "K_s_low": [682.9] * 2, "K_s_high": [688.3] * 2}
-    table = pl.concat([*trials, pl.DataFrame(mean | interval)], how="diagonal")
-    return table.with_columns(doubtful=pl.lit(""), **PLACE)
+    loop = {"hysteresis_area": [0.0451] * 2, "hysteresis_area_low": [0.0449] * 2, "hysteresis_area_high": [0.0453] * 2}
+    table = pl.concat([*trials, pl.DataFrame(mean | interval | loop)], how="diagonal")
+    return table.with_columns(deviation=pl.col("torque") - 11.96 * pl.col("theta_s_deg")).with_columns(
+        doubtful=pl.lit(""), **PLACE
+    )
 
 
 def time_series():
@@ -269,12 +273,35 @@ def test_fig3_draws_every_trial_grey_and_the_mean_slope_dashed_magenta_with_its_
     for number, trial in enumerate(trials, start=1):
         rows = belt_table().filter(pl.col("trial") == f"belt_{number:02d}")
         np.testing.assert_array_equal(trial.get_data(), [rows["theta_s_deg"], rows["torque"]])
-        assert trial.get_alpha() < 1
     np.testing.assert_array_equal(mean.get_data(), [[0, 5], [0, 59.8]])
     assert mean.get_color() == MAGENTA
     assert mean.is_dashed()
     assert "685.6" in texts(figure)
-    assert "682.9 to 688.3" in texts(figure)
+    assert "682.9 to 688.3 N·m/rad" in texts(figure)
+
+
+def test_fig3_tells_trials_apart_below_by_branch_with_their_names_and_the_area_of_their_loops():
+    there = belt_table().filter(pl.col("trial") != fig3.MEAN_SLOPE)
+    back = there.with_columns(branch=pl.lit("unloading"), deviation=pl.col("deviation") - 0.5)
+    table = pl.concat([there, back, belt_table().filter(pl.col("trial") == fig3.MEAN_SLOPE)])
+    loops = fig3.draw(table).axes[1]
+    _, *branches = [a for a in loops.lines if len(a.get_xdata())]
+    assert len(branches) == 20
+    for number, (solid, dashed) in enumerate(zip(branches[::2], branches[1::2], strict=True), start=1):
+        rows = there.filter(pl.col("trial") == f"belt_{number:02d}")  # in the order of their ends
+        np.testing.assert_array_equal(solid.get_data(), [rows["theta_s_deg"], rows["deviation"]])
+        np.testing.assert_allclose(dashed.get_ydata(), rows["deviation"].to_numpy() - 0.5)
+        assert (solid.is_dashed(), dashed.is_dashed()) == (False, True)
+    colours = [a.get_color() for a in branches[::2]]
+    assert all(one != other for one, other in pairwise(colours))
+    named = [a for a in loops.texts if a.get_text().startswith("belt_")]
+    assert [a.get_text() for a in named] == [f"belt_{number:02d}" for number in range(1, 11)]
+    assert [a.xy[1] for a in named] == pytest.approx([line.get_ydata()[-1] for line in branches[::2]])
+    assert "Mean loop area 0.0451 J" in texts(loops.figure)
+    many = pl.concat([table.with_columns(trial=pl.col("trial") + "b"), table])
+    assert not [
+        a for a in fig3.draw(many.filter(pl.col("trial") != "mean slopeb")).axes[1].texts if "belt" in a.get_text()
+    ]
 
 
 def test_fig3_of_a_single_trial_claims_no_interval():
@@ -287,10 +314,30 @@ def test_fig3_of_a_single_trial_claims_no_interval():
 
 def test_fig4_draws_angle_torque_and_the_dashed_fit():
     table = time_series()
-    angle, torque = fig4.draw(table).axes
+    angle, torque, residual = fig4.draw(table).axes
     np.testing.assert_array_equal(angle.lines[0].get_data(), [table["time"], table["theta_deg"]])
     np.testing.assert_array_equal(line(torque, "Measured"), [table["time"], table["torque"]])
     np.testing.assert_array_equal(line(torque, "Best-fit second-order system"), [table["time"], table["torque_model"]])
+    np.testing.assert_allclose(residual.lines[1].get_ydata(), 0.01 * table["torque"], atol=1e-12)
+    assert "trial k300" in angle.get_title(loc="left")
+
+
+def test_fig4_draws_neither_model_nor_residual_where_the_fit_leaves_samples_out_and_shades_these():
+    left_out = pl.col("time").is_between(2, 3) | (pl.col("time") > 9)
+    table = time_series().with_columns(torque_model=pl.when(~left_out).then("torque_model"))
+    angle, torque, residual = fig4.draw(table).axes
+    expected = table.select(left_out).to_series().to_numpy()
+    for drawn in (line(torque, "Best-fit second-order system")[1], residual.lines[1].get_ydata()):
+        np.testing.assert_array_equal(np.isnan(drawn), expected)
+    assert np.isfinite(line(torque, "Measured")).all()
+    for ax in (angle, torque, residual):
+        spans = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in ax.patches]
+        np.testing.assert_allclose(spans, [(2, 3), (9.01, 9.99)], atol=1e-9)
+    assert "Not fitted" in texts(torque.figure)
+    assert "Not fitted" not in texts(fig4.draw(time_series()))
+    said = fig4.caption(table)
+    assert "VAF 99.99 %" in said
+    assert "leaves out" in said
 
 
 def scattered(ax, label):
@@ -827,7 +874,7 @@ def test_plotted_numbers_are_written_from_the_result_table_that_the_list_names(n
 
 def test_every_module_that_draws_is_in_the_list_of_figures_and_no_other_is():
     folder = Path(osl_analysis.figures.__file__).parent
-    modules = {path.stem for path in folder.glob("*.py")} - {"__init__", "captions", "style", "names", "footer"}
+    modules = {path.stem for path in folder.glob("*.py")} - {"__init__", "axes", "captions", "style", "names", "footer"}
     assert modules == {*FIGURES, *OTHER_DRAWINGS}
 
 

@@ -11,6 +11,7 @@ from osl_analysis.bench.clocks import clock_drift_row
 from osl_analysis.bench.diagnostics import lowest_held_out_vaf, over_amplitudes
 from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors, at_amplitude
 from osl_analysis.bench.nonlinearity import rendered_nonlinearity_row
+from osl_analysis.bench.segments import rows_of
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.bench.torque_lag import torque_lag_row
 from osl_analysis.errors import InputError, nearest
@@ -144,9 +145,10 @@ def impedance_series(trial: SteppedSineTrial) -> tuple[Array, Array, Array]:
 
 
 def amplitude_series(trial: SteppedSineTrial, amplitude_deg: float, duration_s: float) -> pl.DataFrame:
-    """The last seconds up to the end of one amplitude, measured and by the best second-order fit (Fig. 4).
+    """The last seconds up to the end of one amplitude, measured and by the fit of Eq. 15 to it (Fig. 4).
 
-    Rests and other amplitudes within these seconds have no rows.
+    Rests and other amplitudes within these seconds have no rows. Rows that the fit leaves out, such as the first cycles
+    at a frequency, have no modelled torque (null).
 
     Raises
     ------
@@ -161,14 +163,14 @@ def amplitude_series(trial: SteppedSineTrial, amplitude_deg: float, duration_s: 
         )
     rows = np.concatenate([np.r_[stretch] for stretch in chosen[0].stretches])
     block = rows if trial.usable is None else rows[trial.usable[rows]]
-    motion, torque = trial.motion[block], trial.filtered_torque[block]
-    last = np.flatnonzero(block > block[-1] - round(duration_s * trial.rate_hz))
-    time = trial.time[block][last]
+    last = block[block > block[-1] - round(duration_s * trial.rate_hz)]
+    modelled = fit_impedance(*trial.part(amplitude_deg)).torque(trial.motion[last])
+    fitted = np.isin(last, rows_of(trial.segments(amplitude_deg)))
     return pl.DataFrame(
         {
-            "time": time - time[0],
-            "theta_deg": np.rad2deg(motion.theta[last]),
-            "torque": torque[last],
-            "torque_model": fit_impedance(motion, torque).torque(motion)[last],
+            "time": trial.time[last] - trial.time[last[0]],
+            "theta_deg": np.rad2deg(trial.motion.theta[last]),
+            "torque": trial.filtered_torque[last],
+            "torque_model": pl.Series(modelled).set(pl.Series(~fitted), None),
         }
     )

@@ -1,73 +1,165 @@
-"""Fig. 3: torque against deflection of the transmission, every trial, and the mean stiffness."""
+"""Fig. 3: torque against deflection of the transmission, every trial, the mean stiffness, and the hysteresis."""
 
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from osl_analysis.figures.names import placed_rows
+from osl_analysis.figures.axes import name_ends
+from osl_analysis.figures.captions import as_text, counted, doubtful_fits, with_interval
+from osl_analysis.figures.names import drawn_name, placed_rows
 from osl_analysis.figures.style import (
     BLACK,
     DOTTED,
     DOUBLE_COLUMN,
-    GREY,
     IS_DOUBTFUL,
     MAGENTA,
     SINGLE_COLUMN,
+    Dash,
     panels,
     paper_style,
 )
 
-COLUMNS = ("joint", "side", "trial", "branch", "theta_s_deg", "torque", "K_s", "K_s_low", "K_s_high", "doubtful")
-MOST_ACROSS = 3
-"""Panels side by side."""
+COLUMNS = (
+    "joint", "side", "trial", "branch", "theta_s_deg", "torque", "deviation", "K_s", "K_s_low", "K_s_high",
+    "hysteresis_area", "hysteresis_area_low", "hysteresis_area_high", "doubtful",
+)  # fmt: skip
+MOST_ACROSS = 2
+"""Joints and sides side by side."""
+MOST_NAMED = 12
+"""Trials of a panel that have their names at the ends of their loops."""
+LONGEST = 12
+"""Characters of such a name."""
 MEAN_SLOPE = "mean slope"
 """Name that takes the place of the trial in the two rows that carry the mean slope."""
+DASHES: dict[str, Dash] = {"loading": "-", "unloading": (0, (6, 3))}
+"""Line styles of the branches of sound trials."""
+COLOURS = (BLACK, "#3F8FBF", "#6B3A0A")
+"""Colours of loops with ends beside one another, which differ in lightness: 0, 57 and 30 of 100."""
+PALE = "#B4B4B4"
+"""Grey of the trials behind the mean slope."""
+DASHED = (0, (3, 2))
+
+
+def caption(table: pl.DataFrame) -> str:
+    """What the figure shows, in a paragraph of Markdown, with the stiffness and the loop of each joint and side."""
+    fits = table.filter(pl.col("trial") != MEAN_SLOPE).unique("trial", maintain_order=True)
+    said = [
+        "Torque against deflection of the transmission, with the actuator locked. Above, the trials in grey and the "
+        "mean slope while loading, dashed. Below, what each trial's torque differs by from the mean slope, solid while "
+        "loading and dashed while unloading: the width of a loop is its hysteresis."
+    ]
+    if max(part["trial"].n_unique() for _, part in placed_rows(table)) <= MOST_NAMED + 1:
+        said.append("The names of the trials stand at the ends of their loops.")
+    for name, part in placed_rows(table):
+        mean = part.filter(pl.col("trial") == MEAN_SLOPE)
+        if len(mean):
+            row = mean.row(0, named=True)
+            K_s, loop = (
+                with_interval(row[name], row[f"{name}_low"], row[f"{name}_high"], unit)
+                for name, unit in (("K_s", "N·m/rad"), ("hysteresis_area", "J"))
+            )
+            number = counted(part["trial"].n_unique() - 1, "trial")
+            said.append(f"{as_text(name)} ({number}): the mean stiffness $K_s$ is {K_s}, and a loop loses {loop}.")
+    return " ".join([*said, doubtful_fits(fits, "drawn dotted")])
 
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """Trials as transparent grey loops, those with a doubtful fit dotted black, the mean slope dashed magenta; a panel
-    for each joint and side.
+    """Above, torque over deflection: trials grey, those with a doubtful fit dotted black, the mean slope dashed
+    magenta. Below, torque minus that of the mean slope, which tells the trials and their two branches apart. Joints and
+    sides stand side by side.
 
-    Rows per trial in order of time: `branch` (loading or unloading), `theta_s_deg` [deg], `torque` [N*m], and why the
-    trial's fit is `doubtful`. The two rows of trial `MEAN_SLOPE` are its ends and carry the stiffness `K_s` [N*m/rad]
-    with the bounds of its 95 % interval, `K_s_low` and `K_s_high`.
+    Rows per trial in order of time: `branch` (loading or unloading), `theta_s_deg` [deg], `torque` and `deviation` from
+    the mean slope [N*m], and why the trial's fit is `doubtful`. The two rows of trial `MEAN_SLOPE` are its ends and
+    carry the stiffness `K_s` [N*m/rad] and the `hysteresis_area` [J] with the bounds of their 95 % intervals.
     """
     parts = placed_rows(table)
     across = min(len(parts), MOST_ACROSS)
-    rows = -(-len(parts) // MOST_ACROSS)
-    width, names = (SINGLE_COLUMN if across == 1 else DOUBLE_COLUMN), [name for name, _ in parts]
-    figure, axes = panels(width, 2.4 * rows, rows=rows, columns=across, names=names)
-    for ax, (_, part) in zip(axes, parts, strict=False):
-        draw_belts(ax, part)
-    for ax in axes[len(parts) :]:
-        ax.remove()
+    rows = -(-len(parts) // across)
+    width = SINGLE_COLUMN if across == 1 else DOUBLE_COLUMN
+    above = [2 * across * (number // across) + number % across for number in range(len(parts))]
+    figure, axes = panels(width, 0.4 + 3.6 * rows, rows=2 * rows, columns=across, names=[""] * (2 * rows * across))
+    for number, (name, part) in zip(above, parts, strict=True):
+        belts, loops = axes[number], axes[number + across]
+        draw_belts(belts, part)
+        draw_loops(loops, part)
+        belts.set_title(f"{belts.get_title(loc='left')} {name}", loc="left")
+        loops.sharex(belts)
+    for ax in axes:
+        if not ax.has_data():
+            ax.remove()
+    legend(figure, table)
+    for number, (_, part) in zip(above, parts, strict=True):
+        name_loops(axes[number + across], part)
     return figure
+
+
+def legend(figure: Figure, table: pl.DataFrame) -> None:
+    """Legend above all panels, with the numbers of trials and of doubtful fits."""
+    trials = trials_of(table)
+    doubtful = [trial for trial in trials if len(trial.filter(IS_DOUBTFUL))]
+    entries = [Line2D([], [], color=PALE, label=f"Trials ($n$ = {len(trials)})")]
+    if doubtful:
+        label = f"Doubtful fit ($n$ = {len(doubtful)})"
+        entries.append(Line2D([], [], color=BLACK, linestyle=DOTTED, linewidth=0.9, label=label))
+    entries.append(Line2D([], [], color=MAGENTA, linestyle=DASHED, linewidth=1.3, label="Mean slope while loading"))
+    for branch, dash in DASHES.items():
+        entries.append(Line2D([], [], color=BLACK, linestyle=dash, linewidth=0.5, label=branch.capitalize()))
+    figure.legend(handles=entries, loc="outside upper center", ncols=2 if len(figure.axes) == 2 else len(entries))
+
+
+def trials_of(table: pl.DataFrame) -> list[pl.DataFrame]:
+    """The rows of each trial."""
+    return table.filter(pl.col("trial") != MEAN_SLOPE).partition_by("trial", maintain_order=True)
 
 
 def draw_belts(ax: Axes, table: pl.DataFrame) -> None:
     """The trials and the mean slope of one joint and side."""
-    mean = table.filter(pl.col("trial") == MEAN_SLOPE)
-    trials = table.filter(pl.col("trial") != MEAN_SLOPE).partition_by("trial", maintain_order=True)
-    for number, trial in enumerate(trials):
-        name = f"Trials ($n$ = {len(trials)})" if number == 0 else None
-        ax.plot(trial["theta_s_deg"], trial["torque"], color=GREY, alpha=0.35, linewidth=0.9, label=name)
-    doubtful = [trial for trial in trials if len(trial.filter(IS_DOUBTFUL))]
-    for number, trial in enumerate(doubtful):
-        name = f"Doubtful fit ($n$ = {len(doubtful)})" if number == 0 else None
-        ax.plot(trial["theta_s_deg"], trial["torque"], color=BLACK, linestyle=DOTTED, linewidth=0.9, label=name)
-    ax.plot(
-        mean["theta_s_deg"],
-        mean["torque"],
-        color=MAGENTA,
-        linestyle=(0, (3, 2)),
-        linewidth=1.3,
-        label="Mean slope while loading",
-    )
-    ax.set_xlabel(r"Transmission deflection $\theta_s$ (deg)")
+    mean, trials = table.filter(pl.col("trial") == MEAN_SLOPE), trials_of(table)
+    for trial in trials:
+        ax.plot(trial["theta_s_deg"], trial["torque"], color=PALE, linewidth=0.9)
+    for trial in (trial for trial in trials if len(trial.filter(IS_DOUBTFUL))):
+        ax.plot(trial["theta_s_deg"], trial["torque"], color=BLACK, linestyle=DOTTED, linewidth=0.9)
+    ax.plot(mean["theta_s_deg"], mean["torque"], color=MAGENTA, linestyle=DASHED, linewidth=1.3)
+    ax.tick_params(labelbottom=False)
     ax.set_ylabel("Joint torque (N·m)")
-    ax.legend(loc="upper left")
-    ax.text(0.98, 0.05, stiffness_text(mean), transform=ax.transAxes, ha="right", va="bottom", linespacing=1.4)
+    ax.text(0.99, 0.04, stiffness_text(mean), transform=ax.transAxes, ha="right", va="bottom", linespacing=1.4)
+
+
+def draw_loops(ax: Axes, table: pl.DataFrame) -> None:
+    """What each trial differs by from the mean slope, by branch: the width of a loop is its hysteresis."""
+    ax.axhline(0, color=MAGENTA, linestyle=DASHED, linewidth=1.3)
+    for trial, colour in coloured(table):
+        doubtful = len(trial.filter(IS_DOUBTFUL)) > 0
+        for branch, dash in DASHES.items():
+            rows = trial.filter(pl.col("branch") == branch)
+            style = DOTTED if doubtful else dash
+            ax.plot(rows["theta_s_deg"], rows["deviation"], color=colour, linestyle=style, linewidth=0.5)
+    area = table["hysteresis_area"].drop_nulls()
+    if len(area):
+        ax.text(0.02, 0.04, f"Mean loop area {area[0]:.3g} J", transform=ax.transAxes, va="bottom")
+    ax.set_xlabel(r"Transmission deflection $\theta_s$ (deg)")
+    ax.set_ylabel("Torque minus\nmean slope (N·m)")
+
+
+def coloured(table: pl.DataFrame) -> list[tuple[pl.DataFrame, str]]:
+    """The rows of each trial with a colour that trials with ends beside its own do not have."""
+    ordered = sorted(trials_of(table), key=lambda trial: end_of(trial)[1])
+    return [(trial, COLOURS[number % len(COLOURS)]) for number, trial in enumerate(ordered)]
+
+
+def end_of(trial: pl.DataFrame) -> tuple[float, float]:
+    """Deflection [deg] and deviation [N*m] at the far end of a trial's loop."""
+    return trial.select("theta_s_deg", "deviation").row(int(trial["theta_s_deg"].abs().arg_max() or 0))
+
+
+def name_loops(ax: Axes, table: pl.DataFrame) -> None:
+    """Names of the trials at the far ends of their loops, where they are not too many."""
+    trials = coloured(table)
+    if len(trials) <= MOST_NAMED:
+        names = [drawn_name(trial["trial"][0], LONGEST) for trial, _ in trials]
+        name_ends(ax, [end_of(trial) for trial, _ in trials], names, [colour for _, colour in trials])
 
 
 def stiffness_text(mean: pl.DataFrame) -> str:
@@ -76,4 +168,4 @@ def stiffness_text(mean: pl.DataFrame) -> str:
         return ""
     K_s, low, high = (mean[column][0] for column in ("K_s", "K_s_low", "K_s_high"))
     text = rf"$\hat{{K}}_s = {K_s:.1f}$ N·m/rad"
-    return text if low is None or high is None else f"{text}\n95 % interval {low:.1f} to {high:.1f}"
+    return text if low is None or high is None else f"{text}\n95 % interval {low:.1f} to {high:.1f} N·m/rad"

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import Any
+from typing import Any, Literal
 from urllib.parse import quote
 
 import matplotlib as mpl
@@ -34,6 +34,8 @@ HANDLE = 0.45
 """Width [in] of the handle of a legend's entry with its spaces."""
 REPORT = "../report.html"
 """The report of a run as its figures' SVG files reach it."""
+SIZE_OF_TEXT = 8
+"""Size [pt] of all lettering."""
 LETTERS = 26
 """Panels that have letters."""
 THIN, THICK = 0.7, 1.8
@@ -84,7 +86,7 @@ PAPER: dict[Any, Any] = {
 }
 
 
-Dash = str | tuple[float, tuple[float, ...]]
+Dash = Literal["-", ""] | tuple[float, tuple[float, ...]]
 """A line style as matplotlib takes it."""
 
 

@@ -1,7 +1,8 @@
 """Runs of Snakemake for the tests, in processes that are forked from one that has imported what every run imports.
 
-A run that starts Python anew takes 2 s more, and the tests run Snakemake some forty times. The first run of the
-campaign, and those that need another package or start, are started as a user starts them.
+A run that starts Python anew takes 3 s more, and the tests run Snakemake some forty times. The jobs are forked as
+always, but from one process for all runs. The first run of the campaign, and those that need another start, are started
+as a user starts them.
 """
 
 import atexit
@@ -14,15 +15,30 @@ from pathlib import Path
 from conftest import ROOT
 
 FORKING = """
-import json, os, sys
-import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag
-import osl_analysis.campaign, osl_analysis.doubtful, osl_analysis.refusal_report, osl_analysis.job, osl_analysis.stale
-import osl_analysis.commands.simulate, osl_analysis.study
+import gc, json, os, sys, time
+from multiprocessing import forkserver
+from pathlib import Path
+import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag, snakemake.report.html_reporter
+import osl_analysis.about_campaign, osl_analysis.campaign, osl_analysis.doubtful, osl_analysis.refusal_report
+import osl_analysis.commands.simulate, osl_analysis.examples, osl_analysis.figures, osl_analysis.study
+from osl_analysis import fingerprint, workflow
+
+snakemake.cli.get_argument_parser()  # imports the plug-ins
+for path in fingerprint.PACKAGE.rglob("*.py"):
+    fingerprint.imported_names(path)
+workflow.fork_server()
+forkserver.ensure_running()
+forkserver._forkserver.ensure_running = lambda: None  # it is no child of those that are forked here: they cannot ask
+gc.freeze()
 
 for line in sys.stdin:
-    arguments, folder, said = json.loads(line)
+    arguments, folder, package, said = json.loads(line)
     pid = os.fork()
     if not pid:
+        workflow.STARTED = time.time()
+        if package:
+            fingerprint.PACKAGE = Path(package)
+            fingerprint.module_file.cache_clear()
         os.chdir(folder)
         os.dup2(os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 1)
         os.dup2(1, 2)
@@ -36,7 +52,7 @@ for line in sys.stdin:
 
 @cache
 def forking() -> subprocess.Popen[str]:
-    """The process from which the runs are forked. `osl_analysis.workflow` notes the time when it is imported: later."""
+    """The process from which the runs are forked."""
     started = subprocess.Popen(
         [sys.executable, "-c", FORKING], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
@@ -44,12 +60,13 @@ def forking() -> subprocess.Popen[str]:
     return started
 
 
-def run_snakemake(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run Snakemake in a folder; both of its streams are in `stdout`."""
+def run_snakemake(arguments: list[str], folder: Path, package: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run Snakemake in a folder; both of its streams are in `stdout`. `package`: the code whose fingerprints count."""
     said, server = folder / "said.txt", forking()
     assert server.stdin is not None
     assert server.stdout is not None
-    server.stdin.write(json.dumps([arguments, str(folder), str(said)]) + "\n")
+    request = [arguments, str(folder), package and str(package), str(said)]
+    server.stdin.write(json.dumps(request) + "\n")
     server.stdin.flush()
     code = int(server.stdout.readline())
     return subprocess.CompletedProcess(arguments, code, said.read_text(), "")

@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +9,7 @@ import polars as pl
 import pytest
 import yaml
 from conftest import ROOT
+from snakemake_runs import run_snakemake
 
 K, B, INERTIA = 60.0, 1.5, 0.04
 HOSTILE = "PD $K_{p}$ 50 % & \\alpha_é 脚 – a very long name of a controller indeed"
@@ -59,14 +58,9 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "dynamometer": protocol | {"time_base": {"highest_hz": 3}},
     }  # fmt: skip
     (folder / "ours.yaml").write_text(yaml.safe_dump(ours))
-    command = [sys.executable, "-m", "snakemake", "--configfile", str(folder / "ours.yaml"), "--directory", str(ROOT)]
-    return run(command, folder)
-
-
-def run(command: list[str], folder: Path) -> Path:
-    """Run Snakemake and hand over the results' folder."""
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
+    ours = ["--configfile", str(folder / "ours.yaml"), "--snakefile", str(ROOT / "Snakefile"), "--directory", str(ROOT)]
+    done = run_snakemake(ours, folder)
+    assert done.returncode == 0, done.stdout
     return folder / "out"
 
 

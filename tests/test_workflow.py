@@ -71,9 +71,9 @@ class Workspace:
     def configure(self, changes):
         (self.folder / "config/small.yaml").write_text(yaml.safe_dump(OVERRIDES | changes))
 
-    def run(self, *arguments):
-        """Snakemake in this folder."""
-        return run_snakemake([*arguments, *self.files(ROOT)], self.folder)
+    def run(self, *arguments, package=None):
+        """Snakemake in this folder; the fingerprints are those of the package in the folder `package`."""
+        return run_snakemake([*arguments, *self.files(ROOT)], self.folder, package)
 
     def files(self, source):
         return ["--snakefile", str(source / "Snakefile"), "--configfile", "config/small.yaml"]
@@ -89,9 +89,13 @@ class Workspace:
             env=os.environ | {"PYTHONPATH": f"{python_path}:{os.environ.get('PYTHONPATH', '')}"},
         )
 
-    def planned(self, *arguments, source=ROOT):
+    def planned(self, *arguments, package=None):
         """Jobs per rule of a dry run."""
-        result = self.run("-n", *arguments) if source == ROOT else self.start("-n", *arguments, source=source)
+        return self.stated(self.run("-n", *arguments, package=package))
+
+    @staticmethod
+    def stated(result):
+        """Jobs per rule, as a run that has ended well states them."""
         assert result.returncode == 0, result.stdout + result.stderr
         stats = re.findall(r"^([\w-]+) +(\d+)$", result.stdout + result.stderr, re.MULTILINE)
         return {rule: int(count) for rule, count in stats if rule not in ("total", "reproduce-all")}
@@ -243,14 +247,28 @@ def test_a_changed_log_reruns_that_trial_and_what_follows(workspace):
     ],
 )
 def test_a_changed_estimator_reruns_its_fits_and_not_ingest(workspace, tmp_path, module, again, untouched):
-    shutil.copy(ROOT / "Snakefile", tmp_path)
-    for folder in ("osl_analysis", "rules", "profiles"):
-        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
-    estimator = tmp_path / f"osl_analysis/{module}.py"
-    estimator.write_text(estimator.read_text() + "\n# another estimator\n")
-    planned = workspace.planned(source=tmp_path)
+    change_estimator(tmp_path, module)
+    planned = workspace.planned(package=tmp_path / "osl_analysis")
     assert again <= set(planned)
     assert not (untouched | {"ingest", "simulate_walking"}) & set(planned)
+
+
+def change_estimator(folder, module):
+    """A copy of the package in a folder, with its compiled bytecode, in which one module has another text."""
+    shutil.copytree(ROOT / "osl_analysis", folder / "osl_analysis")
+    estimator = folder / f"osl_analysis/{module}.py"
+    estimator.write_text(estimator.read_text() + "\n# another estimator\n")
+
+
+def test_a_program_of_another_version_plans_the_same_when_it_is_started(workspace, tmp_path):
+    """As above, with the changed program itself in place of its fingerprints."""
+    change_estimator(tmp_path, "bench/impedance")
+    shutil.copy(ROOT / "Snakefile", tmp_path)
+    for folder in ("rules", "profiles"):
+        shutil.copytree(ROOT / folder, tmp_path / folder)
+    started = workspace.stated(workspace.start("-n", source=tmp_path))
+    assert started == workspace.planned(package=tmp_path / "osl_analysis")
+    assert "fit_impedance_trial" in started
 
 
 def test_a_changed_limit_marks_the_table_and_what_shows_it_anew_and_fits_nothing(workspace, tmp_path):

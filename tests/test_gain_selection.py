@@ -90,13 +90,13 @@ def test_slope_and_curvature_are_those_of_the_norm(parameters):
 
 @pytest.mark.parametrize("weight", WEIGHTS, ids=str)
 def test_no_gain_of_a_dense_search_does_better(device, weight):
-    K_d = np.array([1.0, 50.0, 300.0, 0.99 * device.K_s])
-    for B_d in (0.0, 0.4, 5.0, 20.0):
-        found = optimal_damping(K_d, np.full_like(K_d, B_d), device, weight)
-        error = admittance_error(K_d, np.full_like(K_d, B_d), device, weight)
-        tried = [error.squared(np.full_like(K_d, x)).value for x in np.geomspace(1e-7, 1e6, 800)]
-        finite = ~found.unbounded
-        assert (found.error[finite] <= np.sqrt(np.min(tried, axis=0))[finite] * (1 + 1e-9)).all()
+    pairs = np.array([(K_d, B_d) for K_d in (1.0, 50.0, 300.0, 0.99 * device.K_s) for B_d in (0.0, 0.4, 5.0, 20.0)])
+    found = optimal_damping(*pairs.T, device, weight)
+    finite = ~found.unbounded
+    assert finite.any()
+    K_d, B_d, x = (grid.ravel() for grid in np.broadcast_arrays(*pairs.T[:, :, None], np.geomspace(1e-7, 1e6, 800)))
+    tried = admittance_error(K_d, B_d, device, weight).squared(x).value.reshape(len(pairs), -1)
+    assert (found.error[finite] <= np.sqrt(tried.min(axis=1))[finite] * (1 + 1e-9)).all()
 
 
 @pytest.mark.parametrize("weight", [PAPER_WEIGHT, Weight(50, 1), Weight(7, 3)], ids=str)

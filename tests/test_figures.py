@@ -37,6 +37,7 @@ from osl_analysis.figures import (
     walking_page,
 )
 from osl_analysis.figures.style import LOOKS, MAGENTA, ORANGE, PURPLE, SINGLE_COLUMN
+from osl_analysis.figures.swarm import swarm_positions
 from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table
 
@@ -440,17 +441,37 @@ def test_fig6_has_a_point_for_each_of_16_trials_and_3_amplitudes_per_controller_
     for controller in ("compensated", "uncompensated"):
         rows = table.filter(pl.col("controller") == controller)
         assert len(rows) == 48
-        np.testing.assert_array_equal(line(ax, LOOKS[controller].label), [rows["x"], rows["VAF"]])
-    medians = sorted(c.get_segments()[0][0][1] for c in ax.collections)
+        points, _, links = scattered(ax, LOOKS[controller].label)
+        np.testing.assert_array_equal(points.T, [rows["x"], rows["VAF"]])
+        assert links == [f"../report.html#trial={trial}" for trial in rows["trial"]]
+    medians = sorted(c.get_segments()[0][0][1] for c in ax.collections if hasattr(c, "get_segments"))
+    assert "48 fits of 16 trials" in texts(figure := ax.figure)
+    assert "log scale of 100 − VAF" in texts(figure)
     expected = sorted(float(np.median(g["VAF"])) for g in table.partition_by("controller"))
     np.testing.assert_allclose(medians, expected)
 
 
-@pytest.mark.parametrize(("module", "table"), [(fig6, lambda t: fig6.points(t)), (fig7, None)])
-def test_figs6_and_7_put_a_light_dot_into_what_is_doubtful_and_say_so_only_then(module, table):
-    good = response_table() if table is None else table(impedance())
+def test_fig6_opens_the_markers_of_doubtful_fits_and_says_so_only_then():
+    good = fig6.points(impedance())
     reason = pl.when(pl.int_range(pl.len()) < 3).then(pl.lit("VAF 80 is below 90"))
-    figure = module.draw(good.with_columns(doubtful=reason))
+    doubtful = good.with_columns(doubtful=reason)
+    ax = fig6.draw(doubtful).axes[0]
+    open_ones = [
+        tuple(point)
+        for name in ("compensated", "uncompensated")
+        for point, face in zip(*scattered(ax, LOOKS[name].label)[:2], strict=True)
+        if (face == 1).all()
+    ]
+    assert open_ones == doubtful.head(3).select("x", "VAF").rows()
+    assert "oubtful" in texts(ax.figure)
+    assert "oubtful" not in texts(fig6.draw(good))
+    assert "3 of 96 fits" in fig6.caption(doubtful)
+
+
+def test_fig7_puts_a_light_dot_into_what_is_doubtful_and_says_so_only_then():
+    good = response_table()
+    reason = pl.when(pl.int_range(pl.len()) < 3).then(pl.lit("VAF 80 is below 90"))
+    figure = fig7.draw(good.with_columns(doubtful=reason))
     for ax in figure.axes:
         dots = [a for a in ax.lines if a.get_marker() == "." and len(a.get_xdata())]
         assert sum(len(a.get_xdata()) for a in dots) == 3
@@ -458,7 +479,7 @@ def test_figs6_and_7_put_a_light_dot_into_what_is_doubtful_and_say_so_only_then(
         assert {point for a in dots for point in zip(*a.get_data(), strict=True)} < markers
         assert {to_rgb(a.get_color()) for a in dots} == {(1, 1, 1)}
     assert "Doubtful fit" in texts(figure)
-    assert "Doubtful fit" not in texts(module.draw(good))
+    assert "Doubtful fit" not in texts(fig7.draw(good))
 
 
 def test_fig6_takes_the_doubts_of_the_fits_that_it_draws():
@@ -492,7 +513,7 @@ def test_fig6_markers_do_not_overlap_on_the_page_nor_leave_it():
     figure = fig6.draw(table)
     ax = figure.axes[0]
     for look in (LOOKS["compensated"], LOOKS["uncompensated"]):
-        points = ax.transData.transform(line(ax, look.label).T) / figure.dpi * 72
+        points = ax.transData.transform(scattered(ax, look.label)[0]) / figure.dpi * 72
         distance = np.hypot(*(points[:, None, :] - points[None, :, :]).transpose(2, 0, 1))
         reach = look.size * (np.sqrt(2) if look.marker == "D" else 1)
         assert distance[np.triu_indices(len(points), 1)].min() > reach
@@ -519,15 +540,15 @@ def test_fig6_scale_and_its_inverse_cancel():
 @settings(deadline=None)
 def test_swarm_keeps_points_a_diameter_apart_and_always_in_the_same_place(values, width):
     values = np.array(values)
-    offsets = fig6.swarm_positions(values, width)
-    np.testing.assert_array_equal(offsets, fig6.swarm_positions(values, width))
+    offsets = swarm_positions(values, width)
+    np.testing.assert_array_equal(offsets, swarm_positions(values, width))
     distance = np.hypot(values[:, None] - values, offsets[:, None] - offsets)[np.triu_indices(len(values), 1)]
     assert (distance >= width * (1 - 1e-6)).all()
 
 
 def test_swarm_leaves_points_that_are_apart_in_the_middle_and_sets_equal_ones_side_by_side():
-    np.testing.assert_array_equal(fig6.swarm_positions(np.array([0.0, 1.0, 2.0]), 0.5), 0)
-    np.testing.assert_allclose(sorted(fig6.swarm_positions(np.zeros(3), 0.5)), [-0.5, 0, 0.5], rtol=1e-6)
+    np.testing.assert_array_equal(swarm_positions(np.array([0.0, 1.0, 2.0]), 0.5), 0)
+    np.testing.assert_allclose(sorted(swarm_positions(np.zeros(3), 0.5)), [-0.5, 0, 0.5], rtol=1e-6)
 
 
 def test_fig7_draws_observed_points_with_intervals_and_the_curves():
@@ -867,7 +888,8 @@ def test_plotted_numbers_are_written_from_the_result_table_that_the_list_names(n
 
 def test_every_module_that_draws_is_in_the_list_of_figures_and_no_other_is():
     folder = Path(osl_analysis.figures.__file__).parent
-    modules = {path.stem for path in folder.glob("*.py")} - {"__init__", "axes", "captions", "style", "names", "footer"}
+    helpers = {"__init__", "axes", "captions", "footer", "names", "style", "swarm"}
+    modules = {path.stem for path in folder.glob("*.py")} - helpers
     assert modules == {*FIGURES, *OTHER_DRAWINGS}
 
 

@@ -4,26 +4,31 @@ import textwrap
 
 import numpy as np
 import polars as pl
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures.names import PLACE, look_numbers, looks_in, of_place, place_name
+from osl_analysis.figures.captions import as_text, counted, decimals_of, doubtful_fits, number
+from osl_analysis.figures.names import NO_CONTROLLER, PLACE, look_numbers, looks_in, of_place, place_name
 from osl_analysis.figures.style import (
     BLACK,
     DOUBLE_COLUMN,
     IS_DOUBTFUL,
-    LIGHT_DOT,
+    OPEN_MARKER,
     SINGLE_COLUMN,
-    light_dots,
+    WHITE,
+    Look,
+    link_to_trials,
     paper_style,
 )
+from osl_analysis.figures.swarm import squeezed, swarm_positions
 from osl_analysis.trial import Array
 
 TABLE_COLUMNS = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "VAF")
 COLUMNS = (*TABLE_COLUMNS, *PLACE, "look", "x", "x_centre", "median_VAF", "doubtful")
 
 HEIGHT = 2.4
-LEFT, RIGHT, BOTTOM, PANEL_HEIGHT = 0.56, 0.06, 0.26, 2.08
+LEFT, RIGHT, BOTTOM, PANEL_HEIGHT = 0.66, 0.06, 0.26, 2.08
 """Margins and height [in] of the panel: fixed, because the swarm's positions depend on its size."""
 LETTERS_PER_INCH = 17
 LINE = 0.17
@@ -33,12 +38,18 @@ DIAMETER = 4.9 / 72
 BESIDE = 2
 """Swarms up to which the median stands beside each, in a single column; of more it stands below each."""
 LARGEST_VAF = 99.9999
-TICKS = (-900, 0, 50, 80, 90, 95, 98, 99, 99.5, 99.8, 99.9, 99.95, 99.98, 99.99, 99.999, 99.9999)
+"""Larger ones [percent] are drawn here."""
+TICKS = (
+    -900, -400, -100, 0, 50, 80, 90, 95, 98, 99, 99.5, 99.8, 99.9, 99.95, 99.98, 99.99, 99.995, 99.998, 99.999, 99.9995,
+    99.9998, 99.9999,
+)  # fmt: skip
+MOST_TICKS = 12
+"""Of more ticks, those stay at which the unexplained share is a power of ten."""
 
 
 def vaf_scale(vaf: Array) -> Array:
     """Height of a VAF [percent] on the axis: minus the logarithm of the variance that the fit does not explain."""
-    return np.asarray(-np.log10(100 - np.minimum(vaf, LARGEST_VAF)))
+    return np.asarray(-np.log10(np.maximum(100 - np.asarray(vaf), 1e-9)))
 
 
 def vaf_from_scale(height: Array) -> Array:
@@ -46,29 +57,28 @@ def vaf_from_scale(height: Array) -> Array:
     return np.asarray(100 - 10.0 ** -np.asarray(height))
 
 
+def drawn_vaf(rows: pl.DataFrame) -> Array:
+    """The VAFs (n,) [percent] as they are drawn."""
+    return np.asarray(np.minimum(rows["VAF"].to_numpy(), LARGEST_VAF))
+
+
+def axis_ticks(low: float, high: float) -> list[float]:
+    """VAFs [percent] to be lettered between two heights of `vaf_scale`."""
+    ticks = [tick for tick in TICKS if low <= vaf_scale(np.array(tick)) <= high]
+    decades = [tick for tick in ticks if abs(np.log10(100 - tick) % 1 - 0.5) > 0.499]
+    return decades if len(ticks) > MOST_TICKS else ticks
+
+
+def said_vaf(vaf: float) -> str:
+    """A VAF [percent] with two or more digits behind the point, and two significant ones of the unexplained share."""
+    return f"{number(vaf, min(max(decimals_of(100 - vaf), 2), 6))} %"
+
+
 def axis_limits(vaf: Array) -> tuple[float, float]:
-    """Ends of the axis, in heights of `vaf_scale`, with room of 5 % at both sides."""
-    heights = vaf_scale(vaf)
-    room = max(0.05 * float(np.ptp(heights)), 0.05)
+    """Ends of the axis, in heights of `vaf_scale`, with room of 5 % at both sides, and for two ticks."""
+    heights = vaf_scale(np.minimum(vaf, LARGEST_VAF))
+    room = max(0.05 * float(np.ptp(heights)), 0.4 - float(np.ptp(heights)) / 2)
     return float(np.min(heights)) - room, float(np.max(heights)) + room
-
-
-def swarm_positions(values: Array, width: float) -> Array:
-    """Sideways offsets (n,) at which points of diameter `width` at heights `values` (n,) do not overlap; in one unit.
-
-    From the lowest value up, each point takes the free place that is nearest to the middle. Of two equally near places
-    it takes the right and the left one in turn.
-    """
-    offsets = np.zeros(len(values))
-    order = np.argsort(values, kind="stable")
-    for rank, point in enumerate(order):
-        below = order[:rank][np.abs(values[order[:rank]] - values[point]) < width]
-        reach = np.sqrt(width**2 - (values[below] - values[point]) ** 2) * (1 + 1e-9)
-        candidates = np.concatenate([[0.0], offsets[below] - reach, offsets[below] + reach])
-        free = [c for c in candidates if (np.abs(c - offsets[below]) >= reach * (1 - 1e-9)).all()]
-        side = 1 if rank % 2 else -1
-        offsets[point] = min(free, key=lambda c: (round(abs(c) / width, 6), side * c))
-    return offsets
 
 
 def points(impedance: pl.DataFrame) -> pl.DataFrame:
@@ -97,13 +107,14 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
     groups = swarms_of(table)
     width, pitch = panel_width(len(groups)), 1 / len(groups)
     swarms = []
-    for number, rows in enumerate(groups):
-        inches = (vaf_scale(rows["VAF"].to_numpy()) - low) / (high - low) * PANEL_HEIGHT
+    for place, rows in enumerate(groups):
+        inches = (vaf_scale(drawn_vaf(rows)) - low) / (high - low) * PANEL_HEIGHT
         offsets = swarm_positions(inches, DIAMETER) / width
-        squeeze = min(1.0, 0.4 * pitch / max(float(np.max(np.abs(offsets), initial=0)), 1e-9))
-        centre = pitch * (0.92 * number + 0.46 if len(groups) <= BESIDE else number + 0.5)
+        centre = pitch * (0.92 * place + 0.46 if len(groups) <= BESIDE else place + 0.5)
         swarms.append(
-            rows.with_columns(x=centre + squeeze * offsets, x_centre=pl.lit(centre), median_VAF=pl.col("VAF").median())
+            rows.with_columns(
+                x=centre + squeezed(offsets, 0.4 * pitch), x_centre=pl.lit(centre), median_VAF=pl.col("VAF").median()
+            )
         )
     return pl.concat(swarms)
 
@@ -127,8 +138,7 @@ def panel_width(swarms: int) -> float:
 def draw(table: pl.DataFrame) -> Figure:
     """A swarm per controller, of each joint and side, with its median as a black bar.
 
-    The axis is logarithmic in the variance that the fit does not explain. A light dot in the marker marks a doubtful
-    fit.
+    The axis is logarithmic in the variance that the fit does not explain. An open marker is a doubtful fit.
     """
     swarms, looks = swarms_of(table), looks_in(table)
     several = len(table.select(PLACE).unique()) > 1
@@ -139,33 +149,68 @@ def draw(table: pl.DataFrame) -> Figure:
     place = (LEFT, BOTTOM + below, width - LEFT - RIGHT, PANEL_HEIGHT)
     ax = figure.add_axes((place[0] / width, place[1] / height, place[2] / width, place[3] / height))
     ax.set_yscale("function", functions=(vaf_scale, vaf_from_scale))
-    pitch = 1 / len(swarms)
     for rows in swarms:
-        look = looks[rows["controller"][0]]
-        ax.plot(rows["x"], rows["VAF"], look.marker, color=look.colour, markersize=look.size, mew=0, label=look.label)
-        centre, median = rows["x_centre"][0], rows["median_VAF"][0]
-        ax.hlines(median, centre - 0.3 * pitch, centre + 0.3 * pitch, color=BLACK, linewidth=1.2)
-        if len(swarms) <= BESIDE:
-            ax.annotate(f"median\n{median:.2f} %", (centre + 0.32 * pitch, median), va="center")
-    doubtful = table.filter(IS_DOUBTFUL)
-    light_dots(ax, doubtful["x"], doubtful["VAF"])
-    if len(doubtful):
-        ax.legend(handles=[LIGHT_DOT], loc="lower left")
+        draw_swarm(ax, rows, looks[rows["controller"][0]], len(swarms))
+    if len(table.filter(IS_DOUBTFUL)):
+        ax.legend(handles=[OPEN_MARKER], loc="lower left")
     low, high = axis_limits(table["VAF"].to_numpy())
     ax.set_ylim(float(vaf_from_scale(np.array(low))), float(vaf_from_scale(np.array(high))))
-    ax.set_yticks([t for t in TICKS if low <= vaf_scale(np.array(t)) <= high], minor=False)
+    ax.set_yticks(axis_ticks(low, high), minor=False)
     ax.yaxis.set_major_formatter("{x:g}")
     ax.set_xlim(0, 1)
     ax.set_xticks([rows["x_centre"][0] for rows in swarms], lines)
-    ax.set_ylabel("Variance accounted for (%)")
+    ax.tick_params(axis="x", length=0)
+    ax.set_ylabel("VAF (%), log scale of 100 − VAF")
     return figure
 
 
+def draw_swarm(ax: Axes, rows: pl.DataFrame, look: Look, swarms: int) -> None:
+    """The fits of one controller, joint and side, as one of so many swarms, with their median."""
+    fill = [WHITE if doubtful else look.colour for doubtful in rows.select(IS_DOUBTFUL).to_series()]
+    drawn = ax.scatter(
+        rows["x"], drawn_vaf(rows), look.size**2, marker=look.marker, facecolors=fill, edgecolors=look.colour,
+        linewidths=0.8, label=look.label,
+    )  # fmt: skip
+    link_to_trials(drawn, rows["trial"])
+    centre, median, half = rows["x_centre"][0], min(rows["median_VAF"][0], LARGEST_VAF), 0.3 / swarms
+    ax.hlines(median, centre - half, centre + half, color=BLACK, linewidth=1.2, zorder=0.5)
+    if swarms <= BESIDE:
+        ax.annotate(f"median\n{said_vaf(rows['median_VAF'][0])}", (centre + half + 0.02 / swarms, median), va="center")
+
+
 def swarm_name(rows: pl.DataFrame, controller: str, several: bool, swarms: int) -> str:
-    """What stands below a swarm: its controller, its joint and side where there are `several`, its median where this
-    does not stand beside it. Long lines are broken to the width that each of so many swarms has."""
+    """What stands below a swarm: its controller, its joint and side where there are `several`, its numbers of fits and
+    trials, its median where this does not stand beside it. Long lines are broken to the width that each of so many
+    swarms has."""
     place = place_name(rows["joint"][0], rows["side"][0]) if several or swarms > BESIDE else ""
-    median = f"median {rows['median_VAF'][0]:.2f} %" if swarms > BESIDE else ""
+    median = f"median {said_vaf(rows['median_VAF'][0])}" if swarms > BESIDE else ""
     letters = max(int(LETTERS_PER_INCH * panel_width(swarms) / swarms), 6)
-    lines = [part for line in (controller.strip(), place, median) if line for part in textwrap.wrap(line, letters)]
-    return "\n".join(lines)
+    named = (controller.strip(), place, fits_and_trials(rows), median)
+    return "\n".join(part for line in named if line for part in textwrap.wrap(line, letters))
+
+
+def fits_and_trials(rows: pl.DataFrame) -> str:
+    """Numbers of fits and of trials, as `48 fits of 16 trials`; one number where each trial has one fit."""
+    trials = counted(rows["trial"].n_unique(), "trial")
+    return trials if len(rows) == rows["trial"].n_unique() else f"{counted(len(rows), 'fit')} of {trials}"
+
+
+def caption(table: pl.DataFrame) -> str:
+    """What the axis is, n, median and range of every swarm, and which fits are doubtful."""
+    said = [
+        "Variance accounted for (VAF) by the best second-order system, Eq. 15: a marker per trial and amplitude. The "
+        "axis is logarithmic in 100 − VAF, the share of the variance that the system leaves unexplained. Black bars "
+        "are medians; the place across a swarm has no meaning."
+    ]
+    swarms = swarms_of(table)
+    several = len(table.select(PLACE).unique()) > 1
+    for rows in swarms:
+        place = rows.select(PLACE).row(0) if several else ()
+        name = ", ".join(filter(None, [*place, rows["controller"][0] or NO_CONTROLLER.label.lower()]))
+        low, median, high = (said_vaf(np.quantile(rows["VAF"], share)) for share in (0, 0.5, 1))
+        said.append(
+            f"{as_text(name[:1].upper() + name[1:])} ({fits_and_trials(rows)}): median {median}, {low} to {high}."
+        )
+    if len(table.filter(pl.col("VAF") > LARGEST_VAF)):
+        said.append(f"Larger VAFs than {LARGEST_VAF} % are drawn there.")
+    return " ".join([*said, doubtful_fits(table, "drawn open")])

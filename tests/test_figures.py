@@ -468,18 +468,16 @@ def test_fig6_opens_the_markers_of_doubtful_fits_and_says_so_only_then():
     assert "3 of 96 fits" in fig6.caption(doubtful)
 
 
-def test_fig7_puts_a_light_dot_into_what_is_doubtful_and_says_so_only_then():
+def test_fig7_opens_the_markers_of_doubtful_phasors_and_says_so_only_then():
     good = response_table()
     reason = pl.when(pl.int_range(pl.len()) < 3).then(pl.lit("VAF 80 is below 90"))
     figure = fig7.draw(good.with_columns(doubtful=reason))
     for ax in figure.axes:
-        dots = [a for a in ax.lines if a.get_marker() == "." and len(a.get_xdata())]
-        assert sum(len(a.get_xdata()) for a in dots) == 3
-        markers = {point for a in ax.lines if a.get_marker() in ("o", "D") for point in zip(*a.get_data(), strict=True)}
-        assert {point for a in dots for point in zip(*a.get_data(), strict=True)} < markers
-        assert {to_rgb(a.get_color()) for a in dots} == {(1, 1, 1)}
-    assert "Doubtful fit" in texts(figure)
-    assert "Doubtful fit" not in texts(fig7.draw(good))
+        _, faces, _ = scattered(ax, "Compensated")
+        assert [bool((face == 1).all()) for face in faces] == [True] * 3 + [False] * 2
+        assert not (scattered(ax, "Uncompensated")[1] == 1).all(axis=1).any()
+    assert "Open: doubtful" in texts(figure)
+    assert "oubtful" not in texts(fig7.draw(good))
 
 
 def test_fig6_takes_the_doubts_of_the_fits_that_it_draws():
@@ -551,19 +549,44 @@ def test_swarm_leaves_points_that_are_apart_in_the_middle_and_sets_equal_ones_si
     np.testing.assert_allclose(sorted(swarm_positions(np.zeros(3), 0.5)), [-0.5, 0, 0.5], rtol=1e-6)
 
 
-def test_fig7_draws_observed_points_with_intervals_and_the_curves():
+def test_fig7_draws_observed_points_with_intervals_and_links_to_their_trials_and_the_curves():
     table = response_table()
     magnitude, phase = fig7.draw(table).axes
     for ax, column in ((magnitude, "magnitude"), (phase, "phase_deg")):
-        for name, look in LOOKS.items():
-            of = (pl.col("curve") == name) | ((pl.col("controller") == name) & (pl.col("curve") == fig7.OBSERVED))
-            rows = table.filter(of)
-            np.testing.assert_array_equal(line(ax, look.label), [rows["frequency_hz"], rows[column]])
-        assert len(ax.lines) == 5
-    assert magnitude.get_yscale() == "log"
+        desired = table.filter(pl.col("curve") == fig7.DESIRED)
+        np.testing.assert_array_equal(line(ax, "Desired"), [desired["frequency_hz"], desired[column]])
+        for name in ("compensated", "uncompensated"):
+            rows, look = table.filter(pl.col("controller") == name), LOOKS[name]
+            observed, curve = (rows.filter(pl.col("curve") == kind) for kind in (fig7.OBSERVED, fig7.LINEAR_MODEL))
+            points, _, links = scattered(ax, look.label)
+            np.testing.assert_array_equal(points.T, [observed["frequency_hz"], observed[column]])
+            assert links == [f"../report.html#trial={name}%20trial"] * 5
+            np.testing.assert_array_equal(
+                line(ax, f"{look.label}, linear model"), [curve["frequency_hz"], curve[column]]
+            )
+    assert magnitude.get_yscale() == magnitude.get_xscale() == phase.get_xscale() == "log"
+    assert [tick.get_text() for tick in phase.get_xticklabels()] == ["1", "2", "3", "4", "5"]
+    assert phase.get_ylim()[1] > 0
     for ax, amplitudes, interval in ((phase, [-16, -11], [-14, -12]), (magnitude, [4.6e-3, 5.3e-3], [4.8e-3, 5.2e-3])):
-        for bars, expected in zip(ax.collections, (amplitudes, interval), strict=False):
-            np.testing.assert_allclose(bars.get_segments()[0][:, 1], expected)
+        bars = [c for c in ax.collections if hasattr(c, "get_segments")]
+        for drawn, expected in zip(bars, (amplitudes, interval), strict=False):
+            np.testing.assert_allclose(drawn.get_segments()[0][:, 1], expected)
+
+
+def test_the_linear_models_of_fig7_have_line_styles_of_their_own():
+    numbered = response_table().with_columns(look=pl.when(pl.col("controller") == "uncompensated").then(0))
+    renamed = numbered.with_columns(pl.col("controller").replace("uncompensated", "mine"))
+    for table in (response_table(), renamed):
+        ax = fig7.draw(table).axes[0]
+        curves = [a for a in ax.lines if "linear model" in str(a.get_label())]
+        assert len(curves) == len({str(a._unscaled_dash_pattern) for a in curves}) == 2
+
+
+def test_the_caption_of_fig7_says_what_the_impedance_and_the_widest_intervals_are():
+    said = fig7.caption(response_table())
+    assert "$K_d$ = 200 N·m/rad, $B_d$ = 7.5 N·m·s/rad." in said
+    assert "at most ± 5.7 % and ± 1 deg" in said  # 2e-4 of 3.5e-3
+    assert "compensated 1 trial, uncompensated 1 trial" in said
 
 
 def test_fig7_refuses_a_mixture_of_desired_impedances():

@@ -5,23 +5,24 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, MultipleLocator
 from numpy.typing import NDArray
 
 from osl_analysis.figures.style import BLACK, SIZE_OF_TEXT
 
 Array = NDArray[np.float64]
-STEPS = ((1,), (1, 3), (1, 2, 5), (1, 2, 3, 5), (1, 2, 3, 4, 5, 6, 8), (1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 9))
+STEPS = ((1,), (1, 2, 5), (1, 2, 3, 5), (1, 2, 3, 4, 5, 6, 8), (1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 9))
 """Ticks within a decade, from few to many."""
-FEWEST = 3
-DEGREES = [1, 1.5, 3, 4.5, 9, 10]
-"""Steps between ticks of an axis in degrees, over a power of ten: 15, 30, 45, 90 ..."""
+FEWEST, ENOUGH = 3, 5
+"""Ticks of a decade's steps that an axis has at least; the fewest steps that give enough are taken."""
+DEGREES = (0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 45, 90, 180)
+"""Steps between ticks of an axis in degrees."""
 ROOM = 1.1
 """Distance of names at the ends of curves, in heights of a letter."""
 
 
 def log_ticks(low: float, high: float, most: int) -> list[float]:
-    """Round values from `low` to `high` > 0 for a logarithmic axis: the most that are `most` or fewer.
+    """Round values from `low` to `high` > 0 for a logarithmic axis, `most` or fewer.
 
     Within a span in which no decade's steps give three, they are evenly spaced.
     """
@@ -39,7 +40,7 @@ def log_ticks(low: float, high: float, most: int) -> list[float]:
     wide = [float(decade) for decade in decades if low <= decade <= high]
     fitting = [ticks for ticks in found if FEWEST <= len(ticks) <= most]
     if fitting:
-        return [float(tick) for tick in max(fitting, key=len)]
+        return [float(tick) for tick in next((f for f in fitting if len(f) >= ENOUGH), max(fitting, key=len))]
     if len(wide) > most:
         return wide[:: -(-len(wide) // most)]
     even = MaxNLocator(nbins=max(most - 1, 2), steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
@@ -61,12 +62,13 @@ def widened(low: float, high: float, share: float = 0.04) -> tuple[float, float]
 
 
 def label_phase_axis(ax: Axes) -> None:
-    """Phases [deg] on the vertical axis: 0 stands on it, with a line, and ticks are at fractions of a turn."""
+    """Phases [deg] on the vertical axis: 0 stands on it, with a line, and ticks at usual fractions of a turn."""
     low, high = ax.get_ylim()
     margin = 0.04 * max(high, 0.0, high - low, -low)
     ax.set_ylim(min(low, -margin), max(high, margin))
     ax.axhline(0, color=BLACK, linewidth=0.4, zorder=0)
-    ax.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=DEGREES))
+    span = float(np.ptp(ax.get_ylim()))
+    ax.yaxis.set_major_locator(MultipleLocator(next((step for step in DEGREES if step >= span / 5), DEGREES[-1])))
 
 
 def apart(places: Sequence[float], gap: float, limits: tuple[float, float] = (-np.inf, np.inf)) -> Array:

@@ -6,22 +6,23 @@ import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures.names import look_numbers, looks_in, of_place, placed_rows
+from osl_analysis.figures.axes import label_log_axis, label_phase_axis, widened
+from osl_analysis.figures.captions import UNIT_OF, as_text, counted, doubtful_fits
+from osl_analysis.figures.names import NO_CONTROLLER, look_numbers, looks_in, of_place, placed_rows
 from osl_analysis.figures.style import (
     BLACK,
     DOUBLE_COLUMN,
-    GREY,
     IS_DOUBTFUL,
-    LIGHT_DOT,
+    LOOKS,
+    OPEN_MARKER,
     SINGLE_COLUMN,
+    WHITE,
     Look,
     draw_spread,
     legend_columns,
-    light_dots,
+    link_to_trials,
     panels,
     paper_style,
     spread_entries,
@@ -44,8 +45,8 @@ CURVE_TYPES = {
 """Columns, with their types, of the curves that `points` takes."""
 OBSERVED, DESIRED, LINEAR_MODEL = "observed", "desired", "linear model"
 """Kinds of `curve`."""
-NICE = ((1, 1.5, 2, 3, 4, 5, 6, 8), tuple(np.arange(10, 100, 2) / 10), tuple(np.arange(100, 1000) / 100))
-"""Steps of the ticks of a decade; the first ones of which two lie within the axis are taken."""
+MOST_TICKS = (8, 5)
+"""Ticks of frequency at most, of a single panel and of several side by side."""
 
 
 def points(response: pl.DataFrame, curves: pl.DataFrame) -> pl.DataFrame:
@@ -90,36 +91,62 @@ def response_curve(curve: str, controller: str | None, frequency_hz: np.ndarray,
     return pl.DataFrame(columns).with_columns(pl.lit(v, pl.String).alias(name) for name, v in named.items())
 
 
+def caption(table: pl.DataFrame) -> str:
+    """What the figure shows, in a paragraph of Markdown, with the intervals and the misfits of every controller."""
+    observed = table.filter(pl.col("curve") == OBSERVED)
+    K_d, B_d = observed.select("K_d", "B_d").row(0)
+    stated = [
+        f"${name}$ = {value:g} {unit}"
+        for name, value, unit in (("K_d", K_d, UNIT_OF["K"]), ("B_d", B_d, UNIT_OF["B"]))
+        if value is not None
+    ]
+    chosen = observed["chosen"].drop_nulls() if "chosen" in observed.columns else observed["trial"].clear()
+    why = f" ({as_text(chosen[0])})" if len(chosen) else ""
+    said = [
+        f"Frequency response of the joint, angle over torque: {', '.join(stated) or 'no impedance is stated'}{why}. "
+        "Above its magnitude, below its phase. Markers are measured phasors, averaged over amplitudes."
+    ]
+    if observed["magnitude_amplitudes_low"].count():
+        said.append("Thin bars are the range over amplitudes.")
+    if observed["magnitude_low"].count():
+        relative = (observed["magnitude_high"] - observed["magnitude_low"]) / 2 / observed["magnitude"]
+        of_phase = (observed["phase_high"] - observed["phase_low"]) / 2
+        widest = [float(half.to_numpy()[half.is_not_null().to_numpy()].max()) for half in (100 * relative, of_phase)]
+        said.append(f"Thick bars are 95 % intervals of noise, at most ± {widest[0]:.2g} % and ± {widest[1]:.2g} deg.")
+    if (table["curve"] == DESIRED).any():
+        said.append("Black: desired impedance (Eq. 11).")
+    if (table["curve"] == LINEAR_MODEL).any():
+        said.append("Broken lines: the drivetrain with the controller's gains, without friction (Eq. 9).")
+    trials = observed.group_by("controller", maintain_order=True).agg(pl.col("trial").n_unique())
+    named = (f"{as_text(name or NO_CONTROLLER.label)} {counted(n, 'trial')}" for name, n in trials.iter_rows())
+    said.append(f"Measured: {', '.join(named)}.")
+    return " ".join([*said, doubtful_fits(observed, "drawn open", fit="phasor")])
+
+
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """(a) magnitude, (b) phase: markers observed, black line desired, thin lines predicted.
+    """(a) magnitude, (b) phase over the logarithm of frequency: markers observed, black line desired, broken lines
+    predicted, each controller's with a line style of its own.
 
-    A marker is the mean over amplitudes. A thin bar is their range, a thick bar the 95 % interval of noise. A light
-    dot in the marker says that the phasor of at least one amplitude is doubtful. Several joints or sides stand side by
-    side.
+    A marker is the mean over amplitudes. A thin bar is their range, a thick bar the 95 % interval of noise. The phasor
+    of at least one amplitude is doubtful where the marker is open. Several joints or sides stand side by side.
     """
     parts, looks = placed_rows(table), looks_in(table.filter(pl.col("curve") != DESIRED))
     names = [name for name, _ in parts]
     width = SINGLE_COLUMN if len(parts) == 1 else DOUBLE_COLUMN
-    figure, axes = panels(width, 3.4, rows=2, columns=len(parts), names=names + [""] * len(parts))
+    figure, axes = panels(width, 3.7, rows=2, columns=len(parts), names=names + [""] * len(parts))
     shown: dict[Axes, str] = {}
     for number, (_, part) in enumerate(parts):
         magnitude, phase = axes[number], axes[number + len(parts)]
-        magnitude.sharex(phase)
         shown |= {magnitude: "magnitude", phase: "phase"}
         for ax, column, bounds in ((magnitude, "magnitude", "magnitude"), (phase, "phase_deg", "phase")):
             for controller, look in looks.items():
-                draw_controller(
-                    ax, part.filter(pl.col("controller").eq_missing(pl.lit(controller))), look, column, bounds
-                )
+                rows = part.filter(pl.col("controller").eq_missing(pl.lit(controller)))
+                draw_controller(ax, rows, look, column, bounds)
             curve = part.filter(pl.col("curve") == DESIRED)
             if len(curve):
-                ax.plot(curve["frequency_hz"], curve[column], color=BLACK, label="Desired", zorder=1)
-        magnitude.set_yscale("log")
-        label_magnitudes(magnitude)
-        magnitude.tick_params(labelbottom=False)
-        phase.xaxis.set_major_locator(MaxNLocator(integer=True))
-        phase.set_xlabel("Frequency (Hz)")
+                ax.plot(curve["frequency_hz"], curve[column], color=BLACK, label=LOOKS["desired"].label, zorder=1)
+        label_axes(magnitude, phase, part["frequency_hz"].to_numpy(), MOST_TICKS[len(parts) > 1])
     axes[0].set_ylabel("Magnitude\n" r"(10$^{-3}$ rad/(N·m))")
     axes[len(parts)].set_ylabel("Phase (deg)")
     legend(figure, table, shown)
@@ -127,50 +154,40 @@ def draw(table: pl.DataFrame) -> Figure:
     return figure
 
 
+def label_axes(magnitude: Axes, phase: Axes, frequency_hz: np.ndarray, most: int) -> None:
+    """Logarithmic axes of frequencies (n,) and magnitude, phases with 0; `most` ticks of frequency at most."""
+    magnitude.set_yscale("log")
+    label_log_axis(magnitude.yaxis, magnitude.get_ylim(), most=6, scale=1e3)
+    label_phase_axis(phase)
+    limits = widened(float(frequency_hz.min()), float(frequency_hz.max()))
+    for ax in (magnitude, phase):
+        ax.set_xscale("log")
+        label_log_axis(ax.xaxis, limits, most)
+    magnitude.tick_params(labelbottom=False)
+    phase.set_xlabel("Frequency (Hz)")
+
+
 def legend(figure: Figure, table: pl.DataFrame, shown: Mapping[Axes, str]) -> None:
-    """Legend above all panels, and the remark below; `shown` are the panels with the quantity of each."""
+    """Legend above all panels; `shown` are the panels with the quantity of each."""
     named = {label: handle for ax in shown for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    handles = list(named.values())
-    if (table["curve"] == LINEAR_MODEL).any():
-        handles.append(Line2D([], [], color=GREY, linewidth=0.7, linestyle=(0, (4, 1.5)), label="Linear model"))
-    bars, remark = spread_entries(shown, table)
-    handles += bars + [LIGHT_DOT] * len(table.filter(IS_DOUBTFUL).head(1))
+    handles = [*named.values(), *spread_entries(shown, table)[0]]
+    handles += [OPEN_MARKER] * len(table.filter(IS_DOUBTFUL).head(1))
     labels = [*named, *(str(handle.get_label()) for handle in handles[len(named) :])]
     columns = legend_columns(labels, figure.get_figwidth(), most=2 if len(shown) == 2 else 4)
     figure.legend(handles, labels, loc="outside upper center", ncols=columns, columnspacing=1.5)
-    chosen = said_of_choice(table)
-    figure.supxlabel("\n".join(filter(None, [remark, chosen])), fontsize=8)
-
-
-def said_of_choice(table: pl.DataFrame) -> str:
-    """Which desired impedance the figure shows where it was chosen, not asked for."""
-    if "chosen" not in table.columns or not table["chosen"].count():
-        return ""
-    K_d, B_d = table.filter(pl.col("curve") == OBSERVED).select("K_d", "B_d").row(0)
-    stated = [f"${name}$ = {value:g}" for name, value in (("K_d", K_d), ("B_d", B_d)) if value is not None]
-    return f"{', '.join(stated) or 'No $K_d$ and $B_d$ stated'}: {table['chosen'].drop_nulls()[0]}"
 
 
 def draw_controller(ax: Axes, rows: pl.DataFrame, look: Look, column: str, bounds: str) -> None:
     """One controller in one panel: markers with intervals, and the curve of the linear model where there is one."""
-    curve = rows.filter(pl.col("curve") == LINEAR_MODEL)
-    ax.plot(curve["frequency_hz"], curve[column], color=look.colour, linewidth=0.7, linestyle=(0, (4, 1.5)))
-    observed = rows.filter(pl.col("curve") == OBSERVED)
-    if observed.is_empty():
-        return
-    draw_spread(ax, observed, "frequency_hz", bounds, look.colour)
-    x, y = observed["frequency_hz"], observed[column]
-    ax.plot(x, y, look.marker, color=look.colour, markersize=look.size, mew=0, label=look.label)
-    doubtful = observed.filter(IS_DOUBTFUL)
-    light_dots(ax, doubtful["frequency_hz"], doubtful[column])
-
-
-def label_magnitudes(ax: Axes) -> None:
-    """Ticks at round thousandths within the limits of a logarithmic axis, lettered as thousandths."""
-    low, high = ax.get_ylim()
-    decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
-    found = ([decade * nice for decade in decades for nice in steps if low <= decade * nice <= high] for steps in NICE)
-    ticks = next((ticks for ticks in found if len(ticks) > 1), [low, high])
-    ax.set_yticks(ticks, [f"{1e3 * tick:.4g}" for tick in ticks])
-    ax.minorticks_off()
-    ax.set_ylim(low, high)
+    observed, curve = (rows.filter(pl.col("curve") == kind) for kind in (OBSERVED, LINEAR_MODEL))
+    if len(observed):
+        draw_spread(ax, observed, "frequency_hz", bounds, look.colour)
+        fill = [WHITE if doubtful else look.colour for doubtful in observed.select(IS_DOUBTFUL).to_series()]
+        drawn = ax.scatter(
+            observed["frequency_hz"], observed[column], look.size**2, marker=look.marker, facecolors=fill,
+            edgecolors=look.colour, linewidths=0.8, label=look.label, zorder=2.5,
+        )  # fmt: skip
+        link_to_trials(drawn, observed["trial"])
+    if len(curve):
+        x, y = curve["frequency_hz"], curve[column]
+        ax.plot(x, y, color=look.colour, linewidth=0.9, linestyle=look.dash, label=f"{look.label}, {LINEAR_MODEL}")

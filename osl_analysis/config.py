@@ -55,7 +55,8 @@ class FigureChoices(Settings):
     """Stiffness that the walking controller commands in midstance [N*m/rad], marked in Fig. 9 where the sheet states no
     K_d and the campaign has one group; null: no mark."""
     stance_share: Annotated[float, Field(gt=0, le=1)] = 0.62
-    """Share of the gait cycle that is stance: it converts the phase of `impedance_trajectory` to stance."""
+    """Share of the gait cycle that is stance: it converts the phase of `impedance_trajectory` to stance, where Fig. 8
+    ends."""
 
 
 class StudySettings(Settings):

@@ -597,6 +597,11 @@ def test_fig7_refuses_a_mixture_of_desired_impedances():
 
 def test_fig8_draws_desired_impedance_and_gains_at_the_joint_over_the_gait():
     table = gains()
+    swing = table.tail(1).with_columns(phase=pl.lit(0.63), K_d=pl.lit(1e6))
+    assert fig8.points(pl.concat([table, swing])).equals(fig8.points(table))
+    assert fig8.points(table, 0.3)["phase"].max() == pytest.approx(0.3)
+    assert "first 60 % of the gait cycle" in fig8.caption(table)
+    assert "100 to 340 N·m/rad and 2 to 2.6 N·m·s/rad" in fig8.caption(table)
     panels = fig8.draw(fig8.points(table)).axes
     for ax, desired, gain in zip(panels, ("K_d", "B_d"), ("K_1_joint", "B_1_joint"), strict=True):
         np.testing.assert_array_equal(ax.lines[0].get_data(), [table["phase"], table[desired]])

@@ -274,8 +274,10 @@ def test_a_trajectory_says_of_itself_that_it_is_synthetic(tmp_path):
     (tmp_path / "t.csv").write_text("# measured in 2026\nphase,K_d,B_d\n0,1,1\n1,2,1\n")
     assert read_impedance_trajectory(tmp_path / "t.csv").kind is None
     drawn = fig8.points(gains().with_columns(K_1_joint=None, B_1_joint=None).cast({"K_1_joint": pl.Float64}))
-    assert "Desired $K_d$ (synthetic)" in texts(fig8.draw(drawn))
-    assert fig8.NO_GAINS in texts(fig8.draw(drawn))
+    assert "(a) Trajectory: synthetic" in texts(fig8.draw(drawn))
+    assert "The trajectory is synthetic" in fig8.caption(drawn)
+    assert fig8.NO_GAINS in fig8.caption(drawn)
+    assert "Gain" not in texts(fig8.draw(drawn))
 
 
 def test_sides_and_joints_of_rows_are_those_of_their_trials_and_a_side_of_a_row_stays():

@@ -733,31 +733,39 @@ def test_the_walking_page_shows_both_gaits_every_response_their_mean_and_its_fit
 
 def test_rival_models_are_drawn_by_trial_on_one_logarithmic_axis_with_their_geometric_mean():
     axes = model_comparison.draw(plotted("model_comparison")).axes
-    assert [ax.get_title() for ax in axes] == ["Belt", "Transmission", "Rendered impedance"]
+    assert [ax.get_title(loc="left") for ax in axes] == ["(a) Belt", "(b) Rendered impedance"]
     assert {ax.get_yscale() for ax in axes} == {"log"}
     assert len({ax.get_ylim() for ax in axes}) == 1, "panels are to be compared"
-    np.testing.assert_allclose(line(axes[0], "Repeat"), [[0, 1, 2, 3], [1, 1, 0.01, 0.01]])
-    (bars,) = axes[0].collections
+    points, _, links = scattered(axes[0], "Repeat")
+    np.testing.assert_allclose(points[:4].T, [[0, 1, 2, 3], [1, 1, 0.01, 0.01]])
+    assert links == [f"../report.html#trial=belt_{k}" for k in (1, 2) for _ in range(4)]
+    bars = next(c for c in axes[0].collections if c.get_label() == "Geometric mean")
     heights = [segment[0][1] for segment in bars.get_segments()]
     np.testing.assert_allclose(heights, np.sqrt(10) * np.array([1, 1, 0.01, 0.01]))
     for label, side in (("Compensated", -1), ("Uncompensated", 1)):
-        x, left = line(axes[2], label)
+        x, left = scattered(axes[1], label)[0][:4].T
         np.testing.assert_allclose(left, [1, 2, 0.1, 0.05])
         assert (np.sign(x - np.arange(4)) == side).all()
 
 
+def test_two_models_are_a_sentence_of_the_caption_and_a_panel_only_where_there_is_no_other():
+    said = model_comparison.caption(plotted("model_comparison"))
+    assert "Transmission (no panel: two models alone), mean of 1 trial: $B_j$, $J_j$ 0.1 %" in said
+    assert "Rendered impedance, compensated, mean of 2 trials: Eq. 15 3.2 %; Eq. 9 6.3 %" in said
+    alone = plotted("model_comparison").filter(pl.col("experiment") == "transmission")
+    (ax,) = model_comparison.draw(alone).axes
+    assert ax.get_title(loc="left") == "Transmission"
+
+
 def test_models_that_were_not_held_against_other_data_are_not_drawn():
     alone = model_scores().with_columns(
-        VAF_held_out=pl.when(pl.col("experiment") == "transmission")
-        .then(float("nan"))
-        .otherwise(pl.col("VAF_held_out"))
+        VAF_held_out=pl.when(pl.col("experiment") == "belt").then(float("nan")).otherwise(pl.col("VAF_held_out"))
     )
-    assert [ax.get_title() for ax in model_comparison.draw(model_comparison.points(alone)).axes] == [
-        "Belt",
-        "Rendered impedance",
+    assert [ax.get_title(loc="left") for ax in model_comparison.draw(model_comparison.points(alone)).axes] == [
+        "Rendered impedance"
     ]
     with pytest.raises(InputError, match="no model was held against data that it was not fitted to"):
-        model_comparison.points(alone.filter(pl.col("experiment") == "transmission"))
+        model_comparison.points(alone.filter(pl.col("experiment") == "belt"))
 
 
 @pytest.mark.parametrize("name", FIGURES)

@@ -9,8 +9,22 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
+from osl_analysis.figures.axes import label_log_axis
+from osl_analysis.figures.captions import as_text, counted
 from osl_analysis.figures.names import MARKERS, PLACE, of_place, place_name
-from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, GREY, LOOKS, Look, panels, paper_style
+from osl_analysis.figures.style import (
+    BLACK,
+    DOUBLE_COLUMN,
+    GREY,
+    LOOKS,
+    SINGLE_COLUMN,
+    Look,
+    legend_columns,
+    link_to_trials,
+    panels,
+    paper_style,
+)
+from osl_analysis.trial import Array
 
 TABLE_COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out")
 COLUMNS = (*PLACE, *TABLE_COLUMNS)
@@ -24,6 +38,9 @@ MODELS = {
 }
 """Names of each experiment and of its models, the draft's model first."""
 REPEATS = Look(GREY, "o", 2.6, "Repeat")
+FEW = 2
+"""Models of which a panel would show no more than a sentence says."""
+MOST_TICKS = 8
 SMALLEST = 1e-6
 """Smallest share [percent] of the variance on the axis. Smaller shares are drawn at this value."""
 
@@ -45,23 +62,61 @@ def points(scores: pl.DataFrame) -> pl.DataFrame:
     return table
 
 
+def caption(table: pl.DataFrame) -> str:
+    """What the figure shows, in a paragraph of Markdown, with the numbers of the experiments that have no panel."""
+    said = [
+        "Rival models, held against data that they were not fitted to: a repeat by the others, or an amplitude by the "
+        "others. The axis is the share of the variance of torque that a model leaves, on a logarithmic scale: lower is "
+        "better. Each line with its markers is a trial, each black bar the geometric mean of the trials."
+    ]
+    drawn = drawn_experiments(table)
+    for experiment in (name for name in MODELS if name in table["experiment"]):
+        title, models = MODELS[experiment]
+        rows = table.filter(pl.col("experiment") == experiment)
+        for trials in rows.partition_by(*PLACE, "controller", maintain_order=True):
+            of = (title, *trials.select(*PLACE, "controller").row(0))
+            left = geometric_means(trials, list(models))
+            told = "; ".join(
+                f"{words(name)} {share:.2g} %" for name, share in zip(models.values(), left, strict=True) if share > 0
+            )
+            where = "" if experiment in drawn else " (no panel: two models alone)"
+            named = as_text(", ".join(filter(None, of)))
+            said.append(f"{named}{where}, mean of {counted(trials['trial'].n_unique(), 'trial')}: {told}.")
+    return " ".join(said)
+
+
+def words(model: str) -> str:
+    """The name of a model in a sentence."""
+    return model.replace("\n", " ")
+
+
+def drawn_experiments(table: pl.DataFrame) -> list[str]:
+    """The experiments with a panel: those with three models or more, or all if there is none of these.
+
+    Two models are two numbers, which the caption says.
+    """
+    present = [experiment for experiment in MODELS if experiment in table["experiment"]]
+    return [experiment for experiment in present if len(MODELS[experiment][1]) > FEW] or present
+
+
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """A panel per experiment, the draft's model on the left: each line is a trial, each bar the geometric mean. Joints
-    and sides stand side by side, each with a marker and a mean of its own.
+    """A panel per experiment with three models or more, the draft's model on the left: each line is a trial, each bar
+    the geometric mean. Joints and sides stand side by side, each with a marker and a mean of its own.
 
     The axes are logarithmic in the share of the variance of held-out torque that a model does not account for.
     """
     several = len(table.select(PLACE).unique()) > 1
-    present = [experiment for experiment in MODELS if experiment in table["experiment"]]
+    present = drawn_experiments(table)
     shares = [len(MODELS[experiment][1]) for experiment in present]
-    figure, axes = panels(DOUBLE_COLUMN, 2.6, columns=len(present), shares=shares)
+    width = SINGLE_COLUMN if len(present) == 1 else DOUBLE_COLUMN
+    figure, axes = panels(width, 2.8, columns=len(present), shares=shares)
     for ax, experiment in zip(axes, present, strict=True):
         name, models = MODELS[experiment]
         rows = table.filter(pl.col("experiment") == experiment)
         conditions = rows.partition_by(*PLACE, "controller", maintain_order=True)
         for k, trials in enumerate(conditions):
-            shift = min(0.24, 0.72 / len(conditions)) * (k - (len(conditions) - 1) / 2)
+            shift = min(0.36, 0.72 / len(conditions)) * (k - (len(conditions) - 1) / 2)
             look = LOOKS.get(trials["controller"][0], REPEATS)
             if several:
                 place = place_name(trials["joint"][0], trials["side"][0])
@@ -69,24 +124,45 @@ def draw(table: pl.DataFrame) -> Figure:
                 marker = MARKERS[looks.index(trials.select(PLACE).row(0)) % len(MARKERS)]
                 look = replace(look, label=f"{look.label}, {place}", marker=marker)
             draw_trials(ax, trials, list(models), shift, look)
-        ax.set_title(name)
+        ax.set_title(f"{ax.get_title(loc='left')} {name}".strip(), loc="left")
         ax.set_yscale("log")
         ax.set_xticks(range(len(models)), list(models.values()))
+        ax.tick_params(axis="x", length=0)
         ax.set_xlim(-0.5, len(models) - 0.5)
+    label_log_axis(axes[0].yaxis, axes[0].get_ylim(), MOST_TICKS)
     axes[0].set_ylabel("Held-out variance\nnot accounted for (%)")
     handles = {label: h for ax in axes for h, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=4)
+    columns = legend_columns(list(handles), width, most=4)
+    figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=columns)
     return figure
 
 
 def draw_trials(ax: Axes, rows: pl.DataFrame, models: list[str], shift: float, look: Look) -> None:
     """The trials of one condition, shifted by `shift` from the ticks of the models."""
     x = np.arange(len(models)) + shift
-    wide = rows.pivot("model", index="trial", values="VAF_held_out").select(models).to_numpy()
-    left = np.maximum(100 - wide, SMALLEST)
+    trials, left = shares_left(rows, models)
     ax.plot(x, left.T, "-", color=look.colour, alpha=0.35, linewidth=0.5)
-    for i, trial in enumerate(left):
-        label = look.label if i == 0 else None
-        ax.plot(x, trial, look.marker, color=look.colour, markersize=look.size, mfc="none", mew=0.6, label=label)
-    mean = np.exp(np.nanmean(np.log(left), axis=0))
+    drawn = ax.scatter(
+        np.tile(x, len(trials)), left.ravel(), look.size**2, marker=look.marker, facecolors="none",
+        edgecolors=look.colour, linewidths=0.6, label=look.label,
+    )  # fmt: skip
+    link_to_trials(drawn, np.repeat(trials, len(models)))
+    mean = geometric_means(rows, models)
     ax.hlines(mean, x - 0.11, x + 0.11, color=BLACK, linewidth=1.4, zorder=3, label="Geometric mean")
+
+
+def shares_left(rows: pl.DataFrame, models: list[str]) -> tuple[list[str], Array]:
+    """The trials (n,), and the share [percent] of held-out variance that each model (m,) leaves of them, (n, m)."""
+    wide = rows.pivot("model", index="trial", values="VAF_held_out")
+    absent = [pl.lit(None, pl.Float64).alias(name) for name in models if name not in wide.columns]
+    left = 100 - wide.with_columns(absent).select(models).to_numpy()
+    return wide["trial"].to_list(), np.asarray(np.maximum(left, SMALLEST))
+
+
+def geometric_means(rows: pl.DataFrame, models: list[str]) -> Array:
+    """The geometric mean over trials of the share that each model (m,) leaves; NaN for a model that no trial has."""
+    left = np.log(shares_left(rows, models)[1])
+    seen = np.isfinite(left).any(axis=0)
+    means = np.full(len(models), np.nan)
+    means[seen] = np.exp(np.nanmean(left[:, seen], axis=0))
+    return means

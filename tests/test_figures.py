@@ -239,6 +239,62 @@ def test_a_campaign_of_stepped_sines_says_where_its_frequency_response_is(tmp_pa
     assert (tmp_path / "response.svg").stat().st_size > 1000
 
 
+def conditions_of(number):
+    """The numbers of the figure `response` of that many trials of which none is pooled."""
+    single, pooled = response_tables()
+    chirp, periodic = (single.filter(trial=name).head(4) for name in ("C1", "M1"))
+    rows = [(chirp if k % 2 else periodic).with_columns(trial=pl.lit(f"t{k}")) for k in range(number)]
+    return response.points(pl.concat(rows, how="diagonal_relaxed"), pooled)
+
+
+@pytest.mark.parametrize(("number", "grid"), [(1, (1, 1)), (3, (1, 3)), (9, (3, 3)), (10, (3, 4)), (12, (3, 4))])
+def test_as_many_conditions_as_are_shown_fit_a_page_of_a_journal(number, grid):
+    assert response.grid_of(number) == grid
+    width, height = response.size_of(*grid)
+    assert width == (SINGLE_COLUMN if number == 1 else 7.16)
+    assert height < 9.5, "the text block of an IEEE page is 9.6 in high"
+
+
+def test_conditions_stand_side_by_side_each_in_its_place(monkeypatch):
+    monkeypatch.setattr(response, "MOST", 4)
+    table = conditions_of(5)
+    figure = response.draw(table)
+    assert len(figure.axes) == 3 * 4
+    assert figure.axes[0].get_gridspec().get_geometry() == (6, 3)
+    for k, name in enumerate(table["trials"].unique(maintain_order=True).to_list()[:4]):
+        rows = table.filter(trials=name)
+        for step, quantity in enumerate(("magnitude", "phase_deg")):
+            (ax,) = [ax for ax in figure.axes if place_in_grid(ax) == (3 * (k // 3) + step, k % 3)]
+            (drawn,) = [a for a in ax.lines if a.get_marker() == "o"]
+            np.testing.assert_array_equal(drawn.get_data(), [rows["frequency_hz"], rows[quantity]])
+            assert (drawn.get_markerfacecolor() == "#FFFFFF") == (rows["doubtful"][0] != "")
+            assert (name in ax.get_title(loc="left")) == (step == 0)
+    assert "Further 1 condition in response.csv" in texts(figure)
+    assert "Further" not in texts(response.draw(conditions_of(1)))
+
+
+def place_in_grid(ax):
+    """Row and column of a panel."""
+    spec = ax.get_subplotspec()
+    return spec.rowspan.start, spec.colspan.start
+
+
+def test_a_condition_without_distortion_says_why():
+    table = conditions_of(2)
+    said = {name: ax.get_title(loc="left") for name, ax in zip("pl", response.draw(table).axes[4:], strict=True)}
+    assert said == {"p": "", "l": "Distortion is in the noise"}
+    quiet = table.with_columns(odd_level=pl.col("noise_level") / 2, method=pl.lit("fast"))
+    assert response.why_no_distortion(quiet) == "Distortion below noise"
+    unseen = table.with_columns(odd_level=None, even_level=None, method=pl.lit("fast"))
+    assert response.why_no_distortion(unseen) == "No line shows distortion"
+
+
+def test_the_caption_of_the_response_says_how_far_the_structures_are():
+    said = response.caption(conditions_of(1))
+    assert "within 2.6 % of the second-order system" in said  # |1 - 0.98 exp(j deg)| = 0.0263
+    assert "within 0.5 % of the drivetrain" in said
+
+
 def plotted(name):
     tables = {
         "fig3": belt_table,

@@ -8,7 +8,7 @@ from test_spectral_period import LOW_PASS, RATE, B, I, K, multisine, record
 
 from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.commands.response import plotted_numbers, pool_responses
-from osl_analysis.figures.response import points, title_of
+from osl_analysis.figures.response import points, words_of
 from osl_analysis.spectral.period_lines import LINES, realisations_from
 from osl_analysis.spectral.realisations import periodic_motion
 from osl_analysis.spectral.tables import MODELS, RESPONSE, RecordedMotion, response_tables
@@ -110,7 +110,7 @@ def test_trials_of_one_condition_are_pooled_where_their_motions_differ_in_phases
     write_table(response_tables(periodic("M1", 1, 2), None).response, tmp_path / "response.csv")
     plotted_numbers(tmp_path / "response.csv", pooled, tmp_path / "plotted.csv")
     (row,) = read_table(tmp_path / "plotted.csv").unique("trials").to_dicts()
-    assert title_of(row) == "Knee, left, M1 and 1 more trial"
+    assert words_of(row) == ["Knee, left", "M1 and 1 more", "4 realisations"]
 
 
 def test_conditions_without_a_second_trial_are_not_pooled(tmp_path):

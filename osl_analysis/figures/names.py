@@ -1,13 +1,14 @@
 """Names of a campaign on paper: letters that the fonts have, looks of its controllers, its joints and sides."""
 
 import unicodedata
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
 import polars as pl
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
-from osl_analysis.figures.style import LOOKS, PAPER, Dash, Look
+from osl_analysis.figures.style import LOOKS, PAPER, Dash, Look, width_of
 
 DRAFT = ("compensated", "uncompensated")
 """The controllers of the draft, whose looks are fixed."""
@@ -57,6 +58,18 @@ def place_name(joint: str | None, side: str | None) -> str:
     name = drawn_name(joint or "")
     capital = name[:1].upper() + name[1:] if name.isascii() else name
     return ", ".join(filter(None, [capital, side]))
+
+
+def lines_of(words: Sequence[str], width: float) -> str:
+    """The words with commas between them, in lines that are no wider than `width` [in]."""
+    lines: list[str] = []
+    for word in words:
+        longer = f"{lines[-1]}, {word}" if lines else word
+        if lines and width_of(longer) <= width:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return "\n".join(lines)
 
 
 def figure_title(figure: str) -> str:

@@ -1,6 +1,6 @@
 """Impedance over frequency with noise and distortion, and the structures fitted to it, for every condition."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -8,20 +8,23 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
-from osl_analysis.figures.names import drawn_name, place_name
+from osl_analysis.figures.captions import UNIT_OF, counted, doubtful_fits
+from osl_analysis.figures.names import drawn_name, lines_of, place_name
 from osl_analysis.figures.style import (
     BLACK,
     DOUBLE_COLUMN,
     GREY,
     IS_DOUBTFUL,
-    LIGHT_DOT,
     MAGENTA,
+    OPEN_MARKER,
     ORANGE,
     PURPLE,
-    light_dots,
+    SINGLE_COLUMN,
+    WHITE,
+    legend_columns,
     paper_style,
 )
 
@@ -32,12 +35,20 @@ COLUMNS = (*PLACE, "method", "realisations", "frequency_hz", *CURVES, *LEVELS, "
 TEXT = ("trials", "joint", "side", "controller", "method", "doubtful")
 NOTHING = "every impedance trial follows the stepped sine; its frequency response is in phasors.csv and Fig. 7"
 """Why there is nothing to draw where the table has no rows."""
-MOST = 12
-"""Largest number of conditions that one page shows; the table has all."""
+MOST, MOST_ACROSS = 12, 3
+"""Conditions that one page shows at most (the table has all), and those side by side; one more if they are `MOST`."""
+SIZE = 2.2
+"""Size [pt] of the markers."""
+PANEL_HEIGHT, HEADING = 0.84, 0.3
+"""Heights [in] of a panel with its axis, and of the lines above a condition."""
+LONGEST, SHORTER = 28, 18
+"""Letters of a trial's name above its panels, with up to `MOST_ACROSS` conditions side by side, and with more."""
+AXIS = 0.42
+"""Width [in] beside a panel that its title cannot take."""
 LOOKS = {
     "odd_level": (ORANGE, "^", "Odd distortion"),
     "even_level": (PURPLE, "s", "Even distortion"),
-    "noise_level": (GREY, ".", "Noise"),
+    "noise_level": (GREY, "x", "Noise"),
 }
 """Colour, marker and name of each level."""
 MODELS = {"eq15": (MAGENTA, "-", r"Eq. 15: $K + sB + s^2I$"), "eq9": (BLACK, (0, (4, 1.5)), "Eq. 9: drivetrain")}
@@ -52,62 +63,138 @@ def points(single: pl.DataFrame, pooled: pl.DataFrame) -> pl.DataFrame:
     return rows.with_columns(pl.lit(None, kind).alias(name) for name, kind in absent.items()).select(COLUMNS)
 
 
-def title_of(row: Mapping[str, Any]) -> str:
-    """Joint, controller and desired impedance of a condition, as far as they are known, and its trials."""
+def words_of(row: Mapping[str, Any], longest: int = LONGEST) -> list[str]:
+    """Joint, controller and desired impedance of a condition, as far as they are known, its trials by the first one's
+    name, of at most `longest` letters, and its number of realisations."""
     words = [place_name(row["joint"], row["side"]), drawn_name(row["controller"] or "")]
-    for symbol, unit in (("K_d", "N·m/rad"), ("B_d", "N·m·s/rad")):
-        if row[symbol] is not None:
-            words.append(f"${symbol}$ = {row[symbol]:g} {unit}")
+    words.append(", ".join(f"${name}$ = {row[name]:g}" for name in ("K_d", "B_d") if row[name] is not None))
     trials = str(row["trials"]).split(", ")
-    more = f" and {len(trials) - 1} more trial{'s' * (len(trials) > 2)}" if len(trials) > 1 else ""
-    return ", ".join(filter(None, [*words, drawn_name(trials[0]) + more]))
+    more = f" and {len(trials) - 1} more" if len(trials) > 1 else ""
+    words.append(drawn_name(trials[0], longest) + more)
+    if row["method"] != "local polynomial":
+        words.append(counted(int(row["realisations"]), "realisation"))
+    return [*filter(None, words)]
+
+
+def caption(table: pl.DataFrame) -> str:
+    """What the figure shows, in a paragraph of Markdown, and how far the structures are from what is measured."""
+    conditions = table.partition_by("trials", maintain_order=True)
+    said = [
+        f"Impedance Z, torque over angle, over frequency, of {counted(len(conditions), 'condition')}, $K_d$ in "
+        f"{UNIT_OF['K']} and $B_d$ in {UNIT_OF['B']}. Each has three panels: magnitude, phase, and below how far the "
+        "structures fitted to it (lines) are from what is measured, beside noise and distortion of one realisation "
+        "(markers; distortion below the noise is not drawn). Bars are 95 % intervals: of noise and distortion where "
+        "several realisations show both, otherwise of noise. Where the motion does not repeat itself, by the local "
+        "polynomial method, distortion is part of the noise."
+    ]
+    if len(conditions) > MOST:
+        said.append(f"The first {MOST} conditions are shown; response.csv has all of them.")
+    for short, name in (("eq15", "the second-order system of Eq. 15"), ("eq9", "the drivetrain of Eq. 9")):
+        medians = [float(np.median(missed)) for rows in conditions if len(missed := deviation(rows, short))]
+        if medians:
+            to = f" to {max(medians):.2g}" if len(medians) > 1 else ""
+            said.append(f"Half of the frequencies are within {min(medians):.2g}{to} % of {name}.")
+    fits = table.unique("trials", maintain_order=True).rename({"trials": "trial"})
+    return " ".join([*said, doubtful_fits(fits, "drawn with open markers", fit="condition")])
+
+
+def deviation(rows: pl.DataFrame, short: str) -> NDArray[np.float64]:
+    """Distance [percent of the measured impedance] of a structure where it is known, (m,)."""
+    measured = complex_number(rows, "")
+    missed = 100 * np.abs(measured - complex_number(rows, f"_{short}")) / np.abs(measured)
+    return np.asarray(missed[np.isfinite(missed)])
 
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """Per condition magnitude and phase with 95 % intervals, and the structures' deviation, distortion and noise.
+    """Per condition, one above the other, magnitude and phase with 95 % intervals, and the structures' deviation,
+    distortion and noise. Conditions stand side by side, as many as a page takes.
 
-    Distortion below the noise is not drawn.
+    Distortion below the noise is not drawn. Where there is none to be drawn, the panel says why.
     """
     conditions = table.partition_by("trials", maintain_order=True)
     shown = conditions[:MOST]
-    figure = Figure(figsize=(DOUBLE_COLUMN, 0.6 + 2.0 * len(shown)), layout="constrained")
-    parts = figure.subfigures(len(shown), 1, squeeze=False)[:, 0]
+    down, across = grid_of(len(shown))
+    width, height = size_of(down, across)
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots(3 * down, across, squeeze=False)
     entries: dict[str, Line2D] = {}
-    for part, rows in zip(parts, shown, strict=True):
-        part.suptitle(f"{title_of(rows.row(0, named=True))} ({method_words(rows)})", fontsize=8)
-        magnitude, phase, beside = part.subplots(1, 3)
-        entries |= draw_curves(magnitude, rows, "magnitude") | draw_curves(phase, rows, "phase_deg")
-        entries |= draw_levels(beside, rows)
-        magnitude.set_ylabel("Magnitude of Z (N·m/rad)")
-        phase.set_ylabel("Phase of Z (deg)")
-        beside.set_ylabel("Deviation, level (N·m/rad)")
-        for ax, letter in zip((magnitude, phase, beside), "abc", strict=True):
-            ax.set_title(f"({letter})", loc="left")
-            ax.set_xlabel("Frequency (Hz)")
-            ax.set_xlim(0, 1.04 * float(rows["frequency_hz"].max()))  # type: ignore[arg-type]
-    figure.legend(entries.values(), entries.keys(), loc="outside upper center", ncols=4, columnspacing=1.5)
+    for number, rows in enumerate(shown):
+        row, column = divmod(number, across)
+        parts = list(axes[3 * row : 3 * row + 3, column])
+        entries |= draw_condition(parts, rows)
+        words = words_of(rows.row(0, named=True), LONGEST if across <= MOST_ACROSS else SHORTER)
+        words[0] = f"({chr(ord('a') + number)}) " * (len(shown) > 1) + words[0]
+        parts[0].set_title(lines_of(words, width / across - AXIS), loc="left")
+        if column == 0:
+            for ax, label in zip(
+                parts, ("Magnitude\n(N·m/rad)", "Phase (deg)", "Deviation,\nlevel (N·m/rad)"), strict=True
+            ):
+                ax.set_ylabel(label)
+    for unused in axes[-3:, len(shown) - across * (down - 1) :].ravel():
+        unused.remove()
+    columns = legend_columns(list(entries), width, most=6)
+    figure.legend(entries.values(), entries.keys(), loc="outside upper center", ncols=columns, columnspacing=1.2)
+    figure.align_ylabels()
     if len(conditions) > MOST:
-        figure.supxlabel(f"{len(conditions) - MOST} more conditions are in response.csv", fontsize=8)
+        figure.supxlabel(f"Further {counted(len(conditions) - MOST, 'condition')} in response.csv", fontsize=8)
     return figure
 
 
-def method_words(rows: pl.DataFrame) -> str:
-    """How the response was measured."""
-    method, count = str(rows["method"][0]), int(rows["realisations"][0])
-    return method if method == "local polynomial" else f"{count} realisation{'s' * (count > 1)}"
+def grid_of(conditions: int) -> tuple[int, int]:
+    """Conditions one below the other and side by side on the page of so many."""
+    across = min(conditions, MOST_ACROSS + (conditions > MOST_ACROSS**2))
+    return -(-conditions // across), across
+
+
+def size_of(down: int, across: int) -> tuple[float, float]:
+    """Width and height [in] of the page of a grid of conditions."""
+    return SINGLE_COLUMN if across == 1 else DOUBLE_COLUMN, 0.5 + down * (3 * PANEL_HEIGHT + HEADING)
+
+
+def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Line2D]:
+    """The three panels of one condition; the entries of the legend."""
+    magnitude, phase, beside = parts
+    entries = draw_curves(magnitude, rows, "magnitude") | draw_curves(phase, rows, "phase_deg")
+    entries |= draw_levels(beside, rows)
+    beside.set_title(why_no_distortion(rows), loc="left")
+    beside.set_xlabel("Frequency (Hz)")
+    for ax in parts:
+        ax.set_xlim(0, 1.04 * float(np.max(rows["frequency_hz"].to_numpy())))
+        ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+    for ax in (magnitude, phase):
+        ax.tick_params(labelbottom=False)
+        ax.yaxis.set_major_locator(MaxNLocator(nbins=4))
+    return entries
+
+
+def why_no_distortion(rows: pl.DataFrame) -> str:
+    """Why a condition has no level of distortion; empty where it has one that is drawn."""
+    levels = [rows[name].cast(pl.Float64).to_numpy() for name in ("odd_level", "even_level")]
+    if any(drawn_level(rows, level).any() for level in levels):
+        return ""
+    if any(np.isfinite(level).any() for level in levels):
+        return "Distortion below noise"
+    return "Distortion is in the noise" if rows["method"][0] == "local polynomial" else "No line shows distortion"
+
+
+def drawn_level(rows: pl.DataFrame, level: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Where a level of distortion (m,) stands out from the noise."""
+    noise = rows["noise_level"].cast(pl.Float64).to_numpy()
+    return np.asarray(np.isfinite(level) & (level > 0) & (level > noise))
 
 
 def draw_curves(ax: Axes, rows: pl.DataFrame, quantity: str) -> dict[str, Line2D]:
     """Measured points and the lines of the structures; the entries of the legend."""
     f = rows["frequency_hz"]
     half = intervals(rows, quantity)
-    ax.vlines(f, rows[quantity] - half, rows[quantity] + half, color=BLACK, linewidth=0.7)
-    (line,) = ax.plot(f, rows[quantity], "o", color=BLACK, markersize=3, mew=0)
-    entries = {"Measured Z": line}
-    if rows.filter(IS_DOUBTFUL).height:
-        light_dots(ax, f, rows[quantity])
-        entries[str(LIGHT_DOT.get_label())] = LIGHT_DOT
+    ax.vlines(f, rows[quantity] - half, rows[quantity] + half, color=BLACK, linewidth=0.6)
+    doubtful = len(rows.filter(IS_DOUBTFUL)) > 0
+    fill = WHITE if doubtful else BLACK
+    ax.plot(f, rows[quantity], "o", color=BLACK, markersize=SIZE, mew=0.5, mfc=fill)
+    entries = {"Measured Z": Line2D([], [], linestyle="", marker="o", color=BLACK, markersize=SIZE)}
+    if doubtful:
+        entries[str(OPEN_MARKER.get_label())] = OPEN_MARKER
     for short, (colour, style, label) in MODELS.items():
         curve = rows[f"{quantity}_{short}"].cast(pl.Float64)
         if curve.count():
@@ -133,12 +220,13 @@ def draw_levels(ax: Axes, rows: pl.DataFrame) -> dict[str, Line2D]:
             ax.plot(
                 f, np.abs(measured - complex_number(rows, f"_{short}")), color=colour, linestyle=style, linewidth=0.9
             )
-    noise = rows["noise_level"].cast(pl.Float64).to_numpy()
     for name, (colour, marker, label) in LOOKS.items():
         level = rows[name].cast(pl.Float64).to_numpy()
-        seen = np.isfinite(level) & (level > 0) & ((level > noise) | (name == "noise_level"))
+        seen = level > 0 if name == "noise_level" else drawn_level(rows, level)
         if seen.any():
-            (line,) = ax.plot(f[seen], level[seen], marker, color=colour, markersize=3.5, mew=0)
+            (line,) = ax.plot(
+                f[seen], level[seen], marker, color=colour, markersize=SIZE + 0.3, mew=0.5 * (marker == "x")
+            )
             entries[label] = line
     ax.set_yscale("log")
     ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -24,8 +24,6 @@ BLACK, WHITE, GREY, MAGENTA = "#000000", "#FFFFFF", "#6E6E6E", "#C2127F"
 ORANGE, PALE_ORANGE, PURPLE = "#E66100", "#F5C09A", "#5D3A9B"
 """Orange and purple differ for every common kind of colour vision, and in greyscale by lightness (58 and 32 of 100)."""
 
-LIGHT_DOT = Line2D([], [], linestyle="", marker="o", color=GREY, mfc=WHITE, markersize=3, mew=1.2, label="Doubtful fit")
-"""For the legend of filled markers with a light dot."""
 OPEN_MARKER = Line2D(
     [], [], linestyle="", marker="o", color=GREY, mfc=WHITE, markersize=3.8, mew=0.8, label="Open: doubtful"
 )
@@ -158,12 +156,6 @@ def legend_columns(labels: Sequence[str], width: float, most: int) -> int:
         if sum(max(part) + HANDLE for part in parts) < width:
             return columns
     return 1
-
-
-def light_dots(ax: Axes, x: pl.Series, y: pl.Series) -> None:
-    """A light dot in each filled marker whose fit is doubtful."""
-    if len(x):
-        ax.plot(x, y, ".", color=WHITE, markersize=2.2, mew=0)
 
 
 def link_to_trials(drawn: Collection, trials: Iterable[str]) -> None:

@@ -98,6 +98,22 @@ rule plot_numbers_fig7:
         jobs.run_job(log, "plotted_numbers.fig7", input, output, params)
 
 
+rule plot_numbers_fig9:
+    input:
+        table=RESULTS / "tables/walking_summary.csv",
+        fits=RESULTS / "tables/walking.csv",
+        over_stance=RESULTS / "tables/impedance_over_stance.csv",
+    output:
+        RESULTS / "figures/fig9.csv",
+    log:
+        RESULTS / "logs/figures/fig9_numbers.log",
+    params:
+        code=jobs.code_of("plotted_numbers.fig9"),
+        commanded_K=CONFIG.figures.midstance_stiffness,
+    run:
+        jobs.run_job(log, "plotted_numbers.fig9", input, output, params)
+
+
 rule plot_numbers_response:
     input:
         table=RESULTS / "tables/response.csv",

@@ -303,7 +303,7 @@ def plotted(name):
         "fig6": lambda: fig6.points(impedance()),
         "fig7": response_table,
         "fig8": lambda: fig8.points(gains()),
-        "fig9": lambda: fig9.points(walking_summary(), 340.0),
+        "fig9": lambda: fig9_points(340.0),
         "response": lambda: response.points(*response_tables()),
         "walking_page": walking_page_table,
         "impedance_over_stance": impedance_over_stance_table,
@@ -555,9 +555,8 @@ def test_figs3_4_9_and_the_walking_page_say_which_fits_are_doubtful_and_how_many
     assert dotted.get_ydata().max() == pytest.approx(1.1 * 60)
     assert "Doubtful fit ($n$ = 1)" in texts(page)
     assert "system (doubtful)" in texts(fig4.draw(time_series().with_columns(doubtful=pl.lit("x"))))
-    walked = walking_summary().with_columns(n_doubtful=pl.lit(4))
-    assert "31 perturbations (4 doubtful)" in texts(fig9.draw(fig9.points(walked, None)))
-    good = [belt_table, walking_page_table, time_series, lambda: fig9.points(walking_summary(), None)]
+    assert "Open: doubtful" in texts(fig9.draw(fig9_points()))
+    good = [belt_table, walking_page_table, time_series, lambda: fig9_points().with_columns(doubtful=pl.lit(""))]
     for module, table in zip((fig3, walking_page, fig4, fig9), good, strict=True):
         assert "oubtful" not in texts(module.draw(table()))
 
@@ -665,36 +664,93 @@ def test_fig8_draws_desired_impedance_and_gains_at_the_joint_over_the_gait():
     assert panels[1].xaxis.get_major_formatter()(0.4) == "40"
 
 
-def test_fig9_has_means_with_one_sd_the_ensemble_with_its_interval_and_the_commanded_stiffness_in_its_panel():
-    figure = fig9.draw(fig9.points(walking_summary(), 340.0))
-    for ax, mean, sd in zip(figure.axes, (338.0, 4.3, 0.012), (20.0, 0.7, 0.02), strict=True):
-        assert ax.patches[0].get_height() == mean
-        scatter, interval = [s for c in ax.collections for s in c.get_segments()]
-        np.testing.assert_allclose(scatter[:, 1], [mean - sd, mean + sd])
-        np.testing.assert_allclose(interval[:, 1], [1.09 * mean, 1.12 * mean])
-        assert 1.1 * mean in [y for a in ax.lines for y in a.get_ydata()]
-    commanded = [340.0 in [y for a in ax.lines for y in a.get_ydata()] for ax in figure.axes]
-    assert commanded == [True, False, False]
+def walking_fits(n=31, group="all"):
+    """Perturbations `walk_1` ... of a group: K from 300 on, each 2 more; the second is doubtful."""
+    number = np.arange(n)
+    rows = {
+        "trial": [f"walk_{k + 1}" for k in number],
+        "K": 300 + 2.0 * number,
+        "B": 4 + 0.02 * number,
+        "I": 1e-3 * number,
+    }
+    return pl.DataFrame(rows | {"group": group, "doubtful": ["VAF 80" if k == 1 else "" for k in number]})
+
+
+def over_stance(commanded_B=None):
+    """What a trajectory commands of the one group."""
+    return pl.DataFrame({"group": "all", "quantity": ["K", "B"], "commanded": [345.0, commanded_B]})
+
+
+def fig9_points(commanded_K=None, summary=None, commanded_B=None):
+    table = walking_summary() if summary is None else summary
+    return fig9.points(table, walking_fits(), over_stance(commanded_B), commanded_K)
+
+
+def bars(ax):
+    """Ends of the vertical bars of a panel, from left to right."""
+    return [s[:, 1] for c in ax.collections if hasattr(c, "get_segments") for s in c.get_segments()]
+
+
+def test_fig9_has_every_estimate_the_mean_with_one_sd_the_ensemble_with_its_interval_and_the_commanded_values():
+    table = fig9_points(340.0, commanded_B=4.5)
+    figure = fig9.draw(table)
+    for ax, quantity, mean, sd in zip(figure.axes, "KBI", (338.0, 4.3, 0.012), (20.0, 0.7, 0.02), strict=True):
+        points, faces, links = scattered(ax, "One perturbation")
+        np.testing.assert_allclose(points[:, 1], walking_fits()[quantity])
+        assert [k for k, face in enumerate(faces) if (face == 1).all()] == [1]
+        assert links == [f"../report.html#trial=walk_{k}" for k in range(1, 32)]
+        scatter, interval = bars(ax)
+        np.testing.assert_allclose(scatter, [mean - sd, mean + sd])
+        np.testing.assert_allclose(interval, [1.09 * mean, 1.12 * mean])
+        drawn = {a.get_marker(): a.get_ydata()[0] for a in ax.lines if a.get_marker() in "sD"}
+        assert drawn == {"s": mean, "D": pytest.approx(1.1 * mean)}
+        assert not ax.patches
+    commanded = [[a.get_ydata()[0] for a in ax.lines if a.get_label() == "Commanded"] for ax in figure.axes]
+    assert commanded == [[340.0], [4.5], []]
+    said = fig9.caption(table)
+    assert "31 perturbations. Squares" in said
+    assert r"$\hat{K}$ is 338 ± 20 N·m/rad, of the mean response 371.8 N·m/rad (95 % interval 368.4 to 378.6)" in said
+    assert "(95 % interval 4.687 to 4.816), commanded 4.5;" in said
+    assert r"1 of 31 fits (walk\_2)" in said
+
+
+def test_fig9_axes_of_stiffness_and_damping_are_those_of_the_estimates_and_that_of_inertia_has_zero():
+    stiffness, damping, inertia = fig9.draw(fig9_points()).axes
+    assert stiffness.get_ylim()[0] > 250
+    assert damping.get_ylim()[0] > 2
+    assert inertia.get_ylim()[0] <= 0
+
+
+@pytest.mark.parametrize(
+    ("sheet", "configured", "drawn"), [(300.0, 340.0, 300.0), (None, 340.0, 340.0), (None, None, 345.0)]
+)
+def test_fig9_takes_what_was_commanded_from_the_sheet_or_the_configuration_or_the_trajectory(sheet, configured, drawn):
+    summary = walking_summary().with_columns(commanded=pl.lit(sheet, pl.Float64))
+    assert fig9_points(configured, summary).filter(quantity="K")["commanded"][0] == drawn
 
 
 def test_fig9_draws_an_estimate_that_lies_outside_the_percentiles_of_its_bootstrap():
-    table = fig9.points(walking_summary(), None).with_columns(ensemble_low=1.01 * pl.col("ensemble"))
-    (interval,) = [s for c in fig9.draw(table).axes[0].collections[1:] for s in c.get_segments()]
-    np.testing.assert_allclose(interval[:, 1], [1.01 * 1.1 * 338, 1.12 * 338])
+    table = fig9_points().with_columns(ensemble_low=1.01 * pl.col("ensemble"))
+    np.testing.assert_allclose(bars(fig9.draw(table).axes[0])[1], [1.01 * 1.1 * 338, 1.12 * 338])
 
 
-def test_fig9_of_a_single_perturbation_has_no_whisker_and_no_command_unless_given():
-    table = fig9.points(walking_summary().with_columns(sd=pl.lit(None, pl.Float64)), None)
+def test_fig9_of_a_single_perturbation_shows_it_without_a_mean():
+    without = walking_summary().with_columns(mean=pl.lit(None, pl.Float64))
+    table = fig9.points(without, walking_fits(1), over_stance().head(0))
     figure = fig9.draw(table)
-    assert [len(ax.collections) for ax in figure.axes] == [1, 1, 1]
-    assert "commanded" not in texts(figure)
+    assert [len(scattered(ax, "One perturbation")[0]) for ax in figure.axes] == [1, 1, 1]
+    assert [bars(ax) for ax in figure.axes] == [[], [], []]
+    assert "ommanded" not in texts(figure)
+    assert "has no mean" in fig9.caption(table)
+    with pytest.raises(InputError, match="no perturbation has a fit"):
+        fig9.points(without, walking_fits(0), over_stance())
 
 
 def test_fig9_needs_both_estimators():
     for estimator in (fig9.PER_PERTURBATION, fig9.ENSEMBLE):
         without = walking_summary().filter(pl.col("estimator") != estimator)
         with pytest.raises(InputError, match=f"no 'K' by the estimator '{estimator}', which Fig. 9 draws"):
-            fig9.points(without, None)
+            fig9_points(summary=without)
 
 
 def several_groups():
@@ -707,13 +763,16 @@ def several_groups():
     return pl.concat([one, two, none], how="diagonal_relaxed")
 
 
-def test_fig9_has_bars_for_every_group_with_a_result_and_each_group_s_command():
-    figure = fig9.draw(fig9.points(several_groups(), 340.0))
-    panel = figure.axes[0]
-    assert [bar.get_height() for bar in panel.patches] == [338.0, 676.0]
-    assert [label.get_text() for label in panel.get_xticklabels()] == ["$K_d$ 200 (31)", "$K_d$ 400 (31)"]
-    assert [float(a.get_ydata()[0]) for a in panel.lines if a.is_dashed()] == [200.0, 400.0]
-    assert "62 perturbations, in 2 groups" in texts(figure)
+def test_fig9_shows_every_group_with_a_result_and_each_group_s_command():
+    fits = pl.concat([walking_fits(31, "K_d 200"), walking_fits(31, "K_d 400")])
+    table = fig9.points(several_groups(), fits, over_stance(), 340.0)
+    panel, _, lowest = fig9.draw(table).axes
+    assert [a.get_ydata()[0] for a in panel.lines if a.get_marker() == "s"] == [338.0, 676.0]
+    assert [label.get_text() for label in lowest.get_xticklabels()] == ["$K_d$ 200 (31)", "$K_d$ 400 (31)"]
+    assert [float(a.get_ydata()[0]) for a in panel.lines if a.get_label() == "Commanded"] == [200.0, 400.0]
+    said = fig9.caption(table)
+    assert "62 perturbations in 2 groups" in said
+    assert r"K\_d 400: $\hat{K}$ is 676 ± 20" in said
 
 
 def test_the_walking_page_has_four_panels_per_group_each_with_its_own_curves():
@@ -965,7 +1024,6 @@ def test_unknown_figures_and_formats_are_refused(tmp_path):
 TABLES = {
     "impedance": impedance,
     "gains": gains,
-    "walking_summary": walking_summary,
     "model_comparison": model_scores,
 }
 

@@ -1,4 +1,4 @@
-"""The numbers of Figs. 3, 4 and 7, which need more than one result table."""
+"""The numbers of Figs. 3, 4, 7 and 9, which need more than one result table."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +15,8 @@ from osl_analysis.config import FrequencyResponseFigure
 from osl_analysis.doubtful import Doubt, marked
 from osl_analysis.examples import ImpedanceExample
 from osl_analysis.figures.fig7 import CURVE_TYPES, DESIRED, LINEAR_MODEL, RESPONSE, points, response_curve
+from osl_analysis.figures.fig9 import FIT_COLUMNS, SUMMARY_COLUMNS
+from osl_analysis.figures.fig9 import points as fig9_points
 from osl_analysis.figures.names import look_numbers, of_place
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
@@ -81,6 +83,20 @@ def fig7(
     curves = [curve for part in parts for curve in responses_in_theory(part, parameters, weight)]
     drawn = points(shown, pl.concat([pl.DataFrame(schema=CURVE_TYPES), *curves]))
     write_table(drawn.with_columns(chosen=pl.lit(None if choice else CHOSEN, pl.String)), output)
+
+
+def fig9(table: Path, fits: Path, over_stance: Path, output: Path, commanded_K: float | None = None) -> None:
+    """The numbers of Fig. 9: groups from `walking_summary.csv`, single perturbations from `walking.csv`, and what was
+    commanded, also from `impedance_over_stance.csv`. `commanded_K` [N*m/rad] as in `fig9.points`.
+
+    Raises
+    ------
+    InputError
+        As `fig9.points`.
+    """
+    summary, single = read_table(table, SUMMARY_COLUMNS), read_table(fits, FIT_COLUMNS)
+    trajectory = read_table(over_stance, ("group", "quantity", "commanded"))
+    write_table(fig9_points(summary, single, trajectory, commanded_K), output)
 
 
 def most_frequent(responses: pl.DataFrame) -> tuple[float | None, float | None]:

@@ -1,20 +1,41 @@
-"""Fig. 9: stiffness, damping and inertia of the ankle at midstance while walking."""
+"""Fig. 9: stiffness, damping and inertia of the ankle while walking, of every perturbation and of their mean."""
 
+import textwrap
 from itertools import product
+from typing import Any
 
+import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
+from osl_analysis.figures.captions import UNIT_OF, as_text, counted, doubtful_fits, with_interval, with_sd
 from osl_analysis.figures.names import drawn_name
-from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, PALE_ORANGE, PURPLE, SINGLE_COLUMN, panels, paper_style
+from osl_analysis.figures.style import (
+    BLACK,
+    DOUBLE_COLUMN,
+    GREY,
+    IS_DOUBTFUL,
+    OPEN_MARKER,
+    PURPLE,
+    SINGLE_COLUMN,
+    WHITE,
+    link_to_trials,
+    panels,
+    paper_style,
+)
+from osl_analysis.figures.swarm import squeezed, swarm_positions
 
-TABLE_COLUMNS = ("group", "quantity", "estimator", "n", "mean", "sd", "low", "high", "n_doubtful", "commanded")
-COLUMNS = (
-    "group", "quantity", "n", "mean", "sd", "n_doubtful", "ensemble", "ensemble_low", "ensemble_high", "commanded"
-)  # fmt: skip
+SUMMARY_COLUMNS = ("group", "quantity", "estimator", "n", "mean", "sd", "low", "high", "n_doubtful", "commanded")
+"""Columns that `points` needs of `walking_summary.csv`."""
 QUANTITIES = ("K", "B", "I")
+FIT_COLUMNS = ("trial", "group", *QUANTITIES, "doubtful")
+"""Columns that `points` needs of `walking.csv`."""
+COLUMNS = (
+    "group", "quantity", "trial", "estimate", "n", "mean", "sd", "n_doubtful", "ensemble", "ensemble_low",
+    "ensemble_high", "commanded", "doubtful",
+)  # fmt: skip
 LABELS = {
     "K": r"Stiffness $\hat{K}$ (N·m/rad)",
     "B": r"Damping $\hat{B}$ (N·m·s/rad)",
@@ -22,102 +43,177 @@ LABELS = {
 }
 PER_PERTURBATION, ENSEMBLE = "mean of perturbations", "ensemble"
 """Estimators whose mean and scatter, and whose interval, are drawn."""
-BESIDE, GROUP_WIDTH = 0.65, 1.8
-"""Distances on the axis from a bar to the ensemble's estimate, and from group to group."""
+LEGEND = ("One perturbation", "Mean ± SD", "Fit of mean response, 95 %", "Commanded")
+REACH, MEAN_AT, ENSEMBLE_AT, GROUP_WIDTH = 0.32, 0.55, 0.85, 1.8
+"""Distances on the axis: of single estimates from their middle, of the mean and of the ensemble's estimate from there,
+and from group to group."""
+LETTERED, PANEL_HEIGHT = 0.45, 1.2
+"""Width [in] of what is written beside a panel, and the height [in] of a panel over which single estimates spread."""
+LETTERS_PER_INCH = 17
+SIZE, DIAMETER = 2.6, 3.4 / 72
+"""Size [pt] of the points of single estimates, and the diameter [in] that each takes."""
+MOST_GROUPS = 6
+"""Groups whose numbers stand in the caption."""
 
 
-def points(walking_summary: pl.DataFrame, commanded_K: float | None = None) -> pl.DataFrame:
-    """A row for each group and each of K, B and I: mean and SD over the perturbations, the ensemble's estimate with its
-    95 % interval.
+def points(
+    walking_summary: pl.DataFrame, walking: pl.DataFrame, over_stance: pl.DataFrame, commanded_K: float | None = None
+) -> pl.DataFrame:
+    """For each group and each of K, B and I a row with mean and SD over the perturbations and the ensemble's estimate
+    with its 95 % interval, then a row per perturbation with its `estimate`.
 
-    `commanded_K` [N*m/rad] is the stiffness that the walking controller commands, if it is known; it is for a campaign
-    of one group whose sheet states none. `n_doubtful` is the number of perturbations whose fit is doubtful. Groups
-    without a result are not drawn.
+    `over_stance` is `impedance_over_stance.csv`. What is commanded comes from the sheet, from `commanded_K` [N*m/rad]
+    for K in a campaign of one group, or from the trajectory at the phase that the fit reads. A group without a result
+    has only its perturbations.
 
     Raises
     ------
     InputError
-        A quantity is not in the table.
+        A quantity of a group is not in the summary, or nothing has a result.
     """
-    summary = walking_summary.select(TABLE_COLUMNS).filter(pl.col("mean").is_not_null())
+    summary = walking_summary.select(SUMMARY_COLUMNS).filter(pl.col("mean").is_not_null())
+    fits = walking.select(FIT_COLUMNS).drop_nulls("group").filter(pl.all_horizontal(pl.col(QUANTITIES).is_finite()))
     rows = {(r["group"], r["estimator"], r["quantity"]): r for r in summary.iter_rows(named=True)}
-    groups = list(dict.fromkeys(group for group, _, _ in rows)) or [""]
-    found = []
+    groups = list(dict.fromkeys([*(group for group, _, _ in rows), *fits["group"]]))
+    if not groups:
+        raise InputError("no perturbation has a fit, which Fig. 9 draws; see the reasons in walking_excluded.csv")
+    trajectory = {(r["group"], r["quantity"]): r["commanded"] for r in over_stance.iter_rows(named=True)}
+    found: list[dict[str, Any]] = []
     for group, quantity in product(groups, QUANTITIES):
-        for estimator in (PER_PERTURBATION, ENSEMBLE):
-            if (group, estimator, quantity) not in rows:
-                raise InputError(
-                    f"the walking summary has no '{quantity}' by the estimator '{estimator}', which Fig. 9 draws; fit "
-                    "the crossings again"
-                )
-        mean, ensemble = (rows[group, estimator, quantity] for estimator in (PER_PERTURBATION, ENSEMBLE))
-        commanded = commanded_K if quantity == "K" and len(groups) == 1 else None
-        beside = {"ensemble": ensemble["mean"], "ensemble_low": ensemble["low"], "ensemble_high": ensemble["high"]}
-        stated = commanded if ensemble["commanded"] is None else ensemble["commanded"]
-        found.append({**mean, **beside, "commanded": stated})
-    return pl.DataFrame(found, schema_overrides={"commanded": pl.Float64, "sd": pl.Float64}).select(COLUMNS)
+        of_group = fits.filter(group=group)
+        row: dict[str, Any] = {"group": group, "quantity": quantity, "n": len(of_group)}
+        if any(name == group for name, _, _ in rows):
+            row |= group_row(rows, group, quantity)
+        configured = commanded_K if quantity == "K" and len(groups) == 1 else None
+        known = (row.get("commanded"), configured, trajectory.get((group, quantity)))
+        row["commanded"] = next((value for value in known if value is not None), None)
+        found.append(row)
+        single = of_group.select("group", "trial", "doubtful", pl.col(quantity).alias("estimate"))
+        found += [{"quantity": quantity, **one} for one in single.iter_rows(named=True)]
+    types = dict.fromkeys(COLUMNS, pl.Float64) | dict.fromkeys(("group", "quantity", "trial", "doubtful"), pl.String)
+    return pl.DataFrame(found, schema=types | {"n": pl.Int64, "n_doubtful": pl.Int64}).select(COLUMNS)
+
+
+def group_row(rows: dict[tuple[str, str, str], dict[str, Any]], group: str, quantity: str) -> dict[str, Any]:
+    """Mean and SD, and the ensemble's estimate, of one quantity of one group."""
+    for estimator in (PER_PERTURBATION, ENSEMBLE):
+        if (group, estimator, quantity) not in rows:
+            raise InputError(
+                f"the walking summary has no '{quantity}' by the estimator '{estimator}', which Fig. 9 draws; fit the "
+                "crossings again"
+            )
+    mean, ensemble = (rows[group, estimator, quantity] for estimator in (PER_PERTURBATION, ENSEMBLE))
+    beside = {"ensemble": ensemble["mean"], "ensemble_low": ensemble["low"], "ensemble_high": ensemble["high"]}
+    return (
+        {name: mean[name] for name in ("n", "mean", "sd", "n_doubtful")} | beside | {"commanded": ensemble["commanded"]}
+    )
 
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """(a) K, (b) B, (c) I: bars with one SD on either side of the mean, beside them the fit to the mean response with
-    its 95 % interval, commanded values dashed. Several groups stand side by side.
+    """(a) K, (b) B, (c) I: a point per perturbation, open where its fit is doubtful, beside them their mean with one SD
+    on either side and the fit to the mean response with its 95 % interval, commanded values dashed.
 
-    A line below gives the number of perturbations and, if there are any, of doubtful fits.
+    Several groups stand side by side, in panels one above the other, with the number of perturbations in brackets. No
+    axis begins at zero for its own sake.
     """
     groups = table["group"].unique(maintain_order=True).to_list()
     single = len(groups) == 1
-    figure, axes = panels(SINGLE_COLUMN if single else DOUBLE_COLUMN, 2.3 if single else 2.9, columns=3)
+    if single:
+        figure, axes = panels(SINGLE_COLUMN, 2.6, columns=3)
+    else:
+        figure, axes = panels(DOUBLE_COLUMN, 4.8, rows=3)
+    span = (len(groups) - 1) * GROUP_WIDTH + 1.6
+    width = SINGLE_COLUMN / 3 - LETTERED if single else DOUBLE_COLUMN - LETTERED
     for ax, quantity in zip(axes, QUANTITIES, strict=True):
-        rows = table.filter(pl.col("quantity") == quantity).to_dicts()
-        for number, row in enumerate(rows):
-            at = number * GROUP_WIDTH
-            draw_bar(ax, at, row["mean"], row["sd"])
-            draw_ensemble(ax, at + BESIDE, *(row[name] for name in ("ensemble", "ensemble_low", "ensemble_high")))
-            draw_commanded(ax, at, row["commanded"])
-        ax.axhline(0, color=BLACK, linewidth=0.6)
-        ax.set_xlim(-0.7, (len(rows) - 1) * GROUP_WIDTH + 1.0)
-        ax.set_xticks([] if single else [n * GROUP_WIDTH + BESIDE / 2 for n in range(len(rows))])
+        rows = table.filter(pl.col("quantity") == quantity)
+        for place, group in enumerate(groups):
+            at, of_group = place * GROUP_WIDTH, rows.filter(group=group)
+            draw_single(ax, at, of_group.drop_nulls("trial"), rows["estimate"].drop_nulls(), width / span)
+            draw_group(ax, at, of_group.filter(pl.col("trial").is_null()).row(0, named=True))
+        if quantity == "I" or ax.dataLim.y0 < 0:
+            ax.axhline(0, color=BLACK, linewidth=0.5, zorder=0)
+        ax.set_xlim(-0.5, span - 0.5)
+        ax.set_xticks([] if single else [n * GROUP_WIDTH + MEAN_AT / 2 for n in range(len(groups))])
         if not single:
-            ax.set_xticklabels([tick(row) for row in rows], rotation=35, ha="right", rotation_mode="anchor")
+            letters = int(LETTERS_PER_INCH * width / len(groups))
+            ax.set_xticklabels([tick(r, letters) for r in rows.filter(pl.col("trial").is_null()).iter_rows(named=True)])
         ax.set_ylabel(LABELS[quantity])
-    labels = dict(zip(*reversed(axes[0].get_legend_handles_labels()), strict=True))
-    figure.legend(list(labels.values()), list(labels), loc="outside upper center", ncols=2)
-    figure.supxlabel(said_below(table, single), fontsize=8)
+    found = dict(zip(*reversed(axes[0].get_legend_handles_labels()), strict=True))
+    labels = {name: found[name] for name in LEGEND if name in found}
+    if len(table.filter(IS_DOUBTFUL)):
+        labels[str(OPEN_MARKER.get_label())] = OPEN_MARKER
+    figure.legend(list(labels.values()), list(labels), loc="outside upper center", ncols=2 if single else 5)
     return figure
 
 
-def tick(row: dict[str, object]) -> str:
-    """Name of a group for the axis, with its number of perturbations."""
+def tick(row: dict[str, object], letters: int) -> str:
+    """Name of a group for the axis, in lines of so many letters, with its number of perturbations."""
     name = drawn_name(str(row["group"]), 60).replace("K_d", "$K_d$").replace("B_d", "$B_d$")
-    return f"{name} ({row['n']})"
+    return "\n".join(textwrap.wrap(f"{name} ({row['n']})", max(letters, 6), break_long_words=False))
 
 
-def said_below(table: pl.DataFrame, single: bool) -> str:
-    """What the line below the panels says."""
-    one = table.filter(pl.col("quantity") == QUANTITIES[0])
-    commanded = "; dashed: commanded" if table["commanded"].count() else ""
-    count = one["n_doubtful"].sum()
-    doubtful = f" ({count:g} doubtful)" if count else ""
-    several = "" if single else f", in {len(one)} groups (number of each in brackets)"
-    return f"{one['n'].sum():g} perturbations{several}{doubtful}{commanded}"
+def draw_single(ax: Axes, at: float, fits: pl.DataFrame, shown: pl.Series, inches: float) -> None:
+    """The single estimates of one group, beside each other where they would overlap.
+
+    `shown` are the estimates (n,) that the panel shows, `inches` the length of a unit of its horizontal axis.
+    """
+    heights = (fits["estimate"] / max(float(np.ptp(shown.to_numpy())), 1e-9) * PANEL_HEIGHT).to_numpy()
+    x = at + squeezed(swarm_positions(heights, DIAMETER) / inches, REACH)
+    fill = [WHITE if doubtful else GREY for doubtful in fits.select(IS_DOUBTFUL).to_series()]
+    drawn = ax.scatter(x, fits["estimate"], SIZE**2, facecolors=fill, edgecolors=GREY, linewidths=0.6, label=LEGEND[0])
+    link_to_trials(drawn, fits["trial"])
 
 
-def draw_bar(ax: Axes, at: float, mean: float, sd: float | None) -> None:
-    """One mean as a bar from zero, with its scatter."""
-    ax.bar([at], [mean], width=0.8, color=PALE_ORANGE, edgecolor=BLACK, linewidth=0.6, label="Mean ± SD of fits")
-    if sd is not None:
-        ax.errorbar([at], [mean], yerr=[sd], color=BLACK, linewidth=0.8, capsize=3, capthick=0.8)
+def draw_group(ax: Axes, at: float, row: dict[str, Any]) -> None:
+    """Mean and SD of one group, the fit to its mean response with its interval, and the commanded value, as far as they
+    are known. The interval's bounds are percentiles: the estimate may lie outside."""
+    if row["commanded"] is not None:
+        ends = [at - REACH - 0.1, at + ENSEMBLE_AT + 0.15]
+        ax.plot(
+            ends, [row["commanded"]] * 2, color=BLACK, linestyle=(0, (3, 2)), linewidth=0.8, zorder=0, label=LEGEND[3]
+        )
+    if row["mean"] is None:
+        return
+    sd = None if row["sd"] is None else [row["sd"]]
+    ax.errorbar(
+        [at + MEAN_AT], [row["mean"]], yerr=sd, fmt="s", color=BLACK, markersize=3, linewidth=0.8, capsize=2.5,
+        label=LEGEND[1],
+    )  # fmt: skip
+    low, high, place = row["ensemble_low"], row["ensemble_high"], [at + ENSEMBLE_AT]
+    ax.errorbar(
+        place, [(low + high) / 2], yerr=[(high - low) / 2], fmt="none", color=PURPLE, linewidth=1.2, capsize=2.5
+    )
+    ax.plot(place, [row["ensemble"]], "D", color=PURPLE, markersize=3.2, label=LEGEND[2])
 
 
-def draw_ensemble(ax: Axes, at: float, value: float, low: float, high: float) -> None:
-    """The fit to the mean response, with its interval. Its bounds are percentiles: the estimate may lie outside."""
-    label, middle = "Fit of mean response, 95 %", (low + high) / 2
-    ax.errorbar([at], [middle], yerr=[(high - low) / 2], fmt="none", color=PURPLE, linewidth=0.8, capsize=2)
-    ax.plot([at], [value], "D", color=PURPLE, markersize=2.8, label=label)
+def caption(table: pl.DataFrame) -> str:
+    """What points, bars and lines are, the numbers of every group, and which fits are doubtful."""
+    rows = table.filter(pl.col("trial").is_null())
+    groups = rows["group"].unique(maintain_order=True).to_list()
+    fits = table.filter(pl.col("quantity") == QUANTITIES[0]).drop_nulls("trial")
+    several = "" if len(groups) == 1 else f" in {len(groups)} groups, whose numbers stand in brackets"
+    said = [
+        r"Stiffness $\hat{K}$ (a), damping $\hat{B}$ (b) and inertia $\hat{I}$ (c) of the ankle while walking, Eq. 15. "
+        f"Points: {counted(len(fits), 'perturbation')}{several}. Squares: their mean ± SD. Diamonds: the fit to the "
+        "mean response with its 95 % interval (bootstrap)."
+    ]
+    if table["commanded"].count():
+        said.append("Dashed: what the walking controller commanded.")
+    for group in groups[:MOST_GROUPS]:
+        name = "" if len(groups) == 1 else f"{as_text(group)}: "
+        of_group = rows.filter(group=group).iter_rows(named=True)
+        said.append(f"{name}{'; '.join(said_of(row) for row in of_group)}.")
+    if len(groups) > MOST_GROUPS:
+        said.append(f"The numbers of {len(groups) - MOST_GROUPS} more groups stand in fig9.csv.")
+    return " ".join([*said, doubtful_fits(fits, "drawn open")])
 
 
-def draw_commanded(ax: Axes, at: float, commanded: float | None) -> None:
-    """The commanded value across one group, where it is known."""
-    if commanded is not None:
-        ax.plot([at - 0.6, at + 0.9], [commanded] * 2, color=BLACK, linestyle=(0, (3, 2)), linewidth=0.8)
+def said_of(row: dict[str, Any]) -> str:
+    """The numbers of one quantity of a group, in words."""
+    name, unit = rf"$\hat{{{row['quantity']}}}$", UNIT_OF[row["quantity"]]
+    commanded = "" if row["commanded"] is None else f", commanded {row['commanded']:g}"
+    if row["mean"] is None:
+        return f"{name} has no mean of several perturbations{commanded}"
+    ensemble = with_interval(row["ensemble"], row["ensemble_low"], row["ensemble_high"], unit)
+    return f"{name} is {with_sd(row['mean'], row['sd'], unit)}, of the mean response {ensemble}{commanded}"

@@ -36,7 +36,7 @@ from osl_analysis.figures import (
     torque_angle,
     walking_page,
 )
-from osl_analysis.figures.style import LOOKS, MAGENTA, ORANGE, PURPLE, SINGLE_COLUMN
+from osl_analysis.figures.style import LOOKS, MAGENTA, ORANGE, PURPLE, SINGLE_COLUMN, paper_style
 from osl_analysis.figures.swarm import swarm_positions
 from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table
@@ -901,6 +901,7 @@ def test_every_figure_fits_the_page_reads_at_8_points_and_comes_out_the_same_twi
     check_lettering_is_on_the_page(figure)
 
 
+@paper_style()
 def check_lettering_is_on_the_page(figure):
     """No lettering of a figure that has been drawn is cut off at the edge of the page."""
     inked, (width, height) = figure.get_tightbbox(), figure.get_size_inches()

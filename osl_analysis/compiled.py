@@ -9,6 +9,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 from numba.core import caching
+from numba.core.registry import cpu_target
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -42,3 +43,9 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     with suppress(RuntimeError, OSError):  # no folder can be written: each process compiles anew
         fast._cache = HealingCache(function)
     return cast(Callable[P, R], fast)
+
+
+def load_numba() -> None:
+    """Load what numba needs for the first call of a compiled function, 0.4 s, before processes are forked."""
+    cpu_target.typing_context.refresh()
+    cpu_target.target_context.refresh()

@@ -38,6 +38,8 @@ PRELOADED = [
     "osl_analysis.simulator.walking",
     "matplotlib.figure",
 ]
+SIMULATING = "osl_analysis.simulator.preloaded"
+"""Beside them if the first job of a run simulates: else it would cost more than it saves."""
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS")
 FOR_SNAKEMAKE = ("code", "command", "described", RECORDED)
 LONGEST_PLACE = 70
@@ -85,7 +87,9 @@ def run_job(log: Any, command: str, input: Any, output: Any, params: Any, files:
     files_made = flat(plain(list(files)) if files else request["output"])
     job = Job(command, request, unnamed, files_made, said_of_tables["data"])
     path.unlink(missing_ok=True)
-    process = fork_server().Process(target=run_uninterrupted, args=(path, job), daemon=True)
+    process = fork_server(command.startswith("simulate.")).Process(
+        target=run_uninterrupted, args=(path, job), daemon=True
+    )
     try:
         with ONE_AT_A_TIME:
             process.start()
@@ -119,11 +123,14 @@ def outputs(files: Any) -> dict[str, Any]:
 
 
 @cache
-def fork_server() -> multiprocessing.context.ForkServerContext:
-    """The process from which jobs are forked. Each job uses one thread, because Snakemake counts one core per job."""
+def fork_server(simulating: bool = False) -> multiprocessing.context.ForkServerContext:
+    """The process from which jobs are forked. Each job uses one thread, because Snakemake counts one core per job.
+
+    The first call decides by `simulating` what that process has loaded.
+    """
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(PRELOADED)
+    context.set_forkserver_preload([*PRELOADED, SIMULATING] if simulating else PRELOADED)
     make_folder_of_sockets()
     return context
 

@@ -141,7 +141,7 @@ FIT_INPUTS = {"trial": "results/trials/b_7.parquet"}
 
 def cause_of_death(process: SimpleNamespace, tmp_path: Path, monkeypatch) -> Refusal:
     """The record of a fit of the trial b_7 whose process is this one."""
-    monkeypatch.setattr(workflow, "fork_server", lambda: SimpleNamespace(Process=lambda **_: process))
+    monkeypatch.setattr(workflow, "fork_server", lambda _: SimpleNamespace(Process=lambda **_: process))
     output = tmp_path / "fits/b_7.csv"
     workflow.run_job(tmp_path / "b_7.log", "bench.fit", FIT_INPUTS, {"output": str(output)}, {})
     (cause,) = read_refusals(output)
@@ -163,7 +163,7 @@ def test_of_jobs_that_are_killed_at_the_same_time_each_says_by_which_signal(tmp_
     """A second thread that starts a process may read the exit code of the first one's; it can be read once."""
     context = multiprocessing.get_context("forkserver")
     process = SimpleNamespace(Process=lambda **_: context.Process(target=signal.raise_signal, args=[signal.SIGKILL]))
-    monkeypatch.setattr(workflow, "fork_server", lambda: process)
+    monkeypatch.setattr(workflow, "fork_server", lambda _: process)
 
     def reason(number: int) -> str:
         output = tmp_path / f"{number}.csv"

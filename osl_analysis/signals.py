@@ -1,6 +1,7 @@
 """One zero-phase filter for every signal of a trial, then derivatives: never filter angle and torque differently."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,12 @@ DEGREE = 5
 """Degree of the spline that gives derivatives."""
 UNIFORM_TOLERANCE = 0.2
 """Largest accepted deviation of a sampling step from the mean step, as a fraction of the mean step."""
+
+
+@lru_cache
+def butterworth(order: int, cutoff_hz: float, rate_hz: float) -> Array:
+    """Second-order sections (m, 6) of a Butterworth low-pass. Designing them takes as long as filtering with them."""
+    return np.asarray(butter(order, cutoff_hz, fs=rate_hz, output="sos"))
 
 
 @dataclass(frozen=True)
@@ -52,7 +59,7 @@ class LowPass:
             raise InputError(
                 f"{len(signal)} samples are too few for a {self.cutoff_hz:g} Hz filter; it needs more than {edge}"
             )
-        sections = butter(self.order, self.cutoff_hz, fs=rate_hz, output="sos")
+        sections = butterworth(self.order, self.cutoff_hz, rate_hz)
         return np.asarray(sosfiltfilt(sections, signal, axis=0, padlen=edge))
 
     def independent_samples(self, rate_hz: float) -> int:

@@ -22,8 +22,11 @@ from osl_analysis.signals import LowPass, Motion
 from osl_analysis.trial import Array
 
 ROOT = Path(__file__).parents[1]
-LONGEST = ("test_workflow", "test_study")
-"""Modules that take a minute or more."""
+LONGEST = (
+    "test_workflow", "test_study", "test_figures", "test_gain_selection", "test_walking_platform",
+    "test_walking_commands", "test_free_names", "test_adding", "test_walking_groups", "test_simulator_recorder",
+)  # fmt: skip
+"""Modules that take more than 7 s of a core, the longest first."""
 
 # without a deadline: a busy machine is no fault of the code
 settings.register_profile(
@@ -37,7 +40,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     A module runs in one process. One that begins late would keep it busy while the others have nothing left.
     """
-    items.sort(key=lambda item: item.path.stem not in LONGEST)
+    items.sort(key=lambda item: LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST))
     for item in items:
         if any(fnmatch(item.path.stem, pattern) for pattern in NUMERICAL):
             item.add_marker(pytest.mark.numerics)

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfreqz
+from scipy.signal import sosfreqz
 
 from osl_analysis.bench.moving_record import TERMS, MovingRecord, noise_beyond
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.signals import LowPass
+from osl_analysis.signals import LowPass, butterworth
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.rounding import visible_step
 from osl_analysis.trial import Array
@@ -151,7 +151,7 @@ def angle_noise_bias(record: MovingRecord, fit: LinearFit) -> float:
 
 def filter_gain(low_pass: LowPass, rate_hz: float) -> tuple[Array, Array]:
     """Frequencies [Hz] up to half the rate, and the zero-phase filter's gain there, shape (n,) each."""
-    sections = butter(low_pass.order, low_pass.cutoff_hz, fs=rate_hz, output="sos")
+    sections = butterworth(low_pass.order, low_pass.cutoff_hz, rate_hz)
     f, response = sosfreqz(sections, worN=4096, fs=rate_hz)
     return np.asarray(f), np.asarray(np.abs(response) ** 2)
 

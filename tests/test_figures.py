@@ -149,7 +149,9 @@ def walking_page_table():
             frames.append(pl.DataFrame({"x": stance, "mean": mean}).with_columns(
                 panel=pl.lit(panel), curve=pl.lit(name), sd=pl.lit(2.0), n=pl.lit(5 if name == "perturbed" else 7)
             ))  # fmt: skip
-    frames.append(pl.DataFrame({"panel": "angle", "curve": "window", "x": [40.0, 54.0]}))
+    for curve, phases, times in (("window", [40.0, 54.0], [0.0, 100.0]), ("baseline", [26.0, 34.0], [-100.0, -40.0])):
+        for panel, x in (("angle", phases), ("response angle", times)):
+            frames.append(pl.DataFrame({"panel": panel, "curve": curve, "x": x}))
     for panel in ("response angle", "response torque"):
         for trial, name, size in (("w1", "each", 0.9), ("w2", "each", 1.1), ("ensemble", "mean", 1.0)):
             values = size * np.clip(after, 0, 60)
@@ -835,15 +837,32 @@ def test_the_walking_page_shows_both_gaits_every_response_their_mean_and_its_fit
         np.testing.assert_allclose(unperturbed.get_ydata(), x * (100 - x) / 100)
         band = ax.collections[0].get_paths()[0].get_extents()
         assert band.y1 == pytest.approx(unperturbed.get_ydata().max() + 2, abs=0.1)
-        assert (ax.patches[0].get_x(), ax.patches[0].get_width()) == (40, 14)
+        assert intervals_in(ax) == {"Baseline": (26, 34), "Fitted window": (40, 54)}
     for ax, fits in ((isolated_angle, 0), (isolated_torque, 1)):
+        assert intervals_in(ax) == {"Baseline": (-100, -40), "Fitted window": (0, 100)}
         thin = [a for a in ax.lines if a.get_alpha()]
-        assert len(thin) == 2
+        assert [a.get_url() for a in thin] == [f"../report.html#trial=w{k}" for k in (1, 2)]
         (mean,) = [a for a in ax.lines if a.get_label() == "Mean"]
         np.testing.assert_allclose(mean.get_ydata(), np.mean([a.get_ydata() for a in thin], axis=0))
         dashed = [a for a in ax.lines if a.is_dashed()]
         assert len(dashed) == fits
     np.testing.assert_allclose(dashed[0].get_ydata(), np.clip(dashed[0].get_xdata(), 0, 60) - 1)
+
+
+def intervals_in(ax):
+    """Ends of the shaded intervals of a panel by their names."""
+    return {str(patch.get_label()): (patch.get_x(), patch.get_x() + patch.get_width()) for patch in ax.patches}
+
+
+def test_the_walking_page_s_caption_says_where_responses_are_zero_and_what_they_are_at_the_onset():
+    onset = (
+        (pl.col("x").abs() < 6) & pl.col("panel").str.starts_with("response") & pl.col("curve").is_in(["each", "mean"])
+    )
+    shift = pl.when(pl.col("trial") == "w1").then(-1.0).when(pl.col("trial") == "w2").then(-2.0).otherwise(-1.5)
+    said = walking_page.caption(walking_page_table().with_columns(mean=pl.when(onset).then(shift).otherwise("mean")))
+    assert "hatched baseline, −100 to −40 ms from the onset, and not at the onset" in said
+    assert "at the onset the mean response is −1.50 deg (SD 0.71) and −1.50 N·m (SD 0.71)" in said
+    assert "7 unperturbed crossings and 5 perturbed" in said
 
 
 def test_rival_models_are_drawn_by_trial_on_one_logarithmic_axis_with_their_geometric_mean():

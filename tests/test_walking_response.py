@@ -30,6 +30,7 @@ from osl_analysis.walking.response_fit import (
     response_lag,
 )
 from osl_analysis.walking.settings import Timing
+from osl_analysis.walking.tables import interval_points
 from osl_analysis.walking.unperturbed import PHASES, UnperturbedGait, unperturbed_gait
 
 K, B, I = 340.0, 5.0, 0.03
@@ -74,6 +75,20 @@ def mean_gait(n: int = 4) -> UnperturbedGait:
 
 def respond(walked: Crossing, gait: UnperturbedGait, timing: Timing = TIMING) -> PerturbationResponse:
     return isolate_response(walked, gait, timing)
+
+
+def test_a_response_is_zero_on_average_over_the_baseline_that_the_walking_page_shows() -> None:
+    walked = crossing("w", onset=0.6, angle=0.02, torque=3.0)
+    ends = interval_points([walked], TIMING)
+    shown = ends.filter(panel="response angle", curve="baseline")["x"] / 1e3
+    assert shown.to_list() == pytest.approx([-0.1, -0.04])
+    response = respond(walked, mean_gait())
+    over = (response.time >= shown[0] - 1e-9) & (response.time < shown[1] - 1e-9)
+    assert np.mean(response.motion.theta[over]) == pytest.approx(0, abs=1e-9)
+    assert np.mean(response.torque[over]) == pytest.approx(0, abs=1e-9)
+    assert ends.filter(panel="angle")["x"].to_list() == pytest.approx(
+        [100 * (0.3 + after) / 0.72 for after in (0, 0.1, -0.1, -0.04)]
+    )
 
 
 @pytest.mark.parametrize("stance", [0.66, 0.72, 0.8])

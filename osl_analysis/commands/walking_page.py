@@ -40,6 +40,6 @@ def plot_walking_page(
         perturbed = [c for c in chosen if c.name in names]
         gait = gaits[places[perturbed[0].name]["gait"]]
         both = {"unperturbed": gait, "perturbed": unperturbed_gait(perturbed, 2)}
-        points = walking_page_points(perturbed, both, of_group.drop("group"), settings.window_s)
+        points = walking_page_points(perturbed, both, of_group.drop("group"), settings.timing)
         frames.append(points.with_columns(group=pl.lit(group)))
     write_table(pl.concat(frames, how="diagonal"), output)

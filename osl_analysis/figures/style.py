@@ -69,6 +69,7 @@ PAPER: dict[Any, Any] = {
     "ytick.major.size": 2.5,
     "xtick.minor.size": 1.5,
     "ytick.minor.size": 1.5,
+    "hatch.linewidth": 0.5,
     "lines.linewidth": 1.0,
     "lines.markersize": 4,
     "legend.frameon": False,
@@ -160,7 +161,12 @@ def legend_columns(labels: Sequence[str], width: float, most: int) -> int:
 
 def link_to_trials(drawn: Collection, trials: Iterable[str]) -> None:
     """In an SVG, each of the points or lines (n,) leads to its trial (n,) in the report of the run."""
-    drawn.set_urls([f"{REPORT}#trial={quote(trial, safe='')}" for trial in trials])
+    drawn.set_urls([place_in_report(trial) for trial in trials])
+
+
+def place_in_report(trial: str) -> str:
+    """Address of a trial in the report of the run, as its figures' SVG files reach it."""
+    return f"{REPORT}#trial={quote(trial, safe='')}"
 
 
 def draw_spread(ax: Axes, rows: pl.DataFrame, x: str, quantity: str, colour: str) -> None:

@@ -1,11 +1,15 @@
 """The walking page: how the responses of Fig. 9 follow from perturbed and unperturbed crossings."""
 
+from typing import Any
+
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from osl_analysis.figures.captions import as_text, counted, decimals_of, doubtful_fits, number
+from osl_analysis.figures.names import drawn_name
 from osl_analysis.figures.style import (
     BLACK,
     DOTTED,
@@ -16,12 +20,18 @@ from osl_analysis.figures.style import (
     PALE_ORANGE,
     PURPLE,
     paper_style,
+    place_in_report,
 )
 
 COLUMNS = ("group", "panel", "curve", "trial", "x", "mean", "sd", "doubtful")
-GAIT = {"unperturbed": (PURPLE, "Unperturbed"), "perturbed": (ORANGE, "Perturbed")}
+GAIT = {"unperturbed": (PURPLE, "-", "Unperturbed"), "perturbed": (ORANGE, (0, (5, 1.5)), "Perturbed")}
 STANCE = "Stance (%)"
 AFTER_ONSET = "Time from the platform’s onset (ms)"
+RESPONSES = {"response angle": "deg", "response torque": "N·m"}
+HATCHED = "#C4C4C4"
+"""Colour of the baseline's hatching."""
+MOST_GROUPS = 4
+"""Groups whose numbers stand in the caption."""
 
 
 @paper_style()
@@ -29,15 +39,23 @@ def draw(table: pl.DataFrame) -> Figure:
     """Over stance (a) angle and (b) torque, over time (c) isolated angle and (d) isolated torque, for each group.
 
     (a) and (b) show mean and SD of unperturbed and perturbed crossings, (c) and (d) every perturbation, their mean, and
-    the fit of Eq. 15 to the mean. The fitted window is shaded. Perturbations with a doubtful fit are dotted.
+    the fit of Eq. 15 to the mean. The fitted window is shaded; the baseline, over which each response is zero on
+    average, is hatched. Perturbations with a doubtful fit are dotted.
     """
     groups = table.partition_by("group", maintain_order=True)
     figure = Figure(figsize=(DOUBLE_COLUMN, 4.4 * len(groups)), layout="constrained")
     parts = figure.subfigures(len(groups), 1, squeeze=False)[:, 0]
     for part, rows in zip(parts, groups, strict=True):
         if len(groups) > 1:
-            part.suptitle(rows["group"][0], fontsize=9)
-        draw_group(part.subplots(2, 2), rows)
+            part.suptitle(drawn_name(rows["group"][0], 60), fontsize=8)
+        axes = part.subplots(2, 2)
+        draw_group(axes, rows)
+        found = {
+            label: handle
+            for ax in (axes[0, 1], axes[1, 1])
+            for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)
+        }
+        part.legend(list(found.values()), list(found), loc="outside upper center", ncols=4)
     return figure
 
 
@@ -45,17 +63,16 @@ def draw_group(axes: NDArray[np.object_], table: pl.DataFrame) -> None:
     """The four panels (2, 2) of one group."""
     for ax, letter in zip(axes.ravel(), "abcd", strict=True):
         ax.set_title(f"({letter})", loc="left")
-    window = curve(table, "angle", "window")["x"]
     for ax, panel in zip(axes[0], ("angle", "torque"), strict=True):
-        draw_gait(ax, table.filter(pl.col("panel") == panel), float(window[0]), float(window[1]))
-    for ax, panel in zip(axes[1], ("response angle", "response torque"), strict=True):
+        draw_intervals(ax, table, "angle")
+        draw_gait(ax, table.filter(pl.col("panel") == panel))
+    for ax, panel in zip(axes[1], RESPONSES, strict=True):
+        draw_intervals(ax, table, "response angle")
         draw_response(ax, table, panel)
     axes[0, 0].set_ylabel("Ankle angle, dorsiflexion up (deg)")
     axes[0, 1].set_ylabel("Ankle torque (N·m)")
     axes[1, 0].set_ylabel("Isolated angle (deg)")
     axes[1, 1].set_ylabel("Isolated torque (N·m)")
-    axes[0, 1].legend(loc="upper left", handlelength=1.1, handletextpad=0.5)
-    axes[1, 1].legend(loc="upper left")
 
 
 def curve(table: pl.DataFrame, panel: str, name: str) -> pl.DataFrame:
@@ -63,37 +80,96 @@ def curve(table: pl.DataFrame, panel: str, name: str) -> pl.DataFrame:
     return table.filter((pl.col("panel") == panel) & (pl.col("curve") == name))
 
 
-def draw_gait(ax: Axes, rows: pl.DataFrame, start: float, end: float) -> None:
-    """Mean and one SD on either side, over stance, with the fitted window from `start` to `end` [%]."""
-    ax.axvspan(start, end, color=PALE_ORANGE, alpha=0.5, linewidth=0, label="Fitted window")
-    for name, (colour, label) in GAIT.items():
+def draw_intervals(ax: Axes, table: pl.DataFrame, panel: str) -> None:
+    """The baseline hatched and the fitted window shaded, as far as the panel's numbers have them."""
+    looks: dict[str, dict[str, Any]] = {
+        "baseline": {"facecolor": "none", "edgecolor": HATCHED, "hatch": "////", "label": "Baseline"},
+        "window": {"color": PALE_ORANGE, "alpha": 0.5, "label": "Fitted window"},
+    }
+    for name, look in looks.items():
+        ends = curve(table, panel, name)["x"]
+        if len(ends):
+            ax.axvspan(float(ends[0]), float(ends[1]), linewidth=0, zorder=0, **look)
+
+
+def draw_gait(ax: Axes, rows: pl.DataFrame) -> None:
+    """Mean and one SD on either side, over stance."""
+    for name, (colour, dashes, label) in GAIT.items():
         one = rows.filter(pl.col("curve") == name)
         x, mean, sd = (one[column].to_numpy() for column in ("x", "mean", "sd"))
         ax.fill_between(x, mean - sd, mean + sd, color=colour, alpha=0.25, linewidth=0)
-        ax.plot(x, mean, color=colour, label=f"{label} ($n$ = {int(one['n'][0])})")
+        ax.plot(x, mean, color=colour, linestyle=dashes, label=f"{label} ($n$ = {int(one['n'][0])})")
     ax.set_xlim(0, 100)
     ax.set_xlabel(STANCE)
 
 
 def draw_response(ax: Axes, table: pl.DataFrame, panel: str) -> None:
-    """Every perturbation thin, their mean, and where the table has one its fit, with the fitted window shaded."""
+    """Every perturbation thin, their mean, and where the table has one its fit. Each leads to its trial."""
     every = curve(table, panel, "each")
-    fitted = curve(table, "response torque", "fit")["x"]
-    ax.axvspan(float(fitted[0]), float(fitted[-1]), color=PALE_ORANGE, alpha=0.5, linewidth=0)
     trials = every.partition_by("trial", maintain_order=True)
-    for number, one in enumerate(trials):
-        ax.plot(
-            one["x"], one["mean"], color=GREY, alpha=0.45, linewidth=0.5, label=None if number else "Each perturbation"
-        )
     doubtful = [one for one in trials if len(one.filter(IS_DOUBTFUL))]
-    for number, one in enumerate(doubtful):
-        label = None if number else f"Doubtful fit ($n$ = {len(doubtful)})"
-        ax.plot(one["x"], one["mean"], color=BLACK, linewidth=0.7, linestyle=DOTTED, label=label)
+    looks: list[tuple[list[pl.DataFrame], str, dict[str, Any]]] = [
+        (trials, "Each perturbation", {"color": GREY, "alpha": 0.45, "linewidth": 0.5}),
+        (doubtful, f"Doubtful fit ($n$ = {len(doubtful)})", {"color": BLACK, "linewidth": 0.7, "linestyle": DOTTED}),
+    ]
+    for drawn, label, look in looks:
+        for place, one in enumerate(drawn):
+            (line,) = ax.plot(one["x"], one["mean"], label=None if place else label, **look)
+            line.set_url(place_in_report(one["trial"][0]))
     mean, fit = curve(table, panel, "mean"), curve(table, panel, "fit")
     ax.plot(mean["x"], mean["mean"], color=BLACK, linewidth=1.4, label="Mean")
     if not fit.is_empty():
         label = r"Fit of $K\theta + B\dot\theta + I\ddot\theta$"
         ax.plot(fit["x"], fit["mean"], color=ORANGE, linewidth=1.4, linestyle=(0, (3, 2)), label=label)
     ax.axhline(0, color=BLACK, linewidth=0.4)
+    ax.axvline(0, color=BLACK, linewidth=0.4)
     ax.set_xlim(float(every["x"].min()), float(every["x"].max()))  # type: ignore[arg-type]
     ax.set_xlabel(AFTER_ONSET)
+
+
+def caption(table: pl.DataFrame) -> str:
+    """What the panels show, where the responses are zero and why their mean is not zero at the onset, and doubts."""
+    groups = table.partition_by("group", maintain_order=True)
+    said = [
+        "From crossings to the responses that Fig. 9 fits. (a) Ankle angle and (b) ankle torque over stance, mean ± SD "
+        "of unperturbed and perturbed crossings. (c) Isolated angle and (d) isolated torque: every perturbed crossing "
+        "minus the mean unperturbed gait at the same phase of stance, their mean, and the fit of Eq. 15 to it in the "
+        "shaded window."
+    ]
+    if len(ends := curve(groups[0], "response angle", "baseline")["x"]):
+        said.append(
+            f"Each response is zero on average over the hatched baseline, {number(ends[0], 0)} to "
+            f"{number(ends[1], 0)} ms from the onset, and not at the onset: in between, a crossing's own gait departs "
+            "from the mean one, and the zero-phase filter spreads the platform's motion to times before the onset. The "
+            "fit has no offset, so that both are in it."
+        )
+    for rows in groups[:MOST_GROUPS]:
+        name = f"{as_text(rows['group'][0])}: " if len(groups) > 1 else ""
+        said.append(f"{name}{crossings_said(rows)}; {onset_said(rows)}.")
+    if len(groups) > MOST_GROUPS:
+        said.append(f"The numbers of {len(groups) - MOST_GROUPS} more groups stand in walking_page.csv.")
+    fits = table.filter(pl.col("curve") == "each").unique("trial", maintain_order=True)
+    return " ".join([*said, doubtful_fits(fits, "dotted")])
+
+
+def crossings_said(rows: pl.DataFrame) -> str:
+    """Numbers of crossings of one group."""
+    counts = {name: int(curve(rows, "angle", name)["n"][0]) for name in GAIT}
+    return f"{counted(counts['unperturbed'], 'unperturbed crossing')} and {counts['perturbed']} perturbed"
+
+
+def onset_said(rows: pl.DataFrame) -> str:
+    """The mean responses of one group at the onset, and the scatter of the single ones there."""
+    said = []
+    for panel, unit in RESPONSES.items():
+        mean, each = (at_onset(curve(rows, panel, name)) for name in ("mean", "each"))
+        sd = float(each.std()) if len(each) > 1 else 0.0  # type: ignore[arg-type]
+        digits = decimals_of(sd, float(mean[0]))
+        said.append(f"{number(float(mean[0]), digits)} {unit}" + (f" (SD {number(sd, digits)})" if sd else ""))
+    return f"at the onset the mean response is {' and '.join(said)}"
+
+
+def at_onset(rows: pl.DataFrame) -> pl.Series:
+    """The value of each curve nearest to the onset, in the order of the trials."""
+    nearest = rows.sort(pl.col("x").abs(), maintain_order=True).group_by("trial", maintain_order=True).first()
+    return nearest["mean"]

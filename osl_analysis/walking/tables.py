@@ -17,7 +17,7 @@ from osl_analysis.walking.headline import Headline, Symmetry
 from osl_analysis.walking.headline_doubts import single_facts
 from osl_analysis.walking.response import PerturbationResponse, isolate_response
 from osl_analysis.walking.response_fit import fit_response, offset_comparison, response_lag
-from osl_analysis.walking.settings import ResponseSettings
+from osl_analysis.walking.settings import ResponseSettings, Timing
 from osl_analysis.walking.unperturbed import PHASES, UnperturbedGait
 
 QUANTITIES = ("K", "B", "I", "VAF")
@@ -177,15 +177,15 @@ def response_frame(
 
 
 def walking_page_points(
-    perturbed: Sequence[Crossing], gaits: Mapping[str, UnperturbedGait], responses: pl.DataFrame, window: float
+    perturbed: Sequence[Crossing], gaits: Mapping[str, UnperturbedGait], responses: pl.DataFrame, timing: Timing
 ) -> pl.DataFrame:
     """Points of the walking page: both gaits over stance [%], angle in deg, torque in N*m; responses over time [ms].
 
-    `perturbed` are the crossings whose fitted window [s] is shown, `gaits` the mean gaits by curve, `responses` is
-    `walking_responses.csv` with the column `doubtful` of `walking.csv`.
+    `perturbed` are the crossings whose fitted window and baseline, of this `timing`, are shown, `gaits` the mean gaits
+    by curve, `responses` is `walking_responses.csv` with the column `doubtful` of `walking.csv`.
     """
     frames = [frame for curve, gait in gaits.items() for frame in gait_points(curve, gait)]
-    return pl.concat([*frames, window_points(perturbed, window), response_points(responses)], how="diagonal")
+    return pl.concat([*frames, interval_points(perturbed, timing), response_points(responses)], how="diagonal")
 
 
 def gait_points(curve: str, gait: UnperturbedGait) -> list[pl.DataFrame]:
@@ -201,14 +201,18 @@ def gait_points(curve: str, gait: UnperturbedGait) -> list[pl.DataFrame]:
     ]
 
 
-def window_points(crossings: Sequence[Crossing], window: float) -> pl.DataFrame:
-    """Mean phase [%] at which the fitted window [s] begins and ends."""
-    ends = [
-        [100 * (c.onset + late - c.stance.heel_strike) / c.stance.duration for late in (0.0, window)]
-        for c in crossings
-        if c.onset is not None
-    ]
-    return pl.DataFrame({"panel": "angle", "curve": "window", "x": np.mean(ends, axis=0)})
+def interval_points(crossings: Sequence[Crossing], timing: Timing) -> pl.DataFrame:
+    """Ends of the fitted window and of the baseline: mean phases of stance [%], and times from the onset [ms]."""
+    frames = []
+    for curve, ends in (("window", (0.0, timing.window)), ("baseline", (-timing.lead, -timing.guard))):
+        phases = [
+            [100 * (c.onset + late - c.stance.heel_strike) / c.stance.duration for late in ends]
+            for c in crossings
+            if c.onset is not None
+        ]
+        for panel, x in (("angle", np.mean(phases, axis=0)), ("response angle", 1e3 * np.array(ends))):
+            frames.append(pl.DataFrame({"panel": panel, "curve": curve, "x": x}))
+    return pl.concat(frames)
 
 
 def response_points(responses: pl.DataFrame) -> pl.DataFrame:

@@ -23,6 +23,7 @@ from osl_analysis.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.figures import FIGURES, drawn_figures
 from osl_analysis.files import digest, file_state
 from osl_analysis.refusal_report import refusal_report, refusals_in
+from osl_analysis.report.page import TEMPLATES
 from osl_analysis.study import BENCH as STUDY_ON_BENCH, REPEATED as STUDY_OF_REPEATS, WALKING as STUDY_OF_WALKING
 from osl_analysis.yaml_settings import read_mapping
 
@@ -61,6 +62,7 @@ include: "rules/model_comparison.smk"
 include: "rules/walking.smk"
 include: "rules/tables.smk"
 include: "rules/figures.smk"
+include: "rules/report.smk"
 include: "rules/study.smk"
 
 
@@ -79,6 +81,7 @@ rule:
         RESULTS / "summary.json",
         RESULTS / "numbers.tex",
         RESULTS / "csv-metadata.json",
+        RESULTS / "report.html",
 
 
 def end_of_run(records) -> str:

@@ -59,6 +59,13 @@ class FigureChoices(Settings):
     ends."""
 
 
+class ReportChoices(Settings):
+    """The page `report.html` of a run."""
+
+    largest_mb: Positive = 40.0
+    """Largest size of the page [MB]; signals are thinned out to keep it, and the page says so."""
+
+
 class StudySettings(Settings):
     """The Monte Carlo study of the estimators: simulated trials, their number, and their division into jobs.
 
@@ -138,6 +145,8 @@ class Config(Settings):
     """Thresholds of quality control."""
     figures: FigureChoices
     """What the figures show."""
+    report: ReportChoices = ReportChoices()
+    """The page `report.html`."""
     study: StudySettings
     """The Monte Carlo study."""
 

@@ -33,6 +33,8 @@ class Table:
 
 TIME_BASE = Table("timebase", judged=False)
 """What the time base did to a trial: every bench experiment has rows in it."""
+SERIES = Table("series", judged=False, published=False)
+"""Measured and modelled signals of a trial, thinned out: the report draws them of every bench experiment."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,7 @@ class Experiment:
     further_tables: result tables that separate rules compute from all trials together.
     judged_further: those of them whose rows have limits under `doubtful` in the configuration.
     fit: the job that fits one trial; None if separate rules do this.
+    impedance: columns of its first table that are a stiffness, a damping and an inertia; empty where it has none.
     """
 
     description: str
@@ -92,6 +95,7 @@ class Experiment:
     further_tables: tuple[str, ...] = ()
     judged_further: tuple[str, ...] = ()
     fit: Fit | None = None
+    impedance: tuple[str, str, str] = ("K", "B", "I")
 
     @property
     def needed_columns(self) -> tuple[str, ...]:
@@ -121,12 +125,14 @@ EXPERIMENTS: dict[str, Experiment] = {
             Table("belt", derived={"belt_summary": "bench.summarise_belt"}),
             Table("belt_curves", judged=False, published=False),
             TIME_BASE,
+            SERIES,
         ),
         fit=Fit(
             "bench.fit_belt_trial",
             {"settings": ("dynamometer", "BeltAnalysis")},
             parameters=True,
         ),
+        impedance=("K_s", "", ""),
     ),
     "transmission": Experiment(
         "motor detached, stepped sine: B_j and J_j",
@@ -135,8 +141,13 @@ EXPERIMENTS: dict[str, Experiment] = {
         torque="torque",
         stepped_sine=True,
         log="dynamometer",
-        tables=(Table("transmission", derived={"transmission_summary": "bench.summarise_transmission"}), TIME_BASE),
+        tables=(
+            Table("transmission", derived={"transmission_summary": "bench.summarise_transmission"}),
+            TIME_BASE,
+            SERIES,
+        ),
         fit=Fit("bench.fit_transmission_trial", {"settings": ("dynamometer", "SteppedSineAnalysis")}, parameters=True),
+        impedance=("", "B_j", "J_j"),
     ),
     "actuator": Experiment(
         "actuator alone, driven at a velocity and a current: k_tau n_m, f_C, f_G, B_m and J_m",
@@ -145,8 +156,9 @@ EXPERIMENTS: dict[str, Experiment] = {
         torque="torque_m",
         signals=("current",),
         log="actuator",
-        tables=(Table("actuator", derived={"actuator_summary": "bench.summarise_actuator"}), TIME_BASE),
+        tables=(Table("actuator", derived={"actuator_summary": "bench.summarise_actuator"}), TIME_BASE, SERIES),
         fit=Fit("bench.fit_actuator_trial", {"settings": ("actuator", "ActuatorAnalysis")}, parameters=True),
+        impedance=("", "B_m", "J_m"),
     ),
     "impedance": Experiment(
         "stepped sine or any other motion against the controller: K, B, I and the frequency response",
@@ -164,6 +176,7 @@ EXPERIMENTS: dict[str, Experiment] = {
             Table("response_models", doubts_of="impedance"),
             Table("response_lines", judged=False, published=False),
             TIME_BASE,
+            SERIES,
         ),
         further_tables=("response_pooled", "response_models_pooled"),
         fit=Fit(
@@ -185,6 +198,7 @@ EXPERIMENTS: dict[str, Experiment] = {
             Table("torque_angle_curves", judged=False),
             Table("torque_angle_cycles", judged=False),
             TIME_BASE,
+            SERIES,
         ),
         fit=Fit(
             "torque_angle.fit_torque_angle_trial",

@@ -115,6 +115,17 @@ def write_trial(trial: Trial, path: Path) -> None:
         trial.samples.write_parquet(temporary, compression="zstd", metadata=metadata)
 
 
+def read_provenance(path: Path) -> dict[str, Any]:
+    """The provenance of a trial without its samples; raises as `read_trial`."""
+    check_not_refused(path)
+    try:
+        metadata = pl.read_parquet_metadata(path)
+    except (pl.exceptions.PolarsError, OSError) as error:
+        raise InputError(f"{path}: not a Parquet file ({error}); ingest the trial again") from error
+    content: dict[str, Any] = json.loads(metadata.get(PROVENANCE_KEY, "{}"))
+    return content
+
+
 def read_trial(path: Path) -> Trial:
     """Read what `write_trial` wrote.
 

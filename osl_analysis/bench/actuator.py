@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.alternatives import time_base_row, time_base_words, timebase_table
 from osl_analysis.bench.diagnostics import check_changes, summary_of_trials
+from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass, differentiate, sampling_rate
@@ -56,6 +57,8 @@ class ActuatorTrial:
     """Filtered torque [N*m]."""
     modelled: Array
     """Torque of the fitted model [N*m]."""
+    fitted: NDArray[np.bool_]
+    """Rows that are fitted."""
     fit: LinearFit
     """The fit."""
     low_pass: LowPass
@@ -101,7 +104,17 @@ def actuator_of(uniform: UniformSignals, motion: str, settings: ActuatorAnalysis
     columns, torque = actuator_columns(signals, settings.low_pass, settings.sign_width)
     fit = fit_actuator(columns, torque, uniform.rate_hz, settings.low_pass, settings.slowest, uniform.usable)
     modelled = fit.predicted(columns)
-    return ActuatorTrial(uniform.trial, motion, uniform.time, torque, modelled, fit, settings.low_pass, uniform)
+    fitted = moving_rows(columns["B_m"], uniform.rate_hz, settings.low_pass, settings.slowest, uniform.usable)
+    return ActuatorTrial(uniform.trial, motion, uniform.time, torque, modelled, fitted, fit, settings.low_pass, uniform)
+
+
+def actuator_series(actuator: ActuatorTrial) -> Series:
+    """Measured torque and that of Eqs. 1-2."""
+    assert actuator.uniform is not None
+    motion = actuator.uniform[actuator.motion]
+    return Series(
+        actuator.time, actuator.torque, actuator.modelled, motion, actuator.fitted, actuator.motion == "omega_m"
+    )
 
 
 def fit_actuator(
@@ -126,9 +139,7 @@ def fit_actuator(
     IdentifiabilityError
         The schedule cannot tell two parameters apart; the message names them.
     """
-    moving = (np.abs(columns["B_m"]) > slowest) & (True if usable is None else usable)
-    edge = int(np.ceil(EDGE_PERIODS * rate_hz / low_pass.cutoff_hz))
-    moving[:edge] = moving[-edge:] = False
+    moving = moving_rows(columns["B_m"], rate_hz, low_pass, slowest, usable)
     if np.count_nonzero(moving) < FEWEST_MOVING_S * rate_hz:
         raise InputError(
             f"the actuator is faster than {slowest:g} rad/s in {np.count_nonzero(moving)} of {len(torque)} samples; "
@@ -136,6 +147,16 @@ def fit_actuator(
         )
     chosen = {name: column[moving] for name, column in columns.items()}
     return linear_fit(torque[moving], chosen, ResidualCorrelation(every=low_pass.independent_samples(rate_hz)))
+
+
+def moving_rows(
+    velocity: Array, rate_hz: float, low_pass: LowPass, slowest: float, usable: NDArray[np.bool_] | None = None
+) -> NDArray[np.bool_]:
+    """The rows (n,) that `fit_actuator` fits: faster than `slowest` [rad/s], usable, and away from both ends."""
+    moving = (np.abs(velocity) > slowest) & (True if usable is None else usable)
+    edge = int(np.ceil(EDGE_PERIODS * rate_hz / low_pass.cutoff_hz))
+    moving[:edge] = moving[-edge:] = False
+    return moving
 
 
 def actuator_columns(

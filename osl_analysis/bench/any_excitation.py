@@ -14,6 +14,7 @@ from osl_analysis.bench.excitation_size import check_moves
 from osl_analysis.bench.frequency_response import Admittance
 from osl_analysis.bench.impedance import IMPEDANCE, MAY_BE_NULL
 from osl_analysis.bench.moving_record import MovingRecord, fit_of, moves_little
+from osl_analysis.bench.series import Series
 from osl_analysis.errors import IdentifiabilityError, OslAnalysisError
 from osl_analysis.second_order import fit_impedance, impedance_torque
 from osl_analysis.spectral.equation_error import fit_periodic
@@ -21,7 +22,6 @@ from osl_analysis.spectral.realisations import distinct
 from osl_analysis.spectral.response import periodic_response
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
 from osl_analysis.stats.regression import LinearFit
-from osl_analysis.trial import Array
 
 SIGN_WIDTH = 0.05
 """Velocity, as a share of its RMS, over which the sign of the velocity is smoothed."""
@@ -185,23 +185,24 @@ def record_time_base(record: MovingRecord) -> pl.DataFrame:
     return timebase_table(record.uniform, words, record.bench)
 
 
-def record_series(record: MovingRecord) -> tuple[Array, Array, Array]:
-    """Time [s], measured torque and that of Eq. 15 [N*m] over the whole trial."""
+def record_series(record: MovingRecord) -> Series:
+    """Measured torque and that of Eq. 15 over the whole trial."""
     fit, motion = estimate(record), record.motion
     modelled = impedance_torque(fit["K"], fit["B"], fit["I"], motion) + fit["offset"]
-    return record.time, record.filtered_torque, np.asarray(modelled)
+    fitted = np.zeros(len(record.time), dtype=bool)
+    fitted[record.rows] = True
+    return Series(record.time, record.filtered_torque, np.asarray(modelled), motion.theta, fitted)
 
 
 def record_points(record: MovingRecord, duration_s: float) -> pl.DataFrame:
     """The last fitted seconds, measured and by the best second-order fit (Fig. 4)."""
-    time, torque, modelled = record_series(record)
-    rows = record.rows
+    shown, rows = record_series(record), record.rows
     last = rows[rows > rows[-1] - round(duration_s * record.rate_hz)]
     return pl.DataFrame(
         {
-            "time": time[last] - time[last[0]],
-            "theta_deg": np.rad2deg(record.motion.theta[last]),
-            "torque": torque[last],
-            "torque_model": modelled[last],
+            "time": shown.time[last] - shown.time[last[0]],
+            "theta_deg": np.rad2deg(shown.motion[last]),
+            "torque": shown.torque[last],
+            "torque_model": shown.torque_model[last],
         }
     )

@@ -12,8 +12,9 @@ from osl_analysis.bench.alternatives import (
     time_base_words,
     timebase_table,
 )
-from osl_analysis.bench.belt_fit import BeltFit, fit_belt_stiffness
+from osl_analysis.bench.belt_fit import BeltFit, fit_belt_stiffness, loaded_rows
 from osl_analysis.bench.diagnostics import check_changes, summary_of_trials
+from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import BeltAnalysis, BenchStiffness
 from osl_analysis.errors import InputError
 from osl_analysis.model.drivetrain import belt_deflection
@@ -163,10 +164,17 @@ def belt_curve(belt: BeltTrial) -> pl.DataFrame:
     )
 
 
-def belt_series(belt: BeltTrial) -> tuple[Array, Array, Array]:
-    """Time [s], measured torque and that of the straight line [N*m], shape (n,) each."""
+def belt_series(belt: BeltTrial) -> Series:
+    """Torque against deflection beside the straight line, which is fitted while loading."""
     loading = belt.fit.loading
-    return belt.time, belt.torque, loading["K_s"] * belt.theta_s + loading["offset"]
+    deflection = belt.theta_s - belt.theta_s[0]
+    onset, peak, _ = loaded_rows(deflection)
+    usable = None if belt.uniform is None else belt.uniform.usable
+    fitted = np.ones(len(deflection), dtype=bool) if usable is None else usable.copy()
+    fitted[:onset] = fitted[peak + 1 :] = False
+    damping = loading["B_j"] * np.gradient(belt.theta_s) if "B_j" in loading.names else 0.0
+    model = loading["K_s"] * deflection + damping + loading["offset"]
+    return Series(belt.time, belt.torque, model, deflection, fitted)
 
 
 def belt_summary(table: pl.DataFrame) -> pl.DataFrame:

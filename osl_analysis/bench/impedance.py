@@ -12,6 +12,7 @@ from osl_analysis.bench.diagnostics import lowest_held_out_vaf, over_amplitudes
 from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors, at_amplitude
 from osl_analysis.bench.nonlinearity import rendered_nonlinearity_row
 from osl_analysis.bench.segments import rows_of
+from osl_analysis.bench.series import Series
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.bench.torque_lag import torque_lag_row
 from osl_analysis.errors import InputError, nearest
@@ -21,7 +22,6 @@ from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import fit_impedance, impedance_columns
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
 from osl_analysis.stats.regression import LinearFit
-from osl_analysis.trial import Array
 
 IMPEDANCE = ("K", "B", "I")
 """Parameters of Eq. 15."""
@@ -138,10 +138,10 @@ def prediction_columns(predicted: tuple[float, float, float] | None) -> dict[str
     return {name: pl.lit(value, pl.Float64) for name, value in zip(names, values, strict=True)}
 
 
-def impedance_series(trial: SteppedSineTrial) -> tuple[Array, Array, Array]:
-    """Time [s], measured torque and that of Eq. 15 [N*m] over the whole trial, fitted to the settled cycles."""
+def impedance_series(trial: SteppedSineTrial) -> Series:
+    """Measured torque and that of Eq. 15 over the whole trial, fitted to the settled cycles."""
     *_, (_, motion, torque) = trial.parts()
-    return trial.time, trial.filtered_torque, fit_impedance(motion, torque).torque(trial.motion)
+    return trial.beside(fit_impedance(motion, torque).torque(trial.motion))
 
 
 def amplitude_series(trial: SteppedSineTrial, amplitude_deg: float, duration_s: float) -> pl.DataFrame:

@@ -7,6 +7,7 @@ from osl_analysis.bench.any_excitation import WEIGHTING, record_points, record_s
 from osl_analysis.bench.frequency_response import Admittance, no_phasors, phasor_table, trial_phasors
 from osl_analysis.bench.impedance import amplitude_series, impedance_series, impedance_table, impedance_time_base
 from osl_analysis.bench.moving_record import MovingRecord, moving_record
+from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import ImpedanceAnalysis
 from osl_analysis.bench.stepped_sine import SteppedSineTrial, stepped_sine_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
@@ -15,7 +16,7 @@ from osl_analysis.protocol.likeness import BIN_S, HARDLY, MOVES, likeness
 from osl_analysis.spectral.tables import NO_RESPONSE, RecordedMotion, ResponseTables, response_tables
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.rounding import visible_step
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Trial
 from osl_analysis.uniform import uniform_signals
 
 SLOW_TURN_DEG = 1.0
@@ -162,8 +163,8 @@ def rendered_time_base(trial: RenderedTrial) -> pl.DataFrame:
     return record_time_base(trial) if isinstance(trial, MovingRecord) else impedance_time_base(trial)
 
 
-def rendered_series(trial: RenderedTrial) -> tuple[Array, Array, Array]:
-    """Time [s], measured torque and that of Eq. 15 [N*m] over the whole trial."""
+def rendered_series(trial: RenderedTrial) -> Series:
+    """Measured torque and that of Eq. 15 over the whole trial."""
     return record_series(trial) if isinstance(trial, MovingRecord) else impedance_series(trial)
 
 

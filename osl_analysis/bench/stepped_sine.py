@@ -11,6 +11,7 @@ from osl_analysis.bench.alternatives import joint_angle
 from osl_analysis.bench.protocol import find_blocks
 from osl_analysis.bench.rounding import RepeatedRounding, Rounded
 from osl_analysis.bench.segments import Block, Segment, repeated_cycles, rows_of, settled
+from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import BenchStiffness, SteppedSineAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, Motion, filtered_motion
@@ -104,6 +105,12 @@ class SteppedSineTrial:
         """The settled, usable segments of one amplitude [deg], or of all (None); `parts` yields their rows."""
         chosen = [b for b in self.blocks if amplitude is None or np.isclose(np.rad2deg(b.amplitude), amplitude)]
         return settled(chosen, self.settle_cycles, self.usable)
+
+    def beside(self, modelled: Array) -> Series:
+        """The filtered signals beside a model's torque (n,) [N*m], which is fitted to the settled cycles."""
+        fitted = np.zeros(len(self.time), dtype=bool)
+        fitted[rows_of(self.segments(None))] = True
+        return Series(self.time, self.filtered_torque, modelled, self.motion.theta, fitted)
 
     def residual_correlation(self, amplitude: float | None) -> ResidualCorrelation:
         """How residuals in these rows depend on one another: the cycles repeat, and the filter correlates noise."""

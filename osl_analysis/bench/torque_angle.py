@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from osl_analysis.bench.alternatives import check_stiffer, joint_angle
 from osl_analysis.bench.angle_cycles import Cycles, find_cycles, joined, moving
 from osl_analysis.bench.diagnostics import check_changes
+from osl_analysis.bench.series import Series
 from osl_analysis.bench.torque_angle_curve import (
     Curve,
     Energies,
@@ -77,14 +78,18 @@ class TorqueAngleTrial:
         rows = [min(c.stop, moves.stop - 1) - max(c.start, moves.start) for c in self.cycles.used]
         return np.array(rows) * step
 
-    def modelled(self) -> tuple[Array, Array, Array]:
-        """Time [s], torque [N*m] and its curve over angle, of the rows of all cycles, (n,) each."""
+    def series(self) -> Series:
+        """Torque beside its curve over angle, which the rows of all cycles have."""
         model = np.full(len(self.theta), np.nan)
         for branch, curve in enumerate(self.curves):
             for rows in self.rows(branch):
                 model[rows] = along(np.rad2deg(self.theta[rows]), self.angle_deg, curve.torque)
-        known = np.isfinite(model)
-        return self.time[known], self.torque[known], model[known]
+        return Series(self.time, self.torque, model, self.theta, np.isfinite(model))
+
+    def modelled(self) -> tuple[Array, Array]:
+        """Torque [N*m] and its curve over angle, of the rows of all cycles, (n,) each."""
+        series = self.series()
+        return series.torque[series.fitted], series.torque_model[series.fitted]
 
 
 def along(x: Array, at: Array, y: Array) -> Array:
@@ -172,7 +177,7 @@ def check_slow(trial: TorqueAngleTrial) -> None:
 
 def check_follows(trial: TorqueAngleTrial) -> None:
     """Refuse a torque that does not follow the angle, and one that drives it."""
-    _, torque, model = trial.modelled()
+    torque, model = trial.modelled()
     vaf = variance_accounted_for(torque, torque - model)
     if vaf < LEAST_VAF:
         raise InputError(

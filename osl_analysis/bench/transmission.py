@@ -8,6 +8,7 @@ from osl_analysis.bench.clocks import clock_drift_row
 from osl_analysis.bench.diagnostics import lowest_held_out_vaf, summary_of_trials
 from osl_analysis.bench.frequency_response import at_amplitude, trial_phasors
 from osl_analysis.bench.nonlinearity import nonlinearity_row
+from osl_analysis.bench.series import Series
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.signals import Motion
 from osl_analysis.stats.covariance import NO_REPEATS, ResidualCorrelation
@@ -98,11 +99,11 @@ def transmission_time_base(trial: SteppedSineTrial) -> pl.DataFrame:
     return timebase_table(trial.uniform, words, trial.bench)
 
 
-def transmission_series(trial: SteppedSineTrial) -> tuple[Array, Array, Array]:
-    """Time [s], measured torque and that of Eq. 4 [N*m] over the whole trial, fitted to the settled cycles."""
+def transmission_series(trial: SteppedSineTrial) -> Series:
+    """Measured torque and that of Eq. 4 over the whole trial, fitted to the settled cycles."""
     *_, (_, motion, torque) = trial.parts()
     modelled = fit_transmission(motion, torque).predicted(transmission_columns(trial.motion))
-    return trial.time, trial.filtered_torque, modelled
+    return trial.beside(modelled)
 
 
 def transmission_summary(table: pl.DataFrame) -> pl.DataFrame:

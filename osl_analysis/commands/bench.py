@@ -5,9 +5,15 @@ from pathlib import Path
 
 import polars as pl
 
-from osl_analysis.bench.actuator import actuator_summary, actuator_table, actuator_time_base, actuator_trial
+from osl_analysis.bench.actuator import (
+    actuator_series,
+    actuator_summary,
+    actuator_table,
+    actuator_time_base,
+    actuator_trial,
+)
 from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
-from osl_analysis.bench.belt import belt_curve, belt_summary, belt_table, belt_time_base, belt_trial
+from osl_analysis.bench.belt import belt_curve, belt_series, belt_summary, belt_table, belt_time_base, belt_trial
 from osl_analysis.bench.estimators import estimator_table
 from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.impedance import DesiredImpedance
@@ -26,11 +32,22 @@ from osl_analysis.bench.plausibility import (
     plausible_belt,
     plausible_transmission,
 )
-from osl_analysis.bench.rendered import rendered_phasors, rendered_response, rendered_time_base, rendered_trial
+from osl_analysis.bench.rendered import (
+    rendered_phasors,
+    rendered_response,
+    rendered_series,
+    rendered_time_base,
+    rendered_trial,
+)
 from osl_analysis.bench.repeated_trials import repeated_trials_table
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, ImpedanceAnalysis, SteppedSineAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
-from osl_analysis.bench.transmission import transmission_summary, transmission_table, transmission_time_base
+from osl_analysis.bench.transmission import (
+    transmission_series,
+    transmission_summary,
+    transmission_table,
+    transmission_time_base,
+)
 from osl_analysis.errors import InputError
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.parameters import FileOrNone, known_parameters, read_parameters
@@ -46,6 +63,7 @@ def fit_belt_trial(trial: Path, parameters: FileOrNone, settings: BeltAnalysis, 
     write_table(plausible_belt(belt_table(belt), read, p), tables["belt"])
     write_table(belt_curve(belt), tables["belt_curves"])
     write_table(belt_time_base(belt), tables["timebase"])
+    write_table(belt_series(belt).table(), tables["series"])
 
 
 def fit_transmission_trial(
@@ -58,6 +76,7 @@ def fit_transmission_trial(
     table = plausible_transmission(transmission_table(stepped), read, known_parameters(parameters))
     write_table(table, tables["transmission"])
     write_table(transmission_time_base(stepped), tables["timebase"])
+    write_table(transmission_series(stepped).table(), tables["series"])
 
 
 def fit_impedance_trial(
@@ -85,6 +104,7 @@ def fit_impedance_trial(
     for name, frame in rendered_response(rendered, p).frames().items():
         write_table(frame.with_columns(**condition.columns()), tables[name])
     write_table(rendered_time_base(rendered), tables["timebase"])
+    write_table(rendered_series(rendered).table(), tables["series"])
 
 
 def fit_actuator_trial(
@@ -97,6 +117,7 @@ def fit_actuator_trial(
     table = plausible_actuator(actuator_table(actuator), read, known_parameters(parameters))
     write_table(table, tables["actuator"])
     write_table(actuator_time_base(actuator), tables["timebase"])
+    write_table(actuator_series(actuator).table(), tables["series"])
 
 
 def by_place(table: pl.DataFrame, summary: Callable[[pl.DataFrame], pl.DataFrame]) -> pl.DataFrame:

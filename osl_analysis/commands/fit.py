@@ -8,7 +8,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench.actuator import actuator_table, actuator_trial
+from osl_analysis.bench.actuator import actuator_series, actuator_table, actuator_trial
 from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
 from osl_analysis.bench.belt import belt_series, belt_table, belt_trial
 from osl_analysis.bench.impedance import DesiredImpedance
@@ -19,6 +19,7 @@ from osl_analysis.bench.plausibility import (
     plausible_transmission,
 )
 from osl_analysis.bench.rendered import rendered_series, rendered_trial
+from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import (
     ActuatorAnalysis,
     BeltAnalysis,
@@ -36,7 +37,7 @@ from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.parameters import known_parameters
 from osl_analysis.shared_choices import WeightSettings
 from osl_analysis.table import finite_or_null
-from osl_analysis.trial import Array, Trial, read_trial
+from osl_analysis.trial import Trial, read_trial
 from osl_analysis.yaml_settings import Settings, read_mapping
 
 UNITS = {
@@ -47,8 +48,8 @@ UNITS = {
 }  # fmt: skip
 
 
-Estimated = tuple[pl.DataFrame, tuple[Array, Array, Array]]
-"""A row per fit; time [s], measured and modelled torque [N*m], shape (n,) each."""
+Estimated = tuple[pl.DataFrame, Series]
+"""A row per fit; measured and modelled signals."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,7 @@ def fit_one_trial(experiment: str, trial: Path, parameters: Path | None, request
         The trial lacks a signal, does not follow the protocol, or cannot identify the model.
     """
     table, series = FITS[experiment](read_trial(trial), parameters, request)
-    return FittedTrial(marked(table, request.limits.of(experiment), experiment), series_table(*series))
+    return FittedTrial(marked(table, request.limits.of(experiment), experiment), torque_table(series))
 
 
 def fit_belt(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
@@ -161,7 +162,7 @@ def fit_actuator_bench(trial: Trial, parameters: Path | None, request: FitReques
     check_recording(trial, settings, "torque_m", angle=None)
     actuator = actuator_trial(trial, settings)
     table = plausible_actuator(actuator_table(actuator), trial, known_parameters(parameters))
-    return table, (actuator.time, actuator.torque, actuator.modelled)
+    return table, actuator_series(actuator)
 
 
 def fit_torque_angle(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
@@ -169,7 +170,7 @@ def fit_torque_angle(trial: Trial, parameters: Path | None, request: FitRequest)
     settings: TorqueAngleAnalysis = request.settings
     check_recording(trial, settings)
     found = torque_angle_trial(trial, settings)
-    return plausible_torque_angle(torque_angle_table(found), trial), found.modelled()
+    return plausible_torque_angle(torque_angle_table(found), trial), found.series()
 
 
 FITS: dict[str, Callable[[Trial, Path | None, FitRequest], Estimated]] = {
@@ -187,9 +188,10 @@ SECTIONS: dict[str, tuple[str, type[Settings]]] = dict.fromkeys(FITS, ("dynamome
 """By experiment: the section of the configuration that its fit uses, and the model of that section."""
 
 
-def series_table(time: Array, torque: Array, torque_model: Array) -> pl.DataFrame:
-    """Time [s] from the start, measured and modelled torque [N*m], shape (n,) each, as a table."""
-    return pl.DataFrame({"time": time - time[0], "torque": torque, "torque_model": torque_model})
+def torque_table(series: Series) -> pl.DataFrame:
+    """Time [s] from the start, measured and modelled torque [N*m] of every sample that the model has."""
+    table = pl.DataFrame({"time": series.time, "torque": series.torque, "torque_model": series.torque_model})
+    return table.filter(pl.col("torque_model").is_finite()).with_columns(pl.col("time") - pl.col("time").first())
 
 
 def estimates_json(estimates: pl.DataFrame) -> str:

@@ -21,7 +21,7 @@ from osl_analysis.trial import read_trial
 def fit_torque_angle_trial(
     trial: Path, settings: TorqueAngleAnalysis, condition: Mapping[str, Any], tables: Mapping[str, Path]
 ) -> None:
-    """Analyse one trial: its rows of `torque_angle`, `torque_angle_curves`, `torque_angle_cycles` and `timebase`.
+    """Analyse one trial: its rows of `torque_angle`, `torque_angle_curves`, `torque_angle_cycles` and so on.
 
     `condition` has the name of the curve that the trial should follow, `desired`, or None.
 
@@ -37,6 +37,7 @@ def fit_torque_angle_trial(
     write_table(curve_table(found, desired), tables["torque_angle_curves"])
     write_table(cycle_table(found), tables["torque_angle_cycles"])
     write_table(torque_angle_time_base(found), tables["timebase"])
+    write_table(found.series().table(), tables["series"])
 
 
 def plotted_numbers(curves: Path, table: Path, output: Path) -> None:

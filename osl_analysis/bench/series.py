@@ -1,0 +1,51 @@
+"""The signals of a fitted trial beside its model's torque, thinned out for the report of a run."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from osl_analysis.trial import Array
+
+MOST_ROWS = 10_000
+"""Rows of a thinned table: two minutes of a stepped sine have some fifteen for a period of its fastest one."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """Measured and modelled signals of one trial, shape (n,) each."""
+
+    time: Array
+    """Time [s]."""
+    torque: Array
+    """Measured torque, as it was fitted [N*m]."""
+    torque_model: Array
+    """Torque of the fitted model [N*m]; NaN where the model says nothing."""
+    motion: Array
+    """Angle [rad], or velocity [rad/s] where the bench has no angle."""
+    fitted: NDArray[np.bool_]
+    """Rows that are fitted."""
+    is_velocity: bool = False
+    """Whether `motion` is a velocity."""
+
+    def table(self, most: int = MOST_ROWS) -> pl.DataFrame:
+        """Every k-th sample, `most` or fewer rows, and the range of the residual in the k samples from each on.
+
+        `theta_deg` or `omega`, `torque` and, where the fit uses the sample, `torque_model`; `residual_low` and
+        `residual_high` [N*m] are of all k samples that the fit uses, so that no outlier is lost.
+        """
+        k = max(-(-len(self.time) // most), 1)
+        model = np.where(self.fitted, self.torque_model, np.nan)
+        low, high = extremes(self.torque - model, k)
+        motion = {"omega": self.motion} if self.is_velocity else {"theta_deg": np.rad2deg(self.motion)}
+        shown = {"time": self.time - self.time[0], **motion, "torque": self.torque, "torque_model": model}
+        columns = {name: values[::k] for name, values in shown.items()} | {"residual_low": low, "residual_high": high}
+        rounded = {name: pl.Series(values, dtype=pl.Float64).round_sig_figs(7) for name, values in columns.items()}
+        return pl.DataFrame(rounded).fill_nan(None)
+
+
+def extremes(values: Array, k: int) -> tuple[Array, Array]:
+    """Smallest and largest of each k values (n,) that are not NaN; NaN where all are."""
+    whole = np.concatenate([values, np.full(-len(values) % k, np.nan)]).reshape(-1, k)
+    return np.fmin.reduce(whole, axis=1), np.fmax.reduce(whole, axis=1)

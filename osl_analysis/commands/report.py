@@ -1,0 +1,157 @@
+"""The report of a run: reads what the run wrote, and writes one page."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from osl_analysis.about import About
+from osl_analysis.columns import unit_of
+from osl_analysis.commands.summarise import read_summary
+from osl_analysis.dictionary import described_tables
+from osl_analysis.experiments import EXPERIMENTS
+from osl_analysis.figures.names import figure_title
+from osl_analysis.files import atomic_path
+from osl_analysis.quality.verdict import CHECKS
+from osl_analysis.refusal import Refusal, is_refused
+from osl_analysis.report import overview, panels
+from osl_analysis.report.captions import captions_by_title
+from osl_analysis.report.page import PageTrial, written_page
+from osl_analysis.report.svg import inline_svg
+from osl_analysis.report.trial_page import ReportedTrial, trial_content
+from osl_analysis.table import read_table
+from osl_analysis.trial import read_provenance, read_trial
+
+MOTIONS = {"belt": "Belt deflection", "actuator": "Motor motion"}
+"""What moves on a bench, where it is not the joint."""
+JOINT = "Joint angle"
+
+
+def write_report(
+    *,
+    about: About,
+    sheet: Mapping[str, Mapping[str, Any]],
+    largest_mb: float,
+    trials: Mapping[str, Path],
+    verdicts: Mapping[str, Path],
+    series: Mapping[str, Path],
+    crossings: Mapping[str, Path],
+    tables: Mapping[str, Path],
+    figures: Mapping[str, Path],
+    excluded: Path,
+    summary: Path,
+    output: Path,
+    captions: Path | None = None,
+    refused: Sequence[Refusal] = (),
+) -> None:
+    """Write the page `report.html`.
+
+    `sheet` has the row of every trial, also of those that the sheet excludes; `trials`, `verdicts`, `series` and
+    `crossings` the files of each that has them, `tables` the result tables and `figures` the SVG files by name.
+    `captions` are those of the figures, `excluded` is the table of excluded trials, `summary` is `summary.json`.
+    `refused` are the causes of all that is missing. The page has at most `largest_mb` [MB] where thinning out its
+    signals allows it.
+    """
+    written = {name: read_table(path) for name, path in tables.items()}
+    left_out = reasons(read_table(excluded), refused)
+    described = {Path(table.place).name: table for table in described_tables()}
+    by_role = {"trial": trials, "quality": verdicts, "series": series, "crossing": crossings}
+    unanswered = {one.trial for one in refused}
+    reported = [
+        reported_trial(
+            name,
+            row,
+            rows_of_trial(name, row["experiment"], written),
+            {role: files[name] for role, files in by_role.items() if name in files},
+            (left_out.get(name, ()), name in unanswered),
+        )
+        for name, row in sheet.items()
+    ]
+    checks = {name: check.meaning for name, check in CHECKS.items()}
+    pages = [PageTrial(one.name, trial_content(one, described, checks), one.pictures.tables) for one in reported]
+    titles = {name: figure_title(name) for name in figures}
+    said = captions_by_title(captions.read_text(encoding="utf-8")) if captions and not is_refused(captions) else {}
+    content = {
+        "about": about,
+        "counts": overview.counts(reported),
+        "choices": overview.choices(reported),
+        "headlines": [] if is_refused(summary) else overview.headline_rows(read_summary(summary)),
+        "figures": [
+            {
+                "name": name,
+                "title": titles[name],
+                "caption": said.get(titles[name], ""),
+                "svg": inline_svg(path.read_text(encoding="utf-8"), name, titles[name]),
+            }
+            for name, path in figures.items()
+        ],
+        "quantities": overview.QUANTITIES,
+        "trials": overview.trial_rows(reported),
+        "left_out": overview.left_out(reported, left_out),
+        "experiments": {name: facts.description for name, facts in EXPERIMENTS.items()},
+    }
+    page = written_page(content, pages, largest_mb)
+    with atomic_path(output) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+
+
+def reasons(excluded: pl.DataFrame, refused: Iterable[Refusal]) -> dict[str, list[str]]:
+    """Why each trial is left out: as the list of excluded trials says it, and refusals that this does not have."""
+    found: dict[str, list[str]] = {}
+    for row in excluded.iter_rows(named=True):
+        numbers = "" if row["value"] is None else f" {row['value']:.4g} {row['unit']}, threshold {row['threshold']}"
+        found.setdefault(row["trial"], []).append(f"{row['check']}{numbers}: {row['remark']}")
+    for one in refused:
+        if one.trial and one.trial not in found:
+            found[one.trial] = [f"{one.outcome}: {one.reason}; {one.remedy}"]
+    return found
+
+
+def rows_of_trial(trial: str, experiment: str, tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
+    """The rows of one trial in the tables of its experiment, and in those of the responses of a crossing."""
+    names = [*(table.name for table in EXPERIMENTS[experiment].tables), "walking_responses"]
+    found = {name: tables[name].filter(pl.col("trial") == trial) for name in names if name in tables}
+    return {name: table for name, table in found.items() if len(table)}
+
+
+def reported_trial(
+    name: str,
+    row: Mapping[str, Any],
+    tables: Mapping[str, pl.DataFrame],
+    files: Mapping[str, Path],
+    missing: tuple[Sequence[str], bool],
+) -> ReportedTrial:
+    """One trial with what its `files` hold: `trial`, `quality`, `series` and `crossing`, as far as there are any.
+
+    `missing` says why it is left out, and whether a job refused it.
+    """
+    return ReportedTrial(
+        name,
+        row,
+        tables,
+        read_table(files["quality"]) if "quality" in files else None,
+        read_provenance(files["trial"]) if "trial" in files else {},
+        *missing,
+        pictures(row["experiment"], tables, files),
+    )
+
+
+def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping[str, Path]) -> panels.Pictures:
+    """What is drawn of a trial: the fit, the crossing with its isolated response, or else the recording."""
+    found = []
+    if "series" in files:
+        found.append(panels.bench_pictures(read_table(files["series"]), MOTIONS.get(experiment, JOINT)))
+    elif "crossing" in files:
+        found.append(panels.crossing_pictures(pl.read_parquet(files["crossing"])))
+    elif "trial" in files:
+        samples = read_trial(files["trial"]).samples
+        units = {name: unit for name in samples.columns if name != "time" and (unit := unit_of(name))}
+        found.append(panels.recorded_pictures(samples, units))
+    if "walking_responses" in tables:
+        found.append(panels.isolated_pictures(tables["walking_responses"]))
+    if len(tables.get("phasors", ())):
+        found.append(panels.phasor_pictures(tables["phasors"]))
+    if len(tables.get("response", ())):
+        found.append(panels.response_pictures(tables["response"]))
+    return panels.together(*found)

@@ -1,0 +1,105 @@
+"""The page itself: one HTML file that needs no other file and no network."""
+
+import hashlib
+import json
+import math
+from base64 import b64encode
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import bokeh
+import polars as pl
+from bokeh.resources import Resources
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from osl_analysis.report.pack import FEWEST_PACKED, deflated_json, packed_table
+
+TEMPLATES = Path(__file__).with_name("templates")
+MEGABYTE = 1_000_000
+
+
+@dataclass(frozen=True)
+class PageTrial:
+    """One trial for the page: its text, and the tables that its panels draw."""
+
+    name: str
+    content: Mapping[str, Any]
+    tables: Mapping[str, pl.DataFrame]
+
+
+def written_page(content: Mapping[str, Any], trials: Sequence[PageTrial], largest_mb: float) -> str:
+    """The HTML of the report. Its signals are thinned out until it is no larger than `largest_mb` [MB].
+
+    `content` are the names that the template `report.html.j2` uses, besides scripts, styles and trials.
+    """
+    around = Environment(
+        loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    ).get_template("report.html.j2")
+    bokeh_js, report_js = (
+        "\n".join(Resources(mode="inline", log_level="warn", components=["bokeh", "bokeh-api"]).js_raw),
+        own("report.js"),
+    )
+
+    def page(packed: Sequence[str], every: int) -> str:
+        """The whole page with these packed trials."""
+        return around.render(
+            **content,
+            every=every,
+            bokeh_version=bokeh.__version__,
+            policy=policy(bokeh_js, report_js),
+            bokeh_js=Markup(bokeh_js),
+            report_js=Markup(report_js),
+            style=Markup(own("report.css")),
+            packed=[Markup(text) for text in packed],
+        )
+
+    rest = len(page([], 1).encode())
+    every, packed = thinned_trials(trials, largest_mb * MEGABYTE - rest)
+    return page(packed, every)
+
+
+def thinned_trials(trials: Sequence[PageTrial], largest: float) -> tuple[int, list[str]]:
+    """The trials packed with every k-th sample, so that together they have at most `largest` bytes, and k."""
+    every = 1
+    packed = [packed_trial(trial, every) for trial in trials]
+    while (size := sum(map(len, packed))) > largest and every < FEWEST_PACKED:
+        every = max(math.ceil(every * min(size / max(largest, 1), 4)), every + 1)
+        packed = [packed_trial(trial, every) for trial in trials]
+    return every, packed
+
+
+def packed_trial(trial: PageTrial, every: int) -> str:
+    """A trial as JSON that cannot end the script element that holds it."""
+    tables = {name: packed_table(every_kth(table, every)) for name, table in trial.tables.items()}
+    content = {"name": trial.name, "content": deflated_json(trial.content), "tables": tables}
+    return json.dumps(content, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c")
+
+
+def every_kth(table: pl.DataFrame, k: int) -> pl.DataFrame:
+    """Every k-th row of a long table; of the ends of a range, `_low` and `_high`, the outermost of k rows."""
+    if k == 1 or len(table) // k < FEWEST_PACKED:
+        return table
+    ends = {"_low": pl.Expr.min, "_high": pl.Expr.max}
+    column = [
+        next((reduced(pl.col(name)) for end, reduced in ends.items() if name.endswith(end)), pl.col(name).first())
+        for name in table.columns
+    ]
+    grouped = table.with_row_index("k_th").group_by(pl.col("k_th") // k, maintain_order=True).agg(column)
+    return grouped.drop("k_th")
+
+
+def own(name: str) -> str:
+    """One of this package's own files for the page."""
+    return (TEMPLATES / name).read_text(encoding="utf-8")
+
+
+def policy(*scripts: str) -> str:
+    """Content security policy: nothing is loaded, and no script runs but these, by their hashes."""
+    hashes = " ".join(f"'sha256-{b64encode(hashlib.sha256(script.encode()).digest()).decode()}'" for script in scripts)
+    return (
+        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; font-src data:; "
+        "base-uri 'none'; form-action 'none'"
+    )

@@ -1,0 +1,198 @@
+"""What the page draws of a trial: panels of lines, each of columns of the trial's tables."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+import polars as pl
+
+Look = Literal["measured", "model", "residual", "second", "third"]
+MOST_ROWS = 3000
+"""Rows of a recording that are drawn where there is no fit."""
+LOOKS: tuple[Look, ...] = ("measured", "model", "second", "third")
+"""Looks of several lines of one panel."""
+TIME, FREQUENCY, ANGLE, TORQUE = "Time (s)", "Frequency (Hz)", "Angle (deg)", "Torque (N·m)"
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A line, points, or the range between two columns of one table.
+
+    table, x, y: names of a table of the trial and of its columns.
+    name: its name in the legend.
+    look: which of the page's colours and dashes.
+    kind: how it is drawn.
+    high: column of the upper end of a range; `y` is the lower end. Of points: `low` and `high` are an interval.
+    where: column that must have a value for a sample to be drawn; empty: all are.
+    """
+
+    table: str
+    x: str
+    y: str
+    name: str
+    look: Look = "measured"
+    kind: Literal["line", "points", "range"] = "line"
+    low: str = ""
+    high: str = ""
+    where: str = ""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One panel. Panels with the same `linked` zoom together."""
+
+    title: str
+    x_label: str
+    y_label: str
+    drawn: Sequence[Drawn]
+    linked: str = ""
+    log_x: bool = False
+    log_y: bool = False
+    square: bool = False
+
+    def content(self) -> dict[str, Any]:
+        """The panel for the page."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """The panels of a trial, the tables that they draw, and a sentence on how these were thinned."""
+
+    panels: Sequence[Panel] = ()
+    tables: dict[str, pl.DataFrame] = field(default_factory=dict)
+    remark: str = ""
+
+
+def bench_pictures(series: pl.DataFrame, motion: str) -> Pictures:
+    """Torque, residual and motion over time, and torque against angle, of a fitted trial on the bench.
+
+    `series` as `bench.series.Series.table` writes it, `motion` what moves.
+    """
+    x = "omega" if "omega" in series.columns else "theta_deg"
+    label = f"{motion} (rad/s)" if x == "omega" else f"{motion} (deg)"
+    both = [Drawn("series", "time", "torque", "measured"), Drawn("series", "time", "torque_model", "model", "model")]
+    residual = Drawn(
+        "series", "time", "residual_low", "measured minus model", "residual", "range", high="residual_high"
+    )
+    loops = [
+        Drawn("series", x, "torque", "measured", where="torque_model"),
+        Drawn("series", x, "torque_model", "model", "model"),
+    ]
+    panels = [
+        Panel("Torque", TIME, TORQUE, both, "time"),
+        Panel("Residual, range of all samples that are fitted", TIME, TORQUE, [residual], "time"),
+        Panel(motion, TIME, label, [Drawn("series", "time", x, "measured")], "time"),
+        Panel(f"Torque against {motion.lower()}", label, TORQUE, loops, square=True),
+    ]
+    where = "the model, the residual and the loops are drawn where the fit uses the samples"
+    return Pictures(panels, {"series": series}, f"{thinned(series)}; {where}")
+
+
+def thinned(series: pl.DataFrame) -> str:
+    """How finely a table with even `time` [s] is drawn."""
+    seconds = float(series["time"][-1] - series["time"][0]) if len(series) > 1 else 0.0
+    return f"{(len(series) - 1) / seconds:.3g} samples a second are drawn" if seconds else "one sample is drawn"
+
+
+def phasor_pictures(phasors: pl.DataFrame) -> Pictures:
+    """Magnitude and phase of the measured admittance over frequency, points per amplitude with their intervals."""
+    magnitude = ("Y_magnitude", "Y_magnitude_low", "Y_magnitude_high")
+    phase = ("Y_phase_deg", "Y_phase_low_deg", "Y_phase_high_deg")
+    parts = phasors.partition_by("amplitude_deg", maintain_order=True, as_dict=True)
+    tables = {f"{deg:g} deg": part for (deg,), part in parts.items()}
+    looks = {name: LOOKS[k % len(LOOKS)] for k, name in enumerate(tables)}
+    points = [
+        [Drawn(name, "frequency_hz", y, name, look, "points", low, high) for name, look in looks.items()]
+        for y, low, high in (magnitude, phase)
+    ]
+    panels = [
+        Panel("Admittance: magnitude", FREQUENCY, "|Y| (rad/(N·m))", points[0], "frequency", log_x=True, log_y=True),
+        Panel("Admittance: phase", FREQUENCY, "Phase (deg)", points[1], "frequency", log_x=True),
+    ]
+    return Pictures(panels, tables)
+
+
+def response_pictures(response: pl.DataFrame) -> Pictures:
+    """Magnitude and phase of the impedance over frequency, without a model, and the fit of Eq. 15."""
+    columns = ("magnitude", "magnitude_eq15", "phase_deg", "phase_deg_eq15")
+    drawn = [
+        [
+            Drawn("response", "frequency_hz", measured, "without a model", kind="points"),
+            Drawn("response", "frequency_hz", model, "Eq. 15", "model"),
+        ]
+        for measured, model in (columns[:2], columns[2:])
+    ]
+    panels = [
+        Panel("Impedance: magnitude", FREQUENCY, "|Z| (N·m/rad)", drawn[0], "frequency", log_x=True, log_y=True),
+        Panel("Impedance: phase", FREQUENCY, "Phase (deg)", drawn[1], "frequency", log_x=True),
+    ]
+    return Pictures(panels, {"response": response.select("frequency_hz", *columns).sort("frequency_hz")})
+
+
+def crossing_pictures(crossing: pl.DataFrame) -> Pictures:
+    """Torque, angle and platform of one analysed crossing, and torque against angle."""
+    degrees = [pl.col(name).degrees().alias(f"{name}_deg") for name in ("theta", "platform")]
+    table = crossing.select((pl.col("time") - pl.col("time").first()), *degrees, "torque")
+    panels = [
+        Panel("Ankle torque", TIME, TORQUE, [Drawn("crossing", "time", "torque", "measured")], "time"),
+        Panel("Ankle angle", TIME, ANGLE, [Drawn("crossing", "time", "theta_deg", "measured")], "time"),
+        Panel("Platform", TIME, ANGLE, [Drawn("crossing", "time", "platform_deg", "measured")], "time"),
+        Panel(
+            "Torque against angle", ANGLE, TORQUE, [Drawn("crossing", "theta_deg", "torque", "measured")], square=True
+        ),
+    ]
+    return Pictures(panels, {"crossing": table})
+
+
+def isolated_pictures(response: pl.DataFrame) -> Pictures:
+    """Isolated angle and torque around the onset of a perturbation, with the torque of its fit."""
+    table = response.select((1e3 * pl.col("time")).alias("time_ms"), "theta_deg", "torque", "torque_model")
+    residual = (pl.col("torque") - pl.col("torque_model")).alias("residual")
+    label = "Time from the onset (ms)"
+    torque = [
+        Drawn("isolated", "time_ms", "torque", "isolated: perturbed minus mean unperturbed"),
+        Drawn("isolated", "time_ms", "torque_model", "model", "model"),
+    ]
+    panels = [
+        Panel("Isolated torque", label, TORQUE, torque, "onset"),
+        Panel(
+            "Residual",
+            label,
+            TORQUE,
+            [Drawn("isolated", "time_ms", "residual", "isolated minus model", "residual")],
+            "onset",
+        ),
+        Panel("Isolated angle", label, ANGLE, [Drawn("isolated", "time_ms", "theta_deg", "isolated")], "onset"),
+    ]
+    return Pictures(panels, {"isolated": table.with_columns(residual)})
+
+
+def recorded_pictures(samples: pl.DataFrame, units: dict[str, str]) -> Pictures:
+    """What a trial recorded, a panel per quantity: of one that no fit belongs to."""
+    by_unit: dict[str, list[str]] = {}
+    for column, unit in units.items():
+        by_unit.setdefault(unit, []).append(column)
+    tables, panels = {}, []
+    for unit, columns in by_unit.items():
+        rows = samples.select("time", *columns[: len(LOOKS)]).drop_nulls()
+        rows = rows.gather_every(max(-(-len(rows) // MOST_ROWS), 1))
+        if len(rows) < 2:
+            continue
+        tables[unit] = rows.with_columns(pl.col("time") - samples["time"][0])
+        drawn = [Drawn(unit, "time", name, name, LOOKS[k]) for k, name in enumerate(columns[: len(LOOKS)])]
+        panels.append(Panel("As recorded", TIME, f"({unit})", drawn, "time"))
+    return Pictures(panels, tables, f"raw signals in canonical units, as ingested, {MOST_ROWS} samples or fewer")
+
+
+def together(*pictures: Pictures) -> Pictures:
+    """The panels of several in one, with those columns of their tables that are drawn."""
+    remark = "; ".join(filter(None, [one.remark for one in pictures]))
+    panels = [panel for one in pictures for panel in one.panels]
+    used: dict[str, dict[str, None]] = {}
+    for drawn in (drawn for panel in panels for drawn in panel.drawn):
+        used.setdefault(drawn.table, {}).update(
+            dict.fromkeys(filter(None, (drawn.x, drawn.y, drawn.low, drawn.high, drawn.where)))
+        )
+    tables = {name: table for one in pictures for name, table in one.tables.items()}
+    return Pictures(panels, {name: tables[name].select(list(columns)) for name, columns in used.items()}, remark)

@@ -1,0 +1,408 @@
+"use strict";
+// The page of one run: sorts and filters the table of trials, and draws a trial when its link is followed.
+(() => {
+  const overview = document.getElementById("overview");
+  const view = document.getElementById("trial");
+  const rows = [...document.querySelectorAll("#table tbody tr")];
+  const body = document.querySelector("#table tbody");
+  const byName = new Map();
+  for (const script of document.querySelectorAll("script.packed")) {
+    const text = script.textContent;
+    byName.set(JSON.parse(text.slice(text.indexOf(":") + 1, text.indexOf(', "content"'))), script);
+  }
+  let drawn = null;  // views of Bokeh on the page
+  let asked = 0;  // number of the last request to show a trial
+
+  // --- elements: text is always text, never markup
+
+  function element(tag, attributes = {}, ...children) {
+    const made = document.createElement(tag);
+    for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+    made.append(...children.filter((child) => child !== null && child !== undefined));
+    return made;
+  }
+
+  function table(head, lines, { fails = () => false, caption = "" } = {}) {
+    const made = element("table");
+    if (caption) made.append(element("caption", { class: "hidden" }, caption));
+    if (head.length) {
+      made.append(element("thead", {}, element("tr", {}, ...head.map((text) => element("th", { scope: "col" }, text)))));
+    }
+    const cell = (text, k) => (k ? element("td", { class: "wrap" }, text) : element("th", { scope: "row" }, text));
+    const line = (cells) => element("tr", fails(cells) ? { class: "fails" } : {}, ...cells.map(cell));
+    made.append(element("tbody", {}, ...lines.map(line)));
+    return element("div", { class: "scroll" }, made);
+  }
+
+  // --- the packed trials: the format is described in pack.py
+
+  async function inflated(text) {
+    const bytes = Uint8Array.from(atob(text), (sign) => sign.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+    return new Uint8Array(await new Response(stream).arrayBuffer());
+  }
+
+  const NO_VALUE = -32768;
+
+  async function unpacked(packed) {
+    const columns = {};
+    if (packed.plain) {
+      for (const [name, values] of Object.entries(packed.plain)) columns[name] = values.map((x) => (x === null ? NaN : x));
+      return columns;
+    }
+    for (const [name, [start, step]] of Object.entries(packed.even)) {
+      columns[name] = Float64Array.from({ length: packed.rows }, (_, k) => start + k * step);
+    }
+    const bytes = await inflated(packed.data);
+    Object.entries(packed.counts).forEach(([name, [centre, unit]], column) => {
+      const count = new Int16Array(1);
+      columns[name] = Float64Array.from({ length: packed.rows }, (_, k) => {
+        const at = 2 * column * packed.rows + k;
+        count[0] += bytes[at] + 256 * bytes[at + packed.rows];
+        return count[0] === NO_VALUE ? NaN : centre + count[0] * unit;
+      });
+    });
+    return columns;
+  }
+
+  // --- plots
+
+  const DASHES = { measured: [], model: [6, 3], residual: [], second: [2, 2], third: [8, 3, 2, 3] };
+  const MARKERS = { measured: "circle", model: "square", second: "triangle", third: "diamond", residual: "circle" };
+  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+
+  function key(line) {
+    const space = "http://www.w3.org/2000/svg";
+    const svg = document.createElementNS(space, "svg");
+    svg.setAttribute("width", 26);
+    svg.setAttribute("height", 10);
+    svg.setAttribute("aria-hidden", "true");
+    const path = document.createElementNS(space, line.kind === "points" ? "circle" : "line");
+    const at = line.kind === "points" ? { cx: 13, cy: 5, r: 3.5 } : { x1: 0, x2: 26, y1: 5, y2: 5 };
+    for (const [name, value] of Object.entries(at)) path.setAttribute(name, value);
+    path.setAttribute("style", line.kind === "points"
+      ? `fill: var(--${line.look})`
+      : `stroke: var(--${line.look}); stroke-width: ${line.kind === "range" ? 7 : 2}; stroke-dasharray: ${DASHES[line.look].join(" ")}`);
+    svg.append(path);
+    return svg;
+  }
+
+  function styled(plot) {
+    const text = colour("text");
+    plot.background_fill_color = colour("page");
+    plot.border_fill_color = colour("page");
+    plot.outline_line_color = colour("rule");
+    for (const side of ["below", "left"]) {
+      for (const axis of plot[side]) {
+        Object.assign(axis, {
+          axis_label_text_color: text, major_label_text_color: text, axis_line_color: text, major_tick_line_color: text,
+          minor_tick_line_color: null, axis_label_text_font_style: "normal",
+        });
+      }
+    }
+    for (const grid of plot.center) grid.grid_line_color = colour("grid");
+    plot.toolbar.logo = null;
+  }
+
+  // the columns of a line; where it has `where`, only the samples that have a value there
+  function masked(source, line) {
+    if (!line.where) return source;
+    const { [line.x]: x, [line.y]: y, [line.where]: known } = source.data;
+    return new Bokeh.ColumnDataSource({ data: { [line.x]: x, [line.y]: y.map((value, k) => (Number.isNaN(known[k]) ? NaN : value)) } });
+  }
+
+  function drawPanel(panel, sources, ranges) {
+    const shared = panel.linked ? ranges[panel.linked] : undefined;
+    const plot = Bokeh.Plotting.figure({
+      height: panel.square ? 420 : panel.log_x ? 300 : 230,
+      sizing_mode: "stretch_width",
+      tools: panel.square || panel.log_x ? "pan,box_zoom,wheel_zoom,reset,save" : "pan,xbox_zoom,xwheel_zoom,reset,save",
+      active_scroll: null,
+      min_border_left: 72,  // so that the panels' axes stand below one another
+      x_axis_label: panel.x_label,
+      y_axis_label: panel.y_label,
+      x_axis_type: panel.log_x ? "log" : "linear",
+      y_axis_type: panel.log_y ? "log" : "linear",
+      ...(shared ? { x_range: shared } : {}),
+    });
+    if (panel.linked && !shared) ranges[panel.linked] = plot.x_range;
+    for (const line of panel.drawn) {
+      const source = masked(sources[line.table], line);
+      const look = { source, color: colour(line.look) };
+      if (line.kind === "range") {
+        plot.segment({ field: line.x }, { field: line.y }, { field: line.x }, { field: line.high }, { ...look, line_width: 1.2 });
+      } else if (line.kind === "points") {
+        if (line.low) plot.segment({ field: line.x }, { field: line.low }, { field: line.x }, { field: line.high }, { ...look, line_width: 1.5 });
+        plot.scatter({ field: line.x }, { field: line.y }, { ...look, marker: MARKERS[line.look], size: 7 });
+      } else {
+        plot.line({ field: line.x }, { field: line.y }, { ...look, line_width: 1.4, line_dash: DASHES[line.look] });
+      }
+    }
+    styled(plot);
+    return plot;
+  }
+
+  function described(panel, columns) {
+    const ends = panel.drawn.map((line) => {
+      const values = [...columns[line.table][line.y]].filter(Number.isFinite);
+      if (!values.length) return `${line.name}: no values`;
+      const [low, high] = values.reduce(([a, b], x) => [Math.min(a, x), Math.max(b, x)], [Infinity, -Infinity]);
+      return `${line.name} from ${low.toPrecision(3)} to ${high.toPrecision(3)}`;
+    });
+    return `${panel.title}, ${panel.y_label} over ${panel.x_label}: ${ends.join("; ")}`;
+  }
+
+  function zoomButtons(ranges) {
+    const range = Object.values(ranges)[0];
+    if (!range) return null;
+    const move = (to) => () => {
+      const [start, end] = [range.start, range.end];
+      [range.start, range.end] = to(start, end - start);
+    };
+    let whole = null;
+    const button = (text, label, to) => {
+      const made = element("button", { type: "button", "aria-label": label }, text);
+      made.addEventListener("click", () => {
+        whole ??= [range.start, range.end];
+        move(to)();
+      });
+      return made;
+    };
+    return element(
+      "div", { class: "steps", role: "group", "aria-label": "Zoom of all panels over time" },
+      button("＋", "Zoom in", (start, width) => [start + width / 4, start + (3 * width) / 4]),
+      button("－", "Zoom out", (start, width) => [start - width / 2, start + (3 * width) / 2]),
+      button("◀", "Earlier", (start, width) => [start - width / 2, start + width / 2]),
+      button("▶", "Later", (start, width) => [start + width / 2, start + (3 * width) / 2]),
+      button("Whole", "Show all", () => whole),
+      element("span", { class: "note" }, "Or drag in a panel: all panels over time follow."),
+    );
+  }
+
+  function forgetPlots() {
+    drawn?.clear();
+    drawn = null;
+  }
+
+  async function drawPlots(place, content, columns) {
+    forgetPlots();
+    const ranges = {};
+    const sources = {};
+    for (const [name, data] of Object.entries(columns)) sources[name] = new Bokeh.ColumnDataSource({ data });
+    const frames = content.panels.map((panel) => {
+      const plot = drawPanel(panel, sources, ranges);
+      const keys = panel.drawn.map((line) => element("span", {}, key(line), line.name));
+      const box = element("div", { role: "img", "aria-label": described(panel, columns) });
+      const title = element("h4", {}, panel.title, element("span", { class: "legend" }, ...keys));
+      return { panel, plot, box, frame: element("div", { class: "plot" }, title, box) };
+    });
+    const over = frames.filter(({ panel }) => panel.linked && !panel.log_x).map(({ frame }) => frame);
+    const beside = frames.filter(({ panel }) => !panel.linked || panel.log_x).map(({ frame }) => frame);
+    place.replaceChildren(
+      ...[zoomButtons(ranges), element("div", { class: "plots" }, ...over), element("div", { class: "pairs" }, ...beside)]
+        .filter((child) => child !== null),
+    );
+    const sheet = new Bokeh.Document();
+    for (const { plot } of frames) sheet.add_root(plot);
+    drawn = await Bokeh.embed.add_document_standalone(sheet, place, frames.map(({ box }) => box));
+  }
+
+  // --- one trial
+
+  function doubtList(content) {
+    if (!content.doubts.length) return null;
+    const items = (doubts) => element("ul", { class: "doubts" }, ...doubts.map((doubt) => element(
+      "li", {}, element("b", {}, `${doubt.where}: `), doubt.text,
+      doubt.meaning ? element("span", { class: "meaning" }, `What this number is: ${doubt.meaning}`) : null,
+    )));
+    const whole = content.doubts.filter((doubt) => doubt.of_all);
+    const single = content.doubts.filter((doubt) => !doubt.of_all);
+    return section(
+      "Why it is doubtful",
+      whole.length ? items(whole) : element("p", {}, "The fit to all of the trial is not doubtful; fits to single amplitudes are."),
+      single.length && whole.length ? folded(`Doubts about single amplitudes (${single.length})`, items(single)) : null,
+      single.length && !whole.length ? items(single) : null,
+    );
+  }
+
+  function section(title, ...children) {
+    return element("section", {}, element("h2", {}, title), ...children);
+  }
+
+  function folded(title, ...children) {
+    return element("details", {}, element("summary", {}, title), ...children);
+  }
+
+  function estimates(content) {
+    if (!content.estimates) return section("Estimates", element("p", {}, "This trial has no fit of its own."));
+    const { columns, rows: lines } = content.estimates;
+    const head = columns.map(({ name, unit }) => (unit && unit !== "1" ? `${name} [${unit}]` : name));
+    return section(
+      "Estimates with 95 % intervals",
+      table(head, lines, { caption: `Estimates of ${content.name}` }),
+      folded(`Every column of its row in tables/${content.table}.csv`, table(["column", "value", "unit", "meaning"], content.columns)),
+    );
+  }
+
+  function quality(content) {
+    if (!content.quality.length) return section("Quality", element("p", {}, "Quality control did not see this trial."));
+    return section("Quality", table(
+      ["check", "what its value is", "value", "threshold", "verdict", "remark"], content.quality,
+      { fails: (cells) => cells[4] !== "pass" },
+    ));
+  }
+
+  function provenance(content) {
+    const { files, signals, facts } = content.provenance;
+    return section(
+      "Provenance",
+      files.length ? table(["role", "file", "bytes", "SHA-256", "source file"], files) : element("p", {}, "It was not ingested."),
+      signals.length ? folded("Signals: which channel became which", table(["signal", "file", "channel", "conversion"], signals)) : null,
+      facts.length ? folded("Clocks, stamps, decoding, software", table(["fact", "value"], facts)) : null,
+      content.time_base.length ? folded("Time base of the fit", table([], content.time_base)) : null,
+    );
+  }
+
+  function steps(name) {
+    const shown = rows.filter((row) => !row.hidden).map((row) => row.dataset.name);
+    const at = shown.indexOf(name);
+    const link = (other, text, rel) => (other === undefined ? null : element("a", { href: `#trial=${encodeURIComponent(other)}`, rel }, text));
+    return element(
+      "nav", { class: "steps", "aria-label": "Trials" }, element("a", { href: "#trials", id: "back" }, "↑ all trials"),
+      link(shown[at - 1], `← ${shown[at - 1]}`, "prev"), link(at < 0 ? undefined : shown[at + 1], `${shown[at + 1]} →`, "next"),
+    );
+  }
+
+  async function showTrial(name) {
+    const request = ++asked;
+    const packed = byName.get(name);
+    forgetPlots();
+    overview.hidden = true;
+    view.hidden = false;
+    if (!packed) {
+      view.replaceChildren(element("h1", {}, "No such trial"), element("p", {}, `This report has no trial "${name}".`), steps(name));
+      return;
+    }
+    const { content: text, tables } = JSON.parse(packed.textContent);
+    const content = JSON.parse(new TextDecoder().decode(await inflated(text)));
+    const columns = {};
+    for (const [key, value] of Object.entries(tables)) columns[key] = await unpacked(value);
+    if (request !== asked) return;
+    const plots = element("div");
+    view.replaceChildren(...[
+      steps(name),
+      element("h1", {}, name, " ", element("span", { class: `verdict ${content.verdict}` }, content.verdict)),
+      element("p", { class: "about" }, `${content.experiment}: ${content.description}`),
+      content.condition ? element("p", {}, content.condition) : null,
+      ...content.left_out.map((reason) => element("p", {}, element("b", {}, `${content.verdict}: `), reason)),
+      doubtList(content),
+      estimates(content),
+      ...content.not_checked.map((what) => element("p", { class: "note" }, `Not checked: ${what}`)),
+      content.panels.length ? section("Signals", element("p", { class: "note" }, content.remark), plots) : null,
+      quality(content),
+      provenance(content),
+    ].filter((child) => child !== null));
+    view.focus({ preventScroll: true });
+    window.scrollTo(0, 0);
+    document.title = `${name}: report of osl-analysis`;
+    if (content.panels.length) await drawPlots(plots, content, columns);
+    view.dataset.drawn = name;
+  }
+
+  function showOverview(place) {
+    asked += 1;
+    forgetPlots();
+    view.hidden = true;
+    view.replaceChildren();
+    overview.hidden = false;
+    document.getElementById(place)?.scrollIntoView();
+  }
+
+  function follow() {
+    const place = location.hash.slice(1);
+    if (!place.startsWith("trial=")) return showOverview(place);
+    let name = place.slice("trial=".length);
+    try {
+      name = decodeURIComponent(name);
+    } catch { /* a lone per cent sign stands for itself */ }
+    return showTrial(name);
+  }
+
+  // --- the table of trials
+
+  const search = document.getElementById("search");
+  const selects = [...document.querySelectorAll("#filters select")];
+
+  function filter() {
+    const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
+    let shown = 0;
+    for (const row of rows) {
+      const text = row.textContent.toLowerCase();
+      row.hidden = !words.every((word) => text.includes(word))
+        || selects.some(({ value, dataset }) => value && row.dataset[dataset.filter] !== value);
+      shown += !row.hidden;
+    }
+    document.getElementById("shown").textContent = `${shown} of ${rows.length} trials`;
+  }
+
+  function sortBy(button) {
+    const head = button.closest("th");
+    const column = head.cellIndex;
+    const descending = head.getAttribute("aria-sort") === "ascending";
+    for (const other of document.querySelectorAll("#table th[aria-sort]")) other.setAttribute("aria-sort", "none");
+    head.setAttribute("aria-sort", descending ? "descending" : "ascending");
+    const value = (row) => {
+      const cell = row.cells[column];
+      if (cell.dataset.sort === undefined) return cell.textContent.trim();
+      return cell.dataset.sort === "" ? null : Number(cell.dataset.sort);
+    };
+    const missing = (x) => x === null || x === "";
+    rows.sort((a, b) => {
+      const [x, y] = [value(a), value(b)];
+      if (missing(x) || missing(y)) return missing(x) - missing(y);
+      const order = typeof x === "number" ? x - y : x.localeCompare(y, "en", { numeric: true });
+      return descending ? -order : order;
+    });
+    body.append(...rows);
+  }
+
+  for (const button of document.querySelectorAll("#table th button")) button.addEventListener("click", () => sortBy(button));
+  for (const select of selects) select.addEventListener("change", filter);
+  search.addEventListener("input", filter);
+  document.getElementById("filters").addEventListener("reset", () => setTimeout(filter));
+  document.getElementById("filters").addEventListener("submit", (event) => event.preventDefault());
+  for (const count of document.querySelectorAll(".count")) {
+    count.addEventListener("click", () => {
+      document.querySelector('[data-filter="verdict"]').value = count.dataset.verdict;
+      filter();
+      document.getElementById("trials").scrollIntoView();
+    });
+  }
+
+  // --- colours and keys
+
+  const themes = ["system", "light", "dark"];
+  const theme = document.getElementById("theme");
+  theme.addEventListener("click", () => {
+    const next = themes[(themes.indexOf(document.documentElement.dataset.theme ?? "system") + 1) % themes.length];
+    if (next === "system") delete document.documentElement.dataset.theme;
+    else document.documentElement.dataset.theme = next;
+    theme.textContent = `Colours: ${next}`;
+    theme.setAttribute("aria-label", `Colours of this page: ${next === "system" ? "as the system has them" : next}`);
+    if (!view.hidden) follow();
+  });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { if (!view.hidden) follow(); });
+
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input, select, textarea")) return;
+    if (event.key === "/") {
+      event.preventDefault();
+      if (!view.hidden) location.hash = "#trials";
+      search.focus();
+    } else if (event.key === "Escape" && !view.hidden) location.hash = "#trials";
+    else if (event.key === "ArrowLeft" && !event.target.closest(".plot")) view.querySelector('a[rel="prev"]')?.click();
+    else if (event.key === "ArrowRight" && !event.target.closest(".plot")) view.querySelector('a[rel="next"]')?.click();
+  });
+  window.addEventListener("hashchange", follow);
+  follow();
+})();

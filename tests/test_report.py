@@ -1,0 +1,290 @@
+"""The report: signals survive packing, names stay text, sizes hold, and what the page says is what the tables say."""
+
+import base64
+import hashlib
+import json
+import re
+import zlib
+from html.parser import HTMLParser
+
+import numpy as np
+import polars as pl
+import pytest
+from numpy.testing import assert_allclose
+
+from osl_analysis.about import About
+from osl_analysis.bench.series import Series
+from osl_analysis.dictionary import described_tables
+from osl_analysis.report import overview
+from osl_analysis.report.captions import caption_html, captions_by_title
+from osl_analysis.report.doubts import doubts_of, split
+from osl_analysis.report.numbers import estimates_of
+from osl_analysis.report.pack import packed_table
+from osl_analysis.report.page import PageTrial, every_kth, written_page
+from osl_analysis.report.panels import bench_pictures
+from osl_analysis.report.provenance import provenance_of
+from osl_analysis.report.svg import inline_svg
+from osl_analysis.report.trial_page import ReportedTrial, trial_content
+
+HOSTILE = '<img src=x onerror="alert(1)"></script><b>&amp;'
+IMPEDANCE = next(table for table in described_tables() if table.place == "tables/impedance")
+
+
+def unpack(packed):
+    """The columns of a packed table, read by the description of the format alone."""
+    if "plain" in packed:
+        return {
+            name: np.array([np.nan if x is None else x for x in column]) for name, column in packed["plain"].items()
+        }
+    n = packed["rows"]
+    columns = {name: start + step * np.arange(n) for name, (start, step) in packed["even"].items()}
+    planes = np.frombuffer(zlib.decompress(base64.b64decode(packed["data"])), np.uint8).reshape(-1, 2, n)
+    for (name, (centre, unit)), (low, high) in zip(packed["counts"].items(), planes, strict=True):
+        counts = np.cumsum(low + 256 * high.astype(np.int64)).astype(np.int16)
+        columns[name] = np.where(counts == -32768, np.nan, centre + unit * counts)
+    return columns
+
+
+def test_a_packed_signal_is_off_by_no_more_than_half_a_count_and_keeps_its_holes():
+    rng = np.random.default_rng(1)
+    noisy = rng.normal(size=5000).cumsum()
+    noisy[100:200] = np.nan
+    table = pl.DataFrame({"time": 3 + np.arange(5000) / 66, "noisy": noisy, "flat": np.full(5000, 4.2)}).fill_nan(None)
+    packed = packed_table(table)
+    found = unpack(json.loads(json.dumps(packed)))
+    assert set(packed["even"]) == {"time"}
+    assert_allclose(found["time"], table["time"], rtol=0, atol=1e-9)
+    span = np.nanmax(noisy) - np.nanmin(noisy)
+    assert_allclose(found["noisy"], noisy, rtol=0, atol=span / 32_000)
+    assert_allclose(found["flat"], 4.2, rtol=1e-12)
+
+
+def test_a_short_table_is_written_as_numbers():
+    found = unpack(packed_table(pl.DataFrame({"x": [1.0, None, 1e-9], "name": ["a", "b", "c"]}).drop("name")))
+    assert_allclose(found["x"], [1, np.nan, 1e-9])
+
+
+def test_thinned_series_keep_every_outlier_of_the_residual_and_no_model_where_nothing_is_fitted():
+    n = 40_000
+    time, torque = 5 + np.arange(n) / 1000, np.zeros(n)
+    torque[12_345], torque[12_346] = 7.0, -9.0
+    fitted = np.arange(n) >= 10_000
+    table = Series(time, torque, np.zeros(n), np.full(n, np.pi), fitted).table()
+    assert len(table) == 10_000
+    assert_allclose(table["time"].to_numpy(), np.arange(10_000) * 0.004, atol=1e-9)
+    assert table["residual_high"].max() == 7.0
+    assert table["residual_low"].min() == -9.0
+    assert table["torque_model"].null_count() == table["residual_low"].null_count() == 2500
+    assert_allclose(table["theta_deg"].to_numpy(), 180, rtol=1e-6)
+
+
+def test_thinning_for_a_small_page_keeps_the_ends_of_ranges():
+    table = pl.DataFrame({"time": np.arange(4000.0), "residual_low": 0.0, "residual_high": 0.0})
+    table[1237, "residual_high"] = 5.0
+    table[2001, "residual_low"] = -5.0
+    thinned = every_kth(table, 10)
+    assert thinned["time"].to_list() == list(range(0, 4000, 10))
+    assert (thinned["residual_low"].min(), thinned["residual_high"].max()) == (-5.0, 5.0)
+
+
+ABOUT = About(HOSTILE, "simulated", "1.2", "abc", "made with seed 1")
+
+
+def fitted_rows(doubtful=""):
+    return pl.DataFrame(
+        {
+            "trial": ["t", "t"], "amplitude_deg": [4.0, None], "K": [301.26, 299.51], "K_low": [300.9, 299.2],
+            "K_high": [301.6, 299.8], "VAF": [99.0, 98.0], "doubtful": ["", doubtful], "not_checked": [None, None],
+        },
+        schema_overrides={"not_checked": pl.String},
+    )  # fmt: skip
+
+
+def trial(name="t", doubtful="", **facts):
+    row = {"trial": name, "experiment": "impedance", "controller": HOSTILE, "K_d": 300.0, "log": "a.mcap"}
+    return ReportedTrial(name, row, {"impedance": fitted_rows(doubtful)}, **facts)
+
+
+def page_of(trials, largest_mb=40.0, tables=None):
+    content = {
+        "about": ABOUT,
+        "counts": overview.counts(trials),
+        "choices": overview.choices(trials),
+        "headlines": [],
+        "figures": [],
+        "quantities": overview.QUANTITIES,
+        "trials": overview.trial_rows(trials),
+        "left_out": overview.left_out(trials, {HOSTILE: ["gap"]}),
+        "experiments": {"impedance": "one line"},
+    }
+    described = {"impedance": IMPEDANCE}
+    pages = [PageTrial(one.name, trial_content(one, described, {}), tables or one.pictures.tables) for one in trials]
+    return written_page(content, pages, largest_mb)
+
+
+class Page(HTMLParser):
+    """Elements of a page, the text outside scripts, and the scripts."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.text, self.scripts, self.attributes, self.inside = [], "", [], [], ""
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        self.inside = tag
+        self.attributes.append((tag, dict(attributes)))
+
+    def handle_endtag(self, tag):
+        self.inside = ""
+
+    def handle_data(self, data):
+        if self.inside == "script":
+            self.scripts.append(data)
+        else:
+            self.text += data
+
+
+@pytest.fixture(scope="module")
+def hostile_page():
+    return page_of([trial(HOSTILE, f"VAF 3 is below 90 ({HOSTILE})")])
+
+
+def test_names_from_files_are_text(hostile_page):
+    page = Page(hostile_page)
+    assert "img" not in page.tags
+    assert page.tags.count("script") == 3
+    assert not [name for _, attributes in page.attributes for name in attributes if name.startswith("on")]
+    assert page.text.count(HOSTILE) >= 4
+
+
+def test_a_packed_trial_reads_back_with_its_name(hostile_page):
+    packed = json.loads(Page(hostile_page).scripts[0])
+    content = json.loads(zlib.decompress(base64.b64decode(packed["content"])))
+    assert packed["name"] == content["name"] == HOSTILE
+    assert content["estimates"]["rows"] == [
+        ["4", "301.26 [300.90, 301.60]", "99"],
+        ["all", "299.51 [299.20, 299.80]", "98"],
+    ]
+
+
+def test_no_script_runs_but_the_two_of_the_page_and_nothing_is_loaded(hostile_page):
+    page = Page(hostile_page)
+    policy = next(a["content"] for tag, a in page.attributes if a.get("http-equiv") == "Content-Security-Policy")
+    found = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in page.scripts[-2:]]
+    assert re.findall(r"'sha256-([^']+)'", policy) == found
+    assert policy.startswith("default-src 'none'; script-src 'sha256-")
+    assert not [a for tag, a in page.attributes if a.get("src") or a.get("href", "#")[0] != "#"]
+
+
+def test_signals_are_thinned_out_until_the_page_is_small_enough_and_the_page_says_so():
+    rng = np.random.default_rng(2)
+    series = pl.DataFrame({"time": np.arange(60_000.0), "torque": rng.normal(size=60_000)})
+    trials = [trial(f"t{k}") for k in range(6)]
+    whole, small = (page_of(trials, mb, {"series": series}) for mb in (40.0, 1.7))
+    assert len(whole) > 1_900_000
+    assert len(small) < 1_700_000
+    assert "every" not in Page(whole).text.partition("Keys:")[0].rpartition("Drawn with")[2]
+    assert re.search(r"every \d+th sample", Page(small).text)
+
+
+def test_verdicts_and_counts():
+    trials = [
+        trial("a"),
+        trial("b", "VAF 3 is below 90"),
+        trial("c", left_out=["gap 1 s"]),
+        trial("d", left_out=["x"], refused=True),
+    ]
+    assert [one.verdict for one in trials] == ["used", "doubtful", "excluded", "refused"]
+    assert overview.counts(trials) == dict.fromkeys(("used", "doubtful", "excluded", "refused"), 1)
+    row = overview.trial_row(trials[1], {"K_d"})
+    assert row["doubt"] == "all amplitudes: VAF 3 is below 90"
+    assert row["numbers"][1] == {"sort": "299.51", "text": "299.51", "interval": "[299.20, 299.80]", "column": "K"}
+    assert row["condition"] == "K_d 300"
+    assert trials[1].condition() == f"controller {HOSTILE}, K_d 300"
+
+
+def test_doubts_are_split_and_explained():
+    cell = (
+        "odd_harmonics 0.291 is above 0.25; coulomb_share 1.03 is above 0.5 (this share of B is Coulomb friction; not "
+        "damping); impedance.csv: VAF 89.9 is below 90; R2 is not a number"
+    )
+    assert [part.split()[0] for part in split(cell)] == ["odd_harmonics", "coulomb_share", "impedance.csv:", "R2"]
+    assert "; ".join(split(cell)) == cell
+    found = doubts_of(fitted_rows(cell), IMPEDANCE)
+    assert [one["where"] for one in found] == ["all amplitudes"] * 4
+    assert [one["meaning"] for one in found] == [
+        IMPEDANCE.columns[name].meaning for name in ("odd_harmonics", "coulomb_share", "VAF", "R2")
+    ]
+
+
+def test_estimates_have_units_and_intervals():
+    found = estimates_of(fitted_rows(), IMPEDANCE)
+    assert [(one["name"], one["unit"]) for one in found["columns"]] == [
+        ("amplitude_deg", "deg"),
+        ("K", "N·m/rad"),
+        ("VAF", "%"),
+    ]
+
+
+def test_provenance_says_file_hash_channel_and_conversion():
+    origin = {
+        "file": "log",
+        "topic": "/wrench",
+        "field": "torque.z",
+        "unit": "Nm",
+        "si_unit": "N*m",
+        "sign": -1,
+        "scale": 2.0,
+    }
+    markers = {
+        f"marker_A_{axis}": {"component": axis, "label": "A", "file": "mocap", "unit": "mm", "si_unit": "m"}
+        for axis in "xyz"
+    }
+    found = provenance_of(
+        {
+            "files": {"log": {"path": "a.mcap", "bytes": 12, "sha256": "ff", "source": "mine"}},
+            "columns": {"torque": origin, **markers},
+            "clock": {"offset": 0.5, "edges": 18, "nothing": None},
+        }
+    )
+    assert found["files"] == [["log", "a.mcap", "12", "ff", "mine"]]
+    assert found["signals"] == [
+        ["torque", "log", "/wrench torque.z", "Nm → N*m, sign -1, scale 2"],
+        ["marker_A", "mocap", "A", "mm → m"],
+    ]
+    assert found["facts"] == [["clock offset", "0.5"], ["clock edges", "18"]]
+
+
+def test_a_figure_keeps_to_its_own_identifiers_and_opens_trials():
+    spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+    svg = (
+        f'<svg {spaces} width="252pt" height="100pt"><defs><path id="p1"/><clipPath id="c"/></defs>'
+        '<g clip-path="url(#c)"><use xlink:href="#p1"/></g>'
+        '<a xlink:href="../report.html#trial=a%26b%3C" target="_blank"><path d="M0 0"/></a></svg>'
+    )
+    found = inline_svg(svg, "fig5", "Fig. 5")
+    assert {'id="fig5-p1"', 'xlink:href="#fig5-p1"', "url(#fig5-c)", 'xlink:href="#trial=a%26b%3C"'} <= set(
+        re.findall(r'(?:xlink:href|id)="[^"]*"|url\([^)]*\)', found)
+    )
+    assert "<title>a&amp;b&lt;</title>" in found
+    assert "target" not in found
+
+
+def test_a_caption_is_text_with_indices():
+    assert (
+        caption_html(r"$K_d$ of \<img\>, $\hat{K}$ & $10^{-3}$")
+        == "<i>K<sub>d</sub></i> of &lt;img&gt;, <i>K\u0302</i> &amp; <i>10<sup>-3</sup></i>"
+    )
+    assert captions_by_title("# Captions\n\nx\n\n## Fig. 3\n\nOne.\n\n## Fig. 4\n\nTwo.\n") == {
+        "Fig. 3": "One.",
+        "Fig. 4": "Two.",
+    }
+
+
+def test_a_velocity_is_drawn_as_one():
+    series = Series(
+        np.arange(3.0), np.ones(3), np.ones(3), np.ones(3), np.ones(3, dtype=bool), is_velocity=True
+    ).table()
+    labels = [panel.y_label for panel in bench_pictures(series, "Motor motion").panels]
+    assert labels == ["Torque (N·m)", "Torque (N·m)", "Motor motion (rad/s)", "Torque (N·m)"]

@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
 
-.PHONY: reproduce-all test test-kernels setup check lock
+.PHONY: reproduce-all test test-kernels test-browser setup check lock
 
 reproduce-all: $(READY)
 	$(BIN)/snakemake reproduce-all
@@ -17,6 +17,10 @@ test-kernels: $(READY)
 		OPENBLAS_CORETYPE=$$kernel $(BIN)/python tests/kernels.py && \
 		OPENBLAS_CORETYPE=$$kernel $(BIN)/python -m pytest -m numerics || exit 1; \
 	done
+
+# The report in headless Chromium (Debian: apt-get install chromium chromium-driver).
+test-browser: $(READY)
+	$(BIN)/python -m pytest -m browser -n0 tests/browser
 
 setup: $(READY)
 

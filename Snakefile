@@ -22,6 +22,7 @@ from osl_analysis.exclusion import exclusion_report, truncation_report
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.figures import FIGURES, drawn_figures
 from osl_analysis.files import digest, file_state
+from osl_analysis.refusal import is_refused
 from osl_analysis.refusal_report import refusal_report, refusals_in
 from osl_analysis.report.page import TEMPLATES
 from osl_analysis.study import BENCH as STUDY_ON_BENCH, REPEATED as STUDY_OF_REPEATS, WALKING as STUDY_OF_WALKING
@@ -87,8 +88,10 @@ rule:
 def end_of_run(records) -> str:
     """What a user must know at the end of a run; what was refused stands last."""
     recordings = {trial: [str(path) for path in CAMPAIGN.logs(trial)] for trial in CAMPAIGN.trials()}
+    page = RESULTS / "report.html"
     said = [
         jobs.report(RESULTS / "logs"),
+        f"open {page} in a browser: every number, figure and trial" if page.is_file() and not is_refused(page) else "",
         doubt_report(result_tables()),
         unchecked_report(result_tables()),
         exclusion_report(checked(CAMPAIGN.trials()), CAMPAIGN.excluded),

@@ -239,7 +239,7 @@ def test_from_log_to_headline_numbers(tmp_path, campaign):
         simulate_trial(campaign, tmp_path, name)
         row = {"trial": name, "experiment": "actuator", "log": f"actuator/{name}.mcap", "log_source": "actuator"}
         ingest_trial(row, tmp_path, Path("config/sources"), tmp_path / f"{name}.parquet")
-        tables = {"actuator": tmp_path / f"{name}.csv", "timebase": tmp_path / f"{name}_timebase.csv"}
+        tables = {table: tmp_path / f"{name}_{table}.csv" for table in ("actuator", "timebase", "series")}
         fit_actuator_trial(tmp_path / f"{name}.parquet", DEVICE, analysis, tables)
     assert set(read_trial(tmp_path / "actuator_1.parquet").samples.columns) == {
         "time",
@@ -247,7 +247,7 @@ def test_from_log_to_headline_numbers(tmp_path, campaign):
         "current",
         "torque_m",
     }
-    table = pl.concat([read_table(tmp_path / f"actuator_{i}.csv") for i in (1, 2)])
+    table = pl.concat([read_table(tmp_path / f"actuator_{i}_actuator.csv") for i in (1, 2)])
     table.write_csv(tmp_path / "actuator.csv")
     assert table["VAF"].min() > 99.9
     summarise_actuator(tmp_path / "actuator.csv", tmp_path / "summary.csv")

@@ -39,6 +39,7 @@ MAY_IMPORT = {
         "yaml_settings",
     },
     "figures": COMMON | {"figures"},
+    "report": COMMON | {"report", "experiments", "dictionary", "summary", "about"},
 }
 
 

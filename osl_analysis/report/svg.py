@@ -4,13 +4,15 @@ import re
 from urllib.parse import unquote
 from xml.etree import ElementTree
 
+from markupsafe import Markup
+
 SVG, XLINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}"
 TRIAL = "#trial="
 """Link to a trial, in the figures' files behind the name of the report."""
 REFERENCE = re.compile(r"url\(#([^)]+)\)")
 
 
-def inline_svg(text: str, name: str, label: str) -> str:
+def inline_svg(text: str, name: str, label: str) -> Markup:
     """The SVG of a figure for the page: identifiers begin with `name`, links lead to trials, `label` says what it is.
 
     Links are not stops of the keyboard: the table of trials has the same, and a figure hundreds.
@@ -37,7 +39,7 @@ def inline_svg(text: str, name: str, label: str) -> str:
         root.attrib.pop(key, None)
     root.set("role", "img")
     root.set("aria-label", label)
-    return ElementTree.tostring(root, encoding="unicode")
+    return Markup(ElementTree.tostring(root, encoding="unicode"))
 
 
 def link(element: ElementTree.Element) -> None:

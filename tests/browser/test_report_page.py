@@ -1,0 +1,299 @@
+"""The report in headless Chromium: it loads from a file alone, sorts, filters, opens every kind of trial, and zooms.
+
+The campaign is a small simulated one, with a recording that is refused, one that quality control excludes, trials of
+other experiments than the draft's, and a controller whose name is markup.
+"""
+
+import os
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+import yaml
+from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import WebDriverWait
+from test_workflow import Workspace
+
+from osl_analysis.table import read_table
+
+pytestmark = pytest.mark.browser
+DRIVER = shutil.which("chromedriver")
+HOSTILE = '<img src=x onerror="document.title=1">'
+FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
+         "--disable-component-update", "--disable-sync", "--window-size=1300,1000")  # fmt: skip
+OTHERS = {"foot_1": "torque_angle", "any_1": "ingest_only"}
+"""Trials that the simulator does not record, and their experiments."""
+KINDS = ("belt", "transmission", "actuator", "impedance", "static", "plate", "walking", "torque_angle", "ingest_only")
+
+
+def other_recordings(folder: Path) -> None:
+    """Recordings of experiments that the simulator does not record, as CSV with a source file."""
+    t = np.arange(0, 60, 0.01)
+    theta = np.deg2rad(8) * np.sin(2 * np.pi * 0.05 * t)
+    torque = 250 * theta + 0.6 * np.tanh(np.gradient(theta, t) / 0.01)
+    noise = np.random.default_rng(3).normal(scale=0.01, size=len(t))
+    for name in OTHERS:
+        pl.DataFrame({"t": t, "angle": theta, "torque": torque + noise}).write_csv(folder / f"{name}.csv")
+
+
+@pytest.fixture(scope="session")
+def results(tmp_path_factory):
+    space = Workspace(tmp_path_factory.mktemp("campaign"))
+    done = space.start("reproduce-all")
+    assert done.returncode == 0, done.stdout + done.stderr
+    return with_other_trials(space)
+
+
+def with_other_trials(space: Workspace) -> Path:
+    """The results of the same campaign taken for a measured one, with further and with damaged recordings."""
+    raw, config = space.folder / "raw_data/small", space.folder / "config"
+    sheet = pl.read_csv(raw / "trials.csv", infer_schema_length=None).filter(~pl.col("trial").is_in(OTHERS))
+    other_recordings(raw)
+    rows = [
+        {"trial": name, "experiment": kind, "log": f"{name}.csv", "log_source": "plain"}
+        for name, kind in OTHERS.items()
+    ]
+    sheet = pl.concat([sheet, pl.DataFrame(rows)], how="diagonal_relaxed")
+    damaged = raw / "dynamometer/belt_02.mcap"
+    damaged.write_bytes(damaged.read_bytes()[:4000])
+    hostile = pl.when(pl.col("controller") == "uncompensated").then(pl.lit(HOSTILE)).otherwise(pl.col("controller"))
+    sheet.with_columns(hostile.alias("controller")).write_csv(raw / "trials.csv")
+    channels = {"theta": {"column": "angle", "unit": "rad"}, "torque": {"column": "torque", "unit": "N*m"}}
+    source = {"format": "csv", "time": {"column": "t", "unit": "s"}, "channels": channels}
+    (config / "sources/plain.yaml").write_text(yaml.safe_dump(source))
+    space.configure({"simulation": None, "results": "results/other", "failed_trials": "accept", "campaign": "other"})
+    done = space.start("reproduce-all")
+    assert done.returncode == 0, done.stdout + done.stderr
+    return space.folder / "results/other"
+
+
+@pytest.fixture(scope="session")
+def chromium():
+    if DRIVER is None:
+        pytest.fail("no chromedriver: install Chromium and its driver (Debian: chromium, chromium-driver)")
+    os.environ |= {"SE_OFFLINE": "true", "SE_AVOID_STATS": "true"}
+    options = webdriver.ChromeOptions()
+    for flag in FLAGS:
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options=options, service=Service(DRIVER))
+    yield driver
+    driver.quit()
+
+
+@pytest.fixture
+def page(chromium, results):
+    """The page as it opens, and nothing in its console or on the network when a test is done with it."""
+    chromium.get("about:blank")
+    for log in ("browser", "performance"):
+        chromium.get_log(log)
+    chromium.get((results / "report.html").as_uri())
+    yield chromium
+    said, sent = (chromium.get_log(log) for log in ("browser", "performance"))
+    errors = [entry["message"] for entry in said if entry["level"] in ("SEVERE", "WARNING")]
+    requests = [entry["message"] for entry in sent if '"Network.requestWillBeSent"' in entry["message"]]
+    assert errors == []
+    assert [text for text in requests if "report.html" not in text] == []
+
+
+def wait(page, condition):
+    return WebDriverWait(page, 20).until(lambda _: condition())
+
+
+def open_trial(page, name):
+    page.execute_script("location.hash = '#trial=' + encodeURIComponent(arguments[0])", name)
+    wait(page, lambda: page.find_element(By.ID, "trial").get_attribute("data-drawn") == name)
+
+
+def visible(page):
+    rows = page.find_elements(By.CSS_SELECTOR, "#table tbody tr")
+    return [row.get_attribute("data-name") for row in rows if row.is_displayed()]
+
+
+def heads(page):
+    buttons = page.find_elements(By.CSS_SELECTOR, "#table th button")
+    return {button.text.split()[0]: button for button in buttons}
+
+
+def test_the_overview_shows_campaign_numbers_figures_and_every_trial(page, results):
+    sheet = pl.read_csv(results.parents[1] / "raw_data/small/trials.csv", infer_schema_length=None)
+    assert visible(page) == sheet["trial"].to_list()
+    assert page.find_element(By.TAG_NAME, "h1").text == "other"
+    figures = {figure.get_attribute("id") for figure in page.find_elements(By.TAG_NAME, "figure")}
+    assert {f"figure-fig{k}" for k in range(3, 10)} - {"figure-fig8"} <= figures
+    drawn = page.find_elements(By.CSS_SELECTOR, "figure svg")
+    assert len(drawn) == len(figures)
+    for figure in drawn:
+        assert figure.size["width"] > 300
+        assert figure.get_attribute("aria-label")
+
+
+def test_names_from_files_are_text(page):
+    assert page.find_elements(By.TAG_NAME, "img") == []
+    cells = [cell.text for cell in page.find_elements(By.CSS_SELECTOR, "#table td:nth-child(3)")]
+    assert sum(HOSTILE in text for text in cells) == 2
+    open_trial(page, "impedance_K300_B5.0_uncompensated")
+    assert HOSTILE in page.find_element(By.ID, "trial").text
+    assert page.find_elements(By.TAG_NAME, "img") == []
+    assert page.title != "1"
+
+
+def test_it_sorts_by_numbers_both_ways_with_missing_ones_last(page):
+    def column():
+        cells = page.find_elements(By.CSS_SELECTOR, "#table tbody td:nth-child(6)")
+        return [float(cell.get_attribute("data-sort")) for cell in cells if cell.get_attribute("data-sort")]
+
+    before = column()
+    heads(page)["K"].click()
+    assert column() == sorted(before)
+    heads(page)["K"].click()
+    assert column() == sorted(before, reverse=True)
+    assert page.find_elements(By.CSS_SELECTOR, "#table tbody tr")[-1].find_elements(By.TAG_NAME, "td")[4].text == "–"
+    assert page.find_element(By.CSS_SELECTOR, "#table th:nth-child(6)").get_attribute("aria-sort") == "descending"
+
+
+def test_it_filters_by_words_experiment_and_verdict(page):
+    page.find_element(By.ID, "search").send_keys("belt_0")
+    assert visible(page) == ["belt_01", "belt_02"]
+    page.find_element(By.CSS_SELECTOR, "#filters button[type=reset]").click()
+    wait(page, lambda: len(visible(page)) > 10)
+    page.execute_script("window.scrollTo(0, 0)")
+    page.find_element(By.CSS_SELECTOR, '.count[data-verdict="refused"]').click()
+    assert visible(page) == ["belt_02"]
+    assert page.find_element(By.ID, "shown").text.startswith("1 of ")
+
+
+def test_it_says_why_a_trial_was_left_out(page):
+    line = page.find_element(By.CSS_SELECTOR, "#left-out tbody tr")
+    assert line.find_element(By.TAG_NAME, "th").text == "belt_02"
+    page.execute_script("location.hash = '#trial=belt_02'")
+    wait(page, lambda: "refused" in page.find_element(By.ID, "trial").text)
+    assert "belt_02.mcap" in page.find_element(By.ID, "trial").text
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_opens_a_trial_of_every_kind_and_draws_it(page, results, kind):
+    rows = page.find_elements(By.CSS_SELECTOR, f'#table tbody tr[data-experiment="{kind}"]')
+    rows[0].find_element(By.TAG_NAME, "a").click()
+    name = rows[0].get_attribute("data-name")
+    wait(page, lambda: page.find_element(By.ID, "trial").get_attribute("data-drawn") == name)
+    boxes = page.find_elements(By.CSS_SELECTOR, '#trial .plot [role="img"]')
+    assert len(boxes) >= 2
+    assert all(box.size["height"] > 150 for box in boxes)
+    assert not [box for box in boxes if "no values" in box.get_attribute("aria-label")]
+    assert drawn_dots(page) > 500
+    text = page.find_element(By.ID, "trial").text
+    assert {"Quality", "Provenance", "SHA-256"} <= set(text.split())
+
+
+def drawn_dots(page):
+    """Dots of the first panel that are not the background's colour, read from the canvases."""
+    return page.execute_script("""
+        const found = [];
+        const look = (node) => {
+          if (node.tagName === "CANVAS") found.push(node);
+          for (const child of [...(node.shadowRoot?.children ?? []), ...node.children]) look(child);
+        };
+        look(document.querySelector("#trial .plot"));
+        let dots = 0;
+        for (const canvas of found) {
+          if (!canvas.width || !canvas.height) continue;
+          const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+          for (let k = 0; k < data.length; k += 4) dots += data[k + 3] > 0 && data[k] + data[k + 1] + data[k + 2] < 600;
+        }
+        return dots;
+    """)
+
+
+def test_the_numbers_of_a_trial_are_those_of_the_table(page, results):
+    name = "impedance_K300_B5.0_compensated"
+    open_trial(page, name)
+    table = read_table(results / "tables/impedance.csv").filter(pl.col("trial") == name)
+    lines = page.find_elements(By.CSS_SELECTOR, "#trial section table tbody tr")[: len(table)]
+    for row, line in zip(table.iter_rows(named=True), lines, strict=True):
+        cells = [cell.text for cell in line.find_elements(By.CSS_SELECTOR, "th, td")]
+        assert cells[0] == ("all" if row["amplitude_deg"] is None else f"{row['amplitude_deg']:g}")
+        for quantity, cell in zip(("K", "B", "I"), cells[1:4], strict=True):
+            value, low, high = (float(part.strip("[],")) for part in cell.split())
+            half = (row[f"{quantity}_high"] - row[f"{quantity}_low"]) / 2
+            for shown, true in ((value, row[quantity]), (low, row[f"{quantity}_low"]), (high, row[f"{quantity}_high"])):
+                assert shown == pytest.approx(true, abs=0.06 * half)
+
+
+def test_the_drawn_signals_are_those_of_the_results(page, results):
+    name = "impedance_K300_B5.0_compensated"
+    open_trial(page, name)
+    series = read_table(results / f"fits/series/{name}.csv")
+    label = page.find_element(By.CSS_SELECTOR, '#trial .plot [role="img"]').get_attribute("aria-label")
+    low, high = re.search(r"measured from (\S+) to (\S+);", label).groups()
+    assert (float(low), float(high)) == pytest.approx((series["torque"].min(), series["torque"].max()), rel=5e-3)
+
+
+def test_panels_over_time_zoom_together(page):
+    open_trial(page, "impedance_K300_B5.0_compensated")
+    zoom_in = page.find_element(By.CSS_SELECTOR, 'button[aria-label="Zoom in"]')
+    ends = "return Object.values(Bokeh.documents.at(-1).roots()).filter((p) => p.x_range.constructor !== undefined)"
+    ends += ".slice(0, 3).map((p) => [p.x_range.start, p.x_range.end])"
+    before = page.execute_script(ends)
+    zoom_in.click()
+    after = page.execute_script(ends)
+    assert after[0] == after[1] == after[2]
+    assert after[0][1] - after[0][0] == pytest.approx((before[0][1] - before[0][0]) / 2)
+    torque, residual = page.find_elements(By.CSS_SELECTOR, '#trial .plots .plot [role="img"]')[:2]
+    drag = ActionChains(page).move_to_element_with_offset(torque, -100, 0).click_and_hold().move_by_offset(150, 0)
+    drag.release().perform()
+    wait(page, lambda: page.execute_script(ends)[1] != after[1])
+    dragged = page.execute_script(ends)
+    assert dragged[0] == dragged[1] == dragged[2]
+    assert residual.is_displayed()
+
+
+def test_a_deep_link_opens_its_trial_and_an_unknown_one_says_so(page, results):
+    address = (results / "report.html").as_uri()
+    page.get("about:blank")
+    page.get(f"{address}#trial=walking_01")
+    wait(page, lambda: page.find_element(By.ID, "trial").get_attribute("data-drawn") == "walking_01")
+    page.execute_script("location.hash = '#trial=%3Cb%3Enobody'")
+    wait(page, lambda: "No such trial" in page.find_element(By.ID, "trial").text)
+    assert "<b>nobody" in page.find_element(By.ID, "trial").text
+
+
+@pytest.mark.parametrize("figure", ["fig5", "fig6", "fig7", "fig9"])
+def test_a_point_of_a_figure_opens_its_trial(page, figure):
+    links = page.find_elements(By.CSS_SELECTOR, f"#figure-{figure} a")
+    names = {row.get_attribute("data-name") for row in page.find_elements(By.CSS_SELECTOR, "#table tbody tr")}
+    targets = page.execute_script("return arguments[0].map((link) => link.href.baseVal.slice('#trial='.length))", links)
+    assert targets
+    assert set(targets) <= names
+    page.execute_script("arguments[0].dispatchEvent(new MouseEvent('click', {bubbles: true}))", links[0])
+    wait(page, lambda: page.find_element(By.ID, "trial").get_attribute("data-drawn") == targets[0])
+
+
+def test_keys_lead_from_trial_to_trial_and_back(page):
+    open_trial(page, "belt_01")
+    body = page.find_element(By.TAG_NAME, "body")
+    body.send_keys(Keys.ARROW_RIGHT)
+    wait(page, lambda: "belt_02" in page.find_element(By.CSS_SELECTOR, "#trial h1").text)
+    body.send_keys(Keys.ESCAPE)
+    wait(page, lambda: page.find_element(By.ID, "overview").is_displayed())
+    body.send_keys("/")
+    assert page.switch_to.active_element.get_attribute("id") == "search"
+
+
+def test_dark_colours_reach_the_plots(page):
+    dark = {"features": [{"name": "prefers-color-scheme", "value": "dark"}]}
+    page.execute_cdp_cmd("Emulation.setEmulatedMedia", dark)
+    try:
+        open_trial(page, "belt_01")
+        plot = page.execute_script("return Bokeh.documents.at(-1).roots()[0].background_fill_color")
+        body = page.execute_script("return getComputedStyle(document.body).backgroundColor")
+        assert (body, plot) == ("rgb(21, 23, 27)", "#15171b")
+    finally:
+        page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})

@@ -273,8 +273,8 @@ def test_a_figure_keeps_to_its_own_identifiers_and_opens_trials():
 
 def test_a_caption_is_text_with_indices():
     assert (
-        caption_html(r"$K_d$ of \<img\>, $\hat{K}$ & $10^{-3}$")
-        == "<i>K<sub>d</sub></i> of &lt;img&gt;, <i>K\u0302</i> &amp; <i>10<sup>-3</sup></i>"
+        caption_html(r"$K_d$ of \<img\> a\_1, $\hat{K}$ & $10^{-3}$")
+        == "<i>K<sub>d</sub></i> of &lt;img&gt; a_1, <i>K\u0302</i> &amp; <i>10<sup>-3</sup></i>"
     )
     assert captions_by_title("# Captions\n\nx\n\n## Fig. 3\n\nOne.\n\n## Fig. 4\n\nTwo.\n") == {
         "Fig. 3": "One.",

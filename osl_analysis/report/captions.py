@@ -5,7 +5,7 @@ from html import escape
 
 from markupsafe import Markup
 
-PARTS = re.compile(r"\\(?P<sign>[^\w\s])|\$(?P<mathematics>[^$]+)\$|(?P<text>[^\\$]+|[\\$])")
+PARTS = re.compile(r"\\(?P<sign>[^A-Za-z0-9\s])|\$(?P<mathematics>[^$]+)\$|(?P<text>[^\\$]+|[\\$])")
 INDEX = re.compile(r"_(?:\{([^}]*)\}|(\w))")
 POWER = re.compile(r"\^(?:\{([^}]*)\}|(\w))")
 ACCENT = re.compile(r"\\hat\{?(\w)\}?")

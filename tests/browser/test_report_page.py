@@ -35,8 +35,8 @@ KINDS = ("belt", "transmission", "actuator", "impedance", "static", "plate", "wa
 
 def other_recordings(folder: Path) -> None:
     """Recordings of experiments that the simulator does not record, as CSV with a source file."""
-    t = np.arange(0, 60, 0.01)
-    theta = np.deg2rad(8) * np.sin(2 * np.pi * 0.05 * t)
+    t = np.arange(0, 64, 0.01)
+    theta = np.deg2rad(8) * np.sin(2 * np.pi * 0.05 * (t.clip(2, 62) - 2))
     torque = 250 * theta + 0.6 * np.tanh(np.gradient(theta, t) / 0.01)
     noise = np.random.default_rng(3).normal(scale=0.01, size=len(t))
     for name in OTHERS:

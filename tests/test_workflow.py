@@ -155,9 +155,9 @@ def test_every_column_is_in_the_data_dictionary_and_the_dictionary_has_no_other(
     described = {t.place: set(t.columns) for t in described_tables()}
     not_made = {place for place in described if "torque_angle" in place}
     assert described.keys() - written.keys() == {"tables/ankle_moment", "study/study", "study/batches/*"} | not_made
-    without_hinge = {"tables/hinge": {"reason"}, "fits/series/*": {"omega"}}
+    not_here = {"tables/hinge": {"reason"}, "fits/series/*": {"omega"}}
     assert {place: described[place] - columns for place, columns in written.items() if described[place] - columns} == (
-        without_hinge
+        not_here
     )
 
 

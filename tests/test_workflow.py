@@ -540,19 +540,33 @@ def test_jobs_that_run_as_processes_of_their_own_leave_the_same_logs_and_records
     assert is_refused(fit)
 
 
+FORMS = """
+import osl_analysis.table
+from osl_analysis.quality import channels
+class Late:
+    async def late(self):
+        from osl_analysis import signals
+        with self, self:
+            if self: pass
+            elif self: import osl_analysis.elif_
+            else: import osl_analysis.else_
+        for _ in self:
+            while self: import osl_analysis.while_
+            else: import osl_analysis.while_else
+        try: import osl_analysis.try_
+        except OSError: import osl_analysis.except_
+        else: import osl_analysis.try_else
+        finally: import osl_analysis.finally_
+        match self:
+            case 1: import osl_analysis.case
+"""
+
+
 def test_a_fingerprint_follows_every_form_of_import(tmp_path):
-    source = tmp_path / "module.py"
-    source.write_text(
-        "import osl_analysis.table\nfrom osl_analysis.quality import channels\nfrom osl_analysis.trial import Trial\n"
-        "def late():\n    from osl_analysis import signals\n"
-    )
-    names = set(imported_names(source))
-    assert {
-        "osl_analysis.table",
-        "osl_analysis.quality.channels",
-        "osl_analysis.trial",
-        "osl_analysis.signals",
-    } <= names
+    (tmp_path / "module.py").write_text(FORMS)
+    plain = {"table", "quality", "quality.channels", "signals", "case"}
+    blocks = {"elif_", "else_", "while_", "while_else", "try_", "except_", "try_else", "finally_"}
+    assert set(imported_names(tmp_path / "module.py")) == {f"osl_analysis.{name}" for name in plain | blocks}
 
 
 def test_a_job_s_fingerprint_counts_modules_that_are_imported_from_their_package():

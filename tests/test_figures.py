@@ -33,6 +33,7 @@ from osl_analysis.figures import (
     model_comparison,
     not_drawn,
     response,
+    study,
     torque_angle,
     walking_page,
 )
@@ -817,9 +818,40 @@ def test_torque_against_angle_shows_both_branches_of_every_trial_its_desired_cur
     assert [line.is_dashed() for line in slopes.lines[:11]] == [number == 3 for number in range(11)]
     np.testing.assert_array_equal(slopes.lines[5].get_data()[1], 62.0)
     assert len(slopes.collections) == 11
-    assert {"both cams 15mm", "Loading", "Unloading", "Desired", "Doubtful trial"} <= set(labels_of(figure))
+    assert {"Loading", "Unloading", "Desired", "Doubtful trial"} <= set(labels_of(figure))
+    for ax in (loops, slopes):
+        names = {text.get_text(): text for text in ax.texts}
+        assert set(names) == {f"both cams {5 * number:02d}mm" for number in range(11)}
+        assert names["both cams 15mm"].get_color() == colours["both_cams_15mm"]
+    assert names["both cams 15mm"].xy == (5.0, 60.0)
     sound = table.with_columns(doubtful=pl.lit(""), desired_torque=pl.lit(None, pl.Float64))
     assert {"Desired", "Doubtful trial"}.isdisjoint(labels_of(torque_angle.draw(sound)))
+
+
+def test_captions_of_curves_say_torques_slopes_and_estimates_with_intervals():
+    said = torque_angle.caption(torque_angle_table())
+    assert r"both\_cams\_00mm: −4 to 6 N·m, steepest 57 N·m/rad." in said
+    assert r"1 of 11 trials (both\_cams\_15mm)" in said
+    said = impedance_over_stance.caption(impedance_over_stance_table())
+    assert "all at 25 % of stance: $K$ 75.0 N·m/rad (95 % interval 67.5 to 82.5)" in said
+    assert "Commanded" not in said
+    said = fig3.caption(belt_table())
+    assert "Ankle (10 trials): the mean stiffness $K_s$ is 685.6 N·m/rad (95 % interval 682.9 to 688.3)" in said
+
+
+def test_the_study_marks_values_beyond_a_panel_by_arrows_and_covers_no_more_than_all():
+    shared = {"experiment": "second order", "estimator": "filtered", "interval_method": "cycles", "bias_mc": 0.1}
+    shared |= {"rmse_over_bound": 1.0, "rmse_over_bound_mc": 0.1, "coverage_mc": 0.01}
+    table = pl.DataFrame([
+        {**shared, "quantity": "K", "bias": 0.1, "coverage": 0.99},
+        {**shared, "quantity": "B", "bias": 12.0, "coverage": 0.5},
+    ])  # fmt: skip
+    bias, _, coverage = study.draw(table).axes
+    shown = {(line.get_marker(), float(line.get_xdata()[0])) for line in bias.lines if len(line.get_xdata()) == 1}
+    assert shown == {("o", 0.1), (">", study.LIMITS["bias"][1])}
+    assert {line.get_marker() for line in coverage.lines} >= {"o", "<"}
+    ends = [segment[:, 0].tolist() for c in coverage.collections for segment in c.get_segments()]
+    assert ends == [[97.0, 100.0]]
 
 
 def labels_of(figure):

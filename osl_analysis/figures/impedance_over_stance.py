@@ -4,24 +4,51 @@ import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
+from osl_analysis.figures.captions import UNIT_OF, as_text, counted, with_interval
 from osl_analysis.figures.fig9 import LABELS, QUANTITIES
 from osl_analysis.figures.names import drawn_name
-from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, GREY, MAGENTA, ORANGE, PURPLE, panels, paper_style
+from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, ORANGE, PURPLE, legend_columns, panels, paper_style
 
 COLUMNS = (
     "series", "quantity", "phase", "onset_phase", "end_phase", "estimate", "low", "high", "commanded"
 )  # fmt: skip
-COLOURS = (PURPLE, ORANGE, MAGENTA, GREY)
+LOOKS = ((PURPLE, "o"), (ORANGE, "D"), ("#3F8FBF", "s"), ("#6B3A0A", "^"))
+"""Colours and markers of the series."""
 COMMANDED = "commanded"
 """Series of the curve that the controller commands; all other series are estimates."""
-UNITS = "Stance (%)"
+DASHED = (0, (3, 2))
+THICK, THIN = 1.2, 0.6
+"""Widths [pt] of intervals and of fitted windows."""
+
+
+def caption(table: pl.DataFrame) -> str:
+    """What the figure shows, in a paragraph of Markdown, with the estimates of every group."""
+    said = [
+        "Impedance of the ankle over stance: (a) stiffness, (b) damping, (c) inertia. A marker is the fit to the mean "
+        "response of a group, at the phase that the fit reads. Upright bars are 95 % intervals, level ones the windows "
+        "of the fits."
+    ]
+    if table["commanded"].count():
+        said.append("Dashed, and short black lines at the groups: what the controller commands.")
+    estimates = table.filter(pl.col("series") != COMMANDED)
+    for rows in estimates.sort("phase").partition_by("series", "phase", maintain_order=True):
+        told = "; ".join(
+            f"${row['quantity']}$ {with_interval(row['estimate'], row['low'], row['high'], UNIT_OF[row['quantity']])}"
+            for row in rows.drop_nulls("estimate").iter_rows(named=True)
+        )
+        counts = rows["n"].drop_nulls() if "n" in rows.columns else rows["phase"].clear()
+        of = f", {counted(int(counts[0]), 'perturbation')}" if len(counts) else ""
+        if told:
+            said.append(f"{as_text(rows['series'][0])} at {100 * rows['phase'][0]:.0f} % of stance{of}: {told}.")
+    return " ".join(said)
 
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
     """(a) K, (b) B, (c) I: the fit of each group at the phase that it reads, its fitted window as a horizontal bar, its
-    95 % interval as a vertical one and as a band from timing to timing. The commanded impedance is dashed.
+    95 % interval as a vertical one. The commanded impedance is dashed, and a short line at each group.
     """
     figure, axes = panels(DOUBLE_COLUMN, 2.6, columns=3)
     names = [name for name in table["series"].unique(maintain_order=True) if name != COMMANDED]
@@ -29,28 +56,30 @@ def draw(table: pl.DataFrame) -> Figure:
         rows = table.filter(pl.col("quantity") == quantity)
         curve = rows.filter(pl.col("series") == COMMANDED)
         if len(curve):
-            ax.plot(100 * curve["phase"], curve["commanded"], color=BLACK, linestyle=(0, (3, 2)), label="Commanded")
+            ax.plot(100 * curve["phase"], curve["commanded"], color=BLACK, linestyle=DASHED, label="Commanded")
         for number, name in enumerate(names):
-            label = "Fit of mean response, 95 %" if len(names) == 1 else drawn_name(name)
-            draw_series(ax, rows.filter(pl.col("series") == name), COLOURS[number % len(COLOURS)], label)
-        ax.axhline(0, color=BLACK, linewidth=0.4)
+            label = "Fit of mean response" if len(names) == 1 else drawn_name(name)
+            draw_series(ax, rows.filter(pl.col("series") == name), *LOOKS[number % len(LOOKS)], label)
+        ax.axhline(0, color=BLACK, linewidth=0.4, zorder=0)
         ax.set_xlim(0, 100)
-        ax.set_xlabel(UNITS)
+        ax.set_xlabel("Stance (%)")
         ax.set_ylabel(LABELS[quantity])
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    named = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    bars = (("|", THICK, "95 % interval"), ("_", THIN, "Fitted window"))
+    for marker, width, label in bars:
+        named[label] = Line2D([], [], color=BLACK, linestyle="", marker=marker, markersize=8, mew=width)
+    figure.legend(
+        named.values(), named.keys(), loc="outside upper center", ncols=legend_columns([*named], DOUBLE_COLUMN, 6)
+    )
     return figure
 
 
-def draw_series(ax: Axes, rows: pl.DataFrame, colour: str, label: str) -> None:
-    """The groups of one series, in the order of phase, with windows, intervals and band."""
+def draw_series(ax: Axes, rows: pl.DataFrame, colour: str, marker: str, label: str) -> None:
+    """The groups of one series, in the order of phase, with windows, intervals and commanded values."""
     rows = rows.sort("phase")
     x, estimate, low, high = (rows[name].to_numpy() for name in ("phase", "estimate", "low", "high"))
     ends = np.array([rows["phase"] - rows["onset_phase"], rows["end_phase"] - rows["phase"]])
-    if len(rows) > 1:
-        ax.fill_between(100 * x, low, high, color=colour, alpha=0.2, linewidth=0)
-        ax.plot(100 * x, estimate, color=colour, linewidth=0.8)
-    ax.vlines(100 * x, low, high, color=colour, linewidth=1.2)
-    ax.errorbar(100 * x, estimate, xerr=100 * np.abs(ends), fmt="none", color=colour, linewidth=0.6, capsize=1.5)
-    ax.plot(100 * x, estimate, "o", color=colour, markersize=3, label=label)
-    commanded = rows["commanded"].to_numpy()
-    ax.plot(100 * x, commanded, "_", color=BLACK, markersize=9, mew=1.2)
+    ax.plot(100 * x, rows["commanded"].to_numpy(), "_", color=BLACK, markersize=9, mew=1.2, zorder=1.5)
+    ax.vlines(100 * x, low, high, color=colour, linewidth=THICK)
+    ax.errorbar(100 * x, estimate, xerr=100 * np.abs(ends), fmt="none", color=colour, linewidth=THIN, capsize=1.5)
+    ax.plot(100 * x, estimate, marker, color=colour, markersize=3.5, mew=0, label=label)

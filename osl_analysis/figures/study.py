@@ -19,7 +19,16 @@ SAME_AS = {"K_s": "K", "B_j": "B", "J_j": "I", "k_tau_n_m": "K", "B_m": "B", "J_
 SAME_AS |= {"magnitude": "K", "phase": "B"}
 PLACES = {"K": -0.22, "B": 0.0, "I": 0.22, "f_C": -0.11, "f_G": 0.11}
 """Distance of each marker below the line of its row."""
+SYMBOLS = {
+    "K": r"$K$, $K_s$, $|Y|$, $k_\tau n_m$", "B": r"$B$, $B_j$, $B_m$, arg $Y$", "I": "$I$, $J_j$, $J_m$",
+    "f_C": "$f_C$", "f_G": "$f_G$",
+}  # fmt: skip
+"""What each marker stands for."""
 LIMITS = {"bias": (-1.2, 1.2), "rmse_over_bound": (0.8, 1.6), "coverage": (80.0, 101.0)}
+BEYOND = (">", "<")
+"""Arrows for values above and below the limits."""
+MOST = {"bias": np.inf, "rmse_over_bound": np.inf, "coverage": 100.0}
+"""Values beyond which nothing can be."""
 AIMS = {"bias": (-0.2, 0.2), "rmse_over_bound": (0.0, 1.15), "coverage": (93.0, 97.0)}
 LABELS = {
     "bias": "Bias (standard deviations)",
@@ -36,8 +45,8 @@ def draw(table: pl.DataFrame) -> Figure:
     """A row per experiment, estimator and interval, a marker per quantity with two Monte Carlo errors on either side.
 
     All stiffnesses have one marker, and so have dampings and inertias. The torque constant and the magnitude of a
-    response have that of a stiffness, the phase that of a damping. The aim is shaded. An open marker at the edge of a
-    panel lies outside.
+    response have that of a stiffness, the phase that of a damping. The aim is shaded. An arrow at the edge of a panel
+    stands for a value beyond it.
     """
     keys = headed(table.select("experiment", "estimator", "interval_method").unique(maintain_order=True))
     figure, axes = panels(DOUBLE_COLUMN, 0.9 + 0.155 * len(keys), columns=3)
@@ -48,8 +57,12 @@ def draw(table: pl.DataFrame) -> Figure:
     axes[0].set_yticklabels([label(key) for key in keys])
     for text, key in zip(axes[0].get_yticklabels(), keys, strict=True):
         text.set_fontweight("bold" if len(key) == 1 else "normal")
-    handles = [Line2D([], [], color=c, marker=m, linestyle="", label=f"${q}$") for q, (c, m) in LOOKS.items()]
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(LOOKS))
+    seen = {SAME_AS.get(name, name) for name in (q.partition(",")[0] for q in table["quantity"])}
+    handles = [
+        Line2D([], [], color=c, marker=m, linestyle="", label=SYMBOLS[q]) for q, (c, m) in LOOKS.items() if q in seen
+    ]
+    handles.append(Line2D([], [], color=GREY, marker=BEYOND[0], markersize=3, linestyle="", label="Beyond the panel"))
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
     return figure
 
 
@@ -66,7 +79,7 @@ def headed(rows: pl.DataFrame) -> list[Key]:
 
 def label(key: Key) -> str:
     """Text in the margin beside a row."""
-    return key[0] if len(key) == 1 else f"{key[1]}, {SHORT.get(key[2], key[2])}"
+    return key[0].replace(" us", " µs") if len(key) == 1 else f"{key[1]}, {SHORT.get(key[2], key[2])}"
 
 
 def draw_measure(ax: Axes, table: pl.DataFrame, keys: Sequence[Key], column: str) -> None:
@@ -80,19 +93,12 @@ def draw_measure(ax: Axes, table: pl.DataFrame, keys: Sequence[Key], column: str
         colour, marker = LOOKS[quantity]
         place = places[row["experiment"], row["estimator"], row["interval_method"]] + PLACES[quantity]
         value, half = float(np.clip(row[column], low, high)), 2 * row[f"{column}_mc"]
-        inside = value == row[column]
-        if inside:
-            ax.hlines(place, max(value - half, low), min(value + half, high), color=colour, linewidth=0.6)
-        ax.plot(
-            value,
-            place,
-            marker,
-            color=colour,
-            markersize=2.6,
-            mfc=colour if inside else "white",
-            mew=0.6,
-            clip_on=False,
-        )
+        if value == row[column]:
+            ends = max(value - half, low), min(value + half, high, MOST[column])
+            ax.hlines(place, *ends, color=colour, linewidth=0.6)
+        else:
+            marker = BEYOND[value > row[column]]
+        ax.plot(value, place, marker, color=colour, markersize=2.6, mew=0.6, clip_on=False)
     for place in (place for place, key in enumerate(keys) if len(key) == 1 and place):
         ax.axhline(place - 0.5, color=GREY, linewidth=0.4)
     ax.set_xlim(low, high)

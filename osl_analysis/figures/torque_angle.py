@@ -10,12 +10,13 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from osl_analysis.figures.names import PLACE, of_place, placed_rows
+from osl_analysis.figures.axes import name_ends
+from osl_analysis.figures.captions import UNIT_OF, as_text, counted, doubtful_fits
+from osl_analysis.figures.names import PLACE, drawn_name, of_place, placed_rows
 from osl_analysis.figures.style import (
     BLACK,
     DOTTED,
     DOUBLE_COLUMN,
-    GREY,
     IS_DOUBTFUL,
     MAGENTA,
     ORANGE,
@@ -30,13 +31,15 @@ TABLE_COLUMNS = (
 )  # fmt: skip
 """Columns of `torque_angle_curves.csv` that are drawn."""
 COLUMNS = (*PLACE, *TABLE_COLUMNS, "doubtful")
-WITH_DESIRED = (MAGENTA, ORANGE, PURPLE, GREY)
+WITH_DESIRED = (MAGENTA, ORANGE, PURPLE, "#6B3A0A")
 """Colours of the desired curves and of the trials that should follow them."""
 LIGHTEST = 0.6
 """Part of the colour map that is used: what is lighter stands out from white by less than three to one."""
 THICK, THIN, DASHED = 1.1, 0.6, (0, (3, 2))
 MOST_NAMED = 16
-"""Largest number of trials that the legend names."""
+"""Largest number of trials of a panel that are named."""
+LONGEST = 18
+"""Letters of such a name."""
 
 
 def points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
@@ -46,21 +49,54 @@ def points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
     return joined.select(COLUMNS)
 
 
+def caption(table: pl.DataFrame) -> str:
+    """What the figure shows, in a paragraph of Markdown, with the torque and stiffness of every trial."""
+    said = [
+        f"Torque against angle of {counted(table['trial'].n_unique(), 'trial')}, moved slowly. (a) Torque, thick while "
+        "loading and thin while unloading. (b) Slope of torque over angle while loading; shaded: its 95 % interval."
+    ]
+    if table["desired_torque"].count():
+        said.append("Dashed: the curves that the trials of this colour were designed for.")
+    for trial in table.partition_by("trial", maintain_order=True)[:MOST_NAMED]:
+        loading = trial.filter(pl.col("branch") == "loading")
+        (low, high), slopes = ends_of(loading, "torque"), loading["stiffness"].drop_nulls().to_numpy()
+        steepest = f", steepest {np.max(slopes):.4g} {UNIT_OF['K']}" if len(slopes) else ""
+        said.append(f"{as_text(trial['trial'][0])}: {low:.3g} to {high:.3g} N·m{steepest}.".replace("-", "−"))
+    fits = table.unique("trial", maintain_order=True)
+    return " ".join([*said, doubtful_fits(fits, "drawn dotted", fit="trial")])
+
+
+def ends_of(branch: pl.DataFrame, column: str) -> tuple[float, float]:
+    """Values of a column at the lowest and the highest angle of a branch."""
+    ordered = branch.drop_nulls(column).sort("angle_deg")[column]
+    return float(ordered[0]), float(ordered[-1])
+
+
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
     """(a) Torque against angle: loading thick, unloading thin, desired curves dashed. (b) Stiffness while loading, with
-    its 95 % interval as a band. Doubtful trials are dotted. Every joint and side has panels of its own.
+    its 95 % interval as a band. Doubtful trials are dotted. Every joint and side has panels of its own. The names of
+    trials stand at the ends of their curves, where they are not too many.
     """
     parts, colours = placed_rows(table), colours_of(table)
     names = [name for name, _ in parts for _ in range(2)]
-    figure, axes = panels(DOUBLE_COLUMN, 3.2 * len(parts), rows=len(parts), columns=2, names=names)
+    figure, axes = panels(DOUBLE_COLUMN, 3.0 * len(parts) + 0.3, rows=len(parts), columns=2, names=names)
     for number, (_, part) in enumerate(parts):
         draw_place(axes[2 * number], axes[2 * number + 1], part, colours)
-    shown = list(colours)[:MOST_NAMED]
-    handles = [Line2D([], [], color=colours[name], label=name.replace("_", " ")) for name in shown]
-    more = [Line2D([], [], color="none", label=f"and {len(colours) - len(shown)} more")] * (len(colours) > len(shown))
-    figure.legend(handles=[*handles, *more, *line_entries(table)], loc="outside right center")
+    figure.legend(handles=line_entries(table), loc="outside upper center", ncols=4)
+    for number, (_, part) in enumerate(parts):
+        for ax, column in zip(axes[2 * number : 2 * number + 2], ("torque", "stiffness"), strict=True):
+            name_curves(ax, part, column, colours)
     return figure
+
+
+def name_curves(ax: Axes, table: pl.DataFrame, column: str, colours: Mapping[str, str]) -> None:
+    """The trials of one panel by name, at the highest angle of their loading curves."""
+    loading = table.filter(pl.col("branch") == "loading").drop_nulls(column).sort("angle_deg")
+    last = loading.unique("trial", keep="last", maintain_order=True)
+    if len(last) <= MOST_NAMED:
+        names = [drawn_name(name.replace("_", " "), LONGEST) for name in last["trial"]]
+        name_ends(ax, last.select("angle_deg", column).rows(), names, [colours[name] for name in last["trial"]])
 
 
 def draw_place(left: Axes, right: Axes, table: pl.DataFrame, colours: Mapping[str, str]) -> None:

@@ -18,7 +18,7 @@ FORKING = """
 import gc, json, os, sys, time
 from multiprocessing import forkserver
 from pathlib import Path
-import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag, snakemake.report.html_reporter
+import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag
 import osl_analysis.about_campaign, osl_analysis.campaign, osl_analysis.doubtful, osl_analysis.refusal_report
 import osl_analysis.commands.simulate, osl_analysis.examples, osl_analysis.figures, osl_analysis.study
 from osl_analysis import fingerprint, workflow

@@ -24,7 +24,7 @@ from osl_analysis.figures import FIGURES, drawn_figures
 from osl_analysis.files import digest, file_state
 from osl_analysis.refusal import is_refused
 from osl_analysis.refusal_report import refusal_report, refusals_in
-from osl_analysis.report.page import TEMPLATES
+from osl_analysis.report import TEMPLATES
 from osl_analysis.study import BENCH as STUDY_ON_BENCH, REPEATED as STUDY_OF_REPEATS, WALKING as STUDY_OF_WALKING
 from osl_analysis.yaml_settings import read_mapping
 

@@ -3,3 +3,8 @@
 `trial_page` says what the page shows of a trial, `overview` what it shows of the campaign, `page` writes it. The page
 draws a trial when the reader asks for it (`templates/report.js`), with the JavaScript that the package Bokeh has.
 """
+
+from pathlib import Path
+
+TEMPLATES = Path(__file__).with_name("templates")
+"""The folder with the page's template, style and script."""

@@ -6,7 +6,6 @@ import math
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import bokeh
@@ -15,9 +14,9 @@ from bokeh.resources import Resources
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from osl_analysis.report import TEMPLATES
 from osl_analysis.report.pack import FEWEST_PACKED, deflated_json, packed_table
 
-TEMPLATES = Path(__file__).with_name("templates")
 MEGABYTE = 1_000_000
 
 

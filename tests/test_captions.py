@@ -1,10 +1,14 @@
 """The captions say in words what the figures show: in numbers of their tables, with names as text."""
 
+import json
+
 import polars as pl
 import pytest
 from test_figures import plotted
 
+from osl_analysis.about import About
 from osl_analysis.commands.captions import caption_of, write_captions
+from osl_analysis.commands.summarise import write_table_metadata
 from osl_analysis.figures import FIGURES
 from osl_analysis.figures.captions import as_text, doubtful_fits, listed, number, with_interval, with_sd
 from osl_analysis.refusal import Refusal, write_refusals
@@ -70,3 +74,13 @@ def test_the_caption_of_a_figure_is_one_paragraph(name, tmp_path):
     said = caption_of(name, tmp_path / "t.csv")
     assert said.endswith(".")
     assert "\n" not in said
+
+
+@pytest.mark.parametrize(
+    ("tables", "named"), [(["tables/belt.csv", "figures/fig3.csv"], True), (["tables/belt.csv"], False)]
+)
+def test_the_metadata_of_the_tables_lead_to_the_captions_where_there_are_figures(tables, named, tmp_path):
+    write_table_metadata(About("made", "simulated", "0", "1", "2026"), tables, tmp_path / "m.json")
+    content = json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))
+    assert (content.get("rdfs:seeAlso") == {"@id": "figures/captions.md"}) == named
+    assert [table["url"] for table in content["tables"]] == tables

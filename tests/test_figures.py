@@ -38,7 +38,7 @@ from osl_analysis.figures import (
     walking_page,
 )
 from osl_analysis.figures.style import LOOKS, MAGENTA, ORANGE, PURPLE, SINGLE_COLUMN, paper_style
-from osl_analysis.figures.swarm import swarm_positions
+from osl_analysis.figures.swarm import squeezed, swarm_positions
 from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table
 
@@ -495,7 +495,7 @@ def test_fig5_without_a_prediction_draws_none():
 
 
 def test_fig6_has_a_point_for_each_of_16_trials_and_3_amplitudes_per_controller_and_marks_the_median():
-    table = fig6.points(impedance())
+    table = fig6.points(impedance().reverse())
     ax = fig6.draw(table).axes[0]
     for controller in ("compensated", "uncompensated"):
         rows = table.filter(pl.col("controller") == controller)
@@ -586,6 +586,22 @@ def test_fig6_leaves_out_a_fit_without_vaf_and_draws_a_perfect_one_inside_the_pa
     assert high > 99.9999
 
 
+def test_fig6_draws_fits_beyond_the_end_of_its_axis_there_and_its_caption_says_so():
+    vaf = pl.Series([99.99999999, 99.0, 97.0])
+    table = fig6.points(impedance().filter(pl.col("amplitude_deg") == 2).head(3).with_columns(VAF=vaf))
+    drawn = scattered(fig6.draw(table).axes[0], "Compensated")[0][:, 1]
+    np.testing.assert_allclose(drawn, [fig6.LARGEST_VAF, 99, 97], rtol=1e-12)
+    said = fig6.caption(table)
+    assert "(3 trials): median 99.00 %, 97.00 % to 100.000000 %" in said
+    assert "Larger VAFs than 99.9999 % are drawn there" in said
+
+
+@pytest.mark.parametrize(("low", "high"), [(80.0, 99.99), (-900.0, 99.9999), (97.3, 97.3), (99.99985, 99.99995)])
+def test_fig6_has_two_to_twelve_ticks_for_any_range(low, high):
+    ends = fig6.axis_limits(np.array([low, high]))
+    assert 2 <= len(fig6.axis_ticks(*ends)) <= fig6.MOST_TICKS
+
+
 def test_fig6_scale_and_its_inverse_cancel():
     vaf = np.array([-300.0, 0.0, 50.0, 90.0, 99.0, 99.99])
     np.testing.assert_allclose(fig6.vaf_from_scale(fig6.vaf_scale(vaf)), vaf, rtol=1e-12, atol=1e-12)
@@ -600,6 +616,11 @@ def test_swarm_keeps_points_a_diameter_apart_and_always_in_the_same_place(values
     np.testing.assert_array_equal(offsets, swarm_positions(values, width))
     distance = np.hypot(values[:, None] - values, offsets[:, None] - offsets)[np.triu_indices(len(values), 1)]
     assert (distance >= width * (1 - 1e-6)).all()
+
+
+def test_a_swarm_with_too_little_room_is_squeezed_into_it_and_another_one_left_as_it_is():
+    np.testing.assert_allclose(squeezed(np.array([-2.0, 0.0, 1.0]), 1.0), [-1, 0, 0.5])
+    np.testing.assert_array_equal(squeezed(np.array([-0.2, 0.1]), 1.0), [-0.2, 0.1])
 
 
 def test_swarm_leaves_points_that_are_apart_in_the_middle_and_sets_equal_ones_side_by_side():
@@ -730,6 +751,22 @@ def test_fig9_axes_of_stiffness_and_damping_are_those_of_the_estimates_and_that_
 def test_fig9_takes_what_was_commanded_from_the_sheet_or_the_configuration_or_the_trajectory(sheet, configured, drawn):
     summary = walking_summary().with_columns(commanded=pl.lit(sheet, pl.Float64))
     assert fig9_points(configured, summary).filter(quantity="K")["commanded"][0] == drawn
+
+
+def test_fig9_of_several_groups_takes_no_command_of_the_configuration_which_is_of_one():
+    summary = several_groups().with_columns(commanded=pl.lit(None, pl.Float64))
+    fits = pl.concat([walking_fits(3, "K_d 200"), walking_fits(3, "K_d 400")])
+    trajectory = pl.DataFrame({"group": ["K_d 400"], "quantity": ["K"], "commanded": [390.0]})
+    stated = fig9.points(summary, fits, trajectory, 340.0).filter(pl.col("trial").is_null(), quantity="K")
+    assert stated["commanded"].to_list() == [None, 390.0]
+
+
+def test_fig9_leaves_out_crossings_without_a_fit_or_a_group():
+    fits = walking_fits(4).with_columns(
+        K=pl.Series([300.0, None, float("nan"), 310.0]), group=pl.Series(["all", "all", "all", None])
+    )
+    table = fig9.points(walking_summary(), fits, over_stance())
+    assert table["trial"].drop_nulls().unique().to_list() == ["walk_1"]
 
 
 def test_fig9_draws_an_estimate_that_lies_outside_the_percentiles_of_its_bootstrap():

@@ -486,6 +486,8 @@ def test_fig5_fills_the_marker_of_a_sound_fit_and_says_that_open_ones_are_doubtf
 def test_fig5_caption_has_the_errors_of_each_controller_with_mean_sd_and_range():
     table = fig5.points(impedance().with_columns(K=pl.col("K_d") + 2 * (pl.col("B_d") > 0)))
     assert r"Compensated ($n$ = 16): $\hat{K} - K_d$ is 1.50 ± 0.89 N·m/rad, 0.00 to 2.00" in fig5.caption(table)
+    some = table.with_columns(K=pl.when(pl.col("B_d") > 0).then("K"))
+    assert r"$\hat{K} - K_d$ of 12 fits is" in fig5.caption(some)
 
 
 def test_fig5_without_a_prediction_draws_none():

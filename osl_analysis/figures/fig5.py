@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures.captions import UNIT_OF, as_text, decimals_of, doubtful_fits, number, with_sd
+from osl_analysis.figures.captions import UNIT_OF, as_text, counted, decimals_of, doubtful_fits, number, with_sd
 from osl_analysis.figures.names import look_numbers, looks_in, of_place, placed_rows
 from osl_analysis.figures.style import (
     BLACK,
@@ -221,7 +221,8 @@ def errors_said(fits: pl.DataFrame) -> str:
         mean, low, high = (float(value) for value in (errors.mean(), errors.min(), errors.max()))  # type: ignore[arg-type]
         digits = decimals_of(sd or 0.0, mean)
         reach = f", {number(low, digits)} to {number(high, digits)}" if sd is not None else ""
-        said.append(f"{name} is {with_sd(mean, sd, UNIT_OF[symbol])}{reach}")
+        some = f" of {counted(len(errors), 'fit')}" if len(errors) < len(fits) else ""
+        said.append(f"{name}{some} is {with_sd(mean, sd, UNIT_OF[symbol])}{reach}")
     return ", ".join(said) + (" (mean ± SD, range)" if len(fits) > 1 else "")
 
 

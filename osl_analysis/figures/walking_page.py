@@ -164,7 +164,7 @@ def onset_said(rows: pl.DataFrame) -> str:
     for panel, unit in RESPONSES.items():
         mean, each = (at_onset(curve(rows, panel, name)) for name in ("mean", "each"))
         sd = float(each.std()) if len(each) > 1 else 0.0  # type: ignore[arg-type]
-        digits = decimals_of(sd, float(mean[0]))
+        digits = decimals_of(sd or 0.1 * float(mean[0]))
         said.append(f"{number(float(mean[0]), digits)} {unit}" + (f" (SD {number(sd, digits)})" if sd else ""))
     return f"at the onset the mean response is {' and '.join(said)}"
 

@@ -44,14 +44,9 @@ def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
     if table.is_empty():
         why = nothing_to_draw(module)
         return f"This figure is not drawn. {as_text(why[:1].upper() + why[1:])}."
-    said: str = module.caption(table) if hasattr(module, "caption") else one_line(module.__doc__ or "")
+    said: str = module.caption(table)
     lacks = f"Without {counted(len(missing), 'trial')} whose recordings or fits were refused: {listed(missing)}."
     return f"{said} {lacks}" if missing else said
-
-
-def one_line(text: str) -> str:
-    """The first paragraph of a text."""
-    return " ".join(text.partition("\n\n")[0].split())
 
 
 def refused_trials(files: Iterable[Path]) -> list[str]:

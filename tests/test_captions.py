@@ -1,6 +1,7 @@
 """The captions say in words what the figures show: in numbers of their tables, with names as text."""
 
 import json
+import re
 
 import polars as pl
 import pytest
@@ -9,7 +10,7 @@ from test_figures import plotted
 from osl_analysis.about import About
 from osl_analysis.commands.captions import caption_of, write_captions
 from osl_analysis.commands.summarise import write_table_metadata
-from osl_analysis.figures import FIGURES
+from osl_analysis.figures import FIGURES, fig3
 from osl_analysis.figures.captions import as_text, doubtful_fits, listed, number, with_interval, with_sd
 from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import write_table
@@ -84,3 +85,19 @@ def test_the_metadata_of_the_tables_lead_to_the_captions_where_there_are_figures
     content = json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))
     assert (content.get("rdfs:seeAlso") == {"@id": "figures/captions.md"}) == named
     assert [table["url"] for table in content["tables"]] == tables
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_no_name_of_a_file_is_markup_in_a_caption(name, tmp_path):
+    table = plotted(name)
+    hostile = pl.lit("<img src=x onerror=alert(1)> *")
+    columns = [column for column in ("joint", "controller", "group", "trajectory") if column in table.columns]
+    trials = (
+        pl.when(pl.col("trial").is_in([fig3.MEAN_SLOPE, "ensemble"])).then("trial").otherwise(hostile + pl.col("trial"))
+    )
+    if "trial" in table.columns:
+        table = table.with_columns(trial=trials)
+    table = table.with_columns(pl.when(pl.col(c).is_not_null()).then(hostile + pl.col(c)).alias(c) for c in columns)
+    write_table(table, tmp_path / "t.csv")
+    said = caption_of(name, tmp_path / "t.csv")
+    assert re.findall(r"(?<!\\)[<>*]", said) == [], said

@@ -356,6 +356,7 @@ def test_fig3_tells_trials_apart_below_by_branch_with_their_names_and_the_area_o
     assert all(one != other for one, other in pairwise(colours))
     named = [a for a in loops.texts if a.get_text().startswith("belt_")]
     assert [a.get_text() for a in named] == [f"belt_{number:02d}" for number in range(1, 11)]
+    assert [a.get_url() for a in named] == [f"../report.html#trial=belt_{number:02d}" for number in range(1, 11)]
     assert [a.xy[1] for a in named] == pytest.approx([line.get_ydata()[-1] for line in branches[::2]])
     assert "Mean loop area 0.0451 J" in texts(loops.figure)
     many = pl.concat([table.with_columns(trial=pl.col("trial") + "b"), table])

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 from numpy.typing import NDArray
 
@@ -92,7 +93,9 @@ def apart(places: Sequence[float], gap: float, limits: tuple[float, float] = (-n
     return moved
 
 
-def name_ends(ax: Axes, ends: Sequence[tuple[float, float]], names: Sequence[str], colours: Sequence[str]) -> None:
+def name_ends(
+    ax: Axes, ends: Sequence[tuple[float, float]], names: Sequence[str], colours: Sequence[str]
+) -> list[Text]:
     """Names (n,) beside the right edge of a panel, each with a hair line to the end (x, y) of its curve.
 
     Names that would overlap are moved apart. The limits of the panel are kept.
@@ -102,8 +105,11 @@ def name_ends(ax: Axes, ends: Sequence[tuple[float, float]], names: Sequence[str
     (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
     height = ROOM * SIZE_OF_TEXT / 72 * figure.dpi / ax.get_window_extent().height * (high - low)
     places = apart([y for _, y in ends], height, (low, high))
+    written: list[Text] = []
     for end, name, colour, place in zip(ends, names, colours, places, strict=True):
         hair = {"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkA": 0, "shrinkB": 0, "relpos": (0, 0.5)}
         beside = (right + 0.03 * (right - left), float(place))
-        ax.annotate(name, end, beside, color=colour, va="center", arrowprops=hair, annotation_clip=False)
+        text = ax.annotate(name, end, beside, color=colour, va="center", arrowprops=hair, annotation_clip=False)
+        written.append(text)
     ax.set(xlim=(left, right), ylim=(low, high))
+    return written

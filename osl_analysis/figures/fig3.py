@@ -16,6 +16,7 @@ from osl_analysis.figures.style import (
     MAGENTA,
     SINGLE_COLUMN,
     Dash,
+    link_to_trials,
     panels,
     paper_style,
 )
@@ -158,8 +159,9 @@ def name_loops(ax: Axes, table: pl.DataFrame) -> None:
     """Names of the trials at the far ends of their loops, where they are not too many."""
     trials = coloured(table)
     if len(trials) <= MOST_NAMED:
-        names = [drawn_name(trial["trial"][0], LONGEST) for trial, _ in trials]
-        name_ends(ax, [end_of(trial) for trial, _ in trials], names, [colour for _, colour in trials])
+        names = [trial["trial"][0] for trial, _ in trials]
+        ends, drawn = [end_of(trial) for trial, _ in trials], [drawn_name(name, LONGEST) for name in names]
+        link_to_trials(name_ends(ax, ends, drawn, [colour for _, colour in trials]), names)
 
 
 def stiffness_text(mean: pl.DataFrame) -> str:

@@ -67,7 +67,7 @@ def caption(table: pl.DataFrame) -> str:
     said = [
         "Rival models, held against data that they were not fitted to: a repeat by the others, or an amplitude by the "
         "others. The axis is the share of the variance of torque that a model leaves, on a logarithmic scale: lower is "
-        "better. Each line with its markers is a trial, each black bar the geometric mean of the trials."
+        "better. Each line with its open markers is a trial, each black bar the geometric mean of the trials."
     ]
     drawn = drawn_experiments(table)
     for experiment in (name for name in MODELS if name in table["experiment"]):

@@ -15,6 +15,7 @@ from matplotlib.collections import Collection
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
+from matplotlib.text import Text
 from matplotlib.textpath import TextPath
 
 SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.16
@@ -159,9 +160,14 @@ def legend_columns(labels: Sequence[str], width: float, most: int) -> int:
     return 1
 
 
-def link_to_trials(drawn: Collection, trials: Iterable[str]) -> None:
-    """In an SVG, each of the points or lines (n,) leads to its trial (n,) in the report of the run."""
-    drawn.set_urls([place_in_report(trial) for trial in trials])
+def link_to_trials(drawn: Collection | Sequence[Text], trials: Iterable[str]) -> None:
+    """In an SVG, each of the points, lines or names (n,) leads to its trial (n,) in the report of the run."""
+    urls = [place_in_report(trial) for trial in trials]
+    if isinstance(drawn, Collection):
+        drawn.set_urls(urls)
+        return
+    for text, url in zip(drawn, urls, strict=True):
+        text.set_url(url)
 
 
 def place_in_report(trial: str) -> str:

@@ -21,6 +21,7 @@ from osl_analysis.figures.style import (
     MAGENTA,
     ORANGE,
     PURPLE,
+    link_to_trials,
     panels,
     paper_style,
 )
@@ -96,7 +97,8 @@ def name_curves(ax: Axes, table: pl.DataFrame, column: str, colours: Mapping[str
     last = loading.unique("trial", keep="last", maintain_order=True)
     if len(last) <= MOST_NAMED:
         names = [drawn_name(name.replace("_", " "), LONGEST) for name in last["trial"]]
-        name_ends(ax, last.select("angle_deg", column).rows(), names, [colours[name] for name in last["trial"]])
+        ends = last.select("angle_deg", column).rows()
+        link_to_trials(name_ends(ax, ends, names, [colours[name] for name in last["trial"]]), last["trial"])
 
 
 def draw_place(left: Axes, right: Axes, table: pl.DataFrame, colours: Mapping[str, str]) -> None:

@@ -62,17 +62,16 @@ def not_drawn(name: str, causes: Sequence[tuple[str, str, str]]) -> pl.DataFrame
 def draw_table(
     name: str, table: pl.DataFrame, outputs: Sequence[Path], missing: Sequence[str] = (), footer: str = ""
 ) -> None:
-    """The same for numbers in memory; `name` is one of `FIGURES` or `OTHER_DRAWINGS`. `missing` trials are named.
-
-    The files have the `footer` in their metadata too.
+    """The same for numbers in memory; `name` is one of `FIGURES` or `OTHER_DRAWINGS`. `missing` trials are named in
+    the `footer`, which the files have in their metadata too.
     """
     for path in outputs:
         if path.suffix not in METADATA:
             raise InputError(f"{path}: figures are written as {', '.join(METADATA)}; choose one of these suffixes")
     figure = figure_module(name).draw(table)
-    if missing:
-        figure_module("not_drawn").remark_missing(figure, missing)
-    page_box = import_module("osl_analysis.figures.footer").write_footer(figure, footer) if footer else None
+    footer_module = import_module("osl_analysis.figures.footer")
+    footer = ". ".join(filter(None, [footer, footer_module.said_of_missing(missing)]))
+    page_box = footer_module.write_footer(figure, footer) if footer else None
     style = import_module("osl_analysis.figures.style")
     for path in outputs:
         said = {SUBJECT[path.suffix]: footer} if footer else {}

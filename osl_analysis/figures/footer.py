@@ -1,6 +1,9 @@
-"""The small line below every figure of a campaign: whether its data are simulated, and what it was made of."""
+"""The small line below every figure of a campaign: whether its data are simulated, what it was made of, and which
+trials it lacks.
+"""
 
 import textwrap
+from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
@@ -12,6 +15,14 @@ SMALL, LINE, LETTERS_PER_INCH = 5.5, 0.1, 28
 """Size [pt], height of a line [in] and letters per inch."""
 EDGE = 0.02
 """Distance [in] of the line from the figure above it and from the edge of the page."""
+MOST_NAMED = 4
+"""Missing trials that are named; the caption names more, the table `excluded.csv` all of them."""
+
+
+def said_of_missing(trials: Sequence[str]) -> str:
+    """Which trials a figure lacks; empty if none."""
+    more = f" and {len(trials) - MOST_NAMED} more" if len(trials) > MOST_NAMED else ""
+    return f"Without {len(trials)} refused: {', '.join(trials[:MOST_NAMED])}{more}" if trials else ""
 
 
 @paper_style()

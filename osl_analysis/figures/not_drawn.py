@@ -1,7 +1,6 @@
-"""The page in place of a figure that cannot be drawn, and the remark below one that lacks trials."""
+"""The page in place of a figure that cannot be drawn."""
 
 import textwrap
-from collections.abc import Sequence
 
 import polars as pl
 from matplotlib.figure import Figure
@@ -12,8 +11,6 @@ from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, GREY, paper_style
 COLUMNS = ("figure", "trial", "file", "reason")
 CHARACTERS_PER_INCH = 17
 """Of the text below a figure."""
-MOST_NAMED = 4
-"""Trials that the remark below a figure names."""
 
 
 @paper_style()
@@ -27,11 +24,3 @@ def draw(table: pl.DataFrame) -> Figure:
     below = 1 - 0.4 / figure.get_figheight()
     figure.text(0.02, below, with_glyphs("\n".join(lines)), color=GREY, va="top", parse_math=False)
     return figure
-
-
-def remark_missing(figure: Figure, trials: Sequence[str]) -> None:
-    """Name below a figure the trials that it lacks."""
-    more = f" and {len(trials) - MOST_NAMED} more" if len(trials) > MOST_NAMED else ""
-    text = f"Without {len(trials)} refused: {', '.join(trials[:MOST_NAMED])}{more}"
-    lines = textwrap.wrap(text, int(figure.get_figwidth() * CHARACTERS_PER_INCH))
-    figure.supxlabel("\n".join([line for line in (figure.get_supxlabel(), *lines) if line]), fontsize=8)

@@ -12,6 +12,8 @@ from osl_analysis.trial import Array
 
 REQUIRED = ("phase", "K_d", "B_d")
 EQUILIBRIUM = "theta_eq_rad"
+SYNTHETIC = "synthetic"
+"""Kind of a trajectory that was made for a simulated leg."""
 
 
 @dataclass(frozen=True)

@@ -158,6 +158,7 @@ rule plot_numbers_impedance_over_stance:
     params:
         code=jobs.code_of("over_stance.plotted_numbers"),
         stance_share=CONFIG.figures.stance_share,
+        data=CAMPAIGN.data,
     run:
         jobs.run_job(log, "over_stance.plotted_numbers", input, output, params)
 

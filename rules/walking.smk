@@ -194,5 +194,6 @@ rule impedance_over_stance:
     params:
         code=jobs.code_of("over_stance.tabulate"),
         stance_share=CONFIG.figures.stance_share,
+        data=CAMPAIGN.data,
     run:
         jobs.run_job(log, "over_stance.tabulate", input, output, params)

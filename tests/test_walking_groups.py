@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from walking_crossings import TURN, Walk, campaign, several, walked
 from walking_synthetic import settings
 
-from osl_analysis.commands.over_stance import plotted_numbers, tabulate
+from osl_analysis.commands.over_stance import commanded, plotted_numbers, tabulate
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.errors import InputError
@@ -341,6 +341,13 @@ def test_impedance_over_stance_lists_the_timings_in_order_beside_the_commanded_i
     np.testing.assert_allclose(commanded["commanded"], 620 * commanded["phase"], rtol=1e-6, atol=1e-6)
     tabulate(summary, groups, table, 0.62)
     assert read_table(table)["commanded"].is_null().all()
+
+
+def test_a_measured_leg_was_not_commanded_a_synthetic_trajectory(tmp_path):
+    made, recorded = Path("config/impedance/synthetic_walking.csv"), tmp_path / "recorded.csv"
+    recorded.write_text("phase,K_d,B_d\n0,1,1\n1,2,1\n")
+    assert commanded([made, recorded], "simulated") == [made, recorded]
+    assert commanded([made, recorded], "measured") == [recorded]
 
 
 def test_the_phase_that_a_fit_reads_is_where_a_stiffness_that_changes_linearly_has_its_value():

@@ -1,7 +1,7 @@
 """A campaign: its sample sheet and the trials that are analysed."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -34,8 +34,13 @@ class Campaign:
     """The configuration."""
     sheet: pd.DataFrame
     """Rows of the sample sheet that are not excluded, indexed by trial."""
-    excluded: Mapping[str, str]
-    """Reasons of the trials that the sheet excludes, by trial."""
+    unused: pd.DataFrame
+    """Rows of the sample sheet that are excluded, with the reasons in the column `exclude`."""
+
+    @property
+    def excluded(self) -> dict[str, str]:
+        """Reasons of the trials that the sheet excludes, by trial."""
+        return {str(trial): str(why) for trial, why in self.unused["exclude"].items()}
 
     def trials(self, *experiments: str) -> list[str]:
         """Names of the trials of these experiments, or of all, in the order of the sheet."""
@@ -101,8 +106,12 @@ class Campaign:
         """
         if trial not in self.sheet.index:
             raise InputError(f"{self.config.sheet}: no trial '{trial}'; it has {', '.join(self.sheet.index[:5])}, ...")
-        row = self.sheet.loc[trial]
-        return {str(name): None if pd.isna(value) else plain(value) for name, value in row.items()}
+        return cells(self.sheet.loc[trial].items())
+
+    def every_row(self) -> dict[str, dict[str, Any]]:
+        """The rows of all trials, of those that the sheet excludes too, by trial; empty cells as None."""
+        rows = pd.concat([self.sheet, self.unused]) if len(self.unused) else self.sheet
+        return {str(trial): cells(row.items()) for trial, row in rows.iterrows()}
 
     def places(self) -> dict[str, dict[str, Any]]:
         """Joint and side of every trial in the sheet, by trial. A side on the walkway is the one that is analysed."""
@@ -244,7 +253,13 @@ def open_campaign(config: Config, planned: pd.DataFrame | None) -> Campaign:
         The sheet is not valid, or excludes every trial.
     """
     sheet = read_sheet(config.sheet) if planned is None else planned.set_index("trial", drop=False)
-    used = sheet[sheet["exclude"].isna()].fillna({"joint": JOINT})
+    sheet = sheet.fillna({"joint": JOINT})
+    used, unused = sheet[sheet["exclude"].isna()], sheet[sheet["exclude"].notna()]
     if used.empty:
         raise InputError(f"{config.sheet}: every trial is excluded; clear `exclude` of those to analyse")
-    return Campaign(config, used, {str(trial): str(why) for trial, why in sheet["exclude"].dropna().items()})
+    return Campaign(config, used, unused)
+
+
+def cells(row: Iterable[tuple[Hashable, Any]]) -> dict[str, Any]:
+    """A row of the sheet, column and entry each, by column; empty cells as None."""
+    return {str(name): None if pd.isna(value) else plain(value) for name, value in row}

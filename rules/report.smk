@@ -24,7 +24,7 @@ rule report:
     params:
         code=[jobs.code_of("report.write_report"), *map(digest, sorted(TEMPLATES.iterdir()))],
         about=asdict(ABOUT),
-        sheet=lambda wildcards: {trial: dict(CAMPAIGN.row(trial)) for trial in CAMPAIGN.trials()},
+        sheet=lambda wildcards: CAMPAIGN.every_row(),
         largest_mb=CONFIG.report.largest_mb,
     run:
         several = {

@@ -10,10 +10,21 @@ from html.parser import HTMLParser
 import numpy as np
 import polars as pl
 import pytest
+from any_motion import made_trial, noise
+from bench_synthetic import LOW_PASS, RATE, second_order, stepped_sine
 from numpy.testing import assert_allclose
+from test_bench_any_excitation import SETTINGS
+from test_bench_belt import belt_cycle
 
 from osl_analysis.about import About
+from osl_analysis.bench.any_excitation import record_series, record_table
+from osl_analysis.bench.belt import BeltTrial, belt_series, belt_table
+from osl_analysis.bench.belt_fit import fit_belt_stiffness
+from osl_analysis.bench.frequency_response import trial_phasors
+from osl_analysis.bench.impedance import impedance_series, impedance_table
+from osl_analysis.bench.moving_record import moving_record
 from osl_analysis.bench.series import Series
+from osl_analysis.bench.transmission import transmission_series, transmission_table
 from osl_analysis.dictionary import described_tables
 from osl_analysis.report import overview
 from osl_analysis.report.captions import caption_html, captions_by_title
@@ -21,7 +32,7 @@ from osl_analysis.report.doubts import doubts_of, split
 from osl_analysis.report.numbers import estimates_of
 from osl_analysis.report.pack import packed_table
 from osl_analysis.report.page import PageTrial, every_kth, written_page
-from osl_analysis.report.panels import bench_pictures
+from osl_analysis.report.panels import bench_pictures, crossing_pictures, isolated_pictures, phasor_pictures
 from osl_analysis.report.provenance import provenance_of
 from osl_analysis.report.svg import inline_svg
 from osl_analysis.report.trial_page import ReportedTrial, trial_content
@@ -112,9 +123,10 @@ def page_of(trials, largest_mb=40.0, tables=None):
         "choices": overview.choices(trials),
         "headlines": [],
         "figures": [],
+        "not_made": [],
         "quantities": overview.QUANTITIES,
         "trials": overview.trial_rows(trials),
-        "left_out": overview.left_out(trials, {HOSTILE: ["gap"]}),
+        "left_out": overview.left_out(trials),
         "experiments": {"impedance": "one line"},
     }
     described = {"impedance": IMPEDANCE}
@@ -147,7 +159,7 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def hostile_page():
-    return page_of([trial(HOSTILE, f"VAF 3 is below 90 ({HOSTILE})")])
+    return page_of([trial(HOSTILE, f"VAF 3 is below 90 ({HOSTILE})", left_out=[HOSTILE])])
 
 
 def test_names_from_files_are_text(hostile_page):
@@ -211,7 +223,7 @@ def test_doubts_are_split_and_explained():
     )
     assert [part.split()[0] for part in split(cell)] == ["odd_harmonics", "coulomb_share", "impedance.csv:", "R2"]
     assert "; ".join(split(cell)) == cell
-    found = doubts_of(fitted_rows(cell), IMPEDANCE)
+    found = doubts_of({"impedance": fitted_rows(cell)}, {"impedance": IMPEDANCE})
     assert [one["where"] for one in found] == ["all amplitudes"] * 4
     assert [one["meaning"] for one in found] == [
         IMPEDANCE.columns[name].meaning for name in ("odd_harmonics", "coulomb_share", "VAF", "R2")
@@ -288,3 +300,118 @@ def test_a_velocity_is_drawn_as_one():
     ).table()
     labels = [panel.y_label for panel in bench_pictures(series, "Motor motion").panels]
     assert labels == ["Torque (N·m)", "Torque (N·m)", "Motor motion (rad/s)", "Torque (N·m)"]
+
+
+def test_cells_are_sorted_by_the_unrounded_value_and_conditions_are_those_that_differ():
+    precise = ReportedTrial(
+        "t", {"experiment": "impedance"}, {"impedance": fitted_rows().with_columns(K=pl.lit(299.512345))}
+    )
+    assert overview.trial_row(precise, ())["numbers"][1]["sort"] == "299.512345"
+    rows = [
+        {"experiment": "impedance", "K_d": 1.0, "joint": "knee"},
+        {"experiment": "impedance", "K_d": 2.0, "joint": "knee"},
+    ]
+    assert overview.differing_conditions([ReportedTrial("a", rows[0]), ReportedTrial("b", rows[1])]) == {"K_d"}
+
+
+def test_doubts_say_whether_they_are_about_the_whole_trial():
+    table = fitted_rows("VAF 3 is below 90").with_columns(
+        doubtful=pl.Series(["R2 0.1 is below 0.9", "VAF 3 is below 90"])
+    )
+    phasors = pl.DataFrame(
+        {
+            "amplitude_deg": [2.0],
+            "frequency_hz": [3.0],
+            "doubtful": ["impedance.csv: VAF 3 is below 90; x 2 is above 1"],
+        }
+    )
+    found = doubts_of({"impedance": table, "phasors": phasors}, {"impedance": IMPEDANCE})
+    assert [(one["where"], one["of"]) for one in found] == [
+        ("4 deg", "part"),
+        ("all amplitudes", "all"),
+        ("phasors.csv, 2 deg, 3 Hz", "other"),
+    ]
+
+
+def test_a_trial_that_is_left_out_is_listed_with_its_verdict_and_each_reason():
+    trials = [trial("a"), trial("b", left_out=["gap", "jitter"]), trial("c", left_out=["cut"], refused=True)]
+    found = [(one["name"], one["verdict"], one["reason"]) for one in overview.left_out(trials)]
+    assert found == [("b", "excluded", "gap"), ("b", "excluded", "jitter"), ("c", "refused", "cut")]
+
+
+def test_headlines_stand_beside_the_drafts():
+    number = {
+        "value": 684.4321,
+        "unit": "N*m/rad",
+        "low": 679.5,
+        "high": 689.2,
+        "interval": "95 %",
+        "n": 10,
+        "draft": 685.6,
+    }
+    found = overview.headline_row({**number, "meaning": "belt"})
+    assert found | {"meaning": "", "n": ""} == {
+        "meaning": "", "value": "684.4", "unit": "N·m/rad", "interval": "679.5 to 689.2 (95 %)", "n": "",
+        "draft": "685.6",
+    }  # fmt: skip
+
+
+def vaf(series):
+    """VAF of the samples that a series says are fitted, by its own definition."""
+    rest = (series.torque - series.torque_model)[series.fitted]
+    return 100 * (1 - np.var(rest) / np.var(series.torque[series.fitted]))
+
+
+def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_uses():
+    """The VAF over them is the one of the table, which the fit computes from its own rows."""
+    stepped = stepped_sine(second_order, noise=0.3)
+    theta_s, torque = belt_cycle(K_s2=3000, coulomb=0.3)
+    rng = np.random.default_rng(4)
+    torque = torque + 30 * np.gradient(theta_s) + 0.02 * rng.normal(size=len(torque))
+    belt = BeltTrial(
+        "t", np.arange(len(theta_s)) / RATE, RATE, LOW_PASS, theta_s, torque, fit_belt_stiffness(theta_s, torque)
+    )
+    motion = moving_record(made_trial(rng, noise(rng, duration=20.0)), SETTINGS)
+    for series, table in (
+        (impedance_series(stepped), impedance_table(stepped, trial_phasors(stepped))),
+        (transmission_series(stepped), transmission_table(stepped)),
+        (belt_series(belt), belt_table(belt)),
+        (record_series(motion), record_table(motion)),
+    ):
+        assert vaf(series) == pytest.approx(table["VAF"][-1], abs=1e-6)
+        assert 0.1 < series.fitted.mean() < 0.95
+
+
+def test_crossings_are_drawn_in_degrees_and_the_residual_is_measured_minus_model():
+    crossing = pl.DataFrame(
+        {"time": [5.0, 5.1], "theta": [0.0, np.pi], "platform": [np.pi / 2, 0.0], "torque": [1.0, 2.0]}
+    )
+    table = crossing_pictures(crossing).tables["crossing"]
+    assert_allclose(
+        table.select("time", "theta_deg", "platform_deg").to_numpy(), [[0, 0, 90], [0.1, 180, 0]], atol=1e-9
+    )
+    response = pl.DataFrame({"time": [0.01], "theta_deg": [1.0], "torque": [5.0], "torque_model": [3.0]})
+    isolated = isolated_pictures(response).tables["isolated"]
+    assert isolated.to_dicts() == [
+        {"time_ms": 10.0, "theta_deg": 1.0, "torque": 5.0, "torque_model": 3.0, "residual": 2.0}
+    ]
+
+
+def test_phasors_are_drawn_as_magnitude_above_phase():
+    columns = [
+        "Y_magnitude",
+        "Y_magnitude_low",
+        "Y_magnitude_high",
+        "Y_phase_deg",
+        "Y_phase_low_deg",
+        "Y_phase_high_deg",
+    ]
+    phasors = pl.DataFrame(
+        {"amplitude_deg": [2.0, 4.0], "frequency_hz": [1.0, 1.0]} | {name: [0.1, 0.2] for name in columns}
+    )
+    upper, lower = phasor_pictures(phasors).panels
+    assert [(one.table, one.y, one.low, one.high) for one in upper.drawn] == [
+        (f"{deg} deg", *columns[:3]) for deg in (2, 4)
+    ]
+    assert [one.y for one in lower.drawn] == ["Y_phase_deg"] * 2
+    assert (upper.log_x, upper.log_y, lower.log_y) == (True, True, False)

@@ -26,6 +26,8 @@ from osl_analysis.trial import read_provenance, read_trial
 MOTIONS = {"belt": "Belt deflection", "actuator": "Motor motion"}
 """What moves on a bench, where it is not the joint."""
 JOINT = "Joint angle"
+OUTCOMES = ("refused", "failed", "died")
+"""Entries of the column `check` of `excluded.csv` that are no checks."""
 
 
 def write_report(
@@ -55,7 +57,7 @@ def write_report(
     """
     written = {name: read_table(path) for name, path in tables.items()}
     left_out = reasons(read_table(excluded), refused)
-    described = {Path(table.place).name: table for table in described_tables()}
+    described = {Path(table.place).name: table for table in described_tables() if table.place.startswith("tables/")}
     by_role = {"trial": trials, "quality": verdicts, "series": series, "crossing": crossings}
     unanswered = {one.trial for one in refused}
     reported = [
@@ -88,7 +90,8 @@ def write_report(
         ],
         "quantities": overview.QUANTITIES,
         "trials": overview.trial_rows(reported),
-        "left_out": overview.left_out(reported, left_out),
+        "left_out": overview.left_out(reported),
+        "not_made": [one for one in refused if not one.trial],
         "experiments": {name: facts.description for name, facts in EXPERIMENTS.items()},
     }
     page = written_page(content, pages, largest_mb)
@@ -101,10 +104,11 @@ def reasons(excluded: pl.DataFrame, refused: Iterable[Refusal]) -> dict[str, lis
     found: dict[str, list[str]] = {}
     for row in excluded.iter_rows(named=True):
         numbers = "" if row["value"] is None else f" {row['value']:.4g} {row['unit']}, threshold {row['threshold']}"
-        found.setdefault(row["trial"], []).append(f"{row['check']}{numbers}: {row['remark']}")
+        said = row["remark"] if row["check"] in OUTCOMES else f"{row['check']}{numbers}: {row['remark']}"
+        found.setdefault(row["trial"], []).append(said)
     for one in refused:
         if one.trial and one.trial not in found:
-            found[one.trial] = [f"{one.outcome}: {one.reason}; {one.remedy}"]
+            found[one.trial] = [f"{one.reason}; {one.remedy}"]
     return found
 
 

@@ -10,18 +10,28 @@ from osl_analysis.dictionary import DescribedTable
 
 BEGINNING = re.compile(r"(?:^|; )(?=(?:\w+\.csv: )?\w+ (?:\S+ is (?:above|below) |is not a number))")
 """Where the next doubt of a cell begins, as `doubtful.doubts` writes it."""
+PARTS = {"amplitude_deg": "deg", "frequency_hz": "Hz"}
+"""Columns that say which part of a trial a row is of, and their units."""
+REPEATED = re.compile(r"\w+\.csv: ")
+"""Beginning of a doubt that another table has."""
 COLUMN = re.compile(r"(?:\w+\.csv: )?(\w+) ")
 
 
-def doubts_of(table: pl.DataFrame, described: DescribedTable | None) -> list[dict[str, Any]]:
-    """Each doubt about the rows of one trial: `where` in it, whether that is `of_all` of it, `text`, and `meaning` of
-    the value.
+def doubts_of(tables: Mapping[str, pl.DataFrame], described: Mapping[str, DescribedTable]) -> list[dict[str, Any]]:
+    """Each doubt about one trial: `where` in it, `of` all of its fit, a part, or an other table, `text`, `meaning`.
+
+    `tables` has its rows of each table, that of its fit first. Doubts that other tables only repeat are left out.
     """
     found = []
-    for row in table.iter_rows(named=True):
-        for text in split(row.get("doubtful") or ""):
-            of_all = row.get("amplitude_deg") is None
-            found.append({"where": where(row), "of_all": of_all, "text": text, "meaning": meaning(text, described)})
+    for number, (name, table) in enumerate(tables.items()):
+        for row in table.iter_rows(named=True):
+            part = "part" if row.get("amplitude_deg") is not None else "all"
+            place = where(row) if number == 0 else f"{name}.csv, {where(row)}"
+            for text in split(row.get("doubtful") or ""):
+                if number and REPEATED.match(text):
+                    break  # the rest of the cell is the other table's
+                said = meaning(text, described.get(name))
+                found.append({"where": place, "of": "other" if number else part, "text": text, "meaning": said})
     return found
 
 
@@ -32,9 +42,8 @@ def split(cell: str) -> list[str]:
 
 def where(row: Mapping[str, Any]) -> str:
     """The part of a trial that a row is of."""
-    if "amplitude_deg" not in row:
-        return "whole trial"
-    return "all amplitudes" if row["amplitude_deg"] is None else f"{row['amplitude_deg']:g} deg"
+    at = [f"{row[column]:g} {unit}" for column, unit in PARTS.items() if row.get(column) is not None]
+    return ", ".join(at) or ("all amplitudes" if "amplitude_deg" in row else "whole trial")
 
 
 def meaning(text: str, described: DescribedTable | None) -> str:

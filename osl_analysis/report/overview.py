@@ -74,13 +74,12 @@ def headline_row(number: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def left_out(trials: Sequence[ReportedTrial], reasons: Mapping[str, Sequence[str]]) -> list[dict[str, Any]]:
-    """Every trial that is not used, with each of its `reasons`; those that the sheet excludes have no page."""
-    verdicts = {trial.name: trial.verdict for trial in trials}
+def left_out(trials: Sequence[ReportedTrial]) -> list[dict[str, Any]]:
+    """Every trial that is not used, with each reason."""
     return [
-        {"name": name, "verdict": verdicts.get(name, "excluded"), "reason": reason, "has_page": name in verdicts}
-        for name, lines in reasons.items()
-        for reason in lines
+        {"name": trial.name, "verdict": trial.verdict, "reason": reason}
+        for trial in trials
+        for reason in trial.left_out
     ]
 
 

@@ -92,7 +92,8 @@ def bench_pictures(series: pl.DataFrame, motion: str) -> Pictures:
 def thinned(series: pl.DataFrame) -> str:
     """How finely a table with even `time` [s] is drawn."""
     seconds = float(series["time"][-1] - series["time"][0]) if len(series) > 1 else 0.0
-    return f"{(len(series) - 1) / seconds:.3g} samples a second are drawn" if seconds else "one sample is drawn"
+    rate = (len(series) - 1) / seconds if seconds else 0.0
+    return f"{rate:.0f} samples a second are drawn" if rate > 10 else f"{rate:.2g} samples a second are drawn"
 
 
 def phasor_pictures(phasors: pl.DataFrame) -> Pictures:

@@ -90,7 +90,7 @@ def trial_content(
         "condition": trial.condition(),
         "verdict": trial.verdict,
         "left_out": list(trial.left_out),
-        "doubts": doubts_of(trial.main, described.get(name)),
+        "doubts": doubts_of(tables, described),
         "not_checked": trial.not_checked(),
         "table": name,
         "estimates": estimates_of(tables[name], described.get(name)) if tables else None,

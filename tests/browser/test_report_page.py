@@ -281,6 +281,7 @@ def test_keys_lead_from_trial_to_trial_and_back(page):
     body = page.find_element(By.TAG_NAME, "body")
     body.send_keys(Keys.ARROW_RIGHT)
     wait(page, lambda: "belt_02" in page.find_element(By.CSS_SELECTOR, "#trial h1").text)
+    assert page.execute_script("return Bokeh.documents.length") <= 1
     body.send_keys(Keys.ESCAPE)
     wait(page, lambda: page.find_element(By.ID, "overview").is_displayed())
     body.send_keys("/")

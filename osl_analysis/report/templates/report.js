@@ -3,6 +3,7 @@
 (() => {
   const overview = document.getElementById("overview");
   const view = document.getElementById("trial");
+  const { title } = document;
   const rows = [...document.querySelectorAll("#table tbody tr")];
   const body = document.querySelector("#table tbody");
   const byName = new Map();
@@ -10,8 +11,10 @@
     const text = script.textContent;
     byName.set(JSON.parse(text.slice(text.indexOf(":") + 1, text.indexOf(', "content"'))), script);
   }
-  let drawn = null;  // views of Bokeh on the page
+  let drawn = null;  // the views of Bokeh on the page, and their document
   let asked = 0;  // number of the last request to show a trial
+  let left = null;  // where the overview was left for a trial: its scroll position, and its place in the address
+  let lastPlace = "";
 
   // --- elements: text is always text, never markup
 
@@ -130,7 +133,9 @@
       const source = masked(sources[line.table], line);
       const look = { source, color: colour(line.look) };
       if (line.kind === "range") {
+        // both ends and what lies between: where every sample is drawn, the ends are one line
         plot.segment({ field: line.x }, { field: line.y }, { field: line.x }, { field: line.high }, { ...look, line_width: 1.2 });
+        for (const end of [line.y, line.high]) plot.line({ field: line.x }, { field: end }, { ...look, line_width: 0.8 });
       } else if (line.kind === "points") {
         if (line.low) plot.segment({ field: line.x }, { field: line.low }, { field: line.x }, { field: line.high }, { ...look, line_width: 1.5 });
         plot.scatter({ field: line.x }, { field: line.y }, { ...look, marker: MARKERS[line.look], size: 7 });
@@ -180,7 +185,10 @@
   }
 
   function forgetPlots() {
-    drawn?.clear();
+    if (!drawn) return;
+    drawn.views.clear();
+    drawn.sheet.clear();
+    Bokeh.documents.splice(Bokeh.documents.indexOf(drawn.sheet), 1);
     drawn = null;
   }
 
@@ -204,7 +212,7 @@
     );
     const sheet = new Bokeh.Document();
     for (const { plot } of frames) sheet.add_root(plot);
-    drawn = await Bokeh.embed.add_document_standalone(sheet, place, frames.map(({ box }) => box));
+    drawn = { sheet, views: await Bokeh.embed.add_document_standalone(sheet, place, frames.map(({ box }) => box)) };
   }
 
   // --- one trial
@@ -215,13 +223,16 @@
       "li", {}, element("b", {}, `${doubt.where}: `), doubt.text,
       doubt.meaning ? element("span", { class: "meaning" }, `What this number is: ${doubt.meaning}`) : null,
     )));
-    const whole = content.doubts.filter((doubt) => doubt.of_all);
-    const single = content.doubts.filter((doubt) => !doubt.of_all);
+    const whole = content.doubts.filter((doubt) => doubt.of === "all");
+    const single = content.doubts.filter((doubt) => doubt.of === "part");
+    const other = content.doubts.filter((doubt) => doubt.of === "other");
     return section(
-      "Why it is doubtful",
-      whole.length ? items(whole) : element("p", {}, "The fit to all of the trial is not doubtful; fits to single amplitudes are."),
+      content.verdict === "doubtful" ? "Why it is doubtful" : "Doubts",
+      whole.length ? items(whole) : null,
+      !whole.length && single.length ? element("p", {}, "The fit to all of the trial is not doubtful; fits to single amplitudes are.") : null,
       single.length && whole.length ? folded(`Doubts about single amplitudes (${single.length})`, items(single)) : null,
       single.length && !whole.length ? items(single) : null,
+      other.length ? folded(`Doubts in its other tables (${other.length})`, items(other)) : null,
     );
   }
 
@@ -268,17 +279,20 @@
     const at = shown.indexOf(name);
     const link = (other, text, rel) => (other === undefined ? null : element("a", { href: `#trial=${encodeURIComponent(other)}`, rel }, text));
     return element(
-      "nav", { class: "steps", "aria-label": "Trials" }, element("a", { href: "#trials", id: "back" }, "↑ all trials"),
+      "nav", { class: "steps", "aria-label": "Trials" }, element("a", { href: "#overview", id: "back" }, "↑ all trials"),
       link(shown[at - 1], `← ${shown[at - 1]}`, "prev"), link(at < 0 ? undefined : shown[at + 1], `${shown[at + 1]} →`, "next"),
     );
   }
 
   async function showTrial(name) {
     const request = ++asked;
+    view.dataset.name = name;
     const packed = byName.get(name);
     forgetPlots();
+    if (!overview.hidden) left = { scroll: window.scrollY, place: lastPlace };
     overview.hidden = true;
     view.hidden = false;
+    delete view.dataset.drawn;
     if (!packed) {
       view.replaceChildren(element("h1", {}, "No such trial"), element("p", {}, `This report has no trial "${name}".`), steps(name));
       return;
@@ -311,11 +325,16 @@
 
   function showOverview(place) {
     asked += 1;
+    const from = view.hidden ? null : view.dataset.name;
     forgetPlots();
     view.hidden = true;
     view.replaceChildren();
     overview.hidden = false;
-    document.getElementById(place)?.scrollIntoView();
+    document.title = title;
+    if (from && left && (place === "overview" || place === left.place)) window.scrollTo(0, left.scroll);
+    else document.getElementById(place === "overview" ? "trials" : place)?.scrollIntoView();
+    if (from) rows.find((row) => row.dataset.name === from)?.querySelector("a").focus({ preventScroll: true });
+    lastPlace = place;
   }
 
   function follow() {
@@ -397,9 +416,12 @@
     if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input, select, textarea")) return;
     if (event.key === "/") {
       event.preventDefault();
-      if (!view.hidden) location.hash = "#trials";
+      if (!view.hidden) {
+        history.pushState(null, "", "#trials");
+        showOverview("trials");
+      }
       search.focus();
-    } else if (event.key === "Escape" && !view.hidden) location.hash = "#trials";
+    } else if (event.key === "Escape" && !view.hidden) location.hash = "#overview";
     else if (event.key === "ArrowLeft" && !event.target.closest(".plot")) view.querySelector('a[rel="prev"]')?.click();
     else if (event.key === "ArrowRight" && !event.target.closest(".plot")) view.querySelector('a[rel="next"]')?.click();
   });

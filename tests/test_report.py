@@ -318,13 +318,8 @@ def test_doubts_say_whether_they_are_about_the_whole_trial():
     table = fitted_rows("VAF 3 is below 90").with_columns(
         doubtful=pl.Series(["R2 0.1 is below 0.9", "VAF 3 is below 90"])
     )
-    phasors = pl.DataFrame(
-        {
-            "amplitude_deg": [2.0],
-            "frequency_hz": [3.0],
-            "doubtful": ["impedance.csv: VAF 3 is below 90; x 2 is above 1"],
-        }
-    )
+    cell = "x 2 is above 1; impedance.csv: R2 0.1 is below 0.9; VAF 3 is below 90"
+    phasors = pl.DataFrame({"amplitude_deg": [2.0], "frequency_hz": [3.0], "doubtful": [cell]})
     found = doubts_of({"impedance": table, "phasors": phasors}, {"impedance": IMPEDANCE})
     assert [(one["where"], one["of"]) for one in found] == [
         ("4 deg", "part"),

@@ -11,6 +11,7 @@ from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, M
 from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
 from osl_analysis.doubtful import DoubtfulFits
 from osl_analysis.errors import InputError
+from osl_analysis.experiments import EXPERIMENTS, Table
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.shared_choices import FOLLOWED, FollowedProtocol, SharedChoices, WeightSettings
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
@@ -149,6 +150,14 @@ class Config(Settings):
     """The page `report.html`."""
     study: StudySettings
     """The Monte Carlo study."""
+
+    def tables(self, experiment: str) -> tuple[Table, ...]:
+        """The tables of an experiment that the settings ask for, in the order in which its fit writes them."""
+        return tuple(
+            table
+            for table in EXPERIMENTS[experiment].tables
+            if not table.asked_by or getattr(self.dynamometer, table.asked_by)
+        )
 
     def shared(self, experiment: str | None = None) -> SharedChoices:
         """What the simulator follows in the trials of one experiment, or in all (None)."""

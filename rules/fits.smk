@@ -27,7 +27,7 @@ for experiment, facts in EXPERIMENTS.items():
             **({"parameters": lambda wildcards: device(wildcards.trial)} if facts.fit.parameters else {}),
             trial=RESULTS / "trials/{trial}.parquet",
         output:
-            **{table.name: RESULTS / f"fits/{table.name}/{{trial}}.csv" for table in facts.tables},
+            **{table.name: RESULTS / f"fits/{table.name}/{{trial}}.csv" for table in CONFIG.tables(experiment)},
         log:
             RESULTS / f"logs/{experiment}/{{trial}}.log",
         wildcard_constraints:

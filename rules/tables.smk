@@ -1,6 +1,6 @@
 """Fits of single trials -> tidy tables over trials -> the headline numbers."""
 
-TABLES = [(name, table) for name, facts in EXPERIMENTS.items() for table in facts.tables]
+TABLES = [(name, table) for name in EXPERIMENTS for table in CONFIG.tables(name)]
 PER_TRIAL = {
     table.name: [trial for name, one in TABLES if one.name == table.name for trial in CAMPAIGN.rows_of(name, one)]
     for _, table in TABLES

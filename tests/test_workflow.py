@@ -27,6 +27,7 @@ from osl_analysis.workflow import PRELOADED, SIMULATING
 
 TRIAL = "impedance_K300_B5.0_compensated"
 PROTOCOL = {"frequencies_hz": [2, 5], "cycles": 5, "amplitudes_deg": [2, 4]}
+DYNAMOMETER = PROTOCOL | {"compare_estimators": True}
 WALKING = {"bootstrap_samples": 100, "perturbed_stance": "own"}
 """No perturbation changes the stance here, and the pace of three unperturbed crossings is too few to match to."""
 OVERRIDES = {
@@ -34,7 +35,7 @@ OVERRIDES = {
     "raw_data": "raw_data/small",
     "sheet": "raw_data/small/trials.csv",
     "simulation": "config/simulation/small.yaml",
-    "dynamometer": PROTOCOL,
+    "dynamometer": DYNAMOMETER,
     "walking": WALKING,
     "figures": {
         "time_series": {"amplitude_deg": 4, "duration_s": 2},
@@ -278,9 +279,9 @@ CROSSINGS = {"identify_plate", "analyse_crossing", "select_crossings", "average_
 @pytest.mark.parametrize(
     ("changes", "fits"),
     [
-        ({"dynamometer": PROTOCOL | {"load_cell_drift": 0.1}}, {"fit_belt_trial", "compare_belt_models"}),
-        ({"dynamometer": PROTOCOL | {"cutoff_hz": 20}}, BENCH | RIVALS),
-        ({"dynamometer": PROTOCOL | {"settle_cycles": 1}}, STEPPED_SINE),
+        ({"dynamometer": DYNAMOMETER | {"load_cell_drift": 0.1}}, {"fit_belt_trial", "compare_belt_models"}),
+        ({"dynamometer": DYNAMOMETER | {"cutoff_hz": 20}}, BENCH | RIVALS),
+        ({"dynamometer": DYNAMOMETER | {"settle_cycles": 1}}, STEPPED_SINE),
         (
             {"actuator": {"slowest": 0.6}, "walking": WALKING | {"bootstrap_samples": 200}},
             {"fit_actuator_trial", "summarise_walking"},
@@ -328,7 +329,7 @@ def test_walking_without_what_it_needs_is_one_line_before_any_job(workspace, tmp
 
 
 def test_a_misspelt_field_is_one_line_that_names_it(workspace):
-    workspace.configure({"dynamometer": PROTOCOL | {"cut_off": 20}})
+    workspace.configure({"dynamometer": DYNAMOMETER | {"cut_off": 20}})
     result = workspace.run("-n")
     workspace.configure({})
     assert result.returncode != 0
@@ -529,7 +530,7 @@ def test_jobs_that_run_as_processes_of_their_own_leave_the_same_logs_and_records
     """As on a cluster: without the profile's threads, each `run:` block is a Snakemake of its own."""
     fit = workspace.folder / "results/fits/belt/belt_02.csv"
     fit.unlink()
-    workspace.configure({"dynamometer": PROTOCOL | {"load_cell_range": 1.0}})
+    workspace.configure({"dynamometer": DYNAMOMETER | {"load_cell_range": 1.0}})
     result = workspace.start("results/fits/belt/belt_02.csv", "--cores", "2", "--workflow-profile", "none")
     workspace.configure({})
     said = result.stdout + result.stderr

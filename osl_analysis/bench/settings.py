@@ -180,6 +180,10 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
 class DynamometerAnalysis(ImpedanceAnalysis, BeltAnalysis):
     """Choices for all trials of the dynamometer."""
 
+    compare_estimators: bool = False
+    """Whether each impedance trial is also fitted by all five estimators (`estimators.csv`), which takes longer than
+    all other fits of the trial together. The study compares them in any case."""
+
 
 class ActuatorAnalysis(BenchAnalysis):
     """Filter and treatment of friction on the actuator's bench."""

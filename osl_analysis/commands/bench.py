@@ -88,8 +88,9 @@ def fit_impedance_trial(
     tables: Mapping[str, Path],
     windows: str | None = None,
 ) -> None:
-    """Fit one impedance trial: its rows of the tables `impedance`, `phasors`, `estimators`, `response` and its models.
+    """Fit one impedance trial: its rows of the tables `impedance`, `phasors`, `response` and its models.
 
+    Its rows of `estimators` are made only where `tables` has this table: they cost more than all others.
     `parameters` is the file of the device, None for one without, here as in all these jobs. `condition` is the desired
     impedance of the trial, as far as it is known. `weight` is W of Eq. 14 with which its gains were selected.
     `windows` [s] are those of the sheet, which are fitted where the motion is no stepped sine.
@@ -100,7 +101,8 @@ def fit_impedance_trial(
     asked = AskedImpedance(condition, weight, settings.frequencies_hz)
     write_table(judged_impedance(rendered, read, p, asked), tables["impedance"])
     write_table(rendered_phasors(rendered).with_columns(**condition.columns()), tables["phasors"])
-    write_table(estimator_table(rendered).with_columns(**condition.columns()), tables["estimators"])
+    if "estimators" in tables:
+        write_table(estimator_table(rendered).with_columns(**condition.columns()), tables["estimators"])
     for name, frame in rendered_response(rendered, p).frames().items():
         write_table(frame.with_columns(**condition.columns()), tables[name])
     write_table(rendered_time_base(rendered), tables["timebase"])

@@ -28,7 +28,7 @@ def check_finite(name: str, values: ArrayLike, limit: float = LARGEST) -> float:
         A value is not finite or beyond the limit.
     """
     array = np.asarray(values)
-    largest = float(np.max(np.abs(array), initial=0.0))
+    largest = float(np.maximum(np.max(array, initial=0.0), -np.min(array, initial=0.0)))
     if not largest <= limit:
         if not np.isfinite(largest):
             row = int(np.argmin(np.isfinite(array).ravel()))

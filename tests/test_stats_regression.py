@@ -13,7 +13,7 @@ from statsmodels.sandbox.regression.gmm import IV2SLS
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.second_order import impedance_columns
 from osl_analysis.stats.covariance import ResidualCorrelation, correlation_samples, moving_sums
-from osl_analysis.stats.regression import linear_fit, variance_accounted_for
+from osl_analysis.stats.regression import GRAM_LIMIT, decomposed, linear_fit, refined, variance_accounted_for
 
 RNG_SEED = 20
 
@@ -159,3 +159,37 @@ def test_the_correlation_of_estimates_is_that_of_the_columns_and_not_of_the_scat
     columns, y = {"a": a, "b": b}, 2 * a + b + 3 * noise * np.abs(a + b)
     assert abs(linear_fit(y, columns).correlation("a", "b")) > 0.3
     assert linear_fit(y, columns).largest_correlation < 0.05
+
+
+def conditioned(condition, n=5000):
+    """Three columns whose scaled condition number is about `condition`, and a y with known coefficients and noise."""
+    rng = np.random.default_rng(12)
+    Q, _ = np.linalg.qr(rng.standard_normal((n, 3)))
+    X = Q @ np.diag([1.0, 0.5, 1 / condition]) @ np.linalg.qr(rng.standard_normal((3, 3)))[0] * [1.0, 1e3, 1e-4]
+    return X @ [3.0, 2e-3, 5e4] + 1e-3 * rng.standard_normal(n), {"a": X[:, 0], "b": X[:, 1], "c": X[:, 2]}
+
+
+@pytest.mark.parametrize("condition", [2, 30, 90, 300])
+def test_normal_equations_of_many_rows_are_as_exact_as_a_decomposition_of_the_columns(condition):
+    """The reference is QR. Rounding of 1e-16 grows by the condition number, or its square for the covariance."""
+    y, columns = conditioned(condition)
+    fit, X = linear_fit(y, columns), np.stack(list(columns.values()), axis=1)
+    scaled = X / np.linalg.norm(X, axis=0)
+    U, _ = decomposed(X, np.linalg.norm(X, axis=0))[:2]
+    assert (U is None) == (np.linalg.cond(scaled) < GRAM_LIMIT)
+    Q, R = np.linalg.qr(scaled)
+    exact = np.linalg.solve(R, Q.T @ y) / np.linalg.norm(X, axis=0)
+    assert fit.estimates == pytest.approx(exact, rel=1e-14 * condition**1.5)
+    assert fit.condition_number == pytest.approx(np.linalg.cond(scaled), rel=1e-15 * condition**2)
+    few = linear_fit(y[:140], {name: column[:140] for name, column in columns.items()})
+    assert few.estimates == pytest.approx(np.linalg.lstsq(X[:140], y[:140], rcond=None)[0], rel=1e-9)
+
+
+def test_a_step_of_refinement_takes_the_rounding_of_the_normal_equations_off():
+    """Of an exact y at condition 90: with it, only the rounding of y itself is left."""
+    _, columns = conditioned(90)
+    X = np.stack(list(columns.values()), axis=1)
+    true = np.array([3.0, 2e-3, 5e4])
+    inverse = np.linalg.inv(X.T @ X)
+    error = np.abs(refined(X, X @ true, inverse) / true - 1).max()
+    assert error < 0.1 * np.abs(inverse @ (X.T @ (X @ true)) / true - 1).max()

@@ -140,8 +140,7 @@ def prediction_columns(predicted: tuple[float, float, float] | None) -> dict[str
 
 def impedance_series(trial: SteppedSineTrial) -> Series:
     """Measured torque and that of Eq. 15 over the whole trial, fitted to the settled cycles."""
-    *_, (_, motion, torque) = trial.parts()
-    return trial.beside(fit_impedance(motion, torque).torque(trial.motion))
+    return trial.beside(impedance_of(trial, None).predicted(impedance_columns(trial.motion)))
 
 
 def amplitude_series(trial: SteppedSineTrial, amplitude_deg: float, duration_s: float) -> pl.DataFrame:

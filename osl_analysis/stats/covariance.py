@@ -170,7 +170,8 @@ def sums_between(values: Array, first: Array, stop: Array) -> Array:
     A fraction of a row is read from the cubic through the four cumulative sums around it. A cycle whose period is not
     a whole number of rows then has the sum that every other cycle has.
     """
-    totals = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    totals = np.zeros((len(values) + 1, values.shape[1]), order="F")
+    np.cumsum(values, axis=0, out=totals[1:])
     return cumulative_at(totals, stop) - cumulative_at(totals, first)
 
 

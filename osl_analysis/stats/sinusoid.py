@@ -107,8 +107,9 @@ def whole_cycles(samples: int, period: float) -> Cycles | None:
 
 def harmonic_columns(time: Array, frequency_hz: float) -> dict[str, Array]:
     """Offset, then cosine and sine of the fundamental and of each harmonic, at times [s] (n,)."""
-    columns = {"offset": np.ones_like(time)}
+    columns, turn = {"offset": np.ones_like(time)}, np.exp(2j * np.pi * frequency_hz * time)
+    harmonic = turn
     for k in range(1, HARMONICS + 1):
-        phase = 2 * np.pi * k * frequency_hz * time
-        columns |= {f"cos{k}": np.cos(phase), f"sin{k}": np.sin(phase)}
+        columns |= {f"cos{k}": harmonic.real, f"sin{k}": harmonic.imag}
+        harmonic = harmonic * turn
     return columns

@@ -95,7 +95,9 @@ def doubts(row: Mapping[str, object], largest: Mapping[str, float], smallest: Ma
                 continue
             if math.isnan(value):
                 reasons.append(f"{name} is not a number")
-            elif abs(value) > limit if word == "above" else value < limit:
+            elif word == "above" and value < -limit:
+                reasons.append(f"{name} {value:.3g} is below {-limit:g}{remedy(name, value, row)}")
+            elif value > limit if word == "above" else value < limit:
                 reasons.append(f"{name} {value:.3g} is {word} {limit:g}{remedy(name, value, row)}")
     return "; ".join(reasons)
 

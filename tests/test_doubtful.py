@@ -35,7 +35,7 @@ def fits(**columns):
 def test_a_fit_is_doubtful_for_every_limit_that_it_passes_and_says_which():
     row = {"VAF": 80.0, "lag": -0.7, "condition": 5.0, "held_out": None, "name": "x", "n": 3}
     reasons = doubts(row, {"lag": 0.5, "condition": 10, "n": 2}, {"VAF": 90, "held_out": 80})
-    assert reasons == "lag -0.7 is above 0.5; n 3 is above 2; VAF 80 is below 90"
+    assert reasons == "lag -0.7 is below -0.5; n 3 is above 2; VAF 80 is below 90"
     assert doubts(row, {"lag": 0.7}, {"VAF": 80}) == ""
     assert doubts({"VAF": float("nan")}, {}, {"VAF": 90}) == "VAF is not a number"
 
@@ -43,7 +43,7 @@ def test_a_fit_is_doubtful_for_every_limit_that_it_passes_and_says_which():
 def test_a_lower_limit_is_on_the_value_and_an_upper_one_on_its_size():
     assert doubts({"VAF": -200.0}, {}, {"VAF": 90}) == "VAF -200 is below 90"
     assert doubts({"VAF_held_out": -95.0, "lag": -95.0}, {"lag": 90}, {"VAF_held_out": 90}) == (
-        "lag -95 is above 90; VAF_held_out -95 is below 90"
+        "lag -95 is below -90; VAF_held_out -95 is below 90"
     )
 
 

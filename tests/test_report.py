@@ -257,7 +257,7 @@ def test_provenance_says_file_hash_channel_and_conversion():
         {
             "files": {"log": {"path": "a.mcap", "bytes": 12, "sha256": "ff", "source": "mine"}},
             "columns": {"torque": origin, **markers},
-            "clock": {"offset": 0.5, "edges": 18, "nothing": None},
+            "clock": {"offset": 0.5, "edges": 18, "nothing": None, "parts": [{"a": 1, "b": 2}, {"a": 3}]},
         }
     )
     assert found["files"] == [["log", "a.mcap", "12", "ff", "mine"]]
@@ -265,7 +265,7 @@ def test_provenance_says_file_hash_channel_and_conversion():
         ["torque", "log", "/wrench torque.z", "Nm → N*m, sign -1, scale 2"],
         ["marker_A", "mocap", "A", "mm → m"],
     ]
-    assert found["facts"] == [["clock offset", "0.5"], ["clock edges", "18"]]
+    assert found["facts"] == [["clock offset", "0.5"], ["clock edges", "18"], ["clock parts", "a 1, b 2; a 3"]]
 
 
 def test_a_figure_keeps_to_its_own_identifiers_and_opens_trials():

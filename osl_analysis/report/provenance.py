@@ -67,4 +67,6 @@ def facts(content: Mapping[str, Any], place: str = "") -> Lines:
 
 def listed(value: Any) -> str:
     """A fact as text."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {listed(part)}" for name, part in value.items())
     return "; ".join(map(listed, value)) if isinstance(value, list) else shown(value)

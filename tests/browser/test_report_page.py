@@ -137,7 +137,7 @@ def test_the_overview_shows_campaign_numbers_figures_and_every_trial(page, resul
 
 def test_names_from_files_are_text(page):
     assert page.find_elements(By.TAG_NAME, "img") == []
-    cells = [cell.text for cell in page.find_elements(By.CSS_SELECTOR, "#table td:nth-child(3)")]
+    cells = [cell.text for cell in page.find_elements(By.CSS_SELECTOR, "#table td:nth-child(4)")]
     assert sum(HOSTILE in text for text in cells) == 2
     open_trial(page, "impedance_K300_B5.0_uncompensated")
     assert HOSTILE in page.find_element(By.ID, "trial").text

@@ -25,13 +25,19 @@
     return made;
   }
 
+  // a number stays in one line, a hash or path breaks anywhere, and text between words
+  function kindOf(text) {
+    if (/^[-+\d.]/.test(text) && text.length < 16) return "number";
+    return /\S{30}/.test(text) ? "wrap" : "";
+  }
+
   function table(head, lines, { fails = () => false, caption = "" } = {}) {
     const made = element("table");
     if (caption) made.append(element("caption", { class: "hidden" }, caption));
     if (head.length) {
       made.append(element("thead", {}, element("tr", {}, ...head.map((text) => element("th", { scope: "col" }, text)))));
     }
-    const cell = (text, k) => (k ? element("td", { class: "wrap" }, text) : element("th", { scope: "row" }, text));
+    const cell = (text, k) => (k ? element("td", { class: kindOf(text) }, text) : element("th", { scope: "row" }, text));
     const line = (cells) => element("tr", fails(cells) ? { class: "fails" } : {}, ...cells.map(cell));
     made.append(element("tbody", {}, ...lines.map(line)));
     return element("div", { class: "scroll" }, made);
@@ -201,7 +207,7 @@
       const plot = drawPanel(panel, sources, ranges);
       const keys = panel.drawn.map((line) => element("span", {}, key(line), line.name));
       const box = element("div", { role: "img", "aria-label": described(panel, columns) });
-      const title = element("h4", {}, panel.title, element("span", { class: "legend" }, ...keys));
+      const title = element("h3", {}, panel.title, element("span", { class: "legend" }, ...keys));
       return { panel, plot, box, frame: element("div", { class: "plot" }, title, box) };
     });
     const over = frames.filter(({ panel }) => panel.linked && !panel.log_x).map(({ frame }) => frame);
@@ -212,8 +218,21 @@
     );
     const sheet = new Bokeh.Document();
     for (const { plot } of frames) sheet.add_root(plot);
-    drawn = { sheet, views: await Bokeh.embed.add_document_standalone(sheet, place, frames.map(({ box }) => box)) };
+    drawn = { sheet, frames, views: await Bokeh.embed.add_document_standalone(sheet, place, frames.map(({ box }) => box)) };
   }
+
+  // on paper a plot is a picture of what the screen shows, as wide as the page
+  window.addEventListener("beforeprint", () => {
+    for (const { plot, box } of drawn?.frames ?? []) {
+      const { canvas } = drawn.views.get(plot).export("png", true);
+      const picture = element("canvas", { class: "on-paper", width: canvas.width, height: canvas.height });
+      picture.getContext("2d").drawImage(canvas, 0, 0);
+      box.after(picture);
+    }
+  });
+  window.addEventListener("afterprint", () => {
+    for (const picture of document.querySelectorAll(".on-paper")) picture.remove();
+  });
 
   // --- one trial
 
@@ -251,7 +270,7 @@
     return section(
       "Estimates with 95 % intervals",
       table(head, lines, { caption: `Estimates of ${content.name}` }),
-      folded(`Every column of its row in tables/${content.table}.csv`, table(["column", "value", "unit", "meaning"], content.columns)),
+      folded(`Every column of its row in tables/${content.table}.csv`, table(["column", "value", "unit", "meaning"], content.columns, { caption: "Columns" })),
     );
   }
 
@@ -259,7 +278,7 @@
     if (!content.quality.length) return section("Quality", element("p", {}, "Quality control did not see this trial."));
     return section("Quality", table(
       ["check", "what its value is", "value", "threshold", "verdict", "remark"], content.quality,
-      { fails: (cells) => cells[4] !== "pass" },
+      { fails: (cells) => cells[4] !== "pass", caption: "Checks of quality control" },
     ));
   }
 
@@ -267,10 +286,10 @@
     const { files, signals, facts } = content.provenance;
     return section(
       "Provenance",
-      files.length ? table(["role", "file", "bytes", "SHA-256", "source file"], files) : element("p", {}, "It was not ingested."),
-      signals.length ? folded("Signals: which channel became which", table(["signal", "file", "channel", "conversion"], signals)) : null,
-      facts.length ? folded("Clocks, stamps, decoding, software", table(["fact", "value"], facts)) : null,
-      content.time_base.length ? folded("Time base of the fit", table([], content.time_base)) : null,
+      files.length ? table(["role", "file", "bytes", "SHA-256", "source file"], files, { caption: "Files" }) : element("p", {}, "It was not ingested."),
+      signals.length ? folded("Signals: which channel became which", table(["signal", "file", "channel", "conversion"], signals, { caption: "Signals" })) : null,
+      facts.length ? folded("Clocks, stamps, decoding, software", table(["fact", "value"], facts, { caption: "Clocks, stamps, decoding, software" })) : null,
+      content.time_base.length ? folded("Time base of the fit", table([], content.time_base, { caption: "Time base of the fit" })) : null,
     );
   }
 

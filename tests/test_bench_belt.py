@@ -1,13 +1,14 @@
 """Belt stiffness: recovery, refusals, intervals, and what a straight line lacks."""
 
 import numpy as np
+import polars as pl
 import pytest
 from bench_synthetic import LOW_PASS, RATE
 from conftest import filtered_noise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from osl_analysis.bench.belt import BeltTrial, belt_table
+from osl_analysis.bench.belt import BeltTrial, belt_figure_points, belt_table
 from osl_analysis.bench.belt_fit import Branch, fit_belt_stiffness, fit_straight_belt
 from osl_analysis.errors import InputError
 
@@ -121,3 +122,25 @@ def test_at_a_constant_velocity_the_damping_is_in_the_offset_and_not_in_the_stif
     fit = fit_straight_belt(branch, 1, 0.0)
     assert fit.names == ("K_s", "offset")
     assert (fit["K_s"], fit["offset"]) == pytest.approx((685.6, 1 + 450 * 2.4e-5), rel=1e-9)
+
+
+def test_the_figure_of_belts_has_what_torque_differs_by_from_the_mean_slope_and_both_means_with_their_bounds():
+    """A belt of 720/pi N*m/rad, 4 N*m per degree, that carries 0.5 N*m more while loading, bent the other way."""
+    deflection = np.array([0.0, -1.0, -2.0, -1.0])
+    torque = 4 * deflection + [0.5, 0.5, 0.5, 0.0]
+    curves = pl.DataFrame({"trial": "b", "branch": "loading", "theta_s_deg": deflection, "torque": torque})
+    place = {"joint": "ankle", "side": None}
+    table = pl.DataFrame({"trial": ["b"], **place, "doubtful": [""]}, schema_overrides={"side": pl.String})
+    means = {
+        "quantity": ["K_s", "hysteresis_area"],
+        "mean": [720 / np.pi, 0.5],
+        "low": [200.0, 0.4],
+        "high": [260.0, 0.7],
+    }
+    summary = pl.DataFrame({**means, **place}, schema_overrides={"side": pl.String})
+    points = belt_figure_points(curves, table, summary)
+    np.testing.assert_allclose(points["deviation"].drop_nulls(), [0.5, 0.5, 0.5, 0.0], atol=1e-12)
+    mean = points.filter(pl.col("trial") == "mean slope")
+    np.testing.assert_allclose(mean.select("theta_s_deg", "torque").to_numpy(), [[0, 0], [-2, -8]])
+    assert mean.select("K_s_low", "K_s_high").row(0) == (200, 260)
+    assert mean.select("hysteresis_area", "hysteresis_area_low", "hysteresis_area_high").row(1) == (0.5, 0.4, 0.7)

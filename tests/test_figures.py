@@ -556,6 +556,8 @@ def test_figs3_4_9_and_the_walking_page_say_which_fits_are_doubtful_and_how_many
     belts = fig3.draw(belt_table().with_columns(doubtful=reason))
     dotted = [a for a in belts.axes[0].lines if a.is_dashed() and a.get_color() != MAGENTA]
     assert [a.get_ydata()[0] for a in dotted] == [2, 7]
+    below = [a for a in belts.axes[1].lines if a.get_linestyle() != "-" and a.get_color() != MAGENTA]
+    assert [a.get_ydata()[0] for a in below if len(a.get_xdata())] == [2, 7]
     assert "Doubtful fit ($n$ = 2)" in texts(belts)
     page = walking_page.draw(walking_page_table().with_columns(doubtful=reason))
     (dotted,) = [a for a in page.axes[2].lines if a.is_dashed()]
@@ -649,6 +651,8 @@ def test_fig7_draws_observed_points_with_intervals_and_links_to_their_trials_and
             )
     assert magnitude.get_yscale() == magnitude.get_xscale() == phase.get_xscale() == "log"
     assert [tick.get_text() for tick in phase.get_xticklabels()] == ["1", "2", "3", "4", "5"]
+    assert [tick.get_text() for tick in magnitude.get_yticklabels()] == ["3.5", "4", "4.5", "5"], "in thousandths"
+    np.testing.assert_allclose(magnitude.get_yticks(), [3.5e-3, 4e-3, 4.5e-3, 5e-3])
     assert phase.get_ylim()[1] > 0
     for ax, amplitudes, interval in ((phase, [-16, -11], [-14, -12]), (magnitude, [4.6e-3, 5.3e-3], [4.8e-3, 5.2e-3])):
         bars = [c for c in ax.collections if hasattr(c, "get_segments")]
@@ -870,8 +874,8 @@ def test_torque_against_angle_shows_both_branches_of_every_trial_its_desired_cur
 
 
 def test_captions_of_curves_say_torques_slopes_and_estimates_with_intervals():
-    said = torque_angle.caption(torque_angle_table())
-    assert r"both\_cams\_00mm: −4 to 6 N·m, steepest 57 N·m/rad." in said
+    said = torque_angle.caption(torque_angle_table().with_columns(stiffness=57 + pl.col("angle_deg")))
+    assert r"both\_cams\_00mm: −4 to 6 N·m, steepest 62 N·m/rad." in said
     assert r"1 of 11 trials (both\_cams\_15mm)" in said
     said = impedance_over_stance.caption(impedance_over_stance_table())
     assert "all at 25 % of stance: $K$ 75.0 N·m/rad (95 % interval 67.5 to 82.5)" in said

@@ -15,6 +15,7 @@ os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "POL
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ from osl_analysis.bench.impedance import DesiredImpedance, impedance_of
 from osl_analysis.bench.nonlinearity import rendered_nonlinearity_row
 from osl_analysis.bench.plausibility import check_recording
 from osl_analysis.bench.protocol import find_blocks
-from osl_analysis.bench.rendered import rendered_phasors, rendered_series, rendered_time_base, rendered_trial
+from osl_analysis.bench.rendered import rendered_phasors, rendered_series, rendered_time_base, rendered_trial, sines_of
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.bench.torque_lag import torque_lag_row
@@ -129,9 +130,9 @@ def stages(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> Itera
     yield "blocks", lambda: find_blocks(signals.time, signals["theta"], s.protocol)
     yield "filter", lambda: [s.low_pass(signals[name], signals.rate_hz) for name in ("theta", "torque")]
     yield "derivatives", lambda: differentiate(trial.time, trial.motion.theta)
-    yield "fits with covariance", lambda: [impedance_of(trial, amplitude) for amplitude in amplitudes]
+    yield "fits with covariance", lambda: [impedance_of(replace(trial), amplitude) for amplitude in amplitudes]
     yield "held-out VAF", lambda: [lowest_held_out_vaf(trial, a, fit, impedance_columns) for a, _, fit in fits]
-    yield "phasors", lambda: trial_phasors(trial)
+    yield "phasors", lambda: trial_phasors(replace(trial))
     yield "nonlinearity", lambda: [rendered_nonlinearity_row(chosen, fit) for _, chosen, fit in fits]
     yield "lag", lambda: [torque_lag_row(chosen, fit, expected) for _, chosen, fit in fits]
     yield "clocks", lambda: clock_drift_row(trial)
@@ -145,8 +146,9 @@ def job(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> None:
     read = read_trial(path)
     check_recording(read, s)
     rendered = rendered_trial(read, s)
-    tables = [judged_impedance(rendered, read, p, AskedImpedance(CONDITION, PAPER_WEIGHT, s.frequencies_hz))]
-    tables += [rendered_phasors(rendered), rendered_time_base(rendered), rendered_series(rendered).table()]
+    asked, phasors = AskedImpedance(CONDITION, PAPER_WEIGHT, s.frequencies_hz), sines_of(rendered)
+    tables = [judged_impedance(rendered, read, p, asked, phasors), rendered_phasors(rendered, phasors)]
+    tables += [rendered_time_base(rendered), rendered_series(rendered).table()]
     for table in tables:
         write_table(table, path.with_suffix(".csv"))
 

@@ -1,12 +1,14 @@
 """The rendered impedance: rows by amplitude, and the numbers of Fig. 4."""
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
 from bench_synthetic import PROTOCOL, RATE, second_order, stepped_sine
 
 from osl_analysis.bench.frequency_response import trial_phasors
-from osl_analysis.bench.impedance import amplitude_series, impedance_table
+from osl_analysis.bench.impedance import amplitude_series, impedance_of, impedance_table
 from osl_analysis.bench.model_comparison import thinned_amplitudes
 from osl_analysis.bench.protocol import unit_sines
 from osl_analysis.bench.settings import DynamometerAnalysis
@@ -137,3 +139,13 @@ def test_where_amplitudes_nest_inside_frequencies_fig4_and_the_comparison_use_on
     assert not large[small_rows].any()
     assert large[large_rows].all()
     assert len(large_rows) == pytest.approx(len(small_rows), abs=3)
+
+
+def test_a_trial_that_is_made_of_a_fitted_one_is_fitted_anew():
+    """Fits are kept with their trial, and not taken over by another one with other signals."""
+    record = stepped_sine(second_order, noise=0.1)
+    whole = impedance_of(record, None)
+    assert impedance_of(record, None) is whole
+    stiffer = replace(record, filtered_torque=2 * record.filtered_torque, torque=2 * record.torque)
+    assert impedance_of(stiffer, None)["K"] == pytest.approx(2 * whole["K"], rel=1e-9)
+    assert impedance_of(record, None)["K"] == whole["K"]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
+from osl_analysis.bench.frequency_response import SegmentPhasors
 from osl_analysis.bench.impedance import DesiredImpedance, prediction_columns
 from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.plausibility import not_checked, plausible_impedance
@@ -60,9 +61,15 @@ class AskedImpedance:
 
 
 def judged_impedance(
-    rendered: RenderedTrial, trial: Trial, p: DrivetrainParameters | None, asked: AskedImpedance | None
+    rendered: RenderedTrial,
+    trial: Trial,
+    p: DrivetrainParameters | None,
+    asked: AskedImpedance | None,
+    phasors: Sequence[SegmentPhasors] | None = None,
 ) -> pl.DataFrame:
     """The rows of Eq. 15 with all that judges them; what the gains should give only where these are known.
+
+    `phasors` as in `rendered_table`.
 
     Without parameter file (`p`), controller of the draft, K_d and B_d they are not. The column `not_checked` says so.
 
@@ -73,12 +80,12 @@ def judged_impedance(
     """
     gains = None if asked is None else asked.gains(p)
     if asked is None or p is None or gains is None:
-        table = plausible_impedance(rendered_table(rendered, None), trial, p)
+        table = plausible_impedance(rendered_table(rendered, None, phasors), trial, p)
         if asked is None:
             return table.with_columns(not_checked("" if p else f"{OF_BELT}: no parameter file is named"))
         known = table.with_columns(**asked.desired.columns(), **prediction_columns(None))
         return known.with_columns(not_checked(asked.not_checked(p, known["lag_s"].is_not_null().all())))
-    table = rendered_table(rendered, joint_admittance(gains.K_1, gains.B_1, p, p.J_j))
+    table = rendered_table(rendered, joint_admittance(gains.K_1, gains.B_1, p, p.J_j), phasors)
     lag_known = isinstance(rendered, SteppedSineTrial) or table["lag_s"].is_not_null().all()
     predicted = predicted_impedance(gains, p, asked.frequencies_of(rendered))
     plausible = plausible_impedance(table, trial, p, predicted[0])

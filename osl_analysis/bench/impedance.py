@@ -107,8 +107,11 @@ def impedance_table(
 
 def impedance_of(trial: SteppedSineTrial, amplitude: float | None) -> LinearFit:
     """Eq. 15 fitted to one amplitude [deg] or to all of them (None), the error of the bench's stiffness included."""
-    fit = fit_impedance(*trial.part(amplitude), trial.residual_correlation(amplitude)).fit
-    return widened(fit, None if trial.softer is None else impedance_of(trial.softer, amplitude))
+    if amplitude not in trial.fits:
+        fit = fit_impedance(*trial.part(amplitude), trial.residual_correlation(amplitude)).fit
+        softer = None if trial.softer is None else impedance_of(trial.softer, amplitude)
+        trial.fits[amplitude] = widened(fit, softer)
+    return trial.fits[amplitude]
 
 
 def impedance_time_base(trial: SteppedSineTrial) -> pl.DataFrame:

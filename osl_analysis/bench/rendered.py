@@ -1,10 +1,18 @@
 """An impedance trial by what moved the joint: the stepped sine of the protocol, or any other motion."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import polars as pl
 
 from osl_analysis.bench.any_excitation import WEIGHTING, record_points, record_series, record_table, record_time_base
-from osl_analysis.bench.frequency_response import Admittance, no_phasors, phasor_table, trial_phasors
+from osl_analysis.bench.frequency_response import (
+    Admittance,
+    SegmentPhasors,
+    no_phasors,
+    phasor_table,
+    trial_phasors,
+)
 from osl_analysis.bench.impedance import amplitude_series, impedance_series, impedance_table, impedance_time_base
 from osl_analysis.bench.moving_record import MovingRecord, moving_record
 from osl_analysis.bench.series import Series
@@ -111,12 +119,22 @@ def perhaps_damaged(trial: Trial, settings: ImpedanceAnalysis, sines: float) -> 
     return found
 
 
-def rendered_table(trial: RenderedTrial, expected: Admittance | None) -> pl.DataFrame:
-    """The trial's rows of `impedance.csv`; `expected` and what is raised as in `impedance_table` and `record_table`."""
+def sines_of(trial: RenderedTrial) -> list[SegmentPhasors]:
+    """The phasors of all segments of a stepped sine, none where no sines moved the joint; raises as `trial_phasors`."""
+    return [] if isinstance(trial, MovingRecord) else trial_phasors(trial)
+
+
+def rendered_table(
+    trial: RenderedTrial, expected: Admittance | None, phasors: Sequence[SegmentPhasors] | None = None
+) -> pl.DataFrame:
+    """The trial's rows of `impedance.csv`; `expected` and what is raised as in `impedance_table` and `record_table`.
+
+    `phasors` are those of `sines_of`, where they are known already.
+    """
     if isinstance(trial, MovingRecord):
         return record_table(trial, expected)
     try:
-        table = impedance_table(trial, trial_phasors(trial), expected)
+        table = impedance_table(trial, trial_phasors(trial) if phasors is None else phasors, expected)
     except IdentifiabilityError as error:
         raise IdentifiabilityError(f"trial {trial.name}: {missing_band(trial)}") from error
     low, high = band_hz(trial)
@@ -144,9 +162,9 @@ def band_hz(trial: RenderedTrial) -> tuple[float, float]:
     return min(frequencies), max(frequencies)
 
 
-def rendered_phasors(trial: RenderedTrial) -> pl.DataFrame:
-    """The trial's rows of `phasors.csv`; none where no sines moved the joint."""
-    return no_phasors() if isinstance(trial, MovingRecord) else phasor_table(trial.name, trial_phasors(trial))
+def rendered_phasors(trial: RenderedTrial, phasors: Sequence[SegmentPhasors]) -> pl.DataFrame:
+    """The trial's rows of `phasors.csv` from the phasors of `sines_of`; none where no sines moved the joint."""
+    return no_phasors() if isinstance(trial, MovingRecord) else phasor_table(trial.name, phasors)
 
 
 def rendered_response(trial: RenderedTrial, p: DrivetrainParameters | None) -> ResponseTables:

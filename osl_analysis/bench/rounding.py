@@ -1,7 +1,7 @@
 """What the rounding of an encoder or converter adds to the error of a stepped-sine fit where every cycle repeats it."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -36,11 +36,24 @@ class Rounded:
     """Uniform times [s]."""
     sampled: Array
     """When the sensor took its samples, shape (k,) [s]."""
+    kept: dict[tuple[int, int, int, int], Array] = field(default_factory=dict, init=False, compare=False, repr=False)
+    """What `smooth_between` has found."""
 
     @property
     def rate_hz(self) -> float:
         """Rate [Hz] of the grid."""
         return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
+
+    def smooth_between(self, piece: slice, low: int, high: int) -> Array:
+        """The smooth signal when the sensor took its samples `low` to `high`, in a piece of rows of the grid.
+
+        Every fit to the piece asks for it: it is kept.
+        """
+        key = (piece.start, piece.stop, low, high)
+        if key not in self.kept:
+            near = slice(max(piece.start - 2, 0), piece.stop + 2)
+            self.kept[key] = CubicSpline(self.time[near], self.smooth[near])(self.sampled[low:high])
+        return self.kept[key]
 
 
 @dataclass(frozen=True)
@@ -90,8 +103,7 @@ class RepeatedRounding:
             at = signal.sampled[low:high]
             per_row = signal.rate_hz * (edges[-1] - edges[0]) / len(at)
             each = per_row * np.array([np.interp(at, signal.time[piece], column) for column in weights.T])
-            near = slice(max(piece.start - 2, 0), piece.stop + 2)
-            errors = rounding_harmonics(CubicSpline(signal.time[near], signal.smooth[near])(at), signal.step)
+            errors = rounding_harmonics(signal.smooth_between(piece, low, high), signal.step)
             yield from (each[:, i:j] @ errors[:, i:j].T for i, j in pairwise(cuts - low))
 
     def transfer(self, segment: Segment) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -36,7 +37,7 @@ class Segment:
         """Commanded amplitude [deg] as tables show it: 6 and not 6.000000000000001."""
         return round(float(np.rad2deg(self.amplitude)), 9)
 
-    @property
+    @cached_property
     def edges(self) -> Array:
         """Where each cycle begins and the last one ends, shape (cycles + 1,). The first edge is a whole row.
 
@@ -46,12 +47,12 @@ class Segment:
         period = (self.stop - self.start) / self.cycles
         return np.asarray(np.rint(self.start) + period * np.arange(self.cycles + 1))
 
-    @property
+    @cached_property
     def used(self) -> NDArray[np.intp]:
         """Numbers of the cycles that are used."""
         return np.array([k for k in range(self.cycles) if k not in self.excluded_cycles], dtype=np.intp)
 
-    @property
+    @cached_property
     def pieces(self) -> tuple[slice, ...]:
         """Rows of each stretch of consecutive cycles that are used."""
         used, edges = np.isin(np.arange(self.cycles), self.used), self.edges

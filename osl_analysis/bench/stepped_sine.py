@@ -1,7 +1,7 @@
 """A stepped-sine trial as the fits need it: raw and filtered signals, the settled cycles, the load cell's drift."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,7 @@ from osl_analysis.bench.settings import BenchStiffness, SteppedSineAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.stats.covariance import FEWEST_CYCLES, RepeatedError, ResidualCorrelation, sums_between
+from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.rounding import visible_step
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import UniformSignals, origin, uniform_signals
@@ -83,6 +84,8 @@ class SteppedSineTrial:
     """The same with a bench that is softer by one standard error; None where it does not yield."""
     largest_drift_ppm: float = np.inf
     """Drift [ppm] between the clocks of angle and torque from which the trial is refused."""
+    fits: dict[float | None, LinearFit] = field(default_factory=dict, init=False, compare=False, repr=False)
+    """Fits of Eq. 15 that were made (`impedance_of`), by amplitude [deg]. A trial that is made of this one has none."""
 
     @property
     def raw(self) -> RawSignals:
@@ -103,8 +106,14 @@ class SteppedSineTrial:
 
     def segments(self, amplitude: float | None) -> tuple[Segment, ...]:
         """The settled, usable segments of one amplitude [deg], or of all (None); `parts` yields their rows."""
-        chosen = [b for b in self.blocks if amplitude is None or np.isclose(np.rad2deg(b.amplitude), amplitude)]
-        return settled(chosen, self.settle_cycles, self.usable)
+        each = zip(self.blocks, self.settled_blocks, strict=True)
+        chosen = (one for b, one in each if amplitude is None or np.isclose(np.rad2deg(b.amplitude), amplitude))
+        return tuple(segment for one in chosen for segment in one)
+
+    @cached_property
+    def settled_blocks(self) -> tuple[tuple[Segment, ...], ...]:
+        """The settled, usable segments of each block."""
+        return tuple(settled([block], self.settle_cycles, self.usable) for block in self.blocks)
 
     def beside(self, modelled: Array) -> Series:
         """The filtered signals beside a model's torque (n,) [N*m], which is fitted to the settled cycles."""

@@ -38,6 +38,7 @@ from osl_analysis.bench.rendered import (
     rendered_series,
     rendered_time_base,
     rendered_trial,
+    sines_of,
 )
 from osl_analysis.bench.repeated_trials import repeated_trials_table
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, ImpedanceAnalysis, SteppedSineAnalysis
@@ -99,8 +100,9 @@ def fit_impedance_trial(
     check_recording(read, settings)
     rendered = rendered_trial(read, settings, windows)
     asked = AskedImpedance(condition, weight, settings.frequencies_hz)
-    write_table(judged_impedance(rendered, read, p, asked), tables["impedance"])
-    write_table(rendered_phasors(rendered).with_columns(**condition.columns()), tables["phasors"])
+    phasors = sines_of(rendered)
+    write_table(judged_impedance(rendered, read, p, asked, phasors), tables["impedance"])
+    write_table(rendered_phasors(rendered, phasors).with_columns(**condition.columns()), tables["phasors"])
     if "estimators" in tables:
         write_table(estimator_table(rendered).with_columns(**condition.columns()), tables["estimators"])
     for name, frame in rendered_response(rendered, p).frames().items():

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from statistics import median
 
 import numpy as np
 
@@ -133,8 +134,8 @@ def alike_cycles(time: Array, theta: Array, crossings: Array) -> list[Stretch]:
         recent = slice(max(start, stop - 5), stop)
         if (
             stop == len(frequency)
-            or abs(frequency[stop] / np.median(frequency[recent]) - 1) > SAME_FREQUENCY
-            or abs(height[stop] / np.median(height[recent]) - 1) > SAME_AMPLITUDE
+            or abs(frequency[stop] / median(frequency[recent].tolist()) - 1) > SAME_FREQUENCY
+            or abs(height[stop] / median(height[recent].tolist()) - 1) > SAME_AMPLITUDE
         ):
             first, last = (start + end for end in plateau(height[start:stop]))
             rate = (last - first) / float(crossings[last] - crossings[first])

@@ -1,5 +1,7 @@
 """Rounding of an encoder or converter that every cycle repeats, so that the spread between cycles is blind to it."""
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -51,6 +53,13 @@ def rounding_harmonics(signal: Array, step: float) -> NDArray[np.complex128]:
     return np.asarray(harmonics * size[:, None], dtype=np.complex128)
 
 
+@cache
+def scatter_of_noise() -> tuple[Array, Array]:
+    """Standard deviations (501,) of noise [steps], and the scatter (501,) [steps^2] that it has behind the rounding."""
+    s, k = np.linspace(0, 1, 501), np.arange(1, 101)[:, None]
+    return s, s**2 + np.sum((1 - np.exp(-((2 * np.pi * k * s) ** 2))) / (2 * (np.pi * k) ** 2), axis=0)
+
+
 def noise_before_rounding(scatter: Array) -> Array:
     """Standard deviation [steps] of the noise before the rounding from the scatter [steps^2] of what it leaves.
 
@@ -64,8 +73,7 @@ def noise_before_rounding(scatter: Array) -> Array:
         A scatter is not finite or cannot be measured.
     """
     check_finite("the scatter", scatter)
-    s, k = np.linspace(0, 1, 501), np.arange(1, 101)[:, None]
-    left = s**2 + np.sum((1 - np.exp(-((2 * np.pi * k * s) ** 2))) / (2 * (np.pi * k) ** 2), axis=0)
+    s, left = scatter_of_noise()
     return np.where(scatter > left[-1], np.sqrt(scatter), np.interp(scatter, left, s))
 
 

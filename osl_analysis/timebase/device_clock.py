@@ -86,7 +86,7 @@ class DeviceClock:
 def skewness(values: Array) -> float:
     """Third moment about the mean, in standard deviations."""
     apart = values - np.mean(values)
-    return float(np.mean(apart**3) / np.std(values) ** 3)
+    return float(np.mean(apart * apart * apart) / np.std(values) ** 3)  # a power of an array takes ten times as long
 
 
 def device_clock(stamps: Array, count: Counts) -> DeviceClock:

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from osl_analysis.bench.rounding import RepeatedRounding, Rounded
+from osl_analysis.bench.rounding import RepeatedRounding, Rounded, interpolated
 from osl_analysis.bench.segments import Segment, repeated_cycles, rows_of
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
@@ -195,3 +195,33 @@ def test_the_fits_of_a_trial_know_what_the_filter_took_off_the_torque():
     taken = stepped.residual_correlation(None).filtered_off
     np.testing.assert_allclose(taken, (stepped.torque - stepped.filtered_torque)[rows])
     assert np.std(taken) == pytest.approx(0.05, rel=0.05)
+
+
+def test_columns_between_their_rows_are_those_of_numpy_beyond_their_ends_too():
+    rng = np.random.default_rng(4)
+    time, values = np.sort(rng.random(50)), rng.standard_normal((50, 3))
+    at = np.concatenate([[-1.0, 0.0], np.sort(rng.random(200)), time, [1.0, 2.0]])
+    expected = np.array([np.interp(at, time, column) for column in values.T]).T
+    np.testing.assert_allclose(interpolated(at, time, values), expected, rtol=0, atol=1e-13)
+
+
+def test_a_signal_that_is_fitted_itself_follows_its_own_rounding_whole():
+    """What is found from a copy of the signal, which is not known to be the same one."""
+    time = np.arange(5000) / 500
+    smooth = 0.1 * np.sin(2 * np.pi * time)
+    rounded = Rounded(1e-3, smooth, smooth, time, time)
+    segment = Segment(0.1, 1.0, 0.0, 5000.0, 10)
+    cycles = repeated_cycles([segment])
+    itself, copy = (RepeatedRounding(rounded, fitted, [segment], cycles) for fitted in (smooth, smooth.copy()))
+    assert itself.transfer(segment) == (1.0, 0.0)
+    assert copy.transfer(segment) == pytest.approx((1.0, 0.0), abs=1e-12)
+
+
+def test_each_piece_keeps_the_signal_between_its_own_rows():
+    """A cubic through samples 2 ms apart knows sin(t) to 1e-12 (h^4/384); pieces of equal length lie 3 s apart."""
+    time = np.arange(5000) / 500
+    sampled = time + 7e-4
+    rounded = Rounded(1e-3, np.sin(time), np.sin(time), time, sampled)
+    for start in (1000, 2500, 1000):
+        found = rounded.smooth_between(slice(start, start + 500), start + 10, start + 400)
+        np.testing.assert_allclose(found, np.sin(sampled[start + 10 : start + 400]), rtol=0, atol=1e-9)

@@ -96,18 +96,22 @@ class RepeatedRounding:
             rows = slice(first, first + piece.stop - piece.start)
             first, own = rows.stop, influence[rows]
             # the error acts as stiffness e + damping de/dt; by parts, the derivative is the influence's
-            weights = stiffness * own - damping * signal.rate_hz * np.gradient(own, axis=0)
+            weights = stiffness * own
+            if damping:
+                weights -= damping * signal.rate_hz * np.gradient(own, axis=0)
             used = [k for k in segment.used if piece.start - 1 < segment.edges[k] < piece.stop - 1]
             edges = signal.time[0] + segment.edges[[*used, used[-1] + 1]] / signal.rate_hz
             low, *_, high = cuts = np.searchsorted(signal.sampled, edges)
             at = signal.sampled[low:high]
             per_row = signal.rate_hz * (edges[-1] - edges[0]) / len(at)
-            each = per_row * np.array([np.interp(at, signal.time[piece], column) for column in weights.T])
+            each = per_row * interpolated(at, signal.time[piece], weights).T
             errors = rounding_harmonics(signal.smooth_between(piece, low, high), signal.step)
             yield from (each[:, i:j] @ errors[:, i:j].T for i, j in pairwise(cuts - low))
 
     def transfer(self, segment: Segment) -> tuple[float, float]:
         """By how much what is fitted follows the signal and its derivative in a segment; (1, 0): the signal itself."""
+        if self.fitted is self.rounded.smooth:
+            return 1.0, 0.0
         rows = segment.rows
         smooth, w = self.rounded.smooth[rows], 2 * np.pi * segment.frequency_hz
         phase = np.exp(-1j * w * self.rounded.time[rows])
@@ -128,3 +132,14 @@ class RepeatedRounding:
         expected = scatter_between_cycles(rounded - smooth, self.cycles)
         noise = noise_before_rounding(np.maximum(seen - expected, 0.0) / signal.step**2)
         return np.exp(-2 * (np.pi * noise[:, None] * np.arange(1, HARMONICS + 1)) ** 2)
+
+
+def interpolated(at: Array, time: Array, values: Array) -> Array:
+    """Values (k, p) at times `at` (k,) from those (n, p) at increasing times (n,), by straight lines; constant beyond.
+
+    As `np.interp` of each column, whose places are found once for all.
+    """
+    row = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
+    share = np.clip((at - time[row]) / (time[row + 1] - time[row]), 0.0, 1.0)[:, None]
+    below = values[row]
+    return np.asarray(below + share * (values[row + 1] - below))

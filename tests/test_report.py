@@ -6,6 +6,7 @@ import json
 import re
 import zlib
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -25,16 +26,18 @@ from osl_analysis.bench.impedance import impedance_series, impedance_table
 from osl_analysis.bench.moving_record import moving_record
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.transmission import transmission_series, transmission_table
+from osl_analysis.commands.report import lacks_result
 from osl_analysis.dictionary import described_tables
 from osl_analysis.report import overview
 from osl_analysis.report.captions import caption_html, captions_by_title
 from osl_analysis.report.doubts import doubts_of, split
+from osl_analysis.report.left_out import left_out_trials, without_result
 from osl_analysis.report.numbers import estimates_of
 from osl_analysis.report.pack import packed_table
 from osl_analysis.report.page import PageTrial, every_kth, written_page
 from osl_analysis.report.panels import bench_pictures, crossing_pictures, isolated_pictures, phasor_pictures
 from osl_analysis.report.provenance import provenance_of
-from osl_analysis.report.svg import inline_svg
+from osl_analysis.report.svg import inline_png, inline_svg
 from osl_analysis.report.trial_page import ReportedTrial, trial_content
 
 HOSTILE = '<img src=x onerror="alert(1)"></script><b>&amp;'
@@ -410,3 +413,32 @@ def test_phasors_are_drawn_as_magnitude_above_phase():
     ]
     assert [one.y for one in lower.drawn] == ["Y_phase_deg"] * 2
     assert (upper.log_x, upper.log_y, lower.log_y) == (True, True, False)
+
+
+def test_a_large_figure_is_a_picture_with_its_name():
+    found = inline_png(b"png", HOSTILE)
+    assert found.startswith('<img src="data:image/png;base64,cG5n" alt="&lt;img src=x')
+
+
+def test_a_trial_is_left_out_by_what_became_of_it():
+    rows = [
+        {"trial": "cut", "check": "refused", "value": None, "unit": None, "threshold": None, "remark": "no footer"},
+        {"trial": "late", "check": "gap", "value": 1.0, "unit": "s", "threshold": 0.5, "remark": "theta"},
+        {"trial": "late", "check": "gap", "value": 1.0, "unit": "s", "threshold": 0.5, "remark": "theta"},
+    ]
+    crossings = pl.DataFrame({"trial": ["walk"], "reason": ["no step"]})
+    found = left_out_trials(pl.DataFrame(rows, infer_schema_length=None), crossings, {"late": "again", "new": "why"})
+    assert {name: (one.refused, one.reasons) for name, one in found.items()} == {
+        "cut": (True, ["no footer"]),
+        "late": (False, ["gap 1 s, threshold 0.5: theta"]),
+        "new": (True, ["why"]),
+        "walk": (False, ["no step"]),
+    }
+
+
+def test_a_trial_without_a_result_names_those_for_want_of_which():
+    assert without_result(["static_1"]).reasons == ["it has no result, because static_1 was refused or excluded"]
+    assert without_result(list("abcde")).reasons[0].endswith("because a, b, c and 2 more were refused or excluded")
+    assert lacks_result("walking", {}, {"trial": Path("a")})
+    assert not lacks_result("plate", {}, {})
+    assert lacks_result("belt", {}, {"trial": Path("a")})

@@ -1,10 +1,11 @@
 """The report of a run: reads what the run wrote, and writes one page."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import polars as pl
+from markupsafe import Markup
 
 from osl_analysis.about import About
 from osl_analysis.columns import unit_of
@@ -17,8 +18,9 @@ from osl_analysis.quality.verdict import CHECKS
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import overview, panels
 from osl_analysis.report.captions import captions_by_title
+from osl_analysis.report.left_out import LeftOut, left_out_trials, without_result
 from osl_analysis.report.page import PageTrial, written_page
-from osl_analysis.report.svg import inline_svg
+from osl_analysis.report.svg import inline_png, inline_svg
 from osl_analysis.report.trial_page import ReportedTrial, trial_content
 from osl_analysis.table import read_table
 from osl_analysis.trial import read_provenance, read_trial
@@ -26,8 +28,8 @@ from osl_analysis.trial import read_provenance, read_trial
 MOTIONS = {"belt": "Belt deflection", "actuator": "Motor motion"}
 """What moves on a bench, where it is not the joint."""
 JOINT = "Joint angle"
-OUTCOMES = ("refused", "failed", "died")
-"""Entries of the column `check` of `excluded.csv` that are no checks."""
+LARGEST_SVG = 1_500_000
+"""Size [bytes] of the largest SVG that the page has. That of a hundred belts has some 2 MB."""
 
 
 def write_report(
@@ -56,17 +58,17 @@ def write_report(
     signals allows it.
     """
     written = {name: read_table(path) for name, path in tables.items()}
-    left_out = reasons(read_table(excluded), refused)
+    said_of = {one.trial: f"{one.reason}; {one.remedy}" for one in refused if one.trial}
+    left_out = left_out_trials(read_table(excluded), written.get("walking_excluded"), said_of)
     described = {Path(table.place).name: table for table in described_tables() if table.place.startswith("tables/")}
     by_role = {"trial": trials, "quality": verdicts, "series": series, "crossing": crossings}
-    unanswered = {one.trial for one in refused}
     reported = [
         reported_trial(
             name,
             row,
             rows_of_trial(name, row["experiment"], written),
             {role: files[name] for role, files in by_role.items() if name in files},
-            (left_out.get(name, ()), name in unanswered),
+            left_out,
         )
         for name, row in sheet.items()
     ]
@@ -84,7 +86,7 @@ def write_report(
                 "name": name,
                 "title": titles[name],
                 "caption": said.get(titles[name], ""),
-                "svg": inline_svg(path.read_text(encoding="utf-8"), name, titles[name]),
+                "drawing": drawing(path, name, titles[name]),
             }
             for name, path in figures.items()
         ],
@@ -99,19 +101,6 @@ def write_report(
         temporary.write_text(page, encoding="utf-8")
 
 
-def reasons(excluded: pl.DataFrame, refused: Iterable[Refusal]) -> dict[str, list[str]]:
-    """Why each trial is left out: as the list of excluded trials says it, and refusals that this does not have."""
-    found: dict[str, list[str]] = {}
-    for row in excluded.iter_rows(named=True):
-        numbers = "" if row["value"] is None else f" {row['value']:.4g} {row['unit']}, threshold {row['threshold']}"
-        said = row["remark"] if row["check"] in OUTCOMES else f"{row['check']}{numbers}: {row['remark']}"
-        found.setdefault(row["trial"], []).append(said)
-    for one in refused:
-        if one.trial and one.trial not in found:
-            found[one.trial] = [f"{one.reason}; {one.remedy}"]
-    return found
-
-
 def rows_of_trial(trial: str, experiment: str, tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
     """The rows of one trial in the tables of its experiment, and in those of the responses of a crossing."""
     names = [*(table.name for table in EXPERIMENTS[experiment].tables), "walking_responses"]
@@ -124,21 +113,36 @@ def reported_trial(
     row: Mapping[str, Any],
     tables: Mapping[str, pl.DataFrame],
     files: Mapping[str, Path],
-    missing: tuple[Sequence[str], bool],
+    left_out: Mapping[str, LeftOut],
 ) -> ReportedTrial:
-    """One trial with what its `files` hold: `trial`, `quality`, `series` and `crossing`, as far as there are any.
-
-    `missing` says why it is left out, and whether a job refused it.
-    """
+    """One trial with what its `files` hold: `trial`, `quality`, `series` and `crossing`, as far as there are any."""
+    why = left_out.get(name)
+    if why is None and lacks_result(row["experiment"], tables, files):
+        why = without_result(list(left_out))
     return ReportedTrial(
         name,
         row,
         tables,
         read_table(files["quality"]) if "quality" in files else None,
         read_provenance(files["trial"]) if "trial" in files else {},
-        *missing,
+        why.reasons if why else (),
+        why is not None and why.refused,
         pictures(row["experiment"], tables, files),
     )
+
+
+def lacks_result(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping[str, Path]) -> bool:
+    """Whether a trial has no result although its experiment gives each trial one."""
+    if EXPERIMENTS[experiment].fit:
+        return not tables
+    return experiment == "walking" and "crossing" not in files
+
+
+def drawing(svg: Path, name: str, title: str) -> Markup:
+    """A figure for the page: its SVG, whose points open trials, or its PNG where the SVG is too large for a page."""
+    if svg.stat().st_size <= LARGEST_SVG:
+        return inline_svg(svg.read_text(encoding="utf-8"), name, title)
+    return inline_png(svg.with_suffix(".png").read_bytes(), title)
 
 
 def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping[str, Path]) -> panels.Pictures:
@@ -146,8 +150,8 @@ def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping
     found = []
     if "series" in files:
         found.append(panels.bench_pictures(read_table(files["series"]), MOTIONS.get(experiment, JOINT)))
-    elif "crossing" in files:
-        found.append(panels.crossing_pictures(pl.read_parquet(files["crossing"])))
+    elif "crossing" in files and len(crossing := pl.read_parquet(files["crossing"])):
+        found.append(panels.crossing_pictures(crossing))
     elif "trial" in files:
         samples = read_trial(files["trial"]).samples
         units = {name: unit for name in samples.columns if name != "time" and (unit := unit_of(name))}

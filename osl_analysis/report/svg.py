@@ -1,6 +1,7 @@
 """Figures inside the page: SVG as it was drawn, with identifiers of its own, and points that open their trial."""
 
 import re
+from base64 import b64encode
 from urllib.parse import unquote
 from xml.etree import ElementTree
 
@@ -40,6 +41,12 @@ def inline_svg(text: str, name: str, label: str) -> Markup:
     root.set("role", "img")
     root.set("aria-label", label)
     return Markup(ElementTree.tostring(root, encoding="unicode"))
+
+
+def inline_png(content: bytes, label: str) -> Markup:
+    """The PNG of a figure for the page; `label` says what it is."""
+    picture = Markup('<img src="data:image/png;base64,{}" alt="{}" style="max-width: 100%">')
+    return picture.format(b64encode(content).decode("ascii"), label)
 
 
 def link(element: ElementTree.Element) -> None:

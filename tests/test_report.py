@@ -35,7 +35,13 @@ from osl_analysis.report.left_out import left_out_trials, without_result
 from osl_analysis.report.numbers import estimates_of
 from osl_analysis.report.pack import packed_table
 from osl_analysis.report.page import PageTrial, every_kth, written_page
-from osl_analysis.report.panels import bench_pictures, crossing_pictures, isolated_pictures, phasor_pictures
+from osl_analysis.report.panels import (
+    bench_pictures,
+    crossing_pictures,
+    isolated_pictures,
+    phasor_pictures,
+    second_order_admittance,
+)
 from osl_analysis.report.provenance import provenance_of
 from osl_analysis.report.svg import inline_png, inline_svg
 from osl_analysis.report.trial_page import ReportedTrial, trial_content
@@ -92,13 +98,14 @@ def test_thinned_series_keep_every_outlier_of_the_residual_and_no_model_where_no
     assert_allclose(table["theta_deg"].to_numpy(), 180, rtol=1e-6)
 
 
-def test_thinning_for_a_small_page_keeps_the_ends_of_ranges():
+def test_thinning_for_a_small_page_keeps_the_ends_of_ranges_and_enough_rows():
     table = pl.DataFrame({"time": np.arange(4000.0), "residual_low": 0.0, "residual_high": 0.0})
     table[1237, "residual_high"] = 5.0
     table[2001, "residual_low"] = -5.0
     thinned = every_kth(table, 10)
     assert thinned["time"].to_list() == list(range(0, 4000, 10))
     assert (thinned["residual_low"].min(), thinned["residual_high"].max()) == (-5.0, 5.0)
+    assert len(every_kth(table, 1000)) == 200
 
 
 ABOUT = About(HOSTILE, "simulated", "1.2", "abc", "made with seed 1")
@@ -197,8 +204,12 @@ def test_signals_are_thinned_out_until_the_page_is_small_enough_and_the_page_say
     series = pl.DataFrame({"time": np.arange(60_000.0), "torque": rng.normal(size=60_000)})
     trials = [trial(f"t{k}") for k in range(6)]
     whole, small = (page_of(trials, mb, {"series": series}) for mb in (40.0, 1.7))
+    with pytest.warns(UserWarning, match="MB larger than `report: largest_mb`"):
+        smallest = page_of(trials, 0.5, {"series": series})
     assert len(whole) > 1_900_000
     assert len(small) < 1_700_000
+    assert len(smallest) < 1_500_000
+    assert '"every": 300,' in smallest
     assert "every" not in Page(whole).text.partition("Keys:")[0].rpartition("Drawn with")[2]
     assert re.search(r"every \d+th sample", Page(small).text)
 
@@ -407,12 +418,21 @@ def test_phasors_are_drawn_as_magnitude_above_phase():
     phasors = pl.DataFrame(
         {"amplitude_deg": [2.0, 4.0], "frequency_hz": [1.0, 1.0]} | {name: [0.1, 0.2] for name in columns}
     )
-    upper, lower = phasor_pictures(phasors).panels
-    assert [(one.table, one.y, one.low, one.high) for one in upper.drawn] == [
+    fit = {"K": 200.0, "B": 4.0, "I": 0.05}
+    pictures = phasor_pictures(phasors, fit)
+    upper, lower = pictures.panels
+    assert [(one.table, one.y, one.low, one.high) for one in upper.drawn[:2]] == [
         (f"{deg} deg", *columns[:3]) for deg in (2, 4)
     ]
-    assert [one.y for one in lower.drawn] == ["Y_phase_deg"] * 2
+    assert [one.y for one in lower.drawn] == ["Y_phase_deg"] * 3
     assert (upper.log_x, upper.log_y, lower.log_y) == (True, True, False)
+
+
+def test_the_line_beside_phasors_is_that_of_a_second_order_joint():
+    """At its natural frequency sqrt(K/I) the admittance is 1/(B w), 90 degrees late."""
+    w = np.sqrt(200 / 0.05)
+    line = second_order_admittance(pl.Series([w / 2 / np.pi, 100.0]), {"K": 200.0, "B": 4.0, "I": 0.05})
+    assert line.row(0) == pytest.approx((w / 2 / np.pi, 1 / (4 * w), -90))
 
 
 def test_a_large_figure_is_a_picture_with_its_name():

@@ -149,7 +149,9 @@ def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping
     """What is drawn of a trial: the fit, the crossing with its isolated response, or else the recording."""
     found = []
     if "series" in files:
-        found.append(panels.bench_pictures(read_table(files["series"]), MOTIONS.get(experiment, JOINT)))
+        found.append(
+            panels.bench_pictures(read_table(files["series"]), MOTIONS.get(experiment, JOINT), experiment == "belt")
+        )
     elif "crossing" in files and len(crossing := pl.read_parquet(files["crossing"])):
         found.append(panels.crossing_pictures(crossing))
     elif "trial" in files:
@@ -159,7 +161,7 @@ def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping
     if "walking_responses" in tables:
         found.append(panels.isolated_pictures(tables["walking_responses"]))
     if len(tables.get("phasors", ())):
-        found.append(panels.phasor_pictures(tables["phasors"]))
+        found.append(panels.phasor_pictures(tables["phasors"], tables["impedance"].row(-1, named=True)))
     if len(tables.get("response", ())):
         found.append(panels.response_pictures(tables["response"]))
     return panels.together(*found)

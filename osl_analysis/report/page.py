@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+import warnings
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -61,25 +62,42 @@ def written_page(content: Mapping[str, Any], trials: Sequence[PageTrial], larges
 
 
 def thinned_trials(trials: Sequence[PageTrial], largest: float) -> tuple[int, list[str]]:
-    """The trials packed with every k-th sample, so that together they have at most `largest` bytes, and k."""
+    """The trials packed with every k-th sample, so that together they have at most `largest` bytes, and k.
+
+    No table is thinned below `FEWEST_PACKED` rows. Where that is still too much, a warning says so.
+    """
+    longest = max((len(table) for trial in trials for table in trial.tables.values()), default=0)
     every = 1
     packed = [packed_trial(trial, every) for trial in trials]
-    while (size := sum(map(len, packed))) > largest and every < FEWEST_PACKED:
+    while (size := sum(map(len, packed))) > largest and every < longest / FEWEST_PACKED:
         every = max(math.ceil(every * min(size / max(largest, 1), 4)), every + 1)
         packed = [packed_trial(trial, every) for trial in trials]
+    if size > largest:
+        warnings.warn(
+            f"the report is {(size - largest) / MEGABYTE:.1f} MB larger than `report: largest_mb` asks for, with as "
+            "few samples as it can draw; set a larger one, or make a campaign of fewer trials",
+            stacklevel=2,
+        )
     return every, packed
 
 
 def packed_trial(trial: PageTrial, every: int) -> str:
-    """A trial as JSON that cannot end the script element that holds it."""
-    tables = {name: packed_table(every_kth(table, every)) for name, table in trial.tables.items()}
-    content = {"name": trial.name, "content": deflated_json(trial.content), "tables": tables}
+    """A trial as JSON that cannot end the script element that holds it; `every` thins out its long tables."""
+    thinned = {name: every_kth(table, every) for name, table in trial.tables.items()}
+    kept = [round(len(trial.tables[name]) / len(table)) for name, table in thinned.items() if len(table)]
+    content = {
+        "name": trial.name,
+        "content": deflated_json(trial.content),
+        "every": max(kept, default=1),
+        "tables": {name: packed_table(table) for name, table in thinned.items()},
+    }
     return json.dumps(content, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c")
 
 
 def every_kth(table: pl.DataFrame, k: int) -> pl.DataFrame:
-    """Every k-th row of a long table; of the ends of a range, `_low` and `_high`, the outermost of k rows."""
-    if k == 1 or len(table) // k < FEWEST_PACKED:
+    """Every k-th row of a table, `FEWEST_PACKED` or more; of the ends of a range, `_low` and `_high`, the outermost."""
+    k = min(k, len(table) // FEWEST_PACKED)
+    if k <= 1:
         return table
     ends = {"_low": pl.Expr.min, "_high": pl.Expr.max}
     column = [

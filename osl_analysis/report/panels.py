@@ -1,9 +1,10 @@
 """What the page draws of a trial: panels of lines, each of columns of the trial's tables."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
+import numpy as np
 import polars as pl
 
 Look = Literal["measured", "model", "residual", "second", "third"]
@@ -64,10 +65,10 @@ class Pictures:
     remark: str = ""
 
 
-def bench_pictures(series: pl.DataFrame, motion: str) -> Pictures:
+def bench_pictures(series: pl.DataFrame, motion: str, whole_loop: bool = False) -> Pictures:
     """Torque, residual and motion over time, and torque against angle, of a fitted trial on the bench.
 
-    `series` as `bench.series.Series.table` writes it, `motion` what moves.
+    `series` as `bench.series.Series.table` writes it, `motion` what moves. The loop is of the fitted samples, or whole.
     """
     x = "omega" if "omega" in series.columns else "theta_deg"
     label = f"{motion} (rad/s)" if x == "omega" else f"{motion} (deg)"
@@ -76,7 +77,7 @@ def bench_pictures(series: pl.DataFrame, motion: str) -> Pictures:
         "series", "time", "residual_low", "measured minus model", "residual", "range", high="residual_high"
     )
     loops = [
-        Drawn("series", x, "torque", "measured", where="torque_model"),
+        Drawn("series", x, "torque", "measured", where="" if whole_loop else "torque_model"),
         Drawn("series", x, "torque_model", "model", "model"),
     ]
     panels = [
@@ -85,7 +86,7 @@ def bench_pictures(series: pl.DataFrame, motion: str) -> Pictures:
         Panel(motion, TIME, label, [Drawn("series", "time", x, "measured")], "time"),
         Panel(f"Torque against {motion.lower()}", label, TORQUE, loops, square=True),
     ]
-    where = "the model, the residual and the loops are drawn where the fit uses the samples"
+    where = f"the model{'' if whole_loop else ', the loop'} and the residual are drawn where the fit uses the samples"
     return Pictures(panels, {"series": series}, f"{thinned(series)}; {where}")
 
 
@@ -96,8 +97,11 @@ def thinned(series: pl.DataFrame) -> str:
     return f"{rate:.0f} samples a second are drawn" if rate > 10 else f"{rate:.2g} samples a second are drawn"
 
 
-def phasor_pictures(phasors: pl.DataFrame) -> Pictures:
-    """Magnitude and phase of the measured admittance over frequency, points per amplitude with their intervals."""
+def phasor_pictures(phasors: pl.DataFrame, fit: Mapping[str, Any]) -> Pictures:
+    """Magnitude and phase of the measured admittance over frequency, points per amplitude with their intervals.
+
+    The line is that of Eq. 15 with `K`, `B` and `I` of the `fit` to all amplitudes.
+    """
     magnitude = ("Y_magnitude", "Y_magnitude_low", "Y_magnitude_high")
     phase = ("Y_phase_deg", "Y_phase_low_deg", "Y_phase_high_deg")
     parts = phasors.partition_by("amplitude_deg", maintain_order=True, as_dict=True)
@@ -107,11 +111,22 @@ def phasor_pictures(phasors: pl.DataFrame) -> Pictures:
         [Drawn(name, "frequency_hz", y, name, look, "points", low, high) for name, look in looks.items()]
         for y, low, high in (magnitude, phase)
     ]
+    tables["Eq. 15"] = second_order_admittance(phasors["frequency_hz"], fit)
+    for drawn, (y, *_) in zip(points, (magnitude, phase), strict=True):
+        drawn.append(Drawn("Eq. 15", "frequency_hz", y, "Eq. 15, fit to all", "residual"))
     panels = [
         Panel("Admittance: magnitude", FREQUENCY, "|Y| (rad/(N·m))", points[0], "frequency", log_x=True, log_y=True),
         Panel("Admittance: phase", FREQUENCY, "Phase (deg)", points[1], "frequency", log_x=True),
     ]
     return Pictures(panels, tables)
+
+
+def second_order_admittance(frequency_hz: pl.Series, fit: Mapping[str, Any]) -> pl.DataFrame:
+    """Y = 1/(K + B s + I s^2) of a fit (Eq. 15) from the lowest to the highest of these frequencies."""
+    f = np.geomspace(float(frequency_hz.to_numpy().min()), float(frequency_hz.to_numpy().max()), 60)
+    s = 2j * np.pi * f
+    Y = 1 / (fit["K"] + fit["B"] * s + fit["I"] * s**2)
+    return pl.DataFrame({"frequency_hz": f, "Y_magnitude": np.abs(Y), "Y_phase_deg": np.rad2deg(np.angle(Y))})
 
 
 def response_pictures(response: pl.DataFrame) -> Pictures:

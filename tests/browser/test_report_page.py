@@ -252,6 +252,7 @@ def test_panels_over_time_zoom_together(page):
     wait(page, lambda: page.execute_script(ends)[1] != after[1])
     dragged = page.execute_script(ends)
     assert dragged[0] == dragged[1] == dragged[2]
+    assert 0.05 < (dragged[0][1] - dragged[0][0]) / (after[0][1] - after[0][0]) < 0.3
     assert residual.is_displayed()
 
 

@@ -125,7 +125,7 @@
     const plot = Bokeh.Plotting.figure({
       height: panel.square ? 420 : panel.log_x ? 300 : 230,
       sizing_mode: "stretch_width",
-      tools: panel.square || panel.log_x ? "pan,box_zoom,wheel_zoom,reset,save" : "pan,xbox_zoom,xwheel_zoom,reset,save",
+      tools: panel.square || panel.log_x ? "box_zoom,pan,wheel_zoom,reset,save" : "xbox_zoom,pan,xwheel_zoom,reset,save",
       active_scroll: null,
       min_border_left: 72,  // so that the panels' axes stand below one another
       x_axis_label: panel.x_label,
@@ -303,6 +303,11 @@
     );
   }
 
+  function thinned(every) {
+    if (every === 1) return "";
+    return `. To keep this page small, of all this every ${every}th sample is drawn: fast motion may look slower than it is.`;
+  }
+
   async function showTrial(name) {
     const request = ++asked;
     view.dataset.name = name;
@@ -316,7 +321,7 @@
       view.replaceChildren(element("h1", {}, "No such trial"), element("p", {}, `This report has no trial "${name}".`), steps(name));
       return;
     }
-    const { content: text, tables } = JSON.parse(packed.textContent);
+    const { content: text, tables, every } = JSON.parse(packed.textContent);
     const content = JSON.parse(new TextDecoder().decode(await inflated(text)));
     const columns = {};
     for (const [key, value] of Object.entries(tables)) columns[key] = await unpacked(value);
@@ -331,7 +336,7 @@
       doubtList(content),
       estimates(content),
       ...content.not_checked.map((what) => element("p", { class: "note" }, `Not checked: ${what}`)),
-      content.panels.length ? section("Signals", element("p", { class: "note" }, content.remark), plots) : null,
+      content.panels.length ? section("Signals", element("p", { class: "note" }, content.remark, thinned(every)), plots) : null,
       quality(content),
       provenance(content),
     ].filter((child) => child !== null));

@@ -14,6 +14,7 @@ import polars as pl
 import pytest
 import yaml
 from selenium import webdriver
+from selenium.common.exceptions import StaleElementReferenceException
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
@@ -104,7 +105,9 @@ def page(chromium, results):
 
 
 def wait(page, condition):
-    return WebDriverWait(page, 20).until(lambda _: condition())
+    """Wait for a condition; an element that the page replaces meanwhile is looked for again."""
+    replaced = (StaleElementReferenceException,)
+    return WebDriverWait(page, 20, ignored_exceptions=replaced).until(lambda _: condition())
 
 
 def open_trial(page, name):

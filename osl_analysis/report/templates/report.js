@@ -134,6 +134,7 @@
       y_axis_type: panel.log_y ? "log" : "linear",
       ...(shared ? { x_range: shared } : {}),
     });
+    plot.toolbar.active_drag = plot.toolbar.tools.find((tool) => tool.type === "BoxZoomTool");
     if (panel.linked && !shared) ranges[panel.linked] = plot.x_range;
     for (const line of panel.drawn) {
       const source = masked(sources[line.table], line);

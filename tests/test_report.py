@@ -295,6 +295,7 @@ def test_a_figure_keeps_to_its_own_identifiers_and_opens_trials():
     )
     assert "<title>a&amp;b&lt;</title>" in found
     assert "target" not in found
+    assert 'tabindex="-1"' in found
 
 
 def test_a_caption_is_text_with_indices():

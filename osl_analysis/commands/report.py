@@ -160,8 +160,8 @@ def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping
         found.append(panels.recorded_pictures(samples, units))
     if "walking_responses" in tables:
         found.append(panels.isolated_pictures(tables["walking_responses"]))
-    if len(tables.get("phasors", ())):
+    if "phasors" in tables and "impedance" in tables:
         found.append(panels.phasor_pictures(tables["phasors"], tables["impedance"].row(-1, named=True)))
-    if len(tables.get("response", ())):
+    if "response" in tables:
         found.append(panels.response_pictures(tables["response"]))
     return panels.together(*found)

@@ -43,7 +43,7 @@ def written_page(content: Mapping[str, Any], trials: Sequence[PageTrial], larges
         own("report.js"),
     )
 
-    def page(packed: Sequence[str], every: int) -> str:
+    def page(packed: Mapping[str, str], every: int) -> str:
         """The whole page with these packed trials."""
         return around.render(
             **content,
@@ -53,25 +53,25 @@ def written_page(content: Mapping[str, Any], trials: Sequence[PageTrial], larges
             bokeh_js=Markup(bokeh_js),
             report_js=Markup(report_js),
             style=Markup(own("report.css")),
-            packed=[Markup(text) for text in packed],
+            packed={name: Markup(text) for name, text in packed.items()},
         )
 
-    rest = len(page([], 1).encode())
+    rest = len(page({}, 1).encode())
     every, packed = thinned_trials(trials, largest_mb * MEGABYTE - rest)
     return page(packed, every)
 
 
-def thinned_trials(trials: Sequence[PageTrial], largest: float) -> tuple[int, list[str]]:
-    """The trials packed with every k-th sample, so that together they have at most `largest` bytes, and k.
+def thinned_trials(trials: Sequence[PageTrial], largest: float) -> tuple[int, dict[str, str]]:
+    """k, and the trials packed with every k-th sample by name, so that together they have at most `largest` bytes.
 
     No table is thinned below `FEWEST_PACKED` rows. Where that is still too much, a warning says so.
     """
     longest = max((len(table) for trial in trials for table in trial.tables.values()), default=0)
     every = 1
-    packed = [packed_trial(trial, every) for trial in trials]
-    while (size := sum(map(len, packed))) > largest and every < longest / FEWEST_PACKED:
+    packed = {trial.name: packed_trial(trial, every) for trial in trials}
+    while (size := sum(map(len, packed.values()))) > largest and every < longest / FEWEST_PACKED:
         every = max(math.ceil(every * min(size / max(largest, 1), 4)), every + 1)
-        packed = [packed_trial(trial, every) for trial in trials]
+        packed = {trial.name: packed_trial(trial, every) for trial in trials}
     if size > largest:
         warnings.warn(
             f"the report is {(size - largest) / MEGABYTE:.1f} MB larger than `report: largest_mb` asks for, with as "
@@ -86,7 +86,6 @@ def packed_trial(trial: PageTrial, every: int) -> str:
     thinned = {name: every_kth(table, every) for name, table in trial.tables.items()}
     kept = [round(len(trial.tables[name]) / len(table)) for name, table in thinned.items() if len(table)]
     content = {
-        "name": trial.name,
         "content": deflated_json(trial.content),
         "every": max(kept, default=1),
         "tables": {name: packed_table(table) for name, table in thinned.items()},

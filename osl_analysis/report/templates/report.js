@@ -6,11 +6,7 @@
   const { title } = document;
   const rows = [...document.querySelectorAll("#table tbody tr")];
   const body = document.querySelector("#table tbody");
-  const byName = new Map();
-  for (const script of document.querySelectorAll("script.packed")) {
-    const text = script.textContent;
-    byName.set(JSON.parse(text.slice(text.indexOf(":") + 1, text.indexOf(', "content"'))), script);
-  }
+  const byName = new Map([...document.querySelectorAll("script.packed")].map((script) => [script.dataset.name, script]));
   let drawn = null;  // the views of Bokeh on the page, and their document
   let asked = 0;  // number of the last request to show a trial
   let left = null;  // where the overview was left for a trial: its scroll position, and its place in the address

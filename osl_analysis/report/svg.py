@@ -35,7 +35,7 @@ def inline_svg(text: str, name: str, label: str) -> Markup:
             link(element)
     width, height = (float(root.get(key, "0").removesuffix("pt")) for key in ("width", "height"))
     root.set("viewBox", root.get("viewBox") or f"0 0 {width:g} {height:g}")
-    root.set("style", f"max-width: min(100%, {1.9 * width:.0f}px)")
+    root.set("style", f"width: min(100vw - 4rem, {1.9 * width:.0f}px)")
     for key in ("width", "height"):
         root.attrib.pop(key, None)
     root.set("role", "img")

@@ -140,7 +140,7 @@ def test_the_overview_shows_campaign_numbers_figures_and_every_trial(page, resul
 
 def test_names_from_files_are_text(page):
     assert page.find_elements(By.TAG_NAME, "img") == []
-    cells = [cell.text for cell in page.find_elements(By.CSS_SELECTOR, "#table td:nth-child(4)")]
+    cells = [cell.text for cell in page.find_elements(By.CSS_SELECTOR, "#table td:nth-child(5)")]
     assert sum(HOSTILE in text for text in cells) == 2
     open_trial(page, "impedance_K300_B5.0_uncompensated")
     assert HOSTILE in page.find_element(By.ID, "trial").text
@@ -150,7 +150,7 @@ def test_names_from_files_are_text(page):
 
 def test_it_sorts_by_numbers_both_ways_with_missing_ones_last(page):
     def column():
-        cells = page.find_elements(By.CSS_SELECTOR, "#table tbody td:nth-child(6)")
+        cells = page.find_elements(By.CSS_SELECTOR, "#table tbody td:nth-child(7)")
         return [float(cell.get_attribute("data-sort")) for cell in cells if cell.get_attribute("data-sort")]
 
     before = column()
@@ -158,8 +158,8 @@ def test_it_sorts_by_numbers_both_ways_with_missing_ones_last(page):
     assert column() == sorted(before)
     heads(page)["K"].click()
     assert column() == sorted(before, reverse=True)
-    assert page.find_elements(By.CSS_SELECTOR, "#table tbody tr")[-1].find_elements(By.TAG_NAME, "td")[4].text == "–"
-    assert page.find_element(By.CSS_SELECTOR, "#table th:nth-child(6)").get_attribute("aria-sort") == "descending"
+    assert page.find_elements(By.CSS_SELECTOR, "#table tbody tr")[-1].find_elements(By.TAG_NAME, "td")[5].text == "–"
+    assert page.find_element(By.CSS_SELECTOR, "#table th:nth-child(7)").get_attribute("aria-sort") == "descending"
 
 
 def test_it_filters_by_words_experiment_and_verdict(page):

@@ -19,7 +19,6 @@ import polars as pl
 import yaml
 from bench_cases import TABLES, Case, Changes, Remedy, on
 
-from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.config import Config, campaign_config
 from osl_analysis.doubtful import marked
@@ -126,11 +125,12 @@ def recorded(experiment: str, changes: Changes, folder: Path) -> Mapping[str, An
 def analysed(row: Mapping[str, Any], config: Config, sources: Path, folder: Path) -> tuple[pl.DataFrame, list[str]]:
     """The table of a trial's fits with doubts marked, and what quality control says; as the workflow does."""
     facts, trial = EXPERIMENTS[row["experiment"]], folder / f"{row['trial']}.parquet"
-    ingest_trial(row, folder, sources, trial)
-    rules = {"rules": config.quality.model_dump(mode="json"), "experiment": row["experiment"], "accept": []}
+    recording = {"row": row, "raw_folder": folder, "sources_folder": sources, "needed_columns": []}
+    rules = {"rules": config.quality.model_dump(mode="json"), "accept": []}
     commanded = {"commanded": config.dynamometer.model_dump(mode="json", include=set(PROTOCOL))}
-    checked = {"input": {"trial": trial}, "output": {"output": folder / "quality.csv"}, "settings": rules | commanded}
-    call(Job("quality.check_trial", checked, (), ()))
+    outputs = {"trial": trial, "quality": folder / "quality.csv"}
+    ingested = {"input": {}, "output": outputs, "settings": recording | rules | commanded}
+    call(Job("trials.ingest_and_check", ingested, (), ()))
     verdicts = read_table(folder / "quality.csv").filter(pl.col("verdict") != "pass")
     failed = [f"{check} ({verdict})" for check, verdict in verdicts.select("check", "verdict").rows()]
     assert facts.fit is not None

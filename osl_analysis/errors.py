@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
+from pathlib import Path
 
 LONGEST = 80
 """Characters of a name in a message."""
@@ -38,6 +39,17 @@ class OslAnalysisError(ValueError):
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))
+
+
+class PartialResultError(Exception):
+    """A job could not make some of its files, because of the error that this one is raised from; the others are whole.
+
+    missing: the files that it could not make.
+    """
+
+    def __init__(self, missing: Sequence[Path]) -> None:
+        super().__init__(f"without {', '.join(map(str, missing))}")
+        self.missing = tuple(missing)
 
 
 class InputError(OslAnalysisError):

@@ -15,7 +15,7 @@ from typing import Any
 
 from pydantic import ConfigDict, validate_call
 
-from osl_analysis.errors import OslAnalysisError, printable
+from osl_analysis.errors import OslAnalysisError, PartialResultError, printable
 from osl_analysis.exclusion import without_excluded, without_refused
 from osl_analysis.files import temporary_path
 from osl_analysis.job_log import JobLog, write_log
@@ -68,17 +68,23 @@ def run(log: Path, job: Job) -> None:
             call(job)
         except MissingInputError as missing:
             ended, causes = JobLog(job.command, "skipped", error=str(missing)), missing.causes
-        except OslAnalysisError as refusal:
-            ended = JobLog(job.command, "refused", error=str(refusal))
-        except OSError as fault:
-            ended = JobLog(
-                job.command, "failed", error=printable(f"{fault.filename or 'a file'}: {fault.strerror or fault}")
-            )
+        except PartialResultError as rest:
+            job = replace(job, files=[str(path) for path in rest.missing])
+            ended = ended_by(job.command, rest.__cause__ or rest)
         except Exception as fault:
-            error = printable(f"unexpected {type(fault).__name__}: {fault}")
-            ended = JobLog(job.command, "failed", error=error, traceback=traceback.format_exc())
+            ended = ended_by(job.command, fault)
     warned = tuple(dict.fromkeys(printable(str(warning.message)) for warning in caught))
     end(log, job, replace(ended, seconds=time.perf_counter() - start, warnings=warned), causes)
+
+
+def ended_by(command: str, fault: BaseException) -> JobLog:
+    """How an error ends a job: refused for what the user can correct, else failed."""
+    if isinstance(fault, OslAnalysisError):
+        return JobLog(command, "refused", error=str(fault))
+    if isinstance(fault, OSError):
+        return JobLog(command, "failed", error=printable(f"{fault.filename or 'a file'}: {fault.strerror or fault}"))
+    said = "".join(traceback.format_exception(fault))
+    return JobLog(command, "failed", error=printable(f"unexpected {type(fault).__name__}: {fault}"), traceback=said)
 
 
 def call(job: Job) -> None:

@@ -29,8 +29,7 @@ __all__ = ["at_end_of_run", "code", "code_of", "know_by_logs", "report", "run_jo
 PRELOADED = [
     "snakemake.cli",  # what a job's __main__, the snakemake script, imports before the job begins
     "osl_analysis.commands.bench",
-    "osl_analysis.commands.ingest",
-    "osl_analysis.commands.quality",
+    "osl_analysis.commands.trials",
     "osl_analysis.commands.simulate",
     "osl_analysis.commands.crossing",
     "osl_analysis.commands.walking",

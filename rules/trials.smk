@@ -1,4 +1,4 @@
-"""Raw log -> trial -> the verdict of quality control on it."""
+"""Raw log -> trial and the verdict of quality control on it, in one job."""
 
 
 def ingested(*experiments: str) -> list[Path]:
@@ -38,36 +38,23 @@ rule ingest:
     input:
         raw_files,
     output:
-        RESULTS / "trials/{trial}.parquet",
+        trial=RESULTS / "trials/{trial}.parquet",
+        quality=RESULTS / "quality/{trial}.csv",
     log:
         RESULTS / "logs/ingest/{trial}.log",
     params:
-        code=jobs.code_of("ingest.ingest_trial"),
+        code=jobs.code_of("trials.ingest_and_check"),
         recorded=recorded,
         described=described,
         row=lambda wildcards: CAMPAIGN.recording(wildcards.trial),
         raw_folder=str(RAW),
         sources_folder=str(CONFIG.sources),
         needed_columns=lambda wildcards: EXPERIMENTS[CAMPAIGN.row(wildcards.trial)["experiment"]].needed_columns,
-    run:
-        jobs.run_job(log, "ingest.ingest_trial", input, output, params)
-
-
-rule check_quality:
-    input:
-        trial=RESULTS / "trials/{trial}.parquet",
-    output:
-        RESULTS / "quality/{trial}.csv",
-    log:
-        RESULTS / "logs/quality/{trial}.log",
-    params:
-        code=jobs.code_of("quality.check_trial"),
+        accept=lambda wildcards: CAMPAIGN.accepted(wildcards.trial),
         rules=CONFIG.quality.model_dump(mode="json"),
         commanded=CONFIG.dynamometer.model_dump(mode="json", include=set(PROTOCOL)),
-        experiment=lambda wildcards: CAMPAIGN.row(wildcards.trial)["experiment"],
-        accept=lambda wildcards: CAMPAIGN.accepted(wildcards.trial),
     run:
-        jobs.run_job(log, "quality.check_trial", input, output, params)
+        jobs.run_job(log, "trials.ingest_and_check", input, output, params)
 
 
 rule quality_table:

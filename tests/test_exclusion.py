@@ -17,7 +17,7 @@ from osl_analysis.quality.checks import Commanded
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.refusal import Refusal
 from osl_analysis.table import read_table
-from osl_analysis.trial import Trial, write_trial
+from osl_analysis.trial import Trial
 
 RULES = read_section(ROOT / "config/config.yaml", "quality", QualityRules)
 
@@ -29,10 +29,9 @@ def checked(tmp_path: Path) -> list[Path]:
     for name, offset, rate in (("plate_1", 1.0, 50), ("plate_2", -80.0, 1000), ("plate_3", -90.0, 1000)):
         force = offset + np.random.default_rng(1).standard_normal(1000)
         trial = Trial(name, pl.DataFrame({"time": np.arange(1000) / rate, "plate1_force_z": force}))
-        write_trial(trial, tmp_path / f"trials/{name}.parquet")
         paths.append(tmp_path / f"quality/{name}.csv")
         accept = ("unzeroed_plate",) if name == "plate_3" else ()
-        check_trial(tmp_path / f"trials/{name}.parquet", "plate", accept, RULES, Commanded((), (), 1), paths[-1])
+        check_trial(trial, "plate", accept, RULES, Commanded((), (), 1), paths[-1])
     return paths
 
 

@@ -13,7 +13,7 @@ import polars as pl
 import pytest
 
 from osl_analysis import workflow
-from osl_analysis.commands import crossing, study, tables
+from osl_analysis.commands import crossing, study, tables, trials
 from osl_analysis.commands.walking_files import read_json
 from osl_analysis.errors import InputError
 from osl_analysis.exclusion import exclusion_report, truncation_report, without_excluded, without_refused
@@ -110,6 +110,33 @@ def test_a_job_that_refuses_its_input_leaves_reason_and_remedy_in_place_of_an_ol
 def test_a_job_that_lacks_an_input_passes_its_causes_on_and_is_no_cause_itself(tmp_path: Path) -> None:
     inputs = {"table": record(tmp_path / "belt.csv", LOST, KILLED)}
     assert ended(tmp_path, job(tmp_path, "bench.summarise_belt", inputs)) == ("skipped", (LOST, KILLED))
+
+
+@pytest.mark.parametrize("refuses", ["ingest", "quality"])
+def test_a_trial_stands_without_a_verdict_and_no_verdict_without_its_trial(
+    tmp_path: Path, monkeypatch, refuses
+) -> None:
+    """Ingest and quality control are one job: each refuses for itself."""
+    trial, quality = tmp_path / "trials/b_1.parquet", tmp_path / "quality/b_1.csv"
+
+    def ingest(row, raw_folder, sources_folder, output, needed_columns) -> Path:
+        return Path(result(output)) if refuses == "quality" else refuse()
+
+    def refuse(*_) -> Path:
+        raise InputError("raw/b_1.mcap: too short; record it again")
+
+    monkeypatch.setattr(trials, "ingest_trial", ingest)
+    monkeypatch.setattr(trials, "check_trial", refuse)
+    settings = {"row": {"trial": "b_1", "experiment": "belt", "log": "b_1.mcap"}, "needed_columns": [], "accept": []}
+    settings |= {"raw_folder": "raw", "sources_folder": ".", "rules": {}}
+    settings |= {"commanded": {"amplitudes_deg": [], "frequencies_hz": [], "cycles": 1}}
+    outputs = {"trial": str(trial), "quality": str(quality)}
+    request = {"input": {}, "output": outputs, "settings": settings}
+    run(tmp_path / "b.log", Job("trials.ingest_and_check", request, [], list(outputs.values())))
+    assert read_log(tmp_path / "b.log").outcome == "refused"
+    assert [is_refused(trial), is_refused(quality)] == [refuses == "ingest", True]
+    (cause,) = read_refusals(quality)
+    assert (cause.trial, cause.file, cause.remedy) == ("b_1", "raw/b_1.mcap", "record it again")
 
 
 def test_a_table_is_made_of_the_trials_that_are_left(tmp_path: Path) -> None:

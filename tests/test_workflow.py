@@ -290,7 +290,7 @@ CROSSINGS = {"identify_plate", "analyse_crossing", "select_crossings", "average_
             {"model_comparison": {"sign_width": 0.06}, "walking": WALKING | {"cutoff_hz": 18}},
             (RIVALS - {"compare_belt_models"}) | CROSSINGS | {"summarise_walking"},
         ),
-        ({"quality": {"gap": {"threshold": "0.06 s"}}}, {"check_quality"}),
+        ({"quality": {"gap": {"threshold": "0.06 s"}}}, {"ingest"}),
     ],
 )
 def test_a_changed_setting_reruns_the_jobs_that_use_it_and_no_others(workspace, changes, fits):
@@ -299,8 +299,8 @@ def test_a_changed_setting_reruns_the_jobs_that_use_it_and_no_others(workspace, 
     planned = workspace.planned()
     workspace.configure({})
     assert fits <= set(planned)
-    first = BENCH | RIVALS | CROSSINGS | {"ingest", "check_quality", "calibrate_markers", "fit_actuator_trial"}
-    follows = first - {"check_quality", "ingest"} if "check_quality" in fits else set()
+    first = BENCH | RIVALS | CROSSINGS | {"ingest", "calibrate_markers", "fit_actuator_trial"}
+    follows = first - {"ingest"} if "ingest" in fits else set()
     assert set(planned) & (first | {"gains_table", "summarise_walking"}) - follows <= fits | {"summarise_walking"}
 
 
@@ -498,7 +498,7 @@ def test_a_killed_job_is_tried_again_an_older_log_is_read_and_a_refused_one_stay
     said = result.stdout + result.stderr
     assert result.returncode == 0, said
     assert re.search(rf"NOT ANALYSED: 1 of 21 trials; results are of the others.\n  trial {TRIAL}, .*\naccepted", said)
-    assert re.search(r"^ingest +2 jobs", said, re.MULTILINE)
+    assert re.search(r"^trials +2 jobs", said, re.MULTILINE)
     assert [is_refused(laboratory.folder / path) for path in trials] == [True, False]
 
 
@@ -510,7 +510,7 @@ def test_another_recording_is_seen_where_snakemake_has_no_notes_even_with_an_old
     log.write_bytes(b"another recording")
     os.utime(log, (10**8, 10**8))
     planned = laboratory.planned("results/tables/belt.csv")
-    assert planned == {"ingest": 1, "check_quality": 1, "fit_belt_trial": 1, "table": 1}
+    assert planned == {"ingest": 1, "fit_belt_trial": 1, "table": 1}
 
 
 def test_the_log_of_a_job_says_what_was_done_with_what_and_how_long_it_took(workspace):

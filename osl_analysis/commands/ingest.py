@@ -7,13 +7,13 @@ from typing import Any
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.ingest.raw_files import check_columns, check_markers, trial_from_files
 from osl_analysis.rails import check_ranges
-from osl_analysis.trial import write_trial
+from osl_analysis.trial import Trial, write_trial
 
 
 def ingest_trial(
     row: Mapping[str, Any], raw_folder: Path, sources_folder: Path, output: Path, needed_columns: Sequence[str] = ()
-) -> None:
-    """Read the files of one row of the sheet, relative to `raw_folder`, and write the trial as Parquet to `output`.
+) -> Trial:
+    """The trial of one row of the sheet, from its files relative to `raw_folder`; written as Parquet to `output`.
 
     `needed_columns` are those that a trial of its experiment must have.
 
@@ -31,3 +31,4 @@ def ingest_trial(
         check_markers(trial, row["experiment"])
     check_ranges(trial)
     write_trial(trial, output)
+    return trial

@@ -10,11 +10,11 @@ from osl_analysis.quality.settings import QualityRules
 from osl_analysis.quality.verdict import examine, quality_table
 from osl_analysis.refusal import Refusal, refused_trials
 from osl_analysis.table import Places, read_table, with_places, write_table
-from osl_analysis.trial import read_trial
+from osl_analysis.trial import Trial
 
 
 def check_trial(
-    trial: Path,
+    trial: Trial,
     experiment: str,
     accept: Collection[str],
     rules: QualityRules,
@@ -22,8 +22,7 @@ def check_trial(
     output: Path,
 ) -> None:
     """Every check of an ingested trial, a row each; a failure of those in `accept` counts as passed."""
-    record = read_trial(trial)
-    write_table(quality_table(record.name, examine(record, experiment, commanded), rules, accept), output)
+    write_table(quality_table(trial.name, examine(trial, experiment, commanded), rules, accept), output)
 
 
 def tabulate(rows: Sequence[Path], output: Path, refused: Sequence[Refusal] = (), places: Places | None = None) -> None:

@@ -1,6 +1,7 @@
 """From raw logs to Figures 3-9: raw log -> trial -> fit -> table -> figure.
 
-`snakemake reproduce-all` runs the campaign of config/config.yaml; `--configfile FILE` overrides fields of it.
+`snakemake reproduce-all` runs the campaign of config/config.yaml; `--configfile FILE` overrides fields of it, as does the
+`config` of a workflow that has this one as a module.
 A rule names its inputs, its outputs and the settings that its job uses; `jobs.run_job` hands them over by these names.
 """
 
@@ -14,7 +15,7 @@ from osl_analysis import workflow as jobs
 from osl_analysis.about_campaign import about
 from osl_analysis.campaign import open_campaign
 from osl_analysis.commands.simulate import planned_sheet, settings_files
-from osl_analysis.config import DEFAULT_CONFIG, campaign_config
+from osl_analysis.config import campaign_config, overriding
 from osl_analysis.doubtful import doubt_report, unchecked_report
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.examples import matching, response_example, time_series_example
@@ -25,20 +26,14 @@ from osl_analysis.files import digest, file_state
 from osl_analysis.refusal import is_refused
 from osl_analysis.refusal_report import refusal_report, refusals_in
 from osl_analysis.report import TEMPLATES
+from osl_analysis.shipped import default_config
 from osl_analysis.study import BENCH as STUDY_ON_BENCH, REPEATED as STUDY_OF_REPEATS, WALKING as STUDY_OF_WALKING
 from osl_analysis.yaml_settings import read_mapping
 
 try:
-    read_mapping(DEFAULT_CONFIG)  # Snakemake itself would show a file that is no YAML in UTF-8 as a traceback
-except OslAnalysisError as error:
-    sys.exit(f"error: {error}")
-
-
-configfile: "config/config.yaml"
-
-
-try:
-    CONFIG = campaign_config(config, [Path(os.path.relpath(f)) for f in reversed(workflow.configfiles)])
+    DEFAULT = default_config()
+    FILES = [DEFAULT, *(Path(os.path.relpath(file)) for file in reversed(workflow.configfiles))]
+    CONFIG = campaign_config(overriding(read_mapping(DEFAULT), config), FILES)
     CAMPAIGN = open_campaign(CONFIG, planned_sheet(CONFIG.simulation, CONFIG.sheet) if CONFIG.simulation else None)
     CAMPAIGN.check()
     TIME_SERIES, RESPONSE = time_series_example(CAMPAIGN), response_example(CAMPAIGN)

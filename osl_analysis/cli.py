@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from osl_analysis.cli_campaign import doctor, init, run
 from osl_analysis.cli_design import design, gains
 from osl_analysis.cli_options import (
     AS_JSON,
@@ -17,6 +18,7 @@ from osl_analysis.cli_options import (
     say,
 )
 from osl_analysis.experiments import EXPERIMENTS
+from osl_analysis.shipped import shipped
 
 
 @click.group(cls=OneLineErrors, context_settings={"help_option_names": ["-h", "--help"]})
@@ -24,10 +26,14 @@ from osl_analysis.experiments import EXPERIMENTS
 def main() -> None:
     """From the logs of a powered prosthesis to stiffness [N·m/rad], damping [N·m·s/rad] and inertia [kg·m²].
 
-    Whole campaigns run with `snakemake reproduce-all`; these commands do one thing at a time.
+    `init` makes a campaign and `run` analyses it; in a clone of the project, `snakemake reproduce-all` does the same.
+    The other commands do one thing at a time.
     """
 
 
+main.add_command(init)
+main.add_command(run)
+main.add_command(doctor)
 main.add_command(gains)
 main.add_command(design)
 
@@ -37,7 +43,7 @@ main.add_command(design)
 @click.option(
     "--settings",
     type=FILE,
-    default=Path("config/simulation/default.yaml"),
+    default=shipped("config/simulation/default.yaml"),
     show_default=True,
     help="What to simulate: experiments, protocol [Hz, deg], imperfections with their units, seed.",
 )
@@ -71,7 +77,7 @@ def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path 
 @click.option(
     "--sources",
     type=FILE,
-    default=Path("config/sources"),
+    default=shipped("config/sources"),
     show_default=True,
     help="Folder of source files: channel, unit and sign per signal.",
 )

@@ -16,6 +16,7 @@ from click.core import ParameterSource
 
 from osl_analysis.errors import OslAnalysisError, printable, printable_lines
 from osl_analysis.files import check_output
+from osl_analysis.shipped import default_config, shipped
 
 if TYPE_CHECKING:
     from osl_analysis.bench.impedance import DesiredImpedance
@@ -51,8 +52,6 @@ class NumberList(click.ParamType[list[float]]):
 
 
 FILE = click.Path(path_type=Path)
-DEFAULT_CONFIG = Path("config/config.yaml")
-"""The default configuration, as in `config.py`, whose import takes half a second."""
 WRITTEN = {"output", "plot", "draft_path"}
 """Parameters of commands that name a file to write."""
 SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md", "design": ".csv"}
@@ -63,7 +62,7 @@ NUMBERS = NumberList()
 PARAMETERS = click.option(
     "--parameters",
     type=FILE,
-    default=Path("config/parameters/default.yaml"),
+    default=shipped("config/parameters/default.yaml"),
     show_default=True,
     help="Parameter file of the device.",
 )
@@ -71,7 +70,7 @@ CONFIG = click.option(
     "--config",
     "config_path",
     type=FILE,
-    default=DEFAULT_CONFIG,
+    default=default_config(),
     show_default=True,
     help="Configuration with the filter [Hz] and the stepped-sine protocol [deg, Hz].",
 )
@@ -149,7 +148,7 @@ def files_used(values: Mapping[str, Any]) -> Iterator[Path]:
         if values.get(source) is not None:
             yield values["sources"] / f"{values[source]}.yaml"
     if "config_path" in values:
-        yield DEFAULT_CONFIG
+        yield default_config()
     if "folder" in values:
         yield from (path for path in values["folder"].rglob("*") if path.suffix != SUFFIXES["samples"])
 

@@ -14,11 +14,10 @@ from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS, Table
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.shared_choices import FOLLOWED, FollowedProtocol, SharedChoices, WeightSettings
+from osl_analysis.shipped import default_config
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
-from osl_analysis.yaml_settings import Degrees, Model, Positive, Settings, read_mapping, validated
+from osl_analysis.yaml_settings import Degrees, Model, Positive, Settings, ShippedPath, read_mapping, validated
 
-DEFAULT_CONFIG = Path("config/config.yaml")
-"""The default configuration, relative to the folder in which the pipeline runs."""
 MOST = 1_000_000
 """Largest number of trials, campaigns or crossings of a study; more is a slip of the keyboard."""
 
@@ -73,7 +72,7 @@ class StudySettings(Settings):
     Bench trials of the study have a short protocol (below) at the frequencies of `dynamometer`.
     """
 
-    simulation: Path
+    simulation: ShippedPath
     """Settings of the simulated campaign."""
     seed: Annotated[int, Field(ge=0)]
     """Seed of every random number."""
@@ -100,7 +99,9 @@ class StudySettings(Settings):
 
 
 class Config(Settings):
-    """One campaign. Paths are relative to the folder in which the pipeline runs; see `config/config.yaml`."""
+    """One campaign, as in `config/config.yaml`. Paths are relative to the folder in which the pipeline runs. A file
+    that is not there may be a shipped one, such as `config/parameters/default.yaml`.
+    """
 
     RENAMED: ClassVar = {"gait": "overground", "validation": "study"}
 
@@ -112,15 +113,15 @@ class Config(Settings):
     """The sample sheet."""
     results: Path
     """Folder of the results."""
-    simulation: Path | None
+    simulation: ShippedPath | None
     """Settings of the simulator that makes the recordings; null: they are real."""
     data: Literal["simulated", "measured"] | None = None
     """What the recordings are, as figures, tables and summary say; null: simulated where the simulator made them."""
     recorded: date | str | None = None
     """Date of the recordings, as the figures say, such as 2026-03-14; null: the dates of the files."""
-    parameters: Path | None
+    parameters: ShippedPath | None
     """Parameter file of the device; null: none, it is analysed without predictions and without ratios to a file."""
-    sources: Path
+    sources: ShippedPath
     """Folder of the source files."""
     dynamometer: DynamometerAnalysis
     """Analysis of the trials on the dynamometer."""
@@ -132,7 +133,7 @@ class Config(Settings):
     """Limits beyond which a fit is doubtful, by table."""
     model_comparison: ModelComparison
     """Comparison of rival models."""
-    impedance_trajectory: Path | None
+    impedance_trajectory: ShippedPath | None
     """CSV file of the impedance over the gait cycle, for Fig. 8; null: no Fig. 8."""
     gain_weight: WeightSettings
     """W of Eq. 14."""
@@ -187,13 +188,11 @@ def read_campaign_section(path: Path, section: str, model: type[Model]) -> Model
     InputError
         As `read_section`.
     """
-    if not DEFAULT_CONFIG.is_file():
-        return read_section(path, section, model)
-    content = overriding(read_mapping(DEFAULT_CONFIG), read_mapping(path))
+    content = overriding(read_mapping(default_config()), read_mapping(path))
     unknown = [name for name in content if name not in Config.model_fields]
     if unknown:
         raise InputError(f"{path}: unknown field '{unknown[0]}'; give a configuration, or fields that override it")
-    return validated(content[section], model, path, (DEFAULT_CONFIG, path), (section,))
+    return validated(content[section], model, path, (default_config(), path), (section,))
 
 
 def read_config(path: Path) -> Config:
@@ -204,8 +203,7 @@ def read_config(path: Path) -> Config:
     InputError
         As `campaign_config`.
     """
-    default = read_mapping(DEFAULT_CONFIG) if DEFAULT_CONFIG.is_file() else {}
-    return validated(overriding(default, read_mapping(path)), Config, path)
+    return validated(overriding(read_mapping(default_config()), read_mapping(path)), Config, path)
 
 
 def read_section(path: Path, section: str, model: type[Model]) -> Model:

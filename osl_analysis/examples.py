@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from osl_analysis.campaign import Campaign
-from osl_analysis.config import DEFAULT_CONFIG, FrequencyResponseFigure
+from osl_analysis.config import FrequencyResponseFigure
 from osl_analysis.errors import InputError
+from osl_analysis.shipped import default_config
 from osl_analysis.yaml_settings import read_mapping
 
 FIRST = "the first impedance trial of the sheet"
@@ -78,7 +79,7 @@ def check_default(campaign: Campaign, figure: str, asked: dict[str, Any]) -> Non
 
     Every configuration overrides the default one, whose examples are those of the default campaign.
     """
-    default = (read_mapping(DEFAULT_CONFIG)["figures"] if DEFAULT_CONFIG.is_file() else {}).get(figure) or {}
+    default = read_mapping(default_config())["figures"].get(figure) or {}
     if all(default.get(name) == value for name, value in asked.items()):
         return
     said = ", ".join(f"{name} = {value:g}" for name, value in asked.items() if isinstance(value, float))

@@ -6,7 +6,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BeforeValidator, Field, field_validator
+from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator
 from pydantic_core import PydanticCustomError
 
 from osl_analysis.errors import InputError, nearest
@@ -64,7 +64,7 @@ class DrivetrainParameters:
 class Quantity(Settings):
     """A number, its unit and its source. A ratio may be written as a fraction, such as 83/18."""
 
-    value: float
+    value: Annotated[float, WithJsonSchema({"type": ["number", "string"]})]
     unit: str
     source: str = Field(min_length=1)
 

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.shipped import shipped
 from osl_analysis.yaml_numbers import check_truth_values, misread_number
 from osl_analysis.yaml_places import Place, located
 from osl_analysis.yaml_problems import explain
@@ -17,6 +18,8 @@ Positive = Annotated[float, Field(gt=0)]
 """A number above zero."""
 Degrees = Annotated[float, Field(gt=0, le=180)]
 """An angle above zero, of half a turn at most."""
+ShippedPath = Annotated[Path, AfterValidator(shipped)]
+"""A path of the campaign's folder or, where that has none, of a shipped file such as `config/config.yaml`."""
 MOST_VALUES = 100_000
 """Largest number of values in a file."""
 

@@ -32,10 +32,11 @@ from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
 from osl_analysis.bench.torque_angle_tables import plausible_torque_angle, torque_angle_table
 from osl_analysis.bench.transmission import transmission_series, transmission_table
-from osl_analysis.config import DEFAULT_CONFIG, read_campaign_section
+from osl_analysis.config import read_campaign_section
 from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.parameters import known_parameters
 from osl_analysis.shared_choices import WeightSettings
+from osl_analysis.shipped import default_config, shipped
 from osl_analysis.table import finite_or_null
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.yaml_settings import Settings, read_mapping
@@ -112,10 +113,10 @@ def campaign_parameters(config: Path) -> Path | None:
         The file is not a configuration.
     """
     content = read_mapping(config)
-    if "parameters" not in content and DEFAULT_CONFIG.is_file():
-        content = read_mapping(DEFAULT_CONFIG)
+    if "parameters" not in content:
+        content = read_mapping(default_config())
     named = content.get("parameters")
-    return None if named is None else Path(str(named))
+    return None if named is None else shipped(str(named))
 
 
 def fit_one_trial(experiment: str, trial: Path, parameters: Path | None, request: FitRequest) -> FittedTrial:

@@ -5,6 +5,7 @@ every control character as an escape.
 """
 
 import json
+from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from osl_analysis.columns import COLUMNS
@@ -25,18 +26,23 @@ GUESSED_CLOCK = "# time: its unit is guessed from its name or from the rate of i
 NO_CLOCK = "# time: name its column and unit, or state the rate of the rows instead, as {rate: 1000}"
 
 
-def draft_source(overview: Overview, name: str) -> str:
-    """A source file for the file `name`, in which the user still has to name the channels."""
+def draft_source(overview: Overview, name: str, named: bool = False) -> str:
+    """A source file for the file `name`, in which the user still has to name the channels.
+
+    named: a channel that is the only one like a canonical column, and whose unit is known, has this column's name.
+    Those that are like none are comments.
+    """
     lines = [
         f"format: {overview.format}",
         f"description: {json.dumps(f'Drafted from {name}; complete it.')}",
         *(f"{key}: {json.dumps(value)}" for key, value in overview.settings.items()),
     ]
-    more = capture_lines if FORMATS[overview.format].is_capture else log_lines
-    return "\n".join([*lines, *more(overview)]) + "\n"
+    if FORMATS[overview.format].is_capture:
+        return "\n".join([*lines, *capture_lines(overview)]) + "\n"
+    return "\n".join([*lines, *log_lines(overview, named)]) + "\n"
 
 
-def log_lines(overview: Overview) -> list[str]:
+def log_lines(overview: Overview, named: bool) -> list[str]:
     """Every channel but the clock, for the user to name; topics without messages and empty arrays are left out."""
     clock = overview.settings.get("time")
     clock_column = next((clock[key] for key in NAMES_OF_TIME if key in clock), "") if isinstance(clock, dict) else ""
@@ -51,7 +57,7 @@ def log_lines(overview: Overview) -> list[str]:
         HINT,
         f"# canonical names: {known}",
         "channels:",
-        *channel_lines(channels),
+        *(named_lines(channels) if named else channel_lines(channels)),
     ]
 
 
@@ -62,6 +68,23 @@ def channel_lines(channels: Sequence[RecordedChannel]) -> Iterator[str]:
     for number, (channel, guess) in enumerate(zip(channels, guesses, strict=True), start=1):
         line = channel_line(number, channel, guess)
         yield f"# {line}" if many and not guess else line
+
+
+def named_lines(channels: Sequence[RecordedChannel]) -> Iterator[str]:
+    """An entry per channel, under its column's name where only this one is like it; comments for those like none."""
+    guesses = [likely_column(channel) for channel in channels]
+    times = Counter(guesses)
+    for number, (channel, guess) in enumerate(zip(channels, guesses, strict=True), start=1):
+        is_told = times[guess] == 1 and bool(channel.unit or channel.likely_unit)
+        line = channel_line(number, channel, guess)
+        if guess and is_told:
+            yield line.replace(f"NAME_{number}:", f"{guess}:", 1).replace(
+                f"# {guess}?",
+                "# guessed from its name;" if channel.likely_unit and not channel.unit else "# guessed from its name",
+                1,
+            )
+        else:
+            yield line if guess or not any(guesses) else f"# {line}"
 
 
 def capture_lines(overview: Overview) -> list[str]:

@@ -3,7 +3,6 @@
 It contains choices only. The device's physical parameters are in the file that `parameters` names.
 """
 
-from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -17,7 +16,7 @@ from osl_analysis.simulator.excitations import Excitation
 from osl_analysis.simulator.passive_foot import PassiveFoot
 from osl_analysis.simulator.recorder_settings import RecorderSettings
 from osl_analysis.simulator.schedules import ActuatorBench, BeltMotion, SteppedSineSchedule
-from osl_analysis.yaml_settings import Settings
+from osl_analysis.yaml_settings import Settings, ShippedPath
 
 Count = Annotated[int, Field(ge=0, le=100_000)]
 SAMPLES_PER_CYCLE = 10
@@ -116,7 +115,7 @@ class SimulationSettings(Settings):
 
     seed: Annotated[int, Field(ge=0)]
     """Seed of every random number."""
-    parameters: Path
+    parameters: ShippedPath
     """Parameter file of the simulated device."""
     experiments: Experiments
     """How many trials of each experiment."""
@@ -140,7 +139,7 @@ class SimulationSettings(Settings):
     """The schedule of actuator trials."""
     foot: PassiveFoot | None = None
     """The passive foot of torque-angle trials, and its motion."""
-    walking: Path | None = None
+    walking: ShippedPath | None = None
     """Settings file of the gait laboratory."""
     gain_weight: WeightSettings = PAPER
     """W of Eq. 14, with which the leg's gains are selected. That of a campaign's configuration replaces it.

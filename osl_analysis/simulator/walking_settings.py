@@ -5,7 +5,6 @@ controller are in the campaign's simulation settings.
 """
 
 import math
-from pathlib import Path
 from typing import Annotated, Self
 
 from pydantic import Field, model_validator
@@ -16,7 +15,7 @@ from osl_analysis.simulator.effect import NotNegative, Positive
 from osl_analysis.simulator.gait_changes import StepChange
 from osl_analysis.simulator.settings import Count, check_length
 from osl_analysis.simulator.walking_effects import WalkingEffects
-from osl_analysis.yaml_settings import Degrees, Settings
+from osl_analysis.yaml_settings import Degrees, Settings, ShippedPath
 
 Rate = Annotated[int, Field(ge=1, le=1_000_000)]
 Vector = tuple[float, float, float]
@@ -133,7 +132,7 @@ class Plate(Body):
 class WalkingSettings(Settings):
     """A simulated gait laboratory."""
 
-    impedance: Path
+    impedance: ShippedPath
     """File of the desired impedance over the gait cycle, relative to the working directory."""
     rates: Rates
     """Sampling rates."""

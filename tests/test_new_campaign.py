@@ -1,0 +1,195 @@
+"""A new campaign: what is drafted from recordings, what is not overwritten, and how editors check its files."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+from conftest import ROOT
+from jsonschema import Draft202012Validator
+
+from osl_analysis.cli import main
+from osl_analysis.commands.doctor import findings
+from osl_analysis.commands.run import snakemake_arguments
+from osl_analysis.commands.schemas import schemas
+from osl_analysis.config import read_config
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.draft_sheet import Recorded, draft_trials
+from osl_analysis.ingest.known_formats import read_source
+from osl_analysis.shipped import shipped
+
+STIFFNESS, DAMPING, INERTIA = 120.0, 2.0, 0.02
+KINDS = {
+    "config/config.yaml": "config",
+    "config/campaigns/*/config.yaml": "config",
+    "config/new_campaign/config.yaml": "config",
+    "config/new_campaign/example.yaml": "config",
+    "config/new_campaign/simulation.yaml": "simulation",
+    "config/sources/*.yaml": "source",
+    "config/parameters/*.yaml": "parameters",
+    "config/simulation/walking.yaml": "gait_laboratory",
+    "config/simulation/[!w]*.yaml": "simulation",
+}
+"""The schema of each shipped file."""
+
+
+def call(*arguments):
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+def write_joint(path, sign=1.0):
+    """A log of an exact joint under a stepped sine, as a laboratory's own CSV: 1 and 3 Hz at 4 deg, 250 Hz."""
+    time = np.arange(0, 34, 0.004)
+    angle = np.zeros_like(time)
+    for start, frequency in ((2.0, 1.0), (24.0, 3.0)):
+        inside = (time >= start) & (time < start + 20 / frequency)
+        angle[inside] = np.radians(4) * np.sin(2 * np.pi * frequency * (time[inside] - start))
+    torque = STIFFNESS * angle + DAMPING * np.gradient(angle, time)
+    torque += INERTIA * np.gradient(np.gradient(angle, time), time)
+    noise = np.random.default_rng(3).normal(0, 0.05, time.size)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w") as file:
+        file.write("time_s,ankle_angle_deg,loadcell_torque_Nm\n")
+        for row in zip(time, np.degrees(angle), sign * (torque + noise), strict=True):
+            file.write(",".join(f"{value:.6f}" for value in row) + "\n")
+
+
+def test_recordings_become_a_campaign_whose_first_trial_is_fitted(tmp_path):
+    folder = tmp_path / "Meßdaten mit Blank"
+    write_joint(folder / "rec/k120_b2.csv")
+    made = call("init", folder / "mine", "--from", folder / "rec")
+    assert made.exit_code == 0, made.output
+    source = read_source(folder / "mine/sources/csv.yaml")
+    assert {name: (one.column, one.unit) for name, one in source.channels.items()} == {
+        "theta": ("ankle_angle_deg", "deg"),
+        "torque": ("loadcell_torque_Nm", "Nm"),
+    }
+    sheet = (folder / "mine/trials.csv").read_text().splitlines()
+    assert sheet[1] == "k120_b2,impedance,,120,2,,k120_b2.csv,csv,,,"
+    config = read_config(folder / "mine/config.yaml")
+    assert (folder / "mine" / config.raw_data).resolve() == (folder / "rec").resolve()
+    line = next(line for line in made.output.splitlines() if line.strip().startswith("K "))
+    assert float(line.split()[1]) == pytest.approx(STIFFNESS, rel=0.01)
+
+
+def test_a_wrong_sign_is_told_from_the_first_trial(tmp_path):
+    write_joint(tmp_path / "rec/k120_b2.csv", sign=-1.0)
+    made = call("init", tmp_path / "mine", "--from", tmp_path / "rec")
+    assert "LOOK AT IT" in made.output
+    assert "turn the `sign` of the torque" in made.output
+
+
+def test_two_columns_that_may_be_the_angle_are_left_to_the_user(tmp_path):
+    (tmp_path / "rec").mkdir()
+    lines = ["time_s,ankle_angle_deg,knee_angle_deg,torque_Nm", *(f"{k / 100},{k % 7},1,{k % 5}" for k in range(300))]
+    (tmp_path / "rec/imp_1.csv").write_text("\n".join(lines))
+    made = call("init", tmp_path / "mine", "--from", tmp_path / "rec")
+    assert "2 places are to be edited" in made.output
+    with pytest.raises(InputError, match="places are to be edited"):
+        read_source(tmp_path / "mine/sources/csv.yaml")
+
+
+@pytest.mark.parametrize(
+    ("name", "experiment", "told"),
+    [
+        ("belt 01", "belt", {}),
+        ("impedance_K300_B5.0_uncompensated", "impedance", {"K_d": "300", "B_d": "5.0", "controller": "uncompensated"}),
+        ("K_d=250_run2", "impedance", {"K_d": "250"}),
+        ("walk_pert_03", "walking", {"perturbed": "true"}),
+        ("gait_unperturbed_1", "walking", {"perturbed": "false"}),
+        ("stand", "static", {}),
+        ("KNEE12", "ingest_only", {}),
+    ],
+)
+def test_the_name_of_a_file_tells_its_trial_and_nothing_more(name, experiment, told):
+    (trial,) = draft_trials([Recorded(Path(f"{name}.csv"), "csv", is_capture=False)])
+    assert trial.cells["experiment"] == experiment
+    assert {k: v for k, v in trial.cells.items() if k in ("K_d", "B_d", "controller", "perturbed")} == told
+    assert bool(trial.open) == (name in ("KNEE12", "K_d=250_run2"))
+
+
+def test_a_log_and_a_capture_of_one_name_are_one_trial_and_two_logs_are_two():
+    files = [("a/walk_1.mcap", False), ("b/walk_1.c3d", True), ("c/walk_1.mcap", False)]
+    trials = draft_trials([Recorded(Path(path), "s", is_capture) for path, is_capture in files])
+    assert [trial.cells["trial"] for trial in trials] == ["walk_1", "walk_1_2"]
+    assert (trials[0].cells["log"], trials[0].cells["mocap"]) == ("a/walk_1.mcap", "b/walk_1.c3d")
+
+
+def test_nothing_is_overwritten_and_nothing_stays_behind(tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/notes.txt").write_text("mine")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "prose").mkdir()
+    (tmp_path / "prose/a.csv").write_text("this is\nno table\nat all\n")
+    before = sorted(tmp_path.rglob("*"))
+    for arguments, said in (
+        ((tmp_path / "mine",), "not empty"),
+        ((tmp_path / "new", "--from", tmp_path / "empty"), "no recording"),
+        ((tmp_path / "new", "--from", tmp_path / "prose"), "no table of numbers"),
+        ((tmp_path / "new", "--from", tmp_path / "none"), "no such folder"),
+        ((tmp_path / "new", "--recorder", "opensourcelegg"), "did you mean 'opensourceleg'"),
+        ((tmp_path / "mine/notes.txt/new",), "choose another place"),
+    ):
+        result = call("init", *arguments)
+        assert result.exit_code == 1
+        assert said in result.stderr
+        assert len(result.stderr.splitlines()) == 1
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_an_empty_campaign_names_what_is_to_be_done(tmp_path, monkeypatch):
+    assert call("init", tmp_path / "mine", "--recorder", "opensourceleg").exit_code == 0
+    assert read_source(tmp_path / "mine/sources/opensourceleg.yaml").format == "csv"
+    monkeypatch.chdir(tmp_path / "mine")
+    (said,) = [one for one in findings(Path()) if one.what == "campaign"]
+    assert "no trials; add one row per trial" in said.found
+
+
+def test_snakemake_is_given_the_campaign_of_the_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match="no campaign here"):
+        snakemake_arguments([])
+    (tmp_path / "config.yaml").write_text("campaign: mine\n")
+    snakefile = str(ROOT / "Snakefile")
+    assert snakemake_arguments(["-n"]) == ["-n", "--snakefile", snakefile, "--configfile", "config.yaml"]
+    assert snakemake_arguments(["--configfile", "other.yaml"])[-1] == snakefile
+
+
+def test_a_file_of_the_campaign_goes_before_the_shipped_one(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert shipped("config/parameters/default.yaml") == ROOT / "config/parameters/default.yaml"
+    (tmp_path / "config/parameters").mkdir(parents=True)
+    (tmp_path / "config/parameters/default.yaml").write_text("name: mine\n")
+    assert shipped("config/parameters/default.yaml") == Path("config/parameters/default.yaml")
+    assert shipped("config/none.yaml") == Path("config/none.yaml")
+
+
+@pytest.fixture(scope="module")
+def validators():
+    made = schemas()
+    for schema in made.values():
+        Draft202012Validator.check_schema(schema)
+    return {name: Draft202012Validator(schema) for name, schema in made.items()}
+
+
+@pytest.mark.parametrize("pattern", KINDS)
+def test_every_shipped_file_is_valid_by_its_schema(validators, pattern):
+    files = sorted(ROOT.glob(pattern))
+    assert files
+    for file in files:
+        text = file.read_text()
+        if file.parent.name == "new_campaign" and KINDS[pattern] == "config":
+            text = text.format(name="mine", raw_data="rec")
+        content = json.loads(json.dumps(yaml.safe_load(text), default=str))
+        assert [error.message for error in validators[KINDS[pattern]].iter_errors(content)] == [], file
+
+
+def test_a_schema_refuses_an_unknown_field_and_explains_the_known_ones(validators):
+    config, source = validators["config"], validators["source"]
+    assert not config.is_valid({"dynamometer": {"cutof_hz": 15}})
+    assert not config.is_valid({"dynamometer": {"cutoff_hz": -1}})
+    assert not source.is_valid({"format": "csv", "clock": "master", "chanels": {}})
+    fields = schemas()["config"]["$defs"]["Config"]["properties"]
+    assert "sample sheet" in fields["sheet"]["description"]

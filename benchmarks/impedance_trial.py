@@ -45,7 +45,7 @@ from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.protocol.likeness import likeness
 from osl_analysis.second_order import impedance_columns
-from osl_analysis.signals import differentiate
+from osl_analysis.signals import seven_point_motion
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, read_trial
@@ -116,7 +116,7 @@ def stages(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> Itera
     """Every stage of the job, each given what the ones before it have made."""
     read = read_trial(path)
     signals = uniform_signals(read, ("theta", "torque"), s.gap_limits, computed=("theta_command",))
-    trial = rendered_trial(read, s)
+    trial, motion = rendered_trial(read, s), likeness(signals.time, signals["theta"], s.protocol)
     assert isinstance(trial, SteppedSineTrial)
     phasors, amplitudes = trial_phasors(trial), [*(block.amplitude_deg for block in trial.blocks), None]
     fits = [(amplitude, at_amplitude(phasors, amplitude), impedance_of(trial, amplitude)) for amplitude in amplitudes]
@@ -126,10 +126,10 @@ def stages(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> Itera
     yield "read", lambda: read_trial(path)
     yield "checks of the recording", lambda: check_recording(read, s)
     yield "time base", lambda: uniform_signals(read, ("theta", "torque"), s.gap_limits, computed=("theta_command",))
-    yield "stepped sine or not", lambda: likeness(signals.time, signals["theta"], s.protocol)
-    yield "blocks", lambda: find_blocks(signals.time, signals["theta"], s.protocol)
+    yield "stepped sine or not", lambda: likeness(signals.time, signals["theta"], s.protocol).kind
+    yield "blocks", lambda: find_blocks(signals.time, signals["theta"], s.protocol, motion.runs)
     yield "filter", lambda: [s.low_pass(signals[name], signals.rate_hz) for name in ("theta", "torque")]
-    yield "derivatives", lambda: differentiate(trial.time, trial.motion.theta)
+    yield "derivatives", lambda: seven_point_motion(trial.time, trial.motion.theta, trial.rate_hz)
     yield "fits with covariance", lambda: [impedance_of(replace(trial), amplitude) for amplitude in amplitudes]
     yield "held-out VAF", lambda: [lowest_held_out_vaf(trial, a, fit, impedance_columns) for a, _, fit in fits]
     yield "phasors", lambda: trial_phasors(replace(trial))

@@ -6,9 +6,10 @@ import pytest
 
 from osl_analysis.bench.frequency_response import trial_phasors
 from osl_analysis.bench.impedance import impedance_table
+from osl_analysis.bench.load_cell_drift import drift_rate, without_angle
 from osl_analysis.bench.segments import Segment
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.bench.stepped_sine import drift_rate, stepped_sine_trial, without_angle
+from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.trial import Trial
 
 RATE = 500.0

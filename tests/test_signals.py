@@ -5,7 +5,15 @@ import pytest
 from conftest import multisine
 
 from osl_analysis.errors import InputError
-from osl_analysis.signals import LowPass, differentiate, longest_run, runs, sampling_rate
+from osl_analysis.signals import (
+    LowPass,
+    differentiate,
+    filtered_motion,
+    longest_run,
+    runs,
+    sampling_rate,
+    seven_point_motion,
+)
 
 
 @pytest.mark.parametrize("f", [2.0, 15.0, 25.0])
@@ -24,6 +32,34 @@ def test_derivatives_at_the_marker_rate_keep_a_20_hz_motion():
     inner = slice(20, -20)
     assert found.omega[inner] == pytest.approx(exact.omega[inner], abs=1e-3 * np.max(exact.omega))
     assert found.alpha[inner] == pytest.approx(exact.alpha[inner], abs=5e-3 * np.max(np.abs(exact.alpha)))
+
+
+def test_seven_samples_lose_of_a_sine_at_the_cut_off_what_theory_says():
+    """w^6/140 of the velocity and w^6/560 of the acceleration of a sine that turns by w per sample (Fornberg 1988)."""
+    rate, w = 1000.0, 2 * np.pi * 15 / 1000
+    turn = w * np.arange(4000)
+    motion = seven_point_motion(turn / w / rate, np.sin(turn), rate)
+    inner = slice(3, -3)
+    lost = motion.omega / (w * rate) - np.cos(turn), motion.alpha / (w * rate) ** 2 + np.sin(turn)
+    assert lost[0][inner] == pytest.approx(-(w**6) / 140 * np.cos(turn[inner]), abs=0.02 * w**6 / 140)
+    assert lost[1][inner] == pytest.approx(w**6 / 560 * np.sin(turn[inner]), abs=0.1 * w**6 / 560)
+    assert np.abs(lost).max() < 2e-4  # the spline's ends
+
+
+@pytest.mark.parametrize("rate", [100.0, 500.0, 890.0, 900.0, 1000.0, 4000.0])
+def test_derivatives_of_a_filtered_angle_are_those_of_its_sine_at_any_rate(rate):
+    """5 Hz behind a filter of 15 Hz: the spline below 890 Hz loses (w/rate)^4/720, 1.4e-5 at 100 Hz; above, nothing."""
+    time, w = np.arange(round(6 * rate)) / rate, 2 * np.pi * 5
+    theta = 0.1 * np.sin(w * time)
+    motion, torque = filtered_motion(time, theta, 2 * theta, LowPass(15))
+    settled = slice(round(2 * rate), round(4 * rate))
+    bound = 1e-9 if rate > 890 else 1.2 * (w / rate) ** 4 / 720
+    gain = 1 / (1 + (np.tan(np.pi * 5 / rate) / np.tan(np.pi * 15 / rate)) ** 8)  # squared, of order 4
+    assert motion.omega[settled] == pytest.approx(
+        gain * 0.1 * w * np.cos(w * time[settled]), abs=0.1 * w * (bound + 1e-9)
+    )
+    assert motion.alpha[settled] == pytest.approx(-gain * w**2 * theta[settled], abs=0.1 * w**2 * (bound + 1e-9))
+    assert np.array_equal(torque, 2 * motion.theta)
 
 
 def test_runs_are_the_stretches_of_true_samples():

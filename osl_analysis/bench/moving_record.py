@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.bench.alternatives import joint_angle
+from osl_analysis.bench.load_cell_drift import without_drift
 from osl_analysis.bench.moving_rows import band_of, fitted_pieces, rows_inside, stretches_of
 from osl_analysis.bench.segments import Segment
 from osl_analysis.bench.settings import BenchStiffness, ImpedanceAnalysis
-from osl_analysis.bench.stepped_sine import RawSignals, without_drift
+from osl_analysis.bench.stepped_sine import RawSignals
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.protocol.likeness import moving_bins
 from osl_analysis.second_order import impedance_columns
@@ -145,8 +146,12 @@ def noise_beyond(taken_off: Array, signal: Array, low_pass: LowPass, rate_hz: fl
     return np.asarray(taken_off - (whole - low_pass(whole, rate_hz)))
 
 
-def moving_record(trial: Trial, settings: ImpedanceAnalysis, windows: str | None = None) -> MovingRecord:
+def moving_record(
+    trial: Trial, settings: ImpedanceAnalysis, windows: str | None = None, signals: UniformSignals | None = None
+) -> MovingRecord:
     """Bring a trial on one time base, find where the joint moves, and filter; `windows` as in `stated_windows`.
+
+    `signals` are those of `recorded`, where it was called already.
 
     Raises
     ------
@@ -154,7 +159,8 @@ def moving_record(trial: Trial, settings: ImpedanceAnalysis, windows: str | None
         A signal is missing or has no time base, windows are not in the record, or nothing is left to fit. The message
         names the trial.
     """
-    signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
+    if signals is None:
+        signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
     bench, stated = settings.bench_stiffness, windows or settings.windows
     try:
         made = record_of(signals, settings, stated)

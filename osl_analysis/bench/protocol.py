@@ -10,8 +10,8 @@ from scipy.signal import fftconvolve
 from osl_analysis.bench.segments import Block, Segment
 from osl_analysis.errors import InputError
 from osl_analysis.protocol.commanded import SteppedSineProtocol
-from osl_analysis.protocol.runs import FEWEST_CYCLES as FEWEST_OF_A_RUN
-from osl_analysis.protocol.runs import Run, find_runs
+from osl_analysis.protocol.likeness import likeness
+from osl_analysis.protocol.runs import Run
 from osl_analysis.signals import sampling_rate
 from osl_analysis.trial import Array
 
@@ -25,8 +25,12 @@ WHOLE, UPWARD = 0.15, 0.5
 """Deviation of a run from whole cycles, and of its phase [rad] at its start from 0, with which it is a plain sine."""
 
 
-def find_blocks(time: Array, theta: Array, protocol: SteppedSineProtocol) -> tuple[Block, ...]:
+def find_blocks(
+    time: Array, theta: Array, protocol: SteppedSineProtocol, runs: Sequence[Run] | None = None
+) -> tuple[Block, ...]:
     """The blocks of a joint angle theta [rad] at uniform times [s], shape (n,) each: what the joint really did.
+
+    `runs` are those of its `likeness`, where they are known already.
 
     Frequencies, their order, rests, ramps and numbers of cycles are as recorded. The protocol says which amplitudes
     are meant. A run of another amplitude is not used if all of the commanded ones were recorded.
@@ -37,7 +41,7 @@ def find_blocks(time: Array, theta: Array, protocol: SteppedSineProtocol) -> tup
         There is no sine, or a commanded amplitude was not recorded and another one was.
     """
     rate = sampling_rate(time)
-    found = find_runs(time - time[0], theta, min(FEWEST_OF_A_RUN, int(min(protocol.cycles_at))))
+    found = likeness(time, theta, protocol).runs if runs is None else runs
     check_amplitudes(theta, found, protocol, float(time[0]))
     followed = [(run, a) for run in found if (a := protocol.amplitude_near(run.amplitude)) is not None]
     frequencies = common_frequencies([run for run, _ in followed], protocol)

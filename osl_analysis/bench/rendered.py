@@ -17,15 +17,14 @@ from osl_analysis.bench.impedance import amplitude_series, impedance_series, imp
 from osl_analysis.bench.moving_record import MovingRecord, moving_record
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import ImpedanceAnalysis
-from osl_analysis.bench.stepped_sine import SteppedSineTrial, stepped_sine_trial
+from osl_analysis.bench.stepped_sine import Recorded, SteppedSineTrial, recorded, stepped_sine_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.protocol.likeness import BIN_S, HARDLY, MOVES, likeness
+from osl_analysis.protocol.likeness import BIN_S, HARDLY, MOVES
 from osl_analysis.spectral.tables import NO_RESPONSE, RecordedMotion, ResponseTables, response_tables
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.rounding import visible_step
 from osl_analysis.trial import Trial
-from osl_analysis.uniform import uniform_signals
 
 SLOW_TURN_DEG = 1.0
 """Turn of a joint [deg] beyond the noise of any encoder: it moved, if slowly."""
@@ -60,19 +59,18 @@ def rendered_trial(trial: Trial, settings: ImpedanceAnalysis, windows: str | Non
         return moving_record(trial, settings, windows)
     if settings.excitation == "stepped_sine":
         return stepped_sine_trial(trial, settings)
-    angle = uniform_signals(trial, ("theta",), settings.gap_limits)
-    found = likeness(angle.time, angle["theta"], settings.protocol)
-    if found.kind == "other":
-        return moving_record(trial, settings, windows)
-    if not found.moves:
-        return perhaps_at_rest(trial, settings, float(np.ptp(angle["theta"])))
-    if found.kind == "stepped sine":
-        return stepped_sine_trial(trial, settings)
-    return perhaps_damaged(trial, settings, found.sines)
+    known = recorded(trial, settings)
+    if known.motion.kind == "other":
+        return moving_record(trial, settings, windows, known.signals)
+    if not known.motion.moves:
+        return perhaps_at_rest(trial, settings, known)
+    if known.motion.kind == "stepped sine":
+        return stepped_sine_trial(trial, settings, known)
+    return perhaps_damaged(trial, settings, known)
 
 
-def perhaps_at_rest(trial: Trial, settings: ImpedanceAnalysis, turned: float) -> SteppedSineTrial:
-    """A stepped sine in an angle that turns by no more than its noise, `turned` [rad] in all.
+def perhaps_at_rest(trial: Trial, settings: ImpedanceAnalysis, known: Recorded) -> SteppedSineTrial:
+    """A stepped sine in an angle that turns by no more than its noise.
 
     Raises
     ------
@@ -80,9 +78,9 @@ def perhaps_at_rest(trial: Trial, settings: ImpedanceAnalysis, turned: float) ->
         There is none: the joint does not move, or slowly.
     """
     try:
-        return stepped_sine_trial(trial, settings)
+        return stepped_sine_trial(trial, settings, known)
     except InputError as error:
-        degrees = np.rad2deg(turned)
+        degrees = np.rad2deg(np.ptp(known.signals["theta"]))
         if degrees > SLOW_TURN_DEG:
             raise InputError(
                 f"trial {trial.name}: the joint moves too slowly: theta changes by {degrees:.3g} deg in all, but by no "
@@ -95,20 +93,21 @@ def perhaps_at_rest(trial: Trial, settings: ImpedanceAnalysis, turned: float) ->
         ) from error
 
 
-def perhaps_damaged(trial: Trial, settings: ImpedanceAnalysis, sines: float) -> SteppedSineTrial:
-    """A stepped sine that may be damaged, `sines` of whose moving time are sines.
+def perhaps_damaged(trial: Trial, settings: ImpedanceAnalysis, known: Recorded) -> SteppedSineTrial:
+    """A stepped sine that may be damaged, where a part of the moving time are sines.
 
     Raises
     ------
     InputError
         As `stepped_sine_trial`, or hardly any of it is a sine; the message names the setting for another motion.
     """
+    sines = known.motion.sines
     meant = (
         f"{100 * sines:.0f} % of the moving time are sines of one frequency: if another motion was meant, "
         "state `excitation: any` under `dynamometer` in the configuration, or its windows in the sheet"
     )
     try:
-        found = stepped_sine_trial(trial, settings)
+        found = stepped_sine_trial(trial, settings, known)
     except InputError as error:
         raise InputError(f"{error}; {meant}") from error
     if sines < HARDLY:

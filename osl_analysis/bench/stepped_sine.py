@@ -8,14 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.bench.alternatives import joint_angle
+from osl_analysis.bench.load_cell_drift import drift_rate, without_angle, without_drift
 from osl_analysis.bench.protocol import find_blocks
 from osl_analysis.bench.rounding import RepeatedRounding, Rounded
 from osl_analysis.bench.segments import Block, Segment, repeated_cycles, rows_of, settled
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import BenchStiffness, SteppedSineAnalysis
 from osl_analysis.errors import InputError
+from osl_analysis.protocol.likeness import Likeness, likeness
 from osl_analysis.signals import LowPass, Motion, filtered_motion
-from osl_analysis.stats.covariance import FEWEST_CYCLES, RepeatedError, ResidualCorrelation, sums_between
+from osl_analysis.stats.covariance import RepeatedError, ResidualCorrelation
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.rounding import visible_step
 from osl_analysis.trial import Array, Trial
@@ -153,32 +155,57 @@ class SteppedSineTrial:
         }
 
 
-def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis) -> SteppedSineTrial:
+@dataclass(frozen=True)
+class Recorded:
+    """Angle and torque of a trial on one time base, and what the joint did."""
+
+    signals: UniformSignals
+    """Angle, torque and, if a log has it, the command."""
+    motion: Likeness
+    """The motion of the bench's angle, which the bench controls."""
+
+
+def recorded(trial: Trial, settings: SteppedSineAnalysis) -> Recorded:
+    """The signals of a trial, as every fit of a stepped sine, or of another motion, takes them.
+
+    Raises
+    ------
+    InputError
+        A signal is missing or has no time base; the message names the trial.
+    """
+    signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
+    return Recorded(signals, likeness(signals.time, signals["theta"], settings.protocol))
+
+
+def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis, known: Recorded | None = None) -> SteppedSineTrial:
     """Bring a canonical trial on one time base, find its protocol, subtract the load cell's drift, and filter.
+
+    `known` is what `recorded` gives, where it was called already.
 
     Raises
     ------
     InputError
         A signal is missing, has no time base, or does not follow the protocol; the message names the trial.
     """
-    made, bench = stepped_sine_alone(trial, settings), settings.bench_stiffness
-    assert made.uniform is not None
+    known = known or recorded(trial, settings)
+    made, bench = stepped_sine_alone(trial, settings, known), settings.bench_stiffness
     try:
-        other = made.uniform.other()
+        other = known.signals.other()
+        again = None if other is None else Recorded(other, likeness(other.time, other["theta"], settings.protocol))
         return replace(
             made,
-            other=None if other is None else stepped_sine_of(other, settings),
-            softer=None if bench is None else stepped_sine_of(made.uniform, settings, bench.compliance_error),
+            other=None if again is None else stepped_sine_of(again, settings),
+            softer=None if bench is None else stepped_sine_of(known, settings, bench.compliance_error),
         )
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
 
 
-def stepped_sine_alone(trial: Trial, settings: SteppedSineAnalysis) -> SteppedSineTrial:
+def stepped_sine_alone(trial: Trial, settings: SteppedSineAnalysis, known: Recorded | None = None) -> SteppedSineTrial:
     """As `stepped_sine_trial`, without `other` and `softer`, which cost as much again."""
-    signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
+    known = known or recorded(trial, settings)
     try:
-        made = stepped_sine_of(signals, settings)
+        made = stepped_sine_of(known, settings)
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
     return replace(made, steps=(resolution_of(trial, "theta"), resolution_of(trial, "torque")))
@@ -191,16 +218,14 @@ def resolution_of(trial: Trial, column: str) -> float | None:
     return float(stated) if stated else visible_step(values)
 
 
-def stepped_sine_of(
-    signals: UniformSignals, settings: SteppedSineAnalysis, more_compliance: float = 0.0
-) -> SteppedSineTrial:
+def stepped_sine_of(known: Recorded, settings: SteppedSineAnalysis, more_compliance: float = 0.0) -> SteppedSineTrial:
     """The trial behind uniform signals; raises as `stepped_sine_trial`, without the trial's name.
 
-    The protocol is found in the bench's angle, which the bench controls. The bench is softer than its settings by
-    `more_compliance` [rad/(N*m)].
+    The bench is softer than its settings by `more_compliance` [rad/(N*m)].
     """
+    signals, bench = known.signals, settings.bench_stiffness
     time, measured, usable = signals.time, signals["torque"], signals.usable
-    blocks, bench = find_blocks(time, signals["theta"], settings.protocol), settings.bench_stiffness
+    blocks = find_blocks(time, signals["theta"], settings.protocol, known.motion.runs)
     drift = drift_rate(time, without_angle(signals["theta"], measured), settled(blocks, settings.settle_cycles, usable))
     torque = without_drift(time, measured, drift)
     theta = joint_angle(signals["theta"], torque, (bench.compliance if bench else 0.0) + more_compliance)
@@ -223,43 +248,3 @@ def stepped_sine_of(
         bench=bench,
         largest_drift_ppm=settings.time_base.largest_drift_ppm,
     )
-
-
-def drift_rate(time: Array, torque: Array, segments: Sequence[Segment]) -> float:
-    """Drift of the load cell [N*m/s]: the slope that the settled cycles' mean torques have in common.
-
-    A sine has no mean, so that the joint's own torque does not cause a slope of its cycles' means. A drift of
-    0.05 N*m/min that is not subtracted is a tenth of the error of K at 1 Hz. It is the same in every cycle, so that the
-    spread between cycles, from which intervals come, does not contain it.
-
-    Each amplitude has a mean torque of its own: that of an asymmetric joint grows with the amplitude, and amplitudes
-    may grow with time. The drift is 0 if no amplitude has the five cycles that an interval needs, because transients
-    could then pass for drift.
-    """
-    along = across = 0.0
-    signals = np.column_stack([time, torque])
-    for amplitude in dict.fromkeys(segment.amplitude for segment in segments):
-        alike = [segment for segment in segments if segment.amplitude == amplitude]
-        first, stop = (np.concatenate([s.edges[s.used + end] for s in alike]) for end in (0, 1))
-        if len(first) >= FEWEST_CYCLES:
-            samples = stop - first
-            middle, level = (sums_between(signals, first, stop) / samples[:, None]).T
-            middle = middle - np.average(middle, weights=samples)
-            along += float(np.sum(samples * middle**2))
-            across += float(np.sum(samples * middle * level))
-    return across / along if along else 0.0
-
-
-def without_angle(theta: Array, torque: Array) -> Array:
-    """The torque (n,) [N*m] minus what is proportional to the angle (n,) [rad].
-
-    A sine whose amplitude decays has a mean, of another size at each frequency. What the joint makes of it would pass
-    for drift.
-    """
-    moved = theta - theta.mean()
-    return np.asarray(torque - float(moved @ torque) / max(float(moved @ moved), np.finfo(float).tiny) * moved)
-
-
-def without_drift(time: Array, torque: Array, rate: float) -> Array:
-    """The torque (n,) [N*m] at times [s] minus a drift of `rate` [N*m/s]; the mean over all samples is kept."""
-    return np.asarray(torque - rate * (time - time.mean()))

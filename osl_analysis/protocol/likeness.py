@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Literal
 
@@ -41,16 +42,56 @@ frequencies of which a damaged stepped sine has such pieces."""
 
 @dataclass(frozen=True)
 class Likeness:
-    """Shares of the moving time, 0 to 1."""
+    """Likeness of a joint angle to a stepped sine: shares of the moving time, 0 to 1. Each is found when it is asked
+    for, and most motions are known for what they are by the first."""
 
-    sines: float
-    """In sines of three cycles or more, each of one frequency and amplitude."""
-    commanded: float
-    """In single cycles of a commanded frequency and amplitude."""
-    one_line: float
-    """Power at one commanded frequency at a time, as a share of all; 0 if most of them never come."""
-    moves: bool = True
-    """Whether the joint moves at all."""
+    time: Array
+    """Uniform times (n,) [s], from 0."""
+    theta: Array
+    """Joint angle (n,) [rad]."""
+    protocol: SteppedSineProtocol
+    """What was commanded."""
+
+    @cached_property
+    def moving(self) -> NDArray[np.bool_]:
+        """Rows (n,) in which the joint moves."""
+        return moving_bins(self.time, self.theta)
+
+    @cached_property
+    def crossings(self) -> Array:
+        """Times [s] at which the angle rises through its centre."""
+        return upward_crossings(self.time, self.theta)
+
+    @cached_property
+    def runs(self) -> list[Run]:
+        """What the joint did, as `find_runs` has it, of three cycles or as few as were commanded."""
+        fewest = min(FEWEST_CYCLES, int(min(self.protocol.cycles_at)))
+        return find_runs(self.time, self.theta, fewest, self.crossings)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the joint moves at all."""
+        return bool(self.moving.any())
+
+    @cached_property
+    def sines(self) -> float:
+        """In sines of three cycles or more, each of one frequency and amplitude."""
+        if not self.moves:
+            return 0.0
+        found = [run for run in self.runs if is_sine(run, self.crossings, self.protocol)]
+        return share_of(self.moving, self.time, [(run.start, run.stop) for run in found])
+
+    @cached_property
+    def commanded(self) -> float:
+        """In single cycles of a commanded frequency and amplitude."""
+        cycles = ((self.theta[rows_between(self.time, *cycle)], cycle) for cycle in pairwise(self.crossings))
+        found = [cycle for angle, cycle in cycles if as_commanded(angle, cycle, self.protocol)]
+        return share_of(self.moving, self.time, found)
+
+    @cached_property
+    def one_line(self) -> float:
+        """Power at one commanded frequency at a time, as a share of all; 0 if most of them never come."""
+        return one_line_share(self.time, self.theta, self.protocol)
 
     @property
     def kind(self) -> Kind:
@@ -79,14 +120,7 @@ def moving_bins(time: Array, theta: Array) -> NDArray[np.bool_]:
 
 def likeness(time: Array, theta: Array, protocol: SteppedSineProtocol) -> Likeness:
     """Likeness of a joint angle theta [rad] at uniform times [s], shape (n,) each, to a stepped sine."""
-    moving, t = moving_bins(time, theta), time - time[0]
-    if not moving.any():
-        return Likeness(0.0, 0.0, 0.0, moves=False)
-    crossings = upward_crossings(t, theta)
-    runs = find_runs(t, theta, min(FEWEST_CYCLES, int(min(protocol.cycles_at))))
-    sines = [(run.start, run.stop) for run in runs if is_sine(run, crossings, protocol)]
-    cycles = [cycle for cycle in pairwise(crossings) if as_commanded(theta[rows_between(t, *cycle)], cycle, protocol)]
-    return Likeness(share_of(moving, t, sines), share_of(moving, t, cycles), one_line_share(t, theta, protocol))
+    return Likeness(time - time[0], theta, protocol)
 
 
 def rows_between(time: Array, start: float, stop: float) -> slice:

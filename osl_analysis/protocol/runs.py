@@ -87,18 +87,21 @@ class Stretch:
     """Number of cycles over their duration [Hz]."""
 
 
-def find_runs(time: Array, theta: Array, fewest: int = FEWEST_CYCLES) -> list[Run]:
+def find_runs(time: Array, theta: Array, fewest: int = FEWEST_CYCLES, crossings: Array | None = None) -> list[Run]:
     """The runs of `fewest` or more cycles of a joint angle theta [rad] at increasing times [s], shape (n,) each.
+
+    `crossings` [s] are the `upward_crossings` of an angle without gaps, where they are known already.
 
     Consecutive cycles that are alike make a run. A sine is then fitted to it, which gives its frequency and amplitude.
     The run extends as far as the angle follows this sine; where two runs touch, each sample belongs to the sine that
     is nearer. Rests, ramps and transients lie between the runs.
     """
-    seen = np.isfinite(theta)
-    time, theta = time[seen], theta[seen]
+    if crossings is None:
+        seen = np.isfinite(theta)
+        time, theta = time[seen], theta[seen]
     if len(theta) < 8 or not np.ptp(theta):
         return []
-    stretches = alike_cycles(time, theta, upward_crossings(time, theta))
+    stretches = alike_cycles(time, theta, upward_crossings(time, theta) if crossings is None else crossings)
     fitted = [run for stretch in stretches if (run := fit_run(time, theta, stretch)) is not None]
     return [run for run in prolonged_runs(time, theta, joined_runs(time, theta, fitted)) if run.cycles > fewest - 0.25]
 

@@ -3,11 +3,15 @@
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.records import Metadata
+from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.errors import InputError
 from osl_analysis.simulator import messages
-from osl_analysis.simulator.mcap_recorder import LATENCY_NS, write_mcap
+from osl_analysis.simulator.mcap_recorder import write_mcap
+from osl_analysis.simulator.mcap_writer import LATENCY_NS, LIBRARY, write_recording
+from osl_analysis.simulator.standard_messages import joint_states, wrenches
 
 MIXED = "std_msgs/Header header\nbool flag\nfloat64 wide\nuint8 level\nfloat32 narrow # unit\n" + messages.DEPENDENCIES
 
@@ -101,6 +105,38 @@ def test_a_sample_arrives_a_little_after_its_stamp(tmp_path):
     assert (record.publish_time, record.log_time) == (250_000_000, 250_000_000 + LATENCY_NS)
 
 
+def written_by_the_mcap_package(path, topics, metadata):
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2", library=LIBRARY)
+        writer.add_metadata(metadata.name, metadata.metadata)
+        channels = []
+        for topic in topics:
+            schema = writer.register_schema(topic.schema_name, "ros2msg", topic.schema_text.encode())
+            channels.append(writer.register_channel(topic.name, "cdr", schema))
+        messages = [
+            (stamp, channel, row, topic.records[row].tobytes())
+            for channel, topic in zip(channels, topics, strict=True)
+            for row, stamp in enumerate(topic.stamps.tolist())
+        ]
+        for stamp, channel, row, data in sorted(messages, key=lambda message: message[0]):
+            writer.add_message(channel, stamp + LATENCY_NS, data, stamp, row)
+        writer.finish()
+
+
+@pytest.mark.parametrize("counts", [(9000, 4000), (5, 0), (0, 0)])
+def test_a_file_is_the_one_that_the_mcap_package_writes_of_the_same_messages(tmp_path, counts):
+    """Two topics of messages of different size, in turn, over two chunks; stamps not all in order."""
+    rng, end = np.random.default_rng(4), 100.0
+    position, torque = rng.normal(size=counts[0]), rng.normal(size=counts[1])
+    joints = joint_states("/joint", "bench", end * rng.random(counts[0]), {"a": position, "bc": position}, {})
+    cell = wrenches("/cell", "f", np.sort(end / 3 * rng.random(counts[1])), torque)
+    metadata = Metadata("recording", {"origin": "test"})
+    write_recording(tmp_path / "ours.mcap", [joints, cell], metadata)
+    written_by_the_mcap_package(tmp_path / "theirs.mcap", [joints, cell], metadata)
+    assert (tmp_path / "ours.mcap").read_bytes() == (tmp_path / "theirs.mcap").read_bytes()
+
+
 @pytest.mark.parametrize(
     ("schema", "match"),
     [
@@ -122,10 +158,10 @@ def test_a_recording_that_breaks_off_leaves_the_older_file(tmp_path, monkeypatch
     write_mcap(path, messages.LogTopic("/t", "p/msg/M", MIXED, "f"), np.arange(5.0), mixed_columns(5))
     before = path.read_bytes()
 
-    def fail(self):
+    def fail(*_):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr("osl_analysis.simulator.mcap_recorder.Writer.finish", fail)
+    monkeypatch.setattr("osl_analysis.simulator.mcap_writer.summary", fail)
     with pytest.raises(InputError, match=r"a\.mcap: cannot be written \(no space left on device\); make room"):
         write_mcap(path, messages.LogTopic("/t", "p/msg/M", MIXED, "f"), np.arange(9.0), mixed_columns(9))
     assert path.read_bytes() == before

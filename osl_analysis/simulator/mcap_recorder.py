@@ -1,36 +1,22 @@
 """An MCAP recorder like those of laboratories: ROS 2 messages in CDR, zstd chunks with CRCs."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from mcap.writer import Writer
+from mcap.records import Metadata
 from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
+from osl_analysis.simulator.mcap_writer import Topic, write_recording
 from osl_analysis.simulator.messages import LogTopic
 from osl_analysis.trial import Array
 
 ENCAPSULATION = b"\x00\x01\x00\x00"
 """CDR, little endian. Everything after it is aligned as if the message began there."""
 
-LATENCY_NS = 150_000
-"""Time [ns] from a sample's stamp to its arrival at the recorder."""
-
 CDR_TYPES = {"bool": "u1", "uint8": "u1", "int32": "<i4", "uint32": "<u4", "float32": "<f4", "float64": "<f8"}
-
-
-@dataclass(frozen=True)
-class Topic:
-    """The messages of one topic: the schema as ros2msg, time stamps [ns], (n,), and the CDR records, (n,)."""
-
-    name: str
-    schema_name: str
-    schema_text: str
-    stamps: NDArray[np.int64]
-    records: "np.ndarray[tuple[int], np.dtype[np.void]]"
 
 
 def write_mcap(path: Path, topic: LogTopic, time: Array, columns: Mapping[str, ArrayLike]) -> None:
@@ -51,27 +37,10 @@ def write_mcap(path: Path, topic: LogTopic, time: Array, columns: Mapping[str, A
 
 def write_topics(path: Path, topics: Sequence[Topic]) -> None:
     """Write several topics, their messages in the order in which they arrive. The file appears whole or not at all."""
-    stamps = np.concatenate([topic.stamps for topic in topics])
-    owner = np.repeat(np.arange(len(topics)), [len(topic.stamps) for topic in topics])
-    number = np.concatenate([np.arange(len(topic.stamps)) for topic in topics])
-    order = np.argsort(stamps, kind="stable")
-    with atomic_path(path) as temporary, temporary.open("wb") as file:
-        writer = Writer(file)
-        writer.start(profile="ros2")
-        names = ", ".join(topic.name for topic in topics)
-        writer.add_metadata("recording", {"origin": "simulated", "topic": names, "time": "header stamp"})
-        channels = [register(writer, topic) for topic in topics]
-        data, size = [topic.records.tobytes() for topic in topics], [topic.records.itemsize for topic in topics]
-        for stamp, k, i in zip(stamps[order].tolist(), owner[order].tolist(), number[order].tolist(), strict=True):
-            message = data[k][i * size[k] : (i + 1) * size[k]]
-            writer.add_message(channels[k], stamp + LATENCY_NS, message, stamp, i)
-        writer.finish()  # type: ignore[no-untyped-call]
-
-
-def register(writer: Writer, topic: Topic) -> int:
-    """The id of a topic's channel in a file."""
-    schema = writer.register_schema(topic.schema_name, "ros2msg", topic.schema_text.encode())
-    return writer.register_channel(topic.name, "cdr", schema)
+    names = ", ".join(topic.name for topic in topics)
+    metadata = Metadata("recording", {"origin": "simulated", "topic": names, "time": "header stamp"})
+    with atomic_path(path) as temporary:
+        write_recording(temporary, topics, metadata)
 
 
 def nanoseconds(time: Array) -> NDArray[np.int64]:

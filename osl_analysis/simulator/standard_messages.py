@@ -4,7 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from osl_analysis.simulator.mcap_recorder import ENCAPSULATION, Topic, aligned, header_members, nanoseconds
+from osl_analysis.simulator.mcap_recorder import ENCAPSULATION, aligned, header_members, nanoseconds
+from osl_analysis.simulator.mcap_writer import Topic
 from osl_analysis.simulator.messages import DEPENDENCIES, SAMPLE_HEADER
 from osl_analysis.trial import Array
 

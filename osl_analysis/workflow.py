@@ -188,6 +188,12 @@ def report(logs: Path) -> str:
     return run_report(read_logs(logs, STARTED))
 
 
+def write_all_lines(logging: Any) -> None:
+    """Wait until the thread that writes Snakemake's lines has written those that wait, so that our report is last."""
+    if logging.queue_listener is not None:
+        logging.queue_listener.queue.join()
+
+
 def at_end_of_run(workflow: Any, folders: Iterable[Path], said: Callable[[tuple[str, ...]], str], accept: bool) -> None:
     """Let a run of Snakemake end with our report, and with exit code 1 if something that was asked for is refused.
 
@@ -213,6 +219,7 @@ def at_end_of_run(workflow: Any, folders: Iterable[Path], said: Callable[[tuple[
         finally:
             if workflow.scheduler is not None:  # else it was not a run: an unknown target, another run's lock
                 records = records_in(str(file) for job in workflow.dag.jobs for file in job.output)
+                write_all_lines(workflow.logger_manager)
                 print(said(records), file=sys.stderr, flush=True)
         if records and not accept:
             raise SystemExit(1)

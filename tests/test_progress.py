@@ -1,0 +1,100 @@
+"""The lines of a run: a line per stage, failures at once, no spam, and the right count and time left."""
+
+import io
+import logging
+from types import SimpleNamespace
+
+import pytest
+from snakemake_interface_logger_plugins.common import LogEvent
+
+from osl_analysis import progress
+from osl_analysis.job_log import JobLog, write_log
+from osl_analysis.progress import LogHandler, Progress, Stage, stage_of
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that the test turns."""
+    clock = SimpleNamespace(now=100.0)
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock.now)
+    return clock
+
+
+def test_rate_and_time_left_are_those_of_the_jobs_so_far():
+    assert Stage(total=30, done=10, started=100.0).text("fit", 105.0) == "fit 10/30, 2/s, 10 s left"
+    assert Stage(total=30, done=30, started=100.0).text("fit", 115.0) == "fit 30/30 in 15 s"
+    assert Stage(total=30, started=100.0).text("fit", 101.0) == "fit 0/30"
+
+
+def test_a_stage_writes_one_line_now_and_then_and_one_at_its_end(clock):
+    out = io.StringIO()
+    lines = Progress(out, is_terminal=False)
+    lines.plan({"ingest": 40, "reproduce-all": 1, "total": 41})
+    for job in range(40):
+        lines.begin(job, "ingest", [])
+        clock.now += 0.5
+        lines.finish(job)
+    said = out.getvalue().splitlines()
+    assert said[-1] == "read and check recordings 40/40 in 20 s"
+    assert 2 <= len(said) <= 4
+
+
+def test_a_terminal_has_what_runs_on_its_last_line(clock):
+    out = io.StringIO()
+    lines = Progress(out, is_terminal=True)
+    lines.plan({"ingest": 4, "fit_belt_trial": 2})
+    lines.begin(0, "ingest", [])
+    lines.begin(1, "fit_belt_trial", [])
+    clock.now += 2
+    lines.finish(0)
+    assert out.getvalue().endswith("\r\x1b[Kread and check recordings 1/4, 0.5/s, 6 s left | fit 0/2")
+
+
+def test_a_refusal_is_said_when_its_job_ends(tmp_path):
+    log = tmp_path / "belt_01.log"
+    write_log(log, JobLog("ingest.ingest_trial", "refused", error="belt_01.mcap: no such file; copy it\x1b[31m"), {})
+    out = io.StringIO()
+    lines = Progress(out, is_terminal=False)
+    lines.plan({"ingest": 2})
+    lines.begin(0, "ingest", [str(log)])
+    lines.finish(0)
+    (said,) = out.getvalue().splitlines()
+    assert said.startswith("refused: belt_01: belt_01.mcap: no such file; copy it")
+    assert "\x1b" not in said
+
+
+@pytest.mark.parametrize("rule", ["table", "headline_numbers", "report", "quality_table", "excluded_trials"])
+def test_a_rule_of_no_other_stage_makes_tables(rule):
+    assert stage_of(rule) == "tables and page"
+
+
+def record(event=None, text="", level=logging.INFO, **more):
+    made = logging.LogRecord("snakemake", level, "", 0, text, (), None)
+    made.__dict__ |= {"event": event, **more}
+    return made
+
+
+def test_the_lines_of_snakemake_are_left_out_but_for_what_a_user_must_know(capsys):
+    settings = SimpleNamespace(verbose=False, dryrun=False)
+    handler = LogHandler(settings, None)
+    handler.emit(record(LogEvent.RUN_INFO, stats={"ingest": 1, "total": 1}))
+    handler.emit(record(text="Building DAG of jobs..."))
+    handler.emit(record(text="Execute 1 jobs..."))
+    handler.emit(record(LogEvent.JOB_INFO, jobid=3, rule_name="ingest", log=[]))
+    handler.emit(record(LogEvent.JOB_FINISHED, job_id=3))
+    handler.emit(record(text="Unlocked working directory."))
+    handler.emit(record(LogEvent.ERROR, "Error: Directory cannot be locked.", logging.ERROR))
+    said = capsys.readouterr().err.splitlines()
+    assert said == [
+        "read and check recordings 1/1 in 0 s",
+        "Unlocked working directory.",
+        "Error: Directory cannot be locked.",
+    ]
+
+
+@pytest.mark.parametrize("settings", [{"verbose": True, "dryrun": False}, {"verbose": False, "dryrun": True}])
+def test_a_dry_run_and_a_verbose_one_have_the_lines_of_snakemake(settings, capsys):
+    handler = LogHandler(SimpleNamespace(**settings), None)
+    handler.emit(record(text="Unlocked working directory."))
+    assert not handler.writes_to_stream
+    assert capsys.readouterr().err == ""

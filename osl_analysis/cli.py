@@ -218,16 +218,15 @@ def describe_tables(output: Path | None) -> None:
         say(f"wrote {output}")
 
 
-@main.command(epilog="Example: osl-analysis results --summary results/summary.json")
-@click.option(
-    "--summary",
-    type=FILE,
-    default=Path("results/summary.json"),
-    show_default=True,
-    help="Summary of a campaign, as `snakemake reproduce-all` writes it.",
-)
-def results(summary: Path) -> None:
-    """Print the headline numbers of a campaign as a Markdown table, with units, intervals and the draft's values."""
-    from osl_analysis.commands.summarise import format_results_table, read_summary
+@main.command(epilog="Example: osl-analysis results results/mine --markdown")
+@click.argument("folder", type=FILE, default=Path("results"))
+@click.option("--summary", type=FILE, help="Summary of a campaign, in place of that in FOLDER.")
+@click.option("--markdown", is_flag=True, help="A Markdown table in place of aligned columns.")
+def results(folder: Path, summary: Path | None, markdown: bool) -> None:
+    """Print the headline numbers of the results in FOLDER, with units, intervals and the draft's values."""
+    from osl_analysis.commands.summarise import format_results_table, later_failures, read_summary
 
-    say(format_results_table(read_summary(summary)))
+    path = folder / "summary.json" if summary is None else summary
+    say(format_results_table(read_summary(path), markdown))
+    if failed := later_failures(path):
+        say(failed, err=True)

@@ -1,6 +1,7 @@
 """Headline numbers: the right ones, with their intervals, as JSON, LaTeX and Markdown that can be used as it is."""
 
 import json
+import os
 import re
 
 import polars as pl
@@ -8,9 +9,10 @@ import pytest
 
 from osl_analysis.about import ABOUT_MACROS, About
 from osl_analysis.commands.quality import list_excluded
-from osl_analysis.commands.summarise import format_results_table, read_summary, write_summary
+from osl_analysis.commands.summarise import format_results_table, later_failures, read_summary, write_summary
 from osl_analysis.errors import InputError
 from osl_analysis.figures import fig9
+from osl_analysis.job_log import JobLog, write_log
 from osl_analysis.refusal import Refusal
 from osl_analysis.summary.headlines import ENSEMBLE, headline_numbers
 from osl_analysis.summary.labels import all_labels
@@ -390,3 +392,31 @@ def test_headline_means_say_how_many_doubtful_trials_they_leave_out_or_contain()
     assert "n = 2 of 3, 1 doubtful left out" in to_tex(MADE, headlines)
     belts = summary_rows(K_s=686.2).with_columns(n_doubtful=pl.lit(2), n_left_out=pl.lit(2))
     assert by_name({"belt_summary": belts})["K_s"].n_left_out == 2
+
+
+def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
+    summary, logs = tmp_path / "summary.json", tmp_path / "logs"
+    write_log(logs / "ingest/before.log", JobLog("ingest.ingest_trial", "refused", error="bad"), {})
+    summary.write_text("{}")
+    made = summary.stat().st_mtime
+    os.utime(logs / "ingest/before.log", (made - 1, made - 1))
+    write_log(logs / "figures/fig5.log", JobLog("figure.draw_figure", "failed", error="no font"), {})
+    write_log(logs / "belt/fine.log", JobLog("bench.fit_belt_trial", "done"), {})
+    for log in ("figures/fig5.log", "belt/fine.log"):
+        os.utime(logs / log, (made + 1, made + 1))
+    assert later_failures(summary) == ""
+    write_log(
+        logs / "ingest/after.log", JobLog("ingest.ingest_trial", "refused", error="belt_01.mcap: no such file"), {}
+    )
+    os.utime(logs / "ingest/after.log", (made + 1, made + 1))
+    assert "1 jobs were refused or failed, first after: belt_01.mcap: no such file" in later_failures(summary)
+
+
+def test_the_columns_of_the_table_for_a_terminal_begin_below_each_other():
+    said = format_results_table(json.loads(to_json(MADE, headline_numbers(all_tables()))), markdown=False).splitlines()
+    header = next(line for line in said if line.startswith("quantity"))
+    first = said[said.index(header) + 1]
+    for column in ("value", "interval"):
+        place = header.index(column)
+        assert first[place - 2 : place] == "  "
+        assert first[place] != " "

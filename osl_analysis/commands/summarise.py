@@ -11,16 +11,19 @@ from pydantic import Field
 from osl_analysis.about import About
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
+from osl_analysis.job_log import read_log
 from osl_analysis.refusal import Refusal, check_not_refused
 from osl_analysis.summary.headlines import headline_numbers, needed_columns
 from osl_analysis.summary.labels import DRAFT_EXAMPLE, Example
-from osl_analysis.summary.text import to_json, to_markdown, to_tex
+from osl_analysis.summary.text import to_columns, to_json, to_markdown, to_tex
 from osl_analysis.summary.trials import missing_lines, missing_results, trials_content, trials_used
 from osl_analysis.table import read_table
 from osl_analysis.yaml_settings import Settings, validated
 
 NEEDED = ("trial", "check", "value", "unit", "threshold", "remark")
 """Columns of `excluded.csv`."""
+SHOW = {"figure", "plotted_numbers", "walking_page", "captions", "report"}
+"""Modules of jobs that show numbers and make none: they run beside the summary's own, and after it."""
 CAPTIONS = "figures/captions.md"
 """What the tables of plotted numbers show, in words; beside the metadata of the tables."""
 REMEDY = "delete it and run `snakemake reproduce-all`"
@@ -141,10 +144,32 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
     return content
 
 
-def format_results_table(summary: Mapping[str, Any]) -> str:
-    """What a summary is made of, a Markdown table of its numbers (quantity, value, interval, n, the draft's value), and
-    which trials and results are missing.
+def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> str:
+    """What a summary is made of, a table of its numbers (quantity, value, interval, n, the draft's value), and which
+    trials and results are missing. The table is Markdown, or in aligned columns.
     """
     missing = "".join(f"\n{line}\n" for line in missing_lines(summary, reasons=True))
     said = About(**{field.name: summary.get(field.name, "") for field in fields(About)}).sentence()
-    return f"{said}\n\n{to_markdown(summary['numbers'])}{missing}"
+    table = (to_markdown if markdown else to_columns)(summary["numbers"])
+    return f"{said}\n\n{table}{missing}"
+
+
+def later_failures(summary_json: Path) -> str:
+    """Whether jobs of a later run than that of a summary were refused, failed or killed; a line, empty if none were.
+
+    A summary that the later run could not make anew is older than these.
+    """
+    made = summary_json.stat().st_mtime
+    logs = (path for path in (summary_json.parent / "logs").rglob("*.log") if path.stat().st_mtime > made)
+    ended = {
+        path.stem: log
+        for path in sorted(logs)
+        if (log := read_log(path)) is not None and log.outcome != "done" and log.job.split(".")[0] not in SHOW
+    }
+    if not ended:
+        return ""
+    name, first = next(iter(ended.items()))
+    return (
+        f"OLDER THAN A FAILED RUN: after these numbers were written, {len(ended)} jobs were refused or failed, first "
+        f"{name}: {first.error}; correct it and run again"
+    )

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -11,6 +11,7 @@ from osl_analysis.summary.number import COUNT, RANGE, Headline
 
 AMPLITUDES = ("amplitudes_low", "amplitudes_high")
 KEPT = ("value", "unit", "low", "high", "interval", "n", "n_doubtful", "n_left_out", "doubt", "draft", "meaning")
+HEADER = ("quantity", "value", "interval", "n", "draft")
 MACRO_PREFIX = "osl"
 SPECIAL = {sign: f"\\{sign}" for sign in "#$%&_{}"} | {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"
@@ -73,8 +74,22 @@ def tex_text(text: str) -> str:
 
 
 def to_markdown(numbers: Mapping[str, Mapping[str, Any]]) -> str:
-    """Table of the numbers of a summary, in the form that `to_json` writes."""
-    lines = ["| quantity | value | interval | n | draft |", "| --- | --- | --- | --- | --- |"]
+    """Table of the numbers of a summary, in the form that `to_json` writes, as Markdown."""
+    lines = [f"| {' | '.join(HEADER)} |", f"| {' | '.join('---' for _ in HEADER)} |"]
+    lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |" for cells in rows(numbers)]
+    return "\n".join(lines) + "\n"
+
+
+def to_columns(numbers: Mapping[str, Mapping[str, Any]]) -> str:
+    """The same table in columns of one width each, for a terminal."""
+    table = [HEADER, *rows(numbers)]
+    widths = [max(len(cells[place]) for cells in table) for place in range(len(HEADER))]
+    padded = ["  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)) for cells in table]
+    return "\n".join(line.rstrip() for line in padded) + "\n"
+
+
+def rows(numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
+    """The cells of each number: what it is, value, interval, trials, the draft's value."""
     for number in numbers.values():
         digits = decimals(number["value"], *rounded_by(number))
         value = f"{fixed(number['value'], digits)} {number['unit']}"
@@ -85,9 +100,7 @@ def to_markdown(numbers: Mapping[str, Mapping[str, Any]]) -> str:
         if number.get("amplitudes_low") is not None:
             lowest, highest = (fixed(number[key], digits) for key in AMPLITUDES)
             interval += f"; single amplitudes {lowest} to {highest}"
-        cells = (number["meaning"], value, interval, trials_text(number), draft)
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    return "\n".join(lines) + "\n"
+        yield number["meaning"], value, interval, trials_text(number), draft
 
 
 def trials_text(number: Mapping[str, Any]) -> str:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from osl_analysis.cli_campaign import doctor, init, run
+from osl_analysis.cli_campaign import doctor, init, run, watch
 from osl_analysis.cli_design import design, gains
 from osl_analysis.cli_options import (
     AS_JSON,
@@ -34,6 +34,7 @@ def main() -> None:
 main.add_command(init)
 main.add_command(run)
 main.add_command(doctor)
+main.add_command(watch)
 main.add_command(gains)
 main.add_command(design)
 
@@ -194,10 +195,10 @@ def samples(folder: Path, output: Path | None, config_path: Path) -> None:
     Rates are in Hz, gaps in s; a file that is refused is listed with the reason.
     """
     from osl_analysis.commands.inspect import samples_table, write_samples
-    from osl_analysis.config import read_section
+    from osl_analysis.config import read_campaign_section
     from osl_analysis.quality.settings import QualityRules
 
-    rules = read_section(config_path, "quality", QualityRules)
+    rules = read_campaign_section(config_path, "quality", QualityRules)
     if output is None:
         say(samples_table(folder, rules))
     else:

@@ -1,11 +1,12 @@
 """The commands of `osl-analysis` for a whole campaign: make one, run it, look whether machine and data will do."""
 
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import click
 
-from osl_analysis.cli_options import FILE, say
+from osl_analysis.cli_options import CONFIG, FILE, say
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 
@@ -72,6 +73,27 @@ def doctor(look: bool) -> None:
         print_first_look(Path())
     if any(one.remedy for one in found):
         sys.exit(1)
+
+
+@click.command(epilog="Example: osl-analysis watch /data/today --source sources/my_bench.yaml")
+@click.argument("folder", type=FOLDER)
+@click.option(
+    "--source", type=FILE, help="Source file that describes the recordings. Default: what the campaign has, or a guess."
+)
+@click.option("--output", type=FOLDER, default=Path("watched"), show_default=True, help="Folder of the pictures.")
+@CONFIG
+def watch(folder: Path, source: Path | None, output: Path, config_path: Path) -> None:
+    """Examine every recording in FOLDER as soon as it is complete: a line with quality, K, B, I, doubts, and a picture.
+
+    Ctrl-C ends it. A recording that was examined is not examined again until it changes.
+    """
+    from osl_analysis.commands.watch import bench_of, watch
+
+    bench = bench_of(config_path, source, output)
+    say(f"watching {folder}; Ctrl-C ends")
+    with suppress(KeyboardInterrupt):
+        for line in watch(folder, bench):
+            say(line)
 
 
 def print_first_look(folder: Path) -> None:

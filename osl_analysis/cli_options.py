@@ -16,7 +16,7 @@ from click.core import ParameterSource
 
 from osl_analysis.errors import OslAnalysisError, printable, printable_lines
 from osl_analysis.files import check_output
-from osl_analysis.shipped import default_config, shipped
+from osl_analysis.shipped import config_here, default_config, shipped
 
 if TYPE_CHECKING:
     from osl_analysis.bench.impedance import DesiredImpedance
@@ -70,7 +70,7 @@ CONFIG = click.option(
     "--config",
     "config_path",
     type=FILE,
-    default=default_config(),
+    default=config_here(),
     show_default=True,
     help="Configuration with the filter [Hz] and the stepped-sine protocol [deg, Hz].",
 )

@@ -24,6 +24,15 @@ def shipped(path: Path | str) -> Path:
     return theirs if not own.exists() and theirs.exists() else own
 
 
+CAMPAIGN = Path("config.yaml")
+"""The configuration in the folder of a campaign, as `osl-analysis init` writes it."""
+
+
+def config_here() -> Path:
+    """The configuration of the campaign in the working folder; the default one where there is none."""
+    return CAMPAIGN if CAMPAIGN.is_file() else default_config()
+
+
 def default_config() -> Path:
     """The default configuration, which a campaign's own overrides."""
     return shipped("config/config.yaml")

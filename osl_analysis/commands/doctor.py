@@ -11,9 +11,8 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
-from osl_analysis.commands.run import CAMPAIGN
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.shipped import root, shipped
+from osl_analysis.shipped import CAMPAIGN, root, shipped
 
 LEAST_SPACE_GB = 2.0
 """Free space below which a campaign may not fit: the default one takes 0.4 GB, recordings not counted."""

@@ -17,6 +17,7 @@ from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.config import read_config
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.experiments import EXPERIMENTS
+from osl_analysis.shipped import CAMPAIGN
 
 
 @dataclass(frozen=True)
@@ -40,11 +41,10 @@ def first_look(folder: Path) -> Iterator[Look]:
         Configuration or sample sheet are not valid.
     """
     with chdir(folder):
-        path = Path("config.yaml")
-        config = read_config(path)
+        config = read_config(CAMPAIGN)
         campaign = open_campaign(config, None)
         for trial in first_trials(campaign):
-            yield look(campaign, trial, path)
+            yield look(campaign, trial, CAMPAIGN)
 
 
 def first_trials(campaign: Campaign) -> list[str]:

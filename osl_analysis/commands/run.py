@@ -4,10 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from osl_analysis.errors import InputError
-from osl_analysis.shipped import shipped
+from osl_analysis.shipped import CAMPAIGN, shipped
 
-CAMPAIGN = Path("config.yaml")
-"""The configuration in the folder of a campaign, as `init` writes it."""
 STATES_ITS_OWN = ("--configfile", "--configfiles")
 """Options of Snakemake that name a configuration."""
 

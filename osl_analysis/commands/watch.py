@@ -1,0 +1,261 @@
+"""Recordings examined as they come, while the rig is still warm: a line and a picture for each that is complete."""
+
+import json
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import polars as pl
+
+from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.campaign import Campaign, open_campaign
+from osl_analysis.commands.figure import draw_table
+from osl_analysis.commands.fit import FITS, UNITS, FittedTrial, fit_one_trial, fit_request
+from osl_analysis.commands.ingest import ingest_trial
+from osl_analysis.commands.inspect import inspect_file
+from osl_analysis.commands.new_campaign import recordings_in
+from osl_analysis.config import Config, read_config
+from osl_analysis.errors import InputError, OslAnalysisError, listing
+from osl_analysis.experiments import PROTOCOL
+from osl_analysis.files import atomic_path
+from osl_analysis.formats.bag_folder import recorded_files
+from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.draft_sheet import UNNAMED, Recorded, draft_trials, trial_name
+from osl_analysis.ingest.known_formats import read_source, recognise
+from osl_analysis.quality.checks import Commanded
+from osl_analysis.quality.verdict import examine, quality_table
+from osl_analysis.trial import Trial
+
+QUIET_S = 4.0
+"""A recording is complete if nothing was written to it for this long [s]."""
+BETWEEN_LOOKS_S = 1.0
+"""Time between two looks at the folder [s]."""
+MOST_NAMED = 4
+"""Largest number of failed checks in a line."""
+TAKEN_FOR = "impedance"
+"""Experiment of a recording with angle and torque whose name and sheet tell none; its line says so."""
+
+State = tuple[int, int]
+"""Size [bytes] and date of the last change [ns] of all files of a recording."""
+
+
+@dataclass
+class Arrivals:
+    """Which recordings in a folder are complete and new."""
+
+    folder: Path
+    seen: dict[str, State] = field(default_factory=dict)
+    """Recordings that were examined, by their path in the folder."""
+    growing: dict[str, tuple[State, float]] = field(default_factory=dict)
+    """Those that are not, with the time [s] since which they have been as they are."""
+
+    def complete(self, now: float) -> list[Path]:
+        """Recordings that are new, or other than when they were examined, and have not changed for `QUIET_S`."""
+        found = []
+        for path in recordings_in(self.folder):
+            name, state = path.relative_to(self.folder).as_posix(), state_of(path)
+            if state is None or self.seen.get(name) == state:
+                continue
+            before, since = self.growing.get(name, (None, now))
+            self.growing[name] = (state, since if before == state else now)
+            if before == state and now - since >= QUIET_S:
+                del self.growing[name]
+                self.seen[name] = state
+                found.append(path)
+        return found
+
+
+def state_of(path: Path) -> State | None:
+    """Size and date of a recording, of all files of one that is a folder; None if it is gone or empty."""
+    try:
+        states = [file.stat() for file in recorded_files(path)]
+    except OSError:
+        return None
+    size = sum(state.st_size for state in states)
+    return (size, max(state.st_mtime_ns for state in states)) if size else None
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What recordings are examined with."""
+
+    config_path: Path
+    config: Config
+    campaign: Campaign | None
+    """The campaign whose sheet may name a recording; None without a sheet."""
+    source: str | None
+    """The source file that describes the recordings; None: the sheet's, else one of the folder that fits, else a
+    guess."""
+    output: Path
+    """Folder of pictures and of the notes on what was examined."""
+
+
+def bench_of(config_path: Path, source: Path | None, output: Path) -> Bench:
+    """What recordings are examined with, from a configuration and, if it has one, its sample sheet.
+
+    Raises
+    ------
+    InputError
+        The configuration, its sample sheet or the source file is not valid.
+    """
+    config = read_config(config_path)
+    if source is not None:
+        read_source(source)
+        config = config.model_copy(update={"sources": source.parent})
+    campaign = open_campaign(config, None) if config.simulation is None and config.sheet.is_file() else None
+    return Bench(config_path, config, campaign, None if source is None else source.stem, output)
+
+
+def watch(folder: Path, bench: Bench) -> Iterator[str]:
+    """A line for each recording in a folder, and for each that comes, as soon as it is complete. It never ends.
+
+    Raises
+    ------
+    InputError
+        There is no such folder.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; name the one that the recorder writes to")
+    notes = bench.output / "examined.json"
+    arrivals = Arrivals(folder, read_notes(notes))
+    while True:
+        for path in arrivals.complete(time.monotonic()):
+            yield line_of(path, folder, bench)
+            write_notes(notes, arrivals.seen)
+        time.sleep(BETWEEN_LOOKS_S)
+
+
+def read_notes(path: Path) -> dict[str, State]:
+    """The recordings that were examined before; none without notes, or with damaged ones."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        return {str(name): (int(size), int(date)) for name, (size, date) in content.items()}
+    except (OSError, ValueError, AttributeError, TypeError):
+        return {}
+
+
+def write_notes(path: Path, seen: Mapping[str, State]) -> None:
+    """Note what was examined, so that a restart does not repeat it."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(seen, indent=1) + "\n", encoding="utf-8")
+
+
+def line_of(path: Path, folder: Path, bench: Bench) -> str:
+    """What is said of one recording: estimates with intervals, quality, doubts, and where its picture is."""
+    stamp, name = time.strftime("%H:%M:%S"), path.relative_to(folder).as_posix()
+    try:
+        return f"{stamp} {name}: {examined(path, folder, bench)}"
+    except OslAnalysisError as error:
+        return f"{stamp} {name}: REFUSED: {str(error).replace(f'{path}: ', '')}"
+
+
+def examined(path: Path, folder: Path, bench: Bench) -> str:
+    """The same, without the name.
+
+    Raises
+    ------
+    InputError
+        The recording cannot be read, or nothing can be fitted to it.
+    """
+    with TemporaryDirectory() as place:
+        row, sources, said = described(path, folder, bench, Path(place))
+        ingested = Path(place) / f"{row['trial']}.parquet"
+        trial = ingest_trial(row, path.parent, sources, ingested)
+        experiment = str(row["experiment"])
+        said = [*said, quality_text(trial, experiment, bench.config)]
+        if experiment not in FITS:
+            return "; ".join(said)
+        fitted = fit(row, ingested, bench)
+    picture = bench.output / f"{row['trial']}.png"
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    draw_table("torque", fitted.series, [picture])
+    return "; ".join([estimates_line(fitted.estimates), *said, str(picture)])
+
+
+def described(path: Path, folder: Path, bench: Bench, place: Path) -> tuple[Mapping[str, Any], Path, list[str]]:
+    """A row for a recording, the folder of its source file, and what of it is a guess.
+
+    The sheet decides; else the stated source file; else one of the campaign's that fits; else a draft in `place`.
+    """
+    named = row_in_sheet(path, bench)
+    if named is not None:
+        return {**named, "log": path.name}, bench.config.sources, []
+    relative = path.relative_to(folder)
+    if bench.source is not None:
+        source, sources, said = bench.source, bench.config.sources, list[str]()
+    else:
+        source, sources, said = fitting_source(path, bench, place)
+    (trial,) = draft_trials([Recorded(Path(path.name), source, is_capture=False)])
+    row = dict.fromkeys(("log_part", "mocap", "mocap_source", "K_d", "B_d", "controller")) | trial.cells
+    row["trial"] = trial_name(Path(relative.as_posix().replace("/", "_")))
+    if row["experiment"] == UNNAMED:
+        row["experiment"] = TAKEN_FOR
+        said = [*said, f"taken for an {TAKEN_FOR} trial"]
+    return row, sources, said
+
+
+def row_in_sheet(path: Path, bench: Bench) -> Mapping[str, Any] | None:
+    """The row of the sample sheet that names a recording as its log; None if none does."""
+    if bench.campaign is None:
+        return None
+    for trial in bench.campaign.trials():
+        row = bench.campaign.row(trial)
+        if row["log"] and (bench.config.raw_data / row["log"]).resolve() == path.resolve():
+            return row
+    return None
+
+
+def fitting_source(path: Path, bench: Bench, place: Path) -> tuple[str, Path, list[str]]:
+    """Name and folder of a source file for a recording, and what of it is a guess."""
+    found = recognise(path)
+    for file in sorted(bench.config.sources.glob("*.yaml")) if bench.source is None and bench.campaign else ():
+        try:
+            if read_source(file).format != found:
+                continue
+            ingest_trial(
+                {"trial": "t", "log": path.name, "log_source": file.stem}, path.parent, file.parent, place / "t.parquet"
+            )
+        except OslAnalysisError:
+            continue
+        return file.stem, file.parent, []
+    text = draft_source(inspect_file(path), path.name, named=True)
+    (place / "draft.yaml").write_text(text, encoding="utf-8")
+    guesses = [line.split("#")[0].strip() for line in text.splitlines() if "# guessed" in line and line[0] != "#"]
+    return "draft", place, [f"channels are guessed: {listing(guesses, MOST_NAMED)}"] * bool(guesses)
+
+
+def fit(row: Mapping[str, Any], ingested: Path, bench: Bench) -> FittedTrial:
+    """The fit of a trial, judged by what it was asked to render where its row or name tells it."""
+    asked = None
+    if row["experiment"] == "impedance" and row["K_d"] is not None:
+        B_d = None if row["B_d"] is None else float(row["B_d"])
+        asked = DesiredImpedance(row["controller"] or "", float(row["K_d"]), B_d)
+    request = fit_request(str(row["experiment"]), bench.config_path, asked)
+    return fit_one_trial(str(row["experiment"]), ingested, bench.config.parameters, request)
+
+
+def quality_text(trial: Trial, experiment: str, config: Config) -> str:
+    """The checks that a trial does not pass; `quality ok` if it passes all."""
+    commanded = Commanded(**{name: getattr(config.dynamometer, name) for name in PROTOCOL})
+    table = quality_table(trial.name, examine(trial, experiment, commanded), config.quality, ())
+    failed = table.filter(pl.col("verdict").is_in(["flag", "exclude"]))
+    if failed.is_empty():
+        return "quality ok"
+    return "QUALITY " + listing(
+        [f"{row['verdict']} {row['check']}: {row['remark']}" for row in failed.to_dicts()], MOST_NAMED
+    )
+
+
+def estimates_line(estimates: pl.DataFrame) -> str:
+    """The estimates of the fit to all data, with 95 % intervals, and its doubts."""
+    row = estimates.to_dicts()[-1]
+    values = []
+    for name in (n for n in UNITS if f"{n}_se" in row and n not in ("offset", "drift")):
+        high = row[f"{name}_high"]
+        half = "" if high is None else f" ± {high - row[name]:.2g}"
+        values.append(f"{name} {row[name]:.4g}{half} {UNITS[name]}")
+    doubts = f"; DOUBTFUL: {row['doubtful']}" if row.get("doubtful") else ""
+    return f"{', '.join(values)}; VAF {row['VAF']:.2f} %{doubts}"

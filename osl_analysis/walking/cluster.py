@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +101,11 @@ def cluster_poses(reference: Array, observed: Array, largest_residual: float = n
         np.full(n, np.nan),
         np.zeros(n, dtype=bool),
     )
-    patterns, member = np.unique(np.isfinite(observed).all(axis=2), axis=0, return_inverse=True)
+    seen = np.isfinite(observed).all(axis=2)
+    if seen.all():
+        patterns, member = np.ones((1, len(reference)), dtype=bool), np.zeros(n, dtype=int)
+    else:
+        patterns, member = np.unique(seen, axis=0, return_inverse=True)
     for index, pattern in enumerate(patterns):
         if spans_a_plane(reference[pattern]):
             rows = np.flatnonzero(member == index)
@@ -156,8 +159,9 @@ def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
             "the capture there"
         )
     seen, step = np.flatnonzero(poses.seen()), float(steps[0])
-    ends = [k for k, (a, b) in enumerate(pairwise(seen)) if 0 < (b - a - 1) * step < longest + step / 2]
-    if not ends or len(seen) < 4:
+    hidden = (np.diff(seen) - 1) * step
+    ends = np.flatnonzero((hidden > 0) & (hidden < longest + step / 2))
+    if not len(ends) or len(seen) < 4:
         return poses
     rotation, position, bridged = poses.rotation.copy(), poses.position.copy(), poses.bridged.copy()
     count = max(round(BESIDE_S / step), FEWEST_BESIDE)

@@ -9,25 +9,10 @@ from osl_analysis.errors import InputError
 from osl_analysis.plate_surface import furthest_outside
 from osl_analysis.signals import sampling_rate
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.ankle import (
-    SEGMENTS,
-    FootInertia,
-    StaticCalibration,
-    ankle_angle,
-    ankle_in_lab,
-    ankle_torque,
-    foot_torque,
-)
-from osl_analysis.walking.cluster import (
-    BodyMotion,
-    Mask,
-    Poses,
-    body_motion,
-    filtered_poses,
-    reference_positions,
-    segment_poses,
-)
+from osl_analysis.walking.ankle import SEGMENTS, StaticCalibration
+from osl_analysis.walking.cluster import Mask, Poses, filtered_poses, reference_positions, segment_poses
 from osl_analysis.walking.crossing import Crossing, CrossingQuality
+from osl_analysis.walking.crossing_torque import FilteredCrossing
 from osl_analysis.walking.direction import platform_turn
 from osl_analysis.walking.encoder import encoder_check
 from osl_analysis.walking.events import Stance, check_onset, find_onset, find_stances, only_stance
@@ -35,9 +20,7 @@ from osl_analysis.walking.labels import exchanged_labels
 from osl_analysis.walking.load import load_on_foot
 from osl_analysis.walking.orientation import check_heading, check_push, check_vertical
 from osl_analysis.walking.plate import (
-    PlateWrench,
-    RecordedWrench,
-    in_laboratory,
+    WrenchAtFrames,
     plate_centre,
     recorded_corners,
     rotation_from_rest,
@@ -46,8 +29,7 @@ from osl_analysis.walking.plate import (
 from osl_analysis.walking.plate_faults import check_plate, check_type_on_platform
 from osl_analysis.walking.plate_model import PlateModel
 from osl_analysis.walking.platform_jackknife import jackknife_rows
-from osl_analysis.walking.platform_model import ALONE, PlatformModel, inertial_motion, track_about
-from osl_analysis.walking.platform_shape import PlatformTemplate
+from osl_analysis.walking.platform_model import ALONE, PlatformModel, track_about
 from osl_analysis.walking.settings import CrossingSettings
 from osl_analysis.walking.translation import check_translation
 from osl_analysis.walking.visible_frames import check_gaps, rms_residual, rows_of_stance
@@ -96,7 +78,7 @@ class RecordedCrossing:
     settings: choices of the analysis.
     time: the marker frames (k,) [s].
     poses: poses by segment, in all frames.
-    plate: the plate's wrench without its zero.
+    plate: the plate's wrench at the marker frames, without its zero.
     zero: vertical force [N] of the zero; None if no zero was removed.
     stance: heel strike and toe-off.
     """
@@ -106,7 +88,7 @@ class RecordedCrossing:
     settings: CrossingSettings
     time: Array
     poses: Mapping[str, Poses]
-    plate: RecordedWrench
+    plate: WrenchAtFrames
     zero: float | None
     stance: Stance
 
@@ -121,12 +103,13 @@ class RecordedCrossing:
             time, poses[name] = segment_poses(trial, labels, cluster, settings)
         plate, zero = zeroed_wrench(trial, settings)
         limits = settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
-        force = plate.at(time, lag).force
+        at_frames = plate.at_frames(time)
+        force = at_frames.late_by(lag).force
         check_vertical(force)
         vertical = force[:, 2]
         stance = only_stance(find_stances(time, vertical, *limits))
         check_plate(trial, settings.plate, stance, vertical)
-        return cls(trial, calibration, settings, time, poses, plate, zero, stance)
+        return cls(trial, calibration, settings, time, poses, at_frames, zero, stance)
 
     def onset(self, perturbed: bool, platform: PlatformModel) -> float | None:
         """Onset [s] of the perturbation, checked against the sheet, the stance and hidden markers."""
@@ -146,17 +129,18 @@ class RecordedCrossing:
 
     def analysed(self, model: PlateModel, platform: PlatformModel, onset: float | None) -> Crossing:
         """Filtered angle and torque over stance, with their quality."""
-        rows = rows_of_stance(self.time, self.poses, self.stance)
-        time, poses = self.time[rows], {name: self.filtered(name, rows) for name in SEGMENTS}
-        theta = ankle_angle(poses["foot"], poses["shank"], self.calibration.ankle_axis)
-        motion = self.inertial_motion(rows, platform, platform.template)
-        reaction, centre = self.reaction(rows, poses["platform"], model, motion)
-        ankle, axis = ankle_in_lab(poses["foot"], poses["shank"], self.calibration)
-        load = load_on_foot(reaction, centre, ankle, axis)
-        torque = self.torque(rows, poses, model, motion)
-        without_plate = [self.torque(rows, poses, other, motion) - torque for other in model.leave_one_out]
+        crossing = self.filtered_crossing()
+        time, poses, (ankle, axis) = crossing.time, crossing.poses, crossing.ankle
+        follows = platform.followed(self.trial.name)
+        motion, wrench = crossing.motion(platform.template, follows), crossing.wrench(model.delay)
+        load = load_on_foot(*crossing.reaction(wrench, model.inertia, motion), ankle, axis)
+        torque = crossing.torque(wrench, model.inertia, motion)
+        without_plate = [
+            crossing.torque(crossing.wrench(other.delay), other.inertia, motion) - torque
+            for other in model.leave_one_out
+        ]
         without_crossings = [
-            self.torque(rows, poses, model, self.inertial_motion(rows, platform, other)) - torque
+            crossing.torque(wrench, model.inertia, crossing.motion(other, follows)) - torque
             for other in platform.leave_out
         ]
         phase = (time - self.stance.heel_strike) / self.stance.duration
@@ -169,65 +153,43 @@ class RecordedCrossing:
             {name: rms_residual(pose[inside]) for name, pose in poses.items()},
             self.zero,
             self.placement(time, poses["foot"]),
-            encoder_check(self.trial, time, theta, self.settings.low_pass),
+            encoder_check(self.trial, time, crossing.theta, self.settings.low_pass),
             self.outside(time, poses["foot"]),
         )
         return Crossing(
             name=self.trial.name,
             time=time,
-            theta=theta,
+            theta=crossing.theta,
             torque=torque,
-            platform=rotation_from_rest(self.poses["platform"])[rows],
+            platform=rotation_from_rest(self.poses["platform"])[crossing.rows],
             stance=self.stance,
             onset=onset,
             bridged=float(np.mean(bridged[inside])),
             quality=quality,
             plate_errors=np.reshape(jackknife_rows(without_plate, without_crossings), (-1, len(torque))),
             load=load,
-            turn=None if onset is None else self.turn(time, poses, onset),
+            turn=None if onset is None else self.turn(crossing, onset),
         )
 
-    def turn(self, time: Array, poses: Mapping[str, Poses], onset: float) -> float:
+    def turn(self, crossing: FilteredCrossing, onset: float) -> float:
         """Turn [rad] of the platform in the window, toes up positive."""
-        axis = ankle_in_lab(poses["foot"], poses["shank"], self.calibration)[1]
-        return platform_turn(time, poses["platform"], axis, (onset, onset + self.settings.window_s))
+        window = onset, onset + self.settings.window_s
+        return platform_turn(crossing.time, crossing.poses["platform"], crossing.ankle[1], window)
+
+    def filtered_crossing(self) -> FilteredCrossing:
+        """The crossing through the low-pass, over its stance."""
+        rows = rows_of_stance(self.time, self.poses, self.stance)
+        poses, begins = {name: self.filtered(name, rows) for name in SEGMENTS}, float(self.time[rows][0])
+        centre = plate_centre(self.trial, self.settings.plate)
+        seen = self.trial.name, self.time, self.poses["platform"]
+        track = track_about(*seen, self.calibration, self.settings, begins)
+        return FilteredCrossing(rows, poses, self.plate, track, centre, self.calibration, self.settings)
 
     def filtered(self, name: str, rows: slice) -> Poses:
         """Filtered poses of a segment in some rows."""
         cluster, labels = getattr(self.calibration, name), getattr(self.settings.markers, name)
         reference = reference_positions(cluster, labels, self.trial.name)
         return filtered_poses(self.poses[name][rows], reference, self.settings.low_pass, sampling_rate(self.time))
-
-    def torque(self, rows: slice, poses: Mapping[str, Poses], model: PlateModel, motion: BodyMotion) -> Array:
-        """Internal plantarflexion moment (n,) [N*m] from filtered poses in some rows and the filtered wrench.
-
-        `motion` is the plate's, for its own inertia.
-        """
-        time, calibration, foot = self.time[rows], self.calibration, self.settings.foot
-        reaction, centre_now = self.reaction(rows, poses["platform"], model, motion)
-        ankle, axis = ankle_in_lab(poses["foot"], poses["shank"], calibration)
-        torque = ankle_torque(reaction, centre_now, ankle, axis)
-        if foot is None:
-            return torque
-        inertia = FootInertia(foot.mass_kg, np.array(foot.centre_of_mass_m), foot.inertia_kg_m2)
-        moved = body_motion(time, poses["foot"], calibration.ankle_centre + inertia.centre_of_mass)
-        return torque + foot_torque(moved, ankle, axis, inertia)
-
-    def reaction(
-        self, rows: slice, platform: Poses, model: PlateModel, motion: BodyMotion
-    ) -> tuple[PlateWrench, Array]:
-        """Ground reaction on the foot in some rows, and the plate's centre (n, 3) [m], about which its moment acts."""
-        centre = plate_centre(self.trial, self.settings.plate)
-        wrench = self.plate.at(self.time, model.delay).filtered(self.settings.low_pass, sampling_rate(self.time))[rows]
-        return in_laboratory(wrench - model.inertia.wrench(motion), platform, centre)
-
-    def inertial_motion(self, rows: slice, platform: PlatformModel, template: PlatformTemplate | None) -> BodyMotion:
-        """Motion of the plate's centre in some rows: by the shape that crossings share, if this one follows it."""
-        time, centre = self.time[rows], plate_centre(self.trial, self.settings.plate)
-        track = track_about(self.trial, self.calibration, self.settings, float(time[0]))
-        first = int(np.searchsorted(track.time, time[0] - 1e-9))
-        motion = inertial_motion(track, centre, template, platform.followed(self.trial.name))
-        return motion[first : first + len(time)]
 
     def outside(self, time: Array, foot: Poses) -> float:
         """Largest distance [m] by which a foot marker lies outside the plate while the foot is flat."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import BSpline, make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from osl_analysis.columns import AXES, plate_columns
@@ -41,7 +41,8 @@ class PlateWrench:
 
     def filtered(self, low_pass: LowPass, rate: float) -> "PlateWrench":
         """The wrench through a low-pass, at the sampling `rate` [Hz]."""
-        return PlateWrench(low_pass(self.force, rate), low_pass(self.moment, rate))
+        smooth = low_pass(self.components(), rate)
+        return PlateWrench(smooth[:, :3], smooth[:, 3:])
 
     def components(self) -> Array:
         """Force and moment side by side (n, 6) [N, N*m]."""
@@ -59,16 +60,38 @@ class RecordedWrench:
     time: Array
     wrench: PlateWrench
 
-    def at(self, marker_time: Array, lag: float = 0.0) -> PlateWrench:
-        """The wrench at the marker frames (n,) [s], read `lag` [s] later to remove the delay of a plate that is late.
+    def at_frames(self, marker_time: Array) -> "WrenchAtFrames":
+        """The wrench for the marker frames (n,) [s], to be read with any delay of the plate.
 
         A zero-phase low-pass at a third of the marker rate prevents aliasing. It attenuates a fifteenth of that rate
         (20 Hz at 300 Hz) by less than 1e-5, which is negligible beside the filter of the analysis.
         """
         anti_alias = LowPass(sampling_rate(marker_time) * ANTI_ALIAS)
         smooth = anti_alias(self.wrench.components(), sampling_rate(self.time))
-        read = np.clip(marker_time + lag, self.time[0], self.time[-1])
-        sampled = make_interp_spline(self.time, smooth, k=3)(read)
+        ends = float(self.time[0]), float(self.time[-1])
+        return WrenchAtFrames(marker_time, make_interp_spline(self.time, smooth, k=3), ends)
+
+    def at(self, marker_time: Array, lag: float = 0.0) -> PlateWrench:
+        """The wrench at the marker frames (n,) [s], read `lag` [s] later to remove the delay of a late plate."""
+        return self.at_frames(marker_time).late_by(lag)
+
+
+@dataclass(frozen=True)
+class WrenchAtFrames:
+    """A plate's wrench without what would alias at the marker frames.
+
+    time: the marker frames (n,) [s].
+    spline: the six components (6,) [N, N*m] at any time.
+    ends: first and last stamp [s] of the plate, between which it is read.
+    """
+
+    time: Array
+    spline: BSpline
+    ends: tuple[float, float]
+
+    def late_by(self, lag: float) -> PlateWrench:
+        """The wrench (n, 3) of a plate that is late by `lag` [s]: it is read that much later."""
+        sampled = self.spline(np.clip(self.time + lag, *self.ends))
         return PlateWrench(sampled[:, :3], sampled[:, 3:])
 
 

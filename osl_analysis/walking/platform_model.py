@@ -11,7 +11,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import runs
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import Calibrations, StaticCalibration, calibration_of
-from osl_analysis.walking.cluster import BodyMotion, Mask, reference_positions, segment_poses
+from osl_analysis.walking.cluster import BodyMotion, Mask, Poses, reference_positions, segment_poses
 from osl_analysis.walking.plate import rotation_from_rest
 from osl_analysis.walking.platform_jackknife import without_groups
 from osl_analysis.walking.platform_motion import PlatformTrack, shared_directions
@@ -149,20 +149,19 @@ def turning_track(trial: Trial, calibration: StaticCalibration, settings: Platfo
     turned = np.nan_to_num(rotation_from_rest(poses))
     if not len(turned) or turned.max() < np.deg2rad(settings.perturbation_deg):
         raise InputError(f"the platform does not turn by {settings.perturbation_deg:g} deg")
-    return track_about(trial, calibration, settings, float(time[np.argmax(turned)]))
+    return track_about(trial.name, time, poses, calibration, settings, float(time[np.argmax(turned)]))
 
 
 def track_about(
-    trial: Trial, calibration: StaticCalibration, settings: PlatformSettings, instant: float
+    trial: str, time: Array, poses: Poses, calibration: StaticCalibration, settings: PlatformSettings, instant: float
 ) -> PlatformTrack:
-    """The platform's coordinates in the run of seen frames about an instant [s]."""
+    """The platform's coordinates in the run of seen frames about an instant [s], from its poses at times (n,) [s]."""
     labels = settings.markers.platform
-    time, poses = segment_poses(trial, labels, calibration.platform, settings)
-    reference = reference_positions(calibration.platform, labels, trial.name)
+    reference = reference_positions(calibration.platform, labels, trial)
     around = [run for run in runs(poses.seen()) if time[run.start] <= instant <= time[run.stop - 1]]
     if not around:
         raise InputError(f"the platform markers {', '.join(labels)} are hidden at {instant:.3f} s")
-    return PlatformTrack.of(trial.name, time[around[0]], poses[around[0]], reference, settings.low_pass)
+    return PlatformTrack.of(trial, time[around[0]], poses[around[0]], reference, settings.low_pass)
 
 
 def inertial_motion(
@@ -173,15 +172,14 @@ def inertial_motion(
     Until the shape ends, a crossing that `follows` it moves by the shape. Otherwise, and afterwards, it moves as
     measured, along its own directions.
     """
-    own = shared_directions([track])[0]
     if template is None or follows is None:
+        own = shared_directions([track])[0]
         motion, weights = track.own_motion(own, centre)
         return motion.weighted(weights)
     since = (track.time - follows.start) / follows.duration
     end = float(template.time[-1]) - FADE_S
     shared = (follows.offset + template.curve(track.time, follows)) @ template.axes
-    rest = track.rest()
-    rest = rest - rest @ template.axes.T @ template.axes
+    rest = track.rest - track.rest @ template.axes.T @ template.axes
     later = np.clip((since - end) / FADE_S, 0, 1)[:, None]
     measured = track.measured @ template.axes.T @ template.axes
     motion = track.motion_of(rest + (1 - later) * shared + later * measured, centre)
@@ -193,7 +191,7 @@ def moves_with(track: PlatformTrack, template: PlatformTemplate, follows: Alignm
     sharper = float(np.sqrt(template.crossings))
     curve = track.low_pass(template.curve(track.time, follows), track.rate)
     shared = replace(track, filtered=curve, noise=track.noise / sharper).moves(np.eye(curve.shape[1]))
-    return np.asarray(np.where(since < end, shared, track.moves(np.eye(6))))
+    return np.asarray(np.where(since < end, shared, track.moving))
 
 
 def platform_table(model: PlatformModel) -> pl.DataFrame:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -68,9 +69,15 @@ class PlatformTrack:
         inside = (self.time > self.time[0] + self.spread) & (self.time < self.time[-1] - self.spread)
         return np.asarray(inside & moving(self.time, self.filtered @ axes.T, self.noise, self.low_pass))
 
+    @cached_property
+    def moving(self) -> Mask:
+        """Frames (n,) in which the platform moves along any direction."""
+        return self.moves(np.eye(6))
+
+    @cached_property
     def rest(self) -> Array:
         """Coordinates (6,) [m] at rest: their mean while the platform rests, until it moves fastest."""
-        resting = gate(self.time, self.moves(np.eye(6)), self.spread) == 0
+        resting = gate(self.time, self.moving, self.spread) == 0
         fastest = int(np.argmax(speed(self.time, self.filtered)))
         before = resting & (self.time < self.time[fastest])
         if before.sum() < FEWEST_FRAMES:
@@ -79,14 +86,13 @@ class PlatformTrack:
 
     def displaced(self) -> Array:
         """Filtered coordinates (k, 6) [m] from rest, in the frames in which the platform moves."""
-        near = gate(self.time, self.moves(np.eye(6)), self.spread) > 0
-        return np.asarray((self.filtered - self.rest())[near])
+        near = gate(self.time, self.moving, self.spread) > 0
+        return np.asarray((self.filtered - self.rest)[near])
 
     def own_motion(self, axes: Array, centre: Array) -> tuple[BodyMotion, Array]:
         """Motion of the point that rests at `centre` (3,) [m], as measured along the directions (r, 6), and weights
         (n,) that are 0 where the platform rests."""
-        rest = self.rest()
-        motion = self.motion_of(rest + (self.measured - rest) @ axes.T @ axes, centre)
+        motion = self.motion_of(self.rest + (self.measured - self.rest) @ axes.T @ axes, centre)
         return motion, gate(self.time, self.moves(axes), self.spread)
 
     def motion_of(self, coordinates: Array, centre: Array) -> BodyMotion:

@@ -89,7 +89,7 @@ def alternated(
 
 def middle_of_rise(track: PlatformTrack) -> tuple[float, float]:
     """Time [s] at which the largest displacement from rest is half reached, and that displacement [m]."""
-    moved = np.linalg.norm(track.filtered - track.rest(), axis=1)
+    moved = np.linalg.norm(track.filtered - track.rest, axis=1)
     top = float(moved.max())
     row = int(np.argmax(moved > top / 2))
     share = (top / 2 - moved[row - 1]) / (moved[row] - moved[row - 1]) if row else 1.0
@@ -110,6 +110,6 @@ def common_directions(tracks: Sequence[PlatformTrack], ends: tuple[float, float]
 def first_alignment(track: PlatformTrack, axes: Array) -> Alignment:
     """A motion by the middle of its rise, with the sign of its largest displacement along the first direction."""
     middle, _ = middle_of_rise(track)
-    moved = (track.filtered - track.rest()) @ axes.T
+    moved = (track.filtered - track.rest) @ axes.T
     size = float(moved[np.argmax(np.abs(moved[:, 0])), 0])
-    return Alignment(track.name, middle, 0.0, size, 1.0, 0.0, 0.0, track.rest() @ axes.T, 0.0, True)
+    return Alignment(track.name, middle, 0.0, size, 1.0, 0.0, 0.0, track.rest @ axes.T, 0.0, True)

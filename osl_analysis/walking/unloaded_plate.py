@@ -1,6 +1,7 @@
 """A trial of the unloaded, moving platform: its motion, the plate's wrench, and whether the motion was seen."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -10,7 +11,14 @@ from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.ankle import StaticCalibration
 from osl_analysis.walking.cluster import BodyMotion, Poses, gap_duration, reference_positions, segment_poses
 from osl_analysis.walking.labels import exchanged_labels
-from osl_analysis.walking.plate import PlateWrench, RecordedWrench, plate_centre, recorded_wrench, rotation_from_rest
+from osl_analysis.walking.plate import (
+    PlateWrench,
+    RecordedWrench,
+    WrenchAtFrames,
+    plate_centre,
+    recorded_wrench,
+    rotation_from_rest,
+)
 from osl_analysis.walking.plate_inertia import noise_squares
 from osl_analysis.walking.platform_motion import PlatformTrack
 from osl_analysis.walking.platform_rank import gate, gated_noise
@@ -69,10 +77,15 @@ class UnloadedRecording:
         """Values in `rows`, shape (n, ...), through the low-pass of the identification."""
         return self.plate_low_pass(values, sampling_rate(self.time))
 
+    @cached_property
+    def at_frames(self) -> WrenchAtFrames:
+        """The wrench at the marker frames, with any lag."""
+        return self.recorded.at_frames(self.time)
+
     def wrench_at(self, lag: float) -> PlateWrench:
         """The wrench in `rows`, read a lag [s] later, through both low-passes."""
         rate = sampling_rate(self.time)
-        once = self.recorded.at(self.time, lag).filtered(self.low_pass, rate)
+        once = self.at_frames.late_by(lag).filtered(self.low_pass, rate)
         return once[self.rows].filtered(self.plate_low_pass, rate)
 
 
@@ -117,7 +130,7 @@ def whole_motions(track: PlatformTrack) -> slice:
     milliseconds, and the plate's mass by a tenth.
     """
     count, n = max(round(EDGE_S * track.rate), 5), len(track.time)
-    moves = track.moves(np.eye(6))
+    moves = track.moving.copy()
     ends = slice(0, count), slice(n - count, n)
     for end in ends:
         moves[end] |= end_speed(track.time[end], track.measured[end]) > STILL * track.noise

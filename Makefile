@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
 
-.PHONY: reproduce-all test test-kernels test-browser setup check lock
+.PHONY: reproduce-all test test-kernels test-browser test-package setup check lock dist
 
 reproduce-all: $(READY)
 	$(BIN)/snakemake reproduce-all
@@ -21,6 +21,15 @@ test-kernels: $(READY)
 # The report in headless Chromium (Debian: apt-get install chromium chromium-driver).
 test-browser: $(READY)
 	$(BIN)/python -m pytest -m browser -n0 tests/browser
+
+# Wheel and sdist, built twice and compared, then installed and used in new environments.
+test-package: $(READY)
+	$(BIN)/python tests/package.py
+
+# Wheel and sdist in dist/. Their bytes depend on the files alone.
+dist: $(READY)
+	rm -rf dist
+	$(BIN)/python -m build --no-isolation --outdir dist
 
 setup: $(READY)
 

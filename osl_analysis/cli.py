@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from osl_analysis.cli_campaign import doctor, init, run, watch
+from osl_analysis.cli_campaign import completion, doctor, init, run, watch
 from osl_analysis.cli_design import design, gains
 from osl_analysis.cli_options import (
     AS_JSON,
@@ -35,6 +35,7 @@ main.add_command(init)
 main.add_command(run)
 main.add_command(doctor)
 main.add_command(watch)
+main.add_command(completion)
 main.add_command(gains)
 main.add_command(design)
 

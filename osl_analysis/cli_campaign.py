@@ -96,6 +96,19 @@ def watch(folder: Path, source: Path | None, output: Path, config_path: Path) ->
             say(line)
 
 
+@click.command(epilog="Example: osl-analysis completion bash >> ~/.bashrc")
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print the lines with which a shell completes commands, options and files of osl-analysis."""
+    from click.shell_completion import get_completion_class
+
+    from osl_analysis.cli import main
+
+    made = get_completion_class(shell)
+    if made is not None:
+        click.echo(made(main, {}, "osl-analysis", "_OSL_ANALYSIS_COMPLETE").source())
+
+
 def print_first_look(folder: Path) -> None:
     """Print what the first bench trials of a campaign give, or why nothing can be said."""
     from osl_analysis.commands.first_look import first_look

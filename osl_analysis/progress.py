@@ -27,7 +27,7 @@ STAGES = {
     "study": r"study",
     "tables and page": r"",
 }
-"""By stage: what the names of its rules begin with. The first that fits counts."""
+"""By stage: what the names of its rules begin with, behind the prefix of a module. The first that fits counts."""
 NOISE = re.compile(
     r"Building DAG|Assuming unrestricted|Using |Provided cores|Rules claiming|Select jobs|Execute \d|Complete log|"
     r"Elapsed time|host: |Finished job|SNAKEMAKE|\s*$"
@@ -63,7 +63,7 @@ class Stage:
 
 def stage_of(rule: str) -> str:
     """The stage of a rule."""
-    return next(name for name, begins in STAGES.items() if re.match(begins, rule))
+    return next(name for name, begins in STAGES.items() if re.search(f"(^|_)({begins})", rule))
 
 
 @dataclass
@@ -81,7 +81,7 @@ class Progress:
     def plan(self, jobs_of_rules: Mapping[str, int]) -> None:
         """Learn how many jobs each rule has; what has none of its own stages, as the target, does not count."""
         for rule, count in jobs_of_rules.items():
-            if rule not in ("total", "reproduce-all", "study"):
+            if not re.fullmatch(r"total|(\w+_)?(reproduce-all|study)", rule):
                 self.stages.setdefault(stage_of(rule), Stage(0)).total += count
 
     def begin(self, job: int, rule: str, logs: Iterable[str]) -> None:

@@ -68,6 +68,16 @@ def test_a_rule_of_no_other_stage_makes_tables(rule):
     assert stage_of(rule) == "tables and page"
 
 
+@pytest.mark.parametrize("prefix", ["", "osl_"])
+@pytest.mark.parametrize(
+    ("rule", "stage"),
+    [("simulate_belt", "simulate"), ("ingest", "read and check recordings"), ("fit_belt_trial", "fit"),
+     ("plot_numbers_fig4", "figures"), ("summarise_walking", "fit")],
+)  # fmt: skip
+def test_a_rule_has_its_stage_in_a_module_too(prefix, rule, stage):
+    assert stage_of(prefix + rule) == stage
+
+
 def record(event=None, text="", level=logging.INFO, **more):
     made = logging.LogRecord("snakemake", level, "", 0, text, (), None)
     made.__dict__ |= {"event": event, **more}

@@ -24,6 +24,7 @@ import pandas as pd
 from scipy.optimize import curve_fit
 from scipy.signal import butter, filtfilt
 
+from osl_analysis.bench.amplitude_fits import fits_by_amplitude
 from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
 from osl_analysis.bench.clocks import clock_drift_row
 from osl_analysis.bench.diagnostics import lowest_held_out_vaf
@@ -39,12 +40,13 @@ from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.bench.torque_lag import torque_lag_row
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.simulate import row_of_trial, simulate_trial
-from osl_analysis.config import DEFAULT_CONFIG, read_section
+from osl_analysis.config import read_section
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.protocol.likeness import likeness
 from osl_analysis.second_order import impedance_columns
+from osl_analysis.shipped import default_config
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.table import write_table
@@ -130,7 +132,7 @@ def stages(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> Itera
     yield "blocks", lambda: find_blocks(signals.time, signals["theta"], s.protocol, motion.runs)
     yield "filter", lambda: [s.low_pass(signals[name], signals.rate_hz) for name in ("theta", "torque")]
     yield "derivatives", lambda: seven_point_motion(trial.time, trial.motion.theta, trial.rate_hz)
-    yield "fits with covariance", lambda: [impedance_of(replace(trial), amplitude) for amplitude in amplitudes]
+    yield "fits with covariance", lambda: fits_by_amplitude(replace(trial), impedance_columns)
     yield "held-out VAF", lambda: [lowest_held_out_vaf(trial, a, fit, impedance_columns) for a, _, fit in fits]
     yield "phasors", lambda: trial_phasors(replace(trial))
     yield "nonlinearity", lambda: [rendered_nonlinearity_row(chosen, fit) for _, chosen, fit in fits]
@@ -154,7 +156,7 @@ def job(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> None:
 
 
 def main() -> None:
-    settings = read_section(DEFAULT_CONFIG, "dynamometer", DynamometerAnalysis)
+    settings = read_section(default_config(), "dynamometer", DynamometerAnalysis)
     p = read_parameters(DEVICE)
     with tempfile.TemporaryDirectory() as folder:
         path = recorded_trial(Path(folder))

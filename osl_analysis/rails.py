@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import polars as pl
 
 from osl_analysis.columns import unit_of
 from osl_analysis.errors import InputError
@@ -103,19 +104,24 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
     `torque` are times [s] and values. The angle must come to the extreme, and leave it, with a corner.
     """
     when, values = torque
-    distinct = np.unique(theta)
-    if distinct.size < 2 or not when.size or not np.ptp(values):
+    if not theta.size or not np.ptp(theta) or not when.size or not np.ptp(values):
         return 0
-    step = float(np.min(np.diff(distinct)[np.diff(distinct) > 1e-9 * np.ptp(theta)], initial=np.ptp(theta)))
     noise = float(np.median(np.abs(np.diff(values, 3)))) / 3.016 if values.size > 3 else np.inf  # of white noise
     changes = max(CERTAIN * noise, CREEP * float(np.ptp(values)))
     longest = 0
-    for end in (distinct[0], distinct[-1]):
+    for end in (theta.min(), theta.max()):
         for run in runs(theta == end):
             count = run.stop - run.start
             within = values[slice(*np.searchsorted(when, (time[run.start], time[run.stop - 1])))]
             if count > max(FEWEST, longest) and within.size > 1 and np.ptp(within) > changes:
                 sides = (run.start - count // 2, run.stop - 1 + count // 2)
                 moved = [abs(theta[at] - end) for at in sides if 0 <= at < theta.size]
-                longest = count if moved and min(moved) > CORNER * step else longest
+                longest = count if moved and min(moved) > CORNER * smallest_step(theta) else longest
     return longest
+
+
+def smallest_step(values: Array) -> float:
+    """Smallest difference between two values (n,), but for errors of rounding."""
+    span = float(np.ptp(values))
+    apart = np.diff(pl.Series(values).unique().sort().to_numpy())
+    return float(np.min(apart[apart > 1e-9 * span], initial=span))

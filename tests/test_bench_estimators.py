@@ -15,7 +15,7 @@ from osl_analysis.bench.estimators import (
     modulating_function,
 )
 from osl_analysis.bench.segments import Block, Segment, settled
-from osl_analysis.bench.stepped_sine import RawSignals
+from osl_analysis.bench.settled_signals import RawSignals
 from osl_analysis.errors import InputError
 from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.second_order import impedance_torque

@@ -100,7 +100,7 @@ def test_the_variance_of_rounding_is_what_rounding_with_every_zero_of_the_encode
     """
     step = 2 * np.pi / 2**14
     time, theta, omega, _, segments = whole_sines(phase, step, 0.0)
-    rows, cycles = rows_of(segments), repeated_cycles(segments)
+    rows = rows_of(segments)
     X = np.column_stack([theta[rows], omega[rows], np.ones(len(rows))])
     influence, errors = X @ np.linalg.inv(X.T @ X), []
     for zero in step * (np.arange(64) + 0.5) / 64:
@@ -108,7 +108,7 @@ def test_the_variance_of_rounding_is_what_rounding_with_every_zero_of_the_encode
         errors.append(influence.T @ np.concatenate([through_joint(error[segment.rows]) for segment in segments]))
     expected = np.cov(np.transpose(errors))
     seen = Rounded(step, whole_sines(phase, step, 0.3 * step)[3], theta, time, time)
-    found = RepeatedRounding(seen, 300 * theta + 30 * omega, segments, cycles).covariance(influence)
+    found = RepeatedRounding(seen, 300 * theta + 30 * omega, segments).covariance(influence, np.eye(3))
     size = np.sqrt(np.diag(expected))[:2]
     np.testing.assert_allclose(found[:2, :2] / np.outer(size, size), expected[:2, :2] / np.outer(size, size), atol=0.12)
 
@@ -128,8 +128,9 @@ def test_rounding_that_differs_from_cycle_to_cycle_is_not_counted_twice():
         X = np.column_stack([theta, omega, np.ones(len(time))])[rows]
         influence = X @ np.linalg.inv(X.T @ X)
         seen = Rounded(step, rounded, theta, time, time)
-        found = RepeatedRounding(seen, 300 * theta, segments, cycles).covariance(influence)
-        spread, _ = between_cycles(influence * (300 * (rounded - theta)[rows])[:, None], cycles)
+        found = RepeatedRounding(seen, 300 * theta, segments).covariance(influence, np.eye(3))
+        errors = influence * (300 * (rounded - theta)[rows])[:, None]
+        spread, _ = between_cycles(sums_between(errors, cycles.first, cycles.stop), cycles.stratum)
         added[rate] = found[1, 1] / spread[1, 1]
     assert added[1000.0] > 100
     assert added[1013.0] < 0.5
@@ -201,8 +202,8 @@ def test_columns_between_their_rows_are_those_of_numpy_beyond_their_ends_too():
     rng = np.random.default_rng(4)
     time, values = np.sort(rng.random(50)), rng.standard_normal((50, 3))
     at = np.concatenate([[-1.0, 0.0], np.sort(rng.random(200)), time, [1.0, 2.0]])
-    expected = np.array([np.interp(at, time, column) for column in values.T]).T
-    np.testing.assert_allclose(interpolated(at, time, values), expected, rtol=0, atol=1e-13)
+    expected = np.array([np.interp(at, time, column) for column in values.T])
+    np.testing.assert_allclose(interpolated(at, time, values.T), expected, rtol=0, atol=1e-13)
 
 
 def test_a_signal_that_is_fitted_itself_follows_its_own_rounding_whole():
@@ -211,17 +212,16 @@ def test_a_signal_that_is_fitted_itself_follows_its_own_rounding_whole():
     smooth = 0.1 * np.sin(2 * np.pi * time)
     rounded = Rounded(1e-3, smooth, smooth, time, time)
     segment = Segment(0.1, 1.0, 0.0, 5000.0, 10)
-    cycles = repeated_cycles([segment])
-    itself, copy = (RepeatedRounding(rounded, fitted, [segment], cycles) for fitted in (smooth, smooth.copy()))
+    itself, copy = (RepeatedRounding(rounded, fitted, [segment]) for fitted in (smooth, smooth.copy()))
     assert itself.transfer(segment) == (1.0, 0.0)
     assert copy.transfer(segment) == pytest.approx((1.0, 0.0), abs=1e-12)
 
 
-def test_each_piece_keeps_the_signal_between_its_own_rows():
-    """A cubic through samples 2 ms apart knows sin(t) to 1e-12 (h^4/384); pieces of equal length lie 3 s apart."""
-    time = np.arange(5000) / 500
-    sampled = time + 7e-4
-    rounded = Rounded(1e-3, np.sin(time), np.sin(time), time, sampled)
-    for start in (1000, 2500, 1000):
-        found = rounded.smooth_between(slice(start, start + 500), start + 10, start + 400)
-        np.testing.assert_allclose(found, np.sin(sampled[start + 10 : start + 400]), rtol=0, atol=1e-9)
+def test_the_smooth_signal_is_known_when_the_sensor_took_its_samples():
+    """A cubic through samples 2 ms apart knows sin(t) to 1e-12 (h^4/384). The sensor began before the grid does."""
+    time = 0.3 + np.arange(5000) / 500
+    sampled = np.arange(6000) / 500 + 7e-4
+    found = Rounded(1e-3, np.sin(time), np.sin(time), time, sampled).smooth_when_sampled
+    inside = (sampled > time[0]) & (sampled < time[-1])
+    np.testing.assert_allclose(found[inside], np.sin(sampled[inside]), rtol=0, atol=1e-9)
+    assert (found[0], found[-1]) == (np.sin(time[0]), np.sin(time[-1]))

@@ -7,7 +7,8 @@ from conftest import multisine
 from hypothesis import given
 from hypothesis import strategies as st
 
-from osl_analysis.bench.transmission import fit_transmission, fit_transmission_with_coulomb, transmission_table
+from osl_analysis.bench.transmission import coulomb_columns, fit_transmission, transmission_table
+from osl_analysis.stats.regression import linear_fit
 
 
 @given(st.floats(0.05, 2), st.floats(0, 0.1), st.floats(-1, 1))
@@ -20,7 +21,7 @@ def test_recovers_the_losses_of_the_transmission(B_j, J_j, offset):
 def test_coulomb_friction_is_told_from_viscous():
     motion = multisine(1.0, 3.0, 5.0)
     torque = 0.45 * motion.omega + 0.005 * motion.alpha + 0.2 * np.tanh(motion.omega / 0.05)
-    fit = fit_transmission_with_coulomb(motion, torque)
+    fit = linear_fit(torque, coulomb_columns(motion))
     assert (fit["B_j"], fit["J_j"], fit["T_C"]) == pytest.approx((0.45, 0.005, 0.2), rel=1e-8)
     assert fit_transmission(motion, torque)["B_j"] > 0.46
 

@@ -7,12 +7,13 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import CubicSpline, make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import Motion
 from osl_analysis.timebase.counting import count_from_stamps
+from osl_analysis.timebase.cubic import cubic_between
 from osl_analysis.timebase.device_clock import device_clock, lower_edge
 from osl_analysis.timebase.drift import ClockDrift, SinePiece, check_drift, clock_drift
 from osl_analysis.timebase.gaps import GapLimits
@@ -672,3 +673,12 @@ def test_the_report_is_plain_json_with_every_number_that_provenance_states():
     assert angle["residual_sd_s"] == pytest.approx(2e-5, rel=0.05)
     assert (torque["missing"], torque["marked"], torque["why"]) == (100, 1, "even: the stamps lie on their line")
     assert torque["interpolation"] == "cubic spline on the device's even clock"
+
+
+@pytest.mark.parametrize("samples", [20, 60, 400])
+def test_the_spline_between_samples_is_scipys(samples):
+    rng = np.random.default_rng(samples)
+    times = np.cumsum(rng.uniform(0.5, 3, samples))
+    values, at = rng.standard_normal((samples, 2)), np.sort(rng.uniform(times[0], times[-1], 5 * samples))
+    before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, samples - 2)
+    np.testing.assert_allclose(cubic_between(times, values, at, before), CubicSpline(times, values)(at), atol=1e-12)

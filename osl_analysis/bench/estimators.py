@@ -10,7 +10,8 @@ from scipy.signal import fftconvolve, savgol_filter
 from osl_analysis.bench.alternatives import widened
 from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.segments import repeated_cycles, rows_of
-from osl_analysis.bench.stepped_sine import RawSignals, SteppedSineTrial
+from osl_analysis.bench.settled_signals import RawSignals
+from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.doubtful import EXCLUDED
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.second_order import impedance_columns

@@ -77,7 +77,7 @@ def phasors_of(trial: SteppedSineTrial, segment: Segment) -> SegmentPhasors:
     cycles, rounded = repeated_cycles([segment]), trial.rounded
     repeated = [
         [] if cycles is None or column not in rounded
-        else [RepeatedRounding(rounded[column], rounded[column].smooth, [segment], cycles)]
+        else [RepeatedRounding(rounded[column], rounded[column].smooth, [segment])]
         for column in ("theta", "torque")
     ]  # fmt: skip
     found = segment_phasors(trial.time, trial.theta, trial.torque, segment, repeated)

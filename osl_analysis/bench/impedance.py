@@ -7,6 +7,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.alternatives import check_stiffer, time_base_row, time_base_words, timebase_table, widened
+from osl_analysis.bench.amplitude_fits import fits_by_amplitude
 from osl_analysis.bench.clocks import clock_drift_row
 from osl_analysis.bench.diagnostics import lowest_held_out_vaf, over_amplitudes
 from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors, at_amplitude
@@ -80,7 +81,7 @@ def impedance_table(
     """
     rows: list[Row] = []
     clocks = clock_drift_row(trial)
-    for amplitude in (*(block.amplitude_deg for block in trial.blocks), None):
+    for amplitude in trial.amplitudes:
         fit = impedance_of(trial, amplitude)
         other = None if trial.other is None else impedance_of(trial.other, amplitude)
         check_stiffer(trial.name, "K", fit["K"], trial.bench)
@@ -107,10 +108,10 @@ def impedance_table(
 
 def impedance_of(trial: SteppedSineTrial, amplitude: float | None) -> LinearFit:
     """Eq. 15 fitted to one amplitude [deg] or to all of them (None), the error of the bench's stiffness included."""
-    if amplitude not in trial.fits:
-        fit = fit_impedance(*trial.part(amplitude), trial.residual_correlation(amplitude)).fit
-        softer = None if trial.softer is None else impedance_of(trial.softer, amplitude)
-        trial.fits[amplitude] = widened(fit, softer)
+    if not trial.fits:
+        softer = {} if trial.softer is None else fits_by_amplitude(trial.softer, impedance_columns)
+        fits = fits_by_amplitude(trial, impedance_columns)
+        trial.fits.update({one: widened(fit, softer.get(one)) for one, fit in fits.items()})
     return trial.fits[amplitude]
 
 

@@ -12,7 +12,7 @@ from osl_analysis.bench.load_cell_drift import without_drift
 from osl_analysis.bench.moving_rows import band_of, fitted_pieces, rows_inside, stretches_of
 from osl_analysis.bench.segments import Segment
 from osl_analysis.bench.settings import BenchStiffness, ImpedanceAnalysis
-from osl_analysis.bench.stepped_sine import RawSignals
+from osl_analysis.bench.settled_signals import RawSignals
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.protocol.likeness import moving_bins
 from osl_analysis.second_order import impedance_columns
@@ -40,10 +40,10 @@ class UnfilteredNoise(ResidualCorrelation):
     is correlated with both signs at the frequencies of the columns: Bartlett's weights then lose up to a tenth of it.
     """
 
-    def covariance(self, influence: Array, residual: Array, window: int) -> tuple[Array, Array, str]:
+    def covariance(self, X: Array, inverse: Array, residual: Array, window: int) -> tuple[Array, Array, str]:
         """As `ResidualCorrelation.covariance`."""
         noise = residual if self.filtered_off is None else residual + self.filtered_off
-        return *moving_sums(influence * noise[:, None], window, slow=True), self.method
+        return *moving_sums(X @ inverse * noise[:, None], window, slow=True), self.method
 
 
 @dataclass(frozen=True)

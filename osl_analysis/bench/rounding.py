@@ -2,20 +2,20 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
-from osl_analysis.bench.segments import Segment, rows_of
-from osl_analysis.stats.covariance import Cycles, nearest_covariance
+from osl_analysis.bench.segments import Segment, repeated_cycles
+from osl_analysis.stats.covariance import nearest_covariance
 from osl_analysis.stats.rounding import (
     HARMONICS,
     noise_before_rounding,
     rounding_harmonics,
     scatter_between_cycles,
 )
+from osl_analysis.timebase.cubic import cubic_between
 from osl_analysis.trial import Array
 
 DITHERED = 1e-3
@@ -36,24 +36,53 @@ class Rounded:
     """Uniform times [s]."""
     sampled: Array
     """When the sensor took its samples, shape (k,) [s]."""
-    kept: dict[tuple[int, int, int, int], Array] = field(default_factory=dict, init=False, compare=False, repr=False)
-    """What `smooth_between` has found."""
+    kept: dict[Segment, Array] = field(default_factory=dict, init=False, compare=False, repr=False)
+    """What `surviving` has found."""
 
     @property
     def rate_hz(self) -> float:
         """Rate [Hz] of the grid."""
         return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
 
-    def smooth_between(self, piece: slice, low: int, high: int) -> Array:
-        """The smooth signal when the sensor took its samples `low` to `high`, in a piece of rows of the grid.
+    @cached_property
+    def smooth_when_sampled(self) -> Array:
+        """The smooth signal (k,) when the sensor took its samples; beyond the grid it is that of the grid's end."""
+        at = np.clip(self.sampled, self.time[0], self.time[-1])
+        row = ((at - self.time[0]) * self.rate_hz).astype(np.intp)
+        return cubic_between(self.time, self.smooth[:, None], at, np.minimum(row, len(self.time) - 2))[:, 0]
 
-        Every fit to the piece asks for it: it is kept.
+    def surviving(self, segment: Segment) -> Array:
+        """Share of each harmonic of the rounding that the noise before it leaves in the mean, (HARMONICS,).
+
+        The noise is what cycles differ by, beyond what the rounding of the smooth signal itself makes different. Every
+        fit to the segment asks for it: it is kept.
         """
-        key = (piece.start, piece.stop, low, high)
-        if key not in self.kept:
-            near = slice(max(piece.start - 2, 0), piece.stop + 2)
-            self.kept[key] = CubicSpline(self.time[near], self.smooth[near])(self.sampled[low:high])
-        return self.kept[key]
+        if segment not in self.kept:
+            rows, cycles = segment.rows, repeated_cycles([segment])
+            assert cycles is not None
+            smooth = self.smooth[rows]
+            seen = scatter_between_cycles(self.signal[rows] - smooth, cycles)
+            expected = scatter_between_cycles(self.step * np.rint(smooth / self.step) - smooth, cycles)
+            noise = noise_before_rounding(np.maximum(seen - expected, 0.0) / self.step**2)
+            self.kept[segment] = np.exp(-2 * (np.pi * noise * np.arange(1, HARMONICS + 1)) ** 2)
+        return self.kept[segment]
+
+
+@dataclass(frozen=True)
+class RoundingSums:
+    """What the rounding of a signal adds up to over cycles, beside columns (n, p) of a fit. Sums of segments add."""
+
+    total: Array
+    """Sums of columns times harmonics of the error over all cycles, shape (p, 2 HARMONICS)."""
+    shown: Array
+    """Part of their covariance that the spread between cycles has already, shape (p, p)."""
+
+    def __add__(self, other: "RoundingSums") -> "RoundingSums":
+        return RoundingSums(self.total + other.total, self.shown + other.shown)
+
+    def covariance(self, X: Array, inverse: Array) -> Array:
+        """Covariance (p, p) of the estimates of a fit to these columns X (n, p), as `RepeatedError` has it."""
+        return nearest_covariance(inverse.T @ (self.total @ self.total.T - self.shown) @ inverse)
 
 
 @dataclass(frozen=True)
@@ -71,41 +100,44 @@ class RepeatedRounding:
     fitted: Array
     """The smooth signal (n,) that is fitted: the torque where the angle was rounded, or the rounded signal itself."""
     segments: Sequence[Segment]
-    cycles: Cycles
-    """The cycles of the segments."""
 
-    def covariance(self, influence: Array) -> Array:
-        """Covariance (p, p) of estimates that change by `influence` (rows, p) with each row of what is fitted."""
-        p, first = influence.shape[1], 0
-        total, shown = np.zeros((p, HARMONICS), dtype=complex), np.zeros((p, p))
-        for segment, left in zip(self.segments, self.surviving(), strict=True):
-            rows = len(segment.rows)
-            if left[0] > DITHERED:
-                sums = left * np.array(list(self.cycle_sums(segment, influence[first : first + rows])))
-                total += sums.sum(axis=0)
-                apart = sums - sums.mean(axis=0)
-                shown += len(sums) / (len(sums) - 1) * np.einsum("mpk,mqk->pq", apart, apart.conj()).real
-            first += rows
-        return nearest_covariance((total @ total.conj().T).real - shown)
+    def covariance(self, X: Array, inverse: Array) -> Array:
+        """As `RepeatedError` has it, for a fit to all rows of the segments."""
+        first, *others = self.sums(X)
+        return sum(others, first).covariance(X, inverse)
 
-    def cycle_sums(self, segment: Segment, influence: Array) -> Iterator[NDArray[np.complex128]]:
-        """What the rounding in each cycle of a segment does to the estimates, (p, HARMONICS) each."""
+    def sums(self, X: Array) -> list[RoundingSums]:
+        """What each segment adds, beside columns X (rows of all segments, p)."""
+        ends = np.cumsum([len(segment.rows) for segment in self.segments])[:-1]
+        return [self.sums_of(one, own) for one, own in zip(self.segments, np.split(X, ends), strict=True)]
+
+    def sums_of(self, segment: Segment, X: Array) -> RoundingSums:
+        """What one segment adds, beside columns X (rows of the segment, p)."""
+        left, p = self.rounded.surviving(segment), X.shape[1]
+        if left[0] <= DITHERED:
+            return RoundingSums(np.zeros((p, 2 * HARMONICS)), np.zeros((p, p)))
+        sums = np.array(list(self.cycle_sums(segment, X))) * np.tile(left, 2)
+        apart = np.moveaxis(sums - sums.mean(axis=0), 1, 0).reshape(p, -1)
+        return RoundingSums(sums.sum(axis=0), len(sums) / (len(sums) - 1) * apart @ apart.T)
+
+    def cycle_sums(self, segment: Segment, X: Array) -> Iterator[Array]:
+        """Sums of columns X (rows of the segment, p) times harmonics of the error, (p, 2 HARMONICS) for each cycle."""
         signal, first = self.rounded, 0
         stiffness, damping = self.transfer(segment)
         for piece in segment.pieces:
             rows = slice(first, first + piece.stop - piece.start)
-            first, own = rows.stop, influence[rows]
-            # the error acts as stiffness e + damping de/dt; by parts, the derivative is the influence's
+            first, own = rows.stop, X.T[:, rows]
+            # the error acts as stiffness e + damping de/dt; by parts, the derivative is the column's
             weights = stiffness * own
             if damping:
-                weights -= damping * signal.rate_hz * np.gradient(own, axis=0)
+                weights -= damping * signal.rate_hz * np.gradient(own, axis=1)
             used = [k for k in segment.used if piece.start - 1 < segment.edges[k] < piece.stop - 1]
             edges = signal.time[0] + segment.edges[[*used, used[-1] + 1]] / signal.rate_hz
             low, *_, high = cuts = np.searchsorted(signal.sampled, edges)
             at = signal.sampled[low:high]
             per_row = signal.rate_hz * (edges[-1] - edges[0]) / len(at)
-            each = per_row * interpolated(at, signal.time[piece], weights).T
-            errors = rounding_harmonics(signal.smooth_between(piece, low, high), signal.step)
+            each = per_row * interpolated(at, signal.time[piece], weights)
+            errors = rounding_harmonics(signal.smooth_when_sampled[low:high], signal.step)
             yield from (each[:, i:j] @ errors[:, i:j].T for i, j in pairwise(cuts - low))
 
     def transfer(self, segment: Segment) -> tuple[float, float]:
@@ -113,33 +145,20 @@ class RepeatedRounding:
         if self.fitted is self.rounded.smooth:
             return 1.0, 0.0
         rows = segment.rows
-        smooth, w = self.rounded.smooth[rows], 2 * np.pi * segment.frequency_hz
-        phase = np.exp(-1j * w * self.rounded.time[rows])
-        ratio = np.sum((self.fitted[rows] - np.mean(self.fitted[rows])) * phase) / np.sum(
-            (smooth - np.mean(smooth)) * phase
-        )
-        return float(ratio.real), float(ratio.imag) / w
-
-    def surviving(self) -> Array:
-        """Share of each harmonic of the rounding that the noise before it leaves in the mean, (segments, HARMONICS).
-
-        The noise is what cycles differ by, beyond what the rounding of the smooth signal itself makes different.
-        """
-        signal, rows = self.rounded, rows_of(self.segments)
-        smooth = signal.smooth[rows]
-        seen = scatter_between_cycles(signal.signal[rows] - smooth, self.cycles)
-        rounded = signal.step * np.rint(smooth / signal.step)
-        expected = scatter_between_cycles(rounded - smooth, self.cycles)
-        noise = noise_before_rounding(np.maximum(seen - expected, 0.0) / signal.step**2)
-        return np.exp(-2 * (np.pi * noise[:, None] * np.arange(1, HARMONICS + 1)) ** 2)
+        w = 2 * np.pi * segment.frequency_hz
+        turn = w * self.rounded.time[rows]
+        waves = np.array([np.cos(turn), -np.sin(turn)])
+        fitted, smooth = (waves @ (x - np.mean(x)) for x in (self.fitted[rows], self.rounded.smooth[rows]))
+        ratio = complex(*fitted) / complex(*smooth)
+        return ratio.real, ratio.imag / w
 
 
 def interpolated(at: Array, time: Array, values: Array) -> Array:
-    """Values (k, p) at times `at` (k,) from those (n, p) at increasing times (n,), by straight lines; constant beyond.
+    """Values (p, k) at times `at` (k,) from those (p, n) at increasing times (n,), by straight lines; constant beyond.
 
-    As `np.interp` of each column, whose places are found once for all.
+    As `np.interp` of each row, whose places are found once for all.
     """
     row = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
-    share = np.clip((at - time[row]) / (time[row + 1] - time[row]), 0.0, 1.0)[:, None]
-    below = values[row]
-    return np.asarray(below + share * (values[row + 1] - below))
+    share = np.clip((at - time[row]) / (time[row + 1] - time[row]), 0.0, 1.0)
+    below = np.take(values, row, axis=1)
+    return np.asarray(below + share * (np.take(values, row + 1, axis=1) - below))

@@ -14,6 +14,7 @@ from osl_analysis.bench.rounding import RepeatedRounding, Rounded
 from osl_analysis.bench.segments import Block, Segment, repeated_cycles, rows_of, settled
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import BenchStiffness, SteppedSineAnalysis
+from osl_analysis.bench.settled_signals import RawSignals, Settled
 from osl_analysis.errors import InputError
 from osl_analysis.protocol.likeness import Likeness, likeness
 from osl_analysis.signals import LowPass, Motion, filtered_motion
@@ -22,26 +23,6 @@ from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.rounding import visible_step
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import UniformSignals, origin, uniform_signals
-
-
-@dataclass(frozen=True)
-class RawSignals:
-    """Raw signals of one stepped-sine trial, shape (n,) each, and the segments that are fitted."""
-
-    time: Array
-    """Time [s]."""
-    theta: Array
-    """Joint angle [rad]."""
-    command: Array | None
-    """Commanded joint angle [rad]; None if no log has it."""
-    torque: Array
-    """Resisting torque [N*m] without the load cell's drift."""
-    rate_hz: float
-    """Sampling rate [Hz]."""
-    segments: Sequence[Segment]
-    """The settled segments."""
-    repeated: Sequence[RepeatedError] = ()
-    """The rounding of angle and of torque as errors of the torque in the rows of the segments."""
 
 
 @dataclass(frozen=True)
@@ -96,15 +77,39 @@ class SteppedSineTrial:
         repeated = self.repeated_rounding(segments)
         return RawSignals(self.time, self.theta, self.command, self.torque, self.rate_hz, segments, repeated)
 
+    @property
+    def amplitudes(self) -> tuple[float | None, ...]:
+        """Amplitude [deg] of each block, then None for all of them."""
+        return (*(block.amplitude_deg for block in self.blocks), None)
+
     def parts(self) -> Iterator[tuple[float | None, Motion, Array]]:
         """Amplitude [deg], motion and filtered torque of each block's settled cycles, then of all (amplitude None)."""
-        for amplitude in (*(block.amplitude_deg for block in self.blocks), None):
+        for amplitude in self.amplitudes:
             yield amplitude, *self.part(amplitude)
 
     def part(self, amplitude: float | None) -> tuple[Motion, Array]:
         """Motion and filtered torque of the settled cycles of one amplitude [deg], or of all (None)."""
-        rows = rows_of(self.segments(amplitude))
-        return self.motion[rows], self.filtered_torque[rows]
+        rows = self.places(amplitude)
+        return self.settled.motion[rows], self.settled.torque[rows]
+
+    def places(self, amplitude: float | None) -> slice:
+        """Where the rows of one amplitude [deg], or of all (None), stand in `settled`."""
+        if amplitude is None:
+            return slice(None)
+        chosen = [bool(np.isclose(np.rad2deg(block.amplitude), amplitude)) for block in self.blocks]
+        rows = [sum(p.stop - p.start for s in one for p in s.pieces) for one in self.settled_blocks]
+        first = sum(rows[: chosen.index(True)])
+        return slice(first, first + sum(n for n, own in zip(rows, chosen, strict=True) if own))
+
+    @cached_property
+    def settled(self) -> Settled:
+        """The signals in the rows of all settled segments."""
+        pieces = [piece for segment in self.segments(None) for piece in segment.pieces]
+        theta, omega, alpha, torque, raw = (
+            np.concatenate([signal[piece] for piece in pieces])
+            for signal in (self.motion.theta, self.motion.omega, self.motion.alpha, self.filtered_torque, self.torque)
+        )
+        return Settled(Motion(theta, omega, alpha), torque, raw - torque)
 
     def segments(self, amplitude: float | None) -> tuple[Segment, ...]:
         """The settled, usable segments of one amplitude [deg], or of all (None); `parts` yields their rows."""
@@ -123,26 +128,29 @@ class SteppedSineTrial:
         fitted[rows_of(self.segments(None))] = True
         return Series(self.time, self.filtered_torque, modelled, self.motion.theta, fitted)
 
-    def residual_correlation(self, amplitude: float | None) -> ResidualCorrelation:
-        """How residuals in these rows depend on one another: the cycles repeat, and the filter correlates noise."""
+    def residual_correlation(
+        self, amplitude: float | None, repeated: Sequence[RepeatedError] | None = None
+    ) -> ResidualCorrelation:
+        """How residuals in these rows depend on one another: the cycles repeat, and the filter correlates noise.
+
+        `repeated` are the errors that the cycles repeat; None: the rounding of angle and torque.
+        """
         segments = self.segments(amplitude)
-        rows = rows_of(segments)
         return ResidualCorrelation(
             repeated_cycles(segments),
             self.low_pass.independent_samples(self.rate_hz),
-            filtered_off=self.torque[rows] - self.filtered_torque[rows],
-            repeated=self.repeated_rounding(segments),
+            filtered_off=self.settled.filtered_off[self.places(amplitude)],
+            repeated=self.repeated_rounding(segments) if repeated is None else repeated,
         )
 
-    def repeated_rounding(self, segments: Sequence[Segment]) -> list[RepeatedError]:
+    def repeated_rounding(self, segments: Sequence[Segment]) -> list[RepeatedRounding]:
         """The rounding of angle and torque, which the cycles of the segments may repeat, as errors of the torque.
 
         None where no step is known, or where cycles do not repeat.
         """
-        cycles = repeated_cycles(segments)
-        if cycles is None:
+        if repeated_cycles(segments) is None:
             return []
-        return [RepeatedRounding(one, self.filtered_torque, segments, cycles) for one in self.rounded.values()]
+        return [RepeatedRounding(one, self.filtered_torque, segments) for one in self.rounded.values()]
 
     @cached_property
     def rounded(self) -> Mapping[str, Rounded]:

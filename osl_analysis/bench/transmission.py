@@ -4,6 +4,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.alternatives import time_base_row, time_base_words, timebase_table, widened
+from osl_analysis.bench.amplitude_fits import fits_by_amplitude
 from osl_analysis.bench.clocks import clock_drift_row
 from osl_analysis.bench.diagnostics import lowest_held_out_vaf, summary_of_trials
 from osl_analysis.bench.frequency_response import at_amplitude, trial_phasors
@@ -42,12 +43,9 @@ def transmission_columns(motion: Motion) -> dict[str, Array]:
     return {"B_j": motion.omega, "J_j": motion.alpha, "offset": np.ones_like(motion.omega)}
 
 
-def fit_transmission_with_coulomb(
-    motion: Motion, torque: Array, residuals: ResidualCorrelation = NO_REPEATS
-) -> LinearFit:
-    """The same with Coulomb friction `T_C` [N*m] times tanh(omega/`COULOMB_WIDTH`), for comparison."""
-    columns = transmission_columns(motion) | {"T_C": np.tanh(motion.omega / COULOMB_WIDTH)}
-    return linear_fit(torque, columns, residuals)
+def coulomb_columns(motion: Motion) -> dict[str, Array]:
+    """The same with Coulomb friction `T_C` [N*m], times tanh(omega/`COULOMB_WIDTH`), for comparison."""
+    return transmission_columns(motion) | {"T_C": np.tanh(motion.omega / COULOMB_WIDTH)}
 
 
 def transmission_table(trial: SteppedSineTrial) -> pl.DataFrame:
@@ -60,10 +58,10 @@ def transmission_table(trial: SteppedSineTrial) -> pl.DataFrame:
     phasors = trial_phasors(trial)
     rows: list[Row] = []
     clocks = clock_drift_row(trial)
-    for amplitude, motion, torque in trial.parts():
-        fit = transmission_of(trial, amplitude)
-        other = None if trial.other is None else transmission_of(trial.other, amplitude)
-        friction = fit_transmission_with_coulomb(motion, torque, trial.residual_correlation(amplitude))
+    fits, with_friction = transmission_fits(trial), fits_by_amplitude(trial, coulomb_columns)
+    others = {} if trial.other is None else transmission_fits(trial.other)
+    for amplitude, fit in fits.items():
+        other, friction = others.get(amplitude), with_friction[amplitude]
         rows.append(
             {
                 "trial": trial.name,
@@ -85,17 +83,18 @@ def transmission_table(trial: SteppedSineTrial) -> pl.DataFrame:
     return pl.DataFrame(rows, schema_overrides={"amplitude_deg": pl.Float64}, infer_schema_length=None)
 
 
-def transmission_of(trial: SteppedSineTrial, amplitude: float | None) -> LinearFit:
-    """Eq. 4 fitted to one amplitude [deg] or to all of them (None), the error of the bench's stiffness included."""
-    fit = fit_transmission(*trial.part(amplitude), trial.residual_correlation(amplitude))
-    return widened(fit, None if trial.softer is None else transmission_of(trial.softer, amplitude))
+def transmission_fits(trial: SteppedSineTrial) -> dict[float | None, LinearFit]:
+    """Eq. 4 fitted to each amplitude [deg] and to all of them (None), the error of the bench's stiffness included."""
+    softer = {} if trial.softer is None else fits_by_amplitude(trial.softer, transmission_columns)
+    fits = fits_by_amplitude(trial, transmission_columns)
+    return {amplitude: widened(fit, softer.get(amplitude)) for amplitude, fit in fits.items()}
 
 
 def transmission_time_base(trial: SteppedSineTrial) -> pl.DataFrame:
     """The trial's rows of `timebase.csv`."""
     words = None
     if trial.other is not None:
-        words = time_base_words(transmission_of(trial, None), transmission_of(trial.other, None), TRANSMISSION)
+        words = time_base_words(transmission_fits(trial)[None], transmission_fits(trial.other)[None], TRANSMISSION)
     return timebase_table(trial.uniform, words, trial.bench)
 
 

@@ -42,9 +42,9 @@ class UnitNoise(ResidualCorrelation):
         """Errors of two lines are not correlated."""
         return 1
 
-    def covariance(self, influence: Array, residual: Array, window: int) -> tuple[Array, Array, str]:
+    def covariance(self, X: Array, inverse: Array, residual: Array, window: int) -> tuple[Array, Array, str]:
         """Covariance (p, p) of the estimates, its degrees of freedom (p,) and its source."""
-        return 0.5 * influence.T @ influence, np.full(influence.shape[1], self.freedom), NOISE
+        return 0.5 * inverse.T @ (X.T @ X) @ inverse, np.full(X.shape[1], self.freedom), NOISE
 
 
 @dataclass(frozen=True)

@@ -42,8 +42,8 @@ class Cycles:
 class RepeatedError(Protocol):
     """An error of y that every cycle repeats, as the rounding of a sensor does: the spread of cycles is blind to it."""
 
-    def covariance(self, influence: Array) -> Array:
-        """Covariance (p, p) of estimates that change by `influence` (n, p) with each sample of y, beyond the spread."""
+    def covariance(self, X: Array, inverse: Array) -> Array:
+        """Covariance (p, p), beyond the spread, of estimates that change by X @ inverse (n, p) with each y."""
         ...
 
 
@@ -75,23 +75,24 @@ class ResidualCorrelation:
         """Number of samples over which a residual (n,) may be correlated."""
         return self.lags or correlation_samples(residual, self.every)
 
-    def covariance(self, influence: Array, residual: Array, window: int) -> tuple[Array, Array, str]:
+    def covariance(self, X: Array, inverse: Array, residual: Array, window: int) -> tuple[Array, Array, str]:
         """Covariance of the estimates, its degrees of freedom, and where it comes from.
 
-        `influence` (n, p) is by how much each estimate changes with each sample of y, `residual` (n,) what is left.
+        X (n, p) times `inverse` (p, p) is by how much each estimate changes with each sample of y; `residual` (n,) is
+        what is left.
         """
         if self.cycles is None:
-            return *moving_sums(influence * residual[:, None], window, slow=self.every > 1), self.method
+            return *moving_sums(X @ inverse * residual[:, None], window, slow=self.every > 1), self.method
         noise = residual if self.filtered_off is None else residual + self.filtered_off
-        covariance, degrees_of_freedom = between_cycles(influence * noise[:, None], self.cycles)
+        sums = sums_between(X * noise[:, None], self.cycles.first, self.cycles.stop) @ inverse
+        covariance, degrees_of_freedom = between_cycles(sums, self.cycles.stratum)
         if not self.repeated:
             return covariance, degrees_of_freedom, self.method
-        rounding = np.sum([error.covariance(influence) for error in self.repeated], axis=0)
+        rounding = np.sum([error.covariance(X, inverse) for error in self.repeated], axis=0)
         scatter, added = np.diag(covariance), np.diag(rounding)
-        each = zip(scatter, added, degrees_of_freedom, strict=True)
-        total = [float(welch_satterthwaite([s, a], [f, np.inf])) for s, a, f in each]
+        total = welch_satterthwaite([scatter, added], [degrees_of_freedom, np.full_like(scatter, np.inf)])
         counts = bool(np.any(added > COUNTS * scatter))
-        return covariance + rounding, np.array(total), f"{self.method} + rounding" if counts else self.method
+        return covariance + rounding, total, f"{self.method} + rounding" if counts else self.method
 
 
 NO_REPEATS = ResidualCorrelation()
@@ -138,8 +139,8 @@ def moving_sums(scores: Array, window: int, slow: bool = False) -> Covariance:
     return sums.T @ sums / window * n / left, np.full(p, max(1.5 * n / window - p, 1.0))
 
 
-def between_cycles(scores: Array, cycles: Cycles) -> Covariance:
-    """Covariance from the spread of the cycles' sums of scores (n, p) about the mean of their stratum.
+def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> Covariance:
+    """Covariance from the spread of the cycles' sums of scores (m, p) about the mean of their `stratum` (m,).
 
     A bootstrap that draws cycles within each stratum converges to this covariance, apart from the factor m/(m - 1)
     for the mean that was estimated from the m cycles of the stratum.
@@ -149,12 +150,11 @@ def between_cycles(scores: Array, cycles: Cycles) -> Covariance:
     InputError
         A stratum has a single cycle, which has no spread.
     """
-    members = np.bincount(cycles.stratum).astype(float)
+    members = np.bincount(stratum).astype(float)
     check_repeated(members)
-    sums = sums_between(scores, cycles.first, cycles.stop)
-    mean = np.stack([np.bincount(cycles.stratum, column) for column in sums.T], axis=1) / members[:, None]
-    spread = (sums - mean[cycles.stratum]) * np.sqrt(members / (members - 1))[cycles.stratum, None]
-    shares = np.stack([np.bincount(cycles.stratum, column**2) for column in spread.T], axis=1)
+    mean = np.stack([np.bincount(stratum, column) for column in sums.T], axis=1) / members[:, None]
+    spread = (sums - mean[stratum]) * np.sqrt(members / (members - 1))[stratum, None]
+    shares = np.stack([np.bincount(stratum, column**2) for column in spread.T], axis=1)
     return spread.T @ spread, welch_satterthwaite(list(shares), members - 1)
 
 
@@ -165,25 +165,30 @@ def check_repeated(members: Array) -> None:
 
 
 def sums_between(values: Array, first: Array, stop: Array) -> Array:
-    """Sums of the rows of `values` (n, p) from `first` (m,) to `stop` (m,), which need not be whole numbers.
+    """Sums (m, p) of the rows of `values` (n, p) from `first` (m,) to `stop` (m,), which need not be whole numbers.
 
     A fraction of a row is read from the cubic through the four cumulative sums around it. A cycle whose period is not
     a whole number of rows then has the sum that every other cycle has.
     """
-    totals = np.zeros((len(values) + 1, values.shape[1]), order="F")
-    np.cumsum(values, axis=0, out=totals[1:])
-    return cumulative_at(totals, stop) - cumulative_at(totals, first)
+    n, edges = len(values), np.stack([first, stop], axis=1).ravel()
+    row = np.clip(np.floor(edges + 1e-9).astype(np.intp), 0, n)
+    padded = np.zeros((values.shape[1], n + 1))  # reduceat wants a row where the last sum ends
+    padded[:, :n] = values.T
+    whole = np.add.reduceat(padded, row, axis=1).T[::2] * (row[1::2] > row[::2])[:, None]
+    parts = fractions_of_rows(values, row, np.maximum(edges - row, 0.0))
+    return np.asarray(whole + parts[1::2] - parts[::2])
 
 
-def cumulative_at(totals: Array, place: Array) -> Array:
-    """The cumulative sums (n, p) at places (m,) between 0 and n - 1, by the cubic through four neighbours."""
-    below = np.clip(np.floor(place + 1e-9).astype(np.intp), 0, len(totals) - 1)
-    x = np.maximum(place - below, 0.0)[:, None]
-    x[x < 1e-9] = 0.0
-    far_below, above, far_above = (np.clip(below + k, 0, len(totals) - 1) for k in (-1, 1, 2))
-    weights = (-x * (x - 1) * (x - 2) / 6, (x + 1) * (x - 1) * (x - 2) / 2, -(x + 1) * x * (x - 2) / 2)
-    parts = zip(weights, (far_below, below, above), strict=True)
-    return np.asarray(sum(w * totals[k] for w, k in parts) + (x + 1) * x * (x - 1) / 6 * totals[far_above])
+def fractions_of_rows(values: Array, row: NDArray[np.intp], share: Array) -> Array:
+    """The sum (m, p) of a `share` (m,) of each `row` (m,) of `values` (n, p), by the cubic through the cumulative sums
+    one row before it to two rows behind; beyond the ends there is nothing to sum."""
+    x = np.where(share < 1e-9, 0.0, share)[:, None]
+    weights = x * (x - 1) * (x - 2) / 6, x * (x + 1) * (5 - 2 * x) / 6, x * (x + 1) * (x - 1) / 6
+    parts = np.zeros((len(row), values.shape[1]))
+    for weight, at in zip(weights, (row - 1, row, row + 1), strict=True):
+        there = (at >= 0) & (at < len(values))
+        parts[there] += weight[there] * values[at[there]]
+    return parts
 
 
 def nearest_covariance(matrix: Array) -> Array:
@@ -201,7 +206,8 @@ def nearest_covariance(matrix: Array) -> Array:
 
 
 def welch_satterthwaite(variances: Sequence[ArrayLike], degrees_of_freedom: ArrayLike) -> Array:
-    """Degrees of freedom of the sum of k independent variances (k, ...), each with its `degrees_of_freedom` (k,).
+    """Degrees of freedom of the sum of k independent variances (k, ...), each with its `degrees_of_freedom`, (k,) or
+    as many as variances.
 
     Satterthwaite, Biometrics Bulletin 2, 1946; Welch, Biometrika 34, 1947. Infinite where all variances are zero,
     or the uncertain ones vanish beside the others.
@@ -213,7 +219,10 @@ def welch_satterthwaite(variances: Sequence[ArrayLike], degrees_of_freedom: Arra
     """
     summands = np.asarray(variances, dtype=float)
     check_finite("the variance", summands, LARGEST_VARIANCE)
-    uncertainty = np.tensordot(1 / np.asarray(degrees_of_freedom, dtype=float), summands**2, axes=1)
+    certainty = 1 / np.asarray(degrees_of_freedom, dtype=float)
+    if certainty.ndim < summands.ndim:
+        certainty = certainty.reshape(-1, *[1] * (summands.ndim - 1))
+    uncertainty = np.sum(certainty * summands**2, axis=0)
     total = np.sum(summands, axis=0) ** 2
     counts = uncertainty > np.finfo(float).tiny * total
     return np.asarray(np.divide(total, uncertainty, out=np.full_like(total, np.inf), where=counts))

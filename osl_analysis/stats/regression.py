@@ -76,7 +76,8 @@ class LinearFit:
 
     def predicted(self, columns: Mapping[str, Array]) -> Array:
         """y (n,) [unit of y] predicted from the same columns (n,) of other data. Further columns are ignored."""
-        return np.asarray(np.sum([self[name] * columns[name] for name in self.names], axis=0))
+        first, *others = (self[name] * columns[name] for name in self.names)
+        return sum(others, first)
 
 
 def linear_fit(
@@ -118,7 +119,7 @@ def linear_fit(
     estimates = refined(X, y, inverse) if U is None else Vt.T @ ((U.T @ y) / singular) / scale
     residual = y - measured @ estimates
     window = residuals.window(residual)
-    covariance, degrees_of_freedom, method = residuals.covariance(X @ inverse, residual, window)
+    covariance, degrees_of_freedom, method = residuals.covariance(X, inverse, residual, window)
     return LinearFit(
         names,
         estimates,
@@ -200,13 +201,15 @@ def check_not_zero(names: Sequence[str], X: Array) -> Array:
 
 def checked_columns(y: Array, columns: Mapping[str, Array]) -> Array:
     """The columns as a matrix (n, p), after checks of their lengths, their values and the number of samples."""
-    for name, column in {**columns, "y": y}.items():
+    for name, column in columns.items():
         if np.shape(column) != np.shape(y):
             raise InputError(f"column '{name}' has shape {np.shape(column)}, expected {np.shape(y)} like y")
-        check_measured(f"column '{name}'", column)
+    X = np.array([np.asarray(c, dtype=float) for c in columns.values()])
+    for name, values in (*zip(columns, X, strict=True), ("y", y)):
+        check_measured(f"column '{name}'", values)
     if len(y) <= len(columns):
         raise InputError(f"{len(y)} samples cannot determine {len(columns)} parameters; use a longer window")
-    return np.array([np.asarray(c, dtype=float) for c in columns.values()]).T
+    return X.T
 
 
 def refuse_unidentifiable(names: tuple[str, ...], direction: Array, condition: float) -> None:

@@ -3,7 +3,7 @@
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
+import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite, check_measured
@@ -24,7 +24,7 @@ def visible_step(values: Array) -> float | None:
     if not len(values) or not np.isfinite(values).all():
         return None
     span = float(np.ptp(values))
-    distinct = np.unique(values)
+    distinct = pl.Series(values).unique().sort().to_numpy()  # by hashes: a sort of all values takes ten times as long
     if span == 0 or len(distinct) > DISTINCT * len(values):
         return None
     apart = np.diff(distinct)
@@ -36,21 +36,26 @@ def visible_step(values: Array) -> float | None:
     return step if float(np.mean(off < 0.02)) >= WHOLE_STEPS else None
 
 
-def rounding_harmonics(signal: Array, step: float) -> NDArray[np.complex128]:
-    """The error of the rounded signal (n,) as `HARMONICS` harmonics (k, n) of its place between two steps.
+def rounding_harmonics(signal: Array, step: float) -> Array:
+    """The error of the rounded signal (n,) as cosines and sines (2 k, n) of its place between two steps, k `HARMONICS`.
 
     The error is sum of step/(pi k) sin(2 pi k (signal + zero)/step), with a sign that alternates. A zero of the sensor
-    that lies anywhere makes the phases of the harmonics random: what is linear in the error then has the sum of squared
-    magnitudes as its variance. The harmonics that are left out count as those that are kept.
+    that lies anywhere makes the phases of the harmonics random: what is linear in the error then has the sum of squares
+    over these rows as its variance. The harmonics that are left out count as those that are kept.
     """
     k = np.arange(1, HARMONICS + 1)
     size = step / (np.sqrt(2) * np.pi) / k / np.sqrt(np.sum(1 / k**2) * 6 / np.pi**2)
-    turn = np.exp(2j * np.pi / step * signal)
-    harmonics = np.empty((HARMONICS, len(signal)), dtype=complex)
-    harmonics[0] = turn
-    for n in range(1, HARMONICS):
-        np.multiply(harmonics[n - 1], turn, out=harmonics[n])
-    return np.asarray(harmonics * size[:, None], dtype=np.complex128)
+    waves = np.empty((2, HARMONICS, len(signal)))
+    turn = 2 * np.pi / step * signal
+    np.cos(turn, out=waves[0, 0])
+    np.sin(turn, out=waves[1, 0])
+    twice = 2 * waves[0, 0]
+    for wave, before in zip(waves, (1.0, 0.0), strict=True):  # f((k + 1) x) = 2 cos(x) f(k x) - f((k - 1) x)
+        np.subtract(twice * wave[0], before, out=wave[1])
+        for n in range(2, HARMONICS):
+            np.subtract(twice * wave[n - 1], wave[n - 2], out=wave[n])
+    waves *= size[:, None]
+    return waves.reshape(2 * HARMONICS, len(signal))
 
 
 @cache

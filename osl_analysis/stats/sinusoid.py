@@ -107,9 +107,10 @@ def whole_cycles(samples: int, period: float) -> Cycles | None:
 
 def harmonic_columns(time: Array, frequency_hz: float) -> dict[str, Array]:
     """Offset, then cosine and sine of the fundamental and of each harmonic, at times [s] (n,)."""
-    columns, turn = {"offset": np.ones_like(time)}, np.exp(2j * np.pi * frequency_hz * time)
-    harmonic = turn
-    for k in range(1, HARMONICS + 1):
-        columns |= {f"cos{k}": harmonic.real, f"sin{k}": harmonic.imag}
-        harmonic = harmonic * turn
+    turn = 2 * np.pi * frequency_hz * time
+    before, wave = np.array([np.ones_like(turn), np.zeros_like(turn)]), np.array([np.cos(turn), np.sin(turn)])
+    columns, twice = {"offset": np.ones_like(time)}, 2 * wave[0]
+    for k in range(1, HARMONICS + 1):  # f((k + 1) x) = 2 cos(x) f(k x) - f((k - 1) x), of cosine and sine
+        columns |= {f"cos{k}": wave[0], f"sin{k}": wave[1]}
+        before, wave = wave, twice * wave - before
     return columns

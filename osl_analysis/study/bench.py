@@ -10,7 +10,8 @@ from osl_analysis.bench.estimators import DEFAULT, ESTIMATORS, CovarianceChoice,
 from osl_analysis.bench.impedance import impedance_of
 from osl_analysis.bench.segments import rows_of
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.bench.stepped_sine import RawSignals, stepped_sine_alone
+from osl_analysis.bench.settled_signals import RawSignals
+from osl_analysis.bench.stepped_sine import stepped_sine_alone
 from osl_analysis.bench.transmission import fit_transmission
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.model.rendering import predicted_impedance

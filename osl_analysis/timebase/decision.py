@@ -117,8 +117,9 @@ def evidence_of(values: Array, clock: DeviceClock) -> Evidence:
     The error is infinite, so that the signal decides nothing, where delta does not scatter, or where more than a fifth
     of the mean square of x' is noise: noise in the regressor would pull g towards 0.
     """
-    there = ~np.isnan(values)
-    values, count, residual = values[there], clock.count[there], clock.residual[there]
+    count, residual, there = clock.count, clock.residual, ~np.isnan(values)
+    if not there.all():
+        values, count, residual = values[there], count[there], residual[there]
     smooth = Smoother(count, max(2 * round(SLOPE_S / clock.step) + 1, 7))
     slope = smooth(values, 1)
     jitter = (residual - smooth(residual, 0)) / clock.step
@@ -144,10 +145,14 @@ class Smoother:
 
     def __call__(self, values: Array, order: int) -> Array:
         """Value (order 0) or slope per step (order 1) at every sample, (n,)."""
+        if self.count[-1] - self.count[0] == len(values) - 1:
+            return self.filtered(values, order)
         place = np.concatenate([[0], np.cumsum(np.minimum(np.diff(self.count), 2 * self.window))])
-        full = np.interp(np.arange(place[-1] + 1), place, values)
-        window = min(self.window, (len(full) - 1) // 2 * 2 + 1)
-        return np.asarray(savgol_filter(full, window, 3, deriv=order)[place])
+        return np.asarray(self.filtered(np.interp(np.arange(place[-1] + 1), place, values), order)[place])
+
+    def filtered(self, values: Array, order: int) -> Array:
+        """The same for samples (n,) of which none is missing."""
+        return np.asarray(savgol_filter(values, min(self.window, (len(values) - 1) // 2 * 2 + 1), 3, deriv=order))
 
     @property
     def slope_noise(self) -> float:

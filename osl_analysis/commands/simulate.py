@@ -11,7 +11,7 @@ from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.files import atomic_path, check_output, check_target
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.shared_choices import SharedChoices
-from osl_analysis.simulator.plan import plan_trials
+from osl_analysis.simulator.plan import plan_trials, planned_rows
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.yaml_settings import read_yaml, validated
@@ -72,7 +72,11 @@ def settings_files(settings_path: Path, followed: SharedChoices = NOTHING) -> li
     InputError
         One of them is missing or not valid.
     """
-    settings = read_simulation(settings_path, followed)
+    return files_of(read_simulation(settings_path, followed), settings_path, followed)
+
+
+def files_of(settings: SimulationSettings, settings_path: Path, followed: SharedChoices) -> list[Path]:
+    """The files of `settings_files`, of settings that are read already."""
     files = [settings_path, settings.parameters]
     if settings.walking is not None:
         files += [settings.walking, read_laboratory(settings, settings.walking, followed).impedance]
@@ -122,15 +126,16 @@ def simulate_trial(settings_path: Path, campaign_folder: Path, trial: str, follo
     check_folder(campaign_folder)
     settings = read_simulation(settings_path, followed)
     row = row_of_trial(settings, settings_path, trial)
-    check_written([row], campaign_folder, settings_files(settings_path, followed))
+    check_written([row], campaign_folder, files_of(settings, settings_path, followed))
     record_trial(row, settings, followed, campaign_folder)
 
 
 def simulate_campaign(settings_path: Path, campaign_folder: Path, followed: SharedChoices = NOTHING) -> None:
     """Write the sample sheet and simulate all of its trials, one after the other."""
     settings = read_simulation(settings_path, followed)
-    rows = [{str(k): v for k, v in row.items()} for row in plan_trials(settings).to_dict("records")]
-    check_written([{"log": "trials.csv"}, *rows], campaign_folder, settings_files(settings_path, followed))
+    rows = planned_rows(settings)
+    used = files_of(settings, settings_path, followed)
+    check_written([{"log": "trials.csv"}, *rows], campaign_folder, used)
     write_sheet(settings_path, campaign_folder / "trials.csv")
     for row in rows:
         record_trial(row, settings, followed, campaign_folder)
@@ -155,14 +160,14 @@ def check_written(rows: Sequence[Mapping[str, Any]], folder: Path, used: Sequenc
 
 def row_of_trial(settings: SimulationSettings, settings_path: Path, trial: str) -> dict[str, Any]:
     """The plan's row of one trial."""
-    plan = plan_trials(settings)
-    rows = plan[plan["trial"] == trial].to_dict("records")
-    if not rows:
-        raise InputError(
-            f"{settings_path}: plans no trial '{trial}'; it has {len(plan)}, from '{plan['trial'].iloc[0]}' "
-            f"to '{plan['trial'].iloc[-1]}': see trials.csv"
-        )
-    return {str(k): v for k, v in rows[0].items()}
+    rows = planned_rows(settings)
+    for row in rows:
+        if row["trial"] == trial:
+            return row
+    raise InputError(
+        f"{settings_path}: plans no trial '{trial}'; it has {len(rows)}, from '{rows[0]['trial']}' "
+        f"to '{rows[-1]['trial']}': see trials.csv"
+    )
 
 
 def record_trial(

@@ -5,7 +5,8 @@ In the letters of `drivetrain.joint_admittance`, with Q = B_d s + K_d and K_1 fr
     W (Y - Y_d) = b(s; x)/a(s; x),   a = W_den D Q,   b = W_num (N Q - D).
 
 Both a and b are affine in x = B_m + B_1. Astrom's recursion (Introduction to Stochastic Control Theory, 1970, ch. 5)
-turns the norm into a sum of squares over the rows of a's Routh table. The recursion here carries derivatives along.
+turns the norm into a sum of squares over the rows of a's Routh table. `gain_kernel` has this recursion, on numbers that
+carry their derivatives along.
 
 N Q - D is computed as N (Q - P) + c, so that no nearly equal numbers are subtracted. Its constant term is 0 by Eq. 12
 and is set to exactly 0. With B_d = 0 the leading coefficient of a is 0; the same formulas hold.
@@ -14,7 +15,7 @@ and is set to exactly 0. With B_d = 0 the leading coefficient of a is 0; the sam
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import butter
 
 from osl_analysis.errors import UnreachableImpedanceError
@@ -64,61 +65,25 @@ class AdmittanceError:
     b0: Array
     b1: Array
 
+    def by_pair(self) -> tuple[Array, Array, Array, Array]:
+        """The coefficients with a row for each pair, shape (pairs, powers)."""
+        a0, a1, b0, b1 = (np.ascontiguousarray(each.T) for each in (self.a0, self.a1, self.b0, self.b1))
+        return a0, a1, b0, b1
+
     def squared(self, x: Array) -> "Jet":
         """The squared norm [(rad/(N*m))^2/s] at x [N*m*s/rad], shape (pairs,), with its derivatives."""
-        zero = np.zeros_like(x)
-        a = [Jet(a0 + x * a1, a1, zero) for a0, a1 in zip(self.a0, self.a1, strict=True)]
-        b = [Jet(b0 + x * b1, b1, zero) for b0, b1 in zip(self.b0, self.b1, strict=True)]
-        total = Jet(zero, zero, zero)
-        while b:
-            alpha, beta = a[0] / a[1], b[0] / a[1]
-            total = total + half_square_over(beta, alpha)
-            a, b = next_rows(a, b, alpha, beta)
-        return total
+        from osl_analysis.model.gain_kernel import squared_norms
 
-    def pairs(self, which: NDArray[np.intp] | slice) -> "AdmittanceError":
-        """Some of the pairs, by index."""
-        return AdmittanceError(self.a0[:, which], self.a1[:, which], self.b0[:, which], self.b1[:, which])
+        return Jet(*squared_norms(*self.by_pair(), np.asarray(x, dtype=float)))
 
 
 @dataclass(frozen=True)
 class Jet:
-    """A function of x: its value and first two derivatives. Arithmetic follows the product and the quotient rule."""
+    """A function of x: its value and first two derivatives."""
 
     value: Array
     slope: Array
     curvature: Array
-
-    def __add__(self, other: "Jet") -> "Jet":
-        return Jet(self.value + other.value, self.slope + other.slope, self.curvature + other.curvature)
-
-    def __sub__(self, other: "Jet") -> "Jet":
-        return Jet(self.value - other.value, self.slope - other.slope, self.curvature - other.curvature)
-
-    def __mul__(self, other: "Jet") -> "Jet":
-        slope = self.slope * other.value + self.value * other.slope
-        curvature = self.curvature * other.value + 2 * self.slope * other.slope + self.value * other.curvature
-        return Jet(self.value * other.value, slope, curvature)
-
-    def __truediv__(self, other: "Jet") -> "Jet":
-        value = self.value / other.value
-        slope = (self.slope - value * other.slope) / other.value
-        return Jet(value, slope, (self.curvature - 2 * slope * other.slope - value * other.curvature) / other.value)
-
-
-def half_square_over(beta: Jet, alpha: Jet) -> Jet:
-    """beta^2/(2 alpha), one row's part of the norm. It is 0 where beta is 0, even if alpha is 0 too (B_d = 0)."""
-    divisor = Jet(np.where(beta.value == 0, 1.0, alpha.value), alpha.slope, alpha.curvature)
-    return beta * beta / (divisor + divisor)
-
-
-def next_rows(a: list[Jet], b: list[Jet], alpha: Jet, beta: Jet) -> tuple[list[Jet], list[Jet]]:
-    """The next rows of Astrom's two tables. Each row loses its first coefficient; every second one is reduced."""
-    shorter_a, shorter_b = a[1:], b[1:]
-    for i in range(1, len(shorter_b), 2):
-        shorter_a[i] = shorter_a[i] - alpha * a[i + 2]
-        shorter_b[i] = shorter_b[i] - beta * a[i + 2]
-    return shorter_a, shorter_b
 
 
 def admittance_error(

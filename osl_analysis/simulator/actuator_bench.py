@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from osl_analysis.model.drivetrain import actuator_torque
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.simulator.bench_recorder import Jumping, TrueSignal, recorded
 from osl_analysis.simulator.dynamometer import moved
+from osl_analysis.simulator.even_spline import spline_at
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.schedules import ActuatorBench, Tone
 from osl_analysis.simulator.settings import SimulationSettings
@@ -105,11 +105,11 @@ def torque_of(motion: JointMotion, current: Array, p: DrivetrainParameters, rate
     A curve through the samples has every jump half a step after a sample. A torque transducer that samples later than
     the encoder would read all of them late, which looks like inertia.
     """
-    between = CubicSpline(np.arange(len(current)) / rate_hz, np.stack([current, motion.omega, motion.alpha], axis=1))
 
     def at(instants: Array) -> Array:
         """The torque at any instants [s]."""
-        amperes, omega, alpha = between(instants).T
+        signals = (current, motion.omega, motion.alpha)
+        amperes, omega, alpha = (spline_at(signal, rate_hz, instants) for signal in signals)
         return actuator_torque(amperes, omega, alpha, p)
 
     return Jumping(actuator_torque(current, motion.omega, motion.alpha, p), at)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.signal import butter, cont2discrete, lfilter, lfilter_zi
 
 from osl_analysis.simulator.effect import Scatter, SensorLowPass
+from osl_analysis.simulator.even_spline import spline_at
 from osl_analysis.simulator.recorder_settings import NodeSettings
 from osl_analysis.simulator.sensors import bench_errors, flicker, rounded_to, stream
 from osl_analysis.simulator.settings import SimulationSettings
@@ -185,7 +185,7 @@ class Bench:
         instants = np.maximum(sampling.instants - sensor.delay.value, 0.0)
         if isinstance(true, Jumping):
             return true.at(instants)
-        return true if np.array_equal(instants, even) else np.asarray(CubicSpline(even, true)(instants))
+        return true if np.array_equal(instants, even) else spline_at(true, rate, instants)
 
     def torque_errors(self, instants: Array) -> Array:
         """Offset, drift, hum and 1/f noise [N*m] of a torque sensor at the sampled instants [s]."""
@@ -203,7 +203,7 @@ class Bench:
 def low_passed(signal: Array, rate_hz: float, low_pass: SensorLowPass) -> Array:
     """The signal (n,) behind a sensor's causal low-pass, which is at rest at the first value."""
     fine = np.arange((len(signal) - 1) * FINER + 1) / FINER
-    finer = np.asarray(CubicSpline(np.arange(len(signal)), signal)(fine))
+    finer = spline_at(signal, 1.0, fine)
     analogue = butter(low_pass.order, 2 * np.pi * low_pass.size, analog=True)
     numerator, below, _ = cont2discrete(analogue, 1 / (FINER * rate_hz), method="foh")
     above = np.ravel(numerator)

@@ -90,7 +90,10 @@ def drawn_condition(trial: str, seed: int, lists: Conditions) -> Condition:
 
 def stated_columns(row: Mapping[str, object], settings: SimulationSettings) -> dict[str, object]:
     """The columns of the sample sheet that state the condition of a row, as far as `stated` has them."""
-    lists, condition = settings.experiments.conditions, condition_of(row, settings)
+    lists = settings.experiments.conditions
+    if not lists.stated:
+        return {}
+    condition = condition_of(row, settings)
     person = condition.subject.name if condition.subject else None
     facts: dict[str, object] = {"subject": person, "session": str(condition.session), "side": lists.side}
     facts["body_mass_kg"] = condition.subject.body_mass_kg if condition.subject else None

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mcap.records import Metadata
@@ -30,9 +31,7 @@ def write_mcap(path: Path, topic: LogTopic, time: Array, columns: Mapping[str, A
     InputError
         The schema and the columns do not name the same fields, or a field's type is not a plain scalar.
     """
-    stamps = nanoseconds(time)
-    records = cdr_records(topic.schema_text, topic.schema_name, topic.frame_id, stamps, columns)
-    write_topics(path, [Topic(topic.name, topic.schema_name, topic.schema_text, stamps, records)])
+    write_topics(path, [topic_of(topic, nanoseconds(time), columns)])
 
 
 def write_topics(path: Path, topics: Sequence[Topic]) -> None:
@@ -48,23 +47,18 @@ def nanoseconds(time: Array) -> NDArray[np.int64]:
     return np.rint(np.asarray(time) * 1e9).astype(np.int64)
 
 
-def cdr_records(
-    schema_text: str, schema_name: str, frame_id: str, stamps: NDArray[np.int64], columns: Mapping[str, ArrayLike]
-) -> "np.ndarray[tuple[int], np.dtype[np.void]]":
-    """The messages as a structured array of equally long records, padding included and zero."""
-    types = field_types(schema_text, schema_name)
+def topic_of(topic: LogTopic, stamps: NDArray[np.int64], columns: Mapping[str, ArrayLike]) -> Topic:
+    """The messages of a logger."""
+    types = field_types(topic.schema_text, topic.schema_name)
     if set(types) != set(columns):
         raise InputError(
-            f"{schema_name}: the schema has {', '.join(types)} and the columns are {', '.join(columns)}; "
+            f"{topic.schema_name}: the schema has {', '.join(types)} and the columns are {', '.join(columns)}; "
             "give both the same fields"
         )
-    name = frame_id.encode() + b"\0"
-    records = np.zeros(len(stamps), cdr_layout(types, len(name)))
-    records["encapsulation"], records["frame_id_length"], records["frame_id"] = ENCAPSULATION, len(name), name
-    records["sec"], records["nanosec"] = np.divmod(stamps, 10**9)
-    for field, values in columns.items():
-        records[f"field.{field}"] = np.asarray(values)
-    return records
+    constants = header(topic.frame_id)
+    layout = cdr_layout(types, len(constants["frame_id"]))
+    own = {f"field.{field}": np.asarray(values) for field, values in columns.items()}
+    return Topic(topic.name, topic.schema_name, topic.schema_text, stamps, layout, constants, own)
 
 
 def field_types(schema_text: str, schema_name: str) -> dict[str, str]:
@@ -89,6 +83,12 @@ def header_members(frame_id_size: int) -> dict[str, str]:
     return {
         "encapsulation": "V4", "sec": "<i4", "nanosec": "<u4", "frame_id_length": "<u4", "frame_id": f"S{frame_id_size}"
     }  # fmt: skip
+
+
+def header(frame_id: str) -> dict[str, Any]:
+    """The members of a header that are the same in all messages of a topic."""
+    name = frame_id.encode() + b"\0"
+    return {"encapsulation": ENCAPSULATION, "frame_id_length": len(name), "frame_id": name}
 
 
 def aligned(members: Mapping[str, str]) -> "np.dtype[np.void]":

@@ -9,6 +9,7 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import zstandard
@@ -44,18 +45,24 @@ MESSAGE = {"opcode": "u1", "length": "<u8", "channel": "<u2", "sequence": "<u4",
 
 @dataclass(frozen=True)
 class Topic:
-    """The messages of one topic: the schema as ros2msg, time stamps [ns], (n,), and the CDR records, (n,)."""
+    """The messages of one topic, which are equally long: the schema as ros2msg, and time stamps [ns], (n,).
+
+    A message has the `layout`, with the members `sec` and `nanosec` of its stamp. `constants` are members that are the
+    same in every message, `columns` those that differ, (n,) each. Other members and the padding are zero.
+    """
 
     name: str
     schema_name: str
     schema_text: str
     stamps: NDArray[np.int64]
-    records: "np.ndarray[tuple[int], np.dtype[np.void]]"
+    layout: "np.dtype[np.void]"
+    constants: Mapping[str, bytes | int]
+    columns: Mapping[str, NDArray[Any]]
 
     @property
-    def message_size(self) -> int:
-        """Size [bytes] of a message with its record."""
-        return np.dtype(list(MESSAGE.items())).itemsize + self.records.itemsize
+    def record(self) -> "np.dtype[np.void]":
+        """A message with what is before it in its record."""
+        return np.dtype([*MESSAGE.items(), ("data", self.layout)])
 
     def definitions(self, channel: int) -> tuple[Schema, Channel]:
         """The schema and the channel, which have the same number."""
@@ -65,12 +72,16 @@ class Topic:
 
     def messages(self, channel: int, rows: NDArray[np.intp]) -> "np.ndarray[tuple[int], np.dtype[np.void]]":
         """The records of some messages; a message's sequence number is its row."""
-        data = f"V{self.records.itemsize}"
-        messages = np.empty(len(rows), [*MESSAGE.items(), ("data", data)])
-        messages["opcode"], messages["length"] = Opcode.MESSAGE, self.message_size - OVERHEAD
-        messages["channel"], messages["sequence"] = channel, rows
-        messages["log"], messages["publish"] = self.stamps[rows] + LATENCY_NS, self.stamps[rows]
-        messages["data"] = self.records.view(data)[rows]  # as bytes: a structured copy leaves the padding out
+        one = np.zeros(1, self.record)
+        one["opcode"], one["length"], one["channel"] = Opcode.MESSAGE, one.itemsize - OVERHEAD, channel
+        for name, value in self.constants.items():
+            one["data"][name] = value
+        messages = np.repeat(one.view(f"V{one.itemsize}"), len(rows)).view(one.dtype)  # as bytes, with the padding
+        stamps, data = self.stamps[rows], messages["data"]
+        messages["sequence"], messages["log"], messages["publish"] = rows, stamps + LATENCY_NS, stamps
+        data["sec"], data["nanosec"] = np.divmod(stamps, 10**9)
+        for name, values in self.columns.items():
+            data[name] = values[rows]
         return messages
 
 
@@ -129,7 +140,7 @@ def contents(topics: Sequence[Topic], definitions: bytes) -> Iterator[Content]:
     order = np.argsort(stamps, kind="stable")
     counts = [len(topic.stamps) for topic in topics]
     owner, row = np.repeat(np.arange(len(topics)), counts)[order], np.concatenate([np.arange(n) for n in counts])[order]
-    ends = len(definitions) + np.cumsum(np.array([topic.message_size for topic in topics])[owner])
+    ends = len(definitions) + np.cumsum(np.array([topic.record.itemsize for topic in topics])[owner])
     first, begin = 0, 0
     while first < len(ends):
         last = min(int(np.searchsorted(ends, begin + CHUNK_SIZE, side="right")), len(ends) - 1) + 1

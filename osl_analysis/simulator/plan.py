@@ -23,6 +23,17 @@ def plan_trials(settings: SimulationSettings) -> pd.DataFrame:
 
     Whether a crossing is perturbed depends on the seed and its name, not on the number of crossings.
     """
+    return pd.DataFrame(planned_rows(settings), columns=list(COLUMNS)).astype(COLUMNS)
+
+
+def planned_rows(settings: SimulationSettings) -> list[PlannedRow]:
+    """The rows of the plan, each with what it states.
+
+    Raises
+    ------
+    InputError
+        Two trials have the same name.
+    """
     rows = [*bench_plan(settings), *laboratory_plan(settings)]
     names = [str(row["trial"]) for row in rows]
     twice = next((name for name, count in Counter(names).items() if count > 1), None)
@@ -31,7 +42,7 @@ def plan_trials(settings: SimulationSettings) -> pd.DataFrame:
             f"the plan has two trials '{twice}': K_d and B_d of experiments are too close for names of their own; "
             "remove one of them"
         )
-    return pd.DataFrame(rows, columns=list(COLUMNS)).astype(COLUMNS)
+    return rows
 
 
 def bench_plan(settings: SimulationSettings) -> list[PlannedRow]:

@@ -2,9 +2,7 @@
 
 from collections.abc import Mapping
 
-import numpy as np
-
-from osl_analysis.simulator.mcap_recorder import ENCAPSULATION, aligned, header_members, nanoseconds
+from osl_analysis.simulator.mcap_recorder import aligned, header, header_members, nanoseconds
 from osl_analysis.simulator.mcap_writer import Topic
 from osl_analysis.simulator.messages import DEPENDENCIES, SAMPLE_HEADER
 from osl_analysis.trial import Array
@@ -36,28 +34,17 @@ def joint_states(
         # effort comes after the empty list of velocities
         members |= ({} if field == "position" else {"velocities": "<u4"}) | {f"{field}s": "<u4"}
         members |= {f"{field}.{joint}": "<f8" for joint in position}
-    records = stamped(members, frame_id, time)
-    for count in ("names", "positions", "efforts"):
-        records[count] = len(names)
+    constants = header(frame_id) | dict.fromkeys(("names", "positions", "efforts"), len(names))
     for k, name in enumerate(names):
-        records[f"name_length.{k}"], records[f"name.{k}"] = len(name), name
-    for joint in position:
-        records[f"position.{joint}"], records[f"effort.{joint}"] = position[joint], effort.get(joint, 0.0)
-    return Topic(topic, JOINT_STATE, JOINT_STATE_TEXT, nanoseconds(time), records)
+        constants |= {f"name_length.{k}": len(name), f"name.{k}": name}
+    columns = {f"position.{joint}": values for joint, values in position.items()}
+    columns |= {f"effort.{joint}": values for joint, values in effort.items()}
+    return Topic(topic, JOINT_STATE, JOINT_STATE_TEXT, nanoseconds(time), aligned(members), constants, columns)
 
 
 def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> Topic:
     """WrenchStamped messages with a torque [N*m] about z, (n,). All other components are 0."""
     axes = [f"{vector}.{axis}" for vector in ("force", "torque") for axis in "xyz"]
-    records = stamped(header_members(len(frame_id) + 1) | dict.fromkeys(axes, "<f8"), frame_id, time)
-    records["torque.z"] = torque
-    return Topic(topic, WRENCH, WRENCH_TEXT, nanoseconds(time), records)
-
-
-def stamped(members: Mapping[str, str], frame_id: str, time: Array) -> "np.ndarray[tuple[int], np.dtype[np.void]]":
-    """Records (n,) with the header filled in. All other bytes are zero."""
-    records = np.zeros(len(time), aligned(members))
-    name = frame_id.encode() + b"\0"
-    records["encapsulation"], records["frame_id_length"], records["frame_id"] = ENCAPSULATION, len(name), name
-    records["sec"], records["nanosec"] = np.divmod(nanoseconds(time), 10**9)
-    return records
+    layout = aligned(header_members(len(frame_id) + 1) | dict.fromkeys(axes, "<f8"))
+    columns = {"torque.z": torque}
+    return Topic(topic, WRENCH, WRENCH_TEXT, nanoseconds(time), layout, header(frame_id), columns)

@@ -89,13 +89,23 @@ class Motion:
 
 def runs(true: NDArray[np.bool_]) -> list[slice]:
     """Runs of consecutive true samples, shape (n,), in their order."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(np.int8), [0]])))
-    return [slice(int(first), int(stop)) for first, stop in edges.reshape(-1, 2)]
+    return [slice(first, stop) for first, stop in run_edges(true).tolist()]
+
+
+def run_edges(true: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """First row of each run of consecutive true samples, shape (n,), and the row after its last one, (k, 2)."""
+    ends = np.zeros(len(true) + 2, dtype=bool)
+    ends[1:-1] = true
+    return np.flatnonzero(ends[1:] != ends[:-1]).reshape(-1, 2)
 
 
 def longest_run(true: NDArray[np.bool_]) -> slice:
     """The longest run of consecutive true samples, or the first of equally long ones; empty if no sample is true."""
-    return max(runs(true), key=lambda run: run.stop - run.start, default=slice(0, 0))
+    edges = run_edges(true)
+    if not len(edges):
+        return slice(0, 0)
+    longest = int(np.argmax(edges[:, 1] - edges[:, 0]))
+    return slice(int(edges[longest, 0]), int(edges[longest, 1]))
 
 
 NEAR_ZERO = 0.05

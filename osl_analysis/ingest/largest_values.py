@@ -36,8 +36,8 @@ def check_sizes(recording: Recording) -> None:
     time = recording.samples["time"].to_numpy()
     for column in recording.columns:
         bound, values = LARGEST[unit_of(column)], recording.samples[column].to_numpy()
-        beyond = np.abs(values) > bound
-        if beyond.any():
+        if np.fmax.reduce(values, initial=0.0) > bound or np.fmin.reduce(values, initial=0.0) < -bound:
+            beyond = np.abs(values) > bound
             row = int(np.argmax(beyond))
             raise InputError(
                 f"{column} is {values[row]:.4g} {unit_of(column)} at {time[row]:.3f} s, and beyond ±{bound:g} in "

@@ -122,9 +122,11 @@ def read_message_log(file: MessageFile, source: MessageSource) -> Recording:
 
 
 def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
-    """One table with a row per stamp of any of the tables; rows of their own where stamps are rounded and equal."""
+    """One table with a row per stamp of any of the tables, which are sorted by it; rows of their own where stamps are
+    rounded and equal.
+    """
     joined, *others = tables
-    if any(table["stamp"].is_duplicated().any() for table in tables) and others:
+    if others and any((np.diff(table["stamp"].to_numpy()) == 0).any() for table in tables):
         return pl.concat(tables, how="diagonal").sort("stamp", maintain_order=True)
     for table in others:
         if joined["stamp"].equals(table["stamp"]):

@@ -187,7 +187,8 @@ def check_not_set(topic: str, table: pl.DataFrame, advice: str) -> int:
         )
     late = by > 0
     behind = late.copy()
-    behind[behind] = ~table.is_duplicated().to_numpy()[behind]
+    if behind.any():
+        behind[behind] = ~table.is_duplicated().to_numpy()[behind]
     edges = np.flatnonzero(np.diff(np.concatenate([[0], behind.astype(np.int8), [0]])))
     for first, stop in (run for run in edges.reshape(-1, 2) if run[1] - run[0] >= SET_BACK):
         before = stamp[:first]

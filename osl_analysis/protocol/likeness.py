@@ -65,7 +65,7 @@ class Likeness:
     @cached_property
     def runs(self) -> list[Run]:
         """What the joint did, as `find_runs` has it, of three cycles or as few as were commanded."""
-        fewest = min(FEWEST_CYCLES, int(min(self.protocol.cycles_at)))
+        fewest = min(FEWEST_CYCLES, int(min(self.protocol.cycles_at, default=FEWEST_CYCLES)))
         return find_runs(self.time, self.theta, fewest, self.crossings)
 
     @property

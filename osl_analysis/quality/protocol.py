@@ -6,11 +6,10 @@ import numpy as np
 
 from osl_analysis.errors import InputError
 from osl_analysis.protocol.commanded import SteppedSineProtocol
-from osl_analysis.protocol.likeness import likeness
+from osl_analysis.protocol.likeness import Likeness, likeness
 from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, find_runs
 from osl_analysis.quality.checks import Check, CheckResult, Examined, not_applicable
 from osl_analysis.timebase.gaps import GapLimits
-from osl_analysis.trial import Array
 from osl_analysis.uniform import uniform_signals
 
 SAME_COUNT = 0.05
@@ -38,24 +37,29 @@ def measure_protocol(examined: Examined) -> CheckResult:
         angle = uniform_signals(examined.trial, ["theta"], GapLimits())
     except InputError as error:
         return not_applicable(f"no time base, {error}")
-    other = other_motion(examined, angle.time, angle["theta"])
+    alike = likeness(angle.time, angle["theta"], commanded) if is_judged(examined) else None
+    other = other_motion(examined, alike)
     if other:
         return CheckResult(0.0, other)
-    found = find_runs(angle.time, angle["theta"], fewest)
+    found = find_runs(angle.time, angle["theta"], fewest) if alike is None else alike.runs
     remarks = [*differences(found, commanded), *(f"besides {run}" for run in found if not pair_of(run, commanded))]
     pairs = len(commanded.amplitudes) * len(commanded.frequencies_hz)
     words = remarks or [f"{pairs} commanded pairs of amplitude and frequency found"]
     return CheckResult(float(len(remarks)), "; ".join([*words, *clock_remark(found, commanded)]))
 
 
-def other_motion(examined: Examined, time: Array, theta: Array) -> str:
+def is_judged(examined: Examined) -> bool:
+    """Whether the motion itself tells if it is a stepped sine."""
+    return examined.experiment.any_motion and examined.commanded.excitation == "auto"
+
+
+def other_motion(examined: Examined, alike: Likeness | None) -> str:
     """Why the motion of an impedance trial is not compared with the command; empty if it is."""
-    if not examined.experiment.any_motion or examined.commanded.excitation == "stepped_sine":
-        return ""
-    if examined.commanded.excitation == "any":
+    if alike is not None:
+        return "no stepped sine but another motion, which is fitted as such" if alike.kind == "other" else ""
+    if examined.experiment.any_motion and examined.commanded.excitation == "any":
         return "not compared: the configuration says that any motion moves the joint"
-    found = likeness(time, theta, examined.commanded.protocol)
-    return "no stepped sine but another motion, which is fitted as such" if found.kind == "other" else ""
+    return ""
 
 
 def differences(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[str]:

@@ -17,7 +17,7 @@ from osl_analysis.quality.checks import (
     worst,
 )
 from osl_analysis.rails import is_command
-from osl_analysis.signals import runs
+from osl_analysis.signals import run_edges
 from osl_analysis.trial import Array
 
 MOVES = 0.2  # of the reference's range: while it changes by more, the joint should have moved
@@ -60,9 +60,12 @@ def held_while_moving(time: Array, values: Array, angle: tuple[Array, Array]) ->
     if angle[0].size < 2 or not values.size or not np.ptp(values):
         return held(time, values)
     there, moved = np.interp(time, *angle), AT_REST * float(np.ptp(angle[1]))
-    repeated = runs(np.diff(values) == 0)
-    moving = [run.stop - run.start for run in repeated if np.ptp(there[run.start : run.stop + 1]) > moved]
-    return max(moving, default=0) * median_step(time)
+    repeated = run_edges(np.diff(values) == 0)
+    ends = np.add(repeated, [0, 1]).ravel()  # the rows of each run, and after each the rows up to the next
+    padded = np.append(there, there[-1])
+    turned = (np.maximum.reduceat(padded, ends) - np.minimum.reduceat(padded, ends))[::2] if len(ends) else np.empty(0)
+    moving = (repeated[:, 1] - repeated[:, 0])[turned > moved]
+    return int(moving.max(initial=0)) * median_step(time)
 
 
 def held_measured(time: Array, values: Array) -> float:
@@ -130,10 +133,10 @@ def standing(time: Array, theta: Array, reference: tuple[Array, Array]) -> float
     """
     middle, means = reference
     least, half = MOVES * float(np.ptp(means)), SMOOTHED / 2 + median_step(time)
+    ends = time[run_edges(np.diff(theta) == 0)]
     longest = 0.0
-    for run in runs(np.diff(theta) == 0):
-        start, stop = float(time[run.start]), float(time[run.stop])
-        within = means[(middle > start + half) & (middle < stop - half)]
-        if within.size and np.ptp(within) > least:
+    for start, stop in ends[ends[:, 1] - ends[:, 0] > 2 * half].tolist():
+        first, after = np.searchsorted(middle, start + half, "right"), np.searchsorted(middle, stop - half)
+        if first < after and np.ptp(means[first:after]) > least:
             longest = max(longest, stop - start)
     return longest

@@ -73,6 +73,7 @@ def draw_table(
     footer = ". ".join(filter(None, [footer, footer_module.said_of_missing(missing)]))
     page_box = footer_module.write_footer(figure, footer) if footer else None
     style = import_module("osl_analysis.figures.style")
+    style.lay_out(figure)
     for path in outputs:
         said = {SUBJECT[path.suffix]: footer} if footer else {}
         page = BytesIO()  # a writer that the disk interrupts would leave its file open

@@ -141,6 +141,17 @@ def panels(
     return figure, axes
 
 
+@paper_style()
+def lay_out(figure: Figure) -> None:
+    """Place everything in a figure once, at the resolution of a PNG: every format of it then has the same places.
+
+    Without this each format is laid out anew, which takes longer than to draw it.
+    """
+    figure.set_dpi(PAPER["savefig.dpi"])
+    figure.draw_without_rendering()
+    figure.set_layout_engine(None)  # with any engine, `savefig` draws once more in vain
+
+
 def width_of(label: str) -> float:
     """Width [in] of a label at 8 points; a letter beyond ASCII counts as a wide one."""
     plain = "".join(sign if sign.isascii() else "M" for sign in label.replace("\\$", "S").replace("$", ""))

@@ -162,7 +162,7 @@ def died(log: Path, job: Job, pid: int | None, exit_code: int | None) -> None:
 def kill(pid: int) -> None:
     """End a process, and wait until it can write no more."""
     with suppress(ProcessLookupError):
-        os.kill(pid, signal.SIGKILL)
+        os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))  # Windows has SIGTERM alone, and ends at once
     deadline = time.monotonic() + LONGEST_WAIT_S
     while runs(pid) and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -170,6 +170,8 @@ def kill(pid: int) -> None:
 
 def runs(pid: int) -> bool:
     """Whether a process still runs; one that has ended, and whose parent has not asked for it yet, does not."""
+    if os.name == "nt":  # signal 0 is Ctrl-C there
+        return False
     try:
         os.kill(pid, 0)
         return ") Z " not in Path(f"/proc/{pid}/stat").read_text(encoding="utf-8")

@@ -122,12 +122,18 @@ def outputs(files: Any) -> dict[str, Any]:
 
 
 @cache
-def fork_server(simulating: bool = False) -> multiprocessing.context.ForkServerContext:
+def fork_server(
+    simulating: bool = False,
+) -> multiprocessing.context.ForkServerContext | multiprocessing.context.SpawnContext:
     """The process from which jobs are forked. Each job uses one thread, because Snakemake counts one core per job.
+
+    Where a system cannot fork, as Windows, each job starts Python anew.
 
     The first call decides by `simulating` what that process has loaded.
     """
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([*PRELOADED, SIMULATING] if simulating else PRELOADED)
     make_folder_of_sockets()

@@ -1,5 +1,6 @@
 """What a machine does to commands: full disks, odd file names, Ctrl-C. One line each, nothing lost, nothing half."""
 
+import multiprocessing
 import os
 import resource
 import signal
@@ -26,6 +27,7 @@ from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.files import atomic_path
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
+from osl_analysis.workflow import fork_server
 from osl_analysis.yaml_settings import read_mapping, validated
 
 DEFAULT = (ROOT / "config/config.yaml").read_text()
@@ -300,3 +302,11 @@ def test_a_broken_cache_of_compiled_functions_heals(tmp_path, monkeypatch, broke
 def test_without_a_folder_for_the_cache_functions_are_compiled_in_each_process(monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", "/proc/nowhere")
     assert compiled(twice)(2.0) == 4
+
+
+def test_a_system_that_cannot_fork_starts_each_job_anew(monkeypatch):
+    monkeypatch.setattr(multiprocessing, "get_all_start_methods", lambda: ["spawn"])
+    started = fork_server.__wrapped__().Process(target=os._exit, args=(7,))
+    started.start()
+    started.join()
+    assert (started._start_method, started.exitcode) == ("spawn", 7)

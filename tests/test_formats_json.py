@@ -18,6 +18,7 @@ from osl_analysis.formats.json_numbers import addresses_in_line
 from osl_analysis.formats.mcap.mcap_file import read_mcap
 from osl_analysis.formats.mcap.topics import Decoded, decode_topics
 from osl_analysis.formats.messages.field_path import last_name, path_to
+from osl_analysis.formats.messages.json_keys import are_alike
 from osl_analysis.formats.messages.json_types import steps_of
 from osl_analysis.formats.messages.one_by_one import number_at
 from osl_analysis.ingest.log_overview import inspect_mcap
@@ -155,6 +156,35 @@ def test_a_message_that_writes_a_field_twice_is_lost_and_said(tmp_path: Path, tw
     assert any(
         "1 of 40 messages of topic '/lab' are lost: field 'a' is written twice" in r for r in file.damage.remarks
     )
+
+
+SOUND = b'{"a": "b", "b": 1, "c": [2], "b2": 3}'
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        b'{"a": 1.5, "b": "b", "c": [2], "b2": 3}',  # the same strings, of which another one is a name
+        b'{"b": "a", "b": 1, "c": [2], "b2": 3}',
+        b'{"a": "b", "b": 1, "c": [2], "bb": 3}',
+        b'{"a": "b", "b" : 1, "c": [2], "b2": 3}',
+        b'{"a": "b", "b": 1, "c": [2]}',
+        b'{"a": "b", "b": 1, "c": [2], "b2": 3, "d": 4}',
+        b'{"a": "b", "\\u0062": 1, "c": [2], "b2": 3}',
+        b'{"a": "b", "b": 1, "c": [2], "b2": 3}{"a',
+        b'{"a": "b", "b": 1, "c": [2], "b2"',
+    ],
+)
+@pytest.mark.parametrize("place", [0, 1, 3])
+def test_messages_are_alike_only_if_each_has_the_same_names_in_turn(other: bytes, place: int) -> None:
+    texts = [SOUND.replace(b"1", b"-1e5"), SOUND, SOUND.replace(b"3", b"null")]
+    assert are_alike(texts, SOUND)
+    texts.insert(place, other)
+    assert not are_alike(texts, SOUND)
+
+
+def test_a_quote_that_another_message_lacks_does_not_make_messages_alike() -> None:
+    assert not are_alike([SOUND + b'"', SOUND[:-1].replace(b'"b2"', b'"b2')], SOUND)
 
 
 def test_a_field_that_nobody_wants_may_be_written_twice(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from mmap import mmap
 from typing import Any
 
@@ -55,6 +56,16 @@ class MessageBlock:
     """Length of each payload [bytes]."""
     others: list[tuple[int, int, int]] = field(default_factory=list)
     """Opcode, start and end of the schemas and channels among the messages."""
+
+    @cached_property
+    def counts(self) -> Counter[int]:
+        """Messages of each channel that has any, in the order of their numbers."""
+        counts = np.bincount(self.channel)
+        return Counter({number: int(counts[number]) for number in np.flatnonzero(counts).tolist()})
+
+    def of_channel(self, number: int) -> "MessageBlock":
+        """The messages of one channel."""
+        return self if len(self.counts) == 1 else self.of(np.flatnonzero(self.channel == number))
 
     def of(self, rows: Any) -> "MessageBlock":
         """Some of the messages: a mask or indices."""
@@ -114,7 +125,7 @@ def read_chunk(data: Buffer, start: int, indexes: list[tuple[int, int]], budget:
     right = not indexes or np.array_equal(np.sort(offsets), walk.messages)
     lost = Counter[int]()
     if not crc and walk.unknown and not right:  # without a checksum a flipped opcode passes for a private one
-        lost = indexed_messages(data, indexes) - Counter(block.channel.tolist())
+        lost = indexed_messages(data, indexes) - block.counts
     return ReadChunk(block, crc != 0, bool(right), lost)
 
 
@@ -131,12 +142,12 @@ def check_budget(data: Buffer, starts: Iterable[int], budget: Budget) -> None:
             packed_chunk(data, start, budget)
 
 
-def packed_chunk(data: Buffer, start: int, budget: Budget) -> tuple[bytes, bytes, int]:
+def packed_chunk(data: Buffer, start: int, budget: Budget) -> tuple[bytes, memoryview, int]:
     """Compression, content as it is stored, and declared size of a chunk, counted in the budget."""
     _, _, size, _, length = CHUNK_HEAD.unpack_from(data, start)
     name = data[start + CHUNK_HEAD.size : start + CHUNK_HEAD.size + length]
     begin, end = body_of(data, start)
-    body = data[begin:end]
+    body = memoryview(data)[begin:end]
     if name:
         check_declared(name, body, size)
         budget.take_chunk(start, len(body), size)
@@ -155,7 +166,7 @@ def unpacked(data: Buffer, start: int, budget: Budget) -> bytes:
     return content
 
 
-def check_declared(name: bytes, body: bytes, size: int) -> None:
+def check_declared(name: bytes, body: memoryview, size: int) -> None:
     """Refuse a chunk whose declared size cannot be right, so that it counts as damaged and not as too large."""
     if name not in COMPRESSIONS:
         raise DamagedChunkError(f"says it is compressed with {name[:20].decode('latin1')!a}; zstd and lz4 are read")
@@ -170,10 +181,10 @@ def check_declared(name: bytes, body: bytes, size: int) -> None:
             raise DamagedChunkError(f"holds {declared} of {size} bytes")
 
 
-def decompressed(name: bytes, body: bytes, size: int) -> bytes:
+def decompressed(name: bytes, body: memoryview, size: int) -> bytes:
     """Decompress to at most one byte more than the declared size, independent of what the stream declares."""
     if name == b"":
-        return body
+        return bytes(body)
     if name == b"zstd":
         return zstandard.ZstdDecompressor().decompress(body, max_output_size=size) if size else b""
     content: bytes = lz4.frame.LZ4FrameDecompressor().decompress(body, max_length=size + 1)

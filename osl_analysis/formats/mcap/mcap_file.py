@@ -89,7 +89,7 @@ class McapFile:
                 return None
         if not read.verified and self.untrusted():
             text = f"the checksum of the data section does not match, and no other covers byte {section.start} on"
-            self.lose(section, text, Counter(read.block.channel.tolist()))
+            self.lose(section, text, read.block.counts)
             return None
         return read
 
@@ -102,8 +102,7 @@ class McapFile:
             text = f"{read.lost.total()} messages of the chunk at byte {section.start} are records of unknown opcodes"
             self.damage.lose(text, 0, read.lost, 0)
         self.damage.chunks += section.kind == "chunk"
-        numbers, counts = np.unique(read.block.channel, return_counts=True)
-        self.damage.read.update(dict(zip(numbers.tolist(), counts.tolist(), strict=True)))
+        self.damage.read.update(read.block.counts)
         whole = self.scan.data_crc == "right"
         self.damage.verified += read.block.starts.size if read.verified or whole else 0
 
@@ -126,11 +125,9 @@ class McapFile:
 
     def of_declared_channels(self, block: MessageBlock) -> MessageBlock:
         """The block without messages of undeclared channels, whose content is unknown."""
-        known = np.zeros(1 << 16, bool)
-        known[list(self.declared.channels)] = True
-        known = known[block.channel]
-        if known.all():
+        if all(number in self.declared.channels for number in block.counts):
             return block
+        known = np.isin(block.channel, list(self.declared.channels))
         strangers = block.channel[~known]
         self.damage.misfits.update(strangers.tolist())
         example = strangers[0]

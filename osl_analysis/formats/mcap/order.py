@@ -37,7 +37,7 @@ def missing_numbers(sequence: NDArray[np.uint32]) -> int:
 
     They count messages if each is its own and most rise by one.
     """
-    steps = np.diff(np.sort(sequence.astype(np.int64)))
-    if not steps.size or (steps == 0).any() or np.median(steps) != 1:
+    steps = np.diff(np.sort(sequence.astype(np.int64), kind="stable"))  # fast where they rise
+    if (steps == 1).all() or (steps == 0).any() or np.median(steps) != 1:
         return 0
     return int((steps - 1).sum())

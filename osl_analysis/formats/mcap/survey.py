@@ -37,7 +37,7 @@ def survey_channels(file: MessageFile) -> list[ChannelSurvey]:
     surveys: dict[int, ChannelSurvey] = {}
     kept = 0
     for block in file.blocks():
-        for number in np.flatnonzero(np.bincount(block.channel)).tolist():
+        for number in block.counts:
             one = surveys.setdefault(number, survey_of(file, number))
             rows = np.flatnonzero(block.channel == number)
             if one.first is None:

@@ -53,12 +53,12 @@ def decode_topics(
     readers: dict[int, ChannelReader] = {}
     texts = text_effort_for(file.budget.file_bytes)
     for block in file.blocks():
-        for number in np.flatnonzero(np.bincount(block.channel)).tolist():
+        for number in block.counts:
             topic = file.declared.channels[number].topic
             if topic in wanted:
                 if number not in readers:
                     readers[number] = reader_of(file, number, wanted[topic], either, texts)
-                readers[number].add(block.of(block.channel == number))
+                readers[number].add(block.of_channel(number))
     by_topic: dict[str, list[ChannelReader]] = defaultdict(list)
     for reader in readers.values():
         by_topic[reader.channel.topic].append(reader)
@@ -114,9 +114,7 @@ def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader
     for reader in decoded:
         logged, places = np.concatenate(reader.log_times), np.concatenate([place for place, _ in reader.parts])
         recorded = recording_order(logged, np.concatenate(reader.sequences))
-        rank = np.empty_like(recorded)
-        rank[recorded] = np.arange(recorded.size)
-        order = np.argsort(rank[places])
+        order = in_order_of(recorded, places)
         rows.append(before + order)
         log_time.append(logged[places[order]])
         channel.append(np.full(order.size, reader.channel.id, np.uint16))
@@ -129,6 +127,15 @@ def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader
         values[path], present[path] = joined_field(parts, path, None if is_sorted else order)
     how = [reader.how() for reader in readers]
     return Decoded(np.concatenate(log_time), np.concatenate(channel), values, present, how)
+
+
+def in_order_of(recorded: Indices, places: Indices) -> Indices:
+    """Indices that put messages at `places` of a channel in the order of recording, which `recorded` gives."""
+    if (np.diff(recorded) > 0).all():
+        return np.argsort(places, kind="stable")  # fast, because the places rise in most files
+    rank = np.empty_like(recorded)
+    rank[recorded] = np.arange(recorded.size)
+    return np.argsort(rank[places])
 
 
 def no_messages(topic: str, readers: Sequence[ChannelReader]) -> InputError:

@@ -83,7 +83,7 @@ def walk_by_index(buffer: Buffer, offsets: Indices) -> RecordWalk | None:
     size = len(buffer)
     if offsets.size == 0 or offsets.min() < 0 or offsets.max() > size - MESSAGE.itemsize:
         return None
-    starts = np.sort(offsets)
+    starts = np.sort(offsets, kind="stable")  # fast, because the offsets of each channel rise
     heads = message_heads(buffer, starts)
     if (heads["opcode"] != Opcode.MESSAGE).any() or (heads["length"] > size).any():
         return None

@@ -12,8 +12,9 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.formats.messages.field_path import PART, name_in
-from osl_analysis.formats.messages.leaves import Indices
+from osl_analysis.formats.messages.leaves import Indices, byte_rows
 
+QUOTE = ord('"')
 MOST_PARSED = 3  # messages to look at for a first one that is sound
 
 
@@ -60,6 +61,8 @@ def repeating(texts: Sequence[bytes], names: Collection[str]) -> dict[int, str]:
     characters, which may spell a name in another way, are parsed.
     """
     sound = next((i for i, text in enumerate(texts[:MOST_PARSED]) if fault(text, names) == ""), None)
+    if sound is not None and are_alike(texts, texts[sound]):
+        return {}
     doubtful = np.arange(len(texts)) if sound is None else unlike(texts, texts[sound], names)
     faults = {int(i): fault(texts[i], names) for i in doubtful}
     return {i: text for i, text in faults.items() if text}
@@ -74,6 +77,30 @@ def fault(text: bytes, names: Collection[str]) -> str | None:
     except (ValueError, RecursionError):
         return None
     return ""
+
+
+def are_alike(texts: Sequence[bytes], sound: bytes) -> bool:
+    """Whether all messages have the strings of `sound` in its order, and directly after each the same character.
+
+    A string is then a name in each of the messages or in none: what follows it is a colon, or is not. Messages with
+    escaped characters, or with a blank after a string, are not compared.
+    """
+    joined = b"".join(texts)
+    own = [i for i, character in enumerate(sound) if character == QUOTE]
+    quotes = np.flatnonzero(np.frombuffer(joined, np.uint8) == QUOTE)
+    if b"\\" in joined or len(own) % 2 or not own or quotes.size != len(own) * len(texts):
+        return False
+    places = quotes.reshape(len(texts), len(own))
+    ends = np.cumsum(np.fromiter(map(len, texts), np.int64, len(texts)))
+    if (places[:, -1] >= ends).any() or (places[1:, 0] < ends[:-1]).any():
+        return False
+    for k in range(0, len(own), 2):
+        expected = sound[own[k] : own[k + 1] + 2]
+        if expected[-1:] not in (b":", b",", b"}", b"]") or places[-1, k] + len(expected) > len(joined):
+            return False
+        if (byte_rows(joined, places[:, k], len(expected)) != np.frombuffer(expected, np.uint8)).any():
+            return False
+    return True
 
 
 def unlike(texts: Sequence[bytes], sound: bytes, names: Collection[str]) -> Indices:

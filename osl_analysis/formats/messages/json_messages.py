@@ -98,6 +98,8 @@ class ByText:
     def unambiguous(self, texts: Sequence[bytes]) -> Indices:
         """Places of the messages that write no field twice; the others are counted as misfits."""
         faults = repeating(texts, names_on_the_way(self.paths))
+        if not faults:
+            return np.arange(len(texts))
         self.misfits += len(faults)
         self.misfit = self.misfit or next(iter(faults.values()), "")
         return np.delete(np.arange(len(texts)), list(faults))
@@ -142,8 +144,8 @@ class ByText:
 
     def is_exact(self, frame: pl.DataFrame) -> bool:
         """Whether no integer that was read as float64 may have been rounded."""
-        whole = [column for path, column in self.fields_in(frame).items() if self.kinds[path] == pl.Int64]
-        return not any((np.abs(column.drop_nulls().to_numpy()) >= EXACT).any() for column in whole)
+        whole = [field_in(frame, steps_of(path)) for path, kind in self.kinds.items() if kind == pl.Int64]
+        return not any((column.abs() >= EXACT).any() for column in whole)
 
     def in_kind(self, path: str, numbers: NDArray[Any]) -> NDArray[Any]:
         """Integers that were read as float64, converted back. Otherwise they would be rounded when joined with larger
@@ -185,9 +187,10 @@ def as_floats(texts: Sequence[bytes], types: Types) -> pl.DataFrame:
 
     The faster parser would take `true` for 1.0, so that messages with such a word are left to the slower one.
     """
-    if any(word in text for word in (b"true", b"false") for text in texts):
+    messages = pl.Series(texts).cast(pl.String)
+    if messages.str.contains("true|false").any():
         return as_typed(texts, as_float_types(types))
-    decoded = pl.Series(texts).cast(pl.String).str.json_decode(pl.Struct(as_float_types(types)))
+    decoded = messages.str.json_decode(pl.Struct(as_float_types(types)))
     return decoded.struct.unnest()
 
 

@@ -82,7 +82,7 @@ class Bag:
                 self.damage.lose(text, section.end - section.start, lost and self.by_channel(lost), 1)
                 continue
             self.damage.chunks += 1
-            self.damage.read.update(Counter(block.channel.tolist()))
+            self.damage.read.update(block.counts)
             yield block
 
     def by_channel(self, counts: Counter[int]) -> Counter[int]:

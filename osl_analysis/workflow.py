@@ -23,6 +23,7 @@ from osl_analysis.job import Job, died, run_uninterrupted
 from osl_analysis.job_log import MADE_OF, plain, read_log, read_logs, run_report
 from osl_analysis.refusal import forget_failures
 from osl_analysis.refusal_report import records_in
+from osl_analysis.scheduling import without_usual_rate
 from osl_analysis.stale import RECORDED, made_of, stale
 
 __all__ = ["at_end_of_run", "code", "code_of", "know_by_logs", "report", "run_job", "say_of_tables"]
@@ -217,6 +218,7 @@ def at_end_of_run(workflow: Any, folders: Iterable[Path], said: Callable[[tuple[
         if dry or not workflow.is_main_process:
             execute(*args, **settings)
             return
+        without_usual_rate(workflow, settings["executor_plugin"])
         if not any(Path(".snakemake/locks").glob("*")):
             forget_failures(folders)
         records: tuple[str, ...] = ()

@@ -1,0 +1,31 @@
+"""Jobs on this machine start as soon as a core is free, unless a user asks for a rate."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from snakemake.cli import get_argument_parser
+from snakemake.settings.types import MaxJobsPerTimespan
+
+from osl_analysis.scheduling import without_usual_rate
+
+USUAL = get_argument_parser().get_default("max_jobs_per_timespan")
+
+
+def rate_after(rate: str, local: bool) -> Any:
+    """The rate of a workflow's settings after `without_usual_rate`."""
+    settings = SimpleNamespace(max_jobs_per_timespan=MaxJobsPerTimespan.parse_choice(rate))
+    executor = SimpleNamespace(common_settings=SimpleNamespace(local_exec=local))
+    without_usual_rate(SimpleNamespace(scheduling_settings=settings), executor)
+    return settings.max_jobs_per_timespan
+
+
+def test_the_rate_that_snakemake_takes_without_being_told_is_dropped_on_this_machine() -> None:
+    assert rate_after(USUAL, local=True) is None
+
+
+@pytest.mark.parametrize(("rate", "local"), [("5/1s", True), ("100/1m", True), (USUAL, False)])
+def test_a_rate_that_a_user_states_and_the_rate_on_a_cluster_stay(rate: str, local: bool) -> None:
+    asked = MaxJobsPerTimespan.parse_choice(rate)
+    kept = rate_after(rate, local)
+    assert (kept.max_jobs, kept.timespan) == (asked.max_jobs, asked.timespan)

@@ -9,9 +9,8 @@ USUAL_RATE = (100, 1.0)
 def without_usual_rate(workflow: Any, executor: Any) -> None:
     """Let jobs on this machine start as soon as a core is free. Another rate, that a user asks for, stays.
 
-    Under a limit, Snakemake wakes up one `timespan` after each choice of jobs and chooses again, which ends in a further
-    awakening: after n jobs it looks at the inputs of all ready jobs n times per second, for nothing. At the end of
-    500 jobs this took most of a core.
+    Under a limit, Snakemake wakes up one `timespan` after each choice of jobs and chooses again, which ends in one more
+    awakening: after n jobs it looks at the inputs of all ready jobs n times per second, for nothing.
     """
     limit = workflow.scheduling_settings.max_jobs_per_timespan
     if executor.common_settings.local_exec and limit and (limit.max_jobs, limit.timespan) == USUAL_RATE:

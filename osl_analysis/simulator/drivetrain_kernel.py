@@ -63,9 +63,8 @@ def feedforward_current(u: float, direction: float, torque_constant: float, f_C:
 @compiled
 def hysteresis(z: float, deflection_step: float, width: float) -> float:
     """Exact solution of dz/dtheta_s = (1 -+ z)/width over a monotone step of the deflection [rad]."""
-    if deflection_step > 0.0:
-        return float(1.0 - (1.0 - z) * np.exp(-deflection_step / width))
-    return float(-1.0 + (1.0 + z) * np.exp(deflection_step / width))
+    side = 1.0 if deflection_step > 0.0 else -1.0
+    return float(side - (side - z) * np.exp(-abs(deflection_step) * (1.0 / width)))
 
 
 @compiled
@@ -78,8 +77,9 @@ def hysteretic_belt_torque(theta_s: float, z: float, plant: Plant) -> float:
 def kick(omega_m: float, torque: float, friction: float, plant: Plant) -> float:
     """Velocity [rad/s] after one step. Damping is trapezoidal. Friction is implicit: it stops but never drives."""
     inertia, half_damping = plant.J_m / plant.step, 0.5 * plant.B_m
-    free = ((inertia - half_damping) * omega_m + torque) / (inertia + half_damping)
-    lost = friction / (inertia + half_damping)
+    mobility = 1.0 / (inertia + half_damping)
+    free = ((inertia - half_damping) * omega_m + torque) * mobility
+    lost = friction * mobility
     if abs(free) <= lost:
         return 0.0
     return free - lost if free > 0.0 else free + lost
@@ -109,11 +109,17 @@ def controller_current(theta_m: float, omega_m: float, gains: tuple[float, float
 
 
 @compiled
-def joint_angle(fraction: float, i: int, theta: Array, omega: Array, sample: float) -> float:
-    """Cubic Hermite interpolation of theta [rad] at a fraction of the way from sample i to i + 1."""
+def joint_cubic(i: int, theta: Array, omega: Array, sample: float) -> tuple[float, float, float, float]:
+    """Coefficients [rad] of the cubic Hermite interpolation of theta [rad] from sample i to i + 1."""
     a, b, rise = omega[i] * sample, omega[i + 1] * sample, theta[i + 1] - theta[i]
-    cubic = a + b - 2.0 * rise
-    return float(theta[i] + fraction * (a + fraction * (3.0 * rise - 2.0 * a - b + fraction * cubic)))
+    return theta[i], a, 3.0 * rise - 2.0 * a - b, a + b - 2.0 * rise
+
+
+@compiled
+def joint_angle(fraction: float, cubic: tuple[float, float, float, float]) -> float:
+    """Angle [rad] at a fraction of the way between two samples."""
+    start, first, second, third = cubic
+    return start + fraction * (first + fraction * (second + fraction * third))
 
 
 @compiled
@@ -131,15 +137,17 @@ def integrate(
     The rows of `gains`, shape (3, n), are K_1, B_1, theta_eq. During the initial delay of the controller the current is
     0.
     """
-    half, sample = 0.5 * plant.step, plant.step * plant.substeps
+    half, sample, last_one = 0.5 * plant.step, plant.step * plant.substeps, len(theta) - 1
+    per_turn, fine = 1.0 / plant.n_T, 1.0 / plant.substeps  # to multiply by: a division takes four times as long
     pending, slot, current = np.zeros(c.delay + 1), 0, 0.0
     omega_m, velocity, seen, z = 0.0, 0.0, encoder_reading(theta_m, c.resolution), 0.0
-    theta_s = theta[0] - theta_m / plant.n_T
+    theta_s = theta[0] - theta_m * per_turn
     for i in range(len(theta)):
-        before, theta_s = theta_s, theta[i] - theta_m / plant.n_T
+        before, theta_s = theta_s, theta[i] - theta_m * per_turn
         z = hysteresis(z, theta_s - before, plant.hysteresis_width)
         columns[0, i], columns[1, i], columns[3, i] = theta_m, omega_m, hysteretic_belt_torque(theta_s, z, plant)
         told = (gains[0, i], gains[1, i], gains[2, i])
+        cubic = joint_cubic(min(i, last_one - 1), theta, omega, sample)
         for k in range(plant.substeps):
             if k % c.every == 0:
                 last, seen = seen, encoder_reading(theta_m, c.resolution)
@@ -149,13 +157,12 @@ def integrate(
                 current = pending[slot]
             if k == 0:
                 columns[2, i] = current
-            if i + 1 == len(theta):
+            if i == last_one:
                 break
             theta_m += half * omega_m
-            angle = joint_angle((k + 0.5) / plant.substeps, i, theta, omega, sample)
-            before, theta_s = theta_s, angle - theta_m / plant.n_T
+            before, theta_s = theta_s, joint_angle((k + 0.5) * fine, cubic) - theta_m * per_turn
             z = hysteresis(z, theta_s - before, plant.hysteresis_width)
-            torque = plant.torque_constant * current + hysteretic_belt_torque(theta_s, z, plant) / plant.n_T
+            torque = plant.torque_constant * current + hysteretic_belt_torque(theta_s, z, plant) * per_turn
             omega_m = kick(omega_m, torque, friction_level(current, plant.f_C, plant.f_G), plant)
             theta_m += half * omega_m
 
@@ -194,7 +201,7 @@ def torque_through_gap(
     for i in range(len(theta)):
         for k in range(substeps if i + 1 < len(theta) else 1):
             part = k / substeps
-            bench = joint_angle(part, i, theta, omega, sample) if k else theta[i]
+            bench = joint_angle(part, joint_cubic(i, theta, omega, sample)) if k else theta[i]
             later = i + 1 if k else i
             speed = omega[i] + part * (omega[later] - omega[i])
             turning = alpha[i] + part * (alpha[later] - alpha[i])

@@ -147,7 +147,8 @@ def contents(topics: Sequence[Topic], definitions: bytes) -> Iterator[Content]:
         data, index = np.empty(int(ends[last - 1]) - begin, np.uint8), dict[int, NDArray[np.uint64]]()
         if first == 0:
             data[: len(definitions)] = np.frombuffer(definitions, np.uint8)
-        for k in dict.fromkeys(owner[first:last].tolist()):  # as each comes first in the chunk
+        present, begins = np.unique(owner[first:last], return_index=True)
+        for k in present[np.argsort(begins)].tolist():  # as each comes first in the chunk
             own = first + np.flatnonzero(owner[first:last] == k)
             messages = topics[k].messages(k + 1, row[own])
             places = ends[own] - messages.itemsize - begin

@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
 
-.PHONY: reproduce-all test test-kernels test-browser test-package setup check lock dist
+.PHONY: reproduce-all test test-kernels test-browser test-package setup check docs lock dist
 
 reproduce-all: $(READY)
 	$(BIN)/snakemake reproduce-all
@@ -30,6 +30,12 @@ test-package: $(READY)
 dist: $(READY)
 	rm -rf dist
 	$(BIN)/python -m build --no-isolation --outdir dist
+
+# The documentation site in build/docs, without a network. Warnings are errors, and every link is followed.
+docs: $(READY)
+	rm -rf build/docs
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --doctree-dir build/doctrees --conf-dir docs/site docs build/docs
+	$(BIN)/python docs/site/check.py build/docs
 
 setup: $(READY)
 

@@ -28,3 +28,9 @@ def test_the_map_of_the_code_names_every_room():
     rooms = {path.parent.name for path in (ROOT / "osl_analysis").glob("*/__init__.py")}
     readme = (ROOT / "README.md").read_text()
     assert {room for room in rooms if f"  {room}/" not in readme} == set()
+
+
+def test_the_first_page_of_the_site_leads_to_every_page():
+    linked = {(ROOT / "docs" / link).resolve() for link in LINK.findall((ROOT / "docs/index.md").read_text())}
+    pages = {*(ROOT / "docs").glob("*.md"), *(ROOT / "docs/site").glob("*.md")} - {ROOT / "docs/index.md"}
+    assert pages - linked == set()

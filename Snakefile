@@ -11,6 +11,10 @@ from dataclasses import asdict
 from operator import attrgetter
 from pathlib import Path
 
+from osl_analysis.fork_server import start_early
+
+start_early()  # its imports take the other core while this one does those below
+
 from osl_analysis import workflow as jobs
 from osl_analysis.about_campaign import about
 from osl_analysis.campaign import open_campaign

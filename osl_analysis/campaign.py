@@ -44,12 +44,13 @@ class Campaign:
 
     def trials(self, *experiments: str) -> list[str]:
         """Names of the trials of these experiments, or of all, in the order of the sheet."""
-        wanted = self.sheet["experiment"].isin(experiments or self.sheet["experiment"])
-        return [str(name) for name in self.sheet.index[wanted]]
+        if len(experiments) == 1:
+            return list(self.by_experiment.get(experiments[0], []))
+        return [trial for trial, row in self.rows.items() if not experiments or row["experiment"] in experiments]
 
     def crossings(self, perturbed: bool) -> list[str]:
         """Names of the walking trials that are perturbed, or of those that are not."""
-        return [name for name in self.trials("walking") if bool(self.sheet.loc[name, "perturbed"]) == perturbed]
+        return [name for name in self.trials("walking") if bool(self.row(name)["perturbed"]) == perturbed]
 
     def conditions(self) -> dict[str, dict[str, Any]]:
         """Conditions of every walking trial in the sheet, by trial and column; None where empty."""
@@ -104,14 +105,26 @@ class Campaign:
         InputError
             There is no such trial.
         """
-        if trial not in self.sheet.index:
+        if trial not in self.rows:
             raise InputError(f"{self.config.sheet}: no trial '{trial}'; it has {', '.join(self.sheet.index[:5])}, ...")
-        return cells(self.sheet.loc[trial].items())
+        return self.rows[trial]
+
+    @cached_property
+    def rows(self) -> dict[str, dict[str, Any]]:
+        """The rows of the trials, by trial; empty cells as None. The rules ask for a row some twenty times per job."""
+        return {str(trial): cells(row.items()) for trial, row in self.sheet.iterrows()}
+
+    @cached_property
+    def by_experiment(self) -> dict[str, list[str]]:
+        """Names of the trials of each experiment, in the order of the sheet."""
+        found: dict[str, list[str]] = {}
+        for trial, row in self.rows.items():
+            found.setdefault(row["experiment"], []).append(trial)
+        return found
 
     def every_row(self) -> dict[str, dict[str, Any]]:
         """The rows of all trials, of those that the sheet excludes too, by trial; empty cells as None."""
-        rows = pd.concat([self.sheet, self.unused]) if len(self.unused) else self.sheet
-        return {str(trial): cells(row.items()) for trial, row in rows.iterrows()}
+        return self.rows | {str(trial): cells(row.items()) for trial, row in self.unused.iterrows()}
 
     def places(self) -> dict[str, dict[str, Any]]:
         """Joint and side of every trial in the sheet, by trial. A side on the walkway is the one that is analysed."""

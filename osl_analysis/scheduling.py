@@ -12,6 +12,8 @@ def without_usual_rate(workflow: Any, executor: Any) -> None:
     Under a limit, Snakemake wakes up one `timespan` after each choice of jobs and chooses again, which ends in one more
     awakening: after n jobs it looks at the inputs of all ready jobs n times per second, for nothing.
     """
+    if not executor.common_settings.local_exec:
+        return
     limit = workflow.scheduling_settings.max_jobs_per_timespan
-    if executor.common_settings.local_exec and limit and (limit.max_jobs, limit.timespan) == USUAL_RATE:
+    if limit and (limit.max_jobs, limit.timespan) == USUAL_RATE:
         workflow.scheduling_settings.max_jobs_per_timespan = None

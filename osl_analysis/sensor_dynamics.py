@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import butter, sosfilt, sosfilt_zi
+import scipy
 
 from osl_analysis.trial import Array
 
@@ -25,8 +25,8 @@ class SensorLowPass:
         8e-5 too high for 5 Hz at 1 kHz. The cut-off may lie above half the rate.
         """
         unwarped = rate_hz / np.pi * np.arctan(np.pi * self.cutoff_hz / rate_hz)
-        sections = butter(self.order, unwarped, fs=rate_hz, output="sos")
-        filtered, _ = sosfilt(sections, values, zi=sosfilt_zi(sections) * values[0])
+        sections = scipy.signal.butter(self.order, unwarped, fs=rate_hz, output="sos")
+        filtered, _ = scipy.signal.sosfilt(sections, values, zi=scipy.signal.sosfilt_zi(sections) * values[0])
         return np.asarray(filtered)
 
     def __str__(self) -> str:

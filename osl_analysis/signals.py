@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
-from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite
@@ -29,7 +28,7 @@ UNIFORM_TOLERANCE = 0.2
 @lru_cache
 def butterworth(order: int, cutoff_hz: float, rate_hz: float) -> Array:
     """Second-order sections (m, 6) of a Butterworth low-pass. Designing them takes as long as filtering with them."""
-    return np.asarray(butter(order, cutoff_hz, fs=rate_hz, output="sos"))
+    return np.asarray(scipy.signal.butter(order, cutoff_hz, fs=rate_hz, output="sos"))
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ class LowPass:
                 f"{len(signal)} samples are too few for a {self.cutoff_hz:g} Hz filter; it needs more than {edge}"
             )
         sections = butterworth(self.order, self.cutoff_hz, rate_hz)
-        return np.asarray(sosfiltfilt(sections, signal, axis=0, padlen=edge))
+        return np.asarray(scipy.signal.sosfiltfilt(sections, signal, axis=0, padlen=edge))
 
     def independent_samples(self, rate_hz: float) -> int:
         """Half a period of the cut-off, in samples. At this distance, filtered white noise is nearly white."""
@@ -193,7 +192,7 @@ def differentiate(time: Array, theta: Array) -> Motion:
             f"{len(time)} samples cannot be differentiated: {DEGREE + 1} or more are needed, each later than the one "
             "before; take a longer window, or check the time's channel"
         )
-    spline = make_interp_spline(time, theta, k=DEGREE)
+    spline = scipy.interpolate.make_interp_spline(time, theta, k=DEGREE)
     return Motion(np.asarray(theta), np.asarray(spline(time, 1)), np.asarray(spline(time, 2)))
 
 

@@ -4,21 +4,16 @@ Starting Python with numpy, scipy and polars takes 0.8 s per job. Forking a proc
 Each job still runs in its own process. A job that does not end well leaves refusal records in place of its results.
 """
 
-import multiprocessing
-import multiprocessing.util
-import os
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
-from functools import cache
 from multiprocessing import connection
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.errors import InputError
 from osl_analysis.fingerprint import code, code_of
+from osl_analysis.fork_server import fork_server, without_main
 from osl_analysis.job import Job, died, run_uninterrupted
 from osl_analysis.job_log import MADE_OF, plain, read_log, read_logs, run_report
 from osl_analysis.refusal import forget_failures
@@ -27,23 +22,7 @@ from osl_analysis.scheduling import without_usual_rate
 from osl_analysis.stale import RECORDED, made_of, stale
 
 __all__ = ["at_end_of_run", "code", "code_of", "know_by_logs", "report", "run_job", "say_of_tables"]
-PRELOADED = [
-    "snakemake.cli",  # what a job's __main__, the snakemake script, imports before the job begins
-    "osl_analysis.commands.bench",
-    "osl_analysis.commands.trials",
-    "osl_analysis.commands.simulate",
-    "osl_analysis.commands.crossing",
-    "osl_analysis.commands.walking",
-    "osl_analysis.simulator.dynamometer",
-    "osl_analysis.simulator.walking",
-    "matplotlib.figure",
-]
-SIMULATING = "osl_analysis.simulator.preloaded"
-"""Beside them if the first job of a run simulates: else it would cost more than it saves."""
-ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS")
 FOR_SNAKEMAKE = ("code", "command", "described", RECORDED)
-LONGEST_PLACE = 70
-"""Largest length [bytes] of the folder for temporary files: a socket's path has 107, of which our part takes 32."""
 ONE_AT_A_TIME = threading.Lock()
 """Starting a process asks which others have ended. An exit code can be read once: of two threads, one gets none."""
 STARTED = time.time()
@@ -87,11 +66,9 @@ def run_job(log: Any, command: str, input: Any, output: Any, params: Any, files:
     files_made = flat(plain(list(files)) if files else request["output"])
     job = Job(command, request, unnamed, files_made, said_of_tables["data"])
     path.unlink(missing_ok=True)
-    process = fork_server(command.startswith("simulate.")).Process(
-        target=run_uninterrupted, args=(path, job), daemon=True
-    )
+    process = fork_server().Process(target=run_uninterrupted, args=(path, job), daemon=True)
     try:
-        with ONE_AT_A_TIME:
+        with ONE_AT_A_TIME, without_main():
             process.start()
     except (EOFError, OSError):  # the process from which jobs are forked was ended while it started, as by Ctrl-C
         died(path, job, None, None)
@@ -120,48 +97,6 @@ def outputs(files: Any) -> dict[str, Any]:
     if named(files) or not files:
         return named(files)
     return {"output": plain(files[0])} if len(files) == 1 else {"outputs": plain(list(files))}
-
-
-@cache
-def fork_server(
-    simulating: bool = False,
-) -> multiprocessing.context.ForkServerContext | multiprocessing.context.SpawnContext:
-    """The process from which jobs are forked. Each job uses one thread, because Snakemake counts one core per job.
-
-    Where a system cannot fork, as Windows, each job starts Python anew.
-
-    The first call decides by `simulating` what that process has loaded.
-    """
-    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
-    if "forkserver" not in multiprocessing.get_all_start_methods():
-        return multiprocessing.get_context("spawn")
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([*PRELOADED, SIMULATING] if simulating else PRELOADED)
-    make_folder_of_sockets()
-    return context
-
-
-def make_folder_of_sockets() -> None:
-    """Make the folder in which `multiprocessing` puts its sockets, in a short place if TMPDIR is too long for them.
-
-    Raises
-    ------
-    InputError
-        There is no short place to write to.
-    """
-    stated, places = tempfile.gettempdir(), (*filter(None, [tempfile.gettempdir()]), "/tmp", "/var/tmp", "/dev/shm")
-    for place in places:
-        if len(os.fsencode(place)) <= LONGEST_PLACE and os.access(place, os.W_OK):
-            try:
-                tempfile.tempdir = place
-                multiprocessing.util.get_temp_dir()
-            finally:
-                tempfile.tempdir = stated
-            return
-    raise InputError(
-        f"TMPDIR {stated}: {len(os.fsencode(stated))} characters are too long for the sockets of the jobs, which allow "
-        f"{LONGEST_PLACE}; set TMPDIR to a shorter folder that can be written to"
-    )
 
 
 def know_by_logs(workflow: Any) -> None:

@@ -28,7 +28,8 @@ for path in fingerprint.PACKAGE.rglob("*.py"):
     fingerprint.imported_names(path)
 workflow.fork_server()
 forkserver.ensure_running()
-forkserver._forkserver.ensure_running = lambda: None  # it is no child of those that are forked here: they cannot ask
+# it is no child of those that are forked here: they cannot ask
+forkserver.ensure_running = forkserver._forkserver.ensure_running = lambda: None
 gc.freeze()
 
 for line in sys.stdin:

@@ -25,9 +25,9 @@ from osl_analysis.compiled import compiled
 from osl_analysis.config import Config, overriding
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.files import atomic_path
+from osl_analysis.fork_server import fork_server
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
-from osl_analysis.workflow import fork_server
 from osl_analysis.yaml_settings import read_mapping, validated
 
 DEFAULT = (ROOT / "config/config.yaml").read_text()

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import polars as pl
 import pytest
 
-from osl_analysis import workflow
+from osl_analysis import fork_server, workflow
 from osl_analysis.commands import crossing, study, tables, trials
 from osl_analysis.commands.walking_files import read_json
 from osl_analysis.errors import InputError
@@ -168,7 +168,7 @@ FIT_INPUTS = {"trial": "results/trials/b_7.parquet"}
 
 def cause_of_death(process: SimpleNamespace, tmp_path: Path, monkeypatch) -> Refusal:
     """The record of a fit of the trial b_7 whose process is this one."""
-    monkeypatch.setattr(workflow, "fork_server", lambda _: SimpleNamespace(Process=lambda **_: process))
+    monkeypatch.setattr(workflow, "fork_server", lambda: SimpleNamespace(Process=lambda **_: process))
     output = tmp_path / "fits/b_7.csv"
     workflow.run_job(tmp_path / "b_7.log", "bench.fit", FIT_INPUTS, {"output": str(output)}, {})
     (cause,) = read_refusals(output)
@@ -190,7 +190,7 @@ def test_of_jobs_that_are_killed_at_the_same_time_each_says_by_which_signal(tmp_
     """A second thread that starts a process may read the exit code of the first one's; it can be read once."""
     context = multiprocessing.get_context("forkserver")
     process = SimpleNamespace(Process=lambda **_: context.Process(target=signal.raise_signal, args=[signal.SIGKILL]))
-    monkeypatch.setattr(workflow, "fork_server", lambda _: process)
+    monkeypatch.setattr(workflow, "fork_server", lambda: process)
 
     def reason(number: int) -> str:
         output = tmp_path / f"{number}.csv"
@@ -333,10 +333,14 @@ def test_a_run_in_which_nothing_is_left_to_do_ends_like_the_one_that_was_refused
     jobs = [SimpleNamespace(output=[record(tmp_path / "fits/b_1.csv", LOST)])]
     killed = record(tmp_path / "fits/b_2.csv", KILLED)
     run = SimpleNamespace(
-        execute=lambda **_: None, is_main_process=True, dag=SimpleNamespace(jobs=jobs), scheduler="greedy"
+        execute=lambda **_: None,
+        is_main_process=True,
+        dag=SimpleNamespace(jobs=jobs),
+        scheduler="greedy",
+        logger_manager=SimpleNamespace(queue_listener=None),
     )
     workflow.at_end_of_run(run, [tmp_path], lambda refused: f"{len(refused)} refused", accept)
-    plugin = SimpleNamespace(common_settings=SimpleNamespace(dryrun_exec=True))
+    plugin = SimpleNamespace(common_settings=SimpleNamespace(dryrun_exec=True, local_exec=False))
     run.execute(executor_plugin=plugin)
     assert Path(killed).exists()
     plugin.common_settings.dryrun_exec = False
@@ -382,14 +386,14 @@ def test_a_long_TMPDIR_does_not_keep_jobs_from_starting(tmp_path: Path, monkeypa
     """A socket's path has at most 107 bytes."""
     long = tmp_path / ("t" * 100)
     long.mkdir()
-    monkeypatch.setattr(workflow.tempfile, "tempdir", str(long))
+    monkeypatch.setattr(fork_server.tempfile, "tempdir", str(long))
     made: list[str] = []
     monkeypatch.setattr(
-        workflow.multiprocessing.util, "get_temp_dir", lambda: made.append(workflow.tempfile.gettempdir())
+        fork_server.multiprocessing.util, "get_temp_dir", lambda: made.append(fork_server.tempfile.gettempdir())
     )
-    workflow.make_folder_of_sockets()
+    fork_server.make_folder_of_sockets()
     assert len(made[0]) < 71
-    assert workflow.tempfile.gettempdir() == str(long)
-    monkeypatch.setattr(workflow.os, "access", lambda *_: False)
+    assert fork_server.tempfile.gettempdir() == str(long)
+    monkeypatch.setattr(fork_server.os, "access", lambda *_: False)
     with pytest.raises(InputError, match=r"TMPDIR .* characters are too long .*; set TMPDIR to a shorter folder"):
-        workflow.make_folder_of_sockets()
+        fork_server.make_folder_of_sockets()

@@ -1,5 +1,7 @@
-"""Jobs on this machine start as soon as a core is free, unless a user asks for a rate."""
+"""What a run does before its jobs: it reads the workflow without scipy, and starts jobs as soon as a core is free."""
 
+import subprocess
+import sys
 from types import SimpleNamespace
 from typing import Any
 
@@ -29,3 +31,10 @@ def test_a_rate_that_a_user_states_and_the_rate_on_a_cluster_stay(rate: str, loc
     asked = MaxJobsPerTimespan.parse_choice(rate)
     kept = rate_after(rate, local)
     assert (kept.max_jobs, kept.timespan) == (asked.max_jobs, asked.timespan)
+
+
+def test_the_workflow_is_read_without_the_parts_of_scipy_that_take_a_second_to_import() -> None:
+    read = "import sys, osl_analysis.campaign, osl_analysis.commands.simulate; print(*sys.modules)"
+    said = subprocess.run([sys.executable, "-c", read], capture_output=True, text=True, check=True).stdout.split()
+    assert "osl_analysis.signals" in said
+    assert not {"scipy.signal", "scipy.interpolate", "scipy.optimize", "matplotlib"} & set(said)

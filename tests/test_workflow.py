@@ -20,10 +20,10 @@ from osl_analysis.commands.describe_tables import SUMMARY_FIELDS
 from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
 from osl_analysis.fingerprint import code_of, imported_names, job_sources, sources
+from osl_analysis.fork_server import PRELOADED
 from osl_analysis.job_log import read_log
 from osl_analysis.refusal import is_refused
 from osl_analysis.summary.labels import all_labels
-from osl_analysis.workflow import PRELOADED, SIMULATING
 
 TRIAL = "impedance_K300_B5.0_compensated"
 PROTOCOL = {"frequencies_hz": [2, 5], "cycles": 5, "amplitudes_deg": [2, 4]}
@@ -576,7 +576,7 @@ def test_a_job_s_fingerprint_counts_modules_that_are_imported_from_their_package
     assert {"quality/channels.py", "quality/verdict.py", "experiments.py"} <= files
 
 
-@pytest.mark.parametrize("module", [*PRELOADED, SIMULATING])
+@pytest.mark.parametrize("module", PRELOADED)
 def test_the_modules_that_jobs_fork_with_exist(module):
     """The fork server passes over one that does not, and every job would import it anew."""
     assert find_spec(module) is not None

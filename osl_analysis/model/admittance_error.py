@@ -15,8 +15,8 @@ and is set to exactly 0. With B_d = 0 the leading coefficient of a is 0; the sam
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.signal import butter
 
 from osl_analysis.errors import UnreachableImpedanceError
 from osl_analysis.parameters import DrivetrainParameters
@@ -52,7 +52,7 @@ class Weight:
 
     def polynomials(self) -> tuple[float, Array]:
         """Numerator, a constant, and denominator, highest power first, s in rad/s."""
-        b, a = butter(self.order, 2 * np.pi * self.cutoff_hz, analog=True)
+        b, a = scipy.signal.butter(self.order, 2 * np.pi * self.cutoff_hz, analog=True)
         return float(b[-1]), np.asarray(a, dtype=float)
 
 

@@ -4,8 +4,8 @@ import zlib
 from typing import Annotated, Literal, Self
 
 import numpy as np
+import scipy
 from pydantic import Field, model_validator
-from scipy.signal import butter, sosfilt
 
 from osl_analysis.multisine import odd_multisine
 from osl_analysis.simulator.effect import NotNegative, Positive
@@ -170,7 +170,9 @@ def prbs_motion(excitation: Excitation, time: Array, draws: np.random.Generator)
     if excitation.smoothing_hz is None:
         return JointMotion(theta, np.zeros_like(theta), np.zeros_like(theta))
     rate = 1 / time[1]
-    smooth = sosfilt(butter(SMOOTHING_ORDER, excitation.smoothing_hz, fs=rate, output="sos"), theta)
+    smooth = scipy.signal.sosfilt(
+        scipy.signal.butter(SMOOTHING_ORDER, excitation.smoothing_hz, fs=rate, output="sos"), theta
+    )
     omega = np.gradient(smooth, time)
     return JointMotion(smooth, omega, np.gradient(omega, time))
 

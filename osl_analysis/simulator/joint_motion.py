@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
+import scipy
 
 from osl_analysis.compiled import compiled
 from osl_analysis.simulator.schedules import BeltMotion, SteppedSineSchedule
@@ -139,7 +139,7 @@ def position_loop(command: JointMotion, rate_hz: float, bandwidth_hz: float, dam
     w, step = 2 * np.pi * bandwidth_hz, 1 / rate_hz
     augmented = np.diag(np.ones(5), 1)
     augmented[1, :3] = -(w**2), -2 * damping_ratio * w, w**2
-    transition = np.ascontiguousarray(expm(augmented * step)[:2])
+    transition = np.ascontiguousarray(scipy.linalg.expm(augmented * step)[:2])
     mean = np.diff(command.theta) / step
     first, second = command.omega[:-1], command.omega[1:]
     curvature, jerk = 2 * (3 * mean - 2 * first - second) / step, 6 * (first + second - 2 * mean) / step**2

@@ -7,8 +7,8 @@ A late sample and a missing one both leave a long step. After a late sample the 
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
 from osl_analysis.errors import InputError
 from osl_analysis.timebase.stream import Stream
@@ -124,9 +124,9 @@ def settle(level: Array, long: LongSteps, missing: Counts, share: float) -> bool
 def suspicious(level: Array, long: LongSteps, share: float) -> NDArray[np.bool_]:
     """Long steps (steps,) that deserve a closer look: a rough level, the lowest or the mean, changes over them."""
     if share == LATE_SHARE:
-        smooth = minimum_filter1d(level, WINDOW, mode="nearest")
+        smooth = scipy.ndimage.minimum_filter1d(level, WINDOW, mode="nearest")
     else:
-        smooth = uniform_filter1d(level, WINDOW, mode="nearest")
+        smooth = scipy.ndimage.uniform_filter1d(level, WINDOW, mode="nearest")
     half, last = WINDOW // 2, len(level) - 1
     after, before = np.minimum(long.rows + half, last), np.maximum(long.rows - half, 0)
     near_an_end = (long.rows < WINDOW) | (long.rows > last - WINDOW)

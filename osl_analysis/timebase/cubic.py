@@ -5,9 +5,8 @@ four coefficients per sample, and seeks the place of every time anew.
 """
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.linalg.lapack import dptsv
 
 from osl_analysis.trial import Array
 
@@ -40,10 +39,10 @@ def curvatures(times: Array, step: Array, values: Array) -> Array:
     times the change of the slope (de Boor, A Practical Guide to Splines, 1978, ch. IV): a symmetric system.
     """
     found = np.empty_like(values)
-    found[0] = CubicSpline(times[:NEAR], values[:NEAR])(times[0], 2)
-    found[-1] = CubicSpline(times[-NEAR:], values[-NEAR:])(times[-1], 2)
+    found[0] = scipy.interpolate.CubicSpline(times[:NEAR], values[:NEAR])(times[0], 2)
+    found[-1] = scipy.interpolate.CubicSpline(times[-NEAR:], values[-NEAR:])(times[-1], 2)
     change = 6 * np.diff(np.diff(values, axis=0) / step[:, None], axis=0)
     change[0] -= step[0] * found[0]
     change[-1] -= step[-1] * found[-1]
-    _, _, found[1:-1], _ = dptsv(2 * (step[:-1] + step[1:]), step[1:-1], change)
+    _, _, found[1:-1], _ = scipy.linalg.lapack.dptsv(2 * (step[:-1] + step[1:]), step[1:-1], change)
     return found

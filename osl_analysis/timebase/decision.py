@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import comb
 
 import numpy as np
-from scipy.signal import savgol_coeffs, savgol_filter
+import scipy
 
 from osl_analysis.timebase.chunks import chunked_slope
 from osl_analysis.timebase.counting import Counts
@@ -152,9 +152,11 @@ class Smoother:
 
     def filtered(self, values: Array, order: int) -> Array:
         """The same for samples (n,) of which none is missing."""
-        return np.asarray(savgol_filter(values, min(self.window, (len(values) - 1) // 2 * 2 + 1), 3, deriv=order))
+        return np.asarray(
+            scipy.signal.savgol_filter(values, min(self.window, (len(values) - 1) // 2 * 2 + 1), 3, deriv=order)
+        )
 
     @property
     def slope_noise(self) -> float:
         """Variance of the slope per variance of white noise in the samples."""
-        return float(np.sum(savgol_coeffs(self.window, 3, deriv=1) ** 2))
+        return float(np.sum(scipy.signal.savgol_coeffs(self.window, 3, deriv=1) ** 2))

@@ -7,8 +7,8 @@ fails there: the mean step is longer everywhere, and a wait of half a step hides
 """
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len, rfft
 
 from osl_analysis.trial import Array
 
@@ -48,11 +48,11 @@ def device_step(stamps: Array, block: int) -> float | None:
     if len(prompt) < FEWEST_PROMPT:
         return None
     rate = (len(stamps) - 1) / duration
-    size = next_fast_len(int(2 * duration * rate * BINS) + 2)
+    size = scipy.fft.next_fast_len(int(2 * duration * rate * BINS) + 2)
     histogram = np.bincount((prompt * rate * BINS).astype(np.intp), minlength=size)
     frequency = np.arange(size // 2 + 1) * BINS * rate / size
     near = (frequency > LOWEST * rate) & (frequency < HIGHEST * rate)
-    height = np.abs(rfft(histogram.astype(np.float64)))[near]
+    height = np.abs(scipy.fft.rfft(histogram.astype(np.float64)))[near]
     if height.max() < STANDS_OUT * float(np.median(height)):
         return None
     line = float(frequency[near][np.argmax(height)])

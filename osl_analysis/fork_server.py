@@ -1,0 +1,107 @@
+"""The process from which jobs are forked: it has done all imports, so that a job begins with its work."""
+
+import multiprocessing
+import multiprocessing.util
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from multiprocessing import forkserver
+from types import ModuleType
+
+from osl_analysis.errors import InputError
+
+PRELOADED = [
+    "scipy.signal",  # our modules name these at their use: the workflow is read without them
+    "scipy.interpolate",
+    "scipy.ndimage",
+    "scipy.linalg",
+    "scipy.fft",
+    "osl_analysis.commands.trials",
+    "osl_analysis.commands.bench",
+    "osl_analysis.commands.simulate",
+    "osl_analysis.commands.crossing",
+    "osl_analysis.commands.walking",
+    "osl_analysis.commands.tables",
+    "osl_analysis.commands.figure",
+    "osl_analysis.simulator.dynamometer",
+    "osl_analysis.simulator.walking",
+    "osl_analysis.simulator.preloaded",
+    "osl_analysis.figures.footer",
+    "matplotlib.backends.backend_pdf",
+    "matplotlib.backends.backend_svg",
+    "matplotlib.backends.backend_agg",
+    "fontTools.subset",
+    "osl_analysis.frozen",  # the last: it keeps what the others have made
+]
+NO_JOBS = {"--lint", "--dag", "--rulegraph", "--filegraph", "--d3dag", "--summary", "--unlock", "--report", "--list"}
+NO_JOBS |= {"-n", "--dry-run", "--dryrun", "--touch", "--delete-all-output", "--archive", "--print-compilation"}
+"""Options of Snakemake with which it runs no job."""
+ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS")
+LONGEST_PLACE = 70
+"""Largest length [bytes] of the folder for temporary files: a socket's path has 107, of which our part takes 32."""
+
+
+@cache
+def fork_server() -> multiprocessing.context.ForkServerContext | multiprocessing.context.SpawnContext:
+    """The process from which jobs are forked. Each job uses one thread, because Snakemake counts one core per job.
+
+    Where a system cannot fork, as Windows, each job starts Python anew.
+    """
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(PRELOADED)
+    make_folder_of_sockets()
+    return context
+
+
+def start_early() -> None:
+    """Start that process while the workflow is still read: its imports take another core as long as that.
+
+    Not where Snakemake runs no job. What keeps it from starting is said by the first job.
+    """
+    if NO_JOBS.isdisjoint(sys.argv):
+        with suppress(InputError, OSError):
+            if fork_server().get_start_method() == "forkserver":
+                forkserver.ensure_running()
+
+
+@contextmanager
+def without_main() -> Iterator[None]:
+    """While a process is started: let it not import the script of Snakemake, of which no job needs anything.
+
+    `multiprocessing` imports the main module into each process. Snakemake's takes half a second.
+    """
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
+
+
+def make_folder_of_sockets() -> None:
+    """Make the folder in which `multiprocessing` puts its sockets, in a short place if TMPDIR is too long for them.
+
+    Raises
+    ------
+    InputError
+        There is no short place to write to.
+    """
+    stated, places = tempfile.gettempdir(), (*filter(None, [tempfile.gettempdir()]), "/tmp", "/var/tmp", "/dev/shm")
+    for place in places:
+        if len(os.fsencode(place)) <= LONGEST_PLACE and os.access(place, os.W_OK):
+            try:
+                tempfile.tempdir = place
+                multiprocessing.util.get_temp_dir()
+            finally:
+                tempfile.tempdir = stated
+            return
+    raise InputError(
+        f"TMPDIR {stated}: {len(os.fsencode(stated))} characters are too long for the sockets of the jobs, which allow "
+        f"{LONGEST_PLACE}; set TMPDIR to a shorter folder that can be written to"
+    )

@@ -16,7 +16,7 @@ import polars as pl
 import yaml
 from walking_cases import Case, Remedy
 
-from osl_analysis.commands.simulate import NOTHING, record_trial
+from osl_analysis.commands.simulate import NOTHING, laboratory_of, record_trial
 from osl_analysis.sheet import COLUMNS
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings
@@ -91,7 +91,7 @@ class Campaign:
         for k, row in enumerate(r for r in self.rows if r["experiment"] == "walking"):
             row["perturbed"] = k % 2 == 0
         for row in self.rows:
-            record_trial(row, settings, NOTHING, self.folder / "raw")
+            record_trial(row, settings, laboratory_of(settings, NOTHING), self.folder / "raw")
 
     def analyse(self, remedy: Remedy) -> Verdict:
         """The verdict on the headline, with what the user states in this analysis."""

@@ -29,10 +29,12 @@ def check_folder(folder: Path) -> None:
     InputError
         The folder holds a sheet or logs, and no `truth`.
     """
-    held = [p for p in folder.rglob("*") if p.suffix.lower() in (".mcap", ".c3d") or p.name == "trials.csv"]
-    if held and not (folder / TRUTH).is_dir():
+    if (folder / TRUTH).is_dir():
+        return
+    held = (p for p in folder.rglob("*") if p.suffix.lower() in (".mcap", ".c3d") or p.name == "trials.csv")
+    for path in held:
         raise InputError(
-            f"{held[0]}: the simulator did not make it (there is no folder '{TRUTH}' in {folder}); for real recordings "
+            f"{path}: the simulator did not make it (there is no folder '{TRUTH}' in {folder}); for real recordings "
             "write `simulation: null` in the configuration, for a simulation choose an empty folder"
         )
 
@@ -72,14 +74,15 @@ def settings_files(settings_path: Path, followed: SharedChoices = NOTHING) -> li
     InputError
         One of them is missing or not valid.
     """
-    return files_of(read_simulation(settings_path, followed), settings_path, followed)
+    settings = read_simulation(settings_path, followed)
+    return files_of(settings, laboratory_of(settings, followed), settings_path)
 
 
-def files_of(settings: SimulationSettings, settings_path: Path, followed: SharedChoices) -> list[Path]:
+def files_of(settings: SimulationSettings, laboratory: WalkingSettings | None, settings_path: Path) -> list[Path]:
     """The files of `settings_files`, of settings that are read already."""
     files = [settings_path, settings.parameters]
-    if settings.walking is not None:
-        files += [settings.walking, read_laboratory(settings, settings.walking, followed).impedance]
+    if settings.walking is not None and laboratory is not None:
+        files += [settings.walking, laboratory.impedance]
     return files
 
 
@@ -105,6 +108,11 @@ def read_simulation(settings_path: Path, followed: SharedChoices) -> SimulationS
     return settings
 
 
+def laboratory_of(settings: SimulationSettings, followed: SharedChoices) -> WalkingSettings | None:
+    """The gait laboratory of a simulated campaign, if it has one."""
+    return None if settings.walking is None else read_laboratory(settings, settings.walking, followed)
+
+
 def read_laboratory(settings: SimulationSettings, walking: Path, followed: SharedChoices) -> WalkingSettings:
     """The gait laboratory of a simulated campaign, whose gains are selected as on the bench."""
     chosen: dict[str, Any] = {"gain_weight": settings.gain_weight}
@@ -126,19 +134,20 @@ def simulate_trial(settings_path: Path, campaign_folder: Path, trial: str, follo
     check_folder(campaign_folder)
     settings = read_simulation(settings_path, followed)
     row = row_of_trial(settings, settings_path, trial)
-    check_written([row], campaign_folder, files_of(settings, settings_path, followed))
-    record_trial(row, settings, followed, campaign_folder)
+    laboratory = laboratory_of(settings, followed)
+    check_written([row], campaign_folder, files_of(settings, laboratory, settings_path))
+    record_trial(row, settings, laboratory, campaign_folder)
 
 
 def simulate_campaign(settings_path: Path, campaign_folder: Path, followed: SharedChoices = NOTHING) -> None:
     """Write the sample sheet and simulate all of its trials, one after the other."""
     settings = read_simulation(settings_path, followed)
     rows = planned_rows(settings)
-    used = files_of(settings, settings_path, followed)
-    check_written([{"log": "trials.csv"}, *rows], campaign_folder, used)
+    laboratory = laboratory_of(settings, followed)
+    check_written([{"log": "trials.csv"}, *rows], campaign_folder, files_of(settings, laboratory, settings_path))
     write_sheet(settings_path, campaign_folder / "trials.csv")
     for row in rows:
-        record_trial(row, settings, followed, campaign_folder)
+        record_trial(row, settings, laboratory, campaign_folder)
 
 
 def check_written(rows: Sequence[Mapping[str, Any]], folder: Path, used: Sequence[Path]) -> None:
@@ -171,16 +180,20 @@ def row_of_trial(settings: SimulationSettings, settings_path: Path, trial: str) 
 
 
 def record_trial(
-    row: Mapping[str, Any], settings: SimulationSettings, followed: SharedChoices, campaign_folder: Path
+    row: Mapping[str, Any], settings: SimulationSettings, laboratory: WalkingSettings | None, campaign_folder: Path
 ) -> None:
-    """Simulate the trial of one row and let its recorders write."""
+    """Simulate the trial of one row and let its recorders write. Without a gait laboratory it is one of a bench."""
     p = read_parameters(settings.parameters)
     if EXPERIMENTS[row["experiment"]].log == "dynamometer":
         record_bench_trial(row, settings, p, campaign_folder)
     elif row["experiment"] == "actuator":
         record_actuator_trial(row, settings, p, campaign_folder)
+    elif laboratory is None:
+        raise InputError(f"trial '{row['trial']}': the settings name no 'walking' file; add it")
     else:
-        record_laboratory_trial(row, settings, followed, campaign_folder)
+        from osl_analysis.simulator.walking import simulate_walking_trial
+
+        simulate_walking_trial(row, settings, laboratory, p, campaign_folder)
 
 
 def record_bench_trial(
@@ -207,15 +220,3 @@ def record_actuator_trial(
     log, truth = simulate_actuator_trial(row["trial"], settings, p)
     write_truth(campaign_folder, row["trial"], truth)
     write_actuator_log(campaign_folder / row["log"], log, settings.recorder.torque_node is not None)
-
-
-def record_laboratory_trial(
-    row: Mapping[str, Any], settings: SimulationSettings, followed: SharedChoices, campaign_folder: Path
-) -> None:
-    """A trial of the gait laboratory, whose simulator has its own recorders."""
-    from osl_analysis.simulator.walking import simulate_walking_trial
-
-    if settings.walking is None:
-        raise InputError(f"trial '{row['trial']}': the settings name no 'walking' file; add it")
-    walking, p = read_laboratory(settings, settings.walking, followed), read_parameters(settings.parameters)
-    simulate_walking_trial(row, settings, walking, p, campaign_folder)

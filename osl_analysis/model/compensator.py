@@ -63,26 +63,23 @@ def check_request(K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> No
         not finite. Or a value other than B_d = 0 lies outside `SMALLEST` to `LARGEST`. The message names the accepted
         range.
     """
-    for value in np.ravel(np.asarray(K_d, dtype=float)):
-        if not 0 < value < p.K_s:
-            nearest = f"less than {p.K_s:g} (99 % of it: {0.99 * p.K_s:.4g})" if value >= p.K_s else "more than 0"
-            raise UnreachableImpedanceError(
-                f"K_d = {value:g} N*m/rad cannot be rendered: the actuator acts in series with a belt of "
-                f"K_s = {p.K_s:g} N*m/rad; ask for {nearest}"
-            )
-    for value in np.ravel(np.asarray(B_d, dtype=float)):
-        if not 0 <= value < np.inf:
-            raise UnreachableImpedanceError(
-                f"B_d = {value:g} N*m*s/rad cannot be rendered: a desired damping must be finite and not negative; ask "
-                "for 0 or more"
-            )
+    K_d, B_d = (np.ravel(np.asarray(values, dtype=float)) for values in (K_d, B_d))
+    for value in K_d[~((K_d > 0) & (K_d < p.K_s))]:
+        nearest = f"less than {p.K_s:g} (99 % of it: {0.99 * p.K_s:.4g})" if value >= p.K_s else "more than 0"
+        raise UnreachableImpedanceError(
+            f"K_d = {value:g} N*m/rad cannot be rendered: the actuator acts in series with a belt of "
+            f"K_s = {p.K_s:g} N*m/rad; ask for {nearest}"
+        )
+    for value in B_d[~((B_d >= 0) & (B_d < np.inf))]:
+        raise UnreachableImpedanceError(
+            f"B_d = {value:g} N*m*s/rad cannot be rendered: a desired damping must be finite and not negative; ask "
+            "for 0 or more"
+        )
     for name, unit, values in (("K_d", "N*m/rad", K_d), ("B_d", "N*m*s/rad", B_d)):
-        for value in np.ravel(np.asarray(values, dtype=float)):
-            if not SMALLEST <= value <= LARGEST and value != 0:
-                raise UnreachableImpedanceError(
-                    f"{name} = {value:g} {unit} is outside the accepted range; ask for {SMALLEST:g} to {LARGEST:g} "
-                    f"{unit}"
-                )
+        for value in values[((values < SMALLEST) | (values > LARGEST)) & (values != 0)]:
+            raise UnreachableImpedanceError(
+                f"{name} = {value:g} {unit} is outside the accepted range; ask for {SMALLEST:g} to {LARGEST:g} {unit}"
+            )
 
 
 def stiffness_gain(K_d: ArrayLike, p: DrivetrainParameters) -> Array:

@@ -1,7 +1,7 @@
-"""For the process from which simulating jobs are forked: importing this loads what each of them would load anew.
+"""For the process from which jobs are forked: importing this loads what simulating jobs would each load anew.
 
-Compiled functions are among it. A new clone compiles them here, once, and not in each of its first jobs. All other runs
-find them on disk, and all jobs in memory.
+Compiled functions are among it, also the search for gains, which fits use too. A new clone compiles them here, once,
+and not in each of its first jobs. All other runs find them on disk, and all jobs in memory.
 """
 
 import numpy as np

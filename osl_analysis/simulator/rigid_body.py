@@ -18,7 +18,7 @@ class Pose:
 
     def point(self, local: Array) -> Array:
         """Laboratory position [m], shape (n, 3), of a point of the body, shape (3,)."""
-        return self.origin + self.rotation @ local
+        return self.origin + (self.rotation.reshape(-1, 3) @ local).reshape(self.origin.shape)
 
     def after(self, inner: "Pose") -> "Pose":
         """The pose of a body that is held at `inner` in this body's axes."""

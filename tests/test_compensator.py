@@ -40,6 +40,7 @@ def test_the_loop_is_stable_for_every_reachable_impedance(parameters, K_d, B_d):
         (300, -1, r"B_d = -1 .* ask for 0 or more"),
         (300, float("inf"), "B_d = inf"),
         (300, 1e300, r"B_d = 1e\+300 N\*m\*s/rad is outside the accepted range; ask for 1e-09 to 1e\+06 N"),
+        (300, 2e6, r"B_d = 2e\+06 .* outside the accepted range"),
         (300, 1e-300, "B_d = 1e-300 .* outside the accepted range"),
         (1e-300, 5, "K_d = 1e-300 N.* outside the accepted range"),
     ],

@@ -138,8 +138,9 @@ def test_a_number_with_a_fraction_after_whole_ones_is_not_cut(tmp_path: Path) ->
     assert read(path, "a").values["a"].tolist() == [1.0] * 30 + [2.5]
 
 
-def test_an_integer_beyond_a_floats_reach_is_exact_in_every_chunk(tmp_path: Path) -> None:
-    texts = [json.dumps({"a": 2**53 + 1 + 2 * i if i > 20 else i}) for i in range(60)]
+@pytest.mark.parametrize("sign", [1, -1])
+def test_an_integer_beyond_a_floats_reach_is_exact_in_every_chunk(tmp_path: Path, sign: int) -> None:
+    texts = [json.dumps({"a": sign * (2**53 + 1 + 2 * i) if i > 20 else i}) for i in range(60)]
     decoded = read(write(tmp_path / "log.mcap", texts, chunk_size=400), "a")
     assert decoded.values["a"].tolist() == [json.loads(text)["a"] for text in texts]
 
@@ -183,8 +184,18 @@ def test_messages_are_alike_only_if_each_has_the_same_names_in_turn(other: bytes
     assert not are_alike(texts, SOUND)
 
 
-def test_a_quote_that_another_message_lacks_does_not_make_messages_alike() -> None:
-    assert not are_alike([SOUND + b'"', SOUND[:-1].replace(b'"b2"', b'"b2')], SOUND)
+@pytest.mark.parametrize(
+    ("sound", "others"),
+    [
+        (SOUND, [SOUND + b'"', SOUND[:-1].replace(b'"b2"', b'"b2')]),
+        (b'{"a": 1, "b": 2}', [b'{"a": 1}', b'{"b": 2, "a": 1, "b": 2}']),  # a name that one lacks and one has twice
+        (b'{"a": 1, "b": 2}', [b'{"a": 1, "b": 2, "a": 1}', b'{"b": 2}']),
+        (b'{"n": "\\"", "a": 1, "m": "\\""}', [b'{"n": "\\"", "b": 1, "m": "\\""}']),
+        (b'{"x": "a" , "a": 1}', [b'{"x": 0, "a" : 2, "a": 1}']),
+    ],
+)
+def test_messages_are_compared_string_by_string(sound: bytes, others: list[bytes]) -> None:
+    assert not are_alike(others, sound)
 
 
 def test_a_field_that_nobody_wants_may_be_written_twice(tmp_path: Path) -> None:
@@ -232,6 +243,8 @@ def ingested(path: Path, **channel: str) -> Any:
         ("x", '{"x": "a"}', "field 'x' is \"a\", not a number, in message 2"),
         ("x", '{"x": "2.5"}', "field 'x' is \"2.5\", not a number, in message 2"),
         ("x", '{"x": true}', "field 'x' is true, not a number as elsewhere, in message 2"),
+        ("z", '{"z": true}', "field 'z' is true, not a number as elsewhere, in message 2"),
+        ("z", '{"z": false}', "field 'z' is false, not a number as elsewhere, in message 2"),
         ("x", '{"x": [1, 2]}', "field 'x' is an array of 2, not one number, in message 2"),
         ("x", '{"x": {"y": 1}}', "field 'x' is {\"y\": 1}, not a number, in message 2"),
         ("x.y", '{"x": 3}', "field 'x' is 3, not an object with fields, in message 2"),
@@ -245,7 +258,7 @@ def ingested(path: Path, **channel: str) -> Any:
 def test_a_message_without_a_number_in_a_field_is_lost_and_said(
     tmp_path: Path, field: str, wrong: str, said: str, many: int
 ) -> None:
-    right = {"x": '{"x": 1.5, "on": true}', "x.y": '{"x": {"y": 1.5}}', "x[1]": '{"x": [0, 1.5]}'}
+    right = {"x": '{"x": 1.5, "on": true}', "z": '{"z": 1.5}', "x.y": '{"x": {"y": 1.5}}', "x[1]": '{"x": [0, 1.5]}'}
     sound = right.get(field, '{"v": [0, 1.5], "n": ["a", "b"]}')
     path = write(tmp_path / "log.mcap", [sound, wrong, *[sound] * 9, *[wrong] * (many - 1)], chunk_size=100)
     if many == 1:

@@ -4,6 +4,7 @@ import struct
 import tempfile
 import tracemalloc
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from mcap.writer import CompressionType
 from mcap_builder import stamped, write_log
 
 from osl_analysis.errors import InputError
+from osl_analysis.formats.mcap.mcap_file import read_mcap
 from osl_analysis.formats.mcap.walk import CHUNK_HEAD, MAGIC, MESSAGE_HEAD, RECORD, walk_by_index
 from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 
@@ -244,6 +246,18 @@ def test_a_stray_end_of_the_data_does_not_hide_the_chunks_after_it(tmp_path: Pat
     samples, damage = read(tmp_path, content[:start] + record(Opcode.DATA_END, bytes(4)) + content[start:])
     assert len(samples) == MESSAGES
     assert not damage["complete"]
+
+
+def test_messages_of_an_undeclared_channel_are_left_out_beside_those_of_a_declared_one(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    path.write_bytes(written(tmp_path))
+    file = read_mcap(path)
+    block = next(iter(file.blocks()))
+    strange = np.arange(block.channel.size) % 3 == 0
+    mixed = replace(block, channel=np.where(strange, 999, block.channel).astype(np.uint16))
+    kept = file.of_declared_channels(mixed)
+    assert kept.starts.tolist() == block.starts[~strange].tolist()
+    assert file.damage.misfits == {999: strange.sum()}
 
 
 def test_a_schema_from_a_damaged_summary_reads_nothing(tmp_path: Path) -> None:

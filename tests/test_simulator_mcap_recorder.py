@@ -126,11 +126,13 @@ def written_by_the_mcap_package(path, topics, metadata):
 
 @pytest.mark.parametrize("counts", [(9000, 4000), (5, 0), (0, 0)])
 def test_a_file_is_the_one_that_the_mcap_package_writes_of_the_same_messages(tmp_path, counts):
-    """Two topics of messages of different size, in turn, over two chunks; stamps not all in order."""
+    """Two topics of messages of different size, in turn, over two chunks; stamps that repeat and are not in order."""
     rng, end = np.random.default_rng(4), 100.0
     position, torque = rng.normal(size=counts[0]), rng.normal(size=counts[1])
-    joints = joint_states("/joint", "bench", end * rng.random(counts[0]), {"a": position, "bc": position}, {})
-    cell = wrenches("/cell", "f", np.sort(end / 3 * rng.random(counts[1])), torque)
+    joints = joint_states(
+        "/joint", "bench", np.round(end * rng.random(counts[0]), 1), {"a": position, "bc": position}, {}
+    )
+    cell = wrenches("/cell", "f", np.sort(np.round(end / 3 * rng.random(counts[1]), 1)), torque)
     metadata = Metadata("recording", {"origin": "test"})
     write_recording(tmp_path / "ours.mcap", [joints, cell], metadata)
     written_by_the_mcap_package(tmp_path / "theirs.mcap", [joints, cell], metadata)

@@ -153,8 +153,9 @@ def joined_field(
     sizes = [places.size for places, _ in parts]
     has = [path in values for _, values in parts]
     if not any(has):
-        return np.zeros(sum(sizes), bool), np.zeros(sum(sizes), bool)
-    there = np.ones(sum(sizes), bool) if all(has) else np.repeat(has, sizes)
+        nowhere = np.broadcast_to(False, sum(sizes))
+        return nowhere, nowhere
+    there = np.broadcast_to(True, sum(sizes)) if all(has) else np.repeat(has, sizes)
     # False joins with any number type without changing it
     pieces = [values.get(path, np.zeros(size, bool)) for (_, values), size in zip(parts, sizes, strict=True)]
     joined = np.concatenate(pieces)

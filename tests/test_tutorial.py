@@ -1,0 +1,70 @@
+"""The tutorial is followed: its commands run, and print what the page shows."""
+
+import re
+import runpy
+
+import pytest
+import yaml
+from click.testing import CliRunner
+from snakemake_runs import run_snakemake
+from tutorial_page import DOCS, FIGURE, LEFT_OUT, said_by_page
+
+from osl_analysis.cli import main
+from osl_analysis.commands.run import snakemake_arguments
+from osl_analysis.shipped import config_here
+
+
+def in_this_process(words, folder):
+    """What a command prints, without a start of Python for each."""
+    with pytest.MonkeyPatch.context() as here:
+        here.chdir(folder)
+        if words[0] == "python":
+            runpy.run_path(words[1])
+            return ""
+        if words[:2] == ["osl-analysis", "run"]:
+            ran = run_snakemake(snakemake_arguments([*words[2:], "--cores", "2"]), folder)
+            assert ran.returncode == 0, ran.stdout
+            return ran.stdout
+        for option in main.commands[words[1]].params:
+            if option.name == "config_path":  # its default is that of the folder in which the program was started
+                here.setattr(option, "default", config_here())
+        said = CliRunner().invoke(main, words[1:])
+        assert said.exit_code == 0, said.output
+        return said.output
+
+
+def lines_of(text):
+    """Lines without the seconds that a stage took, and without blanks at the end."""
+    return [re.sub(r" in \d+ s$", " in N s", line.rstrip()) for line in text]
+
+
+@pytest.fixture(scope="module")
+def followed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("a place with blanks")
+    return folder, list(said_by_page(in_this_process, folder))
+
+
+def test_the_commands_of_the_tutorial_print_what_it_shows(followed):
+    _, said = followed
+    assert [command.split()[1] for command, _, _ in said] == ["record.py", "init", "ingest", "fit", "run", "results"]
+    for command, shown, printed in said:
+        shown, printed = lines_of(shown), lines_of(printed)
+        if LEFT_OUT in shown:
+            assert [line for line in shown if line not in (*printed, LEFT_OUT)] == [], command
+        else:
+            assert shown == printed, command
+
+
+def test_the_tutorial_ends_with_its_figure_and_without_a_flag(followed):
+    folder, _ = followed
+    assert (folder / FIGURE).stat().st_size > 10_000
+    assert (DOCS / "tutorial.png").exists()
+    assert "flag" not in (folder / "my_campaign/results/tables/quality.csv").read_text()
+
+
+def test_the_schema_named_in_the_files_of_the_tutorial_is_there(followed):
+    folder, _ = followed
+    source = folder / "my_campaign/sources/csv.yaml"
+    assert yaml.safe_load(source.read_text())["channels"]["torque"]["sign"] == -1
+    schema = source.read_text().splitlines()[0].split("=")[1]
+    assert (source.parent / schema).exists()

@@ -1,0 +1,62 @@
+"""The commands of docs/tutorial.md.
+
+`python tests/tutorial_page.py FOLDER` runs them in a new folder, prints what they print, and copies the picture.
+"""
+
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+DOCS = Path(__file__).parent.parent / "docs"
+PAGE = DOCS / "tutorial.md"
+FIGURE = "my_campaign/results/figures/fig5.png"
+BLOCK = re.compile(r"```(\w*)\n(.*?)```\n", re.DOTALL)
+LEFT_OUT = "…"
+"""A line of the page for lines that are printed and not shown."""
+
+
+def said_by_page(run: Callable[[list[str], Path], str], folder: Path) -> Iterator[tuple[str, list[str], list[str]]]:
+    """Follow the page in a folder: each command, the lines that the page shows, and those that `run` says were printed.
+
+    `run` is given the words of a command and the folder where it is run. Files of the page are written as it says.
+    """
+    here = folder
+    for kind, text in BLOCK.findall(PAGE.read_text(encoding="utf-8")):
+        if kind == "python":
+            (folder / "record.py").write_text(text, encoding="utf-8")
+        elif kind == "yaml":
+            edit(folder / "my_campaign", text)
+        else:
+            for part in text.removeprefix("$ ").split("\n$ "):
+                command, *shown = part.strip().splitlines()
+                if command.startswith("cd "):
+                    here = here / command.split()[1]
+                else:
+                    yield command, shown, run(command.split(), here).strip().splitlines()
+
+
+def edit(campaign: Path, text: str) -> None:
+    """Write a line of the page in place of the line of this signal in the source file, or below the configuration."""
+    source, config = campaign / "sources/csv.yaml", campaign / "config.yaml"
+    key = text.split(":")[0] + ":"
+    lines = source.read_text(encoding="utf-8").splitlines(keepends=True)
+    if any(line.startswith(key) for line in lines):
+        source.write_text("".join(text if line.startswith(key) else line for line in lines), encoding="utf-8")
+    else:
+        config.write_text(config.read_text(encoding="utf-8") + text, encoding="utf-8")
+
+
+def in_a_process(words: list[str], folder: Path) -> str:
+    """What a command prints."""
+    return subprocess.check_output(words, cwd=folder, stderr=subprocess.STDOUT, text=True)
+
+
+if __name__ == "__main__":
+    place = Path(sys.argv[1])
+    place.mkdir(parents=True)
+    for command, _, printed in said_by_page(in_a_process, place):
+        print(f"$ {command}", *printed, sep="\n")
+    shutil.copy(place / FIGURE, DOCS / "tutorial.png")

@@ -1,4 +1,81 @@
 """From the recordings of a powered prosthesis to its stiffness, damping and inertia.
 
 Data flow one way: recording (`formats`, `ingest`) -> trial -> fit (`bench`, `walking`) -> table -> figure (`figures`).
+
+For notebooks and scripts that need no workflow (docs/notebook.md):
+
+    import osl_analysis as osl
+
+    trial = osl.read_recording("log.mcap", "my_bench.yaml")
+    fit = osl.fit_impedance(trial)
+    osl.plot_torque(fit)
+
+The names of `__all__` are all that there is to use; the other modules may change. They are imported when they are used.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from osl_analysis.bench.impedance import DesiredImpedance
+    from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError, UnreachableImpedanceError
+    from osl_analysis.notebook.fit import Fit
+    from osl_analysis.notebook.fits import fit_actuator, fit_belt, fit_impedance, fit_torque_angle, fit_transmission
+    from osl_analysis.notebook.plots import plot_frequency_response, plot_torque, plot_torque_angle
+    from osl_analysis.notebook.recordings import check, read_recording, read_trial, simulate_trial
+    from osl_analysis.notebook.response import FrequencyResponse, frequency_response
+    from osl_analysis.notebook.results import gains, read_summary, read_table
+    from osl_analysis.trial import Trial
+
+__all__ = [
+    "DesiredImpedance",
+    "Fit",
+    "FrequencyResponse",
+    "IdentifiabilityError",
+    "InputError",
+    "OslAnalysisError",
+    "Trial",
+    "UnreachableImpedanceError",
+    "check",
+    "fit_actuator",
+    "fit_belt",
+    "fit_impedance",
+    "fit_torque_angle",
+    "fit_transmission",
+    "frequency_response",
+    "gains",
+    "plot_frequency_response",
+    "plot_torque",
+    "plot_torque_angle",
+    "read_recording",
+    "read_summary",
+    "read_table",
+    "read_trial",
+    "simulate_trial",
+]
+_NAMES = {
+    "bench.impedance": ("DesiredImpedance",),
+    "errors": ("IdentifiabilityError", "InputError", "OslAnalysisError", "UnreachableImpedanceError"),
+    "notebook.fit": ("Fit",),
+    "notebook.fits": ("fit_actuator", "fit_belt", "fit_impedance", "fit_torque_angle", "fit_transmission"),
+    "notebook.plots": ("plot_frequency_response", "plot_torque", "plot_torque_angle"),
+    "notebook.recordings": ("check", "read_recording", "read_trial", "simulate_trial"),
+    "notebook.response": ("FrequencyResponse", "frequency_response"),
+    "notebook.results": ("gains", "read_summary", "read_table"),
+    "trial": ("Trial",),
+}
+_MODULE_OF = {name: module for module, names in _NAMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, imported when it is first used: the command line imports this package, and begins at once."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'osl_analysis' has no attribute '{name}'")
+    value = getattr(import_module(f"osl_analysis.{_MODULE_OF[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """The public names, and the modules that are imported."""
+    return sorted({*globals(), *__all__})

@@ -170,6 +170,7 @@ def fit(
     impedance trial is judged as in a campaign: whether the torque is late, and whether K is plausible.
     """
     from osl_analysis.commands import fit as command
+    from osl_analysis.commands.fit_text import estimates_json, estimates_text
 
     desired = desired_impedance(model, stiffness, damping, controller)
     device = command.campaign_parameters(config_path) if parameters is None else parameters
@@ -183,7 +184,7 @@ def fit(
         from osl_analysis.commands.figure import draw_table
 
         draw_table("torque", fitted.series, [plot])
-    say(command.estimates_json(fitted.estimates) if as_json else command.estimates_text(fitted.estimates))
+    say(estimates_json(fitted.estimates) if as_json else estimates_text(fitted.estimates))
 
 
 @main.command(epilog="Example: osl-analysis samples ../shared/real_data --output docs/real_samples.md")

@@ -14,7 +14,7 @@ from osl_analysis.bench.protocol import unit_sines
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.commands import plotted_numbers
-from osl_analysis.commands.fit import estimates_text
+from osl_analysis.commands.fit_text import estimates_text
 from osl_analysis.doubtful import Doubt
 from osl_analysis.examples import ImpedanceExample
 from osl_analysis.figures.fig4 import draw as draw_fig4

@@ -12,7 +12,8 @@ from tempfile import TemporaryDirectory
 
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign import Campaign, open_campaign
-from osl_analysis.commands.fit import estimates_text, fit_one_trial, fit_request
+from osl_analysis.commands.fit import fit_one_trial, fit_request
+from osl_analysis.commands.fit_text import estimates_text
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.config import read_config
 from osl_analysis.errors import OslAnalysisError

@@ -1,16 +1,15 @@
 """One trial fitted for the command line: the estimates, and the torque beside the fitted model's."""
 
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import polars as pl
 
 from osl_analysis.bench.actuator import actuator_series, actuator_table, actuator_trial
 from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
-from osl_analysis.bench.belt import belt_series, belt_table, belt_trial
+from osl_analysis.bench.belt import belt_curve, belt_series, belt_table, belt_trial
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.plausibility import (
     check_recording,
@@ -30,37 +29,38 @@ from osl_analysis.bench.settings import (
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
-from osl_analysis.bench.torque_angle_tables import plausible_torque_angle, torque_angle_table
+from osl_analysis.bench.torque_angle_tables import curve_table, plausible_torque_angle, torque_angle_table
 from osl_analysis.bench.transmission import transmission_series, transmission_table
 from osl_analysis.config import read_campaign_section
 from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.parameters import known_parameters
 from osl_analysis.shared_choices import WeightSettings
 from osl_analysis.shipped import default_config, shipped
-from osl_analysis.table import finite_or_null
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.yaml_settings import Settings, read_mapping
 
-UNITS = {
-    "K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²", "K_s": "N·m/rad", "B_j": "N·m·s/rad", "J_j": "kg·m²",
-    "T_C": "N·m", "k_tau_n_m": "N·m/A", "f_C": "N·m", "f_G": "N·m/A", "B_m": "N·m·s/rad", "J_m": "kg·m²",
-    "offset": "N·m", "drift": "N·m/s", "K_secant": "N·m/rad", "K_unloading": "N·m/rad", "energy_stored": "J",
-    "energy_returned": "J", "energy_lost": "J",
-}  # fmt: skip
 
+class Estimated(NamedTuple):
+    """What the fit of an experiment gives."""
 
-Estimated = tuple[pl.DataFrame, Series]
-"""A row per fit; measured and modelled signals."""
+    table: pl.DataFrame
+    """A row per fit."""
+    series: Series
+    """Measured and modelled signals."""
+    curves: pl.DataFrame | None = None
+    """Torque over angle, as in the table of curves of the experiment; None for one without."""
 
 
 @dataclass(frozen=True)
 class FittedTrial:
-    """A fitted trial for the command line."""
+    """A fitted trial for the command line and for notebooks."""
 
     estimates: pl.DataFrame
     """A row per fit, as in the result tables."""
     series: pl.DataFrame
     """Time [s] from the start, measured and modelled torque [N*m] of the fit to all data."""
+    curves: pl.DataFrame | None = None
+    """Torque over angle, as in the table of curves of the experiment; None for one without."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,10 @@ class FitRequest:
     """Limits beyond which a fit is doubtful."""
     asked: AskedImpedance | None = None
     """What the leg was asked to render; None if it is not known."""
+    windows: str | None = None
+    """What of an impedance trial is fitted [s], as in the sample sheet; None: all that moves."""
+    curve: str | None = None
+    """Name of the curve of torque over angle that the device was designed for; None: none."""
 
 
 def fit_request(experiment: str, config: Path, desired: DesiredImpedance | None = None) -> FitRequest:
@@ -87,8 +91,13 @@ def fit_request(experiment: str, config: Path, desired: DesiredImpedance | None 
     limits = read_campaign_section(config, "doubtful", DoubtfulFits)
     if desired is None or not isinstance(settings, SteppedSineAnalysis):
         return FitRequest(settings, limits)
+    return FitRequest(settings, limits, asked_impedance(desired, config, settings))
+
+
+def asked_impedance(desired: DesiredImpedance, config: Path, settings: SteppedSineAnalysis) -> AskedImpedance:
+    """What the leg was asked to render, with W of Eq. 14 in a configuration file; raises as `fit_request`."""
     weight = read_campaign_section(config, "gain_weight", WeightSettings).weight
-    return FitRequest(settings, limits, AskedImpedance(desired, weight, settings.frequencies_hz))
+    return AskedImpedance(desired, weight, settings.frequencies_hz)
 
 
 NOT_CHECKED = (
@@ -127,8 +136,14 @@ def fit_one_trial(experiment: str, trial: Path, parameters: Path | None, request
     InputError, IdentifiabilityError
         The trial lacks a signal, does not follow the protocol, or cannot identify the model.
     """
-    table, series = FITS[experiment](read_trial(trial), parameters, request)
-    return FittedTrial(marked(table, request.limits.of(experiment), experiment), torque_table(series))
+    return fit_trial(experiment, read_trial(trial), parameters, request)
+
+
+def fit_trial(experiment: str, trial: Trial, parameters: Path | None, request: FitRequest) -> FittedTrial:
+    """The same for a trial in memory."""
+    found = FITS[experiment](trial, parameters, request)
+    estimates = marked(found.table, request.limits.of(experiment), experiment)
+    return FittedTrial(estimates, torque_table(found.series), found.curves)
 
 
 def fit_belt(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
@@ -137,7 +152,7 @@ def fit_belt(trial: Trial, parameters: Path | None, request: FitRequest) -> Esti
     p = known_parameters(parameters)
     check_recording(trial, settings)
     belt = belt_trial(trial, p, settings)
-    return plausible_belt(belt_table(belt), trial, p), belt_series(belt)
+    return Estimated(plausible_belt(belt_table(belt), trial, p), belt_series(belt), belt_curve(belt))
 
 
 def fit_transmission_losses(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
@@ -146,15 +161,16 @@ def fit_transmission_losses(trial: Trial, parameters: Path | None, request: FitR
     check_recording(trial, settings)
     stepped = stepped_sine_trial(trial, settings)
     table = plausible_transmission(transmission_table(stepped), trial, known_parameters(parameters))
-    return table, transmission_series(stepped)
+    return Estimated(table, transmission_series(stepped))
 
 
 def fit_rendered_impedance(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
     """The rows of Eq. 15, and the series of the fit to all amplitudes."""
     settings: ImpedanceAnalysis = request.settings
     check_recording(trial, settings)
-    rendered = rendered_trial(trial, settings)
-    return judged_impedance(rendered, trial, known_parameters(parameters), request.asked), rendered_series(rendered)
+    rendered = rendered_trial(trial, settings, request.windows)
+    table = judged_impedance(rendered, trial, known_parameters(parameters), request.asked)
+    return Estimated(table, rendered_series(rendered))
 
 
 def fit_actuator_bench(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
@@ -163,15 +179,16 @@ def fit_actuator_bench(trial: Trial, parameters: Path | None, request: FitReques
     check_recording(trial, settings, "torque_m", angle=None)
     actuator = actuator_trial(trial, settings)
     table = plausible_actuator(actuator_table(actuator), trial, known_parameters(parameters))
-    return table, actuator_series(actuator)
+    return Estimated(table, actuator_series(actuator))
 
 
 def fit_torque_angle(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
-    """The row of torque against angle, and the torque beside its curve over angle."""
+    """The row of torque against angle, the torque beside its curve over angle, and the curves of both branches."""
     settings: TorqueAngleAnalysis = request.settings
     check_recording(trial, settings)
     found = torque_angle_trial(trial, settings)
-    return plausible_torque_angle(torque_angle_table(found), trial), found.series()
+    table = plausible_torque_angle(torque_angle_table(found, request.curve), trial)
+    return Estimated(table, found.series(), curve_table(found, request.curve))
 
 
 FITS: dict[str, Callable[[Trial, Path | None, FitRequest], Estimated]] = {
@@ -193,45 +210,3 @@ def torque_table(series: Series) -> pl.DataFrame:
     """Time [s] from the start, measured and modelled torque [N*m] of every sample that the model has."""
     table = pl.DataFrame({"time": series.time, "torque": series.torque, "torque_model": series.torque_model})
     return table.filter(pl.col("torque_model").is_finite()).with_columns(pl.col("time") - pl.col("time").first())
-
-
-def estimates_json(estimates: pl.DataFrame) -> str:
-    """The estimates as JSON in SI units: an object per fit, null for what is not finite."""
-    return json.dumps([finite_or_null(row) for row in estimates.to_dicts()], indent=2)
-
-
-def estimates_text(estimates: pl.DataFrame) -> str:
-    """The estimates as text: a line per fit and quantity, with 95 % interval and VAF."""
-    lines = []
-    for row in estimates.to_dicts():
-        amplitude = row.get("amplitude_deg")
-        which = motion_text(row) if amplitude is None else f"{amplitude:g} deg"
-        which = f"mean of cycles: {row['cycles']}" if "cycles" in row else which
-        quality = f"VAF {row['VAF']:.2f} %"
-        if "R2" in row:
-            quality += f", R2 {row['R2']:.5f}, condition {row['condition_number']:.1f}"
-        lines.append(f"{row['trial']}, {which}: {quality}")
-        for name in (n for n in UNITS if f"{n}_se" in row):
-            high = row[f"{name}_high"]
-            half = f"± {high - row[name]:<10.2g}" if high is not None else f"{'':<12}"
-            lines.append(f"  {name:<15}{row[name]:>12.5g} {half} {UNITS[name]}{amplitudes_text(row, name)}")
-        if row.get("doubtful"):
-            lines.append(f"  doubtful: {row['doubtful']}")
-    return "\n".join(
-        [*lines, "± is the half-width of the 95 % interval of noise, by the method that interval_method names"]
-    )
-
-
-def motion_text(row: Mapping[str, Any]) -> str:
-    """What a fit without an amplitude is a fit to."""
-    excitation = row.get("excitation")
-    if excitation in (None, "stepped sine"):
-        return "all amplitudes"
-    band = f"{row['band_low_hz']:.3g} to {row['band_high_hz']:.3g} Hz, {row['theta_rms_deg']:.2g} deg RMS"
-    return f"{row['fitted_s']:.1f} s of {'periodic' if excitation == 'periodic' else 'any'} motion, {band}"
-
-
-def amplitudes_text(row: Mapping[str, Any], name: str) -> str:
-    """The lowest and the highest estimate of a single amplitude, if the row has them."""
-    low, high = row.get(f"{name}_amplitudes_low"), row.get(f"{name}_amplitudes_high")
-    return "" if low is None or high is None else f", single amplitudes {low:.5g} to {high:.5g}"

@@ -13,7 +13,19 @@ from osl_analysis.trial import Trial, write_trial
 def ingest_trial(
     row: Mapping[str, Any], raw_folder: Path, sources_folder: Path, output: Path, needed_columns: Sequence[str] = ()
 ) -> Trial:
-    """The trial of one row of the sheet, from its files relative to `raw_folder`; written as Parquet to `output`.
+    """The trial of one row of the sheet, written as Parquet to `output`; arguments and errors as in `checked_trial`.
+
+    Nothing is written where it is refused.
+    """
+    trial = checked_trial(row, raw_folder, sources_folder, needed_columns)
+    write_trial(trial, output)
+    return trial
+
+
+def checked_trial(
+    row: Mapping[str, Any], raw_folder: Path, sources_folder: Path, needed_columns: Sequence[str] = ()
+) -> Trial:
+    """The trial of one row of the sheet, from its files relative to `raw_folder`.
 
     `needed_columns` are those that a trial of its experiment must have.
 
@@ -21,8 +33,7 @@ def ingest_trial(
     ------
     InputError
         A file is missing, empty or not what its source file says, the recordings do not fit together, a needed
-        column or all markers are missing, or a value is beyond the stated range of its sensor, or beyond what can be;
-        nothing is written then.
+        column or all markers are missing, or a value is beyond the stated range of its sensor, or beyond what can be.
     """
     trial = trial_from_files(row, raw_folder, sources_folder)
     check_columns(trial, row.get("experiment"), needed_columns)
@@ -30,5 +41,4 @@ def ingest_trial(
     if facts is not None and facts.follows_markers:
         check_markers(trial, row["experiment"])
     check_ranges(trial)
-    write_trial(trial, output)
     return trial

@@ -78,11 +78,16 @@ def fig7(
     responses = responses.with_columns(look_numbers(responses["controller"]))
     K_d, B_d = (choice.K_d, choice.B_d) if choice else most_frequent(responses)
     shown = responses.filter(pl.col("K_d").eq_missing(pl.lit(K_d)), pl.col("B_d").eq_missing(pl.lit(B_d)))
-    shown = shown.sort("frequency_hz", maintain_order=True)
+    drawn = beside_theory(shown, parameters, weight)
+    write_table(drawn.with_columns(chosen=pl.lit(None if choice else CHOSEN, pl.String)), output)
+
+
+def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weight) -> pl.DataFrame:
+    """The same for measured responses of one desired impedance in memory, without the column `chosen`."""
+    shown = responses.sort("frequency_hz", maintain_order=True)
     parts = shown.partition_by(PLACE, maintain_order=True)
     curves = [curve for part in parts for curve in responses_in_theory(part, parameters, weight)]
-    drawn = points(shown, pl.concat([pl.DataFrame(schema=CURVE_TYPES), *curves]))
-    write_table(drawn.with_columns(chosen=pl.lit(None if choice else CHOSEN, pl.String)), output)
+    return points(shown, pl.concat([pl.DataFrame(schema=CURVE_TYPES), *curves]))
 
 
 def fig9(table: Path, fits: Path, over_stance: Path, output: Path, commanded_K: float | None = None) -> None:

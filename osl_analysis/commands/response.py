@@ -56,6 +56,11 @@ def place_schema() -> dict[str, type[pl.DataType]]:
     return {column: pl.Float64 if column in NUMBERS else pl.String for column in CONDITION}
 
 
+def pooled_schema() -> dict[str, type[pl.DataType]]:
+    """The columns of `response_pooled.csv`."""
+    return {**place_schema(), **renamed_schema(RESPONSE)}
+
+
 def renamed_schema(schema: Mapping[str, type[pl.DataType]]) -> dict[str, type[pl.DataType]]:
     """The columns of a pooled table: `trials` in place of `trial`."""
     return {"trials" if name == "trial" else name: dtype for name, dtype in schema.items()}

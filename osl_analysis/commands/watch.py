@@ -13,7 +13,8 @@ import polars as pl
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign import Campaign, open_campaign
 from osl_analysis.commands.figure import draw_table
-from osl_analysis.commands.fit import FITS, UNITS, FittedTrial, fit_one_trial, fit_request
+from osl_analysis.commands.fit import FITS, FittedTrial, fit_one_trial, fit_request
+from osl_analysis.commands.fit_text import UNITS, estimated
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.commands.new_campaign import recordings_in
@@ -253,7 +254,7 @@ def estimates_line(estimates: pl.DataFrame) -> str:
     """The estimates of the fit to all data, with 95 % intervals, and its doubts."""
     row = estimates.to_dicts()[-1]
     values = []
-    for name in (n for n in UNITS if f"{n}_se" in row and n not in ("offset", "drift")):
+    for name in (n for n in estimated(row) if n not in ("offset", "drift")):
         high = row[f"{name}_high"]
         half = "" if high is None else f" ± {high - row[name]:.2g}"
         values.append(f"{name} {row[name]:.4g}{half} {UNITS[name]}")

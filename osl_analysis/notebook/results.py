@@ -1,0 +1,82 @@
+"""For notebooks: control gains, and the results that a campaign has written."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.commands.gains import Request, requested_gains
+from osl_analysis.commands.summarise import read_summary as read_summary_file
+from osl_analysis.config import read_campaign_section
+from osl_analysis.errors import InputError
+from osl_analysis.notebook.inputs import OF_CONFIG, File, config_of, device_of, path_of
+from osl_analysis.shared_choices import WeightSettings
+from osl_analysis.table import read_table as read_table_file
+
+Numbers = float | Sequence[float]
+
+
+def gains(K_d: Numbers, B_d: Numbers, parameters: File | None = OF_CONFIG, config: File | None = None) -> pl.DataFrame:
+    """Control gains for desired stiffnesses K_d [N*m/rad] and dampings B_d [N*m*s/rad], a row per combination.
+
+    As `osl-analysis gains`: `K_1` and `B_1` at the actuator's output (Eqs. 13 and 14), `K_1_joint` and `B_1_joint` at
+    the joint, and what theory predicts for them: `K_predicted`, `faithful_to_hz`, `delay_margin` and more
+    (docs/tables.md, `gains`). `parameters` and `config` as in `fit_impedance`; the configuration has W of Eq. 14.
+
+    Raises
+    ------
+    InputError
+        There is no parameter file, or a file is not valid.
+    UnreachableImpedanceError
+        No gains render one of the pairs, as K_d from K_s up.
+    """
+    path = config_of(config)
+    device, weight = device_of(parameters, path), read_campaign_section(path, "gain_weight", WeightSettings).weight
+    if device is None:
+        raise InputError("gains need a parameter file; name the one of your device as `parameters`")
+    return requested_gains(
+        Request(numbers("K_d", K_d), numbers("B_d", B_d), None, weight.cutoff_hz, weight.order), device
+    )
+
+
+def numbers(name: str, values: Numbers) -> list[float]:
+    """One number or several, as a list.
+
+    Raises
+    ------
+    InputError
+        One is not a finite number, or there is none.
+    """
+    try:
+        found = [float(value) for value in np.ravel(values)]
+    except (TypeError, ValueError):
+        found = []
+    if not found or not np.isfinite(found).all():
+        raise InputError(f"{name}: {values!r} is not a finite number, or several of them; correct it")
+    return found
+
+
+def read_summary(folder: File = "results") -> pl.DataFrame:
+    """The headline numbers of a campaign from the folder of its results, walking among them: a row per number.
+
+    `quantity`, `value`, `unit`, the 95 % interval `low` to `high` and what else `summary.json` says of it. Walking
+    needs all crossings of a campaign, plate and static trials: there is no `fit_walking` of a single crossing.
+
+    Raises
+    ------
+    InputError
+        There is no summary, or it is damaged.
+    """
+    numbers = read_summary_file(path_of(folder, "folder") / "summary.json")["numbers"]
+    return pl.DataFrame([{"quantity": name, **entry} for name, entry in numbers.items()], infer_schema_length=None)
+
+
+def read_table(path: File) -> pl.DataFrame:
+    """A result table of a campaign, such as `results/tables/impedance.csv`; docs/tables.md explains its columns.
+
+    Raises
+    ------
+    InputError
+        The table is missing, is no CSV, or was refused; the message says why.
+    """
+    return read_table_file(path_of(path, "path"))

@@ -1,0 +1,407 @@
+"""`import osl_analysis as osl`: the numbers are those of a campaign's tables, results cannot be changed, errors are one
+line."""
+
+import copy
+import pickle
+import pkgutil
+import subprocess
+import sys
+from dataclasses import FrozenInstanceError, replace
+from functools import cache
+
+import matplotlib as mpl
+import numpy as np
+import polars as pl
+import pytest
+from any_motion import TRUE, made_trial, multisine
+from conftest import ROOT
+from matplotlib.figure import Figure
+from polars.testing import assert_frame_equal
+
+import osl_analysis as osl
+from osl_analysis.bench.protocol import unit_block
+from osl_analysis.commands.bench import (
+    average_over_amplitudes,
+    fit_actuator_trial,
+    fit_belt_trial,
+    fit_impedance_trial,
+    fit_transmission_trial,
+)
+from osl_analysis.commands.gains import Request, requested_gains
+from osl_analysis.commands.ingest import ingest_trial
+from osl_analysis.commands.plotted_numbers import fig7
+from osl_analysis.commands.quality import check_trial
+from osl_analysis.commands.tables import gather
+from osl_analysis.commands.torque_angle import fit_torque_angle_trial
+from osl_analysis.commands.watch import estimates_line
+from osl_analysis.config import FrequencyResponseFigure, read_config
+from osl_analysis.experiments import EXPERIMENTS, PROTOCOL
+from osl_analysis.fingerprint import sources
+from osl_analysis.protocol.commanded import SteppedSineProtocol
+from osl_analysis.quality.checks import Commanded
+from osl_analysis.table import read_table, write_table
+from osl_analysis.trial import write_trial
+
+DEVICE = ROOT / "config/parameters/default.yaml"
+DESIRED = osl.DesiredImpedance("compensated", 300.0, 5.0)
+RATE = 500.0
+SHORT = "dynamometer: {amplitudes_deg: [2, 4], frequencies_hz: [2, 5], cycles: 6}\n"
+CURVE = "torque_angle: {zero: none, desired: {line: {angle_deg: [-10, 10], torque: [-35, 35]}}}\n"
+
+
+@pytest.fixture(autouse=True)
+def in_root(monkeypatch):
+    monkeypatch.chdir(ROOT)
+
+
+@pytest.fixture
+def short(tmp_path):
+    """A configuration with a short stepped sine, and a curve of torque over angle."""
+    (tmp_path / "short.yaml").write_text(SHORT + CURVE)
+    return tmp_path / "short.yaml"
+
+
+@cache
+def bench_trial(experiment):
+    """A trial of each experiment, of a joint that is known."""
+    rng = np.random.default_rng(3)
+    if experiment == "any motion":
+        return made_trial(rng, multisine(rng))
+    time = np.arange(round(40 * RATE)) / RATE
+    if experiment in ("impedance", "transmission"):
+        rest = np.zeros(round(RATE))
+        sizes = np.deg2rad([2, 4])
+        protocol = SteppedSineProtocol(tuple(sizes), (2.0, 5.0), 6)
+        theta = np.concatenate([rest, *(part for size in sizes for part in (size * unit_block(protocol, RATE), rest))])
+        time = np.arange(len(theta)) / RATE
+        omega = np.gradient(theta, time)
+        K, B, I = (300.0, 5.0, 0.02) if experiment == "impedance" else (0.0, 0.452, 0.005)
+        signals = {"theta": theta, "torque": K * theta + B * omega + I * np.gradient(omega, time)}
+    elif experiment == "belt":
+        theta = np.deg2rad(5) * (np.clip((time - 1.5) / 3.5, 0, 1) - np.clip((time - 5) / 3.5, 0, 1))
+        signals = {"theta": theta, "theta_m": 0 * time, "torque": 685.6 * theta}
+    elif experiment == "actuator":
+        omega, current = 8 * np.sin(0.6 * np.pi * time), 4 * np.sin(0.34 * np.pi * time)
+        friction = np.sign(omega) * (0.377 + 0.0896 * np.abs(current))
+        signals = {"theta_m": np.cumsum(omega) / RATE, "current": current}
+        signals["torque_m"] = 1.02 * current - friction - 5.6e-3 * omega - 9.2e-3 * np.gradient(omega, time)
+    else:
+        theta = np.deg2rad(10) * np.sin(2 * np.pi * time / 10)
+        signals = {"theta": theta, "torque": 200 * theta + 3 * np.cos(2 * np.pi * time / 10)}
+    torque = "torque_m" if experiment == "actuator" else "torque"
+    signals[torque] = signals[torque] + 0.05 * rng.standard_normal(len(time))
+    return osl.Trial("made", pl.DataFrame({"time": time, **signals}))
+
+
+def of_campaign(experiment, folder, config_path, desired=DESIRED):
+    """The tables of one trial as the job of a campaign writes them, by name; `fits/NAME/made.csv`."""
+    trial, config = folder / "made.parquet", read_config(config_path)
+    write_trial(bench_trial(experiment), trial)
+    name = "impedance" if experiment == "any motion" else experiment
+    tables = {table.name: folder / f"fits/{table.name}/made.csv" for table in EXPERIMENTS[name].tables}
+    if name == "impedance":
+        del tables["estimators"]
+        fit_impedance_trial(trial, DEVICE, desired, config.gain_weight.weight, config.dynamometer, tables)
+    elif name == "torque_angle":
+        fit_torque_angle_trial(trial, config.torque_angle, {"desired": "line"}, tables)
+    else:
+        jobs = {"belt": fit_belt_trial, "transmission": fit_transmission_trial, "actuator": fit_actuator_trial}
+        jobs[name](trial, DEVICE, config.actuator if name == "actuator" else config.dynamometer, tables)
+    return tables
+
+
+def assert_same(table, path, folder):
+    """A table in memory and a file of a campaign have the same columns and cells, to the last digit.
+
+    Joint and side stand in the sample sheet alone.
+    """
+    write_table(table, folder / "mine.csv")
+    theirs = read_table(path)
+    theirs = theirs.drop([name for name in ("joint", "side") if name not in table.columns and name in theirs.columns])
+    assert_frame_equal(read_table(folder / "mine.csv"), theirs, check_exact=True)
+    assert table.height
+
+
+FITS = {
+    "impedance": lambda trial, config: osl.fit_impedance(trial, DESIRED, config=config),
+    "any motion": lambda trial, config: osl.fit_impedance(trial, DESIRED, config=config),
+    "belt": lambda trial, config: osl.fit_belt(trial, config),
+    "transmission": lambda trial, config: osl.fit_transmission(trial, config),
+    "actuator": lambda trial, config: osl.fit_actuator(trial, config),
+    "torque_angle": lambda trial, config: osl.fit_torque_angle(trial, "line", config),
+}
+
+
+@pytest.mark.parametrize("experiment", FITS)
+def test_the_fit_of_a_trial_is_the_row_of_the_campaign_to_the_last_digit(experiment, tmp_path, short):
+    tables = of_campaign(experiment, tmp_path, short)
+    fit = FITS[experiment](bench_trial(experiment), short)
+    own = tables[fit.experiment]
+    gather([own], tmp_path / f"tables/{fit.experiment}.csv", read_config(short).doubtful.of(fit.experiment))
+    assert_same(fit.table, tmp_path / f"tables/{fit.experiment}.csv", tmp_path)
+    if fit.curves is not None:
+        assert_same(fit.curves, next(path for name, path in tables.items() if name.endswith("curves")), tmp_path)
+    from_file = FITS[experiment](str(tmp_path / "made.parquet"), str(short))
+    assert_frame_equal(from_file.table, fit.table, check_exact=True)
+
+
+@pytest.mark.parametrize(
+    ("experiment", "expected"),
+    [
+        ("any motion", TRUE),
+        ("belt", {"K_s": 685.6}),
+        ("transmission", {"B_j": 0.452}),
+        ("actuator", {"k_tau_n_m": 1.02, "f_C": 0.377, "f_G": 0.0896}),
+        ("torque_angle", {"K": 200.0}),
+    ],
+)
+def test_the_attributes_are_what_made_the_trial(experiment, expected, short):
+    fit = FITS[experiment](bench_trial(experiment), short)
+    found = {name: getattr(fit, name) for name in expected}
+    assert found == pytest.approx(expected, rel=0.03)  # of the noise, and of edges in the velocity
+
+
+@pytest.mark.parametrize("experiment", ["impedance", "transmission"])
+def test_the_attributes_are_those_of_the_fit_to_all_amplitudes(experiment, short):
+    fit = FITS[experiment](bench_trial(experiment), short)
+    over_all = fit.table.filter(pl.col("amplitude_deg").is_null()).to_dicts()
+    assert len(fit.table) == 3
+    name = "K" if experiment == "impedance" else "B_j"
+    assert [getattr(fit, name)] == [row[name] for row in over_all]
+    assert getattr(fit, f"{name}_interval") == (over_all[0][f"{name}_low"], over_all[0][f"{name}_high"])
+    assert getattr(fit, f"{name}_low") < getattr(fit, name) < getattr(fit, f"{name}_high")
+
+
+@pytest.mark.parametrize("desired", [DESIRED, osl.DesiredImpedance(None, None, None)], ids=["desired", "unknown"])
+def test_the_frequency_response_of_a_stepped_sine_is_that_of_the_campaign_and_of_fig_7(desired, tmp_path, short):
+    tables, config = of_campaign("impedance", tmp_path, short, desired), read_config(short)
+    phasors, response = tmp_path / "tables/phasors.csv", tmp_path / "tables/frequency_response.csv"
+    limits = config.doubtful.of("phasors"), config.doubtful.of("impedance")
+    gather([tables["phasors"]], phasors, limits[0], [tables["impedance"]], limits[1])
+    average_over_amplitudes(phasors, response)
+    found = osl.frequency_response(bench_trial("impedance"), desired, config=short)
+    assert_same(found.table, response, tmp_path)
+    placed = {"made": {"joint": "ankle", "side": None}}
+    gather([tables["phasors"]], phasors, limits[0], [tables["impedance"]], limits[1], placed)
+    average_over_amplitudes(phasors, response)
+    choice = FrequencyResponseFigure(K_d=desired.K_d, B_d=desired.B_d)
+    fig7(response, DEVICE, choice, config.gain_weight.weight, tmp_path / "fig7.csv")
+    assert_same(found.plotted.with_columns(chosen=pl.lit(None, pl.String)), tmp_path / "fig7.csv", tmp_path)
+    assert found.models.is_empty()
+    kinds = {"observed", "desired", "linear model"} if desired is DESIRED else {"observed"}
+    assert set(found.plotted["curve"]) == kinds
+    assert isinstance(osl.plot_frequency_response(found), Figure)
+
+
+def test_the_frequency_response_of_any_motion_is_that_of_the_campaign(tmp_path, short):
+    tables, limits = of_campaign("any motion", tmp_path, short), read_config(short).doubtful
+    found = osl.frequency_response(bench_trial("any motion"), DESIRED, config=short)
+    for name, table in (("response", found.table), ("response_models", found.models)):
+        path = tmp_path / f"tables/{name}.csv"
+        gather([tables[name]], path, limits.of(name), [tables["impedance"]], limits.of("impedance"))
+        assert_same(table, path, tmp_path)
+    figure = osl.plot_frequency_response(found)
+    assert any(line.get_ydata() == pytest.approx(found.plotted["magnitude"]) for line in figure.axes[0].lines)
+    assert "frequencies" in repr(found)
+
+
+def test_the_check_of_a_trial_has_the_rows_of_the_campaign(tmp_path, short):
+    config, trial = read_config(short), bench_trial("impedance")
+    commanded = Commanded(**{name: getattr(config.dynamometer, name) for name in PROTOCOL})
+    check_trial(trial, "impedance", (), config.quality, commanded, tmp_path / "quality.csv")
+    assert_same(osl.check(trial, config=short), tmp_path / "quality.csv", tmp_path)
+
+
+def test_a_recording_is_read_as_ingest_reads_it(tmp_path):
+    (tmp_path / "mine.yaml").write_text(
+        "format: csv\nclock: master\ntime: {column: t, unit: s}\nchannels:\n"
+        "  theta: {column: angle, unit: deg}\n  torque: {column: moment, unit: 'N*m', sign: -1}\n"
+    )
+    (tmp_path / "a.csv").write_text("t,angle,moment\n" + "".join(f"{k / 100},{k % 7},{k}\n" for k in range(200)))
+    row = {"trial": "a", "log": "a.csv", "log_source": "mine"}
+    expected = ingest_trial(row, tmp_path, tmp_path, tmp_path / "a.parquet")
+    for found in (
+        osl.read_recording(tmp_path / "a.csv", tmp_path / "mine.yaml"),
+        osl.read_trial(tmp_path / "a.parquet"),
+    ):
+        assert_frame_equal(found.samples, expected.samples, check_exact=True)
+        assert (found.name, found.provenance) == ("a", expected.provenance)
+    assert found.samples["torque"][3] == -3
+    assert found.samples["theta"][3] == pytest.approx(np.deg2rad(3))
+    assert osl.read_recording(tmp_path / "a.csv", tmp_path / "mine.yaml", name="b").name == "b"
+
+
+def test_gains_are_those_of_the_command():
+    expected = requested_gains(Request([200.0, 300.0], [2.5, 5.0], None), DEVICE)
+    assert_frame_equal(osl.gains([200, 300], (2.5, 5)), expected, check_exact=True)
+    assert_frame_equal(osl.gains(300, 5.0), osl.gains([200, 300], [5]).tail(1), check_exact=True)
+
+
+def test_a_configuration_changes_the_weight_of_the_gains_and_the_device(tmp_path):
+    (tmp_path / "config.yaml").write_text("gain_weight: {cutoff_hz: 5}\nparameters: null\n")
+    expected = requested_gains(Request([300.0], [5.0], None, weight_hz=5.0), DEVICE)
+    assert_frame_equal(osl.gains(300, 5, DEVICE, tmp_path / "config.yaml"), expected, check_exact=True)
+    with pytest.raises(osl.InputError, match="gains need a parameter file"):
+        osl.gains(300, 5, config=tmp_path / "config.yaml")
+
+
+def test_windows_are_fitted_alone(short):
+    trial = bench_trial("any motion")
+    start = trial.samples["time"][0] + 6
+    fit = osl.fit_impedance(trial, windows=f"{start:g}-{start + 12:g}", config=short)
+    assert fit.fitted_s == pytest.approx(12, abs=1)
+    assert osl.fit_impedance(trial, config=short).fitted_s > 25
+
+
+def test_without_parameter_file_nothing_is_compared_with_a_belt(short):
+    trial = bench_trial("any motion")
+    assert "no parameter file" in osl.fit_impedance(trial, config=short, parameters=None).not_checked
+    assert "K_s" not in osl.fit_impedance(trial, config=short).not_checked
+    assert osl.fit_impedance(trial, DESIRED, config=short).K_predicted == pytest.approx(299, abs=2)
+
+
+def test_a_summary_is_a_row_per_number(tmp_path):
+    assert "value" in osl.read_summary.__doc__
+    with pytest.raises(osl.InputError, match="no such summary"):
+        osl.read_summary(tmp_path)
+
+
+def test_a_result_cannot_be_changed(short):
+    fit = osl.fit_belt(bench_trial("belt"), short)
+    with pytest.raises(FrozenInstanceError):
+        fit.K_s = 1.0
+    for frame in (fit.table, fit.series, fit.curves):
+        before = frame.clone()
+        frame[0, -1] = None
+        frame.insert_column(0, pl.lit(0.0).alias("new"))
+        now = next(f for f in (fit.table, fit.series, fit.curves) if f.columns == before.columns)
+        assert_frame_equal(now, before, check_exact=True)
+    assert pickle.loads(pickle.dumps(fit)).K_s == copy.deepcopy(fit).K_s == fit.K_s
+
+
+def test_a_belt_that_moves_at_a_constant_velocity_has_no_damping_and_is_written_without_it(short):
+    fit = osl.fit_belt(bench_trial("belt"), short)
+    assert fit.B_j is None
+    for text in (repr(fit), fit._repr_html_(), estimates_line(fit.table)):
+        assert "K_s" in text
+        assert "B_j" not in text
+
+
+def test_an_unknown_attribute_names_the_nearest_one_and_all_are_completed(short):
+    fit = osl.fit_belt(bench_trial("belt"), short)
+    with pytest.raises(AttributeError, match="did you mean 'K_s'"):
+        _ = fit.K_S
+    assert {"K_s", "K_s_se", "K_s_interval", "VAF", "table", "series"} <= set(dir(fit))
+    assert not hasattr(fit, "VAF_interval")
+
+
+@pytest.mark.parametrize("experiment", FITS)
+def test_no_column_is_hidden_by_an_attribute_of_the_class(experiment, short):
+    fit = FITS[experiment](bench_trial(experiment), short)
+    own = {name for name in dir(type(fit)) if not name.startswith("_")} | {"experiment"}
+    assert own & set(fit.table.columns) <= {"doubtful", "not_checked"}
+
+
+def test_what_is_doubtful_is_said_in_text_and_page(short):
+    rng = np.random.default_rng(5)
+    motion = multisine(rng)
+    with_friction = made_trial(rng, motion, more=10 * np.tanh(50 * motion[1][1]))
+    fit = osl.fit_impedance(with_friction, config=short)
+    assert "is Coulomb friction and not damping" in fit.doubtful
+    assert f"doubtful: {fit.doubtful}" in repr(fit)
+    assert "Doubtful: " in fit._repr_html_()
+    sound = osl.fit_belt(bench_trial("belt"), short)
+    assert sound.doubtful == sound.not_checked == ""
+    assert "oubtful" not in repr(sound) + sound._repr_html_()
+
+
+def test_the_page_of_a_fit_has_value_interval_and_unit_and_runs_no_script_of_a_name(short):
+    hostile = replace(bench_trial("transmission"), name="<script>a\x1b[2J</script>")
+    fit = osl.fit_transmission(hostile, short)
+    page, (low, high) = fit._repr_html_(), fit.B_j_interval
+    assert f"<td>B_j</td><td>{fit.B_j:.5g}</td><td>{low:.5g} to {high:.5g}</td><td>N·m·s/rad</td>" in page
+    assert "<script" not in page
+    assert "\x1b" not in page + repr(fit)
+    assert "&lt;script&gt;" in page
+
+
+def test_a_figure_shows_itself_draws_the_series_and_is_saved_in_the_style_of_the_paper(tmp_path, short):
+    fit = osl.fit_belt(bench_trial("belt"), short)
+    figure = osl.plot_torque(fit)
+    assert isinstance(figure, Figure)
+    assert figure._repr_png_().startswith(b"\x89PNG")
+    measured, model = figure.axes[0].lines
+    assert list(measured.get_ydata()) == fit.series["torque"].to_list()
+    assert list(model.get_ydata()) == fit.series["torque_model"].to_list()
+    with mpl.rc_context({"pdf.fonttype": 3, "savefig.bbox": "tight"}):
+        figure.savefig(tmp_path / "a.pdf", metadata={"CreationDate": None})
+    figure.savefig(tmp_path / "b.pdf", metadata={"CreationDate": None})
+    assert (tmp_path / "a.pdf").read_bytes() == (tmp_path / "b.pdf").read_bytes()
+    assert "matplotlib.pyplot" not in sys.modules or not mpl.pyplot.get_fignums()
+
+
+def test_several_trials_of_torque_over_angle_are_drawn_together(short):
+    one = bench_trial("torque_angle")
+    fits = [osl.fit_torque_angle(replace(one, name=name), config=short) for name in ("first", "second")]
+    figure = osl.plot_torque_angle(*fits)
+    assert {text.get_text() for text in figure.axes[0].texts} == {"first", "second"}
+    assert osl.plot_torque_angle(osl.fit_torque_angle(one, "line", short)).axes
+
+
+REFUSED = {
+    "no trial": (lambda t: osl.fit_impedance(3), "a trial is needed, not int"),
+    "no file": (lambda t: osl.fit_belt("none.parquet"), "none.parquet: no such trial"),
+    "text in a column": (
+        lambda t: osl.fit_impedance(osl.Trial("a", pl.DataFrame({"time": [0.0, 1.0], "theta": ["1", "x"]}))),
+        "column 'theta' holds String",
+    ),
+    "no signal": (lambda t: osl.fit_impedance(osl.Trial("a", t.samples.drop("theta"))), "no column 'theta'"),
+    "no configuration": (lambda t: osl.check(t, config="none.yaml"), "none.yaml: no such file"),
+    "no experiment": (lambda t: osl.check(t, "impedence"), "did you mean 'impedance'"),
+    "no desired impedance": (lambda t: osl.fit_impedance(t, "compensated"), "write DesiredImpedance"),
+    "no path": (lambda t: osl.fit_impedance(t, config=3), "config: a path is needed, not 3"),
+    "no windows": (lambda t: osl.fit_impedance(t, windows="3"), "windows"),
+    "no curve": (lambda t: osl.fit_torque_angle(bench_trial("torque_angle"), "line"), "zero: none"),
+    "no source": (lambda t: osl.read_recording("README.md", "opensourcelegs"), "did you mean 'opensourceleg'"),
+    "no recording": (lambda t: osl.read_recording("none.csv", "opensourceleg"), "none.csv: no such file"),
+    "a part of a capture": (lambda t: osl.read_recording("README.md", "vicon", part="2"), "has no part '2'"),
+    "no number": (lambda t: osl.gains("a", 5), "K_d: 'a' is not a finite number"),
+    "not a number": (lambda t: osl.gains(300, float("nan")), "B_d: nan is not a finite number"),
+    "nothing": (lambda t: osl.gains([], 5), r"K_d: \[\] is not"),
+    "no fit": (lambda t: osl.plot_torque(t), "a fit is needed, not Trial"),
+    "no fits": (lambda t: osl.plot_torque_angle(), "not no fit"),
+    "another fit": (lambda t: osl.plot_torque_angle(osl.fit_belt(bench_trial("belt"))), "not belt"),
+    "no response": (lambda t: osl.plot_frequency_response(t), "not Trial"),
+    "no bench": (lambda t: osl.simulate_trial("x", "walking_01"), "is of the walkway"),
+    "no plan": (lambda t: osl.simulate_trial("x", "impedance_1"), "plans no trial 'impedance_1'"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_mistake_is_told_in_one_line(case):
+    call, said = REFUSED[case]
+    with pytest.raises(osl.InputError, match=said) as caught:
+        call(bench_trial("any motion"))
+    assert str(caught.value).isprintable()
+
+
+def test_every_public_name_is_documented_and_none_is_a_module():
+    modules = {module.name for module in pkgutil.iter_modules(osl.__path__)}
+    assert not modules & set(osl.__all__)
+    assert set(osl.__all__) <= set(dir(osl))
+    assert [name for name in osl.__all__ if not getattr(osl, name).__doc__] == []
+    with pytest.raises(AttributeError, match="no attribute 'fit_walking'"):
+        _ = osl.fit_walking
+
+
+def test_the_import_alone_loads_nothing_that_takes_time():
+    said = "import sys, osl_analysis; print({'numpy', 'polars', 'pydantic', 'matplotlib', 'scipy'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.strip() == "set()"
+
+
+def test_fits_do_not_wait_for_matplotlib():
+    for module in ("fits", "recordings", "fit", "inputs"):
+        used = {file.parent.name for file in sources(f"osl_analysis.notebook.{module}")}
+        assert "bench" in used
+        assert "figures" not in used

@@ -145,7 +145,7 @@ class ByText:
     def is_exact(self, frame: pl.DataFrame) -> bool:
         """Whether no integer that was read as float64 may have been rounded."""
         whole = [field_in(frame, steps_of(path)) for path, kind in self.kinds.items() if kind == pl.Int64]
-        return not any((column.abs() >= EXACT).any() for column in whole)
+        return not any((np.abs(column.to_numpy()) >= EXACT).any() for column in whole)  # null becomes NaN
 
     def in_kind(self, path: str, numbers: NDArray[Any]) -> NDArray[Any]:
         """Integers that were read as float64, converted back. Otherwise they would be rounded when joined with larger

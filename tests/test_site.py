@@ -1,0 +1,94 @@
+"""The documentation site: what its pages are made of, and what the check of the built site finds."""
+
+import re
+import sys
+
+import pytest
+from conftest import ROOT
+
+from osl_analysis.cli import main
+
+PAGE = "<html><body><h1 id='top'>{title}</h1><a href='{link}'>a</a>{more}</body></html>"
+
+
+@pytest.fixture(scope="module")
+def site():
+    """The modules of the site."""
+    sys.path.insert(0, str(ROOT / "docs/site"))
+    try:
+        import check
+        import commands
+        import equations
+        import pages
+    finally:
+        sys.path.pop(0)
+    return {"check": check, "commands": commands, "pages": pages, "equations": equations}
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ("<a href='none.html'>b</a>", "none.html leads nowhere"),
+        ("<a href='second.html#none'>b</a>", "second.html#none leads to no heading"),
+        ("<a href='second.html#t%6Fp'>b</a>", None),
+        ("<script src='https://cdn.example/x.js'></script>", "loads https://cdn.example/x.js from a network"),
+        ("<link href='//fonts.example/x.css'>", "loads //fonts.example/x.css from a network"),
+        ("<a href='https://example.org'>b</a>", None),
+        ("<img src='none.png'>", "none.png leads nowhere"),
+        ("<math><merror>x</merror></math>", "1 equations cannot be drawn"),
+    ],
+)
+def test_the_check_of_the_built_site_finds_a_planted_fault(site, tmp_path, fault, said):
+    (tmp_path / "index.html").write_text(PAGE.format(title="first", link="second.html#top", more=fault))
+    (tmp_path / "second.html").write_text(PAGE.format(title="second", link="index.html", more=""))
+    found = list(site["check"].faults(tmp_path))
+    assert found == [] if said is None else len(found) == 1 and found[0] == f"index.html: {said}"
+
+
+def test_a_page_without_a_link_to_it_and_a_font_of_a_network_are_found(site, tmp_path):
+    (tmp_path / "index.html").write_text(PAGE.format(title="first", link="#top", more=""))
+    (tmp_path / "lonely.html").write_text(PAGE.format(title="second", link="lonely.html", more=""))
+    (tmp_path / "site.css").write_text("@font-face { src: url('https://fonts.example/x.woff'); }")
+    assert list(site["check"].faults(tmp_path)) == [
+        "lonely.html: no link leads to this page",
+        "site.css: loads something from a network",
+    ]
+
+
+def test_the_page_of_the_command_line_has_every_command_and_option(site):
+    page = site["commands"].commands_page()
+    for name, command in main.commands.items():
+        part = page.split(f"\n## {name}\n")[1].split("\n## ")[0]
+        options = [option for one in command.params for option in one.opts if option.startswith("--")]
+        assert [option for option in options if option not in part] == [], name
+        for row in re.findall(r"^\|.*$", part, re.MULTILINE):
+            assert len(re.findall(r"(?<!\\)\|", row)) == 3, row
+    assert str(ROOT) not in page
+
+
+def test_the_page_of_functions_names_what_can_be_imported(site):
+    directives = re.findall(r"\.\. auto(class|function):: ([\w.]+)", site["pages"].functions_page())
+    assert len(directives) > 25
+    assert ("function", "osl_analysis.second_order.fit_impedance") in directives
+
+
+def test_a_link_of_a_file_of_the_top_folder_leads_to_the_same_file_from_its_page(site):
+    page = site["pages"].with_links(ROOT / "README.md", "site/overview")
+    assert "](../method.md)" in page
+    assert "](results.md)" in page
+    assert "](contributing.md)" in page
+    for link in re.findall(r"\]\((?!https?:)([^)#]+)", page):
+        assert (ROOT / "docs/site" / link).resolve().exists(), link
+
+
+def test_the_navigation_is_the_links_of_the_first_page(site):
+    text = "# Title\n\nWords.\n\n## A part\n\n[One](one.md), [Two](site/two.md)\n\n## Another\n\nNo link.\n"
+    made = site["pages"].navigated(text)
+    assert ":caption: A part\n\nOne <one>\nTwo <site/two>\n```" in made
+    assert made.count("toctree") == 1
+
+
+def test_the_index_of_an_accented_letter_stands_beside_it(site):
+    made = re.sub(r"\s", "", site["equations"].in_mathml(r"\dot\theta_m", as_block=False))
+    assert "<msub>" in made
+    assert "munderover" not in made

@@ -13,7 +13,7 @@ MAY_IMPORT = {
     | {"simulator", "shared_choices", "model", "parameters", "columns", "sheet", "yaml_settings", "files"}
     | {"trajectory", "experiments", "multisine"},
     "formats": COMMON | {"formats"},
-    "ingest": COMMON | {"ingest", "formats", "columns", "signals", "yaml_places", "yaml_settings"},
+    "ingest": COMMON | {"ingest", "formats", "columns", "memory", "signals", "yaml_places", "yaml_settings"},
     "stats": COMMON | {"stats", "signals"},
     "protocol": COMMON | {"protocol"},
     "spectral": COMMON | {"spectral", "stats", "signals", "model", "parameters"},

@@ -7,6 +7,7 @@ from typing import Any
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.quality import check_trial
 from osl_analysis.errors import PartialResultError
+from osl_analysis.memory import return_memory
 from osl_analysis.quality.checks import Commanded
 from osl_analysis.quality.settings import QualityRules
 
@@ -34,6 +35,7 @@ def ingest_and_check(
         The trial is written, and no verdict, for the error that this one is raised from.
     """
     record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)
+    return_memory()
     try:
         check_trial(record, str(row["experiment"]), accept, rules, commanded, quality)
     except Exception as error:

@@ -134,8 +134,9 @@ def decode_lines(lines: JsonLines, paths: Sequence[str]) -> DecodedLines:
         raise InputError(f"{lines.path}: {in_lines(misfit, lines)}; {NUMBER}")
     order = np.argsort(np.concatenate([rows for rows, _ in parts]))
     values, present = {}, {}
-    for path in paths:
-        values[path], present[path] = joined_field(parts, path, order)
+    sized = [(rows.size, numbers) for rows, numbers in parts]
+    for path in dict.fromkeys(paths):
+        values[path], present[path] = joined_field(sized, path, order)
         if not present[path].any():
             check_misfit(lines, path, misfit)
             names, _ = addresses_of(lines)

@@ -1,8 +1,8 @@
 """A log of messages by topic, in MCAP or a bag of ROS: its source file, and the canonical columns that it asks for."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Collection, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import polars as pl
@@ -19,6 +19,8 @@ from osl_analysis.ingest.recording import Recording, check_values
 from osl_analysis.ingest.sensor import Stamps
 from osl_analysis.ingest.source_fields import Conversion, LogSource
 from osl_analysis.ingest.stamps import SECOND, Ordering, in_order, log_times_of, stamp_fields, stamps_of
+from osl_analysis.memory import return_memory
+from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import Settings
 
 LOG_TIME = "write source: log in the source file, or exclude the trial"
@@ -91,29 +93,36 @@ def read_message_log(file: MessageFile, source: MessageSource) -> Recording:
     path = file.path
     try:
         decoded = decode_wanted(file, by_topic, source)
-        tables = {topic: read_topic(topic, by_topic[topic], one, source) for topic, one in decoded.items()}
+        how: dict[str, Any] = {}
+        absent: list[str] = []
+        tables: dict[str, tuple[pl.DataFrame, Ordering]] = {}
+        for topic in list(decoded):  # each is released as soon as its table stands: a long log is in memory once
+            one = decoded.pop(topic)
+            how[topic] = one.how
+            absent += absent_values(topic, [channel.field for channel in by_topic[topic].values()], one)
+            tables[topic] = read_topic(topic, by_topic[topic], one, source)
+            del one
     except InputError as error:
         if str(path) in str(error):
             raise
         raise InputError(f"{path}: {error}") from error
+    return_memory()
     joined = joined_on_stamp([table for table, _ in tables.values()])
     missing = {column: int(joined[column].is_nan().sum()) for column in source.channels}
-    fields = {topic: [channel.field for channel in channels.values()] for topic, channels in by_topic.items()}
     start = int(joined["stamp"][0])
     time = ((joined["stamp"] - start) / SECOND).alias("time")
     facts = {
         "time": {**source.time.origin(), "start_ns": start},
         "rates_hz": {topic: median_rate(table["stamp"].to_numpy()) for topic, (table, _) in tables.items()},
-        "decoding": {topic: one.how for topic, one in decoded.items()},
+        "decoding": how,
         "stamps": {topic: order.report() for topic, (_, order) in tables.items()},
         "missing": missing,
         "damage": file.damage.report(channels_of(file, by_topic)),
     }
     columns = {column: channel.origin(column) for column, channel in source.channels.items()}
     says = [text for topic, (_, order) in tables.items() for text in order.says(topic)]
-    says += [text for topic, one in decoded.items() for text in absent_values(topic, fields[topic], one)]
     nan = [f"{column} is NaN in {n} of {len(joined)} rows" for column, n in missing.items() if n]
-    remarks = [*file.damage.all_remarks(), *says, *nan]
+    remarks = [*file.damage.all_remarks(), *says, *absent, *nan]
     samples = joined.select(time, pl.exclude("stamp"))
     try:
         return Recording(samples, columns, facts, [f"{path.name}: {remark}" for remark in remarks])
@@ -186,28 +195,39 @@ def check_loss(file: MessageFile, topics: Collection[str], most: float) -> None:
 def read_topic(
     topic: str, channels: dict[str, LogChannel], decoded: Decoded, source: MessageSource
 ) -> tuple[pl.DataFrame, Ordering]:
-    """Stamps [ns] and columns of one topic in the order of the stamps, and counts of the sorting."""
+    """Stamps [ns] and columns of one topic in the order of the stamps, and counts of the sorting.
+
+    A field is taken out of the values once its last column stands.
+    """
     from_header = source.time.source == "header"
     stamp = stamps_of(topic, decoded, source.time.field) if from_header else log_times_of(topic, decoded)
-    most = source.most_missing
-    columns = [canonical_series(column, channel, decoded, stamp, most) for column, channel in channels.items()]
-    columns += [
+    counters = [
         pl.Series(counter_column(column), counts_of(topic, channel.counter, decoded))
         for column, channel in channels.items()
         if channel.counter is not None
     ]
-    table = pl.DataFrame([pl.Series("stamp", stamp), *columns])
-    logged_in_order = (np.diff(decoded.log_time) >= 0) | (np.diff(decoded.channel) != 0)
+    columns, time = [pl.Series("stamp", stamp)], (stamp - stamp[0]) / SECOND
+    del stamp
+    waiting = Counter(channel.field for channel in channels.values())
+    for path in decoded.values.keys() - waiting.keys():
+        del decoded.values[path]
+    for column, channel in channels.items():
+        columns.append(canonical_series(column, channel, decoded, time, source.most_missing))
+        waiting[channel.field] -= 1
+        if not waiting[channel.field]:
+            del decoded.values[channel.field]
+    del time
+    table = pl.DataFrame([*columns, *counters])
+    logged, number = decoded.log_time, decoded.channel
+    logged_in_order = (logged[1:] >= logged[:-1]) | (number[1:] != number[:-1])
     advice = LOG_TIME if from_header and logged_in_order.all() else NO_OTHER_CLOCK
     return in_order(topic, table, decoded.channel, source.largest_loss, advice)
 
 
-def canonical_series(
-    column: str, channel: LogChannel, decoded: Decoded, stamp: Indices, most_missing: float
-) -> pl.Series:
+def canonical_series(column: str, channel: LogChannel, decoded: Decoded, time: Array, most_missing: float) -> pl.Series:
     """One column in SI units; null where a message lacks the field, NaN where its value is."""
     raw = physical_values(channel.topic, channel.field, decoded, unit_of(column))
-    check_values(f"topic {channel.topic}, field {channel.field}", raw, (stamp - stamp[0]) / SECOND, most_missing)
+    check_values(f"topic {channel.topic}, field {channel.field}", raw, time, most_missing)
     series = pl.Series(column, channel.to_si(raw, unit_of(column)))
     present = decoded.present[channel.field]
     return series if present.all() else series.set(pl.Series(~present), None)

@@ -38,7 +38,7 @@ class Recording:
 def check_values(what: str, values: Array, time: Array, most_missing: float) -> None:
     """Refuse infinity in a channel, (n,), and NaN, a reading that failed, in more than a share of it."""
     missing = np.isnan(values)
-    check_finite(what, np.where(missing, 0.0, values), time)
+    check_finite(what, np.where(missing, 0.0, values) if missing.any() else values, time)
     if missing.sum() > most_missing * values.size:
         raise InputError(
             f"{what}: NaN in {missing.sum()} of {values.size} samples, first at {time[np.argmax(missing)]:.3f} s; at "

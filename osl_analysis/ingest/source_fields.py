@@ -61,7 +61,8 @@ class Conversion(Sensor):
         """
         factor = si_factor(self.stated_unit(unit_of_file), si_unit)
         with np.errstate(over="ignore"):  # what overflows is refused with what is too large
-            return np.asarray(self.sign * self.scale * factor * (raw + self.offset))
+            found = np.asarray(raw + self.offset)
+            return np.multiply(self.sign * self.scale * factor, found, out=found)
 
     def origin(self, column: str, unit_of_file: str = "") -> dict[str, Any]:
         """Where a canonical column comes from and how it was converted, for the trial's provenance."""

@@ -131,7 +131,7 @@ def in_order(
     for number in numbers:
         late += check_not_set(topic, table if channels == 1 else table.filter(channel == number), advice)
     stamp = table["stamp"].to_numpy()
-    if (np.diff(stamp) > 0).all():
+    if (stamp[1:] > stamp[:-1]).all():
         return table, Ordering(0, 0, 0)
     once = table.group_by("stamp", maintain_order=True).agg(pl.all().drop_nulls().first()).sort("stamp")
     contradicted, most = contradictions(table, once), largest_loss * stamp.size

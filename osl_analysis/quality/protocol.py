@@ -37,11 +37,13 @@ def measure_protocol(examined: Examined) -> CheckResult:
         angle = uniform_signals(examined.trial, ["theta"], GapLimits())
     except InputError as error:
         return not_applicable(f"no time base, {error}")
-    alike = likeness(angle.time, angle["theta"], commanded) if is_judged(examined) else None
+    time, theta = angle.time, angle["theta"]
+    del angle  # with the stamps and clocks behind it, as large again as the motion
+    alike = likeness(time, theta, commanded) if is_judged(examined) else None
     other = other_motion(examined, alike)
     if other:
         return CheckResult(0.0, other)
-    found = find_runs(angle.time, angle["theta"], fewest) if alike is None else alike.runs
+    found = find_runs(time, theta, fewest) if alike is None else alike.runs
     remarks = [*differences(found, commanded), *(f"besides {run}" for run in found if not pair_of(run, commanded))]
     pairs = len(commanded.amplitudes) * len(commanded.frequencies_hz)
     words = remarks or [f"{pairs} commanded pairs of amplitude and frequency found"]

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from osl_analysis.trial import Array
 
+AT_ONCE = 1 << 16
+"""Rows of the grid that are computed at a time."""
 NEAR = 50
 """Samples by which the spline is known at an end: what lies farther has a weight below 0.27^50, which is 1e-28."""
 
@@ -20,13 +22,22 @@ def cubic_between(times: Array, values: Array, at: Array, before: NDArray[np.int
     `before` (m,) is the row of the sample at or before each of these times, k - 2 at most. At both ends the first two
     cubics are one (not-a-knot). Four samples at least.
     """
-    step = np.diff(times)
-    length = step[before]
+    curved = curvatures(times, np.diff(times), values)
+    found = np.empty((len(at), values.shape[1]))
+    for first in range(0, len(at), AT_ONCE):  # what a row needs meanwhile is ten times what it leaves
+        rows = slice(first, first + AT_ONCE)
+        found[rows] = between(times, values, curved, at[rows], before[rows])
+    return found
+
+
+def between(times: Array, values: Array, curved: Array, at: Array, before: NDArray[np.intp]) -> Array:
+    """Values as from `cubic_between`, of the cubics with these second derivatives (k, signals) at the samples."""
+    length = times[before + 1] - times[before]
     share = (at - times[before]) / length
     rest = 1 - share
     bend = -share * rest * length**2 / 6
     found = np.empty((len(at), values.shape[1]))
-    for k, (y, curvature) in enumerate(zip(values.T, curvatures(times, step, values).T, strict=True)):
+    for k, (y, curvature) in enumerate(zip(values.T, curved.T, strict=True)):
         line = rest * y[before] + share * y[before + 1]
         found[:, k] = line + bend * ((1 + rest) * curvature[before] + (1 + share) * curvature[before + 1])
     return found
@@ -41,8 +52,14 @@ def curvatures(times: Array, step: Array, values: Array) -> Array:
     found = np.empty_like(values)
     found[0] = scipy.interpolate.CubicSpline(times[:NEAR], values[:NEAR])(times[0], 2)
     found[-1] = scipy.interpolate.CubicSpline(times[-NEAR:], values[-NEAR:])(times[-1], 2)
-    change = 6 * np.diff(np.diff(values, axis=0) / step[:, None], axis=0)
+    slope = np.diff(values, axis=0)
+    slope /= step[:, None]
+    change = np.diff(slope, axis=0)
+    del slope
+    change *= 6
     change[0] -= step[0] * found[0]
     change[-1] -= step[-1] * found[-1]
-    _, _, found[1:-1], _ = scipy.linalg.lapack.dptsv(2 * (step[:-1] + step[1:]), step[1:-1], change)
+    diagonal = step[:-1] + step[1:]
+    diagonal *= 2
+    found[1:-1] = scipy.linalg.lapack.dptsv(diagonal, step[1:-1], change, overwrite_d=True, overwrite_b=True)[2]
     return found

@@ -16,6 +16,8 @@ from osl_analysis.trial import Array
 
 ON_GRID = 1e-6
 """Distance, in steps, at which a sample counts as lying on the grid."""
+ROUNDED = 1e6
+"""Rows of a grid from which that distance grows with their number: a step is known to 1e-13 of itself."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,7 @@ def resampled(part: Samples, time: Array) -> Array:
     """Values (m, signals) at the grid's times (m,) [s]: the samples themselves where they lie on it, else a cubic."""
     row = int(np.searchsorted(part.times, time[0] - ON_GRID * part.step))
     there = part.times[row : row + len(time)]
-    if len(there) == len(time) and np.max(np.abs(there - time)) < ON_GRID * part.step:
+    apart = ON_GRID * part.step * max(len(time) / ROUNDED, 1.0)  # the rounding of a step adds up
+    if len(there) == len(time) and abs(there[-1] - time[-1]) < apart and np.max(np.abs(there - time)) < apart:
         return part.values[row : row + len(time)]
     return cubic_between(part.times, part.values, np.clip(time, part.times[0], part.times[-1]), part.before(time))

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_analysis.timebase.cubic import AT_ONCE
 from osl_analysis.timebase.gaps import GapLimits, Gaps
 from osl_analysis.timebase.samples import Samples
 from osl_analysis.trial import Array
@@ -103,7 +104,8 @@ def report_of(
     """Everything that provenance states about the grid with times (m,) [s]."""
     rate = (len(time) - 1) / float(time[-1] - time[0])
     streams = tuple(stream_report(part, found, rate, limits) for part, found in zip(parts, gaps, strict=True))
-    farthest = max(farthest_sample(part.times, time[usable]) for part in parts)
+    rows = time if usable.all() else time[usable]
+    farthest = max(farthest_sample(part.times, rows) for part in parts)
     masked = int(np.count_nonzero(~usable))
     return TimebaseReport(
         rate, float(time[0]), float(time[-1]), len(time), masked, farthest, limits.highest_hz, streams
@@ -142,5 +144,10 @@ def stream_report(part: Samples, gaps: Gaps, rate_hz: float, limits: GapLimits) 
 
 def farthest_sample(samples: Array, rows: Array) -> float:
     """Largest distance [s] of a row to the nearest of the samples' rising times."""
-    after = np.clip(np.searchsorted(samples, rows), 1, len(samples) - 1)
-    return float(np.max(np.minimum(np.abs(samples[after] - rows), np.abs(rows - samples[after - 1]))))
+    farthest = 0.0
+    for first in range(0, len(rows), AT_ONCE):
+        some = rows[first : first + AT_ONCE]
+        after = np.clip(np.searchsorted(samples, some), 1, len(samples) - 1)
+        nearest = np.minimum(np.abs(samples[after] - some), np.abs(some - samples[after - 1]))
+        farthest = max(farthest, float(np.max(nearest)))
+    return farthest

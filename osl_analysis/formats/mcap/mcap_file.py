@@ -67,6 +67,7 @@ class McapFile:
                 self.count(section, read)
                 self.adopt(read.block.buffer, read.block.others)
                 yield self.of_declared_channels(read.block)
+                release(self.data, section)
         if self.damage.knows_of_missing_chunks():
             self.damage.uncounted = True
 
@@ -155,6 +156,14 @@ def begin_report(damage: Damage, scan: Scan) -> None:
         damage.bytes += summary.missing
     elif summary.missing:
         damage.remark(f"{-summary.missing} bytes were inserted before the summary")
+
+
+def release(data: Buffer, section: FileSection) -> None:
+    """Take the pages of a section that has been read out of memory, where the file is mapped."""
+    if isinstance(data, mmap.mmap) and hasattr(data, "madvise"):
+        first = -(-section.start // mmap.PAGESIZE) * mmap.PAGESIZE
+        if section.end > first:
+            data.madvise(mmap.MADV_DONTNEED, first, section.end - first)
 
 
 def read_mcap(path: Path) -> McapFile:

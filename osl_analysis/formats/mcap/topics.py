@@ -113,17 +113,22 @@ def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader
     log_time, channel, rows, before = [], [], [], 0
     for reader in decoded:
         logged, places = np.concatenate(reader.log_times), np.concatenate([place for place, _ in reader.parts])
-        recorded = recording_order(logged, np.concatenate(reader.sequences))
-        order = in_order_of(recorded, places)
+        order = in_order_of(recording_order(logged, np.concatenate(reader.sequences)), places)
+        reader.log_times.clear()  # what is not needed any more is released: a log of hours is in memory once
+        reader.sequences.clear()
         rows.append(before + order)
         log_time.append(logged[places[order]])
         channel.append(np.full(order.size, reader.channel.id, np.uint16))
         before += order.size
-    parts = [part for reader in decoded for part in reader.parts]
+        del logged, places, order
+    parts = [(places.size, values) for reader in decoded for places, values in reader.parts]
+    for reader in decoded:
+        reader.parts.clear()
     order = np.concatenate(rows)
+    rows.clear()
     is_sorted = bool((np.diff(order) > 0).all())
     values, present = {}, {}
-    for path in paths:
+    for path in dict.fromkeys(paths):
         values[path], present[path] = joined_field(parts, path, None if is_sorted else order)
     how = [reader.how() for reader in readers]
     return Decoded(np.concatenate(log_time), np.concatenate(channel), values, present, how)
@@ -131,7 +136,7 @@ def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader
 
 def in_order_of(recorded: Indices, places: Indices) -> Indices:
     """Indices that put messages at `places` of a channel in the order of recording, which `recorded` gives."""
-    if (np.diff(recorded) > 0).all():
+    if (recorded[1:] > recorded[:-1]).all():
         return np.argsort(places, kind="stable")  # fast, because the places rise in most files
     rank = np.empty_like(recorded)
     rank[recorded] = np.arange(recorded.size)
@@ -147,16 +152,16 @@ def no_messages(topic: str, readers: Sequence[ChannelReader]) -> InputError:
 
 
 def joined_field(
-    parts: Sequence[tuple[Indices, Values]], path: str, order: Indices | None
+    parts: Sequence[tuple[int, Values]], path: str, order: Indices | None
 ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """One field of all messages, and whether each message has it."""
-    sizes = [places.size for places, _ in parts]
+    """One field of all messages, taken out of the parts, each with its number of messages; and which ones have it."""
+    sizes = [size for size, _ in parts]
     has = [path in values for _, values in parts]
     if not any(has):
         nowhere = np.broadcast_to(False, sum(sizes))
         return nowhere, nowhere
     there = np.broadcast_to(True, sum(sizes)) if all(has) else np.repeat(has, sizes)
     # False joins with any number type without changing it
-    pieces = [values.get(path, np.zeros(size, bool)) for (_, values), size in zip(parts, sizes, strict=True)]
+    pieces = [values.pop(path, np.zeros(size, bool)) for size, values in parts]
     joined = np.concatenate(pieces)
     return (joined, there) if order is None else (joined[order], there[order])

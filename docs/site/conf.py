@@ -6,6 +6,7 @@ Nothing of the built site comes from a network: equations are MathML, fonts are 
 import re
 import sys
 from importlib import metadata
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib
@@ -48,6 +49,7 @@ html_theme_options = {"top_of_page_buttons": []}
 html_math_renderer = "mathml"
 
 
+DESCRIBED = re.compile(r"^(\w+): (.*)")
 ARRAY = re.compile(r"ndarray\[tuple\[Any, \.\.\.\], dtype\[(\w+?)_?\]\]")
 
 
@@ -60,8 +62,19 @@ def shorter(app, what, name, thing, options, signature, returned):
     return short(signature), short(returned)
 
 
+def described(app, what, name, thing, options, lines):
+    """Write `name: what it is` of a docstring as numpydoc has it, where the colon would begin a type."""
+    made, of_names = [], False
+    for before, line in pairwise(["", *lines]):
+        if line and not line.strip("-"):
+            of_names = before in ("Parameters", "Attributes")
+        made += DESCRIBED.sub(r"\1\n    \2", line).split("\n") if of_names else [line]
+    lines[:] = made
+
+
 def setup(app):
     """Have the pages filled whose text comes from elsewhere, and equations written as MathML."""
+    app.connect("autodoc-process-docstring", described, priority=400)
     app.connect("autodoc-process-signature", shorter)
     app.connect("source-read", fill_page)
     add_mathml(app)

@@ -3,10 +3,11 @@
 import os
 import re
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 
 from commands import commands_page
+
+import osl_analysis
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -20,7 +21,6 @@ FILES = {
 PAGE_OF = {ROOT / file: f"{page}.md" for page, file in FILES.items()}
 LINK = re.compile(r"\]\((?!https?:|mailto:|#)([^)#\s]+)")
 NAVIGATED = re.compile(r"\[([^]]+)\]\(([\w/]+)\.md\)")
-NOTEBOOK = "osl_analysis.notebook"
 FUNCTIONS = {
     "Trials and signals": (
         "trial.Trial", "trial.read_trial", "trial.write_trial", "signals.sampling_rate", "signals.LowPass",
@@ -32,7 +32,7 @@ FUNCTIONS = {
     ),
     "Frequency response": (
         "spectral.period.find_repetition", "spectral.realisations.periodic_motion",
-        "spectral.response.periodic_response", "spectral.response.FrequencyResponse",
+        "spectral.response.periodic_response",
     ),
     "The drivetrain": (
         "parameters.DrivetrainParameters", "model.drivetrain.motor_friction", "model.drivetrain.actuator_torque",
@@ -47,7 +47,7 @@ FUNCTIONS = {
         "model.gain_selection.OptimalDamping",
     ),
 }  # fmt: skip
-"""What the page of functions has, by heading. The functions for notebooks go first."""
+"""What the page of functions has below the public names of the package, by heading."""
 
 
 def fill_page(app, page, source):
@@ -103,9 +103,9 @@ def navigated(text):
 
 
 def functions_page():
-    """Directives that write the docstrings of the functions and types."""
-    notebook = [f".. automodule:: {NOTEBOOK}\n   :members:"] * bool(find_spec(NOTEBOOK))
-    parts = {"For notebooks": notebook} if notebook else {}
+    """Directives that write the docstrings of the functions and types: those of the package, then those below them."""
+    public = [one_function(f"osl_analysis.{name}") for name in getattr(osl_analysis, "__all__", ())]
+    parts = {"Public names": sorted(public, key=lambda one: "autoclass" in one)} if public else {}
     for heading, names in FUNCTIONS.items():
         parts[heading] = [one_function(f"osl_analysis.{name}") for name in names]
     return "".join(

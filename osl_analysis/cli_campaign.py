@@ -1,5 +1,6 @@
 """The commands of `osl-analysis` for a whole campaign: make one, run it, look whether machine and data will do."""
 
+import shlex
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -43,7 +44,7 @@ def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, exam
     elif not example:
         say("next: recordings into recordings/, a row for each into trials.csv, their channels into sources/")
         say("      `osl-analysis inspect FILE --draft sources/NAME.yaml` drafts a source file")
-    say(f"then: cd {folder} && osl-analysis run")
+    say(f"then: cd {shlex.quote(str(folder))} && osl-analysis run")
 
 
 @click.command(

@@ -137,9 +137,15 @@ class LogHandler(LogHandlerBase):
         self.is_quiet = not (self.common_settings.verbose or self.common_settings.dryrun)
 
     def emit(self, record: LogRecord) -> None:
-        """Take one record."""
-        if not self.is_quiet:
-            return
+        """Take one record. A line that cannot be written must not end the thread that takes them."""
+        if self.is_quiet:
+            try:
+                self.take(record)
+            except Exception:
+                self.handleError(record)
+
+    def take(self, record: LogRecord) -> None:
+        """Plan, count, or write."""
         event, known = getattr(record, "event", None), record.__dict__
         if event == LogEvent.RUN_INFO:
             self.progress.plan(known["stats"])

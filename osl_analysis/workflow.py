@@ -23,6 +23,8 @@ from osl_analysis.stale import RECORDED, made_of, stale
 
 __all__ = ["at_end_of_run", "code", "code_of", "know_by_logs", "report", "run_job", "say_of_tables"]
 FOR_SNAKEMAKE = ("code", "command", "described", RECORDED)
+LONGEST_WAIT_S = 5.0
+"""For lines that are to be written before the report [s]."""
 ONE_AT_A_TIME = threading.Lock()
 """Starting a process asks which others have ended. An exit code can be read once: of two threads, one gets none."""
 STARTED = time.time()
@@ -132,8 +134,9 @@ def report(logs: Path) -> str:
 
 def write_all_lines(logging: Any) -> None:
     """Wait until the thread that writes Snakemake's lines has written those that wait, so that our report is last."""
-    if logging.queue_listener is not None:
-        logging.queue_listener.queue.join()
+    listener, deadline = logging.queue_listener, time.monotonic() + LONGEST_WAIT_S
+    while listener is not None and listener.queue.unfinished_tasks and time.monotonic() < deadline:
+        time.sleep(0.01)
 
 
 def at_end_of_run(workflow: Any, folders: Iterable[Path], said: Callable[[tuple[str, ...]], str], accept: bool) -> None:

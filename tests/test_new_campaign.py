@@ -12,10 +12,12 @@ from jsonschema import Draft202012Validator
 
 from osl_analysis.cli import main
 from osl_analysis.commands.doctor import findings
+from osl_analysis.commands.new_campaign import draft_campaign
 from osl_analysis.commands.run import snakemake_arguments
 from osl_analysis.commands.schemas import schemas
 from osl_analysis.config import read_config
 from osl_analysis.errors import InputError
+from osl_analysis.ingest.draft_places import open_places
 from osl_analysis.ingest.draft_sheet import Recorded, draft_trials
 from osl_analysis.ingest.known_formats import read_source
 from osl_analysis.shipped import shipped
@@ -92,6 +94,22 @@ def test_two_columns_that_may_be_the_angle_are_left_to_the_user(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("column", "name"),
+    [
+        *(("theta", f"{name}_deg") for name in ("theta_d", "theta_set", "q_d", "AnkleAngleSoll", "knee_angle")),
+        *(("torque", f"{name}_Nm") for name in ("torque_model", "tau_ff", "torque_set", "drive_torque", "u")),
+    ],
+)
+def test_a_channel_that_may_be_another_quantity_is_left_to_the_user(tmp_path, column, name):
+    names = {"theta": "ankle_angle_deg", "torque": "loadcell_torque_Nm"} | {column: name}
+    rows = [f"{k / 100},{k % 7},{k % 5}" for k in range(30)]
+    (tmp_path / "a.csv").write_text("\n".join([f"time_s,{names['theta']},{names['torque']}", *rows]))
+    content = yaml.safe_load(draft_campaign(tmp_path).sources["csv"])
+    (open_place,) = open_places(content)
+    assert content["channels"][open_place[-1]]["column"] == name
+
+
+@pytest.mark.parametrize(
     ("name", "experiment", "told"),
     [
         ("belt 01", "belt", {}),
@@ -101,13 +119,22 @@ def test_two_columns_that_may_be_the_angle_are_left_to_the_user(tmp_path):
         ("gait_unperturbed_1", "walking", {"perturbed": "false"}),
         ("stand", "static", {}),
         ("KNEE12", "ingest_only", {}),
+        ("K1_B2_K300", "ingest_only", {}),
+        ("k1", "ingest_only", {}),
+        ("standing_K300_B5", "ingest_only", {}),
+        ("walk_3", "ingest_only", {}),
+        ("K300_B2p5", "impedance", {"K_d": "300"}),
+        ("K300_B5,5", "impedance", {"K_d": "300"}),
+        ("k300b5", "impedance", {"K_d": "300", "B_d": "5"}),
+        ("2026-11-21_K300_B7.5_uncomp", "impedance", {"K_d": "300", "B_d": "7.5", "controller": "uncompensated"}),
     ],
 )
 def test_the_name_of_a_file_tells_its_trial_and_nothing_more(name, experiment, told):
     (trial,) = draft_trials([Recorded(Path(f"{name}.csv"), "csv", is_capture=False)])
     assert trial.cells["experiment"] == experiment
     assert {k: v for k, v in trial.cells.items() if k in ("K_d", "B_d", "controller", "perturbed")} == told
-    assert bool(trial.open) == (name in ("KNEE12", "K_d=250_run2"))
+    complete = experiment not in ("ingest_only", "impedance") or {"K_d", "B_d"} <= told.keys()
+    assert bool(trial.open) != complete
 
 
 def test_a_log_and_a_capture_of_one_name_are_one_trial_and_two_logs_are_two():

@@ -8,7 +8,8 @@ import pytest
 from conftest import ROOT
 from test_new_campaign import DAMPING, INERTIA, STIFFNESS, write_joint
 
-from osl_analysis.commands.watch import QUIET_S, Arrivals, bench_of, line_of, read_notes, write_notes
+from osl_analysis.commands import watch as module
+from osl_analysis.commands.watch import QUIET_S, Arrivals, bench_of, line_of, read_notes, watch
 from osl_analysis.shipped import default_config
 
 
@@ -28,37 +29,109 @@ def touch(path, text, second):
     os.utime(path, (second, second))
 
 
+def looks(arrivals, *seconds):
+    """The names of what is complete at each of these times, which is then examined."""
+    found = []
+    for now in seconds:
+        complete = arrivals.complete(float(now))
+        arrivals.seen |= {path.name: state for path, state in complete}
+        found.append([path.name for path, _ in complete])
+    return found
+
+
 def test_a_file_that_grows_is_left_alone_until_it_rests(tmp_path):
     arrivals, log = Arrivals(tmp_path), tmp_path / "a.csv"
     for second in range(10):
         touch(log, "x" * (second + 1), second)
-        assert arrivals.complete(float(second)) == []
-    assert arrivals.complete(9.0 + QUIET_S - 0.1) == []
-    assert arrivals.complete(9.0 + QUIET_S) == [log]
-    assert arrivals.complete(9.0 + 3 * QUIET_S) == []
+        assert looks(arrivals, second) == [[]]
+    assert looks(arrivals, 9 + QUIET_S - 0.1, 9 + QUIET_S, 9 + 3 * QUIET_S) == [[], ["a.csv"], []]
+
+
+def test_a_file_that_grows_with_pauses_is_taken_for_complete_once_at_most(tmp_path):
+    """A recorder that writes every 6 s gave a refusal for each part."""
+    arrivals, log, found = Arrivals(tmp_path), tmp_path / "a.csv", []
+    for second in range(60):
+        if second % 6 == 0:
+            touch(log, "x" * (second + 1), second)
+        found += looks(arrivals, second)
+    assert [second for second, names in enumerate(found) if names] in ([4], [])
+    assert ["a.csv"] in looks(arrivals, *range(60, 75))
+
+
+def test_a_file_that_a_process_still_writes_to_is_left_alone(tmp_path):
+    arrivals, log = Arrivals(tmp_path), tmp_path / "a.csv"
+    with log.open("w") as file:
+        file.write("begun")
+        file.flush()
+        assert looks(arrivals, 0, QUIET_S, 3 * QUIET_S) == [[], [], []]
+    with log.open():
+        assert looks(arrivals, 4 * QUIET_S) == [["a.csv"]]
 
 
 def test_a_file_of_the_same_size_that_is_written_again_is_examined_again(tmp_path):
     arrivals, log = Arrivals(tmp_path), tmp_path / "a.csv"
     touch(log, "first", 1)
-    assert [arrivals.complete(now) for now in (0.0, QUIET_S)] == [[], [log]]
+    assert looks(arrivals, 0, QUIET_S) == [[], ["a.csv"]]
     touch(log, "later", 2)
-    assert [arrivals.complete(QUIET_S + now) for now in (1.0, 1.0 + QUIET_S)] == [[], [log]]
+    assert looks(arrivals, *range(100, 130)).count(["a.csv"]) == 1
 
 
-def test_a_restart_does_not_repeat_and_an_empty_file_waits(tmp_path):
-    log, notes = tmp_path / "in/a.csv", tmp_path / "out/examined.json"
-    log.parent.mkdir()
-    touch(log, "", 1)
-    arrivals = Arrivals(log.parent)
-    assert [arrivals.complete(now) for now in (0.0, QUIET_S)] == [[], []]
-    touch(log, "text", 2)
-    assert [arrivals.complete(QUIET_S + now) for now in (1.0, 1.0 + QUIET_S)] == [[], [log]]
-    write_notes(notes, arrivals.seen)
-    again = Arrivals(log.parent, read_notes(notes))
-    assert [again.complete(now) for now in (0.0, QUIET_S, 2 * QUIET_S)] == [[], [], []]
-    notes.write_text("{cut")
-    assert read_notes(notes) == {}
+def test_what_was_not_examined_before_a_restart_is_examined_then_and_no_more(tmp_path, bench, monkeypatch):
+    """All that lay there was noted before the first was examined: after Ctrl-C the rest was lost."""
+    (tmp_path / "in").mkdir()
+    for name in ("a.csv", "b.csv", "c.csv"):
+        touch(tmp_path / f"in/{name}", "text", 1)
+    clock = iter(range(0, 1000, 5))
+    monkeypatch.setattr(module.time, "monotonic", lambda: float(next(clock)))
+    monkeypatch.setattr(module.time, "sleep", lambda _: None)
+    first = watch(tmp_path / "in", bench)
+    assert " a.csv: " in next(first)
+    first.close()
+    again = watch(tmp_path / "in", bench)
+    assert [" b.csv: " in next(again), " c.csv: " in next(again)] == [True, True]
+    again.close()
+    assert sorted(read_notes(bench.output / "examined.json")) == ["a.csv", "b.csv", "c.csv"]
+    (bench.output / "examined.json").write_text("{cut")
+    assert read_notes(bench.output / "examined.json") == {}
+
+
+def test_an_empty_file_waits(tmp_path):
+    touch(tmp_path / "a.csv", "", 1)
+    assert looks(Arrivals(tmp_path), 0, QUIET_S) == [[], []]
+
+
+def test_a_fault_in_one_recording_does_not_end_the_watch(tmp_path, bench, monkeypatch):
+    write_joint(tmp_path / "in/k120_b2.csv")
+    monkeypatch.setattr(module, "fit_one_trial", lambda *_: 1 / 0)
+    said = line_of(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
+    assert "FAILED: unexpected ZeroDivisionError" in said
+
+
+def test_a_picture_that_cannot_be_written_does_not_take_the_numbers_away(tmp_path, bench):
+    write_joint(tmp_path / "in/k120_b2.csv")
+    bench.output.write_text("a file in place of the folder")
+    said = line_of(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
+    assert re.search(r"\bK 1[12]\d", said)
+    assert "no picture: " in said
+
+
+def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
+    write_joint(tmp_path / "in/k300_b2.csv")
+    said = line_of(tmp_path / "in/k300_b2.csv", tmp_path / "in", bench)
+    assert "LOOK AT IT: K is 0.4 times the K_d = 300" in said
+
+
+def test_a_constant_torque_and_a_wrong_unit_of_time_are_refused_by_name(tmp_path, bench):
+    for name, header, scale in (
+        ("k1.csv", "time_s,angle_deg,torque_Nm", 0),
+        ("k2.csv", "time_ms,angle_deg,torque_Nm", 1),
+    ):
+        lines = [f"{k / 250},{8 * (k % 50 - 25) * ((-1) ** (k // 50)) / 25},{scale * (k % 7)}" for k in range(3000)]
+        (tmp_path / "in").mkdir(exist_ok=True)
+        (tmp_path / "in" / name).write_text("\n".join([header, *lines]))
+    said = [line_of(tmp_path / f"in/{name}.csv", tmp_path / "in", bench) for name in ("k1", "k2")]
+    assert "torque is 0 N*m in all samples" in said[0]
+    assert "samples are 4e-06 s apart" in said[1]
 
 
 def test_a_recording_of_an_unknown_recorder_gives_its_joint_and_what_was_guessed(tmp_path, bench):

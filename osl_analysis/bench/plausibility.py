@@ -19,11 +19,14 @@ SAME_AS_BELT = 1.1
 """Largest K over the belt's K_s. The joint and the motor act through the belt, in series with it, so that the motor can
 render no K above K_s; a tenth allows for the belt at hand."""
 
+SHORTEST_STEP_S = 1e-5
+"""Smallest time between two samples [s]; no recorder of a joint is faster than 100 kHz."""
 NO_PARAMETERS = "estimates against those of a parameter file: the configuration names none"
 
 
 def check_recording(trial: Trial, limits: BenchAnalysis, torque: str = "torque", angle: str | None = "theta") -> None:
-    """Refuse an angle that no leg's joint turns by, and a torque beyond the load cell's range of the configuration.
+    """Refuse an angle that no leg's joint turns by, a torque beyond the load cell's range of the configuration or one
+    that never changes while the joint turns, and samples so close that the unit of time must be wrong.
 
     Raises
     ------
@@ -31,6 +34,17 @@ def check_recording(trial: Trial, limits: BenchAnalysis, torque: str = "torque",
         The message names trial, channel, value, and the likely unit.
     """
     turned, measured = recorded_values(trial, angle), recorded_values(trial, torque)
+    steps = np.diff(trial.samples["time"].drop_nulls().to_numpy())
+    if steps.size and 0 < (step := float(np.median(steps))) < SHORTEST_STEP_S:
+        raise InputError(
+            f"trial {trial.name}: its samples are {step:.2g} s apart, {1 / step:.3g} in a second: is its time recorded "
+            "in another unit than it is declared in? Correct the unit of `time` in the source file"
+        )
+    if turned.size and measured.size > 1 and np.ptp(turned) and not np.ptp(measured):
+        raise InputError(
+            f"trial {trial.name}: {torque} is {measured[0]:.4g} N*m in all samples while {angle} turns by "
+            f"{np.ptp(turned):.2g} rad; is this the channel of the load cell? Correct it in the source file"
+        )
     if turned.size and (half := float(np.ptp(turned)) / 2) > limits.largest_angle:
         swapped = measured.size and float(np.ptp(measured)) / 2 < limits.largest_angle
         cause = (

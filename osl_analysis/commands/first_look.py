@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import polars as pl
+
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign import Campaign, open_campaign
 from osl_analysis.commands.fit import fit_one_trial, fit_request
@@ -19,6 +21,9 @@ from osl_analysis.config import read_config
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.shipped import CAMPAIGN
+
+FAR = (0.6, 1.67)
+"""K over K_d beyond which a unit or K_d is probably wrong: a joint renders K_d to some 20 %."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,17 @@ def first_trials(campaign: Campaign) -> list[str]:
     return list(first.values())
 
 
+def off_desired(estimates: pl.DataFrame, K_d: float | str | None) -> str:
+    """What a stiffness far from the one that was asked for may mean; empty where it is near, or none was asked for."""
+    ratio = 1.0 if K_d is None else float(estimates["K"][-1]) / float(K_d)
+    if K_d is None or FAR[0] <= ratio <= FAR[1]:
+        return ""
+    return (
+        f"K is {ratio:.3g} times the K_d = {float(K_d):g} N*m/rad of this trial: are K_d and the units of torque and "
+        "angle right?"
+    )
+
+
 def look(campaign: Campaign, trial: str, config: Path) -> Look:
     """Ingest and fit one trial into a folder that is deleted."""
     row = campaign.row(trial)
@@ -71,5 +87,10 @@ def look(campaign: Campaign, trial: str, config: Path) -> Look:
             fitted = fit_one_trial(experiment, ingested, campaign.device(trial), fit_request(experiment, config, asked))
         except OslAnalysisError as error:
             return Look(trial, experiment, str(error).replace(str(Path(place)) + os.sep, ""), is_sound=False)
+        except Exception as fault:  # a fault of the program in one recording must not hide the others
+            return Look(trial, experiment, f"unexpected {type(fault).__name__}: {fault}", is_sound=False)
+    far = off_desired(fitted.estimates, row["K_d"]) if experiment == "impedance" else ""
+    if far:
+        return Look(trial, experiment, f"{far}\n{estimates_text(fitted.estimates)}", is_sound=False)
     doubts = [text for text in fitted.estimates["doubtful"].to_list() if text] if "doubtful" in fitted.estimates else []
     return Look(trial, experiment, estimates_text(fitted.estimates), is_sound=not doubts)

@@ -3,15 +3,14 @@
 import csv
 import os
 import shutil
-from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.commands.schemas import write_schemas
-from osl_analysis.errors import InputError, nearest
+from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats.rosbag2.metadata import NAME as BAG_DESCRIPTION
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.draft_places import open_places
@@ -26,6 +25,10 @@ SHEET_COLUMNS = (
     "exclude",
 )  # fmt: skip
 SCHEMA = "# yaml-language-server: $schema=../schemas/source.schema.json\n"
+MOST_NAMED = 6
+"""Largest number of trials that are named beside one remark."""
+MOST_SHOWN = 30
+"""Largest number of drafted trials that are printed."""
 SUFFIXES = {suffix for known in FORMATS.values() for suffix in known.suffixes}
 
 
@@ -36,6 +39,8 @@ class Draft:
     sources: dict[str, str] = field(default_factory=dict)
     """Texts of the source files, by name."""
     recordings: list[Recorded] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    """What the files themselves leave open, as which of two clocks counts."""
     refused: list[str] = field(default_factory=list)
     """Files that are no recordings, or cannot be read, with the reason."""
     trials: list[DraftedTrial] = field(default_factory=list)
@@ -143,6 +148,11 @@ def draft_campaign(folder: Path) -> Draft:
         if larger:
             overviews[source] = (overview, path.name)
         is_capture = FORMATS[overview.format].is_capture
+        draft.remarks += [f"{path.relative_to(folder)}: {text}" for text in overview.remarks if "to be checked" in text]
+        if overview.drafted is not None:
+            draft.remarks.append(
+                f"{path.relative_to(folder)}: holds several trials; write a row for each, with its log_part"
+            )
         draft.recordings.append(Recorded(path.relative_to(folder), source, is_capture))
     if not draft.recordings:
         why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(SUFFIXES))})"
@@ -194,12 +204,11 @@ def left_to_decide(folder: Path, draft: Draft) -> list[str]:
     alike: dict[str, list[str]] = {}
     for trial in draft.trials:
         for text in trial.open:
-            alike.setdefault(text, []).append(trial.cells["trial"])
-    lines += [
-        f"{folder / 'trials.csv'}: {', '.join(trials[:6])}{' ...' * (len(trials) > 6)}: {text}"
-        for text, trials in alike.items()
-    ]
-    return lines
+            alike.setdefault(f"{folder / 'trials.csv'}: {text}", []).append(trial.cells["trial"])
+    for remark in draft.remarks:
+        file, _, text = remark.partition(": ")
+        alike.setdefault(text, []).append(file)
+    return [*lines, *(f"{text} ({listing(which, MOST_NAMED)})" for text, which in alike.items())]
 
 
 def drafted_text(draft: Draft) -> str:
@@ -213,6 +222,13 @@ def drafted_text(draft: Draft) -> str:
         lines += [
             f"    {line.strip()}" for line in text.splitlines() if "# guessed" in line and not line.startswith("#")
         ]
-    experiments = Counter(trial.cells["experiment"] for trial in draft.trials)
-    lines.append("trials.csv: " + ", ".join(f"{count} {name}" for name, count in experiments.items()))
+    lines.append("trials.csv, from the names of the files:")
+    lines += [f"    {row_text(trial.cells)}" for trial in draft.trials[:MOST_SHOWN]]
+    lines += [f"    and {len(draft.trials) - MOST_SHOWN} more"] * (len(draft.trials) > MOST_SHOWN)
     return "\n".join([*lines, *(f"not read: {text}" for text in draft.refused)])
+
+
+def row_text(cells: Mapping[str, str]) -> str:
+    """A row of a drafted sheet on one line."""
+    more = [f"{name} {cells[name]}" for name in ("controller", "K_d", "B_d", "perturbed") if name in cells]
+    return ", ".join([f"{cells['trial']}: {cells['experiment']}", *more])

@@ -1,5 +1,6 @@
 """Run the shipped workflow on the campaign of a folder: what `osl-analysis run` hands to Snakemake."""
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -26,6 +27,8 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
             f"{Path.cwd()}: no campaign here, which has a {CAMPAIGN}; change to the folder of a campaign, or make one: "
             "`osl-analysis init FOLDER`"
         )
+    if not os.access(Path(), os.W_OK):
+        raise InputError(f"{Path.cwd()}: cannot be written to; copy the campaign to a folder that can")
     own = [] if said or not CAMPAIGN.is_file() else ["--configfile", str(CAMPAIGN)]
     return [*arguments, "--snakefile", str(shipped("Snakefile")), *own]
 

@@ -128,7 +128,9 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
     check_not_refused(summary_json)
     if not summary_json.is_file():
         there = summary_json / "summary.json"
-        remedy = "run `snakemake reproduce-all` first, or name your campaign's with `--summary`"
+        remedy = (
+            "run `osl-analysis run` (in a clone `snakemake reproduce-all`) first, or name the folder of your results"
+        )
         remedy = f"write `--summary {there}`" if there.is_file() else remedy
         raise InputError(f"{summary_json}: no such summary; {remedy}")
     try:

@@ -1,8 +1,11 @@
 """Recordings examined as they come, while the rig is still warm: a line and a picture for each that is complete."""
 
 import json
+import os
+import re
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,13 +16,14 @@ import polars as pl
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign import Campaign, open_campaign
 from osl_analysis.commands.figure import draw_table
+from osl_analysis.commands.first_look import off_desired
 from osl_analysis.commands.fit import FITS, FittedTrial, fit_one_trial, fit_request
 from osl_analysis.commands.fit_text import UNITS, estimated
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.commands.new_campaign import recordings_in
 from osl_analysis.config import Config, read_config
-from osl_analysis.errors import InputError, OslAnalysisError, listing
+from osl_analysis.errors import InputError, OslAnalysisError, listing, printable
 from osl_analysis.experiments import PROTOCOL
 from osl_analysis.files import atomic_path
 from osl_analysis.formats.bag_folder import recorded_files
@@ -32,7 +36,11 @@ from osl_analysis.trial import Trial
 
 QUIET_S = 4.0
 """A recording is complete if nothing was written to it for this long [s]."""
-BETWEEN_LOOKS_S = 1.0
+LONGEST_QUIET_S = 20.0
+"""The same for one that paused before [s]."""
+WRITING = re.compile(r"^flags:\s*\d*[12]$", re.MULTILINE)
+"""How Linux says that a file is open for writing: the last digit of its flags."""
+BETWEEN_LOOKS_S = 0.5
 """Time between two looks at the folder [s]."""
 MOST_NAMED = 4
 """Largest number of failed checks in a line."""
@@ -52,20 +60,29 @@ class Arrivals:
     """Recordings that were examined, by their path in the folder."""
     growing: dict[str, tuple[State, float]] = field(default_factory=dict)
     """Those that are not, with the time [s] since which they have been as they are."""
+    pauses: dict[str, float] = field(default_factory=dict)
+    """The longest time [s] between two changes of a recording that was seen to grow."""
 
-    def complete(self, now: float) -> list[Path]:
-        """Recordings that are new, or other than when they were examined, and have not changed for `QUIET_S`."""
+    def complete(self, now: float) -> list[tuple[Path, State]]:
+        """Recordings that are new, or other than when they were examined, and rest: they have not changed for
+        `QUIET_S`, or twice as long as they paused before, and no process writes to them.
+
+        The caller enters them in `seen` once they are examined.
+        """
         found = []
         for path in recordings_in(self.folder):
             name, state = path.relative_to(self.folder).as_posix(), state_of(path)
             if state is None or self.seen.get(name) == state:
                 continue
             before, since = self.growing.get(name, (None, now))
-            self.growing[name] = (state, since if before == state else now)
-            if before == state and now - since >= QUIET_S:
-                del self.growing[name]
-                self.seen[name] = state
-                found.append(path)
+            if before != state:
+                grew = before is not None or name in self.seen
+                self.pauses[name] = max(self.pauses.get(name, 0.0), now - since if grew else 0.0)
+                since = now
+            self.growing[name] = (state, since)
+            quiet = min(max(QUIET_S, 2 * self.pauses.get(name, 0.0)), LONGEST_QUIET_S)
+            if before == state and now - since >= quiet and not is_written(path):
+                found.append((path, state))
         return found
 
 
@@ -77,6 +94,17 @@ def state_of(path: Path) -> State | None:
         return None
     size = sum(state.st_size for state in states)
     return (size, max(state.st_mtime_ns for state in states)) if size else None
+
+
+def is_written(path: Path) -> bool:
+    """Whether a process of this machine has a file of a recording open, as far as the system tells (Linux)."""
+    files = {str(file.resolve()) for file in recorded_files(path)}
+    for link in Path("/proc").glob("[0-9]*/fd/*"):
+        with suppress(OSError):  # it is closed again, or belongs to somebody else
+            flags = link.parents[1] / "fdinfo" / link.name
+            if os.readlink(link) in files and WRITING.search(flags.read_text()):
+                return True
+    return False
 
 
 @dataclass(frozen=True)
@@ -123,9 +151,11 @@ def watch(folder: Path, bench: Bench) -> Iterator[str]:
     notes = bench.output / "examined.json"
     arrivals = Arrivals(folder, read_notes(notes))
     while True:
-        for path in arrivals.complete(time.monotonic()):
-            yield line_of(path, folder, bench)
+        for path, state in arrivals.complete(time.monotonic()):
+            said = line_of(path, folder, bench)
+            arrivals.seen[path.relative_to(folder).as_posix()] = state
             write_notes(notes, arrivals.seen)
+            yield said
         time.sleep(BETWEEN_LOOKS_S)
 
 
@@ -151,6 +181,8 @@ def line_of(path: Path, folder: Path, bench: Bench) -> str:
         return f"{stamp} {name}: {examined(path, folder, bench)}"
     except OslAnalysisError as error:
         return f"{stamp} {name}: REFUSED: {str(error).replace(f'{path}: ', '')}"
+    except Exception as fault:  # a fault of the program in one recording must not end the watch over the others
+        return f"{stamp} {name}: FAILED: unexpected {type(fault).__name__}: {printable(str(fault))}"
 
 
 def examined(path: Path, folder: Path, bench: Bench) -> str:
@@ -170,10 +202,18 @@ def examined(path: Path, folder: Path, bench: Bench) -> str:
         if experiment not in FITS:
             return "; ".join(said)
         fitted = fit(row, ingested, bench)
-    picture = bench.output / f"{row['trial']}.png"
-    picture.parent.mkdir(parents=True, exist_ok=True)
-    draw_table("torque", fitted.series, [picture])
-    return "; ".join([estimates_line(fitted.estimates), *said, str(picture)])
+    far = off_desired(fitted.estimates, row["K_d"]) if experiment == "impedance" else ""
+    said = [estimates_line(fitted.estimates), *[f"LOOK AT IT: {far}"] * bool(far), *said]
+    return "; ".join([*said, drawn(fitted, bench.output / f"{row['trial']}.png")])
+
+
+def drawn(fitted: FittedTrial, picture: Path) -> str:
+    """Draw measured and modelled torque, and name the file; or say why it cannot be written."""
+    try:
+        draw_table("torque", fitted.series, [picture])
+    except OslAnalysisError as error:
+        return f"no picture: {error}"
+    return str(picture)
 
 
 def described(path: Path, folder: Path, bench: Bench, place: Path) -> tuple[Mapping[str, Any], Path, list[str]]:

@@ -18,7 +18,7 @@ from osl_analysis.formats.csv_text import (
     split_rows,
     without_brackets,
 )
-from osl_analysis.ingest.column_names import clock_of, lasting_name, likely_unit
+from osl_analysis.ingest.column_names import clock_of, is_clock, lasting_name, likely_unit
 from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
 from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of, unit_of_clock
 from osl_analysis.ingest.units import base_units, normalised
@@ -60,7 +60,7 @@ def inspect_csv(path: Path) -> Overview:
     channels = list(column_channels(names, units, body))
     facts = {"rows": str(len(body)), "delimiter": repr(delimiter), "header": "yes" if headed else "none"}
     facts |= {f"comment {i + 1}": text.strip() for i, text in enumerate(comments[:MOST_COMMENTS])}
-    remarks = [*odd_rows(body, len(names)), *guesses(channels)]
+    remarks = [*odd_rows(body, len(names)), *guesses(channels), *several_clocks(names)]
     return Overview("csv", facts, channels, remarks, settings_of(names, channels, body, delimiter, headed, has_units))
 
 
@@ -131,6 +131,13 @@ def guesses(channels: list[RecordedChannel]) -> Iterator[str]:
     guessed = [f"{name} [{unit}]" for name, unit in names.items() if likely_unit(name)]
     if guessed:
         yield f"units guessed from the names, to be checked: {', '.join(guessed)}"
+
+
+def several_clocks(names: list[str]) -> Iterator[str]:
+    """A remark on a file with several columns that are called like a clock, of which the first is taken."""
+    clocks = [name for name in names if is_clock(name)]
+    if len(clocks) > 1:
+        yield f"{len(clocks)} columns may be the clock, to be checked: {', '.join(clocks)}; {clocks[0]} is taken"
 
 
 def odd_rows(rows: Rows, width: int) -> Iterator[str]:

@@ -12,8 +12,9 @@ from osl_analysis.columns import COLUMNS
 from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
 from osl_analysis.ingest.draft_walking import draft_walking
 from osl_analysis.ingest.known_formats import FORMATS
-from osl_analysis.ingest.likely_signal import likely_column
+from osl_analysis.ingest.likely_signal import is_certain, likely_column
 from osl_analysis.ingest.overview import Overview, RecordedChannel
+from osl_analysis.ingest.units import base_units, normalised
 
 HINT = (
     f"# give each signal that you need its canonical name instead of NAME_n, state what is {UNKNOWN}, delete the rest"
@@ -71,11 +72,15 @@ def channel_lines(channels: Sequence[RecordedChannel]) -> Iterator[str]:
 
 
 def named_lines(channels: Sequence[RecordedChannel]) -> Iterator[str]:
-    """An entry per channel, under its column's name where only this one is like it; comments for those like none."""
+    """An entry per channel, under its column's name where only this one is like it and its name leaves no doubt.
+
+    One that may be another quantity, as a command or another joint's angle, is left to the user; those like none are
+    comments.
+    """
     guesses = [likely_column(channel) for channel in channels]
     times = Counter(guesses)
     for number, (channel, guess) in enumerate(zip(channels, guesses, strict=True), start=1):
-        is_told = times[guess] == 1 and bool(channel.unit or channel.likely_unit)
+        is_told = times[guess] == 1 and unit_of(channel) != UNKNOWN and is_certain(channel, guess)
         line = channel_line(number, channel, guess)
         if guess and is_told:
             yield line.replace(f"NAME_{number}:", f"{guess}:", 1).replace(
@@ -100,8 +105,15 @@ def capture_lines(overview: Overview) -> list[str]:
 
 def channel_line(number: int, channel: RecordedChannel, guess: str = "") -> str:
     """One entry under `channels`; `guess` is the canonical column that it may be."""
-    address = {**channel.address, "unit": channel.unit or channel.likely_unit or UNKNOWN}
+    address = {**channel.address, "unit": unit_of(channel)}
     guessed = [f"{guess}?"] * bool(guess)
+    guessed += [f"no known unit: {json.dumps(channel.unit)}"] * (bool(channel.unit) and unit_of(channel) == UNKNOWN)
     guessed += ["the unit is guessed: check it"] * bool(channel.likely_unit and not channel.unit)
     comment = f"  # {' '.join(guessed)}" if guessed else ""
     return f"  NAME_{number}: {{{', '.join(f'{key}: {json.dumps(value)}' for key, value in address.items())}}}{comment}"
+
+
+def unit_of(channel: RecordedChannel) -> str:
+    """The unit of a channel as the file or its name tells it, where it is a known one."""
+    unit = channel.unit or channel.likely_unit
+    return unit if unit and base_units(normalised(unit)) is not None else UNKNOWN

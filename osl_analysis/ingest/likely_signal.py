@@ -49,6 +49,28 @@ def likely_column(channel: RecordedChannel) -> str:
     return "" if re.search(unwanted, words) else known
 
 
+PLAIN = {
+    "theta": "ankle foot joint angle position pos theta encoder measured meas name",
+    "theta_m": "actuator motor output angle position pos theta m encoder measured meas",
+    "torque": "ankle foot joint torque moment tau load cell loadcell measured meas sensor",
+    "current": "motor actuator current iq i q amps measured meas",
+    "sync": "sync", "trigger": "trigger trig",
+}  # fmt: skip
+"""By column: the words of a name that leave no doubt. `theta_d` may be a command, `knee_angle` is another joint's."""
+
+
+def is_certain(channel: RecordedChannel, column: str) -> bool:
+    """Whether the name of a channel has no word that could make it another quantity than `column`.
+
+    The words of its unit do not count.
+    """
+    name = " ".join(value for key, value in channel.address.items() if key != "topic")
+    words, unit = words_of(name).split(), words_of(channel.likely_unit).split()
+    if unit and not channel.unit and words[-len(unit) :] == unit:
+        words = words[: -len(unit)]
+    return bool(words) and set(words) <= set(PLAIN.get(column, "").split())
+
+
 def words_of(name: str) -> str:
     """The words of a name in small letters: `JointAngle_deg` is `joint angle deg`."""
     parted = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name)

@@ -121,6 +121,8 @@ def centre_of_motion(time: Array, theta: Array) -> float:
     """The median angle [rad] where the joint moves; it may rest elsewhere, and for longer."""
     apart = max(round(MOVING_S / float(np.median(np.diff(time)))), 1)
     change = np.abs(theta[apart:] - theta[:-apart])
+    if not change.size:  # a recording shorter than that
+        return float(np.median(theta))
     moving = change > 0.1 * np.percentile(change, 95)
     return float(np.median(theta[apart:][moving])) if moving.any() else float(np.median(theta))
 

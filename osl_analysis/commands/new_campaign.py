@@ -148,7 +148,9 @@ def draft_campaign(folder: Path) -> Draft:
         if larger:
             overviews[source] = (overview, path.name)
         is_capture = FORMATS[overview.format].is_capture
-        draft.remarks += [f"{path.relative_to(folder)}: {text}" for text in overview.remarks if "to be checked" in text]
+        draft.remarks += [
+            f"{path.relative_to(folder)}: {text}" for text in overview.remarks if "may be the clock" in text
+        ]
         if overview.drafted is not None:
             draft.remarks.append(
                 f"{path.relative_to(folder)}: holds several trials; write a row for each, with its log_part"

@@ -23,17 +23,17 @@ if TYPE_CHECKING:
     from osl_analysis.notebook.fits import fit_actuator, fit_belt, fit_impedance, fit_torque_angle, fit_transmission
     from osl_analysis.notebook.plots import plot_frequency_response, plot_torque, plot_torque_angle
     from osl_analysis.notebook.recordings import check, read_recording, read_trial, simulate_trial
-    from osl_analysis.notebook.response import FrequencyResponse, frequency_response
+    from osl_analysis.notebook.response import Response, frequency_response
     from osl_analysis.notebook.results import gains, read_summary, read_table
     from osl_analysis.trial import Trial
 
 __all__ = [
     "DesiredImpedance",
     "Fit",
-    "FrequencyResponse",
     "IdentifiabilityError",
     "InputError",
     "OslAnalysisError",
+    "Response",
     "Trial",
     "UnreachableImpedanceError",
     "check",
@@ -60,7 +60,7 @@ _NAMES = {
     "notebook.fits": ("fit_actuator", "fit_belt", "fit_impedance", "fit_torque_angle", "fit_transmission"),
     "notebook.plots": ("plot_frequency_response", "plot_torque", "plot_torque_angle"),
     "notebook.recordings": ("check", "read_recording", "read_trial", "simulate_trial"),
-    "notebook.response": ("FrequencyResponse", "frequency_response"),
+    "notebook.response": ("Response", "frequency_response"),
     "notebook.results": ("gains", "read_summary", "read_table"),
     "trial": ("Trial",),
 }

@@ -2,6 +2,7 @@
 line."""
 
 import copy
+import importlib.util
 import pickle
 import pkgutil
 import subprocess
@@ -405,3 +406,31 @@ def test_fits_do_not_wait_for_matplotlib():
         used = {file.parent.name for file in sources(f"osl_analysis.notebook.{module}")}
         assert "bench" in used
         assert "figures" not in used
+
+
+def page_maker():
+    spec = importlib.util.spec_from_file_location("make_notebook_page", ROOT / "docs/make_notebook_page.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_is_what_its_code_gives():
+    pictures = {}
+    page = (ROOT / "docs/notebook.md").read_text()
+    assert page_maker().made_page(page, pictures.__setitem__) == page
+    assert [*pictures] == ["notebook_1.png", "notebook_2.png", "notebook_3.png"]
+    for name, figure in pictures.items():
+        assert isinstance(figure, Figure)
+        assert (ROOT / "docs" / name).is_file()
+
+
+def test_the_page_names_every_public_name():
+    page = (ROOT / "docs/notebook.md").read_text()
+    assert [name for name in osl.__all__ if f"`{name}`" not in page and f"`{name}(" not in page] == []
+
+
+def test_an_old_output_on_the_page_is_replaced():
+    text = "a\n\n```python\n1 + 1\n```\n\n```text\n3\n```\n\n![x](notebook_1.png)\n\nb\n"
+    assert page_maker().made_page(text, print) == "a\n\n```python\n1 + 1\n```\n\n```text\n2\n```\n\nb\n"
+    assert page_maker().made_page("```python\nx = 1\n```\n", print) == "```python\nx = 1\n```\n"

@@ -24,14 +24,19 @@ def fit_impedance(
 
     Parameters
     ----------
-    trial: a trial with `theta` [rad] and the resisting `torque` [N*m], or its file.
-    desired: what the leg was asked to render, `DesiredImpedance("compensated", K_d=300, B_d=5)`. With it the fit is
-        judged by what the gains should give. Without it `not_checked` says what is not judged.
-    windows: what of the trial is fitted [s], as in the column `windows` of a sample sheet; default: all that moves.
-    config: a configuration file, which may state what differs from the default only; default: `config.yaml` of a
-        campaign in the working folder, else the shipped one.
-    parameters: the parameter file of the device; default: the one that the configuration names; None: a device
-        without one, whose stiffness is not compared with a belt.
+    trial
+        a trial with `theta` [rad] and the resisting `torque` [N*m], or its file.
+    desired
+        what the leg was asked to render, `DesiredImpedance("compensated", K_d=300, B_d=5)`. With it the fit is judged
+        by what the gains should give. Without it `not_checked` says what is not judged.
+    windows
+        what of the trial is fitted [s], as in the column `windows` of a sample sheet; default: all that moves.
+    config
+        a configuration file, which may state what differs from the default only; default: `config.yaml` of a campaign
+        in the working folder, else the shipped one.
+    parameters
+        the parameter file of the device; default: the one that the configuration names; None: a device without one,
+        whose stiffness is not compared with a belt.
 
     Raises
     ------

@@ -10,7 +10,7 @@ from osl_analysis.figures.on_screen import NotebookFigure, on_screen
 from osl_analysis.notebook.fit import Fit
 
 if TYPE_CHECKING:
-    from osl_analysis.notebook.response import FrequencyResponse
+    from osl_analysis.notebook.response import Response
 
 
 def plot_torque(fit: Fit) -> NotebookFigure:
@@ -28,7 +28,7 @@ def plot_torque(fit: Fit) -> NotebookFigure:
     return drawn("torque", checked(fit).series)
 
 
-def plot_frequency_response(response: "FrequencyResponse") -> NotebookFigure:
+def plot_frequency_response(response: "Response") -> NotebookFigure:
     """Magnitude and phase over frequency [Hz] with 95 % intervals: Fig. 7, or the figure `response`, with noise and
     distortion, of any other motion than a stepped sine. Returns as `plot_torque`.
 
@@ -37,7 +37,7 @@ def plot_frequency_response(response: "FrequencyResponse") -> NotebookFigure:
     InputError
         It is given another thing than what `frequency_response` returns, or it has no rows.
     """
-    if type(response).__name__ != "FrequencyResponse":  # by name: its module takes long to import
+    if type(response).__name__ != "Response":  # by name: its module takes long to import
         raise InputError(f"give what `frequency_response` returned, not {type(response).__name__}")
     if response.plotted.is_empty():
         why = response.models["excluded"].drop_nulls().to_list() if "excluded" in response.models.columns else []

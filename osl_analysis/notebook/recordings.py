@@ -41,11 +41,15 @@ def read_recording(path: File, source: File, part: str | None = None, name: str 
 
     Parameters
     ----------
-    path: the recording, or the folder of a split ROS 2 bag.
-    source: the source file (YAML) with channel, unit and sign of each signal, or the name of a shipped one, such as
+    path
+        the recording, or the folder of a split ROS 2 bag.
+    source
+        the source file (YAML) with channel, unit and sign of each signal, or the name of a shipped one, such as
         "opensourceleg". `osl-analysis inspect FILE --draft mine.yaml` drafts one.
-    part: the part of a log that holds several trials, such as a struct of a MATLAB file.
-    name: name of the trial; default: that of the file.
+    part
+        the part of a log that holds several trials, such as a struct of a MATLAB file.
+    name
+        name of the trial; default: that of the file.
 
     Raises
     ------

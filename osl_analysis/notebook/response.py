@@ -23,7 +23,7 @@ from osl_analysis.trial import Trial
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FrequencyResponse:
+class Response:
     """The frequency response of one trial. Nothing of it can be changed: its data frames are copies."""
 
     trial: str
@@ -63,7 +63,7 @@ def frequency_response(
     windows: str | None = None,
     config: File | None = None,
     parameters: File | None = OF_CONFIG,
-) -> FrequencyResponse:
+) -> Response:
     """The frequency response of an impedance trial, with 95 % intervals of noise; arguments and errors as in
     `fit_impedance`.
 
@@ -79,11 +79,11 @@ def frequency_response(
     found = responses(rendered, read, device, asked, request.limits)
     if isinstance(rendered, MovingRecord):
         plotted = any_motion_points(found["response"], pl.DataFrame(schema=pooled_schema()))
-        return FrequencyResponse(read.name, "response", found["response"], found["response_models"], plotted)
+        return Response(read.name, "response", found["response"], found["response_models"], plotted)
     table = frequency_response_table(found["phasors"])
     joint = pl.lit(joint_of(device) if device else None, pl.String)
     plotted = beside_theory(of_place(table.with_columns(joint=joint)), device, asked.weight)
-    return FrequencyResponse(read.name, "fig7", table, found["response_models"], plotted)
+    return Response(read.name, "fig7", table, found["response_models"], plotted)
 
 
 def responses(

@@ -6,7 +6,6 @@ from inspect import cleandoc
 import click
 
 from osl_analysis.cli import main
-from osl_analysis.shipped import root
 
 SPECIAL = re.compile(r"([\\*|<>$\[\]])")
 WIDTH = 10_000
@@ -32,11 +31,7 @@ def one_command(command, parent):
     ) as context:
         usage = command.get_usage(context).removeprefix("Usage: ")
         records = [one.get_help_record(context) for one in command.params]
-    rows = [
-        f"| `{bars(record[0])}` | {escaped(record[1]).replace(f'{root()}/', '')} |"
-        for record in records
-        if record and record[1]
-    ]
+    rows = [f"| `{bars(record[0])}` | {escaped(record[1])} |" for record in records if record and record[1]]
     example = (command.epilog or "").removeprefix("Example: ")
     parts = [f"## {command.name}", f"```\n{usage}\n```", escaped(help_of(command))]
     parts += ["\n".join(["| option | meaning |", "|---|---|", *rows])] * bool(rows)

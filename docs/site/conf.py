@@ -45,6 +45,8 @@ html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_copy_source = False
 html_show_sphinx = False
+html_show_search_summary = False
+"""A summary would be fetched, which browsers refuse to a page that is a file."""
 html_theme_options = {"top_of_page_buttons": []}
 html_math_renderer = "mathml"
 

@@ -55,7 +55,7 @@ def fill_page(app, page, source):
     navigation. Sphinx calls it when it has read a page; `source` is a list with its text."""
     text = source[0]
     if page in FILES:
-        text = with_links(ROOT / FILES[page], page)
+        text = with_links(ROOT / FILES[page], page).replace("# osl-analysis\n", "# Overview\n", 1)
     elif page == "site/glossary":
         text = "# Glossary\n\n" + section(with_links(ROOT / "CONTRIBUTING.md", page), "## Words")
     elif page == "site/commands":

@@ -83,10 +83,8 @@ def report(name: str, whole: Spent, changed: Spent) -> None:
     """What was measured of one tree."""
     print(f"{name}: reproduce-all {whole.wall:.1f} s, {whole.cpu:.1f} core-seconds; ", end="")
     print(f"one changed recording to its table {changed.wall:.1f} s, {changed.cpu:.1f} core-seconds")
-    stages = [(stage, int(jobs), float(seconds)) for stage, jobs, seconds in STAGE.findall(whole.said)]
-    for stage, jobs, seconds in stages:
-        print(f"  {stage:<14}{jobs:>5} jobs{seconds:>8.1f} s of wall time in all")
-    print(f"  {'beside jobs':<14}{whole.cpu - sum(one[2] for one in stages):>18.1f} core-seconds, about")
+    for stage, jobs, seconds in STAGE.findall(whole.said):
+        print(f"  {stage:<16}{jobs:>5} jobs{seconds:>8} s of wall time in all")
 
 
 def main() -> None:

@@ -2,10 +2,13 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import polars as pl
+
 from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.formats.csv_plain import PlainBody, head_of, plain_lines
 from osl_analysis.formats.csv_rows import (
     CsvLayout,
     RowColumns,
@@ -15,10 +18,12 @@ from osl_analysis.formats.csv_rows import (
     without_extra_cells,
 )
 from osl_analysis.formats.csv_text import (
+    SNIFFED,
     Lines,
     Rows,
     delimiter_of,
     is_number_cell,
+    lines_of,
     name_and_unit,
     read_lines,
     split_rows,
@@ -35,7 +40,7 @@ class CsvTable:
     """Names of the columns, as in the header."""
     units: list[str]
     """Units of the columns, from a row of units or from brackets behind the name; empty where none is given."""
-    rows: Rows
+    rows: Rows | PlainBody
     """Number of the line in the file, and its cells."""
     columns_from: list[RowColumns]
     """Which column each cell of a row belongs to."""
@@ -43,6 +48,8 @@ class CsvTable:
     """The comment lines without their sign."""
     notes: list[str]
     """Repairs, a sentence each."""
+    delimiter: str = ""
+    """Sign between its cells."""
 
     def column(self, name: str) -> int:
         """Place of a column by its name, with or without its unit, by a pattern with `*`, or by its number from 1.
@@ -68,8 +75,10 @@ class CsvTable:
             advice = "; state `delimiter` if these are several columns"
         raise InputError(f"{where} is missing; the file has {listing(self.names)}{advice}")
 
-    def cells(self, column: int) -> list[str | None]:
+    def cells(self, column: int) -> list[str | None] | pl.Series:
         """A column's cells; None in rows in which the logger omitted the column."""
+        if isinstance(self.rows, PlainBody):
+            return self.rows.cells(column)
         cells: list[str | None] = []
         ends = [part.first for part in self.columns_from[1:]] + [len(self.rows)]
         for part, end in zip(self.columns_from, ends, strict=True):
@@ -89,7 +98,31 @@ def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
     InputError
         The file has no rows or no header, or rows of another length than the header that the layout does not allow.
     """
-    lines = read_lines(path)
+    return large_table(path, layout) or table_of(path, read_lines(path), layout)
+
+
+def large_table(path: Path, layout: CsvLayout) -> CsvTable | None:
+    """The same for a large file whose lines are all alike below the first ones; None for another one."""
+    head = head_of(path)
+    if head is None:
+        return None
+    try:
+        table = table_of(path, lines_of(path, head.data), layout)
+    except InputError:
+        return None  # the whole file tells what is wrong
+    width = len(table.names)
+    if isinstance(table.rows, PlainBody) or len(table.rows) < SNIFFED or table.notes:
+        return None
+    if table.columns_from != [RowColumns(0, list(range(width)))] or not table.delimiter:
+        return None
+    count = plain_lines(path, len(head.data), table.delimiter, width, layout.comment)
+    if count is None:
+        return None
+    return replace(table, rows=PlainBody(path, table.rows, len(head.data), head.lines + 1, count, table.delimiter))
+
+
+def table_of(path: Path, lines: Lines, layout: CsvLayout) -> CsvTable:
+    """The rows among the lines of a log in CSV; raises as `read_csv_table`."""
     sign = layout.comment
     comments: Lines = [(n, t.strip()[len(sign) :].strip()) for n, t in lines if sign and t.lstrip().startswith(sign)]
     content = [(n, text) for n, text in lines if not (sign and text.lstrip().startswith(sign))]
@@ -111,7 +144,8 @@ def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
         raise InputError(
             f"{path}: none of its rows fits the header's {len(names)} names; state `delimiter` or `header`"
         )
-    return CsvTable(path, names, units, rows, columns_from, [text for _, text in comments], left_out + notes)
+    said = [text for _, text in comments]
+    return CsvTable(path, names, units, rows, columns_from, said, left_out + notes, delimiter)
 
 
 def header_of(path: Path, rows: Rows, comments: Lines, delimiter: str, layout: CsvLayout) -> list[str]:

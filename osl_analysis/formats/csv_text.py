@@ -32,7 +32,12 @@ def read_lines(path: Path) -> Lines:
     InputError
         The file holds zero bytes and is therefore not text.
     """
-    text = decoded_text(path.read_bytes())
+    return lines_of(path, path.read_bytes())
+
+
+def lines_of(path: Path, data: bytes) -> Lines:
+    """The lines of a file's bytes; as `read_lines`."""
+    text = decoded_text(data)
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
         raise InputError(
@@ -111,7 +116,9 @@ def without_brackets(unit: str) -> str:
     return unit[1:-1].strip() if unit[:1] + unit[-1:] in ("[]", "()") else unit
 
 
-def numbers(cells: Sequence[str | None], missing: Collection[str], decimal: str) -> tuple[Array, NDArray[np.bool_]]:
+def numbers(
+    cells: Sequence[str | None] | pl.Series, missing: Collection[str], decimal: str
+) -> tuple[Array, NDArray[np.bool_]]:
     """Values (n,), and which are missing, (n,): NaN where a cell is None or one of the words in `missing`.
 
     Raises

@@ -99,7 +99,7 @@ def time_of(table: CsvTable, source: CsvSource) -> tuple[Array, float]:
     return since_first(raw, factor, what, advice), float(raw[0])
 
 
-def whole_numbers(cells: Sequence[str | None]) -> tuple[NDArray[np.int64], NDArray[np.bool_]] | None:
+def whole_numbers(cells: Sequence[str | None] | pl.Series) -> tuple[NDArray[np.int64], NDArray[np.bool_]] | None:
     """Stamps (rows,) as whole numbers, such as nanoseconds since 1970, which floats would round; None if any is not."""
     whole = pl.Series(cells, dtype=pl.String).cast(pl.Int64, strict=False)
     return None if whole.null_count() else (whole.to_numpy(), np.zeros(len(cells), dtype=bool))

@@ -33,7 +33,7 @@ dist: $(READY)
 
 # The documentation site in build/docs, without a network. Warnings are errors, and every link is followed.
 docs: $(READY)
-	rm -rf build/docs
+	rm -rf build/docs build/doctrees
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --doctree-dir build/doctrees --conf-dir docs/site docs build/docs
 	$(BIN)/python docs/site/check.py build/docs
 

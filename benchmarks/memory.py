@@ -1,7 +1,7 @@
 """Largest memory of ingest and quality control by the length of a recording.
 
 Run from the repository: `python benchmarks/memory.py`. A simulated impedance trial of 1 kHz is recorded again and
-again, without a break, into files of two lengths: MCAP of two and four hours, CSV of five and ten minutes. Each is
+again, without a break, into files of two lengths: MCAP of two and four hours, CSV of twenty and sixty minutes. Each is
 ingested, and its trial checked, in a process of its own. The difference of the largest memories of the two lengths is
 printed per sample, and the largest of all. The trial itself takes 8 bytes per sample and column.
 """
@@ -23,7 +23,7 @@ from osl_analysis.yaml_settings import read_yaml
 
 SETTINGS = Path("config/simulation/default.yaml")
 TRIAL = "impedance_K300_B5.0_compensated"
-LENGTHS = {"mcap": (7_200_000, 14_400_000), "csv": (300_000, 600_000)}
+LENGTHS = {"mcap": (7_200_000, 14_400_000), "csv": (1_200_000, 3_600_000)}
 """Samples of the two lengths, by format."""
 CHANNELS = ("joint_angle", "load_cell_torque", "actuator_angle", "motor_current", "commanded_angle")
 CSV_NAMES = {

@@ -47,6 +47,10 @@ class JobLog:
     traceback: str = ""
 
 
+FROM_ENTRIES = TypeAdapter(JobLog)
+"""Builds a log from its entries, with the types of its fields."""
+
+
 def write_log(path: Path, ended: JobLog, request: Mapping[str, Any]) -> None:
     """Write outcome and request of a job as YAML, without empty entries."""
     entries = {"job": ended.job, "outcome": ended.outcome, "seconds": round(ended.seconds, 3)}
@@ -64,7 +68,7 @@ def read_log(path: Path) -> JobLog | None:
         head = path.read_text(encoding="utf-8")
         for name in REQUEST:
             head = head.split(f"\n{name}:", 1)[0]
-        return TypeAdapter(JobLog).validate_python(yaml.load(head, Loader=yaml.CSafeLoader))
+        return FROM_ENTRIES.validate_python(yaml.load(head, Loader=yaml.CSafeLoader))
     except (OSError, ValueError, yaml.YAMLError):
         return None
 

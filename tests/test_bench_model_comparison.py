@@ -14,10 +14,14 @@ from osl_analysis.bench.linear_rivals import (
     BELT_MODELS,
     SECOND_ORDER_MODELS,
     TRANSMISSION_MODELS,
+    Fold,
     belt_fold,
+    fit_folds,
+    fold_residual,
     held_out_by_amplitude,
+    held_out_residuals,
     impedance_fold,
-    score_against_other_trials,
+    scores_against_others,
     transmission_fold,
 )
 from osl_analysis.bench.settings import DynamometerAnalysis
@@ -96,7 +100,7 @@ def test_the_belt_that_was_simulated_is_ranked_first(true):
     """
     p, off = BELTS[true]
     folds = simulated_belts(p if "T_h" in BELT_MODELS[true] else replace(p, B_j=0.0), *off)
-    trials = [{s.model: s for s in score_against_other_trials(folds, BELT_MODELS, k)} for k in range(3)]
+    trials = [{s.model: s for s in scores_against_others(folds, BELT_MODELS)[k]} for k in range(3)]
     total = {model: sum(scores[model].bic for scores in trials) for model in BELT_MODELS}
     assert min(total, key=total.__getitem__) == true
     for model, terms in BELT_MODELS.items():
@@ -126,7 +130,7 @@ def test_coulomb_friction_in_the_joint_is_preferred_where_it_is_and_not_where_it
     for T_C, best in ((0.05, "M2"), (0.0, "M1")):
         folds = transmission_trials(T_C)
         for k in range(3):
-            scores = {s.model: s for s in score_against_other_trials(folds, TRANSMISSION_MODELS, k)}
+            scores = {s.model: s for s in scores_against_others(folds, TRANSMISSION_MODELS)[k]}
             assert scores[best].rank == 1
             gain = scores["M2"].vaf_held_out - scores["M1"].vaf_held_out
             assert gain > 0.05 if T_C else gain < 0.001
@@ -205,10 +209,10 @@ def test_vaf_on_data_held_out_is_that_of_the_other_trials_fit():
     x = np.sin(np.arange(600) / 7)
     motion = Motion(x, x, np.cos(np.arange(600) / 7))
     folds = [transmission_fold(motion, x**3, gain * x) for gain in (1.0, 1.0, 1.3)]
-    third = score_against_other_trials(folds, {"M1": ("B_j",)}, 2)[0]
+    third = scores_against_others(folds, {"M1": ("B_j",)})[2][0]
     assert third.vaf_held_out == pytest.approx(100 * (1 - (3 / 13) ** 2), abs=1e-6)
     assert third.vaf == pytest.approx(100)
-    alone = score_against_other_trials(folds[:1], {"M1": ("B_j",)}, 0)[0]
+    alone = scores_against_others(folds[:1], {"M1": ("B_j",)})[0][0]
     assert np.isnan(alone.vaf_held_out)
     assert (alone.rank, alone.vaf) == (1, pytest.approx(100))
 
@@ -230,7 +234,7 @@ def test_bic_rejects_a_needless_term_as_often_as_it_should_though_samples_are_co
     for _ in range(100):
         noise = LOW_PASS(rng.standard_normal(n), 1000.0)[::11]
         fold = transmission_fold(Motion(x[::11], x[::11], extra[::11]), x[::11], 3 * x[::11] + noise)
-        scores = score_against_other_trials([fold, fold], {"M1": ("B_j",), "M2": ("B_j", "J_j")}, 0)
+        scores = scores_against_others([fold, fold], {"M1": ("B_j",), "M2": ("B_j", "J_j")})[0]
         needless += scores[1].rank == 1
     assert needless <= 10
 
@@ -350,3 +354,17 @@ def test_a_single_trial_is_summarised_without_intervals(tmp_path):
         (None, -200.0, None),
     ]
     assert [(r["by_VAF"], r["by_BIC"]) for r in rows] == [(None, "preferred"), (None, "tied")]
+
+
+@pytest.mark.parametrize("alike", [1.0, 5e-3])
+def test_a_fold_is_predicted_as_by_a_refit_to_all_others(alike):
+    """By sums of normal equations, and where columns are too alike for these, by the regression itself."""
+    rng = np.random.default_rng(8)
+    folds = []
+    for n, size in ((300, 1.0), (700, 1e4), (400, 1e-3), (500, 1.0)):
+        a, b, noise = rng.normal(size=(3, n))
+        columns = {"B_j": size * a, "J_j": size * (a + alike * b)}
+        folds.append(Fold(size * (3 * a + 0.2 * b + noise), columns))
+    for k, (fold, left) in enumerate(zip(folds, held_out_residuals(folds, ("B_j", "J_j")), strict=True)):
+        refit = fold_residual(fold, fit_folds([*folds[:k], *folds[k + 1 :]], ("B_j", "J_j")))
+        assert left == pytest.approx(refit, abs=1e-10 * np.std(fold.torque))

@@ -8,7 +8,7 @@ import numpy as np
 from osl_analysis.bench.belt_fit import loaded_rows
 from osl_analysis.signals import Motion
 from osl_analysis.stats.comparison import Candidate, Score, score_models
-from osl_analysis.stats.regression import LinearFit, linear_fit
+from osl_analysis.stats.regression import GRAM_LIMIT, LinearFit, linear_fit
 from osl_analysis.trial import Array
 
 Terms = Mapping[str, tuple[str, ...]]
@@ -79,8 +79,8 @@ def impedance_fold(motion: Motion, torque: Array) -> Fold:
     return fold_without(torque, columns, offset_and_drift(len(torque)))
 
 
-def score_against_other_trials(folds: Sequence[Fold], models: Terms, k: int) -> list[Score]:
-    """Each model on trial k: fitted to it for the BIC, and to all other trials for the VAF on data held out.
+def scores_against_others(folds: Sequence[Fold], models: Terms) -> list[list[Score]]:
+    """Each model on each trial: fitted to it for the BIC, and to all other trials for the VAF on data held out.
 
     With a single trial the VAF on data held out is NaN.
 
@@ -89,31 +89,67 @@ def score_against_other_trials(folds: Sequence[Fold], models: Terms, k: int) -> 
     InputError, IdentifiabilityError
         As `linear_fit`.
     """
-    others = [f for i, f in enumerate(folds) if i != k]
-    candidates = [
-        Candidate(
-            model,
-            " + ".join(terms),
-            len(terms),
-            fold_residual(folds[k], fit_folds([folds[k]], terms)),
-            fold_residual(folds[k], fit_folds(others, terms)) if others else np.full_like(folds[k].torque, np.nan),
+    own = {model: [fold_residual(f, fit_folds([f], terms)) for f in folds] for model, terms in models.items()}
+    held_out = {model: held_out_residuals(folds, terms) for model, terms in models.items()}
+    return [
+        score_models(
+            fold.torque,
+            [
+                Candidate(model, " + ".join(terms), len(terms), own[model][k], held_out[model][k])
+                for model, terms in models.items()
+            ],
         )
-        for model, terms in models.items()
+        for k, fold in enumerate(folds)
     ]
-    return score_models(folds[k].torque, candidates)
 
 
 def held_out_by_amplitude(folds: Sequence[Fold], model: str, terms: tuple[str, ...]) -> Candidate:
     """A linear model of one trial whose folds are its amplitudes, each predicted by a fit to the others."""
     whole = fit_folds(folds, terms)
-    held_out = [fold_residual(f, fit_folds([other for other in folds if other is not f], terms)) for f in folds]
     return Candidate(
         model,
         " + ".join(terms),
         len(terms),
         np.concatenate([fold_residual(f, whole) for f in folds]),
-        np.concatenate(held_out),
+        np.concatenate(held_out_residuals(folds, terms)),
     )
+
+
+def held_out_residuals(folds: Sequence[Fold], terms: tuple[str, ...]) -> list[Array]:
+    """What the fit to all other folds leaves of each fold's torque [N*m]; NaN if it is the only one.
+
+    The normal equations of a fit are sums over its folds. Those of the others are the sum of the ones before and the
+    sum of the ones behind, so that the time grows with the number of folds and not with its square, and no difference
+    loses digits. Columns that are too alike for normal equations (`GRAM_LIMIT`) are fitted by `linear_fit`.
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        As `linear_fit`.
+    """
+    if len(folds) == 1:
+        return [np.full_like(folds[0].torque, np.nan)]
+    matrices = [np.column_stack([fold.columns[name] for name in terms]) for fold in folds]
+    grams = sums_of_others(np.array([X.T @ X for X in matrices]))
+    moments = sums_of_others(np.array([X.T @ fold.torque for X, fold in zip(matrices, folds, strict=True)]))
+    residuals = []
+    for k, fold in enumerate(folds):
+        lengths = np.sqrt(np.diag(grams[k]))
+        if lengths.all() and np.linalg.cond(scaled := grams[k] / np.outer(lengths, lengths)) < GRAM_LIMIT**2:
+            estimates = np.linalg.solve(scaled, moments[k] / lengths) / lengths
+            residuals.append(fold.torque - matrices[k] @ estimates)
+        else:
+            others = fit_folds([other for other in folds if other is not fold], terms)
+            residuals.append(fold_residual(fold, others))
+    return residuals
+
+
+def sums_of_others(values: Array) -> Array:
+    """For each of the values (n, ...) the sum of all the others, (n, ...)."""
+    none = np.zeros_like(values[:1])
+    before = np.concatenate([none, np.cumsum(values[:-1], axis=0)])
+    behind = np.concatenate([np.cumsum(values[:0:-1], axis=0)[::-1], none])
+    return np.asarray(before + behind)
 
 
 def fit_folds(folds: Iterable[Fold], terms: tuple[str, ...]) -> LinearFit:

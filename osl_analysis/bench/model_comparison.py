@@ -17,7 +17,7 @@ from osl_analysis.bench.linear_rivals import (
     belt_fold,
     held_out_by_amplitude,
     impedance_fold,
-    score_against_other_trials,
+    scores_against_others,
     transmission_fold,
 )
 from osl_analysis.bench.moving_record import MovingRecord
@@ -104,8 +104,8 @@ def thinned_amplitudes(trial: SteppedSineTrial | MovingRecord) -> list[NDArray[n
 
 def scores_by_trial(experiment: str, folds: Mapping[str, Fold], models: Terms) -> pl.DataFrame:
     """A row per trial and model, from the folds by trial."""
-    scored = {name: score_against_other_trials(list(folds.values()), models, k) for k, name in enumerate(folds)}
-    return pl.concat([score_table(experiment, name, scores) for name, scores in scored.items()])
+    scored = zip(folds, scores_against_others(list(folds.values()), models), strict=True)
+    return pl.concat([score_table(experiment, name, scores) for name, scores in scored])
 
 
 def score_table(experiment: str, trial: str, scores: Sequence[Score], controller: str | None = None) -> pl.DataFrame:

@@ -68,13 +68,23 @@ class Trial:
 
     def sampled(self, *columns: str) -> pl.DataFrame:
         """The rows in which every named column has a sample (NaN counts as one), with `time` first."""
+        self.check_columns(*columns)
+        return self.samples.select("time", *columns).drop_nulls()
+
+    def check_columns(self, *columns: str) -> None:
+        """Refuse a column that the trial does not have.
+
+        Raises
+        ------
+        InputError
+            The message suggests those that are like it.
+        """
         absent = [c for c in columns if c not in self.samples.columns]
         if absent:
             raise InputError(
                 f"trial {self.name}: no column '{absent[0]}'; map the channel in the source file "
                 f"({like(absent[0], self.samples.columns)})"
             )
-        return self.samples.select("time", *columns).drop_nulls()
 
 
 def like(name: str, known: Sequence[str]) -> str:

@@ -119,7 +119,7 @@ def on_grid(
 
 def sampled_rows(trial: Trial, column: str) -> NDArray[np.bool_]:
     """Rows (n,) of the trial in which a column was sampled; NaN, a value that is missing there, counts."""
-    trial.sampled(column)
+    trial.check_columns(column)
     return trial.samples[column].is_not_null().to_numpy()
 
 

@@ -22,6 +22,8 @@ NO_SINE = 0.3
 LEAVES = 0.08
 """Distance between angle and sine, as a share of the amplitude, at which a run has ended; twice the misfit of its
 own cycles is added."""
+MOST_STEPS, NO_SLIP = 4, 1e-9
+"""Largest number of steps to the frequency of a run; cycles over the run by which a step changes it, to be the last."""
 SAMPLES_PER_CYCLE = 64
 """Samples of a cycle from which frequency and amplitude are fitted; more of them add nothing."""
 FEWEST_CYCLES = 3
@@ -170,13 +172,17 @@ def fit_run(time: Array, theta: Array, stretch: Stretch) -> Run | None:
         return None
     middle = float(t.mean())
     share = (t - middle) / duration
-    for _ in range(4):
-        turn = np.exp(2j * np.pi * frequency * (t - middle))
-        columns = np.column_stack([np.ones_like(t), turn.real, -turn.imag, share * turn.real, -share * turn.imag])
-        (centre, *parts), *_ = np.linalg.lstsq(columns, x, rcond=None)
-        phasor, growth = complex(parts[0], parts[1]), complex(parts[2], parts[3])
-        misfit = x - columns @ np.array([centre, *parts])
-        frequency += (growth / phasor).imag / duration / (2 * np.pi)
+    for _ in range(MOST_STEPS):
+        turn = 2 * np.pi * frequency * (t - middle)
+        cosine, sine = np.cos(turn), -np.sin(turn)
+        columns = np.array([np.ones_like(t), cosine, sine, share * cosine, share * sine])
+        found, *_ = np.linalg.lstsq(columns @ columns.T, columns @ x, rcond=None)
+        phasor, growth = complex(*found[1:3]), complex(*found[3:])
+        slip = (growth / phasor).imag / (2 * np.pi)
+        frequency += slip / duration
+        if abs(slip) < NO_SLIP:
+            break
+    misfit, centre = x - found @ columns, found[0]
     if float(np.sqrt(np.mean(misfit**2))) > NO_SINE * abs(phasor) / np.sqrt(2):
         return None
     phasor *= np.exp(-2j * np.pi * frequency * middle)

@@ -13,7 +13,8 @@ from osl_analysis.trial import Array
 AT_ONCE = 1 << 16
 """Rows of the grid that are computed at a time."""
 NEAR = 50
-"""Samples by which the spline is known at an end: what lies farther has a weight below 0.27^50, which is 1e-28."""
+"""Samples by which the spline is known at an end: what lies farther has a weight below 2^-50, or 0.27^50 where steps
+are even."""
 
 
 def cubic_between(times: Array, values: Array, at: Array, before: NDArray[np.intp]) -> Array:
@@ -23,23 +24,23 @@ def cubic_between(times: Array, values: Array, at: Array, before: NDArray[np.int
     cubics are one (not-a-knot). Four samples at least.
     """
     curved = curvatures(times, np.diff(times), values)
-    found = np.empty((len(at), values.shape[1]))
+    found = np.empty((values.shape[1], len(at)))
     for first in range(0, len(at), AT_ONCE):  # what a row needs meanwhile is ten times what it leaves
         rows = slice(first, first + AT_ONCE)
-        found[rows] = between(times, values, curved, at[rows], before[rows])
-    return found
+        found[:, rows] = between(times, values, curved, at[rows], before[rows])
+    return found.T
 
 
 def between(times: Array, values: Array, curved: Array, at: Array, before: NDArray[np.intp]) -> Array:
-    """Values as from `cubic_between`, of the cubics with these second derivatives (k, signals) at the samples."""
+    """Values (signals, m) of `cubic_between`, of the cubics with these second derivatives (k, signals) at samples."""
     length = times[before + 1] - times[before]
     share = (at - times[before]) / length
     rest = 1 - share
     bend = -share * rest * length**2 / 6
-    found = np.empty((len(at), values.shape[1]))
+    found = np.empty((values.shape[1], len(at)))
     for k, (y, curvature) in enumerate(zip(values.T, curved.T, strict=True)):
         line = rest * y[before] + share * y[before + 1]
-        found[:, k] = line + bend * ((1 + rest) * curvature[before] + (1 + share) * curvature[before + 1])
+        found[k] = line + bend * ((1 + rest) * curvature[before] + (1 + share) * curvature[before + 1])
     return found
 
 

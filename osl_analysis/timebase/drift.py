@@ -70,20 +70,24 @@ def clock_drift(pieces: Sequence[SinePiece], highest_hz: float) -> ClockDrift:
 
 def drift_columns(piece: SinePiece, highest_hz: float) -> tuple[Array, Array]:
     """What a drift of 1 does to the torque, and the torque, (n,) each [N*m], without all that needs no drift."""
-    thinned = slice(None, None, max(int(1 / (PER_PERIOD * highest_hz * np.mean(np.diff(piece.time)))), 1))
+    step = float(piece.time[-1] - piece.time[0]) / (len(piece.time) - 1)
+    thinned = slice(None, None, max(int(1 / (PER_PERIOD * highest_hz * step)), 1))
     late, theta = (piece.time - piece.time.mean())[thinned], piece.motion.theta[thinned]
-    columns = [theta, piece.motion.omega[thinned], np.ones_like(late), late, late * (theta - theta.mean())]
-    for k in range(2, int(highest_hz / piece.frequency_hz) + 1):
-        phase = 2 * np.pi * k * piece.frequency_hz * late
-        columns += [np.cos(phase), np.sin(phase)]
-    X = np.stack(columns, axis=1)
-    scale = np.linalg.norm(X, axis=0)
+    rows = [theta, piece.motion.omega[thinned], np.ones_like(late), late, late * (theta - theta.mean())]
+    turn = np.exp(2j * np.pi * piece.frequency_hz * late)
+    harmonic = turn
+    for _ in range(2, int(highest_hz / piece.frequency_hz) + 1):
+        harmonic = harmonic * turn
+        rows += [harmonic.real, harmonic.imag]
+    X = np.array(rows)
+    scale = np.linalg.norm(X, axis=1)
     if not scale.all():
         raise IdentifiabilityError("the joint does not move: a drift between clocks cannot be seen; use another trial")
-    both = np.stack([-late * np.gradient(piece.torque, piece.time)[thinned], piece.torque[thinned]], axis=1)
-    Q, _ = np.linalg.qr(X / scale)
-    rest = both - Q @ (Q.T @ both)
-    return rest[:, 0], rest[:, 1]
+    X /= scale[:, None]
+    both = np.array([-late * np.gradient(piece.torque, step)[thinned], piece.torque[thinned]])
+    explained, *_ = np.linalg.lstsq(X @ X.T, X @ both.T, rcond=None)
+    drifting, rest = both - explained.T @ X
+    return drifting, rest
 
 
 def check_drift(drift: ClockDrift, largest_ppm: float) -> None:

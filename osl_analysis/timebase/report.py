@@ -105,7 +105,7 @@ def report_of(
     rate = (len(time) - 1) / float(time[-1] - time[0])
     streams = tuple(stream_report(part, found, rate, limits) for part, found in zip(parts, gaps, strict=True))
     rows = time if usable.all() else time[usable]
-    farthest = max(farthest_sample(part.times, rows) for part in parts)
+    farthest = max(farthest_sample(part, rows) for part in parts)
     masked = int(np.count_nonzero(~usable))
     return TimebaseReport(
         rate, float(time[0]), float(time[-1]), len(time), masked, farthest, limits.highest_hz, streams
@@ -142,12 +142,12 @@ def stream_report(part: Samples, gaps: Gaps, rate_hz: float, limits: GapLimits) 
     )
 
 
-def farthest_sample(samples: Array, rows: Array) -> float:
-    """Largest distance [s] of a row to the nearest of the samples' rising times."""
+def farthest_sample(part: Samples, rows: Array) -> float:
+    """Largest distance [s] of a row of the grid to the nearest sample; rows (k,) [s] rise."""
     farthest = 0.0
     for first in range(0, len(rows), AT_ONCE):
         some = rows[first : first + AT_ONCE]
-        after = np.clip(np.searchsorted(samples, some), 1, len(samples) - 1)
-        nearest = np.minimum(np.abs(samples[after] - some), np.abs(some - samples[after - 1]))
+        before = part.before(some)
+        nearest = np.minimum(np.abs(some - part.times[before]), np.abs(part.times[before + 1] - some))
         farthest = max(farthest, float(np.max(nearest)))
     return farthest

@@ -62,7 +62,7 @@ class Taken:
     def samples(self) -> "Samples":
         """The samples at their times, the delay taken out; true stamps that lie close are averaged."""
         there = slice(None) if self.present.all() else self.present
-        values = np.stack([self.stream.signals[name][there] for name in self.decision.signals], axis=1)
+        values = np.array([self.stream.signals[name][there] for name in self.decision.signals]).T
         if self.decision.even:
             return Samples(self, self.clock.times()[there] - self.delay, values, 0)
         close = CLOSE * self.clock.step * self.stride
@@ -90,8 +90,18 @@ class Samples:
         return self.taken.clock.step * self.taken.stride
 
     def before(self, time: Array) -> NDArray[np.intp]:
-        """The last sample, but one at most, at or before each of some times (m,) [s]; the first one where none is."""
-        return np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.times) - 2)
+        """The last sample, but one at most, at or before each of some rising times (m,) [s]; the first where none is.
+
+        Where the samples come evenly, but for a part of a step, the places follow from the times.
+        """
+        last = len(self.times) - 2
+        guess: NDArray[np.intp] = np.clip(((time - self.times[0]) / self.step).astype(np.intp), 0, last)
+        guess -= (self.times[guess] > time) & (guess > 0)
+        guess += (self.times[guess + 1] <= time) & (guess < last)
+        found = (self.times[guess] <= time) | (guess == 0)
+        if (found & ((time < self.times[guess + 1]) | (guess == last))).all():
+            return guess
+        return np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, last)
 
 
 def take(streams: Sequence[Stream]) -> list[Taken]:

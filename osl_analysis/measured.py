@@ -28,7 +28,7 @@ def check_finite(name: str, values: ArrayLike, limit: float = LARGEST) -> float:
         A value is not finite or beyond the limit.
     """
     array = np.asarray(values)
-    largest = float(np.maximum(np.max(array, initial=0.0), -np.min(array, initial=0.0)))
+    largest = max(float(array.max()), -float(array.min()), 0.0) if array.size else 0.0
     if not largest <= limit:
         if not np.isfinite(largest):
             row = int(np.argmin(np.isfinite(array).ravel()))
@@ -52,7 +52,7 @@ def check_measured(name: str, values: ArrayLike) -> None:
 
 def rounding_of(y: Array) -> float:
     """Mean square of what rounding alone leaves of an exact fit to y (n,), in its squared unit; 0 for no samples."""
-    return ROUNDING * float(np.mean(y**2)) if len(y) else 0.0
+    return ROUNDING * float(y @ y) / len(y) if len(y) else 0.0
 
 
 def varies(y: Array) -> bool:

@@ -200,10 +200,12 @@ def test_the_fits_of_a_trial_know_what_the_filter_took_off_the_torque():
 
 def test_columns_between_their_rows_are_those_of_numpy_beyond_their_ends_too():
     rng = np.random.default_rng(4)
-    time, values = np.sort(rng.random(50)), rng.standard_normal((50, 3))
-    at = np.concatenate([[-1.0, 0.0], np.sort(rng.random(200)), time, [1.0, 2.0]])
-    expected = np.array([np.interp(at, time, column) for column in values.T])
-    np.testing.assert_allclose(interpolated(at, time, values.T), expected, rtol=0, atol=1e-13)
+    values, place = (
+        rng.standard_normal((3, 50)),
+        np.concatenate([[-1.0, 0.0], 49 * rng.random(200), [48.0, 49.0, 51.0]]),
+    )
+    expected = np.array([np.interp(place, np.arange(50), row) for row in values])
+    np.testing.assert_allclose(interpolated(place, values), expected, rtol=0, atol=1e-13)
 
 
 def test_a_signal_that_is_fitted_itself_follows_its_own_rounding_whole():

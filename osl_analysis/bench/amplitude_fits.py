@@ -42,7 +42,7 @@ def rounding_by_segment(trial: SteppedSineTrial, columns: Mapping[str, Array]) -
     `columns` (n,) are in the rows of all settled segments.
     """
     segments = trial.segments(None)
-    ends = np.cumsum([len(segment.rows) for segment in segments])[:-1]
+    ends = np.cumsum([segment.size for segment in segments])[:-1]
     parts = np.split(np.array(list(columns.values())), ends, axis=1)
     long = [(s, X.T) for s, X in zip(segments, parts, strict=True) if len(s.used) >= FEWEST_CYCLES]
     each = [RepeatedRounding(one, trial.filtered_torque, segments) for one in trial.rounded.values()]

@@ -22,7 +22,7 @@ from osl_analysis.stats.complex_estimate import (
 )
 from osl_analysis.stats.covariance import RepeatedError
 from osl_analysis.stats.fit_row import Row
-from osl_analysis.stats.sinusoid import Phasor, fit_sinusoid
+from osl_analysis.stats.sinusoid import Phasor, sinusoid
 from osl_analysis.trial import Array
 
 Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
@@ -98,14 +98,15 @@ def segment_phasors(
     Raises
     ------
     InputError
-        As `fit_sinusoid`, naming the signal.
+        As `fit_sinusoid`.
     """
-    rows, cycles, phasors = segment.rows, repeated_cycles([segment]), []
+    when, phasors = segment.part(time), []
+    sine = sinusoid(when, segment.frequency_hz, repeated_cycles([segment]))
     for name, signal, errors in (("theta", theta, repeated[0]), ("torque", torque, repeated[1])):
         try:
-            phasors.append(fit_sinusoid(time[rows], signal[rows], segment.frequency_hz, cycles, errors))
+            phasors.append(sine.phasor(segment.part(signal), errors))
         except InputError as error:
-            raise InputError(f"{name} from {time[rows[0]]:.1f} s: {error}") from error
+            raise InputError(f"{name} from {when[0]:.1f} s: {error}") from error
     return SegmentPhasors(segment.amplitude_deg, segment.frequency_hz, phasors[0], phasors[1])
 
 

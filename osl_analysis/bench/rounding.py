@@ -45,11 +45,16 @@ class Rounded:
         return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
 
     @cached_property
+    def place(self) -> Array:
+        """Where the sensor took its samples (k,), in rows of the grid; not beyond its ends."""
+        return np.asarray(np.clip((self.sampled - self.time[0]) * self.rate_hz, 0, len(self.time) - 1))
+
+    @cached_property
     def smooth_when_sampled(self) -> Array:
         """The smooth signal (k,) when the sensor took its samples; beyond the grid it is that of the grid's end."""
+        row = np.minimum(self.place.astype(np.intp), len(self.time) - 2)
         at = np.clip(self.sampled, self.time[0], self.time[-1])
-        row = ((at - self.time[0]) * self.rate_hz).astype(np.intp)
-        return cubic_between(self.time, self.smooth[:, None], at, np.minimum(row, len(self.time) - 2))[:, 0]
+        return cubic_between(self.time, self.smooth[:, None], at, row)[:, 0]
 
     def surviving(self, segment: Segment) -> Array:
         """Share of each harmonic of the rounding that the noise before it leaves in the mean, (HARMONICS,).
@@ -58,10 +63,9 @@ class Rounded:
         fit to the segment asks for it: it is kept.
         """
         if segment not in self.kept:
-            rows, cycles = segment.rows, repeated_cycles([segment])
+            smooth, cycles = segment.part(self.smooth), repeated_cycles([segment])
             assert cycles is not None
-            smooth = self.smooth[rows]
-            seen = scatter_between_cycles(self.signal[rows] - smooth, cycles)
+            seen = scatter_between_cycles(segment.part(self.signal) - smooth, cycles)
             expected = scatter_between_cycles(self.step * np.rint(smooth / self.step) - smooth, cycles)
             noise = noise_before_rounding(np.maximum(seen - expected, 0.0) / self.step**2)
             self.kept[segment] = np.exp(-2 * (np.pi * noise * np.arange(1, HARMONICS + 1)) ** 2)
@@ -108,7 +112,7 @@ class RepeatedRounding:
 
     def sums(self, X: Array) -> list[RoundingSums]:
         """What each segment adds, beside columns X (rows of all segments, p)."""
-        ends = np.cumsum([len(segment.rows) for segment in self.segments])[:-1]
+        ends = np.cumsum([segment.size for segment in self.segments])[:-1]
         return [self.sums_of(one, own) for one, own in zip(self.segments, np.split(X, ends), strict=True)]
 
     def sums_of(self, segment: Segment, X: Array) -> RoundingSums:
@@ -134,9 +138,8 @@ class RepeatedRounding:
             used = [k for k in segment.used if piece.start - 1 < segment.edges[k] < piece.stop - 1]
             edges = signal.time[0] + segment.edges[[*used, used[-1] + 1]] / signal.rate_hz
             low, *_, high = cuts = np.searchsorted(signal.sampled, edges)
-            at = signal.sampled[low:high]
-            per_row = signal.rate_hz * (edges[-1] - edges[0]) / len(at)
-            each = per_row * interpolated(at, signal.time[piece], weights)
+            per_row = signal.rate_hz * (edges[-1] - edges[0]) / (high - low)
+            each = per_row * interpolated(signal.place[low:high] - piece.start, weights)
             errors = rounding_harmonics(signal.smooth_when_sampled[low:high], signal.step)
             yield from (each[:, i:j] @ errors[:, i:j].T for i, j in pairwise(cuts - low))
 
@@ -144,21 +147,17 @@ class RepeatedRounding:
         """By how much what is fitted follows the signal and its derivative in a segment; (1, 0): the signal itself."""
         if self.fitted is self.rounded.smooth:
             return 1.0, 0.0
-        rows = segment.rows
         w = 2 * np.pi * segment.frequency_hz
-        turn = w * self.rounded.time[rows]
+        turn = w * segment.part(self.rounded.time)
         waves = np.array([np.cos(turn), -np.sin(turn)])
-        fitted, smooth = (waves @ (x - np.mean(x)) for x in (self.fitted[rows], self.rounded.smooth[rows]))
+        fitted, smooth = (waves @ (x - np.mean(x)) for x in map(segment.part, (self.fitted, self.rounded.smooth)))
         ratio = complex(*fitted) / complex(*smooth)
         return ratio.real, ratio.imag / w
 
 
-def interpolated(at: Array, time: Array, values: Array) -> Array:
-    """Values (p, k) at times `at` (k,) from those (p, n) at increasing times (n,), by straight lines; constant beyond.
-
-    As `np.interp` of each row, whose places are found once for all.
-    """
-    row = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
-    share = np.clip((at - time[row]) / (time[row + 1] - time[row]), 0.0, 1.0)
+def interpolated(place: Array, values: Array) -> Array:
+    """Values (p, k) at places (k,) between rows from those (p, n) in the rows, by straight lines; constant beyond."""
+    row = np.clip(place.astype(np.intp), 0, values.shape[1] - 2)
+    share = np.clip(place - row, 0.0, 1.0)
     below = np.take(values, row, axis=1)
     return np.asarray(below + share * (np.take(values, row + 1, axis=1) - below))

@@ -63,6 +63,16 @@ class Segment:
         """The rows of the cycles that are used."""
         return np.concatenate([np.r_[piece] for piece in self.pieces])
 
+    @cached_property
+    def size(self) -> int:
+        """Number of these rows."""
+        return sum(piece.stop - piece.start for piece in self.pieces)
+
+    def part(self, signal: Array) -> Array:
+        """A signal (n,) in these rows; a view where they follow one another."""
+        parts = [signal[piece] for piece in self.pieces]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
 
 def whole_rows(start: float, stop: float) -> slice:
     """The rows that lie between two edges at least in part, but for errors of rounding."""

@@ -97,7 +97,7 @@ class SteppedSineTrial:
         if amplitude is None:
             return slice(None)
         chosen = [bool(np.isclose(np.rad2deg(block.amplitude), amplitude)) for block in self.blocks]
-        rows = [sum(p.stop - p.start for s in one for p in s.pieces) for one in self.settled_blocks]
+        rows = [sum(segment.size for segment in one) for one in self.settled_blocks]
         first = sum(rows[: chosen.index(True)])
         return slice(first, first + sum(n for n, own in zip(rows, chosen, strict=True) if own))
 

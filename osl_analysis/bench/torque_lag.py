@@ -10,7 +10,7 @@ from osl_analysis.bench.nonlinearity import Phasors, stacked
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.stats.complex_estimate import complex_quotient
 from osl_analysis.stats.fit_row import Row, lag_damping_row
-from osl_analysis.stats.regression import LinearFit, linear_fit
+from osl_analysis.stats.regression import LinearFit, regressors
 from osl_analysis.trial import Array
 
 CERTAIN_LAG = 10.0
@@ -125,16 +125,17 @@ def lag_beyond(points: ImpedancePoints, base: Phasors, effect: Effect) -> Torque
     weight = points.theta / np.sqrt(points.frequency_hz)
     shared = {"B": s, "I": s**2, "T_C": 4j / (np.pi * points.theta)}
     own = {f"K at {a:g}": (points.amplitude == a).astype(np.complex128) for a in np.unique(points.amplitude)}
-    lag, y, columns = 0.0, np.empty(0), dict[str, Array]()
+    known, lag = {name: stacked(c * weight) for name, c in {**own, **shared}.items()}, 0.0
     for _ in range(LAG_STEPS):
         early = effect.undone(points.impedance, s, lag)
-        columns = {name: stacked(c * weight) for name, c in {**own, **shared, "lag": -effect.slope(early, s)}.items()}
+        slope = {"lag": stacked(-effect.slope(early, s) * weight)}
+        found = regressors(known | slope, (2 * len(s),), condition_limit=LAG_CONDITION)
         y = stacked((early - base) * weight)
-        lag += linear_fit(y, columns, condition_limit=LAG_CONDITION)["lag"]
-    left = linear_fit(y, columns, condition_limit=LAG_CONDITION).residual
-    X = np.column_stack(list(columns.values()))
-    variance = float(left @ left) / (len(left) - X.shape[1])
-    return TorqueLag(lag, float(np.sqrt(variance * np.linalg.inv(X.T @ X)[-1, -1])), float(np.sqrt(variance)))
+        step = found.solved(y)
+        lag += float(step[-1])
+    left = y - found.X @ step
+    variance = float(left @ left) / (len(left) - len(step))
+    return TorqueLag(lag, float(np.sqrt(variance * found.inverse[-1, -1])), float(np.sqrt(variance)))
 
 
 def torque_lag_row(phasors: Sequence[SegmentPhasors], fit: LinearFit, expected: Admittance | None) -> Row:

@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.special import stdtrit
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.measured import check_finite, check_measured, rounding_of, varies
+from osl_analysis.measured import check_finite, check_measured, rounding_of
 from osl_analysis.stats.covariance import NO_REPEATS, ResidualCorrelation
 from osl_analysis.trial import Array
 
@@ -106,34 +107,90 @@ def linear_fit(
     IdentifiabilityError
         The scaled condition number exceeds `condition_limit`; the message names the two columns that look alike.
     """
-    names = tuple(columns)
-    measured = checked_columns(y, columns)
-    check_not_zero(names, measured)
-    X = measured if instruments is None else projected(measured, instrument_columns(y, instruments))
+    return regressors(columns, np.shape(y), instruments, condition_limit).fit(y, residuals)
+
+
+@dataclass(frozen=True)
+class Regressors:
+    """Columns (n, p) of a fit, decomposed: several y are fitted to them for little more than one."""
+
+    names: tuple[str, ...]
+    """Names of the columns."""
+    measured: Array
+    """The columns, shape (n, p)."""
+    X: Array
+    """Their projection on instruments (n, p), or themselves."""
+    scale: Array
+    """Length of each column of X (p,)."""
+    U: Array | None
+    """Left singular vectors (n, p) of the scaled X; None where its Gram matrix gave the others."""
+    singular: Array
+    """Singular values (p,), the largest first."""
+    Vt: Array
+    """Right singular vectors (p, p), a row each."""
+
+    @property
+    def condition(self) -> float:
+        """Scaled condition number."""
+        return float(self.singular[0] / max(self.singular[-1], np.finfo(float).tiny))
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Inverse (p, p) of the normal equations."""
+        return (self.Vt.T / self.singular**2) @ self.Vt / np.outer(self.scale, self.scale)
+
+    def solved(self, y: Array) -> Array:
+        """Estimates (p,) alone, by least squares of y (n,).
+
+        Raises
+        ------
+        InputError
+            y cannot be measured.
+        """
+        check_measured("column 'y'", y)
+        if self.U is None:
+            return refined(self.X, y, self.inverse)
+        return np.asarray(self.Vt.T @ ((self.U.T @ y) / self.singular) / self.scale)
+
+    def fit(self, y: Array, residuals: ResidualCorrelation = NO_REPEATS) -> LinearFit:
+        """Least squares of y (n,) on the columns; `residuals` and what is raised as in `linear_fit`."""
+        estimates, inverse = self.solved(y), self.inverse
+        residual = y - self.measured @ estimates
+        window = residuals.window(residual)
+        covariance, degrees_of_freedom, method = residuals.covariance(self.X, inverse, residual, window)
+        return LinearFit(
+            self.names,
+            estimates,
+            covariance,
+            variance_accounted_for(y, residual),
+            1 - float(residual @ residual) / max(float(y @ y), np.finfo(float).tiny),
+            self.condition,
+            window,
+            len(y),
+            method,
+            degrees_of_freedom,
+            residual,
+            largest_correlation(inverse),
+        )
+
+
+def regressors(
+    columns: Mapping[str, Array],
+    shape: tuple[int, ...],
+    instruments: Mapping[str, Array] | None = None,
+    condition_limit: float = CONDITION_LIMIT,
+) -> Regressors:
+    """The named columns, for fits to y of some shape (n,); `instruments` and what is raised as in `linear_fit`."""
+    names, measured = tuple(columns), checked_columns(shape, columns)
+    X = measured
+    if instruments is not None:
+        check_not_zero(names, measured)
+        X = projected(measured, instrument_columns(shape, instruments))
     scale = check_not_zero(names, X)
-    U, singular, Vt = decomposed(X, scale)
-    condition = float(singular[0] / max(singular[-1], np.finfo(float).tiny))
-    if condition > condition_limit:
-        refuse_unidentifiable(names, Vt[-1], condition)
-    inverse = (Vt.T / singular**2) @ Vt / np.outer(scale, scale)
-    estimates = refined(X, y, inverse) if U is None else Vt.T @ ((U.T @ y) / singular) / scale
-    residual = y - measured @ estimates
-    window = residuals.window(residual)
-    covariance, degrees_of_freedom, method = residuals.covariance(X, inverse, residual, window)
-    return LinearFit(
-        names,
-        estimates,
-        covariance,
-        variance_accounted_for(y, residual),
-        1 - float(residual @ residual) / max(float(y @ y), np.finfo(float).tiny),
-        condition,
-        window,
-        len(y),
-        method,
-        degrees_of_freedom,
-        residual,
-        largest_correlation(inverse),
-    )
+    found = Regressors(names, measured, X, scale, *decomposed(X, scale))
+    if found.condition > condition_limit:
+        refuse_unidentifiable(names, found.Vt[-1], found.condition)
+    return found
 
 
 def decomposed(X: Array, scale: Array) -> tuple[Array | None, Array, Array]:
@@ -160,7 +217,9 @@ def refined(X: Array, y: Array, inverse: Array) -> Array:
 def largest_correlation(covariance: Array) -> float:
     """Largest absolute correlation in a covariance (p, p); 0 for a single estimate."""
     scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-    return float(np.max(np.abs(np.triu(covariance / np.outer(scale, scale), 1))))
+    correlation = np.abs(covariance / np.outer(scale, scale))
+    np.fill_diagonal(correlation, 0.0)
+    return float(np.max(correlation))
 
 
 def with_shared_error(fit: LinearFit, change: Array) -> LinearFit:
@@ -182,9 +241,9 @@ def projected(X: Array, Z: Array) -> Array:
     return np.asarray(Q @ (Q.T @ X))
 
 
-def instrument_columns(y: Array, instruments: Mapping[str, Array]) -> Array:
+def instrument_columns(shape: tuple[int, ...], instruments: Mapping[str, Array]) -> Array:
     """The instruments as a matrix (n, q); none of them is zero throughout."""
-    Z = checked_columns(y, instruments)
+    Z = checked_columns(shape, instruments)
     check_not_zero(tuple(instruments), Z)
     return Z
 
@@ -199,16 +258,19 @@ def check_not_zero(names: Sequence[str], X: Array) -> Array:
     return lengths
 
 
-def checked_columns(y: Array, columns: Mapping[str, Array]) -> Array:
-    """The columns as a matrix (n, p), after checks of their lengths, their values and the number of samples."""
+def checked_columns(shape: tuple[int, ...], columns: Mapping[str, Array]) -> Array:
+    """The columns as a matrix (n, p), after checks of their lengths, their values and the number of samples.
+
+    `shape` (n,) is that of y.
+    """
     for name, column in columns.items():
-        if np.shape(column) != np.shape(y):
-            raise InputError(f"column '{name}' has shape {np.shape(column)}, expected {np.shape(y)} like y")
+        if np.shape(column) != shape:
+            raise InputError(f"column '{name}' has shape {np.shape(column)}, expected {shape} like y")
     X = np.array([np.asarray(c, dtype=float) for c in columns.values()])
-    for name, values in (*zip(columns, X, strict=True), ("y", y)):
+    for name, values in zip(columns, X, strict=True):
         check_measured(f"column '{name}'", values)
-    if len(y) <= len(columns):
-        raise InputError(f"{len(y)} samples cannot determine {len(columns)} parameters; use a longer window")
+    if shape[0] <= len(columns):
+        raise InputError(f"{shape[0]} samples cannot determine {len(columns)} parameters; use a longer window")
     return X.T
 
 
@@ -237,7 +299,7 @@ def variance_accounted_for(y: Array, residual: Array) -> float:
     check_finite("the residual", residual)
     if not len(y):
         return float("nan")
-    left = float(np.var(residual))
-    if varies(y):
-        return 100 * (1 - left / float(np.var(y)))
-    return 100.0 if left <= rounding_of(y) else 0.0
+    left, varied, rounding = float(np.var(residual)), float(np.var(y)), rounding_of(y)
+    if varied > rounding:
+        return 100 * (1 - left / varied)
+    return 100.0 if left <= rounding else 0.0

@@ -51,9 +51,9 @@ def rounding_harmonics(signal: Array, step: float) -> Array:
     np.sin(turn, out=waves[1, 0])
     twice = 2 * waves[0, 0]
     for wave, before in zip(waves, (1.0, 0.0), strict=True):  # f((k + 1) x) = 2 cos(x) f(k x) - f((k - 1) x)
-        np.subtract(twice * wave[0], before, out=wave[1])
-        for n in range(2, HARMONICS):
-            np.subtract(twice * wave[n - 1], wave[n - 2], out=wave[n])
+        for n in range(1, HARMONICS):
+            np.multiply(twice, wave[n - 1], out=wave[n])
+            wave[n] -= wave[n - 2] if n > 1 else before
     waves *= size[:, None]
     return waves.reshape(2 * HARMONICS, len(signal))
 
@@ -102,6 +102,8 @@ def scatter_between_cycles(error: Array, cycles: Cycles) -> Array:
         first, stop = (edge[cycles.stratum == stratum] for edge in (cycles.first, cycles.stop))
         count = max(int(np.min(stop - first)), 1)
         phase = (np.arange(count) + 0.5) / count
-        rows = np.floor(first[:, None] + (stop - first)[:, None] * phase + 1e-9).astype(np.intp)
-        variances.append(float(np.mean(np.var(error[np.minimum(rows, len(error) - 1)], axis=0, ddof=1))))
+        rows = (first[:, None] + 1e-9 + (stop - first)[:, None] * phase).astype(np.intp)
+        alike = error[np.minimum(rows, len(error) - 1)]
+        apart = (alike - alike.mean(axis=0)).ravel()
+        variances.append(float(apart @ apart) / (count * (len(first) - 1)))
     return np.array(variances)

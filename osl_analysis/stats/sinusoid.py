@@ -10,7 +10,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite
 from osl_analysis.stats.complex_estimate import ComplexEstimate
 from osl_analysis.stats.covariance import FEWEST_CYCLES, Cycles, RepeatedError, ResidualCorrelation
-from osl_analysis.stats.regression import linear_fit
+from osl_analysis.stats.regression import Regressors, regressors
 from osl_analysis.trial import Array
 
 HARMONICS = 5
@@ -57,30 +57,49 @@ def fit_sinusoid(
         The signal lasts less than one cycle, is sampled too slowly for the fifth harmonic, or is constant. A time or
         value is not finite or cannot be measured.
     """
+    return sinusoid(time, frequency_hz, cycles).phasor(signal, repeated)
+
+
+@dataclass(frozen=True)
+class Sinusoid:
+    """A sine of known frequency with its harmonics at some times, which several signals are fitted with."""
+
+    frequency_hz: float
+    """Frequency [Hz]."""
+    columns: Regressors
+    """Offset, and cosine and sine of every harmonic."""
+    cycles: Cycles | None
+    """The cycles whose spread gives the covariance; None: too few."""
+
+    def phasor(self, signal: Array, repeated: Sequence[RepeatedError] = ()) -> Phasor:
+        """Phasor of a signal (n,); `repeated` and what is raised as in `fit_sinusoid`."""
+        fit = self.columns.fit(signal, ResidualCorrelation(cycles=self.cycles, repeated=repeated))
+        cosines, sines = fit.estimates[1::2], fit.estimates[2::2]
+        amplitudes = np.hypot(cosines, sines)
+        if amplitudes[0] <= NO_SINE * np.abs(signal).max():
+            raise InputError(
+                f"the signal has no sine of {self.frequency_hz:g} Hz, it stays at {signal[0]:g}; check its channel in "
+                "the source file, or exclude the trial"
+            )
+        to_phasor = np.array([[1.0, -1.0], [-1.0, 1.0]])  # a cos(wt) + b sin(wt) = Re((a - j b) exp(j w t))
+        return Phasor(
+            complex(cosines[0], -sines[0]),
+            to_phasor * fit.covariance[1:3, 1:3],
+            float(np.min(fit.degrees_of_freedom[1:3])),
+            float(np.linalg.norm(amplitudes[1:]) / amplitudes[0]),
+            fit.vaf,
+            cosines - 1j * sines,
+            fit.interval_method,
+        )
+
+
+def sinusoid(time: Array, frequency_hz: float, cycles: Cycles | None = None) -> Sinusoid:
+    """The sine at times [s] (n,); `cycles` and what is raised as in `fit_sinusoid`."""
     check_finite("time", time)
     step = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
     check_sampling(len(time), step, frequency_hz)
     cycles = cycles or whole_cycles(len(time), 1 / (step * frequency_hz))
-    fit = linear_fit(
-        signal, harmonic_columns(time, frequency_hz), ResidualCorrelation(cycles=cycles, repeated=repeated)
-    )
-    cosines, sines = fit.estimates[1::2], fit.estimates[2::2]
-    amplitudes = np.hypot(cosines, sines)
-    if amplitudes[0] <= NO_SINE * np.abs(signal).max():
-        raise InputError(
-            f"the signal has no sine of {frequency_hz:g} Hz, it stays at {signal[0]:g}; check its channel in the "
-            "source file, or exclude the trial"
-        )
-    to_phasor = np.diag([1.0, -1.0])  # a cos(wt) + b sin(wt) = Re((a - j b) exp(j w t))
-    return Phasor(
-        complex(cosines[0], -sines[0]),
-        to_phasor @ fit.covariance[1:3, 1:3] @ to_phasor,
-        float(np.min(fit.degrees_of_freedom[1:3])),
-        float(np.linalg.norm(amplitudes[1:]) / amplitudes[0]),
-        fit.vaf,
-        cosines - 1j * sines,
-        fit.interval_method,
-    )
+    return Sinusoid(frequency_hz, regressors(harmonic_columns(time, frequency_hz), np.shape(time)), cycles)
 
 
 def check_sampling(samples: int, step: float, frequency_hz: float) -> None:

@@ -32,6 +32,7 @@ from osl_analysis.refusal_report import refusal_report, refusals_in
 from osl_analysis.report import TEMPLATES
 from osl_analysis.shipped import default_config
 from osl_analysis.study import BENCH as STUDY_ON_BENCH, REPEATED as STUDY_OF_REPEATS, WALKING as STUDY_OF_WALKING
+from osl_analysis.study.plan import Batch, batches as study_batches, planned, time_limit
 from osl_analysis.yaml_settings import read_mapping
 
 try:
@@ -102,4 +103,5 @@ def end_of_run(records) -> str:
 
 ACCEPT = CONFIG.failed_trials == "accept"
 jobs.know_by_logs(workflow)
+jobs.at_end_of_dry_run(workflow, expected_time)
 jobs.at_end_of_run(workflow, [RESULTS, *([RAW] if CONFIG.simulation else [])], end_of_run, ACCEPT)

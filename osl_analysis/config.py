@@ -85,7 +85,7 @@ class StudySettings(Settings):
     crossings: Annotated[int, Field(ge=3, le=MOST)]
     """Number of perturbed crossings in a campaign, which has the same number of unperturbed crossings."""
     batch: Annotated[int, Field(ge=1)]
-    """Number of bench trials in a job."""
+    """Smallest number of bench trials in a job. A large study takes more, so that it has fewer than a hundred jobs."""
     amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]
     """Amplitudes [deg] of the short protocol."""
     cycles: Annotated[int, Field(ge=1, le=10_000)]

@@ -81,7 +81,7 @@ class Progress:
     def plan(self, jobs_of_rules: Mapping[str, int]) -> None:
         """Learn how many jobs each rule has; what has none of its own stages, as the target, does not count."""
         for rule, count in jobs_of_rules.items():
-            if not re.fullmatch(r"total|(\w+_)?(reproduce-all|study)", rule):
+            if not re.fullmatch(r"total|(\w+_)?(reproduce-all|study|validate)", rule):
                 self.stages.setdefault(stage_of(rule), Stage(0)).total += count
 
     def begin(self, job: int, rule: str, logs: Iterable[str]) -> None:

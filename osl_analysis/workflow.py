@@ -21,7 +21,16 @@ from osl_analysis.refusal_report import records_in
 from osl_analysis.scheduling import without_usual_rate
 from osl_analysis.stale import RECORDED, made_of, stale
 
-__all__ = ["at_end_of_run", "code", "code_of", "know_by_logs", "report", "run_job", "say_of_tables"]
+__all__ = [
+    "at_end_of_dry_run",
+    "at_end_of_run",
+    "code",
+    "code_of",
+    "know_by_logs",
+    "report",
+    "run_job",
+    "say_of_tables",
+]
 FOR_SNAKEMAKE = ("code", "command", "described", RECORDED)
 LONGEST_WAIT_S = 5.0
 """For lines that are to be written before the report [s]."""
@@ -169,5 +178,19 @@ def at_end_of_run(workflow: Any, folders: Iterable[Path], said: Callable[[tuple[
                 print(said(records), file=sys.stderr, flush=True)
         if records and not accept:
             raise SystemExit(1)
+
+    workflow.execute = executed
+
+
+def at_end_of_dry_run(workflow: Any, said: Callable[[Iterable[Any]], str]) -> None:
+    """Let a dry run of Snakemake end with what `said` says of the jobs that it would run."""
+    execute = workflow.execute
+
+    def executed(*args: Any, **settings: Any) -> None:
+        execute(*args, **settings)
+        if settings["executor_plugin"].common_settings.dryrun_exec:
+            text = said(workflow.dag.needrun_jobs(exclude_finished=False))
+            write_all_lines(workflow.logger_manager)
+            print(text, file=sys.stderr, end="\n" * bool(text), flush=True)
 
     workflow.execute = executed

@@ -1,4 +1,4 @@
-"""`snakemake study`: the Monte Carlo study of bias, efficiency and coverage of the estimators."""
+"""`snakemake validate`, or `study`: the Monte Carlo study of bias, efficiency and coverage of the estimators."""
 
 STUDY = CONFIG.study
 STUDIED = (
@@ -6,17 +6,29 @@ STUDIED = (
     | {name: (STUDY.campaigns, batch) for name, batch in STUDY_OF_REPEATS.items()}
     | {name: (getattr(STUDY, number), batch) for name, (number, batch) in STUDY_OF_WALKING.items()}
 )
-"""Trials or campaigns of each experiment, and how many of them one job takes."""
+"""Trials or campaigns of each experiment, and how many of them one job takes at least."""
 STUDIED_BY_FILE = {name.replace(",", "").replace(" ", "_"): name for name in STUDIED}
 
 
-def batches() -> list[Path]:
-    """The estimates of every job of the study."""
-    return [
-        RESULTS / f"study/batches/{file}_{first}_{min(STUDIED[name][1], STUDIED[name][0] - first)}.csv"
-        for file, name in STUDIED_BY_FILE.items()
-        for first in range(0, *STUDIED[name])
-    ]
+STUDY_JOBS = {
+    f"{file}_{batch.first}_{batch.number}": batch
+    for batch in study_batches(STUDIED)
+    for file, name in STUDIED_BY_FILE.items()
+    if name == batch.experiment
+}
+"""The jobs of the study by the names of their files."""
+
+
+def study_seconds(wildcards) -> float:
+    """The expected time of a job of the study [s]; also of one that is not planned today."""
+    return Batch(STUDIED_BY_FILE[wildcards.experiment], int(wildcards.first), int(wildcards.number)).seconds
+
+
+def expected_time(planned_jobs) -> str:
+    """What a dry run says of the jobs of the study."""
+    studied = [job.wildcards for job in planned_jobs if job.rule.name.endswith("study_batch")]
+    studied.sort(key=lambda one: (one.experiment, int(one.first)))
+    return planned({f"{one.experiment}_{one.first}_{one.number}": study_seconds(one) for one in studied})
 
 
 rule study_batch:
@@ -30,6 +42,9 @@ rule study_batch:
         experiment="|".join(STUDIED_BY_FILE),
         first="[0-9]+",
         number="[0-9]+",
+    resources:
+        core_ms=lambda wildcards: round(1000 * study_seconds(wildcards)),
+        runtime=lambda wildcards: time_limit(study_seconds(wildcards)),
     params:
         code=jobs.code("commands.study"),
         study=STUDY.model_dump(mode="json", exclude={"trials", "campaigns", "recorded"}),
@@ -46,7 +61,7 @@ rule study_batch:
 
 rule study_table:
     input:
-        batches=batches(),
+        batches=[RESULTS / f"study/batches/{job}.csv" for job in STUDY_JOBS],
     output:
         RESULTS / "study/study.csv",
     log:
@@ -91,3 +106,8 @@ rule study:
         rules.study_table.output,
         rules.study_page.output,
         rules.study_figure.output,
+
+
+rule validate:
+    input:
+        rules.study.input,

@@ -66,8 +66,9 @@ def short(tmp_path):
 def bench_trial(experiment):
     """A trial of each experiment, of a joint that is known."""
     rng = np.random.default_rng(3)
-    if experiment == "any motion":
-        return made_trial(rng, multisine(rng))
+    if experiment in ("any motion", "friction"):
+        motion = multisine(rng)
+        return made_trial(rng, motion, more=10 * np.tanh(50 * motion[1][1]) * (experiment == "friction"))
     time = np.arange(round(40 * RATE)) / RATE
     if experiment in ("impedance", "transmission"):
         rest = np.zeros(round(RATE))
@@ -98,7 +99,7 @@ def of_campaign(experiment, folder, config_path, desired=DESIRED):
     """The tables of one trial as the job of a campaign writes them, by name; `fits/NAME/made.csv`."""
     trial, config = folder / "made.parquet", read_config(config_path)
     write_trial(bench_trial(experiment), trial)
-    name = "impedance" if experiment == "any motion" else experiment
+    name = "impedance" if experiment in ("any motion", "friction") else experiment
     tables = {table.name: folder / f"fits/{table.name}/made.csv" for table in EXPERIMENTS[name].tables}
     if name == "impedance":
         del tables["estimators"]
@@ -194,9 +195,11 @@ def test_the_frequency_response_of_a_stepped_sine_is_that_of_the_campaign_and_of
     assert isinstance(osl.plot_frequency_response(found), Figure)
 
 
-def test_the_frequency_response_of_any_motion_is_that_of_the_campaign(tmp_path, short):
-    tables, limits = of_campaign("any motion", tmp_path, short), read_config(short).doubtful
-    found = osl.frequency_response(bench_trial("any motion"), DESIRED, config=short)
+@pytest.mark.parametrize("experiment", ["any motion", "friction"])
+def test_the_frequency_response_of_any_motion_is_that_of_the_campaign(experiment, tmp_path, short):
+    tables, limits = of_campaign(experiment, tmp_path, short), read_config(short).doubtful
+    found = osl.frequency_response(bench_trial(experiment), DESIRED, config=short)
+    assert ("impedance.csv: " in found.table["doubtful"][0]) == (experiment == "friction")
     for name, table in (("response", found.table), ("response_models", found.models)):
         path = tmp_path / f"tables/{name}.csv"
         gather([tables[name]], path, limits.of(name), [tables["impedance"]], limits.of("impedance"))
@@ -211,6 +214,24 @@ def test_the_check_of_a_trial_has_the_rows_of_the_campaign(tmp_path, short):
     commanded = Commanded(**{name: getattr(config.dynamometer, name) for name in PROTOCOL})
     check_trial(trial, "impedance", (), config.quality, commanded, tmp_path / "quality.csv")
     assert_same(osl.check(trial, config=short), tmp_path / "quality.csv", tmp_path)
+
+
+def test_the_check_looks_at_what_the_experiment_needs_and_accepts_nothing(tmp_path):
+    trial = bench_trial("actuator")
+    slow = replace(trial, samples=trial.samples.with_columns(pl.col("time") * 50))
+    config = read_config(ROOT / "config/config.yaml")
+    commanded = Commanded(**{name: getattr(config.dynamometer, name) for name in PROTOCOL})
+    check_trial(slow, "actuator", (), config.quality, commanded, tmp_path / "quality.csv")
+    assert_same(osl.check(slow, "actuator"), tmp_path / "quality.csv", tmp_path)
+    verdicts = dict(osl.check(slow, "actuator").select("check", "verdict").rows())
+    assert verdicts["rate"] != "pass"
+    assert not osl.check(slow, "impedance").equals(osl.check(slow, "actuator"))
+
+
+def test_a_threshold_without_its_unit_is_refused(tmp_path):
+    (tmp_path / "config.yaml").write_text("quality: {rate: {threshold: 100 s}}\n")
+    with pytest.raises(osl.InputError, match=r"quality\.rate: threshold '100 s'"):
+        osl.check(bench_trial("belt"), config=tmp_path / "config.yaml")
 
 
 def test_a_recording_is_read_as_ingest_reads_it(tmp_path):
@@ -230,6 +251,12 @@ def test_a_recording_is_read_as_ingest_reads_it(tmp_path):
     assert found.samples["torque"][3] == -3
     assert found.samples["theta"][3] == pytest.approx(np.deg2rad(3))
     assert osl.read_recording(tmp_path / "a.csv", tmp_path / "mine.yaml", name="b").name == "b"
+    with pytest.raises(osl.InputError, match="2"):
+        osl.read_recording(tmp_path / "a.csv", tmp_path / "mine.yaml", part="2")
+    source = (tmp_path / "mine.yaml").read_text()
+    (tmp_path / "mine.yaml").write_text(source.replace("sign: -1", "sign: -1, range: '50 N*m'"))
+    with pytest.raises(osl.InputError, match="torque goes from -199 to "):
+        osl.read_recording(tmp_path / "a.csv", tmp_path / "mine.yaml")
 
 
 def test_gains_are_those_of_the_command():
@@ -252,6 +279,23 @@ def test_windows_are_fitted_alone(short):
     fit = osl.fit_impedance(trial, windows=f"{start:g}-{start + 12:g}", config=short)
     assert fit.fitted_s == pytest.approx(12, abs=1)
     assert osl.fit_impedance(trial, config=short).fitted_s > 25
+    whole, part = (osl.frequency_response(trial, windows=w, config=short) for w in (None, f"{start:g}-{start + 12:g}"))
+    assert not whole.table.equals(part.table)
+
+
+def test_a_frequency_response_refuses_an_angle_in_degrees_as_the_fit_does(short):
+    trial = bench_trial("any motion")
+    degrees = replace(trial, samples=trial.samples.with_columns(np.rad2deg(1) * pl.col("theta")))
+    for function in (osl.frequency_response, osl.fit_impedance):
+        with pytest.raises(osl.InputError, match="is it recorded in deg"):
+            function(degrees, config=short)
+
+
+def test_the_configuration_of_the_working_folder_counts(tmp_path, monkeypatch):
+    (tmp_path / "config.yaml").write_text("parameters: null\n")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(osl.InputError, match="gains need a parameter file"):
+        osl.gains(300, 5)
 
 
 def test_without_parameter_file_nothing_is_compared_with_a_belt(short):
@@ -304,10 +348,7 @@ def test_no_column_is_hidden_by_an_attribute_of_the_class(experiment, short):
 
 
 def test_what_is_doubtful_is_said_in_text_and_page(short):
-    rng = np.random.default_rng(5)
-    motion = multisine(rng)
-    with_friction = made_trial(rng, motion, more=10 * np.tanh(50 * motion[1][1]))
-    fit = osl.fit_impedance(with_friction, config=short)
+    fit = osl.fit_impedance(bench_trial("friction"), config=short)
     assert "is Coulomb friction and not damping" in fit.doubtful
     assert f"doubtful: {fit.doubtful}" in repr(fit)
     assert "Doubtful: " in fit._repr_html_()
@@ -324,6 +365,9 @@ def test_the_page_of_a_fit_has_value_interval_and_unit_and_runs_no_script_of_a_n
     assert "<script" not in page
     assert "\x1b" not in page + repr(fit)
     assert "&lt;script&gt;" in page
+    unknown = osl.fit_impedance(bench_trial("any motion"), osl.DesiredImpedance("<b>", 300, 5), config=short)
+    assert "<b>" in unknown.not_checked
+    assert "<b>" not in unknown._repr_html_()
 
 
 def test_a_figure_shows_itself_draws_the_series_and_is_saved_in_the_style_of_the_paper(tmp_path, short):

@@ -13,7 +13,8 @@ from statsmodels.sandbox.regression.gmm import IV2SLS
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.second_order import impedance_columns
 from osl_analysis.stats.covariance import ResidualCorrelation, correlation_samples, moving_sums
-from osl_analysis.stats.regression import GRAM_LIMIT, decomposed, linear_fit, refined, variance_accounted_for
+from osl_analysis.stats.least_squares import GRAM_LIMIT, decomposed, refined
+from osl_analysis.stats.regression import linear_fit, variance_accounted_for
 
 RNG_SEED = 20
 

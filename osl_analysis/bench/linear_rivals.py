@@ -8,7 +8,8 @@ import numpy as np
 from osl_analysis.bench.belt_fit import loaded_rows
 from osl_analysis.signals import Motion
 from osl_analysis.stats.comparison import Candidate, Score, score_models
-from osl_analysis.stats.regression import GRAM_LIMIT, LinearFit, linear_fit
+from osl_analysis.stats.least_squares import GRAM_LIMIT
+from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.trial import Array
 
 Terms = Mapping[str, tuple[str, ...]]

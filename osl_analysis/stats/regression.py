@@ -1,25 +1,28 @@
 """The one linear regression under every fit: rank check, covariance for correlated residuals, diagnostics."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.special import stdtrit
 
-from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite, check_measured, rounding_of
 from osl_analysis.stats.covariance import NO_REPEATS, ResidualCorrelation
+from osl_analysis.stats.least_squares import (
+    check_not_zero,
+    decomposed,
+    largest_correlation,
+    projected,
+    refined,
+    refuse_unidentifiable,
+)
 from osl_analysis.trial import Array
 
 CONDITION_LIMIT = 1e3
 """Largest scaled condition number that is accepted. At this limit an error of 0.1 % in a column can cause an error of
 100 % in an estimate."""
-
-GRAM_LIMIT, TALL = 100.0, 50
-"""Largest condition number, and rows per column from which it is worth while, with which the normal equations are
-solved. Their own condition number is its square: rounding enters with 1e-12 at most, and a step of refinement takes it
-off the estimates (Bjorck, Numerical Methods for Least Squares Problems, 1996, sec. 2.9)."""
 
 
 @dataclass(frozen=True)
@@ -193,35 +196,6 @@ def regressors(
     return found
 
 
-def decomposed(X: Array, scale: Array) -> tuple[Array | None, Array, Array]:
-    """Left singular vectors (n, p), singular values (p,), the largest first, and right singular vectors, a row each
-    (p, p), of the columns X (n, p), each divided by its length `scale` (p,).
-
-    Many rows make one pass over X, for its Gram matrix, if the columns are not alike (`GRAM_LIMIT`): the left vectors
-    are None then.
-    """
-    n, p = X.shape
-    if n > TALL * p:
-        squares, V = np.linalg.eigh(X.T @ X / np.outer(scale, scale))
-        if squares[-1] < GRAM_LIMIT**2 * squares[0]:
-            return None, np.sqrt(squares[::-1]), V.T[::-1]
-    return np.linalg.svd(X / scale, full_matrices=False)
-
-
-def refined(X: Array, y: Array, inverse: Array) -> Array:
-    """Estimates (p,) from the inverse (p, p) of the normal equations of X (n, p), with a step of refinement."""
-    estimates = inverse @ (X.T @ y)
-    return np.asarray(estimates + inverse @ (X.T @ (y - X @ estimates)))
-
-
-def largest_correlation(covariance: Array) -> float:
-    """Largest absolute correlation in a covariance (p, p); 0 for a single estimate."""
-    scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-    correlation = np.abs(covariance / np.outer(scale, scale))
-    np.fill_diagonal(correlation, 0.0)
-    return float(np.max(correlation))
-
-
 def with_shared_error(fit: LinearFit, change: Array) -> LinearFit:
     """The fit with an error in its covariance that all its data share.
 
@@ -235,27 +209,11 @@ def with_shared_error(fit: LinearFit, change: Array) -> LinearFit:
     return replace(fit, covariance=covariance, degrees_of_freedom=degrees_of_freedom)
 
 
-def projected(X: Array, Z: Array) -> Array:
-    """Projection of the columns X (n, p) on the instruments Z (n, q)."""
-    Q, _ = np.linalg.qr(Z / np.linalg.norm(Z, axis=0))
-    return np.asarray(Q @ (Q.T @ X))
-
-
 def instrument_columns(shape: tuple[int, ...], instruments: Mapping[str, Array]) -> Array:
     """The instruments as a matrix (n, q); none of them is zero throughout."""
     Z = checked_columns(shape, instruments)
     check_not_zero(tuple(instruments), Z)
     return Z
-
-
-def check_not_zero(names: Sequence[str], X: Array) -> Array:
-    """Lengths (p,) of the columns X (n, p); a column that is zero throughout is refused."""
-    lengths = np.asarray(np.linalg.norm(X, axis=0))
-    if not (lengths > 0).all():
-        raise IdentifiabilityError(
-            f"'{names[int(np.argmin(lengths))]}' cannot be estimated: its column is zero throughout"
-        )
-    return lengths
 
 
 def checked_columns(shape: tuple[int, ...], columns: Mapping[str, Array]) -> Array:
@@ -272,16 +230,6 @@ def checked_columns(shape: tuple[int, ...], columns: Mapping[str, Array]) -> Arr
     if shape[0] <= len(columns):
         raise InputError(f"{shape[0]} samples cannot determine {len(columns)} parameters; use a longer window")
     return X.T
-
-
-def refuse_unidentifiable(names: tuple[str, ...], direction: Array, condition: float) -> None:
-    """Raise an error that names the two columns with the largest weights in `direction`, which cannot be estimated."""
-    worst = sorted(np.argsort(np.abs(direction))[-2:])
-    first, second = (names[i] for i in worst)
-    raise IdentifiabilityError(
-        f"{first} and {second} cannot be told apart in these data (scaled condition number {condition:.3g}); "
-        "excite more frequencies, lengthen the window or fix one of them"
-    )
 
 
 def variance_accounted_for(y: Array, residual: Array) -> float:

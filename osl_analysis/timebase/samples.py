@@ -100,7 +100,7 @@ class Samples:
         guess += (self.times[guess + 1] <= time) & (guess < last)
         found = (self.times[guess] <= time) | (guess == 0)
         if (found & ((time < self.times[guess + 1]) | (guess == last))).all():
-            return guess
+            return np.asarray(guess)
         return np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, last)
 
 

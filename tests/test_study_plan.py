@@ -12,7 +12,9 @@ def study(trials: int, campaigns: int, recorded: int) -> dict[str, tuple[int, in
     return numbers | {"walking": (campaigns, WALKING["walking"][1]), "walking recorded": (recorded, 5)}
 
 
-@pytest.mark.parametrize("numbers", [(500, 200, 80), (10_000, 200, 80), (10_000, 2000, 1000), (1, 1, 1), (0, 0, 0)])
+@pytest.mark.parametrize(
+    "numbers", [(500, 200, 80), (10_000, 200, 80), (10_000, 2000, 1000), (1000, 1000, 1000), (1, 1, 1), (0, 0, 0)]
+)
 def test_every_trial_is_in_one_job_and_there_are_fewer_than_a_hundred_with_table_page_and_figure(numbers):
     asked = study(*numbers)
     found = batches(asked)

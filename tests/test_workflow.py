@@ -544,6 +544,11 @@ def test_jobs_that_run_as_processes_of_their_own_leave_the_same_logs_and_records
 FORMS = """
 import osl_analysis.table
 from osl_analysis.quality import channels
+from osl_analysis.walking import (
+    ankle as joint,  # with a comment, which has a comma
+    events,
+)
+import osl_analysis.trial as one, numpy, osl_analysis.errors
 class Late:
     async def late(self):
         from osl_analysis import signals
@@ -565,7 +570,8 @@ class Late:
 
 def test_a_fingerprint_follows_every_form_of_import(tmp_path):
     (tmp_path / "module.py").write_text(FORMS)
-    plain = {"table", "quality", "quality.channels", "signals", "case"}
+    plain = {"table", "quality", "quality.channels", "signals", "case", "trial", "errors"}
+    plain |= {"walking", "walking.ankle", "walking.events"}
     blocks = {"elif_", "else_", "while_", "while_else", "try_", "except_", "try_else", "finally_"}
     assert set(imported_names(tmp_path / "module.py")) == {f"osl_analysis.{name}" for name in plain | blocks}
 

@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
 
-.PHONY: reproduce-all test test-kernels test-browser test-package setup check docs lock dist
+.PHONY: reproduce-all test test-kernels test-browser test-package test-slurm setup check docs lock dist
 
 reproduce-all: $(READY)
 	$(BIN)/snakemake reproduce-all
@@ -36,6 +36,10 @@ docs: $(READY)
 	rm -rf build/docs build/doctrees
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --doctree-dir build/doctrees --conf-dir docs/site docs build/docs
 	$(BIN)/python docs/site/check.py build/docs
+
+# A campaign of 30 trials through SLURM on this machine, which it installs and sets up: Debian, as root.
+test-slurm: $(READY)
+	$(BIN)/python -m pytest -m slurm -n0 -s tests/slurm
 
 setup: $(READY)
 

@@ -18,6 +18,7 @@ start_early()  # its imports take the other core while this one does those below
 from osl_analysis import workflow as jobs
 from osl_analysis.about_campaign import about
 from osl_analysis.campaign import open_campaign
+from osl_analysis.cluster import LOST, submit_in_batches
 from osl_analysis.commands.simulate import planned_sheet, settings_files
 from osl_analysis.config import campaign_config, overriding
 from osl_analysis.doubtful import doubt_report, unchecked_report
@@ -96,7 +97,7 @@ def end_of_run(records) -> str:
         unchecked_report(result_tables()),
         exclusion_report(checked(CAMPAIGN.trials()), CAMPAIGN.excluded),
         truncation_report(checked(CAMPAIGN.trials()), recordings),
-        refusal_report(refusals_in(records), recordings, ACCEPT, records),
+        refusal_report(refusals_in(records, LOST), recordings, ACCEPT, records),
     ]
     return "\n".join(filter(None, said))
 
@@ -104,4 +105,5 @@ def end_of_run(records) -> str:
 ACCEPT = CONFIG.failed_trials == "accept"
 jobs.know_by_logs(workflow)
 jobs.at_end_of_dry_run(workflow, expected_time)
+submit_in_batches(workflow, CAMPAIGN.trials(), CAMPAIGN.recorded_mb)
 jobs.at_end_of_run(workflow, [RESULTS, *([RAW] if CONFIG.simulation else [])], end_of_run, ACCEPT)

@@ -251,6 +251,11 @@ class Campaign:
         named = [self.config.raw_data / row[column] for column in ("log", "mocap") if row[column]]
         return [file for path in named for file in recorded_files(path)]
 
+    def recorded_mb(self, trial: str) -> float:
+        """Size of a trial's raw files [MB]; 0 for no trial, and for files that are not there yet."""
+        files = self.logs(trial) if trial in self.sheet.index else []
+        return sum(path.stat().st_size for path in files if path.is_file()) / 1e6
+
     def sources(self, trial: str) -> list[Path]:
         """The source files that describe a trial's raw files."""
         row = self.row(trial)

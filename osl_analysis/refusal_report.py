@@ -20,9 +20,9 @@ def records_in(files: Iterable[str]) -> tuple[str, ...]:
     return tuple(file for file in files if is_refused(file))
 
 
-def refusals_in(files: Iterable[Path | str]) -> tuple[Refusal, ...]:
-    """The causes in the records among these files, each once: trials in order of name, then other results."""
-    found = distinct(refusal for file in files for refusal in read_refusals(file))
+def refusals_in(files: Iterable[Path | str], more: Iterable[Refusal] = ()) -> tuple[Refusal, ...]:
+    """The causes in the records among these files and `more`, each once: trials in order of name, then others."""
+    found = distinct([*(refusal for file in files for refusal in read_refusals(file)), *more])
     return tuple(sorted(found, key=lambda refusal: (not refusal.trial, refusal.trial)))
 
 

@@ -183,6 +183,8 @@ rule draw_figure:
         fitted=lambda wildcards: shown_rows(wildcards.figure),
     output:
         multiext(str(RESULTS / "figures/{figure}"), *(f".{suffix}" for suffix in SUFFIXES)),
+    group:
+        "figures"
     log:
         RESULTS / "logs/figures/{figure}.log",
     params:

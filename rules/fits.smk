@@ -28,6 +28,8 @@ for experiment, facts in EXPERIMENTS.items():
             trial=RESULTS / "trials/{trial}.parquet",
         output:
             **{table.name: RESULTS / f"fits/{table.name}/{{trial}}.csv" for table in CONFIG.tables(experiment)},
+        group:
+            "trials"
         log:
             RESULTS / f"logs/{experiment}/{{trial}}.log",
         wildcard_constraints:

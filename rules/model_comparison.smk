@@ -20,6 +20,8 @@ rule compare_belt_models:
         fitted=lambda wildcards: rows("belt", REPEATS[wildcards.belts]),
     output:
         RESULTS / "fits/model_comparison/{belts}.csv",
+    group:
+        "shared"
     log:
         RESULTS / "logs/model_comparison/{belts}.log",
     wildcard_constraints:
@@ -38,6 +40,8 @@ rule compare_transmission_models:
         fitted=lambda wildcards: rows("transmission", REPEATS[wildcards.transmissions]),
     output:
         RESULTS / "fits/model_comparison/{transmissions}.csv",
+    group:
+        "shared"
     log:
         RESULTS / "logs/model_comparison/{transmissions}.log",
     wildcard_constraints:
@@ -57,6 +61,8 @@ rule compare_impedance_models:
         fitted=lambda wildcards: rows("impedance", [wildcards.trial]),
     output:
         RESULTS / "fits/model_comparison/{trial}.csv",
+    group:
+        "trials"
     log:
         RESULTS / "logs/model_comparison/{trial}.log",
     wildcard_constraints:

@@ -19,6 +19,8 @@ rule report:
         summary=RESULTS / "summary.json",
     output:
         RESULTS / "report.html",
+    group:
+        "figures"
     log:
         RESULTS / "logs/report.log",
     params:

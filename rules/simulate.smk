@@ -32,6 +32,8 @@ if CONFIG.simulation:
                 SIMULATION_FILES,
             output:
                 [RAW / path for path in facts.simulated_files("{trial}").values()],
+            group:
+                "trials"
             log:
                 RESULTS / "logs/simulate/{trial}.log",
             wildcard_constraints:

@@ -36,6 +36,8 @@ rule study_batch:
         settings_files(STUDY.simulation),
     output:
         RESULTS / "study/batches/{experiment}_{first}_{number}.csv",
+    group:
+        "study"
     log:
         RESULTS / "logs/study/{experiment}_{first}_{number}.log",
     wildcard_constraints:

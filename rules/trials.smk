@@ -40,6 +40,8 @@ rule ingest:
     output:
         trial=RESULTS / "trials/{trial}.parquet",
         quality=RESULTS / "quality/{trial}.csv",
+    group:
+        "trials"
     log:
         RESULTS / "logs/ingest/{trial}.log",
     params:

@@ -41,6 +41,8 @@ rule calibrate_markers:
     output:
         output=RESULTS / "fits/calibration/{static}.json",
         comparison=RESULTS / "fits/hinge/{static}.csv",
+    group:
+        "shared"
     log:
         RESULTS / "logs/calibration/{static}.log",
     wildcard_constraints:
@@ -60,6 +62,8 @@ rule identify_plate:
     output:
         output=RESULTS / "fits/plate.json",
         comparison=RESULTS / "tables/plate.csv",
+    group:
+        "shared"
     log:
         RESULTS / "logs/walking/plate.log",
     params:
@@ -78,6 +82,8 @@ rule measure_platform:
     output:
         output=RESULTS / "fits/platform.json",
         comparison=RESULTS / "tables/platform.csv",
+    group:
+        "shared"
     log:
         RESULTS / "logs/walking/platform.log",
     params:
@@ -97,6 +103,8 @@ rule analyse_crossing:
         platform=RESULTS / "fits/platform.json",
     output:
         RESULTS / "crossings/{trial}.parquet",
+    group:
+        "crossings"
     log:
         RESULTS / "logs/crossings/{trial}.log",
     params:
@@ -149,6 +157,8 @@ rule fit_perturbation:
         unperturbed=RESULTS / "fits/unperturbed.parquet",
     output:
         RESULTS / "fits/walking/{trial}.csv",
+    group:
+        "perturbations"
     log:
         RESULTS / "logs/walking/{trial}.log",
     params:

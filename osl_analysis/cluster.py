@@ -7,14 +7,17 @@ them as a local run does. Each keeps its own process, log, refusal record and ti
 
 import math
 import re
+import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from glob import escape
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+
+from snakemake_interface_common.exceptions import WorkflowError
 
 from osl_analysis.errors import OslAnalysisError, printable
 from osl_analysis.job_log import read_log
@@ -24,6 +27,8 @@ STARTING_S, STARTING_MB = 60.0, 600
 """What a submission takes beside its jobs: Snakemake, and the process from which jobs are forked [s, MB]."""
 MARGIN = 3.0
 """Time limit of a submission over the time that is expected of it."""
+UNREACHABLE_S = 600.0
+"""Time without an answer of the cluster after which a run ends [s]."""
 IN_SUBMISSION = "--executor local --force-use-threads --keep-going --quiet rules host"
 """Options of the Snakemake in a submission, in place of those by which it would submit each job once more."""
 STATE = re.compile(r"status is: '(\w+)'")
@@ -33,8 +38,6 @@ REMEDIES = {
     "OUT_OF_MEMORY": "state more memory (`mem_mb`) in the profile; run again",
 }
 """By SLURM's state of a lost submission."""
-
-
 LOST: list[Refusal] = []
 """Causes of what was lost in this run. A full disk has no room for their records."""
 
@@ -145,9 +148,10 @@ def adapt(executor: Any, lost: Callable[[Any, str, str], None]) -> None:
 
     Results are removed before they are made anew, as in a local run: what stands there later is the submission's.
     A plug-in that asks for the state of all its jobs at once can do so at a steady pace; SLURM's waits 10 s longer each
-    time.
+    time. It also forgets its jobs if it gets no answer (`asked_again`).
     """
-    before, error = executor.run_job_pre, executor.report_job_error
+    before, error, success = executor.run_job_pre, executor.report_job_error, executor.report_job_success
+    ended: list[Any] = []
 
     def removed_before(self: Any, job: Any) -> None:
         for one in jobs_of(job):
@@ -162,16 +166,55 @@ def adapt(executor: Any, lost: Callable[[Any, str, str], None]) -> None:
         lost(info.job, info.external_jobid, msg or "")
         self.report_job_success(info)
 
+    def ended_well(self: Any, info: Any) -> None:
+        ended.append(info)
+        success(self, info)
+
     executor.run_job_pre = removed_before
     executor.report_job_error = reported
+    executor.report_job_success = ended_well
+    executor.check_active_jobs = asked_again(executor.check_active_jobs, ended)
     executor.additional_general_args = lambda self: IN_SUBMISSION
     executor.next_seconds_between_status_checks = property(
         lambda self: self.workflow.remote_execution_settings.seconds_between_status_checks, lambda self, _: None
     )
 
 
+def asked_again(check: Callable[..., AsyncIterator[Any]], ended: list[Any]) -> Callable[..., AsyncIterator[Any]]:
+    """The check of an executor for submissions that still run, with those that it was told nothing of.
+
+    `ended` has those whose end the check reported. Without an answer SLURM's plug-in yields and reports none, so that
+    Snakemake would wait for them without end, even if SLURM answers later.
+
+    Raises `WorkflowError`, which ends the run, if there is no answer for `UNREACHABLE_S`.
+    """
+    silent_since = math.inf
+
+    async def checked(self: Any, active: Sequence[Any]) -> AsyncIterator[Any]:
+        nonlocal silent_since
+        running = [info async for info in check(self, active)]
+        told = {id(info) for info in (*running, *ended)}
+        ended.clear()
+        untold, now = [info for info in active if id(info) not in told], time.monotonic()
+        if not untold:
+            silent_since = math.inf
+        elif silent_since == math.inf:
+            silent_since = now
+            self.logger.warning(f"the cluster does not answer: waiting, for at most {UNREACHABLE_S / 60:.0f} min")
+        elif now - silent_since > UNREACHABLE_S:
+            numbers = ", ".join(str(info.external_jobid) for info in untold)
+            raise WorkflowError(
+                f"the cluster has not answered (squeue, sacct) for {(now - silent_since) / 60:.0f} min: the end of its "
+                f"jobs {numbers} is not known; remedy: when squeue answers and has none of them, run again"
+            )
+        for info in (*running, *untold):
+            yield info
+
+    return checked
+
+
 def jobs_of(submission: Any) -> list[Any]:
-    """The jobs of a submission, which is a group of jobs or one job."""
+    """The jobs of a submission: of a group of jobs, or one job."""
     return list(submission) if submission.is_group() else [submission]
 
 

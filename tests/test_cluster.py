@@ -1,9 +1,11 @@
 """What one submission to a cluster takes, and what is left of a lost one: without a cluster, which tests/slurm has."""
 
+import asyncio
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from snakemake_interface_common.exceptions import WorkflowError
 
 from osl_analysis import cluster
 from osl_analysis.files import temporary_path
@@ -131,6 +133,8 @@ class Executor:
     def __init__(self) -> None:
         self.said: list[tuple] = []
         self.workflow = SimpleNamespace(remote_execution_settings=SimpleNamespace(seconds_between_status_checks=5))
+        self.logger = SimpleNamespace(warning=lambda text: self.said.append(("warning", text)))
+        self.states: dict[str, str] | None = {}
 
     def run_job_pre(self, job) -> None:
         self.said.append(("before", Path(job.output[0]).exists()))
@@ -140,6 +144,16 @@ class Executor:
 
     def report_job_success(self, info) -> None:
         self.said.append(("success", is_refused(info.job.output[0])))
+
+    async def check_active_jobs(self, active):
+        """As SLURM's plug-in does: without an answer (None) it yields none of its jobs."""
+        for info in active if self.states is not None else ():
+            if self.states.get(info.external_jobid) == "COMPLETED":
+                self.report_job_success(info)
+            elif self.states.get(info.external_jobid) == "FAILED":
+                self.report_job_error(info, msg="status is: 'FAILED'")
+            else:
+                yield info
 
 
 def test_a_lost_submission_is_recorded_before_the_run_goes_on_and_one_that_was_not_taken_is_an_error(tmp_path):
@@ -155,3 +169,47 @@ def test_a_lost_submission_is_recorded_before_the_run_goes_on_and_one_that_was_n
     executor.next_seconds_between_status_checks = 30
     assert executor.next_seconds_between_status_checks == 5
     assert "--executor local" in executor.additional_general_args()
+
+
+def asked(executor, active):
+    """What an executor goes on to ask for."""
+
+    async def collected():
+        return [info async for info in executor.check_active_jobs(active)]
+
+    return asyncio.run(collected())
+
+
+@pytest.fixture
+def three(tmp_path):
+    """An adapted executor, and three submissions of it."""
+    adapted = type("Adapted", (Executor,), {})
+    cluster.adapt(adapted, lambda *lost: None)
+    jobs = [job("fit", "trials", tmp_path / f"{n}.csv", tmp_path / "no.log", trial=f"t_{n}") for n in "123"]
+    return adapted(), [SimpleNamespace(job=one, external_jobid=n) for n, one in zip("123", jobs, strict=True)]
+
+
+def test_submissions_are_asked_for_again_while_the_cluster_does_not_answer_and_end_when_it_does(three):
+    executor, submissions = three
+    executor.states = None
+    assert asked(executor, submissions) == submissions
+    assert asked(executor, submissions) == submissions
+    assert [kind for kind, _ in executor.said] == ["warning"]
+    executor.states = {"1": "COMPLETED", "2": "FAILED", "3": "RUNNING"}
+    assert asked(executor, submissions) == submissions[2:]
+    assert [kind for kind, _ in executor.said] == ["warning", "success", "success"]
+
+
+def test_a_cluster_that_does_not_answer_for_long_ends_the_run_with_the_numbers_of_its_jobs(three, monkeypatch):
+    """Short silences do not add up."""
+    executor, submissions = three
+    clock = [0.0]
+    monkeypatch.setattr(cluster.time, "monotonic", lambda: clock[0])
+    for now, executor.states in ((0, None), (599, None), (601, {}), (700, None), (1299, None)):
+        clock[0] = now
+        assert asked(executor, submissions) == submissions
+    clock[0] = 1301
+    with pytest.raises(
+        WorkflowError, match="for 10 min: the end of its jobs 1, 2, 3 is not known; remedy: when squeue"
+    ):
+        asked(executor, submissions)

@@ -183,10 +183,10 @@ rule draw_figure:
         fitted=lambda wildcards: shown_rows(wildcards.figure),
     output:
         multiext(str(RESULTS / "figures/{figure}"), *(f".{suffix}" for suffix in SUFFIXES)),
-    group:
-        "figures"
     log:
         RESULTS / "logs/figures/{figure}.log",
+    group:
+        "figures"
     params:
         code=lambda wildcards: jobs.code("commands.figure", "figures.footer", f"figures.{wildcards.figure}"),
         name="{figure}",

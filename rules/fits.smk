@@ -28,12 +28,12 @@ for experiment, facts in EXPERIMENTS.items():
             trial=RESULTS / "trials/{trial}.parquet",
         output:
             **{table.name: RESULTS / f"fits/{table.name}/{{trial}}.csv" for table in CONFIG.tables(experiment)},
-        group:
-            "trials"
         log:
             RESULTS / f"logs/{experiment}/{{trial}}.log",
         wildcard_constraints:
             trial=CAMPAIGN.pattern(experiment),
+        group:
+            "trials"
         params:
             **{name: getattr(CONFIG, section).part(model) for name, (section, model) in facts.fit.settings.items()},
             **({"condition": sheet_row(*facts.fit.sheet)} if facts.fit.sheet else {}),

@@ -20,12 +20,12 @@ rule compare_belt_models:
         fitted=lambda wildcards: rows("belt", REPEATS[wildcards.belts]),
     output:
         RESULTS / "fits/model_comparison/{belts}.csv",
-    group:
-        "shared"
     log:
         RESULTS / "logs/model_comparison/{belts}.log",
     wildcard_constraints:
         belts="belt_trials(_[0-9]+)?",
+    group:
+        "shared"
     params:
         code=jobs.code_of("bench.compare_belt_models"),
         settings=CONFIG.dynamometer.part("BeltAnalysis"),
@@ -40,12 +40,12 @@ rule compare_transmission_models:
         fitted=lambda wildcards: rows("transmission", REPEATS[wildcards.transmissions]),
     output:
         RESULTS / "fits/model_comparison/{transmissions}.csv",
-    group:
-        "shared"
     log:
         RESULTS / "logs/model_comparison/{transmissions}.log",
     wildcard_constraints:
         transmissions="transmission_trials(_[0-9]+)?",
+    group:
+        "shared"
     params:
         code=jobs.code_of("bench.compare_transmission_models"),
         settings=CONFIG.dynamometer.part("SteppedSineAnalysis"),
@@ -61,12 +61,12 @@ rule compare_impedance_models:
         fitted=lambda wildcards: rows("impedance", [wildcards.trial]),
     output:
         RESULTS / "fits/model_comparison/{trial}.csv",
-    group:
-        "trials"
     log:
         RESULTS / "logs/model_comparison/{trial}.log",
     wildcard_constraints:
         trial=CAMPAIGN.pattern("impedance"),
+    group:
+        "trials"
     params:
         code=jobs.code_of("bench.compare_impedance_models"),
         settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),

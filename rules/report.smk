@@ -19,10 +19,10 @@ rule report:
         summary=RESULTS / "summary.json",
     output:
         RESULTS / "report.html",
-    group:
-        "figures"
     log:
         RESULTS / "logs/report.log",
+    group:
+        "figures"
     params:
         code=[jobs.code_of("report.write_report"), *map(digest, sorted(TEMPLATES.iterdir()))],
         about=asdict(ABOUT),

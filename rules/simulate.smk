@@ -32,12 +32,12 @@ if CONFIG.simulation:
                 SIMULATION_FILES,
             output:
                 [RAW / path for path in facts.simulated_files("{trial}").values()],
-            group:
-                "trials"
             log:
                 RESULTS / "logs/simulate/{trial}.log",
             wildcard_constraints:
                 trial=CAMPAIGN.pattern(experiment),
+            group:
+                "trials"
             params:
                 code=jobs.code("commands.simulate"),
                 settings_path=str(CONFIG.simulation),

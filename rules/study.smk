@@ -36,14 +36,14 @@ rule study_batch:
         settings_files(STUDY.simulation),
     output:
         RESULTS / "study/batches/{experiment}_{first}_{number}.csv",
-    group:
-        "study"
     log:
         RESULTS / "logs/study/{experiment}_{first}_{number}.log",
     wildcard_constraints:
         experiment="|".join(STUDIED_BY_FILE),
         first="[0-9]+",
         number="[0-9]+",
+    group:
+        "study"
     resources:
         core_ms=lambda wildcards: round(1000 * study_seconds(wildcards)),
         runtime=lambda wildcards: time_limit(study_seconds(wildcards)),

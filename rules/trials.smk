@@ -40,10 +40,10 @@ rule ingest:
     output:
         trial=RESULTS / "trials/{trial}.parquet",
         quality=RESULTS / "quality/{trial}.csv",
-    group:
-        "trials"
     log:
         RESULTS / "logs/ingest/{trial}.log",
+    group:
+        "trials"
     params:
         code=jobs.code_of("trials.ingest_and_check"),
         recorded=recorded,

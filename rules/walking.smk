@@ -41,12 +41,12 @@ rule calibrate_markers:
     output:
         output=RESULTS / "fits/calibration/{static}.json",
         comparison=RESULTS / "fits/hinge/{static}.csv",
-    group:
-        "shared"
     log:
         RESULTS / "logs/calibration/{static}.log",
     wildcard_constraints:
         static=CAMPAIGN.pattern("static"),
+    group:
+        "shared"
     params:
         code=jobs.code_of("crossing.calibrate"),
         settings=lambda wildcards: CAMPAIGN.calibration_settings(wildcards.static),
@@ -62,10 +62,10 @@ rule identify_plate:
     output:
         output=RESULTS / "fits/plate.json",
         comparison=RESULTS / "tables/plate.csv",
-    group:
-        "shared"
     log:
         RESULTS / "logs/walking/plate.log",
+    group:
+        "shared"
     params:
         code=jobs.code_of("crossing.identify_plate"),
         settings=CONFIG.walking.part("PlateModelSettings"),
@@ -82,10 +82,10 @@ rule measure_platform:
     output:
         output=RESULTS / "fits/platform.json",
         comparison=RESULTS / "tables/platform.csv",
-    group:
-        "shared"
     log:
         RESULTS / "logs/walking/platform.log",
+    group:
+        "shared"
     params:
         code=jobs.code_of("crossing.measure_platform"),
         settings=CONFIG.walking.part("PlatformMotionSettings"),
@@ -103,10 +103,10 @@ rule analyse_crossing:
         platform=RESULTS / "fits/platform.json",
     output:
         RESULTS / "crossings/{trial}.parquet",
-    group:
-        "crossings"
     log:
         RESULTS / "logs/crossings/{trial}.log",
+    group:
+        "crossings"
     params:
         code=jobs.code_of("crossing.analyse"),
         settings=CONFIG.walking.part("CrossingSettings"),
@@ -157,10 +157,10 @@ rule fit_perturbation:
         unperturbed=RESULTS / "fits/unperturbed.parquet",
     output:
         RESULTS / "fits/walking/{trial}.csv",
-    group:
-        "perturbations"
     log:
         RESULTS / "logs/walking/{trial}.log",
+    group:
+        "perturbations"
     params:
         code=jobs.code_of("walking.fit_perturbation"),
         settings=CONFIG.walking.part("ResponseSettings"),

@@ -391,6 +391,19 @@ def test_several_trials_of_torque_over_angle_are_drawn_together(short):
     figure = osl.plot_torque_angle(*fits)
     assert {text.get_text() for text in figure.axes[0].texts} == {"first", "second"}
     assert osl.plot_torque_angle(osl.fit_torque_angle(one, "line", short)).axes
+    with pytest.raises(osl.InputError, match="two fits are of trials of one name, first, first"):
+        osl.plot_torque_angle(fits[0], fits[0])
+
+
+@pytest.mark.parametrize("doubtful", [0, 1])
+def test_a_doubtful_trial_of_torque_over_angle_is_dotted_whichever_it_is(doubtful, short, tmp_path):
+    (tmp_path / "strict.yaml").write_text(short.read_text() + "doubtful: {torque_angle: {above: {cycles: 1}}}\n")
+    configs = [short, short]
+    configs[doubtful] = tmp_path / "strict.yaml"
+    one = bench_trial("torque_angle")
+    fits = [osl.fit_torque_angle(replace(one, name=str(k)), config=config) for k, config in enumerate(configs)]
+    legend = osl.plot_torque_angle(*fits).legends[0]
+    assert "Doubtful trial" in [text.get_text() for text in legend.get_texts()]
 
 
 REFUSED = {

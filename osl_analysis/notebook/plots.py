@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import polars as pl
 
 from osl_analysis.commands.figure import figure_module
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, listing
 from osl_analysis.figures.on_screen import NotebookFigure, on_screen
 from osl_analysis.notebook.fit import Fit
 
@@ -52,12 +52,15 @@ def plot_torque_angle(*fits: Fit) -> NotebookFigure:
     Raises
     ------
     InputError
-        A fit is of another experiment than torque_angle, or there is none.
+        A fit is of another experiment than torque_angle, there is none, or two trials have one name.
     """
     curves = [fit.curves for fit in fits if checked(fit).experiment == "torque_angle"]
     if len(curves) < len(fits) or not fits:
         given = ", ".join(fit.experiment for fit in fits) or "no fit"
         raise InputError(f"torque over angle needs what `fit_torque_angle` returns, not {given}")
+    names = [fit.trial for fit in fits]
+    if len(set(names)) < len(names):
+        raise InputError(f"two fits are of trials of one name, {listing(names)}; name each trial differently")
     points = figure_module("torque_angle").points
     tables = pl.concat([fit.table for fit in fits], how="diagonal_relaxed")
     return drawn(

@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
+from bench_synthetic import second_order, stepped_sine
 
+from osl_analysis.bench.amplitude_fits import fits_by_amplitude
 from osl_analysis.bench.rounding import RepeatedRounding, Rounded, interpolated
 from osl_analysis.bench.segments import Segment, repeated_cycles, rows_of
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
-from osl_analysis.second_order import fit_impedance
+from osl_analysis.second_order import fit_impedance, impedance_columns
 from osl_analysis.stats.covariance import Cycles, between_cycles, sums_between
 from osl_analysis.stats.rounding import noise_before_rounding, scatter_between_cycles, visible_step
 from osl_analysis.trial import Trial
@@ -227,3 +229,25 @@ def test_the_smooth_signal_is_known_when_the_sensor_took_its_samples():
     inside = (sampled > time[0]) & (sampled < time[-1])
     np.testing.assert_allclose(found[inside], np.sin(sampled[inside]), rtol=0, atol=1e-9)
     assert (found[0], found[-1]) == (np.sin(time[0]), np.sin(time[-1]))
+
+
+def test_the_fit_to_one_amplitude_is_that_to_its_rows_alone():
+    """Made of copied rows and of the rounding of its own segments; the spread that rounding shows is numpy's."""
+    stepped = replace(stepped_sine(second_order, noise=0.1), steps=(2 * np.pi / 2**14, None))
+    for amplitude, fit in fits_by_amplitude(stepped, impedance_columns).items():
+        segments = stepped.segments(amplitude)
+        rows, rounding = rows_of(segments), stepped.repeated_rounding(segments)
+        motion = stepped.motion[rows]
+        known = replace(
+            stepped.residual_correlation(amplitude),
+            filtered_off=(stepped.torque - stepped.filtered_torque)[rows],
+            repeated=rounding,
+        )
+        alone = fit_impedance(motion, stepped.filtered_torque[rows], known).fit
+        np.testing.assert_allclose(fit.estimates, alone.estimates, rtol=1e-9)
+        np.testing.assert_allclose(np.diag(fit.covariance), np.diag(alone.covariance), rtol=1e-7)
+    one, segment = rounding[0], segments[0]
+    X = np.array(list(impedance_columns(stepped.motion[segment.rows]).values())).T
+    sums = np.array(list(one.cycle_sums(segment, X))) * np.tile(one.rounded.surviving(segment), 2)
+    shown = len(sums) * sum(np.cov(wave, rowvar=False) for wave in np.moveaxis(sums, 2, 0))
+    np.testing.assert_allclose(one.sums_of(segment, X).shown, shown, rtol=1e-9, atol=1e-12 * np.abs(shown).max())

@@ -9,7 +9,8 @@ from conftest import ROOT
 from test_new_campaign import DAMPING, INERTIA, STIFFNESS, write_joint
 
 from osl_analysis.commands import watch as module
-from osl_analysis.commands.watch import QUIET_S, Arrivals, bench_of, line_of, read_notes, watch
+from osl_analysis.commands.arrivals import QUIET_S, Arrivals, read_notes
+from osl_analysis.commands.watch import bench_of, line_of, watch
 from osl_analysis.shipped import default_config
 
 

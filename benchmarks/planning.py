@@ -1,0 +1,138 @@
+"""Time to plan large campaigns, beside a bare Snakefile of as many jobs, and the files that a trial leaves.
+
+Run from the repository: `python benchmarks/planning.py`, or with other numbers of trials, as `python
+benchmarks/planning.py 100 1000`. A campaign of N measured impedance trials, whose recordings are links to one simulated
+file, is planned by `snakemake --dry-run --quiet all reproduce-all` in a process of its own. The bare Snakefile has a
+chain of three jobs for each trial, as the campaign has (ingest, fit, comparison), and one target that needs the ends of
+all chains. CPU and wall time [s], their ratio, and the exponent p of the campaign's CPU time, time ~ N^p, from one N to
+the next. Then two small campaigns are run; the difference of the numbers of their files below `results/` gives files
+per trial.
+"""
+
+import math
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from osl_analysis.commands.simulate import simulate_trial
+
+ROOT = Path(__file__).resolve().parents[1]
+NUMBERS = (30, 100, 300, 1000, 3000)
+RUN = (3, 6)
+"""Numbers of trials of the campaigns that are run."""
+SETTINGS, TRIAL = ROOT / "tests/tiny_simulation.yaml", "impedance_K300_B5.0_compensated"
+RECORDED: dict[str, dict[str, Any]] = {
+    "dynamometer": {"amplitudes_deg": [2, 4], "frequencies_hz": [2, 5], "cycles": 3},
+    "figures": {"time_series": None, "frequency_response": None},
+}
+"""What the configuration says of the recording."""
+BARE = """
+TRIALS = [f"impedance_{number:05d}" for number in range(%d)]
+
+rule all:
+    default_target: True
+    input: [f"compared/{trial}.csv" for trial in TRIALS]
+
+rule ingest:
+    output: trial="trials/{trial}.parquet", quality="quality/{trial}.csv"
+    log: "logs/ingest/{trial}.log"
+    shell: "touch {output}"
+
+rule fit:
+    input: "trials/{trial}.parquet"
+    output: "fits/{trial}.csv"
+    log: "logs/fit/{trial}.log"
+    shell: "touch {output}"
+
+rule compare:
+    input: "trials/{trial}.parquet", "fits/{trial}.csv"
+    output: "compared/{trial}.csv"
+    log: "logs/compare/{trial}.log"
+    shell: "touch {output}"
+"""
+
+
+def write_campaign(folder: Path, number: int, recording: Path) -> list[str]:
+    """Write sheet, configuration and recordings of a campaign; the arguments of Snakemake for it."""
+    raw = folder / "raw_data/dynamometer"
+    raw.mkdir(parents=True)
+    lines = ["trial,experiment,controller,K_d,B_d,log,log_source"]
+    for trial in range(number):
+        log = raw / f"impedance_{trial:05d}.mcap"
+        log.hardlink_to(recording)
+        lines.append(f"{log.stem},impedance,compensated,300,5,dynamometer/{log.name},dynamometer")
+    sheet, config = folder / "raw_data/trials.csv", folder / "own.yaml"
+    sheet.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    own = {"simulation": None, "sheet": "raw_data/trials.csv", "raw_data": "raw_data", **RECORDED}
+    config.write_text(yaml.safe_dump(own), encoding="utf-8")
+    return ["--snakefile", str(ROOT / "Snakefile"), "--configfile", str(config), "--cores", "2", "reproduce-all"]
+
+
+def write_bare(folder: Path, number: int) -> list[str]:
+    """Write the bare Snakefile for a number of trials; the arguments of Snakemake for it."""
+    folder.mkdir(parents=True)
+    (folder / "Snakefile").write_text(BARE % number, encoding="utf-8")
+    return ["--cores", "2", "all"]
+
+
+def snakemake(arguments: list[str], folder: Path, *options: str) -> tuple[float, float]:
+    """CPU and wall time [s] of a run of Snakemake, with its children."""
+    before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    command = ["snakemake", "--quiet", "all", *options, *arguments]
+    ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+    wall, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
+    if ended.returncode:
+        sys.exit(f"{' '.join(command)}\n{ended.stdout}{ended.stderr}")
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall
+
+
+def plan(numbers: list[int], folder: Path, recording: Path) -> None:
+    """Plan campaigns and bare Snakefiles of these numbers of trials, and print their times."""
+    print(f"{'':>6}{'campaign':>18}{'bare Snakefile':>18}{'ratio':>14}{'exponent':>10}")
+    print(f"{'N':>6}" + f"{'CPU':>9}{'wall':>9}" * 2 + f"{'CPU':>7}{'wall':>7}{'':>10}")
+    earlier: tuple[int, float] | None = None
+    for number in numbers:
+        place = folder / str(number)
+        cpu, wall = snakemake(write_campaign(place / "campaign", number, recording), place / "campaign", "--dry-run")
+        bare_cpu, bare_wall = snakemake(write_bare(place / "bare", number), place / "bare", "--dry-run")
+        grown = f"{math.log(cpu / earlier[1]) / math.log(number / earlier[0]):.2f}" if earlier else ""
+        print(
+            f"{number:>6}{cpu:>9.2f}{wall:>9.2f}{bare_cpu:>9.2f}{bare_wall:>9.2f}{cpu / bare_cpu:>7.2f}"
+            f"{wall / bare_wall:>7.2f}{grown:>10}",
+            flush=True,
+        )
+        earlier = number, cpu
+
+
+def files_of_run(number: int, folder: Path, recording: Path) -> int:
+    """Number of files below `results/` after a campaign of this number of trials."""
+    snakemake(write_campaign(folder, number, recording), folder)
+    return sum(path.is_file() for path in (folder / "results").rglob("*"))
+
+
+def main() -> None:
+    """Print times to plan, and files per trial."""
+    numbers = [int(word) for word in sys.argv[1:]] or list(NUMBERS)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        os.chdir(ROOT)
+        settings = yaml.safe_load(SETTINGS.read_text(encoding="utf-8"))
+        settings["protocol"]["amplitudes_deg"] = RECORDED["dynamometer"]["amplitudes_deg"]
+        (folder / "simulation.yaml").write_text(yaml.safe_dump(settings), encoding="utf-8")
+        simulate_trial(folder / "simulation.yaml", folder / "simulated", TRIAL)
+        recording = next((folder / "simulated").rglob(f"{TRIAL}.mcap"))
+        plan(numbers, folder, recording)
+        few, many = (files_of_run(number, folder / f"run_{number}", recording) for number in RUN)
+        print(f"files below results/ per trial: {(many - few) / (RUN[1] - RUN[0]):.2f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -14,6 +14,7 @@ from types import ModuleType
 from osl_analysis.errors import InputError
 
 PRELOADED = [
+    "osl_analysis.undisturbed",  # the first: Ctrl-C does not end the imports
     "scipy.signal",  # our modules name these at their use: the workflow is read without them
     "scipy.interpolate",
     "scipy.ndimage",

@@ -4,6 +4,7 @@ Starting Python with numpy, scipy and polars takes 0.8 s per job. Forking a proc
 Each job still runs in its own process. A job that does not end well leaves refusal records in place of its results.
 """
 
+import signal
 import sys
 import threading
 import time
@@ -32,6 +33,7 @@ __all__ = [
     "say_of_tables",
 ]
 FOR_SNAKEMAKE = ("code", "command", "described", RECORDED)
+INTERRUPTED = "interrupted: what had begun was brought to its end; run again to go on from here"
 LONGEST_WAIT_S = 5.0
 """For lines that are to be written before the report [s]."""
 ONE_AT_A_TIME = threading.Lock()
@@ -141,6 +143,20 @@ def report(logs: Path) -> str:
     return run_report(read_logs(logs, STARTED))
 
 
+def noticed_interrupt() -> threading.Event:
+    """What is set when the user ends the run by Ctrl-C. Snakemake goes on to handle it as it does."""
+    pressed = threading.Event()
+    handle = signal.getsignal(signal.SIGINT)
+
+    def interrupt(number: int, frame: Any) -> Any:
+        pressed.set()
+        return handle(number, frame) if callable(handle) else None
+
+    if threading.current_thread() is threading.main_thread() and callable(handle):
+        signal.signal(signal.SIGINT, interrupt)
+    return pressed
+
+
 def write_all_lines(logging: Any) -> None:
     """Wait until the thread that writes Snakemake's lines has written those that wait, so that our report is last."""
     listener, deadline = logging.queue_listener, time.monotonic() + LONGEST_WAIT_S
@@ -169,13 +185,14 @@ def at_end_of_run(workflow: Any, folders: Iterable[Path], said: Callable[[tuple[
         if not any(Path(".snakemake/locks").glob("*")):
             forget_failures(folders)
         records: tuple[str, ...] = ()
+        interrupted = noticed_interrupt()
         try:
             execute(*args, **settings)
         finally:
             if workflow.scheduler is not None:  # else it was not a run: an unknown target, another run's lock
                 records = records_in(str(file) for job in workflow.dag.jobs for file in job.output)
                 write_all_lines(workflow.logger_manager)
-                print(said(records), file=sys.stderr, flush=True)
+                print(INTERRUPTED if interrupted.is_set() else said(records), file=sys.stderr, flush=True)
         if records and not accept:
             raise SystemExit(1)
 

@@ -28,6 +28,7 @@ from osl_analysis.files import atomic_path
 from osl_analysis.fork_server import fork_server
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
+from osl_analysis.workflow import noticed_interrupt
 from osl_analysis.yaml_settings import read_mapping, validated
 
 DEFAULT = (ROOT / "config/config.yaml").read_text()
@@ -310,3 +311,15 @@ def test_a_system_that_cannot_fork_starts_each_job_anew(monkeypatch):
     started.start()
     started.join()
     assert (started._start_method, started.exitcode) == ("spawn", 7)
+
+
+def test_ctrl_c_is_noticed_and_handled_as_before():
+    before, seen = signal.getsignal(signal.SIGINT), []
+    try:
+        signal.signal(signal.SIGINT, lambda *_: seen.append("Snakemake"))
+        pressed = noticed_interrupt()
+        assert not pressed.is_set()
+        signal.raise_signal(signal.SIGINT)
+        assert (pressed.is_set(), seen) == (True, ["Snakemake"])
+    finally:
+        signal.signal(signal.SIGINT, before)

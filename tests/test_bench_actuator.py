@@ -278,7 +278,7 @@ ANGLE_LINE = "  # theta_m:"
 
 def bench_csv(path, log, motion):
     """The log as a bench of its own writes it, under the names of the documentation, before the 9:1 gear."""
-    header = re.search(r"```csv\n(.*)\n```", DOC)[1]
+    header = re.search(r"```\n(.*)\n```", DOC)[1]
     moved = np.rad2deg(log.actuator_angle) * 9
     if motion == "theta_m":
         header = header.replace("motor velocity [rpm]", "motor angle [deg]")

@@ -112,7 +112,7 @@ def write_campaign(folder: Path) -> None:
 
 def snakemake(project: Path, *arguments: str) -> str:
     """What Snakemake says when it runs the copy's campaign."""
-    command = [sys.executable, "-m", "snakemake", *arguments, "--configfile", "ours.yaml"]
+    command = [sys.executable, "-m", "snakemake", *arguments, "--configfile", "ours.yaml", "--verbose"]
     environment = os.environ | {"PYTHONPATH": str(project)}
     done = subprocess.run(command, cwd=project, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

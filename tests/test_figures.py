@@ -1139,7 +1139,7 @@ def test_plotted_numbers_are_written_from_the_result_table_that_the_list_names(n
 
 def test_every_module_that_draws_is_in_the_list_of_figures_and_no_other_is():
     folder = Path(osl_analysis.figures.__file__).parent
-    helpers = {"__init__", "axes", "captions", "footer", "names", "style", "swarm"}
+    helpers = {"__init__", "axes", "captions", "footer", "names", "on_screen", "style", "swarm"}
     modules = {path.stem for path in folder.glob("*.py")} - helpers
     assert modules == {*FIGURES, *OTHER_DRAWINGS}
 

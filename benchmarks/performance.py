@@ -8,6 +8,7 @@ explains what is measured.
 import argparse
 import os
 import platform
+import re
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -19,6 +20,8 @@ import snakemake
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs/performance.md"
+KEPT = re.compile(r"^`benchmarks/(\w+\.py)`.*?```\n(.*?)\n```", re.MULTILINE | re.DOTALL)
+"""A part of the page: its script, and what that printed."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,7 @@ class Part:
     script: str
     said: str
     """What a reader should know before the numbers: what is compared with what, and the limit."""
+    arguments: tuple[str, ...] = ()
     against: str = ""
     """How it is given the earlier release: an option, or `FOLDER` for an argument; empty if it does not use it."""
 
@@ -40,7 +44,7 @@ PARTS = (
         "`reproduce-all` of the default campaign from empty folders, and one changed recording to its "
         "table. The alternative is the "
         "earlier release, run in the same minutes. Core-seconds are those of all processes.",
-        "--against",
+        against="--against",
     ),
     Part(
         "One impedance trial",
@@ -62,17 +66,13 @@ PARTS = (
         "`snakemake -n` of a campaign of N trials. The alternative is a bare Snakefile with as many jobs"
         " of the same shape, which is the "
         "limit too: what Snakemake itself takes.",
-    ),
-    Part(
-        "Memory",
-        "memory.py",
-        "The largest memory by the length of a recording. The limit is what the columns of the trial take.",
+        ("100", "1000"),
     ),
     Part(
         "Simulator",
         "simulator.py",
         "Simulated time over the time of one core. Alternatives: scipy's `solve_ivp`, and the earlier release.",
-        "FOLDER",
+        against="FOLDER",
     ),
     Part("Selection of gains", "gain_selection.py", "Pairs of gains by Eq. 14 per second, beside scipy's minimiser."),
     Part(
@@ -87,9 +87,9 @@ PARTS = (
 
 def printed(part: Part, against: Path | None) -> str:
     """What a benchmark prints."""
-    more: list[str] = []
+    more = list(part.arguments)
     if part.against and against is not None:
-        more = [str(against)] if part.against == "FOLDER" else [part.against, str(against)]
+        more += [str(against)] if part.against == "FOLDER" else [part.against, str(against)]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(
         [sys.executable, f"benchmarks/{part.script}", *more],
@@ -102,7 +102,7 @@ def printed(part: Part, against: Path | None) -> str:
     if done.returncode:
         sys.exit(f"{part.script}: exit code {done.returncode}\n{done.stdout}\n{done.stderr}")
     said = done.stdout if against is None else done.stdout.replace(str(against), "the earlier release")
-    return "\n".join(line.rstrip() for line in said.strip().splitlines())
+    return "\n".join(line.rstrip() for line in said.strip("\n").splitlines())
 
 
 def machine() -> str:
@@ -115,10 +115,12 @@ def machine() -> str:
 
 
 def main() -> None:
-    """Run all parts and write the page."""
+    """Run all parts, or those that are named, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--against", type=Path, help="Folder of an earlier release, for the comparisons with it.")
-    against = parser.parse_args().against
+    parser.add_argument("--only", nargs="*", help="Scripts to run; the others keep what the page has of them.")
+    asked = parser.parse_args()
+    before = dict(KEPT.findall(PAGE.read_text(encoding="utf-8"))) if PAGE.is_file() else {}
     lines = [
         "# Performance",
         "",
@@ -128,9 +130,9 @@ def main() -> None:
         "measured in one run. Times are of the processor where nothing else is said.",
     ]
     for part in PARTS:
-        print(part.title, flush=True)
-        text = printed(part, against)
-        print(text, flush=True)
+        is_kept = asked.only is not None and part.script not in asked.only
+        text = before[part.script] if is_kept else printed(part, asked.against)
+        print(f"{part.title}\n{text}\n", flush=True)
         lines += ["", f"## {part.title}", "", f"`benchmarks/{part.script}`. {part.said}", "", "```", text, "```"]
     PAGE.write_text("\n".join(lines) + "\n", encoding="utf-8")
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -14,6 +15,7 @@ from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.cli import main
 from osl_analysis.commands.bench import fit_impedance_trial
+from osl_analysis.commands.simulate import check_folder
 from osl_analysis.config import read_section
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.model.compensator import PAPER_WEIGHT
@@ -297,3 +299,16 @@ def test_a_fault_of_the_disk_is_one_line(tmp_path, monkeypatch):
     assert "No space left on device; check the path, its permissions and the space on the disk" in result.stderr
     assert result.stderr.count("\n") == 1
     assert "\x1b" not in result.stderr
+
+
+def test_a_log_that_another_job_begins_meanwhile_is_no_recording_of_somebody_else(tmp_path, monkeypatch):
+    """The folder `truth` was looked for before the logs, and was made with the first log in between."""
+    search = Path.rglob
+
+    def begun(folder, pattern):
+        (tmp_path / "truth").mkdir(exist_ok=True)
+        (tmp_path / "a.mcap").touch()
+        return search(folder, pattern)
+
+    monkeypatch.setattr(Path, "rglob", begun)
+    check_folder(tmp_path)

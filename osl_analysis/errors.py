@@ -34,6 +34,11 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return f"; did you mean '{folded[near[0]]}'?" if near else ""
 
 
+def unexpected(fault: BaseException) -> str:
+    """A fault of the program for a log or a terminal, on one line."""
+    return printable(f"unexpected {type(fault).__name__}: {fault}")
+
+
 class OslAnalysisError(ValueError):
     """A mistake or a limit that the user can correct. The message is made printable."""
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from pydantic import ConfigDict, validate_call
 
-from osl_analysis.errors import OslAnalysisError, PartialResultError, printable
+from osl_analysis.errors import OslAnalysisError, PartialResultError, printable, unexpected
 from osl_analysis.exclusion import without_excluded, without_refused
 from osl_analysis.files import temporary_path
 from osl_analysis.job_log import JobLog, write_log
@@ -84,7 +84,7 @@ def ended_by(command: str, fault: BaseException) -> JobLog:
     if isinstance(fault, OSError):
         return JobLog(command, "failed", error=printable(f"{fault.filename or 'a file'}: {fault.strerror or fault}"))
     said = "".join(traceback.format_exception(fault))
-    return JobLog(command, "failed", error=printable(f"unexpected {type(fault).__name__}: {fault}"), traceback=said)
+    return JobLog(command, "failed", error=unexpected(fault), traceback=said)
 
 
 def call(job: Job) -> None:

@@ -147,13 +147,15 @@ def noticed_interrupt() -> threading.Event:
     """What is set when the user ends the run by Ctrl-C. Snakemake goes on to handle it as it does."""
     pressed = threading.Event()
     handle = signal.getsignal(signal.SIGINT)
+    if not callable(handle) or threading.current_thread() is not threading.main_thread():
+        return pressed
+    go_on: Callable[[int, Any], Any] = handle
 
     def interrupt(number: int, frame: Any) -> Any:
         pressed.set()
-        return handle(number, frame) if callable(handle) else None
+        return go_on(number, frame)
 
-    if threading.current_thread() is threading.main_thread() and callable(handle):
-        signal.signal(signal.SIGINT, interrupt)
+    signal.signal(signal.SIGINT, interrupt)
     return pressed
 
 

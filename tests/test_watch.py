@@ -103,7 +103,7 @@ def test_an_empty_file_waits(tmp_path):
 
 def test_a_fault_in_one_recording_does_not_end_the_watch(tmp_path, bench, monkeypatch):
     write_joint(tmp_path / "in/k120_b2.csv")
-    monkeypatch.setattr(module, "fit_one_trial", lambda *_: 1 / 0)
+    monkeypatch.setattr(module, "fit_of_row", lambda *_: 1 / 0)
     said = line_of(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
     assert "FAILED: unexpected ZeroDivisionError" in said
 

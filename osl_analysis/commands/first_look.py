@@ -3,24 +3,24 @@
 A torque with the wrong sign or unit, or an angle in degrees, shows in one trial as well as in fifty.
 """
 
-import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import chdir
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from typing import Any
 
 import polars as pl
 
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign import Campaign, open_campaign
-from osl_analysis.commands.fit import fit_one_trial, fit_request
+from osl_analysis.commands.fit import FittedTrial, fit_request, fit_trial
 from osl_analysis.commands.fit_text import estimates_text
-from osl_analysis.commands.ingest import ingest_trial
+from osl_analysis.commands.ingest import checked_trial
 from osl_analysis.config import read_config
-from osl_analysis.errors import OslAnalysisError
+from osl_analysis.errors import OslAnalysisError, unexpected
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.shipped import CAMPAIGN
+from osl_analysis.trial import Trial
 
 FAR = (0.6, 1.67)
 """K over K_d beyond which a unit or K_d is probably wrong: a joint renders K_d to some 20 %."""
@@ -62,10 +62,13 @@ def first_trials(campaign: Campaign) -> list[str]:
     return list(first.values())
 
 
-def off_desired(estimates: pl.DataFrame, K_d: float | str | None) -> str:
-    """What a stiffness far from the one that was asked for may mean; empty where it is near, or none was asked for."""
-    ratio = 1.0 if K_d is None else float(estimates["K"][-1]) / float(K_d)
-    if K_d is None or FAR[0] <= ratio <= FAR[1]:
+def off_desired(estimates: pl.DataFrame, row: Mapping[str, Any]) -> str:
+    """What a stiffness far from the K_d of an impedance trial may mean; empty if it is near, or no K_d is known."""
+    K_d = row["K_d"]
+    if row["experiment"] != "impedance" or K_d is None:
+        return ""
+    ratio = float(estimates["K"][-1]) / float(K_d)
+    if FAR[0] <= ratio <= FAR[1]:
         return ""
     return (
         f"K is {ratio:.3g} times the K_d = {float(K_d):g} N*m/rad of this trial: are K_d and the units of torque and "
@@ -73,24 +76,31 @@ def off_desired(estimates: pl.DataFrame, K_d: float | str | None) -> str:
     )
 
 
-def look(campaign: Campaign, trial: str, config: Path) -> Look:
-    """Ingest and fit one trial into a folder that is deleted."""
-    row = campaign.row(trial)
+def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> FittedTrial:
+    """The fit of a trial in memory, judged by what its row of a sheet, drafted or not, says that the leg was asked for.
+
+    `device` is its parameter file. Raises as `fit_request` and `fit_trial`.
+    """
+    experiment, asked = str(row["experiment"]), None
+    if experiment == "impedance" and row["K_d"] is not None:
+        B_d = None if row["B_d"] is None else float(row["B_d"])
+        asked = DesiredImpedance(row["controller"] or "", float(row["K_d"]), B_d)
+    return fit_trial(experiment, trial, device, fit_request(experiment, config, asked))
+
+
+def look(campaign: Campaign, name: str, config: Path) -> Look:
+    """Ingest and fit one trial. Nothing is written."""
+    row, folders = campaign.row(name), campaign.config
     experiment = str(row["experiment"])
-    with TemporaryDirectory() as place:
-        ingested = Path(place) / f"{trial}.parquet"
-        try:
-            ingest_trial(campaign.recording(trial), campaign.config.raw_data, campaign.config.sources, ingested)
-            asked = None
-            if experiment == "impedance" and row["K_d"] is not None:
-                asked = DesiredImpedance(row["controller"] or "", row["K_d"], row["B_d"])
-            fitted = fit_one_trial(experiment, ingested, campaign.device(trial), fit_request(experiment, config, asked))
-        except OslAnalysisError as error:
-            return Look(trial, experiment, str(error).replace(str(Path(place)) + os.sep, ""), is_sound=False)
-        except Exception as fault:  # a fault of the program in one recording must not hide the others
-            return Look(trial, experiment, f"unexpected {type(fault).__name__}: {fault}", is_sound=False)
-    far = off_desired(fitted.estimates, row["K_d"]) if experiment == "impedance" else ""
+    try:
+        trial = checked_trial(campaign.recording(name), folders.raw_data, folders.sources)
+        fitted = fit_of_row(trial, row, campaign.device(name), config)
+    except OslAnalysisError as error:
+        return Look(name, experiment, str(error), is_sound=False)
+    except Exception as fault:  # a fault of the program in one recording must not hide the others
+        return Look(name, experiment, unexpected(fault), is_sound=False)
+    far = off_desired(fitted.estimates, row)
     if far:
-        return Look(trial, experiment, f"{far}\n{estimates_text(fitted.estimates)}", is_sound=False)
+        return Look(name, experiment, f"{far}\n{estimates_text(fitted.estimates)}", is_sound=False)
     doubts = [text for text in fitted.estimates["doubtful"].to_list() if text] if "doubtful" in fitted.estimates else []
-    return Look(trial, experiment, estimates_text(fitted.estimates), is_sound=not doubts)
+    return Look(name, experiment, estimates_text(fitted.estimates), is_sound=not doubts)

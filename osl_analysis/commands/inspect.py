@@ -10,7 +10,7 @@ from pathlib import Path
 
 from osl_analysis.errors import InputError, printable
 from osl_analysis.files import atomic_path
-from osl_analysis.ingest.known_formats import FORMATS, NOT_READ, recognise
+from osl_analysis.ingest.known_formats import FORMATS, NOT_READ, SUFFIXES, recognise
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import check_file
 from osl_analysis.ingest.recording import Recording
@@ -20,7 +20,8 @@ from osl_analysis.quality.verdict import CHECKS, examine, fails, validate_rules
 from osl_analysis.trial import Trial
 
 LONGEST = 60  # characters of a name that are printed
-SUFFIXES = (*NOT_READ, *(suffix for known in FORMATS.values() for suffix in known.suffixes))
+LISTED = (*NOT_READ, *SUFFIXES)
+"""Endings of the files that `samples` lists."""
 
 
 def inspect_file(path: Path) -> Overview:
@@ -75,9 +76,9 @@ def samples_table(folder: Path, rules: QualityRules) -> str:
         The folder has no recordings.
     """
     validate_rules(rules)
-    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES)
+    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in LISTED)
     if not paths:
-        raise InputError(f"{folder}: no recordings below it ({', '.join(SUFFIXES)}); name another folder")
+        raise InputError(f"{folder}: no recordings below it ({', '.join(LISTED)}); name another folder")
     rows = ["| file | format | holds | ingest and quality |", "|---|---|---|---|"]
     for path in paths:
         cells = [cell.replace(f"{path}: ", "") for cell in (str(path.relative_to(folder)), *row_of(path, rules))]

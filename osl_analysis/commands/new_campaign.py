@@ -12,10 +12,10 @@ from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.commands.schemas import write_schemas
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats.rosbag2.metadata import NAME as BAG_DESCRIPTION
-from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.draft import draft_source, guessed_lines
 from osl_analysis.ingest.draft_places import open_places
 from osl_analysis.ingest.draft_sheet import DraftedTrial, Recorded, draft_trials
-from osl_analysis.ingest.known_formats import FORMATS
+from osl_analysis.ingest.known_formats import FORMATS, SUFFIXES
 from osl_analysis.ingest.overview import Overview
 from osl_analysis.shipped import shipped
 from osl_analysis.yaml_settings import read_mapping
@@ -29,7 +29,6 @@ MOST_NAMED = 6
 """Largest number of trials that are named beside one remark."""
 MOST_SHOWN = 30
 """Largest number of drafted trials that are printed."""
-SUFFIXES = {suffix for known in FORMATS.values() for suffix in known.suffixes}
 
 
 @dataclass
@@ -221,9 +220,7 @@ def drafted_text(draft: Draft) -> str:
         lines.append(
             f"sources/{name}.yaml: {len(files)} recordings, {', '.join(files[:4])}{', ...' * (len(files) > 4)}"
         )
-        lines += [
-            f"    {line.strip()}" for line in text.splitlines() if "# guessed" in line and not line.startswith("#")
-        ]
+        lines += [f"    {line}" for line in guessed_lines(text)]
     lines.append("trials.csv, from the names of the files:")
     lines += [f"    {row_text(trial.cells)}" for trial in draft.trials[:MOST_SHOWN]]
     lines += [f"    and {len(draft.trials) - MOST_SHOWN} more"] * (len(draft.trials) > MOST_SHOWN)

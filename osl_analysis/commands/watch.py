@@ -9,19 +9,18 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign import Campaign, open_campaign
 from osl_analysis.commands.arrivals import Arrivals, read_notes, write_notes
 from osl_analysis.commands.figure import draw_table
-from osl_analysis.commands.first_look import off_desired
-from osl_analysis.commands.fit import FITS, FittedTrial, fit_one_trial, fit_request
+from osl_analysis.commands.first_look import fit_of_row, off_desired
+from osl_analysis.commands.fit import FITS, FittedTrial
 from osl_analysis.commands.fit_text import UNITS, estimated
-from osl_analysis.commands.ingest import ingest_trial
+from osl_analysis.commands.ingest import checked_trial
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.config import Config, read_config
-from osl_analysis.errors import InputError, OslAnalysisError, listing, printable
+from osl_analysis.errors import InputError, OslAnalysisError, listing, unexpected
 from osl_analysis.experiments import PROTOCOL
-from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.draft import draft_source, guessed_lines
 from osl_analysis.ingest.draft_sheet import UNNAMED, Recorded, draft_trials, trial_name
 from osl_analysis.ingest.known_formats import read_source, recognise
 from osl_analysis.quality.checks import Commanded
@@ -96,7 +95,7 @@ def line_of(path: Path, folder: Path, bench: Bench) -> str:
     except OslAnalysisError as error:
         return f"{stamp} {name}: REFUSED: {str(error).replace(f'{path}: ', '')}"
     except Exception as fault:  # a fault of the program in one recording must not end the watch over the others
-        return f"{stamp} {name}: FAILED: unexpected {type(fault).__name__}: {printable(str(fault))}"
+        return f"{stamp} {name}: FAILED: {unexpected(fault)}"
 
 
 def examined(path: Path, folder: Path, bench: Bench) -> str:
@@ -109,14 +108,12 @@ def examined(path: Path, folder: Path, bench: Bench) -> str:
     """
     with TemporaryDirectory() as place:
         row, sources, said = described(path, folder, bench, Path(place))
-        ingested = Path(place) / f"{row['trial']}.parquet"
-        trial = ingest_trial(row, path.parent, sources, ingested)
-        experiment = str(row["experiment"])
-        said = [*said, quality_text(trial, experiment, bench.config)]
-        if experiment not in FITS:
-            return "; ".join(said)
-        fitted = fit(row, ingested, bench)
-    far = off_desired(fitted.estimates, row["K_d"]) if experiment == "impedance" else ""
+        trial = checked_trial(row, path.parent, sources)
+    said = [*said, quality_text(trial, str(row["experiment"]), bench.config)]
+    if row["experiment"] not in FITS:
+        return "; ".join(said)
+    fitted = fit_of_row(trial, row, bench.config.parameters, bench.config_path)
+    far = off_desired(fitted.estimates, row)
     said = [estimates_line(fitted.estimates), *[f"LOOK AT IT: {far}"] * bool(far), *said]
     return "; ".join([*said, drawn(fitted, bench.output / f"{row['trial']}.png")])
 
@@ -170,26 +167,14 @@ def fitting_source(path: Path, bench: Bench, place: Path) -> tuple[str, Path, li
         try:
             if read_source(file).format != found:
                 continue
-            ingest_trial(
-                {"trial": "t", "log": path.name, "log_source": file.stem}, path.parent, file.parent, place / "t.parquet"
-            )
+            checked_trial({"trial": path.stem, "log": path.name, "log_source": file.stem}, path.parent, file.parent)
         except OslAnalysisError:
             continue
         return file.stem, file.parent, []
     text = draft_source(inspect_file(path), path.name, named=True)
     (place / "draft.yaml").write_text(text, encoding="utf-8")
-    guesses = [line.split("#")[0].strip() for line in text.splitlines() if "# guessed" in line and line[0] != "#"]
+    guesses = [line.split("#")[0].strip() for line in guessed_lines(text)]
     return "draft", place, [f"channels are guessed: {listing(guesses, MOST_NAMED)}"] * bool(guesses)
-
-
-def fit(row: Mapping[str, Any], ingested: Path, bench: Bench) -> FittedTrial:
-    """The fit of a trial, judged by what it was asked to render where its row or name tells it."""
-    asked = None
-    if row["experiment"] == "impedance" and row["K_d"] is not None:
-        B_d = None if row["B_d"] is None else float(row["B_d"])
-        asked = DesiredImpedance(row["controller"] or "", float(row["K_d"]), B_d)
-    request = fit_request(str(row["experiment"]), bench.config_path, asked)
-    return fit_one_trial(str(row["experiment"]), ingested, bench.config.parameters, request)
 
 
 def quality_text(trial: Trial, experiment: str, config: Config) -> str:

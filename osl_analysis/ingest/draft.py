@@ -38,9 +38,13 @@ def draft_source(overview: Overview, name: str, named: bool = False) -> str:
         f"description: {json.dumps(f'Drafted from {name}; complete it.')}",
         *(f"{key}: {json.dumps(value)}" for key, value in overview.settings.items()),
     ]
-    if FORMATS[overview.format].is_capture:
-        return "\n".join([*lines, *capture_lines(overview)]) + "\n"
-    return "\n".join([*lines, *log_lines(overview, named)]) + "\n"
+    is_capture = FORMATS[overview.format].is_capture
+    return "\n".join([*lines, *(capture_lines(overview) if is_capture else log_lines(overview, named))]) + "\n"
+
+
+def guessed_lines(draft: str) -> list[str]:
+    """The lines of a drafted source file that give a channel the name of a column by a guess."""
+    return [line.strip() for line in draft.splitlines() if "# guessed" in line and not line.startswith("#")]
 
 
 def log_lines(overview: Overview, named: bool) -> list[str]:

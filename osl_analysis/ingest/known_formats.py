@@ -94,6 +94,8 @@ FORMATS = {
     "json_lines": KnownFormat(is_json_lines, (".jsonl", ".ndjson"), JsonSource, read_json_log, inspect_json),
     "csv": KnownFormat(is_text, (".csv",), CsvSource, read_csv_log, inspect_csv),
 }
+SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)
+"""Endings of recordings that are read."""
 ANY_TEXT = "csv"
 """Format of a text file that is not recognised by content or name."""
 NOT_READ = (".h5", ".tsv", ".xlsx")

@@ -92,16 +92,7 @@ def read_message_log(file: MessageFile, source: MessageSource) -> Recording:
         by_topic[channel.topic][column] = channel
     path = file.path
     try:
-        decoded = decode_wanted(file, by_topic, source)
-        how: dict[str, Any] = {}
-        absent: list[str] = []
-        tables: dict[str, tuple[pl.DataFrame, Ordering]] = {}
-        for topic in list(decoded):  # each is released as soon as its table stands: a long log is in memory once
-            one = decoded.pop(topic)
-            how[topic] = one.how
-            absent += absent_values(topic, [channel.field for channel in by_topic[topic].values()], one)
-            tables[topic] = read_topic(topic, by_topic[topic], one, source)
-            del one
+        tables, how, absent = read_topics(file, by_topic, source)
     except InputError as error:
         if str(path) in str(error):
             raise
@@ -128,6 +119,26 @@ def read_message_log(file: MessageFile, source: MessageSource) -> Recording:
         return Recording(samples, columns, facts, [f"{path.name}: {remark}" for remark in remarks])
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def read_topics(
+    file: MessageFile, by_topic: dict[str, dict[str, LogChannel]], source: MessageSource
+) -> tuple[dict[str, tuple[pl.DataFrame, Ordering]], dict[str, Any], list[str]]:
+    """By topic the table with its order, and how it was decoded; and remarks on values that are absent.
+
+    Each topic is released as soon as its table stands, so that a long log is in memory once.
+    """
+    decoded = decode_wanted(file, by_topic, source)
+    tables: dict[str, tuple[pl.DataFrame, Ordering]] = {}
+    how: dict[str, Any] = {}
+    absent: list[str] = []
+    for topic in list(decoded):
+        one = decoded.pop(topic)
+        how[topic] = one.how
+        absent += absent_values(topic, [channel.field for channel in by_topic[topic].values()], one)
+        tables[topic] = read_topic(topic, by_topic[topic], one, source)
+        del one
+    return tables, how, absent
 
 
 def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:

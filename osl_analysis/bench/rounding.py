@@ -6,6 +6,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from osl_analysis.bench.segments import Segment, repeated_cycles
 from osl_analysis.stats.covariance import nearest_covariance
@@ -52,9 +53,13 @@ class Rounded:
     @cached_property
     def smooth_when_sampled(self) -> Array:
         """The smooth signal (k,) when the sensor took its samples; beyond the grid it is that of the grid's end."""
-        row = np.minimum(self.place.astype(np.intp), len(self.time) - 2)
-        at = np.clip(self.sampled, self.time[0], self.time[-1])
-        return cubic_between(self.time, self.smooth[:, None], at, row)[:, 0]
+        at, last = np.clip(self.sampled, self.time[0], self.time[-1]), len(self.time) - 2
+        begin, rate = self.time[0], self.rate_hz
+
+        def before(times: Array) -> NDArray[np.intp]:
+            return np.asarray(np.minimum(((times - begin) * rate).astype(np.intp), last))
+
+        return cubic_between(self.time, [self.smooth], at, before)[0]
 
     def surviving(self, segment: Segment) -> Array:
         """Share of each harmonic of the rounding that the noise before it leaves in the mean, (HARMONICS,).

@@ -1,10 +1,19 @@
-"""A slope and a standard error that holds where neighbouring samples are alike."""
+"""Records in pieces that a cache holds, and a slope whose standard error holds where neighbouring samples are alike."""
+
+from collections.abc import Iterator
 
 import numpy as np
 
 from osl_analysis.trial import Array
 
 CHUNKS, FEWEST_CHUNKS = 20, 5
+AT_ONCE = 1 << 14
+"""Rows that are computed at a time: what they need meanwhile stays small beside the record, and in the cache."""
+
+
+def pieces(rows: int, size: int = AT_ONCE) -> Iterator[slice]:
+    """All rows of a record, `size` at a time, in their order."""
+    return (slice(first, min(first + size, rows)) for first in range(0, rows, size))
 
 
 def chunked_slope(x: Array, y: Array) -> tuple[float, float]:
@@ -13,13 +22,18 @@ def chunked_slope(x: Array, y: Array) -> tuple[float, float]:
     The chunks carry equal shares of x^2. Where fewer than five can be made, since a few samples carry everything, or x
     is zero, the error is infinite.
     """
-    weight = np.cumsum(x * x)
+    weight = x * x
+    np.cumsum(weight, out=weight)
     if not len(x) or not weight[-1] > 0:
         return 0.0, np.inf
     edges = np.searchsorted(weight, weight[-1] * np.arange(CHUNKS) / CHUNKS)
     edges = np.unique(np.minimum(edges, len(x) - 1))
     if len(edges) < FEWEST_CHUNKS:
         return 0.0, np.inf
-    slope = float(x @ y / weight[-1])
-    left = np.add.reduceat(x * (y - slope * x), edges)
-    return slope, float(np.sqrt(left @ left * len(edges) / (len(edges) - 1)) / weight[-1])
+    total = float(weight[-1])
+    slope = float(x @ y) / total
+    rest = np.multiply(x, -slope, out=weight)
+    rest += y
+    rest *= x
+    left = np.add.reduceat(rest, edges)
+    return slope, float(np.sqrt(left @ left * len(edges) / (len(edges) - 1)) / total)

@@ -11,10 +11,13 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
+from osl_analysis.timebase.chunks import AT_ONCE, pieces
 from osl_analysis.timebase.stream import Stream
 from osl_analysis.trial import Array
 
 Counts = NDArray[np.int64]
+EVENLY = 0.2
+"""Range of the steps, in mean steps, below which none is missing: a missing sample makes one step of two."""
 LONG_STEP = 1.5
 """Step, in usual steps, from which it counts as a gap."""
 SUSPECT = 1.3
@@ -62,11 +65,14 @@ def count_from_stamps(stamps: Array) -> Counts:
     A sample is missing where the level of the stamps changes by a step for good, and only if that lowers the residual
     of the line through all of them. Every change moves the levels behind it, so that a few passes are made.
     """
-    place, step = np.arange(len(stamps)), usual_step(stamps)
-    rows = np.flatnonzero(np.diff(stamps) > SUSPECT * step) + 1
+    place, steps = np.arange(len(stamps)), np.diff(stamps)
+    if np.ptp(steps) < EVENLY * float(np.mean(steps)):
+        return place
+    step = usual_step(stamps)
+    rows = np.flatnonzero(steps > SUSPECT * step) + 1
     if not len(rows):
         return place
-    long = LongSteps(rows, np.diff(stamps)[rows - 1] / step)
+    long = LongSteps(rows, steps[rows - 1] / step)
     level, missing = (stamps - stamps[0]) / step - place, np.zeros_like(rows)
     share = LATE_SHARE if one_sided(level) else EVEN_SHARE
     for _ in range(PASSES):
@@ -162,15 +168,23 @@ def usual_step(stamps: Array) -> float:
     and by whole steps where samples are missing, which are left out.
     """
     n = len(stamps)
-    step, usual = first_step(stamps), None
-    for block in (min(size, n // 4) for size in BLOCKS):
-        place = np.arange(n // block * block)
-        prompt = (stamps[: len(place)] - step * place).reshape(-1, block).min(axis=1)
-        change = np.diff(prompt)
-        usual = np.quantile(change, 0.25) if usual is None else 0.0
+    step = first_step(stamps)
+    for k, block in enumerate(min(size, n // 4) for size in BLOCKS):
+        change = np.diff(promptest_levels(stamps, step, block))
+        usual = 0.0 if k else float(np.quantile(change, 0.25))
         whole = np.abs(change - usual) <= 0.5 * step
         step += float(np.mean(change[whole])) / block if np.mean(whole) > FEWEST_WHOLE else 0.0
     return step if step > 0 else float(stamps[-1] - stamps[0]) / (n - 1)
+
+
+def promptest_levels(stamps: Array, step: float, block: int) -> Array:
+    """The lowest of (stamp - count * step) [s] in each whole block of stamps (n,), shape (n // block,)."""
+    found = np.empty(len(stamps) // block)
+    for blocks in pieces(len(found), max(AT_ONCE // block, 1)):
+        place = np.arange(blocks.start * block, blocks.stop * block)
+        late = stamps[place[0] : place[-1] + 1] - step * place
+        found[blocks] = late.reshape(-1, block).min(axis=1)
+    return found
 
 
 def first_step(stamps: Array) -> float:
@@ -181,14 +195,23 @@ def first_step(stamps: Array) -> float:
 
 def line_slope(count: Counts, stamps: Array) -> float:
     """Step [s] of the least-squares line through stamps (n,) over their count."""
-    x = count - count.mean()
-    return float(x @ (stamps - stamps.mean()) / (x @ x))
+    along, across, _ = moments(count, stamps)
+    return across / along
 
 
 def spread(stamps: Array, count: Counts) -> float:
     """Sum of squares [s^2] of what the line leaves of the stamps (n,)."""
-    x, y = count - count.mean(), stamps - stamps.mean()
-    return float(y @ y - (x @ y) ** 2 / (x @ x))
+    along, across, varied = moments(count, stamps)
+    return varied - across**2 / along
+
+
+def moments(count: Counts, stamps: Array) -> tuple[float, float, float]:
+    """Sums of squares and products of counts and stamps (n,) about their means: both counts, one of each, stamps."""
+    middle, level, found = count.mean(), stamps.mean(), np.zeros(3)
+    for rows in pieces(len(stamps)):
+        x, y = count[rows] - middle, stamps[rows] - level
+        found += x @ x, x @ y, y @ y
+    return float(found[0]), float(found[1]), float(found[2])
 
 
 def check_counter(stream: Stream, counter: Counts) -> None:

@@ -8,12 +8,13 @@ that waits for absolute targets is late, never early, and its stamps are true.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from math import comb
 
 import numpy as np
 import scipy
 
-from osl_analysis.timebase.chunks import chunked_slope
+from osl_analysis.timebase.chunks import chunked_slope, pieces
 from osl_analysis.timebase.counting import Counts
 from osl_analysis.timebase.device_clock import DeviceClock
 from osl_analysis.timebase.stream import Stream
@@ -120,28 +121,49 @@ def evidence_of(values: Array, clock: DeviceClock) -> Evidence:
     count, residual, there = clock.count, clock.residual, ~np.isnan(values)
     if not there.all():
         values, count, residual = values[there], count[there], residual[there]
-    smooth = Smoother(count, max(2 * round(SLOPE_S / clock.step) + 1, 7))
-    slope = smooth(values, 1)
-    jitter = (residual - smooth(residual, 0)) / clock.step
-    whole = count[ORDER:] - count[:-ORDER] == ORDER
-    push, seen = np.diff(slope * jitter, ORDER)[whole], np.diff(values, ORDER)[whole]
+    residual /= clock.step
+    window = max(2 * round(SLOPE_S / clock.step) + 1, 7)
+    differences = max(len(values) - ORDER, 0)
+    push, seen, used, sums = np.empty(differences), np.empty(differences), 0, np.zeros(3)
+    for rows in pieces(len(values)):
+        known, inside = with_margins(rows, window + ORDER, len(values))
+        x, late, place = values[known], residual[known], count[known]
+        smooth = Smoother(place, window, at_an_end=known.start == 0 or known.stop == len(values))
+        slope, jitter = smooth(x, 1)[inside], late[inside] - smooth(late, 0)[inside]
+        own = slice(rows.stop - rows.start)
+        sums += slope[own] @ slope[own], jitter[own].sum(), jitter[own] @ jitter[own]
+        whole = place[inside][ORDER:] - place[inside][:-ORDER] == ORDER
+        found = slice(used, used := used + int(np.count_nonzero(whole)))
+        push[found] = np.diff(slope * jitter, ORDER)[whole]
+        seen[found] = np.diff(x[inside], ORDER)[whole]
+    push, seen = push[:used], seen[:used]
     g, se = chunked_slope(push, seen)
-    noise = float(np.sum((seen - g * push) ** 2)) / comb(2 * ORDER, ORDER) / max(len(seen), 1)
-    hardly_moves = noise * smooth.slope_noise > LARGEST_NOISE * float(np.mean(slope**2))
-    if hardly_moves or float(np.std(jitter)) < NO_MATTER:
+    seen -= np.multiply(push, g, out=push)
+    noise = float(seen @ seen) / comb(2 * ORDER, ORDER) / max(used, 1)
+    moves, middle, scatter = sums / len(values)
+    slope_noise = float(np.sum(smoothing(window, 1) ** 2))  # variance per variance of white noise in the samples
+    if noise * slope_noise > LARGEST_NOISE * moves or scatter - middle**2 < NO_MATTER**2:
         return Evidence(0.0, np.inf)
     return Evidence(g, se)
+
+
+def with_margins(rows: slice, margin: int, samples: int) -> tuple[slice, slice]:
+    """A piece of a record with a margin on either side, and where the piece and `ORDER` rows behind it stand in it."""
+    known = slice(max(rows.start - margin, 0), min(rows.stop + margin, samples))
+    return known, slice(rows.start - known.start, min(rows.stop + ORDER, samples) - known.start)
 
 
 @dataclass(frozen=True)
 class Smoother:
     """A cubic through each `window` of evenly counted samples (Savitzky-Golay), missing ones bridged linearly.
 
-    A gap is shortened to two windows, so that a clock that jumps by years costs no memory.
+    A gap is shortened to two windows, so that a clock that jumps by years costs no memory. Half a window at each end is
+    that of the last window `at_an_end` of a record, and means nothing elsewhere.
     """
 
     count: Counts
     window: int
+    at_an_end: bool
 
     def __call__(self, values: Array, order: int) -> Array:
         """Value (order 0) or slope per step (order 1) at every sample, (n,)."""
@@ -152,11 +174,13 @@ class Smoother:
 
     def filtered(self, values: Array, order: int) -> Array:
         """The same for samples (n,) of which none is missing."""
-        return np.asarray(
-            scipy.signal.savgol_filter(values, min(self.window, (len(values) - 1) // 2 * 2 + 1), 3, deriv=order)
-        )
+        window = min(self.window, (len(values) - 1) // 2 * 2 + 1)
+        if self.at_an_end:
+            return np.asarray(scipy.signal.savgol_filter(values, window, 3, deriv=order))
+        return np.asarray(scipy.ndimage.correlate1d(values, smoothing(window, order)))
 
-    @property
-    def slope_noise(self) -> float:
-        """Variance of the slope per variance of white noise in the samples."""
-        return float(np.sum(scipy.signal.savgol_coeffs(self.window, 3, deriv=1) ** 2))
+
+@lru_cache
+def smoothing(window: int, order: int) -> Array:
+    """Weights (window,) of the samples in the value (order 0) or slope per step (order 1) of the cubic."""
+    return np.asarray(scipy.signal.savgol_coeffs(window, 3, deriv=order, use="dot"))

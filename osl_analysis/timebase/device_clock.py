@@ -1,9 +1,11 @@
 """The clock of a device that samples evenly: a straight line through the stamps of its counted samples."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from osl_analysis.timebase.chunks import pieces
 from osl_analysis.timebase.counting import Counts, line_slope
 from osl_analysis.trial import Array
 
@@ -19,15 +21,30 @@ WANDER_SAMPLES = 50
 class DeviceClock:
     """Stamps of a stream against the least-squares line through them.
 
-    count: (n,) place of every sample in the device's count.
+    stamps: (n,) [s].
+    counted: (n,) place of every sample in the device's count; None where none is missing.
     start, step: [s] the line's value at count 0 and its slope.
-    residual: (n,) [s] stamp minus line.
+
+    Count and residual are computed when they are asked for: a long record has no room for them.
     """
 
-    count: Counts
+    stamps: Array
+    counted: Counts | None
     start: float
     step: float
-    residual: Array
+
+    @property
+    def count(self) -> Counts:
+        """Place (n,) of every sample in the device's count."""
+        return np.arange(len(self.stamps)) if self.counted is None else self.counted
+
+    @property
+    def residual(self) -> Array:
+        """Stamp minus line (n,) [s]."""
+        left = self.step * self.count
+        np.subtract(self.stamps, left, out=left)
+        left -= self.start
+        return np.asarray(left)
 
     @property
     def rate_hz(self) -> float:
@@ -37,12 +54,17 @@ class DeviceClock:
     @property
     def sd(self) -> float:
         """Standard deviation [s] of the residual."""
-        return float(np.std(self.residual))
+        return self.shape[0]
 
     @property
     def skew(self) -> float:
         """Skewness of the residual; 0 where there is none to speak of."""
-        return skewness(self.residual) if self.sd > NEAR * self.step else 0.0
+        return self.shape[1] if self.sd > NEAR * self.step else 0.0
+
+    @cached_property
+    def shape(self) -> tuple[float, float]:
+        """Standard deviation [s] and skewness of the residual."""
+        return spread_and_skewness(self.residual)
 
     @property
     def usual_spread(self) -> float:
@@ -50,13 +72,18 @@ class DeviceClock:
 
         Unlike `sd` it does not see a handful of late samples.
         """
-        low, high = np.quantile(self.residual, [0.05, 0.95])
-        return float(high - low) / 3.29
+        return self.middle_and_spread[1]
 
-    @property
+    @cached_property
+    def middle_and_spread(self) -> tuple[float, float]:
+        """Median [s] of the residual and `usual_spread`."""
+        low, middle, high = np.quantile(self.residual, [0.05, 0.5, 0.95], overwrite_input=True)
+        return float(middle), float(high - low) / 3.29
+
+    @cached_property
     def wander(self) -> float:
         """Standard deviation [s] of the residual averaged over `WANDER_SAMPLES`."""
-        blocks = len(self.residual) // WANDER_SAMPLES
+        blocks = len(self.stamps) // WANDER_SAMPLES
         if blocks < 2:
             return self.sd
         return float(np.std(self.residual[: blocks * WANDER_SAMPLES].reshape(blocks, -1).mean(axis=1)))
@@ -64,7 +91,7 @@ class DeviceClock:
     @property
     def missing(self) -> int:
         """Samples that the count leaves free."""
-        return int(self.count[-1] - self.count[0] + 1 - len(self.count))
+        return 0 if self.counted is None else int(self.counted[-1] - self.counted[0] + 1 - len(self.counted))
 
     def times(self) -> Array:
         """When the samples were taken, (n,) [s], if the device samples evenly.
@@ -73,27 +100,44 @@ class DeviceClock:
         one-sided, the line along its lower edge: a host's stamp is late by what the message waited, and the promptest
         messages waited least.
         """
-        far = np.abs(self.residual - np.median(self.residual)) > FAR * self.usual_spread + NEAR * self.step
-        usual = self.residual[~far]
-        if np.std(usual) > NEAR * self.step and skewness(usual) > ONE_SIDED:
-            start, step = lower_edge(self.count.astype(float), self.residual)
-        else:
-            step = line_slope(self.count[~far], usual)
-            start = float(np.mean(usual) - step * np.mean(self.count[~far]))
-        return np.asarray(self.start + start + (self.step + step) * self.count, dtype=np.float64)
+        start, step = self.even_line
+        times = (self.step + step) * self.count
+        times += self.start + start
+        return np.asarray(times, dtype=np.float64)
+
+    @cached_property
+    def even_line(self) -> tuple[float, float]:
+        """By how much the line of `times` differs from the least-squares line: at count 0 [s], and its slope [s]."""
+        residual, (middle, spread) = self.residual, self.middle_and_spread
+        count, usual, far = self.count, residual, FAR * spread + NEAR * self.step
+        if residual.max() > middle + far or residual.min() < middle - far:
+            near = np.abs(residual - middle) <= far
+            count, usual = count[near], residual[near]
+        sd, skewness = spread_and_skewness(usual)
+        if sd > NEAR * self.step and skewness > ONE_SIDED:
+            return lower_edge(self.count.astype(float), residual)
+        step = line_slope(count, usual)
+        return float(np.mean(usual) - step * np.mean(count)), step
 
 
-def skewness(values: Array) -> float:
-    """Third moment about the mean, in standard deviations."""
-    apart = values - np.mean(values)
-    return float(np.mean(apart * apart * apart) / np.std(values) ** 3)  # a power of an array takes ten times as long
+def spread_and_skewness(values: Array) -> tuple[float, float]:
+    """Standard deviation, and third moment about the mean in standard deviations (NaN where they do not scatter)."""
+    mean, squares, cubes = float(np.mean(values)), 0.0, 0.0
+    for rows in pieces(len(values)):
+        apart = values[rows] - mean
+        square = apart * apart
+        squares += float(square.sum())
+        cubes += float(square @ apart)
+    sd = float(np.sqrt(squares / len(values)))
+    return sd, cubes / len(values) / sd**3 if sd else np.nan
 
 
 def device_clock(stamps: Array, count: Counts) -> DeviceClock:
     """The line through stamps (n,) [s] over their count (n,)."""
     step = line_slope(count, stamps)
     start = float(np.mean(stamps) - step * np.mean(count))
-    return DeviceClock(count, start, step, stamps - start - step * count)
+    none_missing = count[0] == 0 and count[-1] == len(count) - 1
+    return DeviceClock(stamps, None if none_missing else count, start, step)
 
 
 def lower_edge(x: Array, y: Array) -> tuple[float, float]:

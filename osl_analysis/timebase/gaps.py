@@ -90,7 +90,7 @@ def usable_rows(time: Array, marked: Array, margin: float) -> NDArray[np.bool_]:
     """Rows of a rising time (m,) [s] that lie outside all marked gaps (gaps, 2) [s] and their margins [s]."""
     first = np.searchsorted(time, marked[:, 0] - margin, side="left")
     last = np.searchsorted(time, marked[:, 1] + margin, side="right")
-    change = np.zeros(len(time) + 1, dtype=np.int64)
-    np.add.at(change, first, 1)
-    np.add.at(change, last, -1)
-    return np.asarray(np.cumsum(change[:-1]) == 0)
+    usable = np.ones(len(time), dtype=bool)
+    for start, stop in zip(first, last, strict=True):
+        usable[start:stop] = False
+    return usable

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
+from osl_analysis.timebase.chunks import pieces
 from osl_analysis.timebase.cubic import cubic_between
 from osl_analysis.timebase.gaps import BRIDGE_MORE, GapLimits, gaps_of, usable_rows
 from osl_analysis.timebase.report import TimebaseReport, report_of
@@ -68,7 +69,8 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits) -> UniformGrid:
     parts = [t.samples() for t in taken]
     first, last, step = overlap(parts)
     gaps = [gaps_of(part, first, last, limits) for part in parts]
-    time, rate = first + step * np.arange(whole_steps(first, last, step) + 1, dtype=np.float64), 1 / step
+    time, rate = step * np.arange(whole_steps(first, last, step) + 1, dtype=np.float64), 1 / step
+    time += first
     usable = usable_rows(time, np.concatenate([g.marked for g in gaps]), limits.margin_s)
     if not usable.any():
         raise InputError(
@@ -76,9 +78,10 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits) -> UniformGrid:
             f"{time[-1]:.4f} s lies within {limits.margin_s:.2f} s of a gap longer than "
             f"{limits.bridged_s * 1e3:g} ms; {BRIDGE_MORE}"
         )
-    values = [resampled(part, time) for part in parts]
     signals = {
-        n: v[:, k] for part, v in zip(parts, values, strict=True) for k, n in enumerate(part.taken.decision.signals)
+        name: values
+        for part in parts
+        for name, values in zip(part.taken.decision.signals, resampled(part, time), strict=True)
     }
     report = report_of(parts, gaps, time, usable, limits)
     return UniformGrid(time, rate, signals, usable, report, tuple(taken), limits)
@@ -104,11 +107,11 @@ def whole_steps(first: float, last: float, step: float) -> int:
     return int(np.floor((last - first) / step + ON_GRID))
 
 
-def resampled(part: Samples, time: Array) -> Array:
-    """Values (m, signals) at the grid's times (m,) [s]: the samples themselves where they lie on it, else a cubic."""
+def resampled(part: Samples, time: Array) -> Sequence[Array]:
+    """Values (m,) of each signal at the grid's times (m,) [s]: the samples where they lie on it, else a cubic."""
     row = int(np.searchsorted(part.times, time[0] - ON_GRID * part.step))
     there = part.times[row : row + len(time)]
     apart = ON_GRID * part.step * max(len(time) / ROUNDED, 1.0)  # the rounding of a step adds up
-    if len(there) == len(time) and abs(there[-1] - time[-1]) < apart and np.max(np.abs(there - time)) < apart:
-        return part.values[row : row + len(time)]
-    return cubic_between(part.times, part.values, np.clip(time, part.times[0], part.times[-1]), part.before(time))
+    if len(there) == len(time) and all(np.max(np.abs(there[rows] - time[rows])) < apart for rows in pieces(len(time))):
+        return [values[row : row + len(time)] for values in part.values]
+    return cubic_between(part.times, part.values, time, part.before)

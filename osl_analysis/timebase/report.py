@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.timebase.cubic import AT_ONCE
+from osl_analysis.timebase.chunks import pieces
 from osl_analysis.timebase.gaps import GapLimits, Gaps
 from osl_analysis.timebase.samples import Samples
 from osl_analysis.trial import Array
@@ -145,8 +145,8 @@ def stream_report(part: Samples, gaps: Gaps, rate_hz: float, limits: GapLimits) 
 def farthest_sample(part: Samples, rows: Array) -> float:
     """Largest distance [s] of a row of the grid to the nearest sample; rows (k,) [s] rise."""
     farthest = 0.0
-    for first in range(0, len(rows), AT_ONCE):
-        some = rows[first : first + AT_ONCE]
+    for piece in pieces(len(rows)):
+        some = rows[piece]
         before = part.before(some)
         nearest = np.minimum(np.abs(some - part.times[before]), np.abs(part.times[before + 1] - some))
         farthest = max(farthest, float(np.max(nearest)))

@@ -52,6 +52,8 @@ class Taken:
     @cached_property
     def stride(self) -> int:
         """Rows from one value to the next: 1, or more where signals of a lower rate share the rows of a faster one."""
+        if self.present.all() and self.clock.counted is None:
+            return 1
         return int(np.median(np.diff(self.clock.count[self.present])))
 
     @property
@@ -62,21 +64,23 @@ class Taken:
     def samples(self) -> "Samples":
         """The samples at their times, the delay taken out; true stamps that lie close are averaged."""
         there = slice(None) if self.present.all() else self.present
-        values = np.array([self.stream.signals[name][there] for name in self.decision.signals]).T
+        values = [self.stream.signals[name][there] for name in self.decision.signals]
         if self.decision.even:
-            return Samples(self, self.clock.times()[there] - self.delay, values, 0)
-        close = CLOSE * self.clock.step * self.stride
-        times, averaged = averaged_where_close(self.stream.stamps[there], values, close)
-        return Samples(self, times - self.delay, averaged, len(values) - len(averaged))
+            times, merged = self.clock.times()[there], 0
+        else:
+            stamps = self.stream.stamps[there]
+            times, values = averaged_where_close(stamps, values, CLOSE * self.clock.step * self.stride)
+            merged = len(stamps) - len(times)
+        return Samples(self, times - self.delay if self.delay else times, tuple(values), merged)
 
 
 @dataclass(frozen=True)
 class Samples:
-    """What the grid is made from: strictly rising times (k,) [s] and values (k, signals); `merged` were averaged."""
+    """What the grid is made from: rising times (k,) [s] and values (k,) of each signal; `merged` were averaged."""
 
     taken: Taken
     times: Array
-    values: Array
+    values: tuple[Array, ...]
     merged: int
 
     @property
@@ -171,13 +175,14 @@ def first_gap(taken: Taken) -> str:
     return f", the first long gap at {taken.stream.stamps[int(np.argmax(np.diff(taken.clock.count)))]:.4f} s"
 
 
-def averaged_where_close(stamps: Array, values: Array, closest: float) -> tuple[Array, Array]:
-    """Stamps (n,) [s] and values (n, signals) with samples averaged that lie within `closest` of the first of them."""
-    first = first_of_each(stamps, closest)
-    if len(first) == len(stamps):
+def averaged_where_close(stamps: Array, values: list[Array], closest: float) -> tuple[Array, list[Array]]:
+    """Stamps (n,) [s] and values (n,) of each signal; samples within `closest` of the first of them are averaged."""
+    if (np.diff(stamps) >= closest).all():
         return stamps, values
+    first = first_of_each(stamps, closest)
     size = np.diff(np.append(first, len(stamps)))
-    return np.add.reduceat(stamps, first) / size, np.add.reduceat(values, first, axis=0) / size[:, None]
+    times, *averaged = (np.add.reduceat(one, first) / size for one in (stamps, *values))
+    return times, averaged
 
 
 def first_of_each(stamps: Array, closest: float) -> NDArray[np.intp]:

@@ -72,9 +72,8 @@ class Stream:
                 )
 
     def _check_forward(self) -> None:
-        step = np.diff(self.stamps)
-        if (step < 0).any():
-            row = int(np.argmin(step))
+        if (self.stamps[1:] < self.stamps[:-1]).any():
+            row = int(np.argmin(np.diff(self.stamps)))
             raise InputError(
                 f"{self.name}: time runs backwards from {self.stamps[row]:.6f} s to {self.stamps[row + 1]:.6f} s "
                 f"at row {row + 1}; the recorder's clock was set back: cut the log there, or take another time source"
@@ -88,8 +87,11 @@ class Stream:
 
 def without_repeats(stream: Stream) -> Stream:
     """The stream without rows that equal their predecessor in stamp and every value: a recorder wrote them twice."""
-    columns = [stream.stamps, *stream.signals.values()]
-    new = np.concatenate([[True], np.any([changes(column) for column in columns], axis=0)])
+    new = np.concatenate([[True], changes(stream.stamps)])
+    for column in stream.signals.values():
+        if new.all():
+            return stream
+        new[1:] |= changes(column)
     if new.all():
         return stream
     counter = None if stream.counter is None else stream.counter[new]

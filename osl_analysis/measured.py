@@ -1,5 +1,7 @@
 """Which numbers can be a measurement: a fit refuses the others before they overflow, vanish or turn into NaN."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -48,6 +50,14 @@ def check_measured(name: str, values: ArrayLike) -> None:
     largest = check_finite(name, values)
     if 0 < largest < SMALLEST:
         raise InputError(f"{name} reaches {largest:.3g}, less than {SMALLEST:g} and not 0: {NO_SENSOR}")
+
+
+def check_all_measured(names: Sequence[str], signals: Array) -> None:
+    """As `check_measured`, for signals (p, n) with a name each."""
+    largest = np.maximum(signals.max(axis=1, initial=0.0), -signals.min(axis=1, initial=0.0))
+    if not np.all((largest == 0) | ((largest >= SMALLEST) & (largest <= LARGEST))):
+        for name, signal in zip(names, signals, strict=True):
+            check_measured(name, signal)
 
 
 def rounding_of(y: Array) -> float:

@@ -13,7 +13,8 @@ from osl_analysis.bench.segments import Segment, repeated_cycles, rows_of
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.second_order import fit_impedance, impedance_columns
-from osl_analysis.stats.covariance import Cycles, between_cycles, sums_between
+from osl_analysis.stats.covariance import between_cycles
+from osl_analysis.stats.cycle_sums import Cycles, sums_between
 from osl_analysis.stats.rounding import noise_before_rounding, scatter_between_cycles, visible_step
 from osl_analysis.trial import Trial
 
@@ -132,7 +133,7 @@ def test_rounding_that_differs_from_cycle_to_cycle_is_not_counted_twice():
         seen = Rounded(step, rounded, theta, time, time)
         found = RepeatedRounding(seen, 300 * theta, segments).covariance(influence, np.eye(3))
         errors = influence * (300 * (rounded - theta)[rows])[:, None]
-        spread, _ = between_cycles(sums_between(errors, cycles.first, cycles.stop), cycles.stratum)
+        spread, _ = between_cycles(cycles.sums(errors, np.ones(len(errors))), cycles.stratum)
         added[rate] = found[1, 1] / spread[1, 1]
     assert added[1000.0] > 100
     assert added[1013.0] < 0.5
@@ -180,6 +181,23 @@ def test_sums_between_rows_are_integrals_of_the_curve_and_whole_where_edges_are(
     np.testing.assert_allclose(sums[:, 1], 83.4)
     np.testing.assert_array_equal(sums_between(wave, np.array([3.0]), np.array([90.0]))[0, 1], 87)
     np.testing.assert_allclose(sums_between(wave, np.array([3.0]), np.array([400.0]))[0], wave[3:].sum(axis=0))
+
+
+@pytest.mark.parametrize("begin", [0.0, 0.3])
+def test_the_cycles_at_both_ends_of_a_stretch_are_summed_from_its_own_rows(begin):
+    """The sum of sin^2 over a period is half of it, by integral; beyond the ends stand rows of another frequency.
+
+    Between the rows 2e-4 of a row are lost in interpolation. Rows of the neighbours made 0.06 of a row of it.
+    """
+    edges, others = begin + 83.4 * np.arange(5), np.full(50, 7.0)
+    own = np.sin(2 * np.pi * np.arange(int(np.ceil(edges[-1]))) / 83.4 + 1)
+    values, edges = np.concatenate([others, own, others]), 50 + edges
+    first, stop = np.concatenate([[0], edges[:-1], [384]]), np.concatenate([[50], edges[1:], [434]])
+    sums = Cycles(first, stop, np.array([0, 1, 1, 1, 1, 2])).sums(values[:, None], values)[:, 0]
+    np.testing.assert_allclose(sums[1:5], 83.4 / 2, atol=5e-4)
+    np.testing.assert_allclose(sums[[0, 5]], 50 * 49, rtol=1e-14)
+    whole = own @ own - begin * own[0] ** 2 - (len(own) - edges[-1] + 50) * own[-1] ** 2
+    assert sums[1:5].sum() == pytest.approx(whole, abs=0.02)
 
 
 def test_scatter_between_cycles_is_that_of_what_does_not_repeat():

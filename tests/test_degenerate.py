@@ -30,7 +30,8 @@ from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.second_order import fit_impedance
 from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, longest_at_extreme, sampling_rate
 from osl_analysis.stats import comparison, complex_estimate, covariance, regression, repeats, rounding
-from osl_analysis.stats.covariance import Cycles, ResidualCorrelation
+from osl_analysis.stats.covariance import ResidualCorrelation
+from osl_analysis.stats.cycle_sums import Cycles
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.sinusoid import fit_sinusoid
 from osl_analysis.stats.slow_motion import fit_slow_motion, memory_samples

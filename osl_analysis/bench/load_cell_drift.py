@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from osl_analysis.bench.segments import Segment
-from osl_analysis.stats.covariance import FEWEST_CYCLES, sums_between
+from osl_analysis.stats.covariance import FEWEST_CYCLES
+from osl_analysis.stats.cycle_sums import sums_between
 from osl_analysis.trial import Array
 
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import longest_run, runs
-from osl_analysis.stats.covariance import FEWEST_CYCLES, Cycles
+from osl_analysis.stats.covariance import FEWEST_CYCLES
+from osl_analysis.stats.cycle_sums import Cycles
 from osl_analysis.timebase.gaps import BRIDGE_MORE
 from osl_analysis.trial import Array
 

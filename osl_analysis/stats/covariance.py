@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import LARGEST_VARIANCE, check_finite, check_measured
+from osl_analysis.stats.cycle_sums import Cycles
 from osl_analysis.trial import Array
 
 Covariance = tuple[Array, Array]
@@ -21,22 +22,6 @@ COUNTS = 0.01
 FILTER_SPAN = 8
 """Shortest window, in half periods of the filter's cut-off. Over this window the Bartlett weights lose 1 % of the
 noise's variance."""
-
-
-@dataclass(frozen=True)
-class Cycles:
-    """Division of the rows of a fit into cycles that the experiment repeats.
-
-    The rows of a cycle follow one another; its edges may lie between two rows. The cycles of one stratum (one frequency
-    at one amplitude) are repetitions: only the differences between them count as random error.
-    """
-
-    first: Array
-    """Where each cycle begins, in rows of the fit, shape (m,)."""
-    stop: Array
-    """Where it ends, shape (m,)."""
-    stratum: NDArray[np.intp]
-    """Number of the stratum that each cycle belongs to, shape (m,)."""
 
 
 class RepeatedError(Protocol):
@@ -84,7 +69,7 @@ class ResidualCorrelation:
         if self.cycles is None:
             return *moving_sums(X @ inverse * residual[:, None], window, slow=self.every > 1), self.method
         noise = residual if self.filtered_off is None else residual + self.filtered_off
-        sums = sums_between(X * noise[:, None], self.cycles.first, self.cycles.stop) @ inverse
+        sums = self.cycles.sums(X, noise) @ inverse
         covariance, degrees_of_freedom = between_cycles(sums, self.cycles.stratum)
         if not self.repeated:
             return covariance, degrees_of_freedom, self.method
@@ -162,33 +147,6 @@ def check_repeated(members: Array) -> None:
     """Refuse strata with fewer than two cycles; `members` (strata,) are their numbers of cycles."""
     if not len(members) or np.min(members) < 2:
         raise InputError("one cycle has no spread to take an interval from; record two or more at each frequency")
-
-
-def sums_between(values: Array, first: Array, stop: Array) -> Array:
-    """Sums (m, p) of the rows of `values` (n, p) from `first` (m,) to `stop` (m,), which need not be whole numbers.
-
-    A fraction of a row is read from the cubic through the four cumulative sums around it. A cycle whose period is not
-    a whole number of rows then has the sum that every other cycle has.
-    """
-    n, edges = len(values), np.stack([first, stop], axis=1).ravel()
-    row = np.clip(np.floor(edges + 1e-9).astype(np.intp), 0, n)
-    padded = np.zeros((values.shape[1], n + 1))  # reduceat wants a row where the last sum ends
-    padded[:, :n] = values.T
-    whole = np.add.reduceat(padded, row, axis=1).T[::2] * (row[1::2] > row[::2])[:, None]
-    parts = fractions_of_rows(values, row, np.maximum(edges - row, 0.0))
-    return np.asarray(whole + parts[1::2] - parts[::2])
-
-
-def fractions_of_rows(values: Array, row: NDArray[np.intp], share: Array) -> Array:
-    """The sum (m, p) of a `share` (m,) of each `row` (m,) of `values` (n, p), by the cubic through the cumulative sums
-    one row before it to two rows behind; beyond the ends there is nothing to sum."""
-    x = np.where(share < 1e-9, 0.0, share)[:, None]
-    weights = x * (x - 1) * (x - 2) / 6, x * (x + 1) * (5 - 2 * x) / 6, x * (x + 1) * (x - 1) / 6
-    parts = np.zeros((len(row), values.shape[1]))
-    for weight, at in zip(weights, (row - 1, row, row + 1), strict=True):
-        there = (at >= 0) & (at < len(values))
-        parts[there] += weight[there] * values[at[there]]
-    return parts
 
 
 def nearest_covariance(matrix: Array) -> Array:

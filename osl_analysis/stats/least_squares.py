@@ -1,10 +1,11 @@
 """The numerics of a regression: decomposition and checks of its columns, estimates from the normal equations."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from osl_analysis.errors import IdentifiabilityError
+from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.measured import check_all_measured
 from osl_analysis.trial import Array
 
 GRAM_LIMIT, TALL = 100.0, 50
@@ -50,7 +51,7 @@ def largest_correlation(covariance: Array) -> float:
 
 def check_not_zero(names: Sequence[str], X: Array) -> Array:
     """Lengths (p,) of the columns X (n, p); a column that is zero throughout is refused."""
-    lengths = np.asarray(np.linalg.norm(X, axis=0))
+    lengths = np.sqrt([column @ column for column in X.T])
     if not (lengths > 0).all():
         raise IdentifiabilityError(
             f"'{names[int(np.argmin(lengths))]}' cannot be estimated: its column is zero throughout"
@@ -66,3 +67,25 @@ def refuse_unidentifiable(names: tuple[str, ...], direction: Array, condition: f
         f"{first} and {second} cannot be told apart in these data (scaled condition number {condition:.3g}); "
         "excite more frequencies, lengthen the window or fix one of them"
     )
+
+
+def instrument_columns(shape: tuple[int, ...], instruments: Mapping[str, Array]) -> Array:
+    """The instruments as a matrix (n, q); none of them is zero throughout."""
+    Z = checked_columns(shape, instruments)
+    check_not_zero(tuple(instruments), Z)
+    return Z
+
+
+def checked_columns(shape: tuple[int, ...], columns: Mapping[str, Array]) -> Array:
+    """The columns as a matrix (n, p), after checks of their lengths, their values and the number of samples.
+
+    `shape` (n,) is that of y.
+    """
+    for name, column in columns.items():
+        if np.shape(column) != shape:
+            raise InputError(f"column '{name}' has shape {np.shape(column)}, expected {shape} like y")
+    X = np.array([np.asarray(c, dtype=float) for c in columns.values()])
+    check_all_measured([f"column '{name}'" for name in columns], X)
+    if shape[0] <= len(columns):
+        raise InputError(f"{shape[0]} samples cannot determine {len(columns)} parameters; use a longer window")
+    return X.T

@@ -7,12 +7,13 @@ from functools import cached_property
 import numpy as np
 from scipy.special import stdtrit
 
-from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite, check_measured, rounding_of
 from osl_analysis.stats.covariance import NO_REPEATS, ResidualCorrelation
 from osl_analysis.stats.least_squares import (
     check_not_zero,
+    checked_columns,
     decomposed,
+    instrument_columns,
     largest_correlation,
     projected,
     refined,
@@ -207,29 +208,6 @@ def with_shared_error(fit: LinearFit, change: Array) -> LinearFit:
     share = np.divide(random, np.diag(covariance), out=np.ones_like(random), where=np.diag(covariance) > 0)
     degrees_of_freedom = np.divide(fit.degrees_of_freedom, share**2, out=np.full_like(share, np.inf), where=share > 0)
     return replace(fit, covariance=covariance, degrees_of_freedom=degrees_of_freedom)
-
-
-def instrument_columns(shape: tuple[int, ...], instruments: Mapping[str, Array]) -> Array:
-    """The instruments as a matrix (n, q); none of them is zero throughout."""
-    Z = checked_columns(shape, instruments)
-    check_not_zero(tuple(instruments), Z)
-    return Z
-
-
-def checked_columns(shape: tuple[int, ...], columns: Mapping[str, Array]) -> Array:
-    """The columns as a matrix (n, p), after checks of their lengths, their values and the number of samples.
-
-    `shape` (n,) is that of y.
-    """
-    for name, column in columns.items():
-        if np.shape(column) != shape:
-            raise InputError(f"column '{name}' has shape {np.shape(column)}, expected {shape} like y")
-    X = np.array([np.asarray(c, dtype=float) for c in columns.values()])
-    for name, values in zip(columns, X, strict=True):
-        check_measured(f"column '{name}'", values)
-    if shape[0] <= len(columns):
-        raise InputError(f"{shape[0]} samples cannot determine {len(columns)} parameters; use a longer window")
-    return X.T
 
 
 def variance_accounted_for(y: Array, residual: Array) -> float:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite
 from osl_analysis.stats.complex_estimate import ComplexEstimate
-from osl_analysis.stats.covariance import FEWEST_CYCLES, Cycles, RepeatedError, ResidualCorrelation
+from osl_analysis.stats.covariance import FEWEST_CYCLES, RepeatedError, ResidualCorrelation
+from osl_analysis.stats.cycle_sums import Cycles
 from osl_analysis.stats.regression import Regressors, regressors
 from osl_analysis.trial import Array
 

@@ -74,8 +74,6 @@ rule:
     default_target: True
     input:
         simulated_logs(),
-        ingested(),
-        [rows(table) for table in PER_TRIAL],
         result_tables(),
         RESULTS / "tables/quality.csv",
         RESULTS / "tables/excluded.csv",

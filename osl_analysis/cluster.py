@@ -79,13 +79,13 @@ def group_by_trials(workflow: Any, trials: Sequence[str], recorded_mb: Callable[
     dag, order = workflow.dag, {trial: number for number, trial in enumerate(trials)}
 
     def update_groups() -> None:
-        dag._group = {}
+        dag._group, sizes = {}, {trial: recorded_mb(trial) for trial in trials}
         most = workflow.group_settings.group_components
         for name, parts in members(dag.needrun_jobs(), order).items():
             for batch in batches(parts, most.get(name, 1)):
                 submission = dag.group_job_factory.new(name, batch, workflow.global_resources)
                 submission.finalize()
-                submission._resources = resources(batch, workflow.resource_settings.cores or 1, recorded_mb)
+                submission._resources = resources(batch, workflow.resource_settings.cores or 1, sizes)
                 dag._group.update(dict.fromkeys(batch, submission))
 
     dag.update_groups = update_groups
@@ -112,13 +112,13 @@ def batches(parts: Sequence[list[Any]], most: int) -> list[list[Any]]:
     return [[job for part in parts[a:b] for job in part] for a, b in pairwise(edges)]
 
 
-def resources(jobs: Sequence[Any], cores: int, recorded_mb: Callable[[str], float]) -> dict[str, Any]:
+def resources(jobs: Sequence[Any], cores: int, sizes: Mapping[str, float]) -> dict[str, Any]:
     """Cores, memory [MB] and time limit [min] of a submission that runs at most `cores` of these jobs at a time.
 
-    The profile states for each rule what one job takes: `mem_mb` and `core_ms`, and what each MB of the recordings of
-    its trials adds to them, `mem_mb_per_mb` and `core_ms_per_mb`. Its text values, as a partition, are the first job's.
+    `sizes`: of each trial's recordings [MB]. The profile states what one job of a rule takes, `mem_mb` and `core_ms`,
+    and what each MB of its trials' recordings adds to it (`_per_mb`). Text values, as a partition, are the first job's.
     """
-    taken = [(job.resources, sum(map(recorded_mb, trials_of(job)))) for job in jobs]
+    taken = [(job.resources, sum(sizes.get(trial, 0) for trial in trials_of(job, sizes))) for job in jobs]
     memory, busy = (
         [amount(use, name) + amount(use, f"{name}_per_mb") * mb for use, mb in taken] for name in ("mem_mb", "core_ms")
     )
@@ -135,10 +135,10 @@ def amount(use: Mapping[str, Any], name: str) -> int:
     return value if isinstance(value, int) else 0
 
 
-def trials_of(job: Any) -> set[str]:
-    """The names of a job's trial, or of what its inputs are results of."""
+def trials_of(job: Any, trials: Mapping[str, Any]) -> Iterable[str]:
+    """A job's trial, or those of whose results it names files; all `trials` if it names none of theirs, as the page."""
     own = job.wildcards_dict.get("trial")
-    return {own} if own else {Path(str(file)).stem for file in job.input}
+    return [own] if own else {Path(str(file)).stem for file in job.input} & trials.keys() or trials
 
 
 def adapt(executor: Any, lost: Callable[[Any, str, str], None]) -> None:

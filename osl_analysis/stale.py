@@ -22,6 +22,7 @@ RECORDED = "recorded"
 UNKNOWN = "not known: there is no log of its job"
 SETTINGS = "other settings, inputs or program"
 RECORDINGS = "other recordings"
+MISSING = "a file of these results is missing"
 
 
 def made_of(inputs: Iterable[Any], params: Mapping[str, Any]) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from osl_analysis.job_log import MADE_OF, plain, read_log, read_logs, run_report
 from osl_analysis.refusal import forget_failures
 from osl_analysis.refusal_report import records_in
 from osl_analysis.scheduling import without_usual_rate
-from osl_analysis.stale import RECORDED, made_of, stale
+from osl_analysis.stale import MISSING, RECORDED, made_of, stale
 
 __all__ = [
     "at_end_of_dry_run",
@@ -54,15 +54,25 @@ def say_of_tables(data: str) -> None:
     said_of_tables["data"] = data
 
 
-def run_job(log: Any, command: str, input: Any, output: Any, params: Any, files: Any = None) -> None:
+def run_job(
+    log: Any,
+    command: str,
+    input: Any,
+    output: Any,
+    params: Any,
+    files: Any = None,
+    read: Mapping[str, Any] | None = None,
+) -> None:
     """Run one job in its own process, and wait for it.
 
     `command` is "module.function" under `osl_analysis.commands`. `log`, `input`, `output` and `params` are those of the
-    Snakemake rule; `files` are its outputs if `output` is not, because the command finds their names itself. The
-    function is called with the names that the rule gives to its inputs, outputs and parameters:
+    Snakemake rule; `files` are its outputs if `output` is not, because the command finds their names itself. `read`
+    are further inputs by name, which were made when `input` was: the results of every trial behind a list or table.
+    Snakemake's planning takes time with every file that a rule names. The function is called with the names that the
+    rule gives to its inputs, outputs and parameters:
 
     * an output without a name is called `output`, several `outputs`;
-    * an input without a name is a dependency and not passed on;
+    * an input without a name is a dependency and not passed on; the input `after` is not looked at either;
     * refusal records are removed from the inputs (`without_refused`), and the trials that the input `quality` excludes
       (`without_excluded`);
     * a function with an argument `refused` is given the causes of what was removed, and runs without it. Any other one
@@ -73,8 +83,11 @@ def run_job(log: Any, command: str, input: Any, output: Any, params: Any, files:
 
     If the job does not end well, refusal records stand in place of all its outputs. Snakemake goes on.
     """
-    path, request = Path(str(log)), {"input": named(input), "output": outputs(output), "settings": named(params)}
-    unnamed = [] if isinstance(input, Mapping) else sorted(set(map(str, input)) - set(flat(request["input"])))
+    inputs = named(input)
+    after = flat(inputs.pop("after", []))
+    unnamed = [] if isinstance(input, Mapping) else sorted(set(map(str, input)) - set(flat(inputs)) - set(after))
+    inputs |= named(read or {})
+    path, request = Path(str(log)), {"input": inputs, "output": outputs(output), "settings": named(params)}
     request[MADE_OF] = made_of(flat(input), params)
     files_made = flat(plain(list(files)) if files else request["output"])
     job = Job(command, request, unnamed, files_made, said_of_tables["data"])
@@ -115,7 +128,8 @@ def outputs(files: Any) -> dict[str, Any]:
 def know_by_logs(workflow: Any) -> None:
     """Let Snakemake make a result again that does not hold by the log of its job (`stale`): also in a dry run.
 
-    Snakemake alone makes nothing again for other settings or recordings if it has no notes in `.snakemake`.
+    Snakemake alone makes nothing again for other settings or recordings if it has no notes in `.snakemake`, and not for
+    a missing file that no rule names as its input (`run_job`, `read`).
     """
     prepare = workflow._prepare_dag
 
@@ -127,8 +141,10 @@ def know_by_logs(workflow: Any) -> None:
         def changed(job: Any, file: Any = None) -> Any:
             results = [Path(str(output)) for output in job.output]
             found = compare(job, file=file)
-            if found or not job.log or not all(result.exists() for result in results):
+            if found or not job.log:
                 return found
+            if not all(result.exists() for result in results):
+                return type(found)(only_old={MISSING}, files=set(job.output))
             why = stale(made_of(job.input, job.params), Path(str(job.log[0])), results, noted(job))
             return type(found)(only_old={why}, files=set(job.output)) if why else found
 

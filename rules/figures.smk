@@ -49,8 +49,6 @@ rule plot_numbers:
 
 rule plot_numbers_fig3:
     input:
-        curves=rows("belt_curves"),
-        quality=verdicts_on("belt_curves"),
         table=RESULTS / "tables/belt.csv",
         summary=RESULTS / "tables/belt_summary.csv",
     output:
@@ -60,7 +58,8 @@ rule plot_numbers_fig3:
     params:
         code=jobs.code_of("plotted_numbers.fig3"),
     run:
-        jobs.run_job(log, "plotted_numbers.fig3", input, output, params)
+        read = {"curves": rows("belt_curves"), "quality": verdicts_on("belt_curves")}
+        jobs.run_job(log, "plotted_numbers.fig3", input, output, params, read=read)
 
 
 rule plot_numbers_fig4:
@@ -130,8 +129,6 @@ rule plot_numbers_response:
 
 rule plot_numbers_walking_page:
     input:
-        crossings=crossings(CAMPAIGN.crossings(perturbed=True)),
-        quality=checked(CAMPAIGN.crossings(perturbed=True)),
         selection=RESULTS / "tables/walking_crossings.csv",
         unperturbed=RESULTS / "fits/unperturbed.parquet",
         responses=RESULTS / "tables/walking_responses.csv",
@@ -144,7 +141,7 @@ rule plot_numbers_walking_page:
         code=jobs.code_of("walking_page.plot_walking_page"),
         settings=CONFIG.walking.part("TimingSettings"),
     run:
-        jobs.run_job(log, "walking_page.plot_walking_page", input, output, params)
+        jobs.run_job(log, "walking_page.plot_walking_page", input, output, params, read=crossed(perturbed=True))
 
 
 rule plot_numbers_impedance_over_stance:
@@ -180,7 +177,6 @@ rule plot_numbers_torque_angle:
 rule draw_figure:
     input:
         table_csv=RESULTS / "figures/{figure}.csv",
-        fitted=lambda wildcards: shown_rows(wildcards.figure),
     output:
         multiext(str(RESULTS / "figures/{figure}"), *(f".{suffix}" for suffix in SUFFIXES)),
     log:
@@ -192,14 +188,13 @@ rule draw_figure:
         name="{figure}",
         footer=ABOUT.sentence(),
     run:
-        jobs.run_job(log, "figure.draw_figure", input, output, params)
+        read = {"fitted": shown_rows(wildcards.figure)}
+        jobs.run_job(log, "figure.draw_figure", input, output, params, read=read)
 
 
 rule captions:
     input:
-        fitted=lambda wildcards: [
-            file for name in drawn_names() for file in (RESULTS / f"figures/{name}.csv", *shown_rows(name))
-        ],
+        fitted=lambda wildcards: [RESULTS / f"figures/{name}.csv" for name in drawn_names()],
     output:
         RESULTS / "figures/captions.md",
     log:

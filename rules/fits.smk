@@ -1,4 +1,8 @@
-"""Trial -> the tables of its fit, for every experiment whose facts name a job (`osl_analysis/experiments.py`)."""
+"""Trial -> the tables of its fit, for every experiment whose facts name a job (`osl_analysis/experiments.py`).
+
+What uses the results of every trial depends on one list per experiment: Snakemake's planning takes time with every file
+that a rule names. A rule names one file of every job that it needs; what else that job has made is `read`.
+"""
 
 
 def device(trial: str):
@@ -42,3 +46,23 @@ for experiment, facts in EXPERIMENTS.items():
             code=jobs.code_of(facts.fit.job),
         run:
             jobs.run_job(log, params.command, input, {"tables": dict(output.items())}, params)
+
+
+def fitted(*experiments: str) -> list[Path]:
+    """The lists of the trials that were fitted, of these experiments."""
+    return [RESULTS / f"fits/{name}.json" for name in experiments if CAMPAIGN.trials(name) and CONFIG.tables(name)]
+
+
+rule list_fits:
+    input:
+        fits=lambda wildcards: first_rows(wildcards.experiment),
+    output:
+        RESULTS / "fits/{experiment}.json",
+    log:
+        RESULTS / "logs/fits/{experiment}.log",
+    wildcard_constraints:
+        experiment="|".join(name for name, facts in EXPERIMENTS.items() if facts.tables),
+    params:
+        code=jobs.code_of("tables.list_fits"),
+    run:
+        jobs.run_job(log, "tables.list_fits", input, output, params)

@@ -15,8 +15,6 @@ IS_PREDICTED = bool(AMPLITUDES) or any(len(trials) > 1 for trials in REPEATS.val
 rule compare_belt_models:
     input:
         parameters=lambda wildcards: device(REPEATS[wildcards.belts][0]),
-        trials=lambda wildcards: [trial_file(trial) for trial in REPEATS[wildcards.belts]],
-        quality=lambda wildcards: checked(REPEATS[wildcards.belts]),
         fitted=lambda wildcards: rows("belt", REPEATS[wildcards.belts]),
     output:
         RESULTS / "fits/model_comparison/{belts}.csv",
@@ -30,13 +28,13 @@ rule compare_belt_models:
         code=jobs.code_of("bench.compare_belt_models"),
         settings=CONFIG.dynamometer.part("BeltAnalysis"),
     run:
-        jobs.run_job(log, "bench.compare_belt_models", input, output, params)
+        trials = REPEATS[wildcards.belts]
+        read = {"trials": [trial_file(trial) for trial in trials], "quality": checked(trials)}
+        jobs.run_job(log, "bench.compare_belt_models", input, output, params, read=read)
 
 
 rule compare_transmission_models:
     input:
-        trials=lambda wildcards: [trial_file(trial) for trial in REPEATS[wildcards.transmissions]],
-        quality=lambda wildcards: checked(REPEATS[wildcards.transmissions]),
         fitted=lambda wildcards: rows("transmission", REPEATS[wildcards.transmissions]),
     output:
         RESULTS / "fits/model_comparison/{transmissions}.csv",
@@ -51,14 +49,15 @@ rule compare_transmission_models:
         settings=CONFIG.dynamometer.part("SteppedSineAnalysis"),
         sign_width=CONFIG.model_comparison.sign_width,
     run:
-        jobs.run_job(log, "bench.compare_transmission_models", input, output, params)
+        trials = REPEATS[wildcards.transmissions]
+        read = {"trials": [trial_file(trial) for trial in trials], "quality": checked(trials)}
+        jobs.run_job(log, "bench.compare_transmission_models", input, output, params, read=read)
 
 
 rule compare_impedance_models:
     input:
         parameters=lambda wildcards: device(wildcards.trial),
-        trial=RESULTS / "trials/{trial}.parquet",
-        fitted=lambda wildcards: rows("impedance", [wildcards.trial]),
+        fitted=[RESULTS / "fits/impedance/{trial}.csv"],
     output:
         RESULTS / "fits/model_comparison/{trial}.csv",
     log:
@@ -75,4 +74,5 @@ rule compare_impedance_models:
         condition=sheet_row("controller", "K_d", "B_d"),
         windows=stated_windows,
     run:
-        jobs.run_job(log, "bench.compare_impedance_models", input, output, params)
+        read = {"trial": trial_file(wildcards.trial)}
+        jobs.run_job(log, "bench.compare_impedance_models", input, output, params, read=read)

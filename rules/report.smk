@@ -8,13 +8,9 @@ def by_stem(files) -> dict[str, str]:
 
 rule report:
     input:
-        trials=ingested(),
-        verdicts=checked(CAMPAIGN.trials()),
-        series=rows("series") if "series" in PER_TRIAL else [],
-        crossings=crossings(CAMPAIGN.trials("walking")),
+        **({"captions": RESULTS / "figures/captions.md"} if drawn_names() else {}),
         tables=[*result_tables(), *([RESULTS / "tables/walking_responses.csv"] if CAMPAIGN.trials("walking") else [])],
         figures=lambda wildcards: [RESULTS / f"figures/{name}.svg" for name in drawn_names()],
-        captions=lambda wildcards: [file for file in drawn_files() if file.suffix == ".md"],
         excluded=RESULTS / "tables/excluded.csv",
         summary=RESULTS / "summary.json",
     output:
@@ -29,10 +25,12 @@ rule report:
         sheet=lambda wildcards: CAMPAIGN.every_row(),
         largest_mb=CONFIG.report.largest_mb,
     run:
-        several = {
-            name: by_stem(input[name])
-            for name in ("trials", "verdicts", "series", "crossings", "tables", "figures")
+        read = {
+            "trials": by_stem(ingested()),
+            "verdicts": by_stem(checked(CAMPAIGN.trials())),
+            "series": by_stem(rows("series") if "series" in PER_TRIAL else []),
+            "crossings": by_stem(crossings(CAMPAIGN.trials("walking"))),
+            "tables": by_stem(input.tables),
+            "figures": by_stem(input.figures),
         }
-        single = {"excluded": input.excluded, "summary": input.summary}
-        single |= {"captions": file for file in input.captions}
-        jobs.run_job(log, "report.write_report", {**several, **single}, output, params)
+        jobs.run_job(log, "report.write_report", input, output, params, read=read)

@@ -25,6 +25,20 @@ def rows(table: str, trials=None) -> list[Path]:
     return [folder / f"{trial}.csv" for trial in (PER_TRIAL[table] if trials is None else trials)]
 
 
+def first_rows(experiment: str) -> list[Path]:
+    """One file of the results of each trial of an experiment."""
+    table = CONFIG.tables(experiment)[0]
+    return rows(table.name, CAMPAIGN.rows_of(experiment, table))
+
+
+def behind(table: str) -> list[Path]:
+    """What was made when all single trials' results behind a table were: the lists of its experiments, or the results
+    themselves.
+    """
+    experiments = [name for name, one in TABLES if one.name == table]
+    return fitted(*experiments) if experiments else rows(table)
+
+
 def verdicts_on(table: str) -> list[Path]:
     """The verdicts on the trials of a table; the table of the verdicts itself has all trials."""
     return checked(name for name in PER_TRIAL[table] if name in CAMPAIGN.sheet.index and table != "quality")
@@ -63,6 +77,13 @@ def all_rows() -> list[Path]:
     return [*crossings(CAMPAIGN.trials("walking")), *(path for table in PER_TRIAL for path in rows(table))]
 
 
+def every_end() -> list[Path]:
+    """What was made when the results of single trials of every kind were."""
+    tables = [table for table in ("model_comparison", "hinge") if PER_TRIAL[table]]
+    tables += ["walking_crossings"] * bool(CAMPAIGN.trials("walking"))
+    return [*fitted(*EXPERIMENTS), *(RESULTS / f"tables/{table}.csv" for table in tables)]
+
+
 def rows_behind(table: str) -> list[Path]:
     """The results of single trials that a table, which may be derived from others, is made of."""
     if table in EXPERIMENTS["walking"].further_tables:
@@ -73,9 +94,7 @@ def rows_behind(table: str) -> list[Path]:
 
 rule table:
     input:
-        rows=lambda wildcards: rows(wildcards.table),
-        fits=lambda wildcards: rows(DOUBTS_OF[wildcards.table]) if wildcards.table in DOUBTS_OF else [],
-        quality=lambda wildcards: verdicts_on(wildcards.table),
+        after=lambda wildcards: behind(wildcards.table),
     output:
         RESULTS / "tables/{table}.csv",
     log:
@@ -88,7 +107,9 @@ rule table:
         limits_of_fits=lambda wildcards: limits_of(DOUBTS_OF.get(wildcards.table, "")),
         places=PLACES,
     run:
-        jobs.run_job(log, "tables.gather", input, output, params)
+        read = {"rows": rows(wildcards.table), "quality": verdicts_on(wildcards.table)}
+        read |= {"fits": rows(DOUBTS_OF[wildcards.table])} if wildcards.table in DOUBTS_OF else {}
+        jobs.run_job(log, "tables.gather", input, output, params, read=read)
 
 
 rule derived_table:
@@ -110,8 +131,7 @@ rule derived_table:
 rule pool_responses:
     input:
         parameters=CONFIG.parameters or [],
-        lines=lambda wildcards: rows("response_lines"),
-        quality=lambda wildcards: verdicts_on("response_lines"),
+        after=behind("response_lines") if "response_lines" in PER_TRIAL else [],
     output:
         response_pooled=RESULTS / "tables/response_pooled.csv",
         response_models_pooled=RESULTS / "tables/response_models_pooled.csv",
@@ -122,7 +142,8 @@ rule pool_responses:
         conditions=lambda wildcards: {trial: CAMPAIGN.row(trial) for trial in PER_TRIAL["response_lines"]},
         settings=CONFIG.dynamometer.part("FilterSettings"),
     run:
-        jobs.run_job(log, "response.pool_responses", input, output, params)
+        read = {"lines": rows("response_lines"), "quality": verdicts_on("response_lines")}
+        jobs.run_job(log, "response.pool_responses", input, output, params, read=read)
 
 
 rule gains_table:

@@ -76,7 +76,7 @@ rule quality_table:
 rule excluded_trials:
     input:
         verdicts=RESULTS / "tables/quality.csv",
-        fitted=lambda wildcards: all_rows(),
+        after=lambda wildcards: every_end(),
     output:
         RESULTS / "tables/excluded.csv",
     log:
@@ -86,4 +86,4 @@ rule excluded_trials:
         by_sheet=dict(CAMPAIGN.excluded),
         places=PLACES,
     run:
-        jobs.run_job(log, "quality.list_excluded", input, output, params)
+        jobs.run_job(log, "quality.list_excluded", input, output, params, read={"fitted": all_rows()})

@@ -33,11 +33,16 @@ def crossings(trials) -> list[Path]:
     return [RESULTS / f"crossings/{trial}.parquet" for trial in trials]
 
 
+def crossed(perturbed: bool) -> dict[str, list[Path]]:
+    """The analysed crossings that are perturbed, or those that are not, and the verdicts on them."""
+    trials = CAMPAIGN.crossings(perturbed)
+    return {"crossings": crossings(trials), "quality": checked(trials)}
+
+
 rule calibrate_markers:
     input:
         trial=lambda wildcards: trial_file(wildcards.static),
         motion=lambda wildcards: [trial_file(trial) for trial in motion_of(wildcards.static)],
-        quality=lambda wildcards: checked([wildcards.static, *motion_of(wildcards.static)]),
     output:
         output=RESULTS / "fits/calibration/{static}.json",
         comparison=RESULTS / "fits/hinge/{static}.csv",
@@ -51,13 +56,13 @@ rule calibrate_markers:
         code=jobs.code_of("crossing.calibrate"),
         settings=lambda wildcards: CAMPAIGN.calibration_settings(wildcards.static),
     run:
-        jobs.run_job(log, "crossing.calibrate", input, output, params)
+        read = {"quality": checked([wildcards.static, *motion_of(wildcards.static)])}
+        jobs.run_job(log, "crossing.calibrate", input, output, params, read=read)
 
 
 rule identify_plate:
     input:
         trials=[trial_file(trial) for trial in CAMPAIGN.plate_trials()],
-        quality=checked(CAMPAIGN.plate_trials()),
         calibrations=lambda wildcards: calibrations(CAMPAIGN.plate_trials()),
     output:
         output=RESULTS / "fits/plate.json",
@@ -71,13 +76,13 @@ rule identify_plate:
         settings=CONFIG.walking.part("PlateModelSettings"),
         statics=lambda wildcards: statics(CAMPAIGN.plate_trials()),
     run:
-        jobs.run_job(log, "crossing.identify_plate", input, output, params)
+        read = {"quality": checked(CAMPAIGN.plate_trials())}
+        jobs.run_job(log, "crossing.identify_plate", input, output, params, read=read)
 
 
 rule measure_platform:
     input:
         trials=[trial_file(trial) for trial in CAMPAIGN.crossings(perturbed=True)],
-        quality=checked(CAMPAIGN.crossings(perturbed=True)),
         calibrations=lambda wildcards: calibrations(CAMPAIGN.crossings(perturbed=True)),
     output:
         output=RESULTS / "fits/platform.json",
@@ -92,7 +97,8 @@ rule measure_platform:
         places=WALKED,
         statics=lambda wildcards: statics(CAMPAIGN.crossings(perturbed=True)),
     run:
-        jobs.run_job(log, "crossing.measure_platform", input, output, params)
+        read = {"quality": checked(CAMPAIGN.crossings(perturbed=True))}
+        jobs.run_job(log, "crossing.measure_platform", input, output, params, read=read)
 
 
 rule analyse_crossing:
@@ -120,7 +126,6 @@ rule analyse_crossing:
 rule select_crossings:
     input:
         crossings=crossings(CAMPAIGN.trials("walking")),
-        quality=checked(CAMPAIGN.trials("walking")),
     output:
         RESULTS / "tables/walking_crossings.csv",
     log:
@@ -131,13 +136,12 @@ rule select_crossings:
         sheet=CAMPAIGN.conditions(),
         places=WALKED,
     run:
-        jobs.run_job(log, "walking.select_crossings", input, output, params)
+        read = {"quality": checked(CAMPAIGN.trials("walking"))}
+        jobs.run_job(log, "walking.select_crossings", input, output, params, read=read)
 
 
 rule average_unperturbed:
     input:
-        crossings=crossings(CAMPAIGN.crossings(perturbed=False)),
-        quality=checked(CAMPAIGN.crossings(perturbed=False)),
         selection=RESULTS / "tables/walking_crossings.csv",
     output:
         RESULTS / "fits/unperturbed.parquet",
@@ -147,13 +151,12 @@ rule average_unperturbed:
         code=jobs.code_of("walking.average_unperturbed"),
         settings=CONFIG.walking.part("UnperturbedSettings"),
     run:
-        jobs.run_job(log, "walking.average_unperturbed", input, output, params)
+        jobs.run_job(log, "walking.average_unperturbed", input, output, params, read=crossed(perturbed=False))
 
 
 rule fit_perturbation:
     input:
         crossing=RESULTS / "crossings/{trial}.parquet",
-        selection=RESULTS / "tables/walking_crossings.csv",
         unperturbed=RESULTS / "fits/unperturbed.parquet",
     output:
         RESULTS / "fits/walking/{trial}.csv",
@@ -165,14 +168,13 @@ rule fit_perturbation:
         code=jobs.code_of("walking.fit_perturbation"),
         settings=CONFIG.walking.part("ResponseSettings"),
     run:
-        jobs.run_job(log, "walking.fit_perturbation", input, output, params)
+        read = {"selection": RESULTS / "tables/walking_crossings.csv"}
+        jobs.run_job(log, "walking.fit_perturbation", input, output, params, read=read)
 
 
 rule summarise_walking:
     input:
         table=RESULTS / "tables/walking.csv",
-        crossings=crossings(CAMPAIGN.crossings(perturbed=True)),
-        quality=checked(CAMPAIGN.crossings(perturbed=True)),
         selection=RESULTS / "tables/walking_crossings.csv",
         unperturbed=RESULTS / "fits/unperturbed.parquet",
     output:
@@ -189,7 +191,7 @@ rule summarise_walking:
         places=WALKED,
         limits=CONFIG.doubtful.of("walking_groups").model_dump(mode="json"),
     run:
-        jobs.run_job(log, "walking.summarise_perturbations", input, output, params)
+        jobs.run_job(log, "walking.summarise_perturbations", input, output, params, read=crossed(perturbed=True))
 
 
 rule impedance_over_stance:

@@ -70,14 +70,16 @@ def test_resources_are_those_of_the_jobs_that_run_at_a_time_and_of_their_recordi
     results = ["trials/c.parquet", "quality/c.csv", "trials/d.parquet", "calibration.json"]
     jobs = [job("fit", "trials", trial=trial, resources=use) for trial in "ab"]
     jobs.append(job("compare", "shared", input=results, resources=use))
-    asked = cluster.resources(jobs, 2, lambda trial: sizes.get(trial, 0.0))
+    asked = cluster.resources(jobs, 2, sizes)
     memory = cluster.STARTING_MB + 2 * (100 + 9 * 10)
     assert asked == {"slurm_partition": "long", "_cores": 2, "_nodes": 1, "mem_mb": memory, "runtime": 7}
+    page = job("report", "figures", input=["tables/impedance.csv"], resources=use)
+    assert cluster.resources([page], 1, sizes)["mem_mb"] == cluster.STARTING_MB + 100 + sum(sizes.values()) * 10
 
 
 def test_the_longest_job_sets_the_time_however_many_cores_there_are():
     jobs = [job("fit", "trials", trial="a", resources={"core_ms": ms}) for ms in (600_000, 1000, 1000)]
-    assert cluster.resources(jobs, 16, lambda _: 0.0)["runtime"] == 1 + 30
+    assert cluster.resources(jobs, 16, {})["runtime"] == 1 + 30
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from osl_analysis import workflow
 from osl_analysis.files import file_state
 from osl_analysis.job_log import JobLog, read_log, write_log
 from osl_analysis.refusal import Refusal, write_refusals
-from osl_analysis.stale import RECORDINGS, SETTINGS, UNKNOWN, logged, made_of, stale
+from osl_analysis.stale import MISSING, RECORDINGS, SETTINGS, UNKNOWN, logged, made_of, stale
 from osl_analysis.trial import Trial, write_trial
 
 PARAMS = {"code": "1f", "row": {"trial": "b_1"}, "columns": ("theta", "torque")}
@@ -111,4 +111,4 @@ def test_snakemake_is_told_of_results_that_do_not_hold(ingested: Ingested) -> No
     job.params = PARAMS | {"recorded": {str(ingested.raw): file_state(ingested.raw)}}
     assert run.persistence.params_changed(job) == {"only_old": {RECORDINGS}, "files": {str(ingested.trial)}}
     ingested.trial.unlink()
-    assert not run.persistence.params_changed(job)
+    assert run.persistence.params_changed(job) == {"only_old": {MISSING}, "files": {str(ingested.trial)}}

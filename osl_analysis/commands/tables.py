@@ -1,5 +1,6 @@
 """Result tables from the tables of single trials."""
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -7,6 +8,8 @@ import polars as pl
 
 from osl_analysis.doubtful import Doubt, marked, with_doubts_of
 from osl_analysis.errors import InputError
+from osl_analysis.files import atomic_path
+from osl_analysis.refusal import Refusal, refused_trials
 from osl_analysis.table import Places, read_table, with_places, write_table
 
 
@@ -37,3 +40,14 @@ def gather(
         of = pl.concat([read_table(path) for path in fits], how="diagonal_relaxed")
         table = with_doubts_of(table, of, limits_of_fits, fits[0].parent.name)
     write_table(with_places(table, places or {}), output)
+
+
+def list_fits(fits: Sequence[Path], output: Path, refused: Sequence[Refusal] = ()) -> None:
+    """Write which trials of an experiment were fitted, and why the others were not, as JSON.
+
+    `fits` has one file of the results of each trial. Whatever uses the results of all of them is made again with it.
+    """
+    reasons = {trial: cause.reason for trial, cause in refused_trials(refused).items()}
+    with atomic_path(output) as temporary:
+        said = {"fitted": [path.stem for path in fits], "refused": reasons}
+        temporary.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")

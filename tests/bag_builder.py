@@ -1,5 +1,8 @@
 """Small bags of ROS 1 and ROS 2, written by the library `rosbags`, independent of the readers under test."""
 
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +18,13 @@ STEP = 1_000_000
 START = 1_700_000_000_000_000_000
 LATE = 250_000
 """By which a message was received after its stamp [ns]."""
+
+
+@contextmanager
+def edited(database: Path) -> Iterator[sqlite3.Connection]:
+    """An SQLite file to be changed: committed and closed at the end."""
+    with closing(sqlite3.connect(database)) as connection, connection:
+        yield connection
 
 
 def typestore(ros: int):  # type: ignore[no-untyped-def]

@@ -7,6 +7,7 @@ import sqlite3
 import tarfile
 import time
 import zipfile
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +43,7 @@ def saved(save: object, *content: object) -> bytes:
 
 def database() -> bytes:
     """An SQLite database as `ros2 bag record` writes it."""
-    with sqlite3.connect(":memory:") as connection:
+    with closing(sqlite3.connect(":memory:")) as connection:
         connection.execute("CREATE TABLE topics (id INTEGER, name TEXT)")
         return connection.serialize()
 

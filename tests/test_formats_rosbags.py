@@ -1,6 +1,5 @@
 """Bags of ROS 1 and ROS 2 give what the library `rosbags` wrote, through ingest to canonical columns."""
 
-import sqlite3
 import sys
 import tracemalloc
 from functools import partial
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 import zstandard
-from bag_builder import KIND, START, STEP, sample, typestore, write_bag1, write_bag2, write_split
+from bag_builder import KIND, START, STEP, edited, sample, typestore, write_bag1, write_bag2, write_split
 from c3d_builder import REAL_DATA
 from recognised_files import read_recognised, refusal_of
 from rosbags.rosbag1 import Reader as Reader1
@@ -199,11 +198,11 @@ def test_receive_times_are_used_where_the_source_file_says_so(tmp_path: Path) ->
 
 def test_messages_that_the_description_has_and_the_bag_lacks_are_lost(tmp_path: Path) -> None:
     bag = write_bag2(tmp_path / "bag", range(1000))
-    with sqlite3.connect(bag / "bag.db3") as connection:
+    with edited(bag / "bag.db3") as connection:
         connection.execute("DELETE FROM messages WHERE id % 200 = 7")
     recording = read(bag)
     assert recording.facts["damage"]["topics"]["/lab"] == {"messages": 995, "messages_lost": 5}
-    with sqlite3.connect(bag / "bag.db3") as connection:
+    with edited(bag / "bag.db3") as connection:
         connection.execute("DELETE FROM messages WHERE id % 50 = 7")
     assert "2 % of topic '/lab' is lost" in refused(bag)
 
@@ -252,7 +251,7 @@ def test_a_database_that_is_cut_off_or_not_closed_is_refused(tmp_path: Path) -> 
 
 
 def test_a_database_that_is_no_bag_is_refused(tmp_path: Path) -> None:
-    with sqlite3.connect(tmp_path / "a.db3") as connection:
+    with edited(tmp_path / "a.db3") as connection:
         connection.execute("CREATE TABLE topics (id INTEGER, name TEXT)")
     assert "its table 'topics' lacks serialization_format, type" in refused(tmp_path / "a.db3")
     views = {
@@ -262,7 +261,7 @@ def test_a_database_that_is_no_bag_is_refused(tmp_path: Path) -> None:
         "data BLOB AS (zeroblob(900000000)) VIRTUAL)",
     }
     for name, made in views.items():
-        with sqlite3.connect(tmp_path / f"{name}.db3") as connection:
+        with edited(tmp_path / f"{name}.db3") as connection:
             connection.execute("CREATE TABLE topics (id INTEGER, name, type, serialization_format)")
             connection.execute(made)
         assert "table 'messages'" in refused(tmp_path / f"{name}.db3")
@@ -270,10 +269,10 @@ def test_a_database_that_is_no_bag_is_refused(tmp_path: Path) -> None:
 
 def test_rows_that_are_no_messages_are_refused_and_strangers_are_counted(tmp_path: Path) -> None:
     bag = write_bag2(tmp_path / "bag")
-    with sqlite3.connect(bag / "bag.db3") as connection:
+    with edited(bag / "bag.db3") as connection:
         connection.execute("INSERT INTO messages VALUES (99, 77, 5, x'00')")
     assert any("1 messages belong to topics that are not in the bag" in text for text in read(bag).warnings)
-    with sqlite3.connect(bag / "bag.db3") as connection:
+    with edited(bag / "bag.db3") as connection:
         connection.execute("UPDATE messages SET data = 'text' WHERE id = 9")
     assert "holds str at" in refused(bag / "bag.db3")
 
@@ -281,7 +280,7 @@ def test_rows_that_are_no_messages_are_refused_and_strangers_are_counted(tmp_pat
 def test_a_packed_message_that_unpacks_to_too_much_is_refused_within_memory(tmp_path: Path) -> None:
     bag = write_bag2(tmp_path / "bag")
     bomb = zstandard.ZstdCompressor().compress(bytes(1 << 27))
-    with sqlite3.connect(bag / "bag.db3") as connection:
+    with edited(bag / "bag.db3") as connection:
         connection.execute("UPDATE messages SET data = ? WHERE id > 5", (bomb,))
     tracemalloc.start()
     assert "unpacks from" in refused(bag / "bag.db3")
@@ -296,7 +295,7 @@ def standard_bag(folder: Path, kind: str, **fields: Any) -> Path:
         connection = writer.add_connection("/lab", kind, typestore=store)
         writer.write(connection, 5, store.serialize_cdr(store.types[kind](**fields), kind))
         writer.write(connection, 9, store.serialize_cdr(store.types[kind](**fields), kind))
-    with sqlite3.connect(folder / f"{folder.name}.db3") as connection:
+    with edited(folder / f"{folder.name}.db3") as connection:
         connection.execute("DROP TABLE message_definitions")
     return folder
 
@@ -307,7 +306,7 @@ def test_standard_types_are_known_without_definitions_and_others_are_refused(
     bag = standard_bag(tmp_path / "bag", "std_msgs/msg/Float64", data=2.5)
     channels = {"theta": {"topic": "/lab", "field": "data", "unit": "rad"}}
     assert read(bag, channels=channels, time={"source": "log"}).samples["theta"].to_list() == [2.5, 2.5]
-    with sqlite3.connect(write_bag2(tmp_path / "own") / "own.db3") as connection:
+    with edited(write_bag2(tmp_path / "own") / "own.db3") as connection:
         connection.execute("DROP TABLE message_definitions")
     said = refused(tmp_path / "own")
     assert "topic '/lab': the bag has no definition of type 'lab_msgs/msg/Sample', which is no standard one" in said

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 import zstandard
-from bag_builder import KIND, START, STEP, sample, typestore, write_bag1, write_bag2, write_split
+from bag_builder import KIND, START, STEP, edited, sample, typestore, write_bag1, write_bag2, write_split
 from mcap.records import Schema
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -115,9 +115,8 @@ def test_a_clock_that_was_set_back_in_a_database_is_refused(tmp_path: Path) -> N
 
 def test_no_file_appears_beside_a_database_that_had_a_write_ahead_log(tmp_path: Path) -> None:
     bag = write_bag2(tmp_path / "bag")
-    with sqlite3.connect(bag / "bag.db3") as connection:
+    with edited(bag / "bag.db3") as connection:
         connection.execute("PRAGMA journal_mode = WAL")
-    connection.close()
     before, content = kept_files(bag), (bag / "bag.db3").read_bytes()
     check_rows(read(bag))
     assert kept_files(bag) == before
@@ -129,15 +128,13 @@ def test_no_file_appears_beside_a_database_that_had_a_write_ahead_log(tmp_path: 
 def test_packed_messages_that_do_not_say_their_size_are_read(tmp_path: Path) -> None:
     bag = write_bag2(tmp_path / "bag")
     packer = zstandard.ZstdCompressor(write_content_size=False)
-    with sqlite3.connect(bag / "bag.db3") as connection:
+    with edited(bag / "bag.db3") as connection:
         rows = connection.execute("SELECT id, data FROM messages").fetchall()
         packed = [(packer.compress(data), row) for row, data in rows]
         connection.executemany("UPDATE messages SET data = ? WHERE id = ?", packed)
-    connection.close()
     check_rows(read(bag))
-    with sqlite3.connect(bag / "bag.db3") as connection:
+    with edited(bag / "bag.db3") as connection:
         connection.execute("UPDATE messages SET data = ? WHERE id = 7", (packer.compress(bytes(1 << 27)),))
-    connection.close()
     assert "more than the 67108864 that are unpacked" in refused(bag / "bag.db3")
 
 
@@ -150,7 +147,7 @@ def test_a_standard_type_that_changed_needs_the_distribution(tmp_path: Path) -> 
         connection = writer.add_connection("/lab", kind, typestore=store)
         for time in (5, 9):
             writer.write(connection, time, store.serialize_cdr(store.types[kind](header, 1, 0.1, 0.2, 3.0, 1.5), kind))
-    with sqlite3.connect(tmp_path / "bag" / "bag.db3") as database:
+    with edited(tmp_path / "bag" / "bag.db3") as database:
         database.execute("DROP TABLE message_definitions")
     said = refused(tmp_path / "bag", channels=channels, time={"source": "log"})
     assert "which differs between the distributions of ROS 2; convert it with `ros2 bag convert`" in said

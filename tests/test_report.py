@@ -204,12 +204,14 @@ def test_signals_are_thinned_out_until_the_page_is_small_enough_and_the_page_say
     rng = np.random.default_rng(2)
     series = pl.DataFrame({"time": np.arange(60_000.0), "torque": rng.normal(size=60_000)})
     trials = [trial(f"t{k}") for k in range(6)]
-    whole, small = (page_of(trials, mb, {"series": series}) for mb in (40.0, 1.7))
+    bare = len(page_of(trials, tables={"series": series[:1]}))  # most of it is Bokeh, of a size of its own per version
+    limit = 300_000 + bare
+    whole, small = (page_of(trials, mb, {"series": series}) for mb in (40.0, limit / 1e6))
     with pytest.warns(UserWarning, match="MB larger than `report: largest_mb`"):
         smallest = page_of(trials, 0.5, {"series": series})
-    assert len(whole) > 1_900_000
-    assert len(small) < 1_700_000
-    assert len(smallest) < 1_500_000
+    assert len(whole) > bare + 500_000
+    assert len(small) < limit
+    assert len(smallest) < bare + 10_000
     assert '"every": 300,' in smallest
     assert "every" not in Page(whole).text.partition("Keys:")[0].rpartition("Drawn with")[2]
     assert re.search(r"every \d+th sample", Page(small).text)

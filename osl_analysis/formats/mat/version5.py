@@ -198,7 +198,7 @@ def read_version5(data: bytes, wanted: Sequence[str]) -> dict[str, Value]:
 
     try:
         stream: Any = io.BytesIO(data)
-        raw = loadmat(stream, variable_names=list(wanted))
+        raw = loadmat(stream, variable_names=list(wanted), spmatrix=False)
     except Exception as error:  # on a damaged file scipy raises whatever its parser comes across
         raise InputError(f"{listing(wanted, 4)} cannot be read ({type(error).__name__}: {error}); {DAMAGED}") from error
     return {name: value_of(raw[name]) for name in wanted if name in raw}

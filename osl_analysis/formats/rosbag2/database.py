@@ -181,8 +181,12 @@ def expect(damage: Damage, declared: Declared, metadata: Metadata | None) -> Non
 def opened(path: Path) -> sqlite3.Connection:
     """The database, read-only, with limits on what one value may be."""
     connection = sqlite3.connect(f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1", uri=True)
-    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_MESSAGE)
-    connection.execute("PRAGMA trusted_schema = OFF")
+    try:
+        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_MESSAGE)
+        connection.execute("PRAGMA trusted_schema = OFF")
+    except sqlite3.Error:  # where the file is no whole database, the first statement fails
+        connection.close()
+        raise
     return connection
 
 

@@ -47,7 +47,7 @@ from osl_analysis.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.protocol.likeness import likeness
 from osl_analysis.second_order import impedance_columns
 from osl_analysis.shipped import default_config
-from osl_analysis.signals import seven_point_motion
+from osl_analysis.signals import SevenPointMotion
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, read_trial
@@ -131,7 +131,7 @@ def stages(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> Itera
     yield "stepped sine or not", lambda: likeness(signals.time, signals["theta"], s.protocol).kind
     yield "blocks", lambda: find_blocks(signals.time, signals["theta"], s.protocol, motion.runs)
     yield "filter", lambda: [s.low_pass(signals[name], signals.rate_hz) for name in ("theta", "torque")]
-    yield "derivatives", lambda: seven_point_motion(trial.time, trial.motion.theta, trial.rate_hz)
+    yield "derivatives", lambda: SevenPointMotion(trial.time, trial.motion.theta, trial.rate_hz)[:]
     yield "fits with covariance", lambda: fits_by_amplitude(replace(trial), impedance_columns)
     yield "held-out VAF", lambda: [lowest_held_out_vaf(trial, a, fit, impedance_columns) for a, _, fit in fits]
     yield "phasors", lambda: trial_phasors(replace(trial))

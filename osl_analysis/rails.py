@@ -43,7 +43,7 @@ def check_ranges(trial: Trial) -> None:
     InputError
         The message names trial, channel, values, and range.
     """
-    for column in trial.samples.columns:
+    for column in trial.columns:
         if (ends := stated_range(trial, column)) is None or not (values := sampled(trial, column)[1]).size:
             continue
         (low, high), (least, most) = ends, (float(values.min()), float(values.max()))
@@ -62,7 +62,7 @@ def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int
     it is clipped only where `torque` goes on to change meanwhile. This holds for an angle that a bench drives; a motor
     behind a belt may stand by its own friction while the torque changes.
     """
-    if column not in trial.samples.columns:
+    if column not in trial.columns:
         return 0
     time, values = sampled(trial, column)
     at_stated = longest_at_stated(values, stated_range(trial, column))
@@ -75,10 +75,11 @@ def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int
 
 def sampled(trial: Trial, column: str) -> tuple[Array, Array]:
     """Time [s] and values of a column, (n,) each, where it was sampled; empty without the column."""
-    if column not in trial.samples.columns:
+    if column not in trial.columns:
         return np.empty(0), np.empty(0)
-    rows = trial.samples.select("time", column).drop_nulls().drop_nans(column)
-    return rows["time"].to_numpy(), rows[column].to_numpy()
+    time, values = trial.arrays(column)
+    missing = np.isnan(values)
+    return (time[~missing], values[~missing]) if missing.any() else (time, values)
 
 
 def longest_at_stated(values: Array, ends: tuple[float, float] | None) -> int:
@@ -106,7 +107,7 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
     when, values = torque
     if not theta.size or not np.ptp(theta) or not when.size or not np.ptp(values):
         return 0
-    noise = float(np.median(np.abs(np.diff(values, 3)))) / 3.016 if values.size > 3 else np.inf  # of white noise
+    noise = usual_size(np.diff(values, 3)) / 3.016 if values.size > 3 else np.inf  # of white noise
     changes = max(CERTAIN * noise, CREEP * float(np.ptp(values)))
     longest = 0
     for end in (theta.min(), theta.max()):
@@ -118,6 +119,11 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
                 moved = [abs(theta[at] - end) for at in sides if 0 <= at < theta.size]
                 longest = count if moved and min(moved) > CORNER * smallest_step(theta) else longest
     return longest
+
+
+def usual_size(values: Array) -> float:
+    """Median size of some values (n,), in whose place their sizes are left."""
+    return float(np.median(np.abs(values, out=values), overwrite_input=True))
 
 
 def smallest_step(values: Array) -> float:

@@ -17,6 +17,8 @@ SLOPE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60
 CURVATURE = np.array([2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0]) / 180
 """First and second derivative per step and per squared step, of the polynomial of degree 6 through seven samples
 (Fornberg, Math. Comput. 51, 1988, table 1). Of a sine of w rad per sample they lose w^6/140 and w^6/560."""
+REACH = len(SLOPE) // 2
+"""Samples of these on either side."""
 LOST = 1e-8
 """Share of a velocity at the cut-off of the filter that the seven samples may lose: 5e-9 at 15 Hz and 1 kHz."""
 ENDS = 40
@@ -206,20 +208,49 @@ def filtered_motion(time: Array, theta: Array, torque: Array, low_pass: LowPass)
     smooth = low_pass(theta, rate)
     lost = (2 * np.pi * low_pass.cutoff_hz / rate) ** 6 / 140
     short = len(time) < 2 * ENDS
-    motion = differentiate(time, smooth) if short or lost > LOST else seven_point_motion(time, smooth, rate)
+    motion = differentiate(time, smooth) if short or lost > LOST else SevenPointMotion(time, smooth, rate)
     return motion, low_pass(torque, rate)
 
 
-def seven_point_motion(time: Array, theta: Array, rate_hz: float) -> Motion:
-    """Angle (n,) [rad], sampled evenly at `rate_hz` and slow beside it, with its derivatives from seven samples each.
+class SevenPointMotion(Motion):
+    """An angle (n,) [rad], evenly sampled at `rate_hz`, slow beside it, with its derivatives from seven samples each.
 
-    The three rows at either end are those of the spline.
+    The three rows at either end are those of the spline. Derivatives are made when they are asked for, for the rows of
+    a piece alone, since those of a long record need twice its room.
     """
-    reach = len(SLOPE) // 2
-    omega, alpha = np.empty_like(theta), np.empty_like(theta)
-    np.multiply(np.correlate(theta, SLOPE, "valid"), rate_hz, out=omega[reach:-reach])
-    np.multiply(np.correlate(theta, CURVATURE, "valid"), rate_hz**2, out=alpha[reach:-reach])
-    for rows, ends in ((slice(ENDS), slice(reach)), (slice(-ENDS, None), slice(-reach, None))):
-        near = differentiate(time[rows], theta[rows])
-        omega[ends], alpha[ends] = near.omega[ends], near.alpha[ends]
-    return Motion(theta, omega, alpha)
+
+    def __init__(self, time: Array, theta: Array, rate_hz: float) -> None:
+        padded = np.pad(theta, REACH)
+        fields = {"theta": padded[REACH:-REACH], "padded": padded, "rate_hz": rate_hz}
+        ends = {"first": slice(ENDS), "last": slice(-ENDS, None)}
+        for name, value in (fields | {name: differentiate(time[r], theta[r]) for name, r in ends.items()}).items():
+            object.__setattr__(self, name, value)
+
+    padded: Array
+    rate_hz: float
+    first: Motion
+    last: Motion
+
+    @property
+    def omega(self) -> Array:
+        """Velocity (n,) [rad/s]."""
+        return self[:].omega
+
+    @property
+    def alpha(self) -> Array:
+        """Acceleration (n,) [rad/s^2]."""
+        return self[:].alpha
+
+    def __getitem__(self, rows: slice | NDArray[np.intp]) -> Motion:
+        if not isinstance(rows, slice) or rows.step not in (None, 1):
+            return Motion(self.theta, self.omega, self.alpha)[rows]
+        start, stop, _ = rows.indices(len(self.theta))
+        if stop <= start:
+            return Motion(*np.empty((3, 0)))
+        known = self.padded[start : stop + 2 * REACH]
+        omega = np.correlate(known, SLOPE, "valid") * self.rate_hz
+        alpha = np.correlate(known, CURVATURE, "valid") * self.rate_hz**2
+        for row in {*range(start, min(stop, REACH)), *range(max(start, len(self.theta) - REACH), stop)}:
+            end, at = (self.first, row) if row < REACH else (self.last, row - len(self.theta))
+            omega[row - start], alpha[row - start] = end.omega[at], end.alpha[at]
+        return Motion(self.theta[rows], omega, alpha)

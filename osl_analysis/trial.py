@@ -48,6 +48,20 @@ class Trial:
             raise InputError(f"trial {self.name}: no samples; record the trial again or exclude it in the sheet")
         check_time(self.name, self.samples["time"].to_numpy())
 
+    @property
+    def columns(self) -> Sequence[str]:
+        """Names of the columns, `time` among them."""
+        return self.samples.columns
+
+    def present(self, column: str) -> NDArray[np.bool_]:
+        """Rows (n,) in which a column was sampled; NaN, a value that is missing there, counts."""
+        self.check_columns(column)
+        return self.samples[column].is_not_null().to_numpy()
+
+    def arrays(self, *columns: str) -> list[Array]:
+        """Time [s] and the named columns, (n,) each, in the rows of `sampled`."""
+        return [rows.to_numpy() for rows in self.sampled(*columns).iter_columns()]
+
     def signals(self, *columns: str) -> tuple[Array, ...]:
         """Time [s] and the named columns, shape (n,) each, at the stamps where all of them have a sample.
 
@@ -79,11 +93,11 @@ class Trial:
         InputError
             The message suggests those that are like it.
         """
-        absent = [c for c in columns if c not in self.samples.columns]
+        absent = [c for c in columns if c not in self.columns]
         if absent:
             raise InputError(
                 f"trial {self.name}: no column '{absent[0]}'; map the channel in the source file "
-                f"({like(absent[0], self.samples.columns)})"
+                f"({like(absent[0], self.columns)})"
             )
 
 
@@ -144,15 +158,33 @@ def read_trial(path: Path) -> Trial:
     InputError
         The file is missing, is not Parquet, or is Parquet that ingest did not write.
     """
+    name, provenance = read_metadata(path)
+    return Trial(name, read_samples(pl.scan_parquet(path), path), provenance)
+
+
+def read_metadata(path: Path) -> tuple[str, dict[str, Any]]:
+    """Name and provenance of what `write_trial` wrote; raises as `read_trial`."""
     check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such trial; ingest it first (osl-analysis ingest)")
     try:
         metadata = pl.read_parquet_metadata(path)
-        samples = pl.read_parquet(path)
     except (pl.exceptions.PolarsError, OSError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(f"{path}: not a Parquet file ({reason}); ingest the trial again") from error
+        raise not_parquet(path, error) from error
     if PROVENANCE_KEY not in metadata:
         raise InputError(f"{path}: Parquet without provenance; only a file that ingest wrote is a trial")
-    return Trial(metadata[NAME_KEY], samples, json.loads(metadata[PROVENANCE_KEY]))
+    return metadata[NAME_KEY], json.loads(metadata[PROVENANCE_KEY])
+
+
+def read_samples(wanted: pl.LazyFrame, path: Path) -> pl.DataFrame:
+    """What is wanted of the samples of a file; raises as `read_trial`."""
+    try:
+        return wanted.collect()
+    except (pl.exceptions.PolarsError, OSError) as error:
+        raise not_parquet(path, error) from error
+
+
+def not_parquet(path: Path, error: Exception) -> InputError:
+    """A file that is damaged or of another format."""
+    reason = str(error).splitlines()[0]
+    return InputError(f"{path}: not a Parquet file ({reason}); ingest the trial again")

@@ -89,9 +89,9 @@ def uniform_signals(
         A column is missing, or its stamps cannot be brought on a grid; the message names the trial.
     """
     rows = {column: sampled_rows(trial, column) for column in columns}
-    stamped = {there.tobytes() for there in rows.values()}
-    also = {c: sampled_rows(trial, c) for c in computed if c in trial.samples.columns}
-    rows |= {column: there for column, there in also.items() if there.tobytes() in stamped}
+    stamped = set(rows.values())
+    also = {c: sampled_rows(trial, c) for c in computed if c in trial.columns}
+    rows |= {column: there for column, there in also.items() if there in stamped}
     try:
         grid = one_time_base(streams(trial, rows, frozenset(also)), limits)
         low_passes = {column: one for column in rows if (one := stated_low_pass(trial, column))}
@@ -117,41 +117,43 @@ def on_grid(
     return UniformSignals(trial, grid, signals, low_passes, devices)
 
 
-def sampled_rows(trial: Trial, column: str) -> NDArray[np.bool_]:
-    """Rows (n,) of the trial in which a column was sampled; NaN, a value that is missing there, counts."""
-    trial.check_columns(column)
-    return trial.samples[column].is_not_null().to_numpy()
+def sampled_rows(trial: Trial, column: str) -> bytes:
+    """In which rows of the trial a column was sampled, a bit each; nothing where in all."""
+    there = trial.present(column)
+    return b"" if there.all() else np.packbits(there).tobytes()
 
 
-def streams(trial: Trial, rows: Mapping[str, NDArray[np.bool_]], silent: frozenset[str]) -> list[Stream]:
-    """The streams of a trial: columns with samples in the same rows share their stamps."""
-    time, groups = trial.samples["time"].to_numpy(), dict[str, list[str]]()
+def streams(trial: Trial, rows: Mapping[str, bytes], silent: frozenset[str]) -> list[Stream]:
+    """The streams of a trial: columns with samples in the same `rows` (`sampled_rows`) share their stamps."""
+    groups = dict[str, list[str]]()
     for column, first in devices(rows).items():
         groups.setdefault(first, []).append(column)
-    return [
-        Stream(
+    found = []
+    for first, names in groups.items():
+        stamps, *values = trial.arrays(*names)
+        one = Stream(
             ", ".join(names),
-            time[rows[first]],
-            {name: trial.samples[name].drop_nulls().to_numpy() for name in names},
+            stamps,
+            dict(zip(names, values, strict=True)),
             choice=stated_stamps(trial, first),
             counter=counter_of(trial, names),
             silent=silent,
             delays={name: origin(trial, name).get("delay") or 0.0 for name in names},
         )
-        for first, names in groups.items()
-    ]
+        found.append(one)
+    return found
 
 
 def counter_of(trial: Trial, names: Sequence[str]) -> NDArray[np.int64] | None:
     """The device's count of the samples of columns that share their stamps; None where the log has none."""
-    name = next((c for c in map(counter_column, names) if c in trial.samples.columns), None)
-    return None if name is None else np.asarray(trial.samples[name].drop_nulls().to_numpy(), dtype=np.int64)
+    name = next((c for c in map(counter_column, names) if c in trial.columns), None)
+    return None if name is None else np.asarray(trial.arrays(name)[1], dtype=np.int64)
 
 
-def devices(rows: Mapping[str, NDArray[np.bool_]]) -> dict[str, str]:
-    """For each column the first one with samples in the same rows."""
+def devices(rows: Mapping[str, bytes]) -> dict[str, str]:
+    """For each column the first one with samples in the same rows, as `sampled_rows` has these."""
     first: dict[bytes, str] = {}
-    return {column: first.setdefault(there.tobytes(), column) for column, there in rows.items()}
+    return {column: first.setdefault(there, column) for column, there in rows.items()}
 
 
 def origin(trial: Trial, column: str) -> Mapping[str, Any]:

@@ -33,13 +33,8 @@ def check_recording(trial: Trial, limits: BenchAnalysis, torque: str = "torque",
     InputError
         The message names trial, channel, value, and the likely unit.
     """
+    check_unit_of_time(trial)
     turned, measured = recorded_values(trial, angle), recorded_values(trial, torque)
-    steps = np.diff(trial.samples["time"].drop_nulls().to_numpy())
-    if steps.size and 0 < (step := float(np.median(steps))) < SHORTEST_STEP_S:
-        raise InputError(
-            f"trial {trial.name}: its samples are {step:.2g} s apart, {1 / step:.3g} in a second: is its time recorded "
-            "in another unit than it is declared in? Correct the unit of `time` in the source file"
-        )
     if turned.size and measured.size > 1 and np.ptp(turned) and not np.ptp(measured):
         raise InputError(
             f"trial {trial.name}: {torque} is {measured[0]:.4g} N*m in all samples while {angle} turns by "
@@ -56,7 +51,7 @@ def check_recording(trial: Trial, limits: BenchAnalysis, torque: str = "torque",
             f"trial {trial.name}: {angle} turns by +-{half:.3g} rad ({np.rad2deg(half):.0f} deg), more than the "
             f"{limits.largest_angle:g} rad of `largest_angle` in the configuration: {cause} in the source file"
         )
-    largest = float(np.max(np.abs(measured))) if measured.size else 0.0
+    largest = max(float(measured.max()), -float(measured.min())) if measured.size else 0.0
     if limits.load_cell_range is not None and largest > limits.load_cell_range:
         raise InputError(
             f"trial {trial.name}: {torque} reaches {largest:.4g} N*m, more than the {limits.load_cell_range:g} N*m of "
@@ -64,10 +59,21 @@ def check_recording(trial: Trial, limits: BenchAnalysis, torque: str = "torque",
         )
 
 
+def check_unit_of_time(trial: Trial) -> None:
+    """Refuse samples that are too close for any recorder of a joint; raises as `check_recording`."""
+    steps = np.diff(trial.arrays()[0])
+    if steps.size and 0 < (step := float(np.median(steps, overwrite_input=True))) < SHORTEST_STEP_S:
+        raise InputError(
+            f"trial {trial.name}: its samples are {step:.2g} s apart, {1 / step:.3g} in a second: is its time recorded "
+            "in another unit than it is declared in? Correct the unit of `time` in the source file"
+        )
+
+
 def recorded_values(trial: Trial, column: str | None) -> Array:
     """The finite values of a column where it was sampled, (n,); empty where the trial does not have it."""
     values = np.empty(0) if column is None else sampled(trial, column)[1]
-    return np.asarray(values[np.isfinite(values)])
+    finite = np.isfinite(values)
+    return values if finite.all() else values[finite]
 
 
 def with_clipping(table: pl.DataFrame, trial: Trial, torque: str = "torque", *others: str) -> pl.DataFrame:

@@ -52,13 +52,13 @@ from osl_analysis.bench.transmission import (
 from osl_analysis.errors import InputError
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.parameters import FileOrNone, known_parameters, read_parameters
+from osl_analysis.stored_trial import open_trial
 from osl_analysis.table import read_table, write_table
-from osl_analysis.trial import read_trial
 
 
 def fit_belt_trial(trial: Path, parameters: FileOrNone, settings: BeltAnalysis, tables: Mapping[str, Path]) -> None:
     """Fit one belt trial: its rows of the tables `belt` and `belt_curves` (torque against deflection)."""
-    read, p = read_trial(trial), known_parameters(parameters)
+    read, p = open_trial(trial), known_parameters(parameters)
     check_recording(read, settings)
     belt = belt_trial(read, p, settings)
     write_table(plausible_belt(belt_table(belt), read, p), tables["belt"])
@@ -71,7 +71,7 @@ def fit_transmission_trial(
     trial: Path, parameters: FileOrNone, settings: SteppedSineAnalysis, tables: Mapping[str, Path]
 ) -> None:
     """Fit one transmission trial: its rows of the table `transmission`."""
-    read = read_trial(trial)
+    read = open_trial(trial)
     check_recording(read, settings)
     stepped = stepped_sine_trial(read, settings)
     table = plausible_transmission(transmission_table(stepped), read, known_parameters(parameters))
@@ -96,7 +96,7 @@ def fit_impedance_trial(
     impedance of the trial, as far as it is known. `weight` is W of Eq. 14 with which its gains were selected.
     `windows` [s] are those of the sheet, which are fitted where the motion is no stepped sine.
     """
-    p, read = known_parameters(parameters), read_trial(trial)
+    p, read = known_parameters(parameters), open_trial(trial)
     check_recording(read, settings)
     rendered = rendered_trial(read, settings, windows)
     asked = AskedImpedance(condition, weight, settings.frequencies_hz)
@@ -115,7 +115,7 @@ def fit_actuator_trial(
     trial: Path, parameters: FileOrNone, settings: ActuatorAnalysis, tables: Mapping[str, Path]
 ) -> None:
     """Fit one trial of the actuator's bench: its row of the table `actuator`."""
-    read = read_trial(trial)
+    read = open_trial(trial)
     check_recording(read, settings, "torque_m", angle=None)
     actuator = actuator_trial(read, settings)
     table = plausible_actuator(actuator_table(actuator), read, known_parameters(parameters))
@@ -169,14 +169,14 @@ def average_over_amplitudes(table: Path, output: Path) -> None:
 def compare_belt_models(trials: Sequence[Path], parameters: FileOrNone, settings: BeltAnalysis, output: Path) -> None:
     """Rival models of the belt on each trial, predicted by fits to all the others."""
     p = known_parameters(parameters)
-    write_table(belt_scores([belt_trial(read_trial(path), p, settings) for path in trials]), output)
+    write_table(belt_scores([belt_trial(open_trial(path), p, settings) for path in trials]), output)
 
 
 def compare_transmission_models(
     trials: Sequence[Path], settings: SteppedSineAnalysis, sign_width: float, output: Path
 ) -> None:
     """Rival models of the transmission on each trial, predicted by fits to all the others."""
-    stepped = [stepped_sine_trial(read_trial(path), settings) for path in trials]
+    stepped = [stepped_sine_trial(open_trial(path), settings) for path in trials]
     write_table(transmission_scores(stepped, sign_width), output)
 
 
@@ -196,7 +196,7 @@ def compare_impedance_models(
     as in `fit_impedance_trial`; the drivetrain smooths the sign of the velocity over
     `sign_width` [rad/s].
     """
-    p, rendered = read_parameters(parameters), rendered_trial(read_trial(trial), settings, windows)
+    p, rendered = read_parameters(parameters), rendered_trial(open_trial(trial), settings, windows)
     gains = condition.gains(p, weight)
     if gains is None:
         raise InputError(f"trial {trial.stem}: {condition.unknown_gains()}; Eq. 9 needs the gains of the controller")

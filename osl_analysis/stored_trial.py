@@ -1,0 +1,69 @@
+"""A trial that stays in its file, of which a fit reads one column at a time: that of a long recording."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from osl_analysis.trial import Array, Trial, check_time, read_metadata, read_samples, read_trial
+
+LONG = 1 << 23
+"""Values of a file from which it is not read as a whole: 64 MB, twenty minutes of six signals at 1 kHz."""
+
+
+class StoredTrial(Trial):
+    """A trial whose columns are read from its file (Parquet) each time that they are asked for."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises as `read_trial`."""
+        name, provenance = read_metadata(path)
+        fields = {"name": name, "provenance": provenance, "path": path, "names": list(pl.read_parquet_schema(path))}
+        for key, value in fields.items():
+            object.__setattr__(self, key, value)
+        self.check_columns("time")
+        check_time(self.name, self.arrays()[0])
+
+    path: Path
+    names: Sequence[str]
+
+    @property
+    def columns(self) -> Sequence[str]:
+        """Names of the columns, `time` among them."""
+        return self.names
+
+    @property
+    def samples(self) -> pl.DataFrame:
+        """All of them, read anew."""
+        return read_samples(pl.scan_parquet(self.path), self.path)
+
+    def present(self, column: str) -> NDArray[np.bool_]:
+        """As `Trial.present`."""
+        self.check_columns(column)
+        wanted = pl.scan_parquet(self.path).select(pl.col(column).is_not_null())
+        return read_samples(wanted, self.path)[column].to_numpy()
+
+    def sampled(self, *columns: str) -> pl.DataFrame:
+        """As `Trial.sampled`."""
+        self.check_columns(*columns)
+        return read_samples(pl.scan_parquet(self.path).select("time", *columns).drop_nulls(), self.path)
+
+    def arrays(self, *columns: str) -> list[Array]:
+        """As `Trial.arrays`. Every column is let go as soon as it is one array."""
+        rows = self.sampled(*columns)
+        return [rows.drop_in_place(name).to_numpy() for name in rows.columns]
+
+
+def open_trial(path: Path) -> Trial:
+    """The trial of a file of `write_trial`, for its fit: in memory, or in its file if it is long.
+
+    Raises
+    ------
+    InputError
+        As `read_trial`.
+    """
+    read_metadata(path)
+    columns = len(pl.read_parquet_schema(path))
+    rows = read_samples(pl.scan_parquet(path).select(pl.len()), path).item()
+    return StoredTrial(path) if rows * columns > LONG else read_trial(path)

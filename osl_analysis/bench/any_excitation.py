@@ -18,7 +18,7 @@ from osl_analysis.bench.series import Series
 from osl_analysis.errors import IdentifiabilityError, OslAnalysisError
 from osl_analysis.second_order import fit_impedance, impedance_torque
 from osl_analysis.spectral.equation_error import fit_periodic
-from osl_analysis.spectral.realisations import distinct
+from osl_analysis.spectral.realisations import PeriodicMotion, distinct
 from osl_analysis.spectral.response import periodic_response
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
 from osl_analysis.stats.regression import LinearFit
@@ -55,14 +55,23 @@ def by_lines(record: MovingRecord, fit: LinearFit) -> LinearFit:
         lines = fit_periodic(record.periodic.realisations, record.low_pass)
     except OslAnalysisError:
         return fit
+    covariance, offset = lines.covariance.copy(), lines.names.index("offset")
+    covariance[offset, offset] += (beside_middle(record, record.periodic) * fit.se("drift")) ** 2
     return replace(
         fit,
         names=lines.names,
         estimates=lines.estimates,
-        covariance=lines.covariance,
+        covariance=covariance,
         degrees_of_freedom=lines.degrees_of_freedom,
         interval_method=lines.interval_method,
     )
+
+
+def beside_middle(record: MovingRecord, motion: PeriodicMotion) -> float:
+    """Time [s] from the middle of a record, about which its drift is subtracted, to the middle of its periods."""
+    middles = [one.start + one.periods * one.period / 2 for one in motion.realisations]
+    middle = float(np.average(middles, weights=[one.periods for one in motion.realisations]))
+    return middle - float(record.time.mean() - record.time[0])
 
 
 def checked_fit(record: MovingRecord) -> LinearFit:

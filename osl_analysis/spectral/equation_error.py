@@ -118,7 +118,8 @@ def fit_periodic(realisations: Sequence[Realisation], low_pass: LowPass) -> Line
     fit = at_least_of_periods(fit, columns, [np.asarray(one[:, at]) for one in each])
     top = slice(1, at[-1] + 1)
     left, all_of = (float(np.sum(np.abs(e[:, top]) ** 2)) for e in (error, torque))
-    return with_offset(replace(fit, vaf=100 * (1 - left / all_of), r_squared=1 - left / all_of), single)
+    fit = replace(fit, vaf=100 * (1 - left / all_of), r_squared=1 - left / all_of)
+    return with_offset(fit, single, mean_errors(error / weight, lines))
 
 
 def gain(low_pass: LowPass, frequency_hz: Array) -> Array:
@@ -144,16 +145,29 @@ def distortion_level(error: Spectrum, lines: Lines) -> tuple[Array | None, Array
     return np.tile(level, (len(error), 1)), shares
 
 
-def with_offset(fit: LinearFit, realisations: Sequence[Realisation]) -> LinearFit:
-    """The fit with `offset`: the mean torque [N*m] minus K times the mean angle."""
+def mean_errors(error: Spectrum, lines: Lines) -> Array:
+    """Variance [N^2 m^2] of each realisation's mean torque by what repeats in its periods, (realisations,).
+
+    The mean is line 0, an even line without excitation. Rounding and distortion are in it as in its like: the even ones
+    of an odd motion, else all without excitation, else what the fit leaves at the excited ones. An error of a sine's
+    amplitude X has E|X|^2 of four times the variance that it has in the mean. `error` (realisations, lines) [N*m].
+    """
+    kinds = (lines.even if lines.only_odd else lines.even | lines.odd, lines.even | lines.odd, lines.excited)
+    alike = next((kind for kind in kinds if np.count_nonzero(kind) >= ENOUGH_DETECTION), lines.excited)
+    return np.asarray(np.mean(np.abs(error[:, alike]) ** 2, axis=1) / 4)
+
+
+def with_offset(fit: LinearFit, realisations: Sequence[Realisation], repeated: Array) -> LinearFit:
+    """The fit with `offset`: the mean torque [N*m] minus K times the mean angle, whose error is the larger one of the
+    scatter of the periods' means and of `mean_errors`."""
     count = np.array([r.periods for r in realisations], dtype=float)
     theta, left = 0.0, 0.0
     variance = 0.0
-    for one, share in zip(realisations, count / count.sum(), strict=True):
+    for one, share, same in zip(realisations, count / count.sum(), repeated, strict=True):
         mean = one.torque[:, 0] - fit["K"] * one.theta[:, 0]
         theta += share * float(one.theta[:, 0].real.mean())
         left += share * float(mean.real.mean())
-        variance += share**2 * float(scatter(mean[:, None])[0]) / one.periods
+        variance += share**2 * max(float(scatter(mean[:, None])[0]) / one.periods, float(same))
     along = np.zeros(len(fit.names))
     along[fit.names.index("K")] = -theta
     cross = fit.covariance @ along

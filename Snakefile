@@ -18,7 +18,8 @@ start_early()  # its imports take the other core while this one does those below
 from osl_analysis import workflow as jobs
 from osl_analysis.about_campaign import about
 from osl_analysis.campaign import open_campaign
-from osl_analysis.cluster import LOST, submit_in_batches
+from osl_analysis.cluster import submit_in_batches
+from osl_analysis.submission import LOST
 from osl_analysis.commands.simulate import planned_sheet, settings_files
 from osl_analysis.config import campaign_config, overriding
 from osl_analysis.doubtful import doubt_report, unchecked_report

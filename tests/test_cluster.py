@@ -1,39 +1,12 @@
-"""What one submission to a cluster takes, and what is left of a lost one: without a cluster, which tests/slurm has."""
-
-import asyncio
-from pathlib import Path
-from types import SimpleNamespace
+"""What one submission to a cluster takes, and what it asks for: without a cluster, which tests/slurm has."""
 
 import pytest
-from snakemake_interface_common.exceptions import WorkflowError
+from submitted_jobs import job
 
 from osl_analysis import cluster
-from osl_analysis.files import temporary_path
-from osl_analysis.job_log import JobLog, write_log
-from osl_analysis.refusal import Refusal, is_refused, read_refusals, write_refusals
 
 TRIALS = [f"t_{n}" for n in (3, 1, 2, 10, 5)]
 ORDER = {trial: number for number, trial in enumerate(TRIALS)}
-
-
-def job(rule: str, group: str | None, output: Path | str = "x.csv", log: Path | str = "x.log", **more):
-    """A job as Snakemake has it: of the wildcards in `more`, beside its inputs and resources."""
-    inputs, resources = more.pop("input", ()), more.pop("resources", {})
-    return SimpleNamespace(
-        rule=SimpleNamespace(name=rule),
-        group=group,
-        wildcards_dict=more,
-        input=inputs,
-        output=[str(output)],
-        log=[str(log)],
-        resources=resources,
-        is_group=lambda: False,
-    )
-
-
-def submission(*jobs):
-    one = type("Submission", (list,), {"is_group": lambda self: True})
-    return one(jobs)
 
 
 def test_a_submission_takes_all_jobs_of_its_trials_in_the_order_of_the_sheet_and_of_about_as_many_trials_each():
@@ -82,136 +55,45 @@ def test_the_longest_job_sets_the_time_however_many_cores_there_are():
     assert cluster.resources(jobs, 16, {})["runtime"] == 1 + 30
 
 
-@pytest.fixture
-def ended(tmp_path: Path):
-    """Three fits of a submission: `done`, one that was killed, and one that was writing; with a done job's log."""
-    jobs = [job("fit", "trials", tmp_path / f"{name}.csv", tmp_path / f"{name}.log", trial=name) for name in "abc"]
-    for one, outcome in zip(jobs, ("done", "died"), strict=False):
-        Path(one.output[0]).write_text("1")
-        write_log(Path(one.log[0]), JobLog("bench.fit", outcome), {})
-    write_refusals([Refusal("b", "b.csv", "bench.fit", "died", "killed", "run again")], Path(jobs[1].output[0]))
-    temporary_path(Path(jobs[2].output[0]), 99).write_text("half a table")
-    return tmp_path, submission(*jobs)
+def planned(wide: int) -> tuple[dict, list, dict]:
+    """A campaign: fits of so many batches, a table of them, models over trials, a figure of these, and a page.
+
+    Its batches by group, its jobs of no group, and what waits for a job.
+    """
+    fits = [job("fit", "trials", trial=f"t_{n}") for n in range(wide)]
+    shared, figure = job("compare", "shared"), job("draw", "figures")
+    gains, table, page = job("gains", None), job("table", None), job("page", None)
+    waiting = {one: [shared, table] for one in fits} | {shared: [figure], gains: [figure], table: [page]}
+    taken = {"trials": [[one] for one in fits], "shared": [[shared]], "figures": [[figure]]}
+    return taken, [gains, table, page], waiting | {figure: [page]}
 
 
-def test_the_results_of_a_lost_submission_that_are_whole_stay_and_the_others_are_named(ended):
-    folder, lost = ended
-    causes = cluster.record_lost(lost, "12", "SLURM-job '12' failed, SLURM status is: 'TIMEOUT'. Detailed reason: no")
-    assert [(cause.trial, cause.outcome, cause.reason) for cause in causes] == [
-        (trial, "died", "the cluster's job 12 was lost (TIMEOUT)") for trial in "bc"
-    ]
-    assert "core_ms" in causes[0].remedy
-    assert (folder / "a.csv").read_text() == "1"
-    assert [read_refusals(folder / f"{name}.csv") for name in "bc"] == [(cause,) for cause in causes]
-    assert not list(folder.glob(".*"))
+def rules(submissions: list[tuple[str, list]]) -> list[tuple[str, list[str]]]:
+    return [(name, [one.rule.name for one in jobs]) for name, jobs in submissions]
 
 
-def test_a_trial_of_several_lost_jobs_is_one_cause_and_a_job_over_trials_is_named_by_its_file(tmp_path):
-    jobs = [job(rule, "trials", tmp_path / f"{rule}.csv", tmp_path / "no.log", trial="a") for rule in ("ingest", "fit")]
-    shared = job("plate", "shared", tmp_path / "plate.json", tmp_path / "no.log")
-    causes = cluster.record_lost(submission(*jobs, shared), "7", "node gone\nmore")
-    assert [(cause.trial, cause.reason) for cause in causes] == [
-        (t, "the cluster's job 7 was lost (node gone)") for t in ("a", "")
-    ]
-    assert causes[1].file == str(tmp_path / "plate.json")
-    assert read_refusals(tmp_path / "fit.csv") == (causes[0],)
+def test_a_campaign_of_one_batch_is_one_submission_with_the_jobs_of_no_group():
+    taken, single, waiting = planned(1)
+    everything = ["fit", "compare", "draw", "gains", "table", "page"]
+    found = cluster.submissions(taken, single, lambda one: waiting.get(one, ()))
+    assert rules(found) == [("trials_shared_figures", everything)]
 
 
-def test_a_full_disk_leaves_no_record_and_the_cause_is_told_all_the_same(tmp_path, monkeypatch):
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(cluster, "write_refusals", full)
-    (cause,) = cluster.record_lost(job("fit", "trials", tmp_path / "a.csv", tmp_path / "a.log", trial="a"), "3", "")
-    assert cause.reason == "the cluster's job 3 was lost (no reason is known)"
-    assert not (tmp_path / "a.csv").exists()
+def test_groups_of_one_batch_are_taken_together_to_the_end_and_what_does_not_follow_from_them_runs_at_home():
+    taken, single, waiting = planned(2)
+    found = cluster.submissions(taken, single, lambda one: waiting.get(one, ()))
+    assert rules(found) == [("trials", ["fit"])] * 2 + [("shared_figures", ["compare", "draw", "page"])]
 
 
-class Executor:
-    """As far as an executor of Snakemake is adapted."""
-
-    next_seconds_between_status_checks = 180
-
-    def __init__(self) -> None:
-        self.said: list[tuple] = []
-        self.workflow = SimpleNamespace(remote_execution_settings=SimpleNamespace(seconds_between_status_checks=5))
-        self.logger = SimpleNamespace(warning=lambda text: self.said.append(("warning", text)))
-        self.states: dict[str, str] | None = {}
-
-    def run_job_pre(self, job) -> None:
-        self.said.append(("before", Path(job.output[0]).exists()))
-
-    def report_job_error(self, info, msg=None) -> None:
-        self.said.append(("error", msg))
-
-    def report_job_success(self, info) -> None:
-        self.said.append(("success", is_refused(info.job.output[0])))
-
-    async def check_active_jobs(self, active):
-        """As SLURM's plug-in does: without an answer (None) it yields none of its jobs."""
-        for info in active if self.states is not None else ():
-            if self.states.get(info.external_jobid) == "COMPLETED":
-                self.report_job_success(info)
-            elif self.states.get(info.external_jobid) == "FAILED":
-                self.report_job_error(info, msg="status is: 'FAILED'")
-            else:
-                yield info
+def test_a_group_that_another_of_several_batches_waits_for_stays_alone():
+    """Else the others would wait for it and it for them. What a group without a follower is taken with follows too."""
+    taken, single, waiting = planned(1)
+    taken["figures"] = [taken["figures"][0], [job("draw", "figures")]]
+    found = cluster.submissions(taken, single, lambda one: waiting.get(one, ()))
+    assert rules(found) == [("trials", ["fit"]), ("shared", ["compare"]), ("figures", ["draw"]), ("figures", ["draw"])]
 
 
-def test_a_lost_submission_is_recorded_before_the_run_goes_on_and_one_that_was_not_taken_is_an_error(tmp_path):
-    adapted = type("Adapted", (Executor,), {})
-    cluster.adapt(adapted, lambda *lost: cluster.record_lost(*lost))
-    one = job("fit", "trials", tmp_path / "a.csv", tmp_path / "a.log", trial="a")
-    Path(one.output[0]).write_text("old")
-    executor = adapted()
-    executor.run_job_pre(one)
-    executor.report_job_error(SimpleNamespace(job=one, external_jobid="4"), msg="status is: 'NODE_FAIL'")
-    executor.report_job_error(SimpleNamespace(job=one, external_jobid=None), msg="sbatch failed")
-    assert executor.said == [("before", False), ("success", True), ("error", "sbatch failed")]
-    executor.next_seconds_between_status_checks = 30
-    assert executor.next_seconds_between_status_checks == 5
-    assert "--executor local" in executor.additional_general_args()
-
-
-def asked(executor, active):
-    """What an executor goes on to ask for."""
-
-    async def collected():
-        return [info async for info in executor.check_active_jobs(active)]
-
-    return asyncio.run(collected())
-
-
-@pytest.fixture
-def three(tmp_path):
-    """An adapted executor, and three submissions of it."""
-    adapted = type("Adapted", (Executor,), {})
-    cluster.adapt(adapted, lambda *lost: None)
-    jobs = [job("fit", "trials", tmp_path / f"{n}.csv", tmp_path / "no.log", trial=f"t_{n}") for n in "123"]
-    return adapted(), [SimpleNamespace(job=one, external_jobid=n) for n, one in zip("123", jobs, strict=True)]
-
-
-def test_submissions_are_asked_for_again_while_the_cluster_does_not_answer_and_end_when_it_does(three):
-    executor, submissions = three
-    executor.states = None
-    assert asked(executor, submissions) == submissions
-    assert asked(executor, submissions) == submissions
-    assert [kind for kind, _ in executor.said] == ["warning"]
-    executor.states = {"1": "COMPLETED", "2": "FAILED", "3": "RUNNING"}
-    assert asked(executor, submissions) == submissions[2:]
-    assert [kind for kind, _ in executor.said] == ["warning", "success", "success"]
-
-
-def test_a_cluster_that_does_not_answer_for_long_ends_the_run_with_the_numbers_of_its_jobs(three, monkeypatch):
-    """Short silences do not add up."""
-    executor, submissions = three
-    clock = [0.0]
-    monkeypatch.setattr(cluster.time, "monotonic", lambda: clock[0])
-    for now, executor.states in ((0, None), (599, None), (601, {}), (700, None), (1299, None)):
-        clock[0] = now
-        assert asked(executor, submissions) == submissions
-    clock[0] = 1301
-    with pytest.raises(
-        WorkflowError, match="for 10 min: the end of its jobs 1, 2, 3 is not known; remedy: when squeue"
-    ):
-        asked(executor, submissions)
+def test_a_job_of_no_group_takes_no_memory_for_recordings():
+    use = {"mem_mb": 100, "mem_mb_per_mb": 10}
+    table = job("table", None, input=["rows/a.csv"], resources=use)
+    assert cluster.resources([table], 1, {"a": 50.0})["mem_mb"] == cluster.STARTING_MB + 100

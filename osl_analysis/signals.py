@@ -1,5 +1,6 @@
 """One zero-phase filter for every signal of a trial, then derivatives: never filter angle and torque differently."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -86,6 +87,14 @@ class Motion:
 
     def __getitem__(self, rows: slice | NDArray[np.intp]) -> "Motion":
         return Motion(self.theta[rows], self.omega[rows], self.alpha[rows])
+
+
+def joined(motions: Sequence[Motion]) -> Motion:
+    """Motions, one after the other."""
+    if len(motions) == 1:
+        return motions[0]
+    each = zip(*((motion.theta, motion.omega, motion.alpha) for motion in motions), strict=True)
+    return Motion(*map(np.concatenate, each))
 
 
 def runs(true: NDArray[np.bool_]) -> list[slice]:

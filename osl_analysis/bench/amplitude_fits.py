@@ -1,19 +1,47 @@
-"""One regression for each amplitude of a stepped sine and one over all of them, from one pass over the settled rows."""
+"""One regression for each amplitude of a stepped sine and one over all of them, from sums over the settled segments."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from osl_analysis.bench.rounding import RepeatedRounding, RoundingSums
-from osl_analysis.bench.segments import Segment
+from osl_analysis.bench.segments import Segment, repeated_cycles
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.signals import Motion
 from osl_analysis.stats.covariance import FEWEST_CYCLES
+from osl_analysis.stats.cycle_sums import Cycles
+from osl_analysis.stats.partwise import partwise_fit, partwise_vaf, sums_of
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.trial import Array
 
 Columns = Callable[[Motion], Mapping[str, Array]]
 """The named columns (n,) of a model for a motion (n,)."""
+
+
+@dataclass(frozen=True)
+class SegmentRows:
+    """The rows of a settled segment for a fit: columns, torque, and what the filter took off it."""
+
+    trial: SteppedSineTrial
+    segment: Segment
+    columns: Columns
+
+    @property
+    def cycles(self) -> Cycles:
+        """The cycles of the segment, of which there are enough (`FEWEST_CYCLES`)."""
+        found = repeated_cycles([self.segment])
+        assert found is not None
+        return found
+
+    def named(self) -> Mapping[str, Array]:
+        """The columns by name, shape (n,) each."""
+        return self.columns(self.trial.moved(self.segment))
+
+    def rows(self) -> tuple[Array, Array, Array]:
+        """As `Part` has it."""
+        raw, torque = (self.segment.part(signal) for signal in (self.trial.torque, self.trial.filtered_torque))
+        return np.array(list(self.named().values())).T, torque, raw - torque
 
 
 def fits_by_amplitude(trial: SteppedSineTrial, columns: Columns) -> dict[float | None, LinearFit]:
@@ -26,27 +54,38 @@ def fits_by_amplitude(trial: SteppedSineTrial, columns: Columns) -> dict[float |
     InputError, IdentifiabilityError
         As `linear_fit`.
     """
-    rounding = rounding_by_segment(trial, columns(trial.settled.motion))
+    parts = {s: SegmentRows(trial, s, columns) for s in trial.segments(None) if len(s.used) >= FEWEST_CYCLES}
+    names = tuple(columns(trial.motion[:0]))
+    sums = {segment: sums_of(names, part) for segment, part in parts.items()}
+    rounding = rounding_by_segment(trial, parts.values())
     fits: dict[float | None, LinearFit] = {}
     for amplitude in trial.amplitudes:
-        motion, torque = trial.part(amplitude)
-        repeated = [total(sums, trial.segments(amplitude)) for sums in rounding]
-        known = trial.residual_correlation(amplitude, [one for one in repeated if one is not None])
-        fits[amplitude] = linear_fit(torque, columns(motion), known)
+        segments = trial.segments(amplitude)
+        repeated = [one for one in (total(by_segment, segments) for by_segment in rounding) if one is not None]
+        fit = None
+        if all(segment in parts for segment in segments):
+            fit = partwise_fit(names, [(parts[s], sums[s]) for s in segments], trial.independent_samples, repeated)
+        if fit is None:
+            motion, torque = trial.part(amplitude)
+            fit = linear_fit(torque, columns(motion), trial.residual_correlation(amplitude, repeated))
+        fits[amplitude] = fit
     return fits
 
 
-def rounding_by_segment(trial: SteppedSineTrial, columns: Mapping[str, Array]) -> list[dict[Segment, RoundingSums]]:
-    """For each signal whose step is known: what its rounding adds up to in the segments that have enough cycles.
+def rounding_by_segment(trial: SteppedSineTrial, parts: Iterable[SegmentRows]) -> list[dict[Segment, RoundingSums]]:
+    """For each signal whose step is known: what its rounding adds up to in each of these segments."""
+    each = [RepeatedRounding(one, trial.filtered_torque, trial.segments(None)) for one in trial.rounded.values()]
+    found: list[dict[Segment, RoundingSums]] = [{} for _ in each]
+    for part in parts:
+        X, *_ = part.rows()
+        for one, by_segment in zip(each, found, strict=True):
+            by_segment[part.segment] = one.sums_of(part.segment, X)
+    return found
 
-    `columns` (n,) are in the rows of all settled segments.
-    """
-    segments = trial.segments(None)
-    ends = np.cumsum([segment.size for segment in segments])[:-1]
-    parts = np.split(np.array(list(columns.values())), ends, axis=1)
-    long = [(s, X.T) for s, X in zip(segments, parts, strict=True) if len(s.used) >= FEWEST_CYCLES]
-    each = [RepeatedRounding(one, trial.filtered_torque, segments) for one in trial.rounded.values()]
-    return [{segment: one.sums_of(segment, X) for segment, X in long} for one in each]
+
+def held_out_vaf(fit: LinearFit, trial: SteppedSineTrial, amplitude: float, columns: Columns) -> float:
+    """VAF [percent] of a fit at an amplitude [deg] that it did not use."""
+    return partwise_vaf(fit, (SegmentRows(trial, segment, columns) for segment in trial.segments(amplitude)))
 
 
 def total(sums: Mapping[Segment, RoundingSums], segments: Sequence[Segment]) -> RoundingSums | None:

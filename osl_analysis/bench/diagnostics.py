@@ -5,12 +5,12 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import polars as pl
 
+from osl_analysis.bench.amplitude_fits import held_out_vaf
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.doubtful import counted, doubtful_row
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
 from osl_analysis.signals import Motion
-from osl_analysis.stats.comparison import held_out_vaf
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import summary_table
@@ -88,10 +88,10 @@ def lowest_held_out_vaf(
 
     Null for the fit to all amplitudes (None), and for the only one.
     """
-    others = [part for part in trial.parts() if part[0] is not None and part[0] != amplitude]
+    others = [other for other in trial.amplitudes if other is not None and other != amplitude]
     if amplitude is None or not others:
         return None
-    return min(held_out_vaf(fit, columns(motion), torque) for _, motion, torque in others)
+    return min(held_out_vaf(fit, trial, other, columns) for other in others)
 
 
 def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFrame:

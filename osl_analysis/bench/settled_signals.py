@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from osl_analysis.bench.segments import Segment
-from osl_analysis.signals import Motion
 from osl_analysis.stats.covariance import RepeatedError
 from osl_analysis.trial import Array
 
@@ -27,15 +26,3 @@ class RawSignals:
     """The settled segments."""
     repeated: Sequence[RepeatedError] = ()
     """The rounding of angle and of torque as errors of the torque in the rows of the segments."""
-
-
-@dataclass(frozen=True)
-class Settled:
-    """Signals of a trial in the rows of its settled segments, one after the other, shape (n,) each."""
-
-    motion: Motion
-    """Filtered joint angle with its derivatives."""
-    torque: Array
-    """The torque through the same filter [N*m]."""
-    filtered_off: Array
-    """What the filter took off the torque [N*m]."""

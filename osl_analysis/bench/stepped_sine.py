@@ -14,10 +14,10 @@ from osl_analysis.bench.rounding import RepeatedRounding, Rounded
 from osl_analysis.bench.segments import Block, Segment, repeated_cycles, rows_of, settled
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import BenchStiffness, SteppedSineAnalysis
-from osl_analysis.bench.settled_signals import RawSignals, Settled
+from osl_analysis.bench.settled_signals import RawSignals
 from osl_analysis.errors import InputError
 from osl_analysis.protocol.likeness import Likeness, likeness
-from osl_analysis.signals import LowPass, Motion, filtered_motion
+from osl_analysis.signals import LowPass, Motion, filtered_motion, joined
 from osl_analysis.stats.covariance import RepeatedError, ResidualCorrelation
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.rounding import visible_step
@@ -89,27 +89,16 @@ class SteppedSineTrial:
 
     def part(self, amplitude: float | None) -> tuple[Motion, Array]:
         """Motion and filtered torque of the settled cycles of one amplitude [deg], or of all (None)."""
-        rows = self.places(amplitude)
-        return self.settled.motion[rows], self.settled.torque[rows]
+        segments = self.segments(amplitude)
+        return joined([self.moved(segment) for segment in segments]), self.rows_in(self.filtered_torque, segments)
 
-    def places(self, amplitude: float | None) -> slice:
-        """Where the rows of one amplitude [deg], or of all (None), stand in `settled`."""
-        if amplitude is None:
-            return slice(None)
-        chosen = [bool(np.isclose(np.rad2deg(block.amplitude), amplitude)) for block in self.blocks]
-        rows = [sum(segment.size for segment in one) for one in self.settled_blocks]
-        first = sum(rows[: chosen.index(True)])
-        return slice(first, first + sum(n for n, own in zip(rows, chosen, strict=True) if own))
+    def moved(self, segment: Segment) -> Motion:
+        """The motion in the rows of a segment."""
+        return joined([self.motion[piece] for piece in segment.pieces])
 
-    @cached_property
-    def settled(self) -> Settled:
-        """The signals in the rows of all settled segments."""
-        pieces = [piece for segment in self.segments(None) for piece in segment.pieces]
-        theta, omega, alpha, torque, raw = (
-            np.concatenate([signal[piece] for piece in pieces])
-            for signal in (self.motion.theta, self.motion.omega, self.motion.alpha, self.filtered_torque, self.torque)
-        )
-        return Settled(Motion(theta, omega, alpha), torque, raw - torque)
+    def rows_in(self, signal: Array, segments: Sequence[Segment]) -> Array:
+        """A signal (n,) in the rows of the segments, one after the other."""
+        return np.concatenate([segment.part(signal) for segment in segments])
 
     def segments(self, amplitude: float | None) -> tuple[Segment, ...]:
         """The settled, usable segments of one amplitude [deg], or of all (None); `parts` yields their rows."""
@@ -128,6 +117,11 @@ class SteppedSineTrial:
         fitted[rows_of(self.segments(None))] = True
         return Series(self.time, self.filtered_torque, modelled, self.motion.theta, fitted)
 
+    @property
+    def independent_samples(self) -> int:
+        """Samples after which the filter leaves noise independent."""
+        return self.low_pass.independent_samples(self.rate_hz)
+
     def residual_correlation(
         self, amplitude: float | None, repeated: Sequence[RepeatedError] | None = None
     ) -> ResidualCorrelation:
@@ -138,8 +132,8 @@ class SteppedSineTrial:
         segments = self.segments(amplitude)
         return ResidualCorrelation(
             repeated_cycles(segments),
-            self.low_pass.independent_samples(self.rate_hz),
-            filtered_off=self.settled.filtered_off[self.places(amplitude)],
+            self.independent_samples,
+            filtered_off=self.rows_in(self.torque, segments) - self.rows_in(self.filtered_torque, segments),
             repeated=self.repeated_rounding(segments) if repeated is None else repeated,
         )
 

@@ -15,6 +15,8 @@ from osl_analysis.trial import Array
 Covariance = tuple[Array, Array]
 """Covariance (p, p) of the estimates, and the degrees of freedom (p,) of the variances on its diagonal."""
 
+CYCLES = "cycles"
+"""Name of the spread between cycles in the tables."""
 FEWEST_CYCLES = 5
 """Smallest number of cycles at one frequency whose spread gives an interval."""
 COUNTS = 0.01
@@ -54,7 +56,7 @@ class ResidualCorrelation:
     @property
     def method(self) -> str:
         """Source of the covariance, as the tables name it: `cycles`, or `HAC` (from the autocorrelation)."""
-        return "HAC" if self.cycles is None else "cycles"
+        return "HAC" if self.cycles is None else CYCLES
 
     def window(self, residual: Array) -> int:
         """Number of samples over which a residual (n,) may be correlated."""
@@ -71,13 +73,19 @@ class ResidualCorrelation:
         noise = residual if self.filtered_off is None else residual + self.filtered_off
         sums = self.cycles.sums(X, noise) @ inverse
         covariance, degrees_of_freedom = between_cycles(sums, self.cycles.stratum)
-        if not self.repeated:
-            return covariance, degrees_of_freedom, self.method
-        rounding = np.sum([error.covariance(X, inverse) for error in self.repeated], axis=0)
-        scatter, added = np.diag(covariance), np.diag(rounding)
-        total = welch_satterthwaite([scatter, added], [degrees_of_freedom, np.full_like(scatter, np.inf)])
-        counts = bool(np.any(added > COUNTS * scatter))
-        return covariance + rounding, total, f"{self.method} + rounding" if counts else self.method
+        return with_repeated(covariance, degrees_of_freedom, [e.covariance(X, inverse) for e in self.repeated])
+
+
+def with_repeated(covariance: Array, degrees_of_freedom: Array, repeated: Sequence[Array]) -> tuple[Array, Array, str]:
+    """The covariance (p, p) between cycles with those of errors that every cycle repeats; as `covariance` of
+    `ResidualCorrelation`."""
+    if not repeated:
+        return covariance, degrees_of_freedom, CYCLES
+    rounding = np.sum(repeated, axis=0)
+    scatter, added = np.diag(covariance), np.diag(rounding)
+    total = welch_satterthwaite([scatter, added], [degrees_of_freedom, np.full_like(scatter, np.inf)])
+    counts = bool(np.any(added > COUNTS * scatter))
+    return covariance + rounding, total, f"{CYCLES} + rounding" if counts else CYCLES
 
 
 NO_REPEATS = ResidualCorrelation()

@@ -22,11 +22,16 @@ def decomposed(X: Array, scale: Array) -> tuple[Array | None, Array, Array]:
     are None then.
     """
     n, p = X.shape
-    if n > TALL * p:
-        squares, V = np.linalg.eigh(X.T @ X / np.outer(scale, scale))
-        if squares[-1] < GRAM_LIMIT**2 * squares[0]:
-            return None, np.sqrt(squares[::-1]), V.T[::-1]
-    return np.linalg.svd(X / scale, full_matrices=False)
+    found = from_gram(X.T @ X, scale, n) if n > TALL * p else None
+    return np.linalg.svd(X / scale, full_matrices=False) if found is None else (None, *found)
+
+
+def from_gram(gram: Array, scale: Array, rows: int) -> tuple[Array, Array] | None:
+    """Singular values and right singular vectors of `decomposed`, from X'X (p, p); None where these do not do."""
+    if rows <= TALL * len(gram):
+        return None
+    squares, V = np.linalg.eigh(gram / np.outer(scale, scale))
+    return (np.sqrt(squares[::-1]), V.T[::-1]) if squares[-1] < GRAM_LIMIT**2 * squares[0] else None
 
 
 def refined(X: Array, y: Array, inverse: Array) -> Array:
@@ -51,7 +56,11 @@ def largest_correlation(covariance: Array) -> float:
 
 def check_not_zero(names: Sequence[str], X: Array) -> Array:
     """Lengths (p,) of the columns X (n, p); a column that is zero throughout is refused."""
-    lengths = np.sqrt([column @ column for column in X.T])
+    return check_lengths(names, np.sqrt([column @ column for column in X.T]))
+
+
+def check_lengths(names: Sequence[str], lengths: Array) -> Array:
+    """The lengths (p,) of columns, none of which is zero."""
     if not (lengths > 0).all():
         raise IdentifiabilityError(
             f"'{names[int(np.argmin(lengths))]}' cannot be estimated: its column is zero throughout"

@@ -225,7 +225,11 @@ def variance_accounted_for(y: Array, residual: Array) -> float:
     check_finite("the residual", residual)
     if not len(y):
         return float("nan")
-    left, varied, rounding = float(np.var(residual)), float(np.var(y)), rounding_of(y)
+    return accounted_for(float(np.var(residual)), float(np.var(y)), rounding_of(y))
+
+
+def accounted_for(left: float, varied: float, rounding: float) -> float:
+    """VAF [percent] by the variances of a residual and of y, and the mean square that is rounding."""
     if varied > rounding:
         return 100 * (1 - left / varied)
     return 100.0 if left <= rounding else 0.0

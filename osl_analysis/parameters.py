@@ -65,7 +65,7 @@ class Quantity(Settings):
     """A number, its unit and its source. A ratio may be written as a fraction, such as 83/18."""
 
     value: Annotated[float, WithJsonSchema({"type": ["number", "string"]})]
-    unit: str
+    unit: Annotated[str, WithJsonSchema({"enum": sorted(set(UNITS.values()))})]
     source: str = Field(min_length=1)
 
     @field_validator("value", mode="before")

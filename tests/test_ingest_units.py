@@ -6,9 +6,14 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from jsonschema import Draft202012Validator
+from pydantic import TypeAdapter
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.units import EXAMPLES, si_factor
+from osl_analysis.ingest.unit_names import NAMES, WORDS, Unit
+from osl_analysis.ingest.units import ALIASES, EXAMPLES, base_units, normalised, si_factor
+
+EDITOR = Draft202012Validator(TypeAdapter(Unit).json_schema())
 
 
 @pytest.mark.parametrize(
@@ -97,3 +102,42 @@ def test_a_unit_that_means_two_things_is_refused_with_what_to_write(unit):
     with pytest.raises(InputError, match=r"gon.*degree.*write `deg`, or `gon`"):
         si_factor(unit, "N*m/rad" if "/" in unit else "rad")
     assert si_factor("gon", "rad") == pytest.approx(0.0157, rel=1e-3)
+
+
+SPELLED = sorted({*(name for names in [*NAMES.values(), *WORDS.values()] for name in names.split()), *ALIASES})
+
+
+@pytest.mark.parametrize("name", SPELLED)
+def test_a_unit_that_an_editor_takes_is_one_that_is_read(name):
+    assert base_units(normalised(name)) is not None
+    expected = [key for table in (NAMES, WORDS) for key, names in table.items() if name in names.split()]
+    for key in expected:
+        assert base_units(normalised(name))[1] == base_units("kilogram" if key == "kg" else key)[1]
+
+
+@given(st.lists(st.sampled_from(SPELLED), min_size=1, max_size=3), st.sampled_from("*/·. "))
+def test_an_editor_takes_products_and_quotients_of_names_and_they_are_read(names, sign):
+    unit = sign.join(names)
+    assert EDITOR.is_valid(unit)
+    assert base_units(normalised(unit)) is not None
+
+
+@pytest.mark.parametrize(
+    "unit", [unit for units in EXAMPLES.values() for unit in units] + ["Nms/deg", "N mm", " mA ", "DEG"]
+)
+def test_an_editor_takes_the_units_that_messages_and_laboratories_write(unit):
+    assert EDITOR.is_valid(unit)
+
+
+@pytest.mark.parametrize(
+    "unit", ["degre", "Nmmm", "N * m", "rad/", "UNKNOWN", "", "*", "radians per second", "N**m", "M"]
+)
+def test_an_editor_flags_what_is_no_unit(unit):
+    assert not EDITOR.is_valid(unit)
+    with pytest.raises(InputError):
+        si_factor(unit, "N*m")
+
+
+@pytest.mark.parametrize(("unit", "expected"), [("amps", "A"), ("Amps", "A"), ("rads", "rad"), ("Milliseconds", "s")])
+def test_plurals_that_look_like_other_units_are_read_as_laboratories_mean_them(unit, expected):
+    assert si_factor(unit, expected) == {"s": 1e-3}.get(expected, 1.0)

@@ -14,12 +14,12 @@ from osl_analysis.cli import main
 from osl_analysis.commands.doctor import findings
 from osl_analysis.commands.new_campaign import draft_campaign
 from osl_analysis.commands.run import snakemake_arguments
-from osl_analysis.commands.schemas import schemas
+from osl_analysis.commands.schemas import described, schemas
 from osl_analysis.config import read_config
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft_places import open_places
 from osl_analysis.ingest.draft_sheet import Recorded, draft_trials
-from osl_analysis.ingest.known_formats import read_source
+from osl_analysis.ingest.known_formats import FORMATS, read_source
 from osl_analysis.shipped import shipped
 
 STIFFNESS, DAMPING, INERTIA = 120.0, 2.0, 0.02
@@ -35,6 +35,8 @@ KINDS = {
     "config/simulation/[!w]*.yaml": "simulation",
 }
 """The schema of each shipped file."""
+UNITS = ("unit", "point_unit")
+"""Fields of source files that hold a unit, beside those of plates."""
 
 
 def call(*arguments):
@@ -220,3 +222,21 @@ def test_a_schema_refuses_an_unknown_field_and_explains_the_known_ones(validator
     assert not source.is_valid({"format": "csv", "clock": "master", "chanels": {}})
     fields = schemas()["config"]["$defs"]["Config"]["properties"]
     assert "sample sheet" in fields["sheet"]["description"]
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_wherever_a_source_file_states_a_unit_an_editor_flags_a_wrong_one(name):
+    made = described({"": FORMATS[name].source})[1]
+    plates = list(made.get("PlateUnits", {"properties": {}})["properties"].values())
+    fields = plates + [one["properties"][key] for one in made.values() for key in one["properties"] if key in UNITS]
+    for field in fields:
+        texts = [one for one in field.get("anyOf", ()) if one.get("type") == "string"] or [field]
+        assert not Draft202012Validator({"anyOf": texts}).is_valid("degre")
+    assert fields
+
+
+def test_an_editor_knows_the_units_of_parameters(validators):
+    content = yaml.safe_load((ROOT / "config/parameters/default.yaml").read_text())
+    assert validators["parameters"].is_valid(content)
+    content["parameters"]["J_m"]["unit"] = "kg*m"
+    assert not validators["parameters"].is_valid(content)

@@ -8,6 +8,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d_file import C3DRecording
 from osl_analysis.formats.c3d_header import Counts
 from osl_analysis.ingest.source_fields import CaptureSource, Conversion, all_none_or_list
+from osl_analysis.ingest.unit_names import ForceUnit, LengthUnit, Unit
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.yaml_settings import Settings
 
@@ -15,11 +16,11 @@ from osl_analysis.yaml_settings import Settings
 class PlateUnits(Settings):
     """Units of the plates' channels where the file's ANALOG:UNITS are absent or wrong."""
 
-    force: str
+    force: ForceUnit
     """Unit of the force channels."""
-    moment: str
+    moment: Unit
     """Unit of the moment channels."""
-    length: str | None = None
+    length: LengthUnit | None = None
     """Unit of the centre of pressure of a type 1 plate; null: the file's."""
 
     @field_validator("force", "moment", "length")
@@ -47,7 +48,7 @@ class C3dSource(CaptureSource):
     counts: Counts = "refuse"
     """Which counts of points and analog channels hold where the file's header and its parameters contradict each other:
     header, parameters, or refuse."""
-    point_unit: str | None = None
+    point_unit: LengthUnit | None = None
     """Unit of length, where the file's POINT:UNITS is absent or wrong."""
     plates: Literal["all"] | tuple[int, ...] = "all"
     """The force plates to read: all, none or a list counted from 1."""

@@ -7,6 +7,7 @@ from pydantic import Field, field_validator, model_validator
 from osl_analysis.formats.csv_rows import CsvLayout
 from osl_analysis.ingest.row_time import RowTime, Share
 from osl_analysis.ingest.source_fields import Conversion, LogSource
+from osl_analysis.ingest.unit_names import TimeUnit
 
 Delimiter = Literal["auto", ",", ";", "tab", "space", "|"]
 
@@ -37,7 +38,7 @@ class CsvTime(RowTime):
 
     column: str | None = None
     """Name of the column that holds time."""
-    unit: str | None = None
+    unit: TimeUnit | None = None
     """Unit of the column. Without it, the file's unit is used."""
 
     @field_validator("column", mode="before")

@@ -19,6 +19,7 @@ from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, r
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.table_log import Table, TableColumn, read_table_log
 from osl_analysis.ingest.table_source import TableChannel, TableSource, TableTime
+from osl_analysis.ingest.unit_names import Unit
 
 MOST_ALONE = 100
 """Largest number of fields that are read one by one to be listed."""
@@ -32,7 +33,7 @@ class JsonChannel(TableChannel):
     field: str
     """Dotted path of the number, with an index or a name where it passes an array: `variables.ankle_angle`,
     `position[0]`, `position[name=ankle]`; a name with a dot in it in quotes, `functions["loadcell.mz"]`."""
-    unit: str
+    unit: Unit
     """Unit of the number; JSON states none."""
 
 

@@ -7,6 +7,7 @@ from pydantic import Field, field_validator, model_validator
 from osl_analysis.formats.mat.address import Address, parsed
 from osl_analysis.ingest.row_time import RowTime, Share
 from osl_analysis.ingest.source_fields import Conversion, LogSource
+from osl_analysis.ingest.unit_names import Unit
 
 
 def checked_address(text: str | None) -> str | None:
@@ -22,7 +23,7 @@ class MatChannel(Conversion):
     variable: str
     """Its address in MATLAB's notation: `torque`, `Test.run(2).torque`, `data(:,3)`, `runs{2}.torque`. It is within
     `log_part`, unless it begins with `/`."""
-    unit: str
+    unit: Unit
     """Unit of the numbers, as laboratories spell it."""
     counter: str | None = None
     """Address of the device's count of its samples. It tells which samples are missing."""

@@ -19,6 +19,7 @@ from osl_analysis.ingest.recording import Recording, check_values
 from osl_analysis.ingest.sensor import Stamps
 from osl_analysis.ingest.source_fields import Conversion, LogSource
 from osl_analysis.ingest.stamps import SECOND, Ordering, in_order, log_times_of, stamp_fields, stamps_of
+from osl_analysis.ingest.unit_names import Unit
 from osl_analysis.memory import return_memory
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import Settings
@@ -35,7 +36,7 @@ class LogChannel(Conversion):
     field: str
     """Dotted path of the field, with an index or a name where it passes an array: `wrench.force.x`, `position[0]`,
     `position[name=ankle]`."""
-    unit: str
+    unit: Unit
     """Unit of the field; messages state none."""
     counter: str | None = None
     """Path of the field in which the device counts its samples, such as `seq`. It tells which samples are missing."""

@@ -21,6 +21,7 @@ from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source_fields import Axis, misplaced, right_handed, rotation_of
 from osl_analysis.ingest.table_log import Table, TableColumn, read_table_log
 from osl_analysis.ingest.table_source import TableChannel, TableSource, TableTime
+from osl_analysis.ingest.unit_names import TimeUnit, Unit
 from osl_analysis.ingest.units import si_factor
 
 ANGLES = {"rad": {"deg": "deg", "rad": "rad"}, "rad/s": {"deg": "deg/s", "rad": "rad/s"}}
@@ -36,7 +37,7 @@ class OpenSimChannel(TableChannel):
 
     column: str
     """Name of the column."""
-    unit: str
+    unit: Unit
     """Unit of the column. The file states only whether its angles are in degrees, which is checked."""
 
 
@@ -47,7 +48,7 @@ class OpenSimTime(TableTime):
 
     column: str | None = "time"
     """Name of the column that holds time."""
-    unit: str | None = "s"
+    unit: TimeUnit | None = "s"
     """Unit of the column."""
 
 

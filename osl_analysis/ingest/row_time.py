@@ -10,6 +10,7 @@ from pydantic import Field, PositiveFloat, field_validator
 
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.sensor import Stamps
+from osl_analysis.ingest.unit_names import TimeUnit
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.trial import Array, check_time
 from osl_analysis.yaml_settings import Settings
@@ -20,7 +21,7 @@ Share = Annotated[float, Field(ge=0, le=1)]
 class RowTime(Settings):
     """What a source file may state of the time of rows, besides where it stands."""
 
-    unit: str | None = None
+    unit: TimeUnit | None = None
     """Unit of the numbers that are time."""
     rate: PositiveFloat | None = None
     """Rows per second [Hz], for a file without time."""

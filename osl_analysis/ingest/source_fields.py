@@ -11,6 +11,7 @@ from pydantic_core import PydanticCustomError
 from osl_analysis.columns import AXES, COLUMNS, unit_of
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.ingest.sensor import Sensor
+from osl_analysis.ingest.unit_names import Unit
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.trial import Array
 from osl_analysis.yaml_places import line_of
@@ -24,7 +25,7 @@ Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 class Conversion(Sensor):
     """How recorded numbers become SI units: sign * scale * factor * (raw + offset), with the unit's factor to SI."""
 
-    unit: str | None = None
+    unit: Unit | None = None
     """Unit of the numbers, as laboratories spell it. Without it, the unit that the file states is used."""
     sign: Literal[1, -1] = 1
     """-1 if the recorder has the opposite direction as positive."""
@@ -152,7 +153,7 @@ class ModelOutput(Conversion):
     """Label of the output in the file."""
     component: Literal["x", "y", "z"]
     """Component of the output."""
-    unit: str
+    unit: Unit
     """Unit that the software computes in, which the file may misstate: moments of Plug-in Gait are always N*mm/kg."""
 
 

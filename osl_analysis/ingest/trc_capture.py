@@ -13,6 +13,7 @@ from osl_analysis.ingest.capture import Capture, MarkerTrack, is_labelled, recor
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source_fields import CaptureSource, misplaced
+from osl_analysis.ingest.unit_names import LengthUnit
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.trial import Array
 
@@ -25,7 +26,7 @@ class TrcSource(CaptureSource):
 
     format: Literal["trc"]
     """Format of the file."""
-    point_unit: str | None = None
+    point_unit: LengthUnit | None = None
     """Unit of length, where the file's Units is absent or wrong."""
 
     @model_validator(mode="after")

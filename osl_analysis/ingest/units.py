@@ -31,7 +31,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "N*m/kg": ("N*m/kg", "Nm/kg", "N*mm/kg"),
 }
 
-# spellings that pint does not know, or reads as another unit: `Nm` as a textile count, `nt` as a nanotonne
+# spellings that pint does not know, or reads as another unit: `Nm` as a textile count, `nt` as a nanotonne, `amps` as a
+# velocity, `rads` as a dose
 ALIASES = {
     "Nm": "N*m",
     "Nmm": "N*mm",
@@ -43,7 +44,9 @@ ALIASES = {
     "nt": "N",
     "ntm": "N*m",
     "ntmm": "N*mm",
-    "Volts": "V",
+    "volts": "V",
+    "amps": "A",
+    "rads": "radian",
     "°": "deg",
     "rev": "revolution",
     "%": "percent",
@@ -57,7 +60,8 @@ AMBIGUOUS = {
 }
 # names whose case has no meaning, since they have no prefix that it could distinguish
 WORDS = re.compile(
-    r"(milli)?met(er|re)s?|volts?|deg(ree)?s?|rad(ian)?s?|newtons?|amp(ere)?s?|seconds?|revolutions?|rpm", re.IGNORECASE
+    r"(milli)?met(er|re)s?|volts?|deg(ree)?s?|rad(ian)?s?|newtons?|amp(ere)?s?|(milli|micro|nano)?seconds?|revolutions?|rpm",
+    re.IGNORECASE,
 )
 NAMES = re.compile(r"[^\W\d_]\w{0,30}|°|%|1")
 SMALLEST, LARGEST = 1e-9, 1e5  # factors from ns to N*m/mdeg; others are misspellings such as `Mm` and `MN`
@@ -127,7 +131,8 @@ def base_units(spelling: str) -> tuple[float, str] | None:
     parts = re.split(r"([*/])", spelling)
     if len(parts) > 15 or not all(NAMES.fullmatch(name) for name in parts[::2]):
         return None
-    tidy = [ALIASES.get(name, name.lower() if WORDS.fullmatch(name) else name) for name in parts]
+    spelled = [name.lower() if WORDS.fullmatch(name) else name for name in parts]
+    tidy = [ALIASES.get(name, name) for name in spelled]
     grouped = [f"({name})" if len(name) > 1 and "*" in name else name for name in tidy]
     try:
         one = REGISTRY.Quantity(1.0, REGISTRY.parse_units("".join(grouped))).to_base_units()

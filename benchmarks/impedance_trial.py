@@ -32,7 +32,7 @@ from osl_analysis.bench.estimators import estimator_table
 from osl_analysis.bench.frequency_response import at_amplitude, phasor_table, trial_phasors
 from osl_analysis.bench.impedance import DesiredImpedance, impedance_of
 from osl_analysis.bench.nonlinearity import rendered_nonlinearity_row
-from osl_analysis.bench.plausibility import check_recording
+from osl_analysis.bench.plausibility import check_recording, saturated
 from osl_analysis.bench.protocol import find_blocks
 from osl_analysis.bench.rendered import rendered_phasors, rendered_series, rendered_time_base, rendered_trial, sines_of
 from osl_analysis.bench.settings import DynamometerAnalysis
@@ -147,9 +147,10 @@ def job(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> None:
     """All of it, as the workflow's job does it, but for the estimators."""
     read = read_trial(path)
     check_recording(read, s)
+    rails = saturated(read, "torque", "theta")
     rendered = rendered_trial(read, s)
     asked, phasors = AskedImpedance(CONDITION, PAPER_WEIGHT, s.frequencies_hz), sines_of(rendered)
-    tables = [judged_impedance(rendered, read, p, asked, phasors), rendered_phasors(rendered, phasors)]
+    tables = [judged_impedance(rendered, rails, p, asked, phasors), rendered_phasors(rendered, phasors)]
     tables += [rendered_time_base(rendered), rendered_series(rendered).table()]
     for table in tables:
         write_table(table, path.with_suffix(".csv"))

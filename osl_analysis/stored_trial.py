@@ -13,25 +13,31 @@ LONG = 1 << 23
 """Values of a file from which it is not read as a whole: 64 MB, twenty minutes of six signals at 1 kHz."""
 
 
+AT_ONCE = 1 << 20
+"""Rows that are read at a time."""
+
+
 class StoredTrial(Trial):
     """A trial whose columns are read from its file (Parquet) each time that they are asked for."""
 
     def __init__(self, path: Path) -> None:
         """Raises as `read_trial`."""
         name, provenance = read_metadata(path)
-        fields = {"name": name, "provenance": provenance, "path": path, "names": list(pl.read_parquet_schema(path))}
+        fields = {"name": name, "provenance": provenance, "path": path, "schema": pl.read_parquet_schema(path)}
         for key, value in fields.items():
             object.__setattr__(self, key, value)
+        object.__setattr__(self, "rows", rows_of(path))
         self.check_columns("time")
         check_time(self.name, self.arrays()[0])
 
     path: Path
-    names: Sequence[str]
+    schema: dict[str, pl.DataType]
+    rows: int
 
     @property
     def columns(self) -> Sequence[str]:
         """Names of the columns, `time` among them."""
-        return self.names
+        return list(self.schema)
 
     @property
     def samples(self) -> pl.DataFrame:
@@ -47,12 +53,23 @@ class StoredTrial(Trial):
     def sampled(self, *columns: str) -> pl.DataFrame:
         """As `Trial.sampled`."""
         self.check_columns(*columns)
-        return read_samples(pl.scan_parquet(self.path).select("time", *columns).drop_nulls(), self.path)
+        return read_samples(self._wanted(*columns).drop_nulls(), self.path)
+
+    def _wanted(self, *columns: str) -> pl.LazyFrame:
+        return pl.scan_parquet(self.path).select("time", *columns)
 
     def arrays(self, *columns: str) -> list[Array]:
-        """As `Trial.arrays`. Every column is let go as soon as it is one array."""
-        rows = self.sampled(*columns)
-        return [rows.drop_in_place(name).to_numpy() for name in rows.columns]
+        """As `Trial.arrays`. Rows are read some at a time, since a column is there twice before it is one array."""
+        self.check_columns(*columns)
+        found, used = [np.empty(self.rows, self.schema[name].to_python()) for name in ("time", *columns)], 0
+        for first in range(0, self.rows, AT_ONCE):
+            rows = read_samples(self._wanted(*columns).slice(first, AT_ONCE).drop_nulls(), self.path)
+            for array, values in zip(found, rows.iter_columns(), strict=True):
+                array[used : used + len(rows)] = values
+            used += len(rows)
+        for array in found:
+            array.resize(used, refcheck=False)
+        return found
 
 
 def open_trial(path: Path) -> Trial:
@@ -65,5 +82,9 @@ def open_trial(path: Path) -> Trial:
     """
     read_metadata(path)
     columns = len(pl.read_parquet_schema(path))
-    rows = read_samples(pl.scan_parquet(path).select(pl.len()), path).item()
-    return StoredTrial(path) if rows * columns > LONG else read_trial(path)
+    return StoredTrial(path) if rows_of(path) * columns > LONG else read_trial(path)
+
+
+def rows_of(path: Path) -> int:
+    """Number of rows of a file; raises as `read_trial`."""
+    return int(read_samples(pl.scan_parquet(path).select(pl.len()), path).item())

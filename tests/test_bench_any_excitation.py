@@ -16,7 +16,7 @@ from osl_analysis.bench.excitation_limits import angle_noise_bias
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.moving_record import MovingRecord, fit_of, moving_record
 from osl_analysis.bench.moving_rows import stated_windows
-from osl_analysis.bench.plausibility import check_recording
+from osl_analysis.bench.plausibility import check_recording, saturated
 from osl_analysis.bench.rendered import rendered_table, rendered_trial
 from osl_analysis.bench.repeated_trials import repeated_trials_table
 from osl_analysis.bench.settings import DynamometerAnalysis
@@ -350,7 +350,7 @@ def test_a_lag_that_is_known_is_not_said_to_be_unchecked():
     rng = np.random.default_rng(4)
     motion = noise(rng)
     trial = made_trial(rng, motion)
-    table = judged_impedance(moving_record(trial, SETTINGS), trial, None, asked)
+    table = judged_impedance(moving_record(trial, SETTINGS), saturated(trial), None, asked)
     assert table["lag_s"].is_not_null().all()
     assert "whether K is what the gains should give" in table["not_checked"][0]
     assert "late" not in table["not_checked"][0]

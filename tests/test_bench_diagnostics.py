@@ -11,7 +11,7 @@ from conftest import ROOT
 from osl_analysis.bench.diagnostics import check_resists, over_amplitudes
 from osl_analysis.bench.frequency_response import trial_phasors
 from osl_analysis.bench.impedance import impedance_table
-from osl_analysis.bench.plausibility import plausible_impedance
+from osl_analysis.bench.plausibility import Saturated, plausible_impedance
 from osl_analysis.bench.protocol import find_blocks
 from osl_analysis.bench.rendered import rendered_table
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
@@ -24,7 +24,6 @@ from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass, filtered_motion
-from osl_analysis.trial import Trial
 
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 LIMITS = read_section(ROOT / "config/config.yaml", "doubtful", DoubtfulFits).of("impedance")
@@ -231,8 +230,7 @@ def test_with_one_amplitude_a_gap_counts_only_beside_less_friction(coulomb, shar
 def test_k_over_what_the_gains_should_give_is_that_of_the_largest_amplitude_in_every_row():
     amplitudes = pl.DataFrame({"amplitude_deg": [6.0, 2.0, 4.0, None], "K": [200.0, 240.0, 220.0, 210.0]})
     table = amplitudes.with_columns(K_high=pl.col("K"))
-    trial = Trial("made", pl.DataFrame({"time": [0.0, 1.0], "torque": [0.0, 1.0]}))
-    assert plausible_impedance(table, trial, P, 200.0)["K_ratio"].to_list() == [1.0] * 4
+    assert plausible_impedance(table, Saturated("made", 0), P, 200.0)["K_ratio"].to_list() == [1.0] * 4
 
 
 def test_beside_a_gap_no_lag_is_certain():

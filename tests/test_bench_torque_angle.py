@@ -14,9 +14,10 @@ from scipy.integrate import simpson
 from scipy.stats import t as student
 
 from osl_analysis.bench.angle_cycles import find_cycles, turning_points
+from osl_analysis.bench.plausibility import saturated
 from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
-from osl_analysis.bench.torque_angle_tables import curve_table, cycle_table, plausible_torque_angle, torque_angle_table
+from osl_analysis.bench.torque_angle_tables import curve_table, cycle_table, torque_angle_table
 from osl_analysis.campaign import open_campaign
 from osl_analysis.config import read_config
 from osl_analysis.doubtful import marked
@@ -335,13 +336,14 @@ LIMITS = CONFIG.doubtful.of("torque_angle")
 
 def doubts(theta: Array, torque: Array, **changes: object) -> str:
     trial = trial_of(theta, torque)
-    table = plausible_torque_angle(torque_angle_table(torque_angle_trial(trial, settings(**changes))), trial)
+    rails = saturated(trial, "torque", "theta")
+    table = rails.beside(torque_angle_table(torque_angle_trial(trial, settings(**changes))))
     return str(marked(table, LIMITS, "torque_angle")["doubtful"][0])
 
 
 def unchecked(theta: Array, torque: Array, **changes: object) -> str:
     trial = trial_of(theta, torque)
-    table = plausible_torque_angle(torque_angle_table(torque_angle_trial(trial, settings(**changes))), trial)
+    table = torque_angle_table(torque_angle_trial(trial, settings(**changes)))
     return table["not_checked"][0] or ""
 
 

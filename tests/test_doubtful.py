@@ -13,7 +13,7 @@ from osl_analysis.bench.belt_fit import fit_belt_stiffness
 from osl_analysis.bench.diagnostics import summary_of_trials
 from osl_analysis.bench.estimators import estimator_table
 from osl_analysis.bench.frequency_response import phasor_table, trial_phasors
-from osl_analysis.bench.plausibility import plausible_belt, plausible_impedance, plausible_transmission
+from osl_analysis.bench.plausibility import Saturated, plausible_belt, plausible_impedance, plausible_transmission
 from osl_analysis.bench.rendered import rendered_table
 from osl_analysis.bench.transmission import transmission_table
 from osl_analysis.commands.tables import gather
@@ -23,7 +23,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.table import read_table, write_table
-from osl_analysis.trial import Trial
 
 RATE, LOW_PASS = 500.0, LowPass(15)
 
@@ -103,11 +102,11 @@ def test_the_shipped_limits_stand_on_columns_that_the_tables_have():
     )
     losses = stepped_sine(lambda m: 0.45 * m.omega + 0.005 * m.alpha, noise=0.01)
     device = read_parameters(ROOT / "config/parameters/default.yaml")
-    trial = Trial("made", pl.DataFrame({"time": [0.0, 1.0]}))
+    rails = Saturated("made", 0)
     tables = {
-        "belt": plausible_belt(belt_table(belt), trial, device),
-        "transmission": plausible_transmission(transmission_table(losses), trial, device),
-        "impedance": plausible_impedance(rendered_table(record, None), trial, device),
+        "belt": plausible_belt(belt_table(belt), rails, device),
+        "transmission": plausible_transmission(transmission_table(losses), rails, device),
+        "impedance": plausible_impedance(rendered_table(record, None), rails, device),
         "estimators": estimator_table(record),
         "phasors": phasor_table("made", trial_phasors(record)),
     }

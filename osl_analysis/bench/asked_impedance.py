@@ -9,7 +9,7 @@ import polars as pl
 from osl_analysis.bench.frequency_response import SegmentPhasors
 from osl_analysis.bench.impedance import DesiredImpedance, prediction_columns
 from osl_analysis.bench.moving_record import MovingRecord
-from osl_analysis.bench.plausibility import not_checked, plausible_impedance
+from osl_analysis.bench.plausibility import Saturated, not_checked, plausible_impedance
 from osl_analysis.bench.rendered import RenderedTrial, rendered_table
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.model.admittance_error import Weight
@@ -17,7 +17,6 @@ from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.rendering import predicted_impedance
 from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.trial import Trial
 
 OF_GAINS, OF_LAG = (
     "whether K is what the gains should give, whether the bench's frame yields",
@@ -62,7 +61,7 @@ class AskedImpedance:
 
 def judged_impedance(
     rendered: RenderedTrial,
-    trial: Trial,
+    rails: Saturated,
     p: DrivetrainParameters | None,
     asked: AskedImpedance | None,
     phasors: Sequence[SegmentPhasors] | None = None,
@@ -80,7 +79,7 @@ def judged_impedance(
     """
     gains = None if asked is None else asked.gains(p)
     if asked is None or p is None or gains is None:
-        table = plausible_impedance(rendered_table(rendered, None, phasors), trial, p)
+        table = plausible_impedance(rendered_table(rendered, None, phasors), rails, p)
         if asked is None:
             return table.with_columns(not_checked("" if p else f"{OF_BELT}: no parameter file is named"))
         known = table.with_columns(**asked.desired.columns(), **prediction_columns(None))
@@ -88,6 +87,6 @@ def judged_impedance(
     table = rendered_table(rendered, joint_admittance(gains.K_1, gains.B_1, p, p.J_j), phasors)
     lag_known = isinstance(rendered, SteppedSineTrial) or table["lag_s"].is_not_null().all()
     predicted = predicted_impedance(gains, p, asked.frequencies_of(rendered))
-    plausible = plausible_impedance(table, trial, p, predicted[0])
+    plausible = plausible_impedance(table, rails, p, predicted[0])
     judged = plausible.with_columns(**asked.desired.columns(), **prediction_columns(predicted))
     return judged.with_columns(not_checked(asked.not_checked(p, lag_known)))

@@ -4,6 +4,8 @@ What is impossible is refused. What is unlikely becomes a column of the result t
 the configuration.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 import polars as pl
 
@@ -76,10 +78,23 @@ def recorded_values(trial: Trial, column: str | None) -> Array:
     return values if finite.all() else values[finite]
 
 
-def with_clipping(table: pl.DataFrame, trial: Trial, torque: str = "torque", *others: str) -> pl.DataFrame:
-    """The table with `saturated_samples`: the longest run of torque, or of another column, at an end of its sensor."""
-    longest = max(samples_at_rail(trial, column, torque) for column in (torque, *others))
-    return table.with_columns(saturated_samples=pl.lit(longest, pl.Int64))
+@dataclass(frozen=True)
+class Saturated:
+    """How long a sensor of a trial stood at an end of its range: found before the fit, which has no room for it."""
+
+    trial: str
+    """Name of the trial."""
+    samples: int
+    """Longest run of the torque, or of another column, at an end."""
+
+    def beside(self, table: pl.DataFrame) -> pl.DataFrame:
+        """The table of the trial with `saturated_samples`."""
+        return table.with_columns(saturated_samples=pl.lit(self.samples, pl.Int64))
+
+
+def saturated(trial: Trial, torque: str = "torque", *others: str) -> Saturated:
+    """The longest run of torque, or of one of the other columns, at an end of its sensor."""
+    return Saturated(trial.name, max(samples_at_rail(trial, column, torque) for column in (torque, *others)))
 
 
 def ratio(column: str, reference: float | None, name: str) -> pl.Expr:
@@ -92,7 +107,7 @@ def not_checked(reason: str) -> pl.Expr:
     return pl.lit(reason or None, pl.String).alias("not_checked")
 
 
-def plausible_belt(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters | None) -> pl.DataFrame:
+def plausible_belt(table: pl.DataFrame, rails: Saturated, p: DrivetrainParameters | None) -> pl.DataFrame:
     """The belt's row with `saturated_samples` and `K_s_ratio`, K_s over that of the parameter file, null without one.
 
     Raises
@@ -100,13 +115,13 @@ def plausible_belt(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters | 
     InputError
         K_s is negative.
     """
-    check_resists(trial.name, "K_s", table["K_s"][-1])
-    return with_clipping(table, trial, "torque", "theta").with_columns(
+    check_resists(rails.trial, "K_s", table["K_s"][-1])
+    return rails.beside(table).with_columns(
         ratio("K_s", p.K_s if p else None, "K_s_ratio"), not_checked("" if p else NO_PARAMETERS)
     )
 
 
-def plausible_transmission(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters | None) -> pl.DataFrame:
+def plausible_transmission(table: pl.DataFrame, rails: Saturated, p: DrivetrainParameters | None) -> pl.DataFrame:
     """The transmission's rows with `saturated_samples`, `B_j_ratio` and `J_j_ratio`, over the parameter file's; null
     without one.
 
@@ -115,14 +130,14 @@ def plausible_transmission(table: pl.DataFrame, trial: Trial, p: DrivetrainParam
     InputError
         B_j is negative.
     """
-    check_resists(trial.name, "B_j", table["B_j"][-1])
+    check_resists(rails.trial, "B_j", table["B_j"][-1])
     ratios = (ratio("B_j", p.B_j if p else None, "B_j_ratio"), ratio("J_j", p.J_j if p else None, "J_j_ratio"))
-    judged = with_clipping(table, trial, "torque", "theta").with_columns(*ratios)
+    judged = rails.beside(table).with_columns(*ratios)
     return judged.with_columns(not_checked("" if p else NO_PARAMETERS))
 
 
 def plausible_impedance(
-    table: pl.DataFrame, trial: Trial, p: DrivetrainParameters | None, predicted: float | None = None
+    table: pl.DataFrame, rails: Saturated, p: DrivetrainParameters | None, predicted: float | None = None
 ) -> pl.DataFrame:
     """The rows of Eq. 15 with `saturated_samples`, `K_over_K_s` and `K_ratio`, K over what the gains should give.
 
@@ -135,21 +150,21 @@ def plausible_impedance(
         K is negative, its interval too, or larger than that of the belt through which the motor acts.
     """
     K, high = table["K"][-1], table["K_high"][-1]
-    check_resists(trial.name, "K", K, high)
+    check_resists(rails.trial, "K", K, high)
     if p is not None and K > SAME_AS_BELT * p.K_s:
         reference = predicted or p.K_s
         raise InputError(
-            f"trial {trial.name}: K = {K:.4g} N*m/rad is larger than the belt's K_s = {p.K_s:g} of the parameter file, "
-            f"which no motor behind the belt can render; it is {K / reference:.3g} times "
+            f"trial {rails.trial}: K = {K:.4g} N*m/rad is larger than the belt's K_s = {p.K_s:g} of the parameter "
+            f"file, which no motor behind the belt can render; it is {K / reference:.3g} times "
             f"{'what the gains should give' if predicted else 'K_s'}: {wrong_scale(K / reference)}"
         )
     largest = pl.lit(table.sort("amplitude_deg", nulls_last=False)["K"][-1])
     of_gains = (largest / predicted if predicted else pl.lit(None, pl.Float64)).alias("K_ratio")
     ratios = (ratio("K", p.K_s if p else None, "K_over_K_s"), of_gains)
-    return with_clipping(table, trial, "torque", "theta").with_columns(*ratios)
+    return rails.beside(table).with_columns(*ratios)
 
 
-def plausible_actuator(table: pl.DataFrame, trial: Trial, p: DrivetrainParameters | None) -> pl.DataFrame:
+def plausible_actuator(table: pl.DataFrame, rails: Saturated, p: DrivetrainParameters | None) -> pl.DataFrame:
     """The actuator's row with `saturated_samples` and the ratios of the estimates to the parameter file's; null without
     one.
 
@@ -161,10 +176,10 @@ def plausible_actuator(table: pl.DataFrame, trial: Trial, p: DrivetrainParameter
     k, high = table["k_tau_n_m"][-1], table["k_tau_n_m_high"][-1]
     if high < 0:
         raise InputError(
-            f"trial {trial.name}: k_tau_n_m = {k:.4g} N*m/A is negative, a positive current gives a negative torque; "
+            f"trial {rails.trial}: k_tau_n_m = {k:.4g} N*m/A is negative, a positive current gives a negative torque; "
             "turn the `sign` of the current, or of torque_m and theta_m, in the source file"
         )
     known = {"k_tau_n_m": p.k_tau * p.n_m, "f_C": p.f_C, "f_G": p.f_G, "B_m": p.B_m, "J_m": p.J_m} if p else {}
     ratios = (ratio(name, known.get(name), f"{name}_ratio") for name in ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m"))
-    judged = with_clipping(table, trial, "torque_m", "current").with_columns(*ratios)
+    judged = rails.beside(table).with_columns(*ratios)
     return judged.with_columns(not_checked("" if p else NO_PARAMETERS))

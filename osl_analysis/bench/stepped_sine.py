@@ -17,6 +17,7 @@ from osl_analysis.bench.settings import BenchStiffness, SteppedSineAnalysis
 from osl_analysis.bench.settled_signals import RawSignals
 from osl_analysis.errors import InputError
 from osl_analysis.protocol.likeness import Likeness, likeness
+from osl_analysis.rails import sampled
 from osl_analysis.signals import LowPass, Motion, filtered_motion, joined
 from osl_analysis.stats.covariance import RepeatedError, ResidualCorrelation
 from osl_analysis.stats.regression import LinearFit
@@ -216,8 +217,7 @@ def stepped_sine_alone(trial: Trial, settings: SteppedSineAnalysis, known: Recor
 def resolution_of(trial: Trial, column: str) -> float | None:
     """The step to which a column was rounded, in its unit: what the source file states, else what the values show."""
     stated = origin(trial, column).get("resolution")
-    values = trial.sampled(column)[column].drop_nans().to_numpy()
-    return float(stated) if stated else visible_step(values)
+    return float(stated) if stated else visible_step(sampled(trial, column)[1])
 
 
 def stepped_sine_of(known: Recorded, settings: SteppedSineAnalysis, more_compliance: float = 0.0) -> SteppedSineTrial:

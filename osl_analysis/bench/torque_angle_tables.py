@@ -5,14 +5,13 @@ import polars as pl
 
 from osl_analysis.bench.alternatives import timebase_table
 from osl_analysis.bench.angle_cycles import joined, moving
-from osl_analysis.bench.plausibility import with_clipping
 from osl_analysis.bench.torque_angle import TorqueAngleTrial, analysed
 from osl_analysis.bench.torque_angle_curve import secant, straight_line
 from osl_analysis.bench.torque_angle_zero import loop_at, may_be_left, rest_change
 from osl_analysis.errors import InputError
 from osl_analysis.stats.regression import variance_accounted_for
 from osl_analysis.stats.repeats import CommonError, over_repeats
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Array
 
 BRANCHES = ("loading", "unloading")
 OTHER_SPEED = 1.3
@@ -215,8 +214,3 @@ def curve_table(trial: TorqueAngleTrial, desired: str | None = None) -> pl.DataF
 def torque_angle_time_base(trial: TorqueAngleTrial) -> pl.DataFrame:
     """The trial's rows of `timebase.csv`."""
     return timebase_table(trial.uniform, None, trial.settings.bench_stiffness)
-
-
-def plausible_torque_angle(table: pl.DataFrame, trial: Trial) -> pl.DataFrame:
-    """The trial's row with `saturated_samples`."""
-    return with_clipping(table, trial, "torque", "theta")

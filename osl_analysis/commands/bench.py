@@ -31,6 +31,7 @@ from osl_analysis.bench.plausibility import (
     plausible_actuator,
     plausible_belt,
     plausible_transmission,
+    saturated,
 )
 from osl_analysis.bench.rendered import (
     rendered_phasors,
@@ -60,8 +61,9 @@ def fit_belt_trial(trial: Path, parameters: FileOrNone, settings: BeltAnalysis, 
     """Fit one belt trial: its rows of the tables `belt` and `belt_curves` (torque against deflection)."""
     read, p = open_trial(trial), known_parameters(parameters)
     check_recording(read, settings)
+    rails = saturated(read, "torque", "theta")
     belt = belt_trial(read, p, settings)
-    write_table(plausible_belt(belt_table(belt), read, p), tables["belt"])
+    write_table(plausible_belt(belt_table(belt), rails, p), tables["belt"])
     write_table(belt_curve(belt), tables["belt_curves"])
     write_table(belt_time_base(belt), tables["timebase"])
     write_table(belt_series(belt).table(), tables["series"])
@@ -73,8 +75,9 @@ def fit_transmission_trial(
     """Fit one transmission trial: its rows of the table `transmission`."""
     read = open_trial(trial)
     check_recording(read, settings)
+    rails = saturated(read, "torque", "theta")
     stepped = stepped_sine_trial(read, settings)
-    table = plausible_transmission(transmission_table(stepped), read, known_parameters(parameters))
+    table = plausible_transmission(transmission_table(stepped), rails, known_parameters(parameters))
     write_table(table, tables["transmission"])
     write_table(transmission_time_base(stepped), tables["timebase"])
     write_table(transmission_series(stepped).table(), tables["series"])
@@ -98,10 +101,11 @@ def fit_impedance_trial(
     """
     p, read = known_parameters(parameters), open_trial(trial)
     check_recording(read, settings)
+    rails = saturated(read, "torque", "theta")
     rendered = rendered_trial(read, settings, windows)
     asked = AskedImpedance(condition, weight, settings.frequencies_hz)
     phasors = sines_of(rendered)
-    write_table(judged_impedance(rendered, read, p, asked, phasors), tables["impedance"])
+    write_table(judged_impedance(rendered, rails, p, asked, phasors), tables["impedance"])
     write_table(rendered_phasors(rendered, phasors).with_columns(**condition.columns()), tables["phasors"])
     if "estimators" in tables:
         write_table(estimator_table(rendered).with_columns(**condition.columns()), tables["estimators"])
@@ -117,8 +121,9 @@ def fit_actuator_trial(
     """Fit one trial of the actuator's bench: its row of the table `actuator`."""
     read = open_trial(trial)
     check_recording(read, settings, "torque_m", angle=None)
+    rails = saturated(read, "torque_m", "current")
     actuator = actuator_trial(read, settings)
-    table = plausible_actuator(actuator_table(actuator), read, known_parameters(parameters))
+    table = plausible_actuator(actuator_table(actuator), rails, known_parameters(parameters))
     write_table(table, tables["actuator"])
     write_table(actuator_time_base(actuator), tables["timebase"])
     write_table(actuator_series(actuator).table(), tables["series"])

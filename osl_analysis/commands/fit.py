@@ -16,6 +16,7 @@ from osl_analysis.bench.plausibility import (
     plausible_actuator,
     plausible_belt,
     plausible_transmission,
+    saturated,
 )
 from osl_analysis.bench.rendered import rendered_series, rendered_trial
 from osl_analysis.bench.series import Series
@@ -29,7 +30,7 @@ from osl_analysis.bench.settings import (
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
-from osl_analysis.bench.torque_angle_tables import curve_table, plausible_torque_angle, torque_angle_table
+from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_table
 from osl_analysis.bench.transmission import transmission_series, transmission_table
 from osl_analysis.config import read_campaign_section
 from osl_analysis.doubtful import DoubtfulFits, marked
@@ -151,16 +152,18 @@ def fit_belt(trial: Trial, parameters: Path | None, request: FitRequest) -> Esti
     settings: BeltAnalysis = request.settings
     p = known_parameters(parameters)
     check_recording(trial, settings)
+    rails = saturated(trial, "torque", "theta")
     belt = belt_trial(trial, p, settings)
-    return Estimated(plausible_belt(belt_table(belt), trial, p), belt_series(belt), belt_curve(belt))
+    return Estimated(plausible_belt(belt_table(belt), rails, p), belt_series(belt), belt_curve(belt))
 
 
 def fit_transmission_losses(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
     """The transmission's rows, and the series of the fit to all amplitudes."""
     settings: SteppedSineAnalysis = request.settings
     check_recording(trial, settings)
+    rails = saturated(trial, "torque", "theta")
     stepped = stepped_sine_trial(trial, settings)
-    table = plausible_transmission(transmission_table(stepped), trial, known_parameters(parameters))
+    table = plausible_transmission(transmission_table(stepped), rails, known_parameters(parameters))
     return Estimated(table, transmission_series(stepped))
 
 
@@ -168,8 +171,9 @@ def fit_rendered_impedance(trial: Trial, parameters: Path | None, request: FitRe
     """The rows of Eq. 15, and the series of the fit to all amplitudes."""
     settings: ImpedanceAnalysis = request.settings
     check_recording(trial, settings)
+    rails = saturated(trial, "torque", "theta")
     rendered = rendered_trial(trial, settings, request.windows)
-    table = judged_impedance(rendered, trial, known_parameters(parameters), request.asked)
+    table = judged_impedance(rendered, rails, known_parameters(parameters), request.asked)
     return Estimated(table, rendered_series(rendered))
 
 
@@ -177,8 +181,9 @@ def fit_actuator_bench(trial: Trial, parameters: Path | None, request: FitReques
     """The actuator's row, and its series."""
     settings: ActuatorAnalysis = request.settings
     check_recording(trial, settings, "torque_m", angle=None)
+    rails = saturated(trial, "torque_m", "current")
     actuator = actuator_trial(trial, settings)
-    table = plausible_actuator(actuator_table(actuator), trial, known_parameters(parameters))
+    table = plausible_actuator(actuator_table(actuator), rails, known_parameters(parameters))
     return Estimated(table, actuator_series(actuator))
 
 
@@ -186,8 +191,9 @@ def fit_torque_angle(trial: Trial, parameters: Path | None, request: FitRequest)
     """The row of torque against angle, the torque beside its curve over angle, and the curves of both branches."""
     settings: TorqueAngleAnalysis = request.settings
     check_recording(trial, settings)
+    rails = saturated(trial, "torque", "theta")
     found = torque_angle_trial(trial, settings)
-    table = plausible_torque_angle(torque_angle_table(found, request.curve), trial)
+    table = rails.beside(torque_angle_table(found, request.curve))
     return Estimated(table, found.series(), curve_table(found, request.curve))
 
 

@@ -4,13 +4,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.bench.plausibility import check_recording
+from osl_analysis.bench.plausibility import check_recording, saturated
 from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
 from osl_analysis.bench.torque_angle_tables import (
     curve_table,
     cycle_table,
-    plausible_torque_angle,
     torque_angle_table,
     torque_angle_time_base,
 )
@@ -32,8 +31,9 @@ def fit_torque_angle_trial(
     """
     read, desired = open_trial(trial), condition["desired"]
     check_recording(read, settings)
+    rails = saturated(read, "torque", "theta")
     found = torque_angle_trial(read, settings)
-    write_table(plausible_torque_angle(torque_angle_table(found, desired), read), tables["torque_angle"])
+    write_table(rails.beside(torque_angle_table(found, desired)), tables["torque_angle"])
     write_table(curve_table(found, desired), tables["torque_angle_curves"])
     write_table(cycle_table(found), tables["torque_angle_cycles"])
     write_table(torque_angle_time_base(found), tables["timebase"])

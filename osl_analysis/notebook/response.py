@@ -9,7 +9,7 @@ from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
 from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.moving_record import MovingRecord
-from osl_analysis.bench.plausibility import check_recording
+from osl_analysis.bench.plausibility import Saturated, check_recording, saturated
 from osl_analysis.bench.rendered import RenderedTrial, rendered_phasors, rendered_response, rendered_trial, sines_of
 from osl_analysis.commands.fit import asked_impedance, fit_request
 from osl_analysis.commands.plotted_numbers import beside_theory
@@ -75,8 +75,9 @@ def frequency_response(
     request = fit_request("impedance", path)
     asked = asked_impedance(desired_of(desired), path, request.settings)
     check_recording(read, request.settings)
+    rails = saturated(read, "torque", "theta")
     rendered = rendered_trial(read, request.settings, windows)
-    found = responses(rendered, read, device, asked, request.limits)
+    found = responses(rendered, rails, device, asked, request.limits)
     if isinstance(rendered, MovingRecord):
         plotted = any_motion_points(found["response"], pl.DataFrame(schema=pooled_schema()))
         return Response(read.name, "response", found["response"], found["response_models"], plotted)
@@ -87,11 +88,11 @@ def frequency_response(
 
 
 def responses(
-    rendered: RenderedTrial, trial: Trial, device: Path | None, asked: AskedImpedance, limits: DoubtfulFits
+    rendered: RenderedTrial, rails: Saturated, device: Path | None, asked: AskedImpedance, limits: DoubtfulFits
 ) -> dict[str, pl.DataFrame]:
     """The rows of `phasors`, `response` and `response_models` of one trial, with their doubts and those of its fit."""
     p, phasors = known_parameters(device), sines_of(rendered)
-    fits = judged_impedance(rendered, trial, p, asked, phasors)
+    fits = judged_impedance(rendered, rails, p, asked, phasors)
     of_motion = rendered_response(rendered, p)
     tables = {
         "phasors": rendered_phasors(rendered, phasors),

@@ -11,6 +11,8 @@ from osl_analysis.stats.covariance import check_repeated
 from osl_analysis.stats.cycle_sums import Cycles
 from osl_analysis.trial import Array
 
+AT_ONCE = 1 << 20
+"""Samples whose distinct values are sought at a time."""
 DISTINCT = 0.5
 """Largest share of distinct values among the samples of a signal whose step is visible."""
 HARMONICS = 8
@@ -25,8 +27,8 @@ def visible_step(values: Array) -> float | None:
     if not len(values) or not np.isfinite(values).all():
         return None
     span = float(np.ptp(values))
-    distinct = pl.Series(values).unique().sort().to_numpy()  # by hashes: a sort of all values takes ten times as long
-    if span == 0 or len(distinct) > DISTINCT * len(values):
+    distinct = distinct_values(values, most=int(DISTINCT * len(values)))
+    if span == 0 or distinct is None:
         return None
     apart = np.diff(distinct)
     apart = apart[apart > 1e-9 * span]  # the same value, converted with another error of rounding
@@ -35,6 +37,20 @@ def visible_step(values: Array) -> float | None:
     step = float(np.median(apart[apart < 1.5 * np.min(apart)]))
     off = np.abs(apart / step - np.rint(apart / step))
     return step if float(np.mean(off < 0.02)) >= WHOLE_STEPS else None
+
+
+def distinct_values(values: Array, most: int) -> Array | None:
+    """The distinct values of a signal (n,), rising; None if there are more than `most`.
+
+    They are found by hashes, some rows at a time: a sort of all values takes ten times as long, a hash of all of them
+    needs several times their room.
+    """
+    distinct = pl.Series(values[:0])
+    for first in range(0, len(values), AT_ONCE):
+        distinct = pl.concat([distinct, pl.Series(values[first : first + AT_ONCE]).unique()]).unique()
+        if len(distinct) > most:
+            return None
+    return distinct.sort().to_numpy()
 
 
 def rounding_harmonics(signal: Array, step: float) -> Array:

@@ -68,3 +68,8 @@ def rounding_of(y: Array) -> float:
 def varies(y: Array) -> bool:
     """Whether y (n,) varies by more than its rounding. A constant 0.1 has a variance of 2e-34, not of 0."""
     return bool(len(y)) and float(np.var(y)) > rounding_of(y)
+
+
+def usual_size(values: Array) -> float:
+    """Median size of some values (n,), in whose place their sizes are left."""
+    return float(np.median(np.abs(values, out=values), overwrite_input=True))

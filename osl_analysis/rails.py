@@ -8,6 +8,7 @@ import polars as pl
 
 from osl_analysis.columns import unit_of
 from osl_analysis.errors import InputError
+from osl_analysis.measured import usual_size
 from osl_analysis.signals import longest_at_extreme, longest_run, runs
 from osl_analysis.trial import Array, Trial
 
@@ -119,11 +120,6 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
                 moved = [abs(theta[at] - end) for at in sides if 0 <= at < theta.size]
                 longest = count if moved and min(moved) > CORNER * smallest_step(theta) else longest
     return longest
-
-
-def usual_size(values: Array) -> float:
-    """Median size of some values (n,), in whose place their sizes are left."""
-    return float(np.median(np.abs(values, out=values), overwrite_input=True))
 
 
 def smallest_step(values: Array) -> float:

@@ -1,22 +1,18 @@
 """One regression for each amplitude of a stepped sine and one over all of them, from sums over the settled segments."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from osl_analysis.bench.rounding import RepeatedRounding, RoundingSums
 from osl_analysis.bench.segments import Segment, repeated_cycles
-from osl_analysis.bench.stepped_sine import SteppedSineTrial
-from osl_analysis.signals import Motion
+from osl_analysis.bench.stepped_sine import Columns, SteppedSineTrial
 from osl_analysis.stats.covariance import FEWEST_CYCLES
 from osl_analysis.stats.cycle_sums import Cycles
 from osl_analysis.stats.partwise import partwise_fit, partwise_vaf, sums_of
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.trial import Array
-
-Columns = Callable[[Motion], Mapping[str, Array]]
-"""The named columns (n,) of a model for a motion (n,)."""
 
 
 @dataclass(frozen=True)

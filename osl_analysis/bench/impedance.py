@@ -144,7 +144,7 @@ def prediction_columns(predicted: tuple[float, float, float] | None) -> dict[str
 
 def impedance_series(trial: SteppedSineTrial) -> Series:
     """Measured torque and that of Eq. 15 over the whole trial, fitted to the settled cycles."""
-    return trial.beside(impedance_of(trial, None).predicted(impedance_columns(trial.motion)))
+    return trial.beside(impedance_of(trial, None), impedance_columns)
 
 
 def amplitude_series(trial: SteppedSineTrial, amplitude_deg: float, duration_s: float) -> pl.DataFrame:

@@ -22,13 +22,12 @@ def drift_rate(time: Array, torque: Array, segments: Sequence[Segment]) -> float
     could then pass for drift.
     """
     along = across = 0.0
-    signals = np.column_stack([time, torque])
     for amplitude in dict.fromkeys(segment.amplitude for segment in segments):
         alike = [segment for segment in segments if segment.amplitude == amplitude]
         first, stop = (np.concatenate([s.edges[s.used + end] for s in alike]) for end in (0, 1))
         if len(first) >= FEWEST_CYCLES:
             samples = stop - first
-            middle, level = (sums_between(signals, first, stop) / samples[:, None]).T
+            middle, level = (sums_between(signal[:, None], first, stop)[:, 0] / samples for signal in (time, torque))
             middle = middle - np.average(middle, weights=samples)
             along += float(np.sum(samples * middle**2))
             across += float(np.sum(samples * middle * level))
@@ -42,9 +41,14 @@ def without_angle(theta: Array, torque: Array) -> Array:
     for drift.
     """
     moved = theta - theta.mean()
-    return np.asarray(torque - float(moved @ torque) / max(float(moved @ moved), np.finfo(float).tiny) * moved)
+    moved *= -float(moved @ torque) / max(float(moved @ moved), np.finfo(float).tiny)
+    moved += torque
+    return np.asarray(moved)
 
 
 def without_drift(time: Array, torque: Array, rate: float) -> Array:
     """The torque (n,) [N*m] at times [s] minus a drift of `rate` [N*m/s]; the mean over all samples is kept."""
-    return np.asarray(torque - rate * (time - time.mean()))
+    drifted = time - time.mean()
+    drifted *= -rate
+    drifted += torque
+    return np.asarray(drifted)

@@ -6,6 +6,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from osl_analysis.timebase.chunks import AT_ONCE, pieces
 from osl_analysis.trial import Array
 
 MOST_ROWS = 10_000
@@ -36,13 +37,23 @@ class Series:
         `residual_high` [N*m] are of all k samples that the fit uses, so that no outlier is lost.
         """
         k = max(-(-len(self.time) // most), 1)
-        model = np.where(self.fitted, self.torque_model, np.nan)
-        low, high = extremes(self.torque - model, k)
-        motion = {"omega": self.motion} if self.is_velocity else {"theta_deg": np.rad2deg(self.motion)}
-        shown = {"time": self.time - self.time[0], **motion, "torque": self.torque, "torque_model": model}
-        columns = {name: values[::k] for name, values in shown.items()} | {"residual_low": low, "residual_high": high}
+        low, high = self.range_of_residual(k)
+        each = slice(None, None, k)
+        motion = {"omega": self.motion[each]} if self.is_velocity else {"theta_deg": np.rad2deg(self.motion[each])}
+        shown = {"time": self.time[each] - self.time[0], **motion, "torque": self.torque[each]}
+        model = np.where(self.fitted[each], self.torque_model[each], np.nan)
+        columns = {**shown, "torque_model": model, "residual_low": low, "residual_high": high}
         rounded = {name: pl.Series(values, dtype=pl.Float64).round_sig_figs(7) for name, values in columns.items()}
         return pl.DataFrame(rounded).fill_nan(None)
+
+    def range_of_residual(self, k: int) -> tuple[Array, Array]:
+        """Smallest and largest residual [N*m] of each k samples that the fit uses; NaN where it uses none."""
+        each = [
+            extremes(np.where(self.fitted[rows], self.torque[rows] - self.torque_model[rows], np.nan), k)
+            for rows in pieces(len(self.time), k * max(AT_ONCE // k, 1))
+        ]
+        low, high = (np.concatenate(ends) for ends in zip(*each, strict=True))
+        return low, high
 
 
 def extremes(values: Array, k: int) -> tuple[Array, Array]:

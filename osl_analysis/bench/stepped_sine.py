@@ -1,6 +1,6 @@
 """A stepped-sine trial as the fits need it: raw and filtered signals, the settled cycles, the load cell's drift."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -11,7 +11,7 @@ from osl_analysis.bench.alternatives import joint_angle
 from osl_analysis.bench.load_cell_drift import drift_rate, without_angle, without_drift
 from osl_analysis.bench.protocol import find_blocks
 from osl_analysis.bench.rounding import RepeatedRounding, Rounded
-from osl_analysis.bench.segments import Block, Segment, repeated_cycles, rows_of, settled
+from osl_analysis.bench.segments import Block, Segment, repeated_cycles, settled
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import BenchStiffness, SteppedSineAnalysis
 from osl_analysis.bench.settled_signals import RawSignals
@@ -22,8 +22,12 @@ from osl_analysis.signals import LowPass, Motion, filtered_motion, joined
 from osl_analysis.stats.covariance import RepeatedError, ResidualCorrelation
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.rounding import visible_step
+from osl_analysis.timebase.chunks import pieces
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import UniformSignals, origin, uniform_signals
+
+Columns = Callable[[Motion], Mapping[str, Array]]
+"""The named columns (n,) of a model for a motion (n,)."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,7 @@ class SteppedSineTrial:
     largest_drift_ppm: float = np.inf
     """Drift [ppm] between the clocks of angle and torque from which the trial is refused."""
     fits: dict[float | None, LinearFit] = field(default_factory=dict, init=False, compare=False, repr=False)
-    """Fits of Eq. 15 that were made (`impedance_of`), by amplitude [deg]. A trial that is made of this one has none."""
+    """Fits of Eq. 15, or of Eq. 4, that were made, by amplitude [deg]. A trial that is made of this one has none."""
 
     @property
     def raw(self) -> RawSignals:
@@ -112,10 +116,13 @@ class SteppedSineTrial:
         """The settled, usable segments of each block."""
         return tuple(settled([block], self.settle_cycles, self.usable) for block in self.blocks)
 
-    def beside(self, modelled: Array) -> Series:
-        """The filtered signals beside a model's torque (n,) [N*m], which is fitted to the settled cycles."""
-        fitted = np.zeros(len(self.time), dtype=bool)
-        fitted[rows_of(self.segments(None))] = True
+    def beside(self, fit: LinearFit, columns: Columns) -> Series:
+        """The filtered signals beside the torque of a model with these columns, which is fitted to settled cycles."""
+        fitted, modelled = np.zeros(len(self.time), dtype=bool), np.empty(len(self.time))
+        for rows in pieces(len(self.time)):
+            modelled[rows] = fit.predicted(columns(self.motion[rows]))
+        for piece in (piece for segment in self.segments(None) for piece in segment.pieces):
+            fitted[piece] = True
         return Series(self.time, self.filtered_torque, modelled, self.motion.theta, fitted)
 
     @property

@@ -85,9 +85,11 @@ def transmission_table(trial: SteppedSineTrial) -> pl.DataFrame:
 
 def transmission_fits(trial: SteppedSineTrial) -> dict[float | None, LinearFit]:
     """Eq. 4 fitted to each amplitude [deg] and to all of them (None), the error of the bench's stiffness included."""
-    softer = {} if trial.softer is None else fits_by_amplitude(trial.softer, transmission_columns)
-    fits = fits_by_amplitude(trial, transmission_columns)
-    return {amplitude: widened(fit, softer.get(amplitude)) for amplitude, fit in fits.items()}
+    if not trial.fits:
+        softer = {} if trial.softer is None else fits_by_amplitude(trial.softer, transmission_columns)
+        fits = fits_by_amplitude(trial, transmission_columns)
+        trial.fits.update({amplitude: widened(fit, softer.get(amplitude)) for amplitude, fit in fits.items()})
+    return trial.fits
 
 
 def transmission_time_base(trial: SteppedSineTrial) -> pl.DataFrame:
@@ -100,9 +102,7 @@ def transmission_time_base(trial: SteppedSineTrial) -> pl.DataFrame:
 
 def transmission_series(trial: SteppedSineTrial) -> Series:
     """Measured torque and that of Eq. 4 over the whole trial, fitted to the settled cycles."""
-    *_, (_, motion, torque) = trial.parts()
-    modelled = fit_transmission(motion, torque).predicted(transmission_columns(trial.motion))
-    return trial.beside(modelled)
+    return trial.beside(transmission_fits(trial)[None], transmission_columns)
 
 
 def transmission_summary(table: pl.DataFrame) -> pl.DataFrame:

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_analysis.measured import usual_size
 from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, find_runs, upward_crossings
 from osl_analysis.trial import Array
@@ -110,12 +111,17 @@ def moving_bins(time: Array, theta: Array) -> NDArray[np.bool_]:
 
     A bin in which a sensor at rest only rounds or makes noise does not count.
     """
-    bins = np.floor((time - time[0]) / BIN_S).astype(np.intp)
-    first = np.flatnonzero(np.diff(bins, prepend=-1))
+    first = first_of_bins(time)
     turn = np.maximum.reduceat(theta, first) - np.minimum.reduceat(theta, first)
-    noise = float(np.median(np.abs(np.diff(theta, 2)))) / (0.6745 * np.sqrt(6)) if len(theta) > 2 else 0.0
+    noise = usual_size(np.diff(theta, 2)) / (0.6745 * np.sqrt(6)) if len(theta) > 2 else 0.0
     moves = turn > max(MOVES * float(np.ptp(theta)), 12 * noise)
     return np.asarray(np.repeat(moves, np.diff(np.append(first, len(theta)))))
+
+
+def first_of_bins(time: Array) -> NDArray[np.intp]:
+    """First row in each bin of `BIN_S` in which there is one, by times (n,) [s] that rise."""
+    bins = np.floor((time - time[0]) / BIN_S)
+    return np.flatnonzero(np.concatenate([[True], bins[1:] != bins[:-1]]))
 
 
 def likeness(time: Array, theta: Array, protocol: SteppedSineProtocol) -> Likeness:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from osl_analysis.bench.alternatives import widened
 from osl_analysis.bench.rounding import RepeatedRounding, RoundingSums
 from osl_analysis.bench.segments import Segment, repeated_cycles
 from osl_analysis.bench.stepped_sine import Columns, SteppedSineTrial
@@ -38,6 +39,15 @@ class SegmentRows:
         """As `Part` has it."""
         raw, torque = (self.segment.part(signal) for signal in (self.trial.torque, self.trial.filtered_torque))
         return np.array(list(self.named().values())).T, torque, raw - torque
+
+
+def widened_fits(trial: SteppedSineTrial, columns: Columns) -> Mapping[float | None, LinearFit]:
+    """The `fits_by_amplitude` of a trial with the error of the bench's stiffness. They are made once, and kept."""
+    if columns not in trial.fits:
+        softer = {} if trial.softer is None else fits_by_amplitude(trial.softer, columns)
+        fits = fits_by_amplitude(trial, columns)
+        trial.fits[columns] = {amplitude: widened(fit, softer.get(amplitude)) for amplitude, fit in fits.items()}
+    return trial.fits[columns]
 
 
 def fits_by_amplitude(trial: SteppedSineTrial, columns: Columns) -> dict[float | None, LinearFit]:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.alternatives import check_stiffer, time_base_row, time_base_words, timebase_table, widened
-from osl_analysis.bench.amplitude_fits import fits_by_amplitude
+from osl_analysis.bench.alternatives import check_stiffer, time_base_row, time_base_words, timebase_table
+from osl_analysis.bench.amplitude_fits import widened_fits
 from osl_analysis.bench.clocks import clock_drift_row
 from osl_analysis.bench.diagnostics import lowest_held_out_vaf, over_amplitudes
 from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors, at_amplitude
@@ -108,11 +108,7 @@ def impedance_table(
 
 def impedance_of(trial: SteppedSineTrial, amplitude: float | None) -> LinearFit:
     """Eq. 15 fitted to one amplitude [deg] or to all of them (None), the error of the bench's stiffness included."""
-    if not trial.fits:
-        softer = {} if trial.softer is None else fits_by_amplitude(trial.softer, impedance_columns)
-        fits = fits_by_amplitude(trial, impedance_columns)
-        trial.fits.update({one: widened(fit, softer.get(one)) for one, fit in fits.items()})
-    return trial.fits[amplitude]
+    return widened_fits(trial, impedance_columns)[amplitude]
 
 
 def impedance_time_base(trial: SteppedSineTrial) -> pl.DataFrame:

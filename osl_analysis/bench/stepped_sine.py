@@ -72,8 +72,10 @@ class SteppedSineTrial:
     """The same with a bench that is softer by one standard error; None where it does not yield."""
     largest_drift_ppm: float = np.inf
     """Drift [ppm] between the clocks of angle and torque from which the trial is refused."""
-    fits: dict[float | None, LinearFit] = field(default_factory=dict, init=False, compare=False, repr=False)
-    """Fits of Eq. 15, or of Eq. 4, that were made, by amplitude [deg]. A trial that is made of this one has none."""
+    fits: dict[Columns, Mapping[float | None, LinearFit]] = field(
+        default_factory=dict, init=False, compare=False, repr=False
+    )
+    """The `widened_fits` that were made, by model and amplitude [deg]. A trial that is made of this one has none."""
 
     @property
     def raw(self) -> RawSignals:

@@ -1,10 +1,12 @@
 """Transmission losses with the motor detached: torque = B_j omega + J_j alpha + offset (Eq. 4 with theta_s = 0)."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.alternatives import time_base_row, time_base_words, timebase_table, widened
-from osl_analysis.bench.amplitude_fits import fits_by_amplitude
+from osl_analysis.bench.alternatives import time_base_row, time_base_words, timebase_table
+from osl_analysis.bench.amplitude_fits import fits_by_amplitude, widened_fits
 from osl_analysis.bench.clocks import clock_drift_row
 from osl_analysis.bench.diagnostics import lowest_held_out_vaf, summary_of_trials
 from osl_analysis.bench.frequency_response import at_amplitude, trial_phasors
@@ -83,13 +85,9 @@ def transmission_table(trial: SteppedSineTrial) -> pl.DataFrame:
     return pl.DataFrame(rows, schema_overrides={"amplitude_deg": pl.Float64}, infer_schema_length=None)
 
 
-def transmission_fits(trial: SteppedSineTrial) -> dict[float | None, LinearFit]:
+def transmission_fits(trial: SteppedSineTrial) -> Mapping[float | None, LinearFit]:
     """Eq. 4 fitted to each amplitude [deg] and to all of them (None), the error of the bench's stiffness included."""
-    if not trial.fits:
-        softer = {} if trial.softer is None else fits_by_amplitude(trial.softer, transmission_columns)
-        fits = fits_by_amplitude(trial, transmission_columns)
-        trial.fits.update({amplitude: widened(fit, softer.get(amplitude)) for amplitude, fit in fits.items()})
-    return trial.fits
+    return widened_fits(trial, transmission_columns)
 
 
 def transmission_time_base(trial: SteppedSineTrial) -> pl.DataFrame:

@@ -14,7 +14,7 @@ from osl_analysis.columns import counter_column
 from osl_analysis.errors import InputError
 from osl_analysis.sensor_dynamics import SensorLowPass, lacking
 from osl_analysis.timebase.gaps import GapLimits
-from osl_analysis.timebase.grid import UniformGrid, on_one_grid, one_time_base
+from osl_analysis.timebase.grid import UniformGrid, on_one_grid, one_time_base, rows_on_grid
 from osl_analysis.timebase.report import TimebaseReport
 from osl_analysis.timebase.stream import Stream
 from osl_analysis.trial import Array, Trial
@@ -61,9 +61,10 @@ class UniformSignals:
         return self.grid.report
 
     def sampled(self, column: str) -> Array:
-        """When the sensor of a column took its samples (k,) [s], on the clock of the grid."""
-        taken = next(one for one in self.grid.taken if column in one.decision.signals)
-        return taken.samples().times
+        """When the sensor of a column took its samples (k,) [s], on the grid's clock; `time` where it took the rows."""
+        samples = next(one for one in self.grid.taken if column in one.decision.signals).samples()
+        rows = rows_on_grid(samples, self.time)
+        return samples.times if rows is None else self.time
 
     def other(self) -> "UniformSignals | None":
         """The same if the streams whose stamps nothing decided were taken the other way; None where all are decided."""

@@ -243,7 +243,7 @@ def test_the_smooth_signal_is_known_when_the_sensor_took_its_samples():
     """A cubic through samples 2 ms apart knows sin(t) to 1e-12 (h^4/384). The sensor began before the grid does."""
     time = 0.3 + np.arange(5000) / 500
     sampled = np.arange(6000) / 500 + 7e-4
-    found = Rounded(1e-3, np.sin(time), np.sin(time), time, sampled).smooth_when_sampled
+    found = Rounded(1e-3, np.sin(time), np.sin(time), time, sampled).smooth_when_sampled(slice(None))
     inside = (sampled > time[0]) & (sampled < time[-1])
     np.testing.assert_allclose(found[inside], np.sin(sampled[inside]), rtol=0, atol=1e-9)
     assert (found[0], found[-1]) == (np.sin(time[0]), np.sin(time[-1]))

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -36,7 +35,7 @@ class Rounded:
     time: Array
     """Uniform times [s]."""
     sampled: Array
-    """When the sensor took its samples, shape (k,) [s]."""
+    """When the sensor took its samples, shape (k,) [s]; the times themselves where these are the rows of the grid."""
     kept: dict[Segment, Array] = field(default_factory=dict, init=False, compare=False, repr=False)
     """What `surviving` has found."""
 
@@ -45,21 +44,20 @@ class Rounded:
         """Rate [Hz] of the grid."""
         return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
 
-    @cached_property
-    def place(self) -> Array:
-        """Where the sensor took its samples (k,), in rows of the grid; not beyond its ends."""
-        return np.asarray(np.clip((self.sampled - self.time[0]) * self.rate_hz, 0, len(self.time) - 1))
+    def place(self, samples: slice) -> Array:
+        """Where the sensor took some of its samples (m,), in rows of the grid; not beyond its ends."""
+        return np.asarray(np.clip((self.sampled[samples] - self.time[0]) * self.rate_hz, 0, len(self.time) - 1))
 
-    @cached_property
-    def smooth_when_sampled(self) -> Array:
-        """The smooth signal (k,) when the sensor took its samples; beyond the grid it is that of the grid's end."""
-        at, last = np.clip(self.sampled, self.time[0], self.time[-1]), len(self.time) - 2
-        begin, rate = self.time[0], self.rate_hz
+    def smooth_when_sampled(self, samples: slice) -> Array:
+        """The smooth signal (m,) when the sensor took some of its samples; beyond the grid it is that of its end."""
+        if self.sampled is self.time:
+            return self.smooth[samples]
+        begin, rate, last = self.time[0], self.rate_hz, len(self.time) - 2
 
         def before(times: Array) -> NDArray[np.intp]:
             return np.asarray(np.minimum(((times - begin) * rate).astype(np.intp), last))
 
-        return cubic_between(self.time, [self.smooth], at, before)[0]
+        return cubic_between(self.time, [self.smooth], self.sampled[samples], before)[0]
 
     def surviving(self, segment: Segment) -> Array:
         """Share of each harmonic of the rounding that the noise before it leaves in the mean, (HARMONICS,).
@@ -144,8 +142,8 @@ class RepeatedRounding:
             edges = signal.time[0] + segment.edges[[*used, used[-1] + 1]] / signal.rate_hz
             low, *_, high = cuts = np.searchsorted(signal.sampled, edges)
             per_row = signal.rate_hz * (edges[-1] - edges[0]) / (high - low)
-            each = per_row * interpolated(signal.place[low:high] - piece.start, weights)
-            errors = rounding_harmonics(signal.smooth_when_sampled[low:high], signal.step)
+            each = per_row * interpolated(signal.place(slice(low, high)) - piece.start, weights)
+            errors = rounding_harmonics(signal.smooth_when_sampled(slice(low, high)), signal.step)
             yield from (each[:, i:j] @ errors[:, i:j].T for i, j in pairwise(cuts - low))
 
     def transfer(self, segment: Segment) -> tuple[float, float]:

@@ -215,12 +215,12 @@ def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis, known: Recor
 
 def stepped_sine_alone(trial: Trial, settings: SteppedSineAnalysis, known: Recorded | None = None) -> SteppedSineTrial:
     """As `stepped_sine_trial`, without `other` and `softer`, which cost as much again."""
+    steps = resolution_of(trial, "theta"), resolution_of(trial, "torque")
     known = known or recorded(trial, settings)
     try:
-        made = stepped_sine_of(known, settings)
+        return replace(stepped_sine_of(known, settings), steps=steps)
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
-    return replace(made, steps=(resolution_of(trial, "theta"), resolution_of(trial, "torque")))
 
 
 def resolution_of(trial: Trial, column: str) -> float | None:

@@ -109,9 +109,15 @@ def whole_steps(first: float, last: float, step: float) -> int:
 
 def resampled(part: Samples, time: Array) -> Sequence[Array]:
     """Values (m,) of each signal at the grid's times (m,) [s]: the samples where they lie on it, else a cubic."""
+    rows = rows_on_grid(part, time)
+    return cubic_between(part.times, part.values, time, part.before) if rows is None else [v[rows] for v in part.values]
+
+
+def rows_on_grid(part: Samples, time: Array) -> slice | None:
+    """The samples that are the rows of a grid with times (m,) [s]; None where they do not lie on it."""
     row = int(np.searchsorted(part.times, time[0] - ON_GRID * part.step))
     there = part.times[row : row + len(time)]
     apart = ON_GRID * part.step * max(len(time) / ROUNDED, 1.0)  # the rounding of a step adds up
-    if len(there) == len(time) and all(np.max(np.abs(there[rows] - time[rows])) < apart for rows in pieces(len(time))):
-        return [values[row : row + len(time)] for values in part.values]
-    return cubic_between(part.times, part.values, time, part.before)
+    if len(there) < len(time) or any(np.max(np.abs(there[r] - time[r])) >= apart for r in pieces(len(time))):
+        return None
+    return slice(row, row + len(time))

@@ -19,8 +19,6 @@ from osl_analysis import workflow as jobs
 from osl_analysis.about_campaign import about
 from osl_analysis.campaign import open_campaign
 from osl_analysis.cluster import submit_in_batches
-from osl_analysis.submission import LOST
-from osl_analysis.commands.simulate import planned_sheet, settings_files
 from osl_analysis.config import campaign_config, overriding
 from osl_analysis.doubtful import doubt_report, unchecked_report
 from osl_analysis.errors import OslAnalysisError
@@ -35,12 +33,15 @@ from osl_analysis.report import TEMPLATES
 from osl_analysis.shipped import default_config
 from osl_analysis.study import BENCH as STUDY_ON_BENCH, REPEATED as STUDY_OF_REPEATS, WALKING as STUDY_OF_WALKING
 from osl_analysis.study.plan import Batch, batches as study_batches, planned, time_limit
+from osl_analysis.submission import LOST
 from osl_analysis.yaml_settings import read_mapping
 
 try:
     DEFAULT = default_config()
     FILES = [DEFAULT, *(Path(os.path.relpath(file)) for file in reversed(workflow.configfiles))]
     CONFIG = campaign_config(overriding(read_mapping(DEFAULT), config), FILES)
+    if CONFIG.simulation:
+        from osl_analysis.commands.simulate import planned_sheet, settings_files  # it loads the simulator
     CAMPAIGN = open_campaign(CONFIG, planned_sheet(CONFIG.simulation, CONFIG.sheet) if CONFIG.simulation else None)
     CAMPAIGN.check()
     TIME_SERIES, RESPONSE = time_series_example(CAMPAIGN), response_example(CAMPAIGN)

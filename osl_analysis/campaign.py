@@ -93,20 +93,38 @@ class Campaign:
             raise InputError(f"{self.config.sheet}: {error}") from error
         return settings | {"side": side} | ({} if served else {"hinge": "anatomical"})
 
-    def pattern(self, *experiments: str) -> str:
-        """A regular expression that matches the trials of these experiments and nothing else."""
-        return "|".join(map(re.escape, self.trials(*experiments))) or "(?!)"
+    def pattern(self, experiment: str) -> str:
+        """A regular expression that matches the trials of an experiment, and no trial of another.
 
-    def row(self, trial: str) -> Mapping[str, Any]:
+        It has the shortest beginnings that tell them apart: Snakemake reads it for every file that it looks at.
+        """
+        others = {
+            name[:end]
+            for name, row in self.rows.items()
+            if row["experiment"] != experiment
+            for end in range(1, len(name) + 1)
+        }
+        found: set[str] = set()
+        for name in self.trials(experiment):
+            own = next((name[:end] for end in range(1, len(name) + 1) if name[:end] not in others), None)
+            found.add(re.escape(name) if own is None else f"{re.escape(own)}[A-Za-z0-9_.-]*")
+        return "|".join(sorted(found)) or "(?!)"
+
+    def row(self, trial: str, experiment: str | None = None) -> Mapping[str, Any]:
         """One trial's row of the sheet, empty cells as None.
 
         Raises
         ------
         InputError
-            There is no such trial.
+            There is no such trial, or it is not of this experiment.
         """
         if trial not in self.rows:
             raise InputError(f"{self.config.sheet}: no trial '{trial}'; it has {', '.join(self.sheet.index[:5])}, ...")
+        if experiment is not None and self.rows[trial]["experiment"] != experiment:
+            raise InputError(
+                f"{self.config.sheet}: trial '{trial}' is of experiment '{self.rows[trial]['experiment']}', not "
+                f"'{experiment}'; ask for a result of that experiment"
+            )
         return self.rows[trial]
 
     @cached_property

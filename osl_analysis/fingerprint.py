@@ -12,10 +12,9 @@ from functools import cache
 from pathlib import Path
 
 PACKAGE = Path(__file__).parent
-IMPORT = re.compile(
-    r"\bfrom[ \t]+(?P<module>osl_analysis[\w.]*)[ \t]+import[ \t]*(?P<names>\([^)]*\)|[^\n;]*)"
-    r"|(?<![\w.])import[ \t]+(?P<listed>[^\n;]*\bosl_analysis\.[^\n;]*)"
-)
+FROM = re.compile(r"from(?<!\wfrom)[ \t]+(?P<module>osl_analysis[\w.]*)[ \t]+import[ \t]*(?P<names>\([^)]*\)|[^\n;]*)")
+IMPORT = re.compile(r"import(?<![\w.]import)[ \t]+(?P<names>[^\n;]*\bosl_analysis\.[^\n;]*)")
+"""Both begin with their word: `re` looks for it twenty times as fast as for what may stand before it."""
 COMMENT = re.compile(r"#[^\n]*")
 
 
@@ -38,13 +37,25 @@ def code_of(command: str) -> str:
 
 def fingerprint(files: Iterable[Path]) -> str:
     """Digest of the content of source files."""
-    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(files))).hexdigest()[:16]
+    return hashlib.sha256(b"".join(map(content, sorted(files)))).hexdigest()[:16]
+
+
+@cache
+def content(path: Path) -> bytes:
+    """Content of a source file, as it was when it was asked for first."""
+    return path.read_bytes()
+
+
+@cache
+def statements(path: Path) -> list[ast.stmt]:
+    """The statements of a module."""
+    return ast.parse(content(path)).body
 
 
 def job_sources(module: str, function: str) -> set[Path]:
     """The file of a module, and the files behind the imported names that one of its functions uses."""
     path = module_file(module)
-    top = ast.parse(path.read_text(encoding="utf-8")).body if path else []
+    top = statements(path) if path else []
     defined = {getattr(node, "name", ""): node for node in top}
     if path is None or function not in defined:
         raise ValueError(f"no function {function} in {module}; correct the name of the job in the rules")
@@ -78,8 +89,9 @@ def imported_names(path: Path) -> tuple[str, ...]:
     string that reads like an import counts too; it can only make a result again that need not be.
     """
     names: list[str] = []
-    for match in IMPORT.finditer(path.read_text(encoding="utf-8").replace("\\\n", " ")):
-        module, imported = match["module"] or "", COMMENT.sub("", match["names"] or match["listed"])
+    text = content(path).decode().replace("\\\n", " ")
+    for match in (*FROM.finditer(text), *IMPORT.finditer(text)):
+        module, imported = match.groupdict().get("module", ""), COMMENT.sub("", match["names"])
         found = [name.split()[0] for name in imported.strip("() \t").split(",") if name.strip()]
         names += [module, *(f"{module}.{name}" for name in found)] if module else found
     return tuple(name for name in names if name.startswith("osl_analysis."))

@@ -15,6 +15,7 @@ from typing import Any
 
 from pydantic import ConfigDict, validate_call
 
+from osl_analysis.archive import archives
 from osl_analysis.errors import OslAnalysisError, PartialResultError, printable, unexpected
 from osl_analysis.exclusion import without_excluded, without_refused
 from osl_analysis.files import temporary_path
@@ -104,7 +105,7 @@ def call(job: Job) -> None:
     elif usable.missing:
         raise MissingInputError(usable.missing)
     convert = validate_call(config=ConfigDict(arbitrary_types_allowed=True))
-    with tables_of(job.data):
+    with tables_of(job.data), archives():
         convert(function)(**without_excluded(usable.inputs), **job.request["output"], **job.request["settings"], **told)
 
 

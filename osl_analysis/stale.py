@@ -19,15 +19,23 @@ from osl_analysis.trial import PROVENANCE_KEY
 
 RECORDED = "recorded"
 """Parameter of a rule with the `file_state` of each recording that its job reads."""
+OF_TRIAL = "of_trial"
+"""Parameter of a rule that has several by name: one function of the wildcards is called for them all, once per job."""
 UNKNOWN = "not known: there is no log of its job"
 SETTINGS = "other settings, inputs or program"
 RECORDINGS = "other recordings"
 MISSING = "a file of these results is missing"
 
 
+def each_param(params: Mapping[str, Any]) -> dict[str, Any]:
+    """The parameters of a rule by name, with those in `OF_TRIAL`."""
+    found = {str(name): value for name, value in params.items()}
+    return found | dict(found.pop(OF_TRIAL, {}))
+
+
 def made_of(inputs: Iterable[Any], params: Mapping[str, Any]) -> dict[str, Any]:
     """What a job's results are made of: a digest of its inputs' names and its parameters, and its recordings' state."""
-    settings = {str(name): plain(value) for name, value in params.items()}
+    settings = {name: plain(value) for name, value in each_param(params).items()}
     recordings = settings.pop(RECORDED, None) or {}
     text = json.dumps([sorted(map(str, inputs)), settings], sort_keys=True)
     return {"digest": hashlib.sha256(text.encode()).hexdigest()[:16], "recordings": recordings}

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import polars as pl
 
+from osl_analysis.archive import SUFFIX, add_part, is_part, read_part
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.refusal import check_not_refused
@@ -42,9 +43,13 @@ def write_table(frame: pl.DataFrame, path: Path) -> None:
     """Write a table as CSV that reads back to the same numbers; null becomes an empty field, NaN stays `NaN`.
 
     Within `tables_of` it has the column `data`. A line above the header would say the same, and stop other readers.
+    The path may be that of a part of an archive (`archives`).
     """
     if data := OF_DATA.get():
         frame = frame.select(pl.exclude("data"), pl.lit(data, pl.String).alias("data"))
+    if is_part(path):
+        add_part(path, frame.write_csv().encode())
+        return
     with atomic_path(path) as temporary:
         frame.write_csv(temporary)
 
@@ -70,10 +75,11 @@ def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.Da
     )
 
 
-def read_table(path: Path, required: Sequence[str] = ()) -> pl.DataFrame:
+def read_table(path: Path, required: Sequence[str] = (), of: str = "") -> pl.DataFrame:
     """Read a table. A column without any entry is read as Float64 null, `TEXT_COLUMNS` as text.
 
-    Columns that are `required` must be there and, unless they are among `TEXT_COLUMNS`, hold numbers.
+    Columns that are `required` must be there and, unless they are among `TEXT_COLUMNS`, hold numbers. `of`: name of the
+    table where `path` is an archive of several; a path to one table has it already.
 
     Raises
     ------
@@ -83,8 +89,13 @@ def read_table(path: Path, required: Sequence[str] = ()) -> pl.DataFrame:
     check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such table; run the step that writes it, or check the path")
+    part = path / f"{of}.csv" if path.suffix == SUFFIX else None
     try:
-        table = pl.read_csv(path, infer_schema_length=None, schema_overrides=dict.fromkeys(TEXT_COLUMNS, pl.String))
+        table = pl.read_csv(
+            read_part(part) if part else path,
+            infer_schema_length=None,
+            schema_overrides=dict.fromkeys(TEXT_COLUMNS, pl.String),
+        )
     except pl.exceptions.PolarsError as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(f"{path}: not a CSV table ({reason}); rewrite it with the step that makes it") from error

@@ -20,7 +20,7 @@ from osl_analysis.job_log import MADE_OF, plain, read_log, read_logs, run_report
 from osl_analysis.refusal import forget_failures
 from osl_analysis.refusal_report import records_in
 from osl_analysis.scheduling import without_usual_rate
-from osl_analysis.stale import MISSING, RECORDED, made_of, stale
+from osl_analysis.stale import MISSING, RECORDED, each_param, made_of, stale
 
 __all__ = [
     "at_end_of_dry_run",
@@ -87,7 +87,7 @@ def run_job(
     after = flat(inputs.pop("after", []))
     unnamed = [] if isinstance(input, Mapping) else sorted(set(map(str, input)) - set(flat(inputs)) - set(after))
     inputs |= named(read or {})
-    path, request = Path(str(log)), {"input": inputs, "output": outputs(output), "settings": named(params)}
+    path, request = Path(str(log)), {"input": inputs, "output": outputs(output), "settings": named(each_param(params))}
     request[MADE_OF] = made_of(flat(input), params)
     files_made = flat(plain(list(files)) if files else request["output"])
     job = Job(command, request, unnamed, files_made, said_of_tables["data"])
@@ -141,9 +141,10 @@ def know_by_logs(workflow: Any) -> None:
         def changed(job: Any, file: Any = None) -> Any:
             results = [Path(str(output)) for output in job.output]
             found = compare(job, file=file)
-            if found or not job.log:
+            there = [result.exists() for result in results]
+            if found or not job.log or not any(there):
                 return found
-            if not all(result.exists() for result in results):
+            if not all(there):
                 return type(found)(only_old={MISSING}, files=set(job.output))
             why = stale(made_of(job.input, job.params), Path(str(job.log[0])), results, noted(job))
             return type(found)(only_old={why}, files=set(job.output)) if why else found

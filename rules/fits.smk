@@ -5,19 +5,38 @@ that a rule names. A rule names one file of every job that it needs; what else t
 """
 
 
-def device(trial: str):
-    """The parameter file of a trial's device, as an input; none where there is none for its joint."""
-    return CAMPAIGN.device(trial) or []
+def device(trials):
+    """The parameter file of a trial's device, as an input of its rule; none where there is none for its joint."""
+    files = {CAMPAIGN.device(trial) for trial in trials}
+    return (files.pop() or []) if len(files) == 1 else lambda wildcards: CAMPAIGN.device(wildcards.trial) or []
 
 
-def sheet_row(*columns: str):
-    """These columns of a trial's row, as a parameter of its rule."""
-    return lambda wildcards: {column: CAMPAIGN.row(wildcards.trial)[column] for column in columns}
+def stated(experiment: str, columns, windows: bool):
+    """What the sheet states for a trial, as a parameter of its rule: its `condition` in these columns, its windows."""
+
+    def of_trial(wildcards) -> dict[str, object]:
+        row = CAMPAIGN.row(wildcards.trial, experiment)
+        condition = {"condition": {column: row[column] for column in columns}} if columns else {}
+        return condition | ({"windows": row["windows"]} if windows else {})
+
+    return of_trial
 
 
-def stated_windows(wildcards) -> str | None:
-    """The windows that the sheet states for a trial."""
-    return CAMPAIGN.row(wildcards.trial)["windows"]
+def fit_file(experiment: str, table: str, trial: str) -> Path:
+    """The file with a trial's rows of a table: of its own for the experiment's first table, one archive for the others."""
+    first = CONFIG.tables(experiment)[0].name
+    return RESULTS / f"fits/{first}/{trial}{'.csv' if table == first else '.zip'}"
+
+
+def fit_files(experiment: str, trial: str) -> list[Path]:
+    """The files that the fit of a trial writes."""
+    return list(dict.fromkeys(fit_file(experiment, table.name, trial) for table in CONFIG.tables(experiment)))
+
+
+def fit_tables(experiment: str, trial: str) -> dict[str, Path]:
+    """Where the fit of a trial writes each of its tables."""
+    files = {table.name: fit_file(experiment, table.name, trial) for table in CONFIG.tables(experiment)}
+    return {name: file / f"{name}.csv" if file.suffix == ".zip" else file for name, file in files.items()}
 
 
 for experiment, facts in EXPERIMENTS.items():
@@ -28,24 +47,22 @@ for experiment, facts in EXPERIMENTS.items():
         name:
             f"fit_{experiment}_trial"
         input:
-            **({"parameters": lambda wildcards: device(wildcards.trial)} if facts.fit.parameters else {}),
+            **({"parameters": device(CAMPAIGN.trials(experiment))} if facts.fit.parameters else {}),
             trial=RESULTS / "trials/{trial}.parquet",
         output:
-            **{table.name: RESULTS / f"fits/{table.name}/{{trial}}.csv" for table in CONFIG.tables(experiment)},
+            fit_files(experiment, "{trial}"),
         log:
             RESULTS / f"logs/{experiment}/{{trial}}.log",
-        wildcard_constraints:
-            trial=CAMPAIGN.pattern(experiment),
         group:
             "trials"
         params:
             **{name: getattr(CONFIG, section).part(model) for name, (section, model) in facts.fit.settings.items()},
-            **({"condition": sheet_row(*facts.fit.sheet)} if facts.fit.sheet else {}),
-            **({"windows": stated_windows} if facts.fit.windows else {}),
+            of_trial=stated(experiment, facts.fit.sheet, facts.fit.windows),
             command=facts.fit.job,
             code=jobs.code_of(facts.fit.job),
         run:
-            jobs.run_job(log, params.command, input, {"tables": dict(output.items())}, params)
+            tables = fit_tables(CAMPAIGN.row(wildcards.trial)["experiment"], wildcards.trial)
+            jobs.run_job(log, params.command, input, {"tables": tables}, params, files=output)
 
 
 def fitted(*experiments: str) -> list[Path]:

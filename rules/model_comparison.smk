@@ -14,7 +14,7 @@ IS_PREDICTED = bool(AMPLITUDES) or any(len(trials) > 1 for trials in REPEATS.val
 
 rule compare_belt_models:
     input:
-        parameters=lambda wildcards: device(REPEATS[wildcards.belts][0]),
+        parameters=lambda wildcards: CAMPAIGN.device(REPEATS[wildcards.belts][0]) or [],
         fitted=lambda wildcards: rows("belt", REPEATS[wildcards.belts]),
     output:
         RESULTS / "fits/model_comparison/{belts}.csv",
@@ -56,14 +56,14 @@ rule compare_transmission_models:
 
 rule compare_impedance_models:
     input:
-        parameters=lambda wildcards: device(wildcards.trial),
+        parameters=device(AMPLITUDES),
         fitted=[RESULTS / "fits/impedance/{trial}.csv"],
     output:
         RESULTS / "fits/model_comparison/{trial}.csv",
     log:
         RESULTS / "logs/model_comparison/{trial}.log",
     wildcard_constraints:
-        trial=CAMPAIGN.pattern("impedance"),
+        trial="(?!(belt|transmission)_trials).*",
     group:
         "trials"
     params:
@@ -71,8 +71,7 @@ rule compare_impedance_models:
         settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
         weight=CONFIG.gain_weight.model_dump(mode="json"),
         sign_width=CONFIG.model_comparison.sign_width,
-        condition=sheet_row("controller", "K_d", "B_d"),
-        windows=stated_windows,
+        of_trial=stated("impedance", ("controller", "K_d", "B_d"), windows=True),
     run:
         read = {"trial": trial_file(wildcards.trial)}
         jobs.run_job(log, "bench.compare_impedance_models", input, output, params, read=read)

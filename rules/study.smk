@@ -19,6 +19,13 @@ STUDY_JOBS = {
 """The jobs of the study by the names of their files."""
 
 
+def study_files(wildcards) -> list[Path]:
+    """The files that decide what the study simulates."""
+    from osl_analysis.commands.simulate import settings_files  # it loads the simulator
+
+    return settings_files(STUDY.simulation)
+
+
 def study_seconds(wildcards) -> float:
     """The expected time of a job of the study [s]; also of one that is not planned today."""
     return Batch(STUDIED_BY_FILE[wildcards.experiment], int(wildcards.first), int(wildcards.number)).seconds
@@ -33,7 +40,7 @@ def expected_time(planned_jobs) -> str:
 
 rule study_batch:
     input:
-        settings_files(STUDY.simulation),
+        study_files,
     output:
         RESULTS / "study/batches/{experiment}_{first}_{number}.csv",
     log:

@@ -1,6 +1,7 @@
 """Fits of single trials -> tidy tables over trials -> the headline numbers."""
 
 TABLES = [(name, table) for name in EXPERIMENTS for table in CONFIG.tables(name)]
+FITTED = {(name, table.name) for name, table in TABLES}
 PER_TRIAL = {
     table.name: [trial for name, one in TABLES if one.name == table.name for trial in CAMPAIGN.rows_of(name, one)]
     for _, table in TABLES
@@ -19,10 +20,17 @@ DERIVED = {new: (table.name, job) for name, table in TABLES for new, job in tabl
 """Per table that is computed from one other table: that table, and the job."""
 
 
+def row_file(table: str, trial: str) -> Path:
+    """The file with the rows of a trial, or of a comparison, behind a table."""
+    experiment = CAMPAIGN.rows[trial]["experiment"] if trial in CAMPAIGN.rows else ""
+    if (experiment, table) in FITTED:
+        return fit_file(experiment, table, trial)
+    return RESULTS / ("quality" if table == "quality" else f"fits/{table}") / f"{trial}.csv"
+
+
 def rows(table: str, trials=None) -> list[Path]:
     """The files of single trials, or of these trials, behind a table."""
-    folder = RESULTS / ("quality" if table == "quality" else f"fits/{table}")
-    return [folder / f"{trial}.csv" for trial in (PER_TRIAL[table] if trials is None else trials)]
+    return [row_file(table, trial) for trial in (PER_TRIAL[table] if trials is None else trials)]
 
 
 def first_rows(experiment: str) -> list[Path]:

@@ -13,20 +13,31 @@ def trial_file(trial: str) -> Path:
 
 def raw_files(wildcards) -> list[Path]:
     """A trial's simulated logs, which other jobs write. Real recordings are no inputs: see `recorded`."""
-    return [*CAMPAIGN.logs(wildcards.trial), *CAMPAIGN.sources(wildcards.trial)] if CONFIG.simulation else []
+    return [*CAMPAIGN.logs(wildcards.trial), *CAMPAIGN.sources(wildcards.trial)]
 
 
-def recorded(wildcards) -> dict[str, list | None]:
+def recorded(trial: str) -> dict[str, list | None]:
     """State of a trial's recordings; another size or date, older ones too, ingests it again.
 
     As inputs, Snakemake would ignore an older date, and stop the run for a file that it cannot read. The job names it.
     """
-    return {} if CONFIG.simulation else {str(path): file_state(path) for path in CAMPAIGN.logs(wildcards.trial)}
+    return {} if CONFIG.simulation else {str(path): file_state(path) for path in CAMPAIGN.logs(trial)}
 
 
-def described(wildcards) -> dict[str, str | None]:
+def described(trial: str) -> dict[str, str | None]:
     """Content of a trial's source files; another one ingests it again."""
-    return {} if CONFIG.simulation else {str(path): digest(path) for path in CAMPAIGN.sources(wildcards.trial)}
+    return {} if CONFIG.simulation else {str(path): digest(path) for path in CAMPAIGN.sources(trial)}
+
+
+def ingest_of(wildcards) -> dict[str, object]:
+    """What the ingest of a trial depends on beside settings."""
+    return {
+        "recorded": recorded(wildcards.trial),
+        "described": described(wildcards.trial),
+        "row": CAMPAIGN.recording(wildcards.trial),
+        "needed_columns": EXPERIMENTS[CAMPAIGN.row(wildcards.trial)["experiment"]].needed_columns,
+        "accept": CAMPAIGN.accepted(wildcards.trial),
+    }
 
 
 def checked(trials) -> list[Path]:
@@ -36,7 +47,7 @@ def checked(trials) -> list[Path]:
 
 rule ingest:
     input:
-        raw_files,
+        raw_files if CONFIG.simulation else [],
     output:
         trial=RESULTS / "trials/{trial}.parquet",
         quality=RESULTS / "quality/{trial}.csv",
@@ -46,13 +57,9 @@ rule ingest:
         "trials"
     params:
         code=jobs.code_of("trials.ingest_and_check"),
-        recorded=recorded,
-        described=described,
-        row=lambda wildcards: CAMPAIGN.recording(wildcards.trial),
+        of_trial=ingest_of,
         raw_folder=str(RAW),
         sources_folder=str(CONFIG.sources),
-        needed_columns=lambda wildcards: EXPERIMENTS[CAMPAIGN.row(wildcards.trial)["experiment"]].needed_columns,
-        accept=lambda wildcards: CAMPAIGN.accepted(wildcards.trial),
         rules=CONFIG.quality.model_dump(mode="json"),
         commanded=CONFIG.dynamometer.model_dump(mode="json", include=set(PROTOCOL)),
     run:

@@ -110,5 +110,16 @@ def test_snakemake_is_told_of_results_that_do_not_hold(ingested: Ingested) -> No
     ingested.raw.write_bytes(b"0,3\n0")
     job.params = PARAMS | {"recorded": {str(ingested.raw): file_state(ingested.raw)}}
     assert run.persistence.params_changed(job) == {"only_old": {RECORDINGS}, "files": {str(ingested.trial)}}
+    job.output.append(str(ingested.trial.with_suffix(".csv")))
+    assert run.persistence.params_changed(job) == {"only_old": {MISSING}, "files": set(job.output)}
     ingested.trial.unlink()
-    assert run.persistence.params_changed(job) == {"only_old": {MISSING}, "files": {str(ingested.trial)}}
+    assert not run.persistence.params_changed(job)
+
+
+def test_parameters_of_one_function_are_parameters_as_any_other() -> None:
+    """As a rule gives them: `of_trial` is one function of the wildcards for them all."""
+    together = {"code": "1f", "of_trial": {"row": {"trial": "b_1"}, "recorded": {"b.mcap": [1, 2, 3]}}}
+    alone = {"code": "1f", "row": {"trial": "b_1"}, "recorded": {"b.mcap": [1, 2, 3]}}
+    assert made_of([], together) == made_of([], alone)
+    assert made_of([], together)["recordings"] == {"b.mcap": [1, 2, 3]}
+    assert made_of([], together) != made_of([], together | {"of_trial": {"row": {"trial": "b_2"}}})

@@ -38,7 +38,8 @@ def page(command: str) -> str:
 
 def table_section(table: DescribedTable) -> str:
     """One table."""
-    place, also = (path.replace("*", "TRIAL") + ".csv" for path in (table.place, table.also))
+    named = (path.replace("*/*", "EXPERIMENT/*").replace("*", "TRIAL") for path in (table.place, table.also))
+    place, also = (f"{path}.csv" for path in named)
     gathered = f" `{also}` holds the rows of one trial." if table.also else ""
     rows = ((f"`{column.name}`", column.unit, column.meaning) for column in table.columns.values())
     return f"## `{place}`\n\nRows: {table.rows}.{gathered}\n\n{markdown(('column', 'unit', 'meaning'), rows)}"

@@ -29,7 +29,7 @@ CHOSEN = "the desired impedance with the most trials"
 
 def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path) -> None:
     """The numbers of Fig. 3, from the trials' curves, `belt.csv` and `belt_summary.csv`."""
-    drawn = pl.concat([read_table(path) for path in curves])
+    drawn = pl.concat([read_table(path, of="belt_curves") for path in curves])
     write_table(
         belt_figure_points(drawn, read_table(table, ["trial", *PLACE, "doubtful"]), read_table(summary)), output
     )

@@ -150,7 +150,9 @@ def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping
     found = []
     if "series" in files:
         found.append(
-            panels.bench_pictures(read_table(files["series"]), MOTIONS.get(experiment, JOINT), experiment == "belt")
+            panels.bench_pictures(
+                read_table(files["series"], of="series"), MOTIONS.get(experiment, JOINT), experiment == "belt"
+            )
         )
     elif "crossing" in files and len(crossing := pl.read_parquet(files["crossing"])):
         found.append(panels.crossing_pictures(crossing))

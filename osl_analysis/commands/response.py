@@ -70,7 +70,7 @@ def groups_of(lines: Sequence[Path], conditions: Mapping[str, Mapping[str, Any]]
     """The trials of one condition with motions that are alike, each with its realisations."""
     by_condition: dict[tuple[Any, ...], dict[str, list[Realisation]]] = {}
     for path in lines:
-        table = read_table(path)
+        table = read_table(path, of="response_lines")
         if not table.is_empty():
             trial = str(table["trial"][0])
             key = tuple(conditions[trial].get(column) for column in CONDITION)

@@ -23,6 +23,8 @@ def gather(
 ) -> None:
     """One table from the tables of single trials, in the order given; with `limits`, doubtful fits are marked.
 
+    `rows` are their files, or the archives with a table of the same name as `output`.
+
     `fits` are the trials' fits of the table whose doubts the rows share, if any, with the limits of that table.
     `places` has joint and side of each trial, which become columns.
 
@@ -33,7 +35,7 @@ def gather(
     """
     if not rows:
         raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")
-    table = pl.concat([read_table(path) for path in rows], how="diagonal_relaxed")
+    table = pl.concat([read_table(path, of=output.stem) for path in rows], how="diagonal_relaxed")
     if limits is not None:
         table = marked(table, limits, output.stem)
     if limits_of_fits is not None and fits:

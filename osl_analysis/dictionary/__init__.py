@@ -42,7 +42,7 @@ class DescribedTable:
     """One kind of table."""
 
     place: str
-    """Path below `results/` without the suffix .csv; * stands for the name of a trial."""
+    """Path below `results/` without the suffix .csv; * stands for a trial, and before it for an experiment."""
     also: str
     """Path of the tables of single trials that it gathers, with the same columns; empty if there are none."""
     rows: str

@@ -8,6 +8,7 @@ A rule names its inputs, its outputs and the settings that its job uses; `jobs.r
 import os
 import sys
 from dataclasses import asdict
+from functools import cache
 from operator import attrgetter
 from pathlib import Path
 

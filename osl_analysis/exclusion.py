@@ -37,11 +37,13 @@ def without_refused(inputs: Mapping[str, Any], unnamed: Sequence[str] = ()) -> U
 
     A trial with a record in one list, or among the verdicts in `quality` or the results in `fitted`, is removed from
     every list. The job cannot run if a record stands for a single input or for one of the `unnamed` files, if the input
-    `trial` is such a trial, or if nothing is left of a list; beside an input `trial`, lists may become empty.
+    `trial` is such a trial, or if nothing is left of a list; beside an input `trial`, lists may become empty. Lists by
+    name are handed over as they are.
     """
     lists = {name: files for name, files in inputs.items() if isinstance(files, list)}
-    groups = {name: files for name, files in inputs.items() if isinstance(files, Mapping)}
-    alone = [file for name, file in inputs.items() if name not in lists and name not in groups]
+    named = {name: files for name, files in inputs.items() if isinstance(files, Mapping)}
+    groups = {name: files for name, files in named.items() if not any(isinstance(f, list) for f in files.values())}
+    alone = [file for name, file in inputs.items() if name not in lists and name not in named]
     gone = {Path(file).stem: read_refusals(file) for files in lists.values() for file in files if is_refused(file)}
     kept: dict[str, Any] = {name: [f for f in files if Path(f).stem not in gone] for name, files in lists.items()}
     kept |= {name: {key: f for key, f in files.items() if not is_refused(f)} for name, files in groups.items()}

@@ -4,6 +4,7 @@ Starting Python with numpy, scipy and polars takes 0.8 s per job. Forking a proc
 Each job still runs in its own process. A job that does not end well leaves refusal records in place of its results.
 """
 
+import os
 import signal
 import sys
 import threading
@@ -149,7 +150,7 @@ def know_by_logs(workflow: Any) -> None:
             why = stale(made_of(job.input, job.params), Path(str(job.log[0])), results, noted(job))
             return type(found)(only_old={why}, files=set(job.output)) if why else found
 
-        notes.has_metadata = lambda job: noted(job) or bool(job.log)
+        notes.has_metadata = lambda job: noted(job) or (bool(job.log) and any(map(os.path.exists, job.output)))
         notes.params_changed = changed
 
     workflow._prepare_dag = prepared

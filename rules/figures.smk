@@ -202,7 +202,7 @@ rule captions:
     params:
         code=lambda wildcards: jobs.code("commands.captions", *(f"figures.{name}" for name in drawn_names())),
         tables=lambda wildcards: {name: str(RESULTS / f"figures/{name}.csv") for name in drawn_names()},
-        shown=lambda wildcards: {name: list(map(str, shown_rows(name))) for name in drawn_names()},
         footer=ABOUT.sentence(),
     run:
-        jobs.run_job(log, "captions.write_captions", input, output, params)
+        read = {"shown": {name: shown_rows(name) for name in drawn_names()}}
+        jobs.run_job(log, "captions.write_captions", input, output, params, read=read)

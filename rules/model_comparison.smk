@@ -56,7 +56,6 @@ rule compare_transmission_models:
 
 rule compare_impedance_models:
     input:
-        parameters=device(AMPLITUDES),
         fitted=[RESULTS / "fits/impedance/{trial}.csv"],
     output:
         RESULTS / "fits/model_comparison/{trial}.csv",
@@ -73,5 +72,6 @@ rule compare_impedance_models:
         sign_width=CONFIG.model_comparison.sign_width,
         of_trial=stated("impedance", ("controller", "K_d", "B_d"), windows=True),
     run:
-        read = {"trial": trial_file(wildcards.trial)}
+        device = CAMPAIGN.device(wildcards.trial) or []
+        read = {"trial": trial_file(wildcards.trial), "parameters": device}
         jobs.run_job(log, "bench.compare_impedance_models", input, output, params, read=read)

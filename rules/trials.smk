@@ -24,9 +24,12 @@ def recorded(trial: str) -> dict[str, list | None]:
     return {} if CONFIG.simulation else {str(path): file_state(path) for path in CAMPAIGN.logs(trial)}
 
 
+digest_of = cache(digest)  # many trials have the same source file
+
+
 def described(trial: str) -> dict[str, str | None]:
     """Content of a trial's source files; another one ingests it again."""
-    return {} if CONFIG.simulation else {str(path): digest(path) for path in CAMPAIGN.sources(trial)}
+    return {} if CONFIG.simulation else {str(path): digest_of(path) for path in CAMPAIGN.sources(trial)}
 
 
 def ingest_of(wildcards) -> dict[str, object]:

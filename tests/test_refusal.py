@@ -262,7 +262,7 @@ def test_a_message_without_a_remedy_has_one_in_the_record_and_stays_whole(tmp_pa
 
 
 def test_a_file_that_may_not_be_read_is_no_fault_of_the_program(tmp_path: Path, monkeypatch) -> None:
-    def denied(*_) -> None:
+    def denied(*_, **__) -> None:
         raise PermissionError(13, "Permission denied", "raw/b_1.mcap")
 
     monkeypatch.setattr(tables, "read_table", denied)

@@ -5,6 +5,7 @@
 A rule names its inputs, its outputs and the settings that its job uses; `jobs.run_job` hands them over by these names.
 """
 
+import gc
 import os
 import sys
 from dataclasses import asdict
@@ -14,6 +15,7 @@ from pathlib import Path
 
 from osl_analysis.fork_server import start_early
 
+gc.set_threshold(50_000)  # what planning makes stays: looking through it at every 700th object took a sixth of it
 start_early()  # its imports take the other core while this one does those below
 
 from osl_analysis import workflow as jobs

@@ -15,6 +15,7 @@ from osl_analysis.stats.rounding import (
     rounding_harmonics,
     scatter_between_cycles,
 )
+from osl_analysis.stats.sinusoid import phase_factors
 from osl_analysis.timebase.cubic import cubic_between
 from osl_analysis.trial import Array
 
@@ -68,8 +69,8 @@ class Rounded:
         if segment not in self.kept:
             smooth, cycles = segment.part(self.smooth), repeated_cycles([segment])
             assert cycles is not None
-            seen = scatter_between_cycles(segment.part(self.signal) - smooth, cycles)
-            expected = scatter_between_cycles(self.step * np.rint(smooth / self.step) - smooth, cycles)
+            errors = np.array([segment.part(self.signal), self.step * np.rint(smooth / self.step)]) - smooth
+            seen, expected = scatter_between_cycles(errors, cycles)
             noise = noise_before_rounding(np.maximum(seen - expected, 0.0) / self.step**2)
             self.kept[segment] = np.exp(-2 * (np.pi * noise * np.arange(1, HARMONICS + 1)) ** 2)
         return self.kept[segment]
@@ -133,11 +134,10 @@ class RepeatedRounding:
         stiffness, damping = self.transfer(segment)
         for piece in segment.pieces:
             rows = slice(first, first + piece.stop - piece.start)
-            first, own = rows.stop, X.T[:, rows]
+            first, weights = rows.stop, X.T[:, rows]
             # the error acts as stiffness e + damping de/dt; by parts, the derivative is the column's
-            weights = stiffness * own
-            if damping:
-                weights -= damping * signal.rate_hz * np.gradient(own, axis=1)
+            if (stiffness, damping) != (1.0, 0.0):
+                weights = stiffness * weights - damping * signal.rate_hz * np.gradient(weights, axis=1)
             used = [k for k in segment.used if piece.start - 1 < segment.edges[k] < piece.stop - 1]
             edges = signal.time[0] + segment.edges[[*used, used[-1] + 1]] / signal.rate_hz
             low, *_, high = cuts = np.searchsorted(signal.sampled, edges)
@@ -151,10 +151,9 @@ class RepeatedRounding:
         if self.fitted is self.rounded.smooth:
             return 1.0, 0.0
         w = 2 * np.pi * segment.frequency_hz
-        turn = w * segment.part(self.rounded.time)
-        waves = np.array([np.cos(turn), -np.sin(turn)])
-        fitted, smooth = (waves @ (x - np.mean(x)) for x in map(segment.part, (self.fitted, self.rounded.smooth)))
-        ratio = complex(*fitted) / complex(*smooth)
+        wave = phase_factors(segment.part(self.rounded.time), -segment.frequency_hz)
+        fitted, smooth = ((x - np.mean(x)) @ wave for x in map(segment.part, (self.fitted, self.rounded.smooth)))
+        ratio = complex(fitted / smooth)
         return ratio.real, ratio.imag / w
 
 
@@ -162,5 +161,14 @@ def interpolated(place: Array, values: Array) -> Array:
     """Values (p, k) at places (k,) between rows from those (p, n) in the rows, by straight lines; constant beyond."""
     row = np.clip(place.astype(np.intp), 0, values.shape[1] - 2)
     share = np.clip(place - row, 0.0, 1.0)
-    below = np.take(values, row, axis=1)
-    return np.asarray(below + share * (np.take(values, row + 1, axis=1) - below))
+    below = taken(values, row)
+    between = taken(values, row + 1) - below
+    between *= share
+    between += below
+    return between
+
+
+def taken(values: Array, rows: NDArray[np.intp]) -> Array:
+    """The rows (k,) of values (p, n), shape (p, k); a view where they follow one another."""
+    in_turn = len(rows) > 0 and bool((np.diff(rows) == 1).all())
+    return values[:, rows[0] : rows[-1] + 1] if in_turn else np.take(values, rows, axis=1)

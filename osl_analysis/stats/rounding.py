@@ -102,7 +102,8 @@ def noise_before_rounding(scatter: Array) -> Array:
 def scatter_between_cycles(error: Array, cycles: Cycles) -> Array:
     """Variance between the cycles of each stratum at equal phase, in the squared unit of the error, shape (strata,).
 
-    `error` (n,) is the signal in the rows of the fit without its smooth part. Rounding that every cycle repeats has
+    `error` (n,) is the signal in the rows of the fit without its smooth part; several (k, n) have the shape
+    (k, strata). Rounding that every cycle repeats has
     none; rounding and noise that differ from cycle to cycle have theirs.
 
     Raises
@@ -112,7 +113,7 @@ def scatter_between_cycles(error: Array, cycles: Cycles) -> Array:
     """
     check_measured("the error of rounding", error)
     check_repeated(np.bincount(cycles.stratum).astype(float))
-    if not len(error):
+    if not error.shape[-1]:
         raise InputError("no samples between the cycles' edges; record the trial again")
     variances = []
     for stratum in np.unique(cycles.stratum):
@@ -120,7 +121,7 @@ def scatter_between_cycles(error: Array, cycles: Cycles) -> Array:
         count = max(int(np.min(stop - first)), 1)
         phase = (np.arange(count) + 0.5) / count
         rows = (first[:, None] + 1e-9 + (stop - first)[:, None] * phase).astype(np.intp)
-        alike = error[np.minimum(rows, len(error) - 1)]
-        apart = (alike - alike.mean(axis=0)).ravel()
-        variances.append(float(apart @ apart) / (count * (len(first) - 1)))
-    return np.array(variances)
+        alike = np.take(error, np.minimum(rows, error.shape[-1] - 1), axis=-1)
+        alike -= alike.mean(axis=-2, keepdims=True)
+        variances.append(np.einsum("...ij,...ij->...", alike, alike) / (count * (len(first) - 1)))
+    return np.stack(variances, axis=-1)

@@ -177,8 +177,8 @@ def sampling_rate(time: Array) -> float:
     mean = float(np.mean(step)) if len(step) else 0.0
     if not mean > 0:
         raise InputError(f"{len(time)} stamps that do not go forward have no rate; check the time's channel")
-    worst = int(np.argmax(np.abs(step - mean)))
-    if abs(step[worst] - mean) > UNIFORM_TOLERANCE * mean:
+    if max(np.max(step) - mean, mean - np.min(step)) > UNIFORM_TOLERANCE * mean:
+        worst = int(np.argmax(np.abs(step - mean)))
         raise InputError(
             f"the step at {time[worst]:.4f} s is {step[worst] * 1e3:.3f} ms, the mean step {mean * 1e3:.3f} ms: "
             "samples are missing or irregular; resample the log or cut the trial at the gap"

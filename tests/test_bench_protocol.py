@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from osl_analysis.bench.protocol import find_blocks, unit_block
+from osl_analysis.bench.protocol import best_lag, find_blocks, unit_block
 from osl_analysis.bench.segments import Block, Segment, repeated_cycles, rows_of, settled
 from osl_analysis.errors import InputError
 from osl_analysis.protocol.commanded import SteppedSineProtocol
@@ -187,3 +187,14 @@ def test_cycles_tile_the_rows_of_the_segments_with_edges_between_rows_also_when_
     np.testing.assert_allclose(np.diff(cycles.first[8:]), 500 / 3 / every)
     assert len(rows_of(segments)) == 1750 + 1167
     assert repeated_cycles([Segment(0.1, 2.0, 0, 1000, 4)]) is None
+
+
+@pytest.mark.parametrize("step", [1, 8, 25])
+def test_the_best_lag_of_a_template_is_that_of_all_lags(step):
+    """Noise as large as the sine; NumPy's correlation knows every lag."""
+    rng = np.random.default_rng(3)
+    template = np.sin(2 * np.pi * 3 * np.arange(1700) / 500)
+    for start in (0, 1, 83, 159, 160):
+        signal = rng.standard_normal(1860)
+        signal[start : start + 1700] += template
+        assert best_lag(signal, template, step) == np.argmax(np.correlate(signal, template, "valid"))

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import isclose
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench.rounding import RepeatedRounding
-from osl_analysis.bench.segments import Segment, repeated_cycles
+from osl_analysis.bench.segments import Segment
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.errors import InputError
 from osl_analysis.stats.complex_estimate import (
@@ -74,9 +75,9 @@ def trial_phasors(trial: SteppedSineTrial) -> list[SegmentPhasors]:
 
 def phasors_of(trial: SteppedSineTrial, segment: Segment) -> SegmentPhasors:
     """Phasors of one segment of a trial, with the errors that the spread of its cycles does not show."""
-    cycles, rounded = repeated_cycles([segment]), trial.rounded
+    rounded = trial.rounded
     repeated = [
-        [] if cycles is None or column not in rounded
+        [] if segment.repeated is None or column not in rounded
         else [RepeatedRounding(rounded[column], rounded[column].smooth, [segment])]
         for column in ("theta", "torque")
     ]  # fmt: skip
@@ -101,7 +102,7 @@ def segment_phasors(
         As `fit_sinusoid`.
     """
     when, phasors = segment.part(time), []
-    sine = sinusoid(when, segment.frequency_hz, repeated_cycles([segment]))
+    sine = sinusoid(when, segment.frequency_hz, segment.repeated)
     for name, signal, errors in (("theta", theta, repeated[0]), ("torque", torque, repeated[1])):
         try:
             phasors.append(sine.phasor(segment.part(signal), errors))
@@ -112,7 +113,7 @@ def segment_phasors(
 
 def at_amplitude(phasors: Sequence[SegmentPhasors], amplitude: float | None) -> list[SegmentPhasors]:
     """The segments of one amplitude [deg], or all (None)."""
-    return [s for s in phasors if amplitude is None or np.isclose(s.amplitude_deg, amplitude)]
+    return [s for s in phasors if amplitude is None or isclose(s.amplitude_deg, amplitude, rel_tol=1e-5)]
 
 
 def phasor_table(trial: str, phasors: Sequence[SegmentPhasors]) -> pl.DataFrame:
@@ -122,6 +123,7 @@ def phasor_table(trial: str, phasors: Sequence[SegmentPhasors]) -> pl.DataFrame:
 
 def phasor_row(segment: SegmentPhasors) -> Row:
     """Phasors and Y with covariances and degrees of freedom, the distortions, magnitude and phase of Y."""
+    admittance = segment.admittance
     return {
         "amplitude_deg": segment.amplitude_deg,
         "frequency_hz": segment.frequency_hz,
@@ -129,8 +131,8 @@ def phasor_row(segment: SegmentPhasors) -> Row:
         **complex_row("torque", segment.torque),
         "theta_distortion": segment.theta.distortion,
         "torque_distortion": segment.torque.distortion,
-        **complex_row("Y", segment.admittance),
-        **{f"Y_{name}": value for name, value in polar_row(segment.admittance).items()},
+        **complex_row("Y", admittance),
+        **{f"Y_{name}": value for name, value in polar_row(admittance).items()},
         "Y_se_bench": segment.compliance_error,
         "interval_method": max(segment.theta.interval_method, segment.torque.interval_method, key=len),
     }

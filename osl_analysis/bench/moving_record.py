@@ -40,10 +40,10 @@ class UnfilteredNoise(ResidualCorrelation):
     is correlated with both signs at the frequencies of the columns: Bartlett's weights then lose up to a tenth of it.
     """
 
-    def covariance(self, X: Array, inverse: Array, residual: Array, window: int) -> tuple[Array, Array, str]:
+    def covariance(self, X: Array, inverse: Array, residual: Array) -> tuple[Array, Array, str]:
         """As `ResidualCorrelation.covariance`."""
         noise = residual if self.filtered_off is None else residual + self.filtered_off
-        return *moving_sums(X @ inverse * noise[:, None], window, slow=True), self.method
+        return *moving_sums(X @ inverse * noise[:, None], self.window(residual), slow=True), self.method
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from osl_analysis.bench.segments import Block, Segment
 from osl_analysis.errors import InputError
@@ -13,6 +12,7 @@ from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.protocol.likeness import likeness
 from osl_analysis.protocol.runs import Run
 from osl_analysis.signals import sampling_rate
+from osl_analysis.stats.sinusoid import phase_factors
 from osl_analysis.trial import Array
 
 SAME_FREQUENCY = 1e-3
@@ -21,6 +21,8 @@ SAME_PHASE = 2e-3
 """Part of a cycle by which a run may slip against a frequency that is taken for its own."""
 TOUCHING = 0.3
 """Largest part of a cycle between two runs that follow one another without a rest."""
+COARSE = 20
+"""Steps within half a period of the fastest sine in which the start of a group is sought at first."""
 WHOLE, UPWARD = 0.15, 0.5
 """Deviation of a run from whole cycles, and of its phase [rad] at its start from 0, with which it is a plain sine."""
 
@@ -131,7 +133,20 @@ def best_start(theta: Array, group: Sequence[Segment], rate: float) -> float:
     near = theta[low : round(group[0].start) + reach + len(template)]
     if len(near) < len(template):
         return group[0].start
-    return low + int(np.argmax(fftconvolve(near, template[::-1], mode="valid")))
+    return low + best_lag(near, template, max(reach // COARSE, 1))
+
+
+def best_lag(signal: Array, template: Array, step: int) -> int:
+    """Row of a signal (n,) from which on it agrees best with a template (k,): by every `step`-th, then by those near.
+
+    The template changes little within a step, and so does the agreement.
+    """
+    last = len(signal) - len(template)
+    agreement = {row: float(signal[row : row + len(template)] @ template) for row in range(0, last + 1, step)}
+    best = max(agreement, key=agreement.__getitem__)
+    for row in range(max(best - step, 0), min(best + step, last) + 1):
+        agreement[row] = float(signal[row : row + len(template)] @ template)
+    return max(sorted(agreement), key=agreement.__getitem__)
 
 
 def shifted(group: Sequence[Segment], start: float) -> list[Segment]:
@@ -143,7 +158,7 @@ def shifted(group: Sequence[Segment], start: float) -> list[Segment]:
 
 def unit_sines(sines: Sequence[tuple[float, float]], rate: float) -> Array:
     """Sines of unit amplitude, one after the other: frequency [Hz] and number of cycles of each, at `rate` [Hz]."""
-    pieces = [np.sin(2 * np.pi * f * np.arange(round(cycles / f * rate)) / rate) for f, cycles in sines]
+    pieces = [phase_factors(np.arange(round(cycles / f * rate)) / rate, f).imag for f, cycles in sines]
     return np.concatenate(pieces)
 
 

@@ -15,9 +15,10 @@ from osl_analysis.bench.frequency_response import (
 )
 from osl_analysis.bench.impedance import amplitude_series, impedance_series, impedance_table, impedance_time_base
 from osl_analysis.bench.moving_record import MovingRecord, moving_record
+from osl_analysis.bench.recorded import Recorded, recorded
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import ImpedanceAnalysis
-from osl_analysis.bench.stepped_sine import Recorded, SteppedSineTrial, recorded, stepped_sine_trial
+from osl_analysis.bench.stepped_sine import SteppedSineTrial, stepped_sine_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.protocol.likeness import BIN_S, HARDLY, MOVES

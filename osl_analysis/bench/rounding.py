@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.bench.segments import Segment, repeated_cycles
+from osl_analysis.bench.segments import Segment
 from osl_analysis.stats.covariance import nearest_covariance
 from osl_analysis.stats.rounding import (
     HARMONICS,
@@ -19,6 +19,8 @@ from osl_analysis.stats.sinusoid import phase_factors
 from osl_analysis.timebase.cubic import cubic_between
 from osl_analysis.trial import Array
 
+BATCH = 8192
+"""Samples whose rounding is computed at a time: it stays in the processor's cache."""
 DITHERED = 1e-3
 """Share of the rounding that survives the noise before it, below which there is nothing to repeat."""
 
@@ -67,7 +69,7 @@ class Rounded:
         fit to the segment asks for it: it is kept.
         """
         if segment not in self.kept:
-            smooth, cycles = segment.part(self.smooth), repeated_cycles([segment])
+            smooth, cycles = segment.part(self.smooth), segment.repeated
             assert cycles is not None
             errors = np.array([segment.part(self.signal), self.step * np.rint(smooth / self.step)]) - smooth
             seen, expected = scatter_between_cycles(errors, cycles)
@@ -140,11 +142,16 @@ class RepeatedRounding:
                 weights = stiffness * weights - damping * signal.rate_hz * np.gradient(weights, axis=1)
             used = [k for k in segment.used if piece.start - 1 < segment.edges[k] < piece.stop - 1]
             edges = signal.time[0] + segment.edges[[*used, used[-1] + 1]] / signal.rate_hz
-            low, *_, high = cuts = np.searchsorted(signal.sampled, edges)
-            per_row = signal.rate_hz * (edges[-1] - edges[0]) / (high - low)
-            each = per_row * interpolated(signal.place(slice(low, high)) - piece.start, weights)
-            errors = rounding_harmonics(signal.smooth_when_sampled(slice(low, high)), signal.step)
-            yield from (each[:, i:j] @ errors[:, i:j].T for i, j in pairwise(cuts - low))
+            cuts = np.searchsorted(signal.sampled, edges)
+            samples = slice(int(cuts[0]), int(cuts[-1]))
+            count = samples.stop - samples.start
+            place, smooth = signal.place(samples) - piece.start, signal.smooth_when_sampled(samples)
+            per_row = signal.rate_hz * (edges[-1] - edges[0]) / count
+            for cycles in np.array_split(np.arange(len(used)), min(-(-count // BATCH), len(used))):
+                low, *_, high = own = cuts[cycles[0] : cycles[-1] + 2] - cuts[0]
+                each = interpolated(place[low:high], weights)
+                errors = rounding_harmonics(smooth[low:high], signal.step)
+                yield from (per_row * (each[:, i:j] @ errors[:, i:j].T) for i, j in pairwise(own - low))
 
     def transfer(self, segment: Segment) -> tuple[float, float]:
         """By how much what is fitted follows the signal and its derivative in a segment; (1, 0): the signal itself."""

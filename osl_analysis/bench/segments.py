@@ -69,6 +69,11 @@ class Segment:
         """Number of these rows."""
         return sum(piece.stop - piece.start for piece in self.pieces)
 
+    @cached_property
+    def repeated(self) -> Cycles | None:
+        """Its cycles among `rows`; None if it has fewer than five."""
+        return repeated_cycles([self])
+
     def part(self, signal: Array) -> Array:
         """A signal (n,) in these rows; a view where they follow one another."""
         parts = [signal[piece] for piece in self.pieces]

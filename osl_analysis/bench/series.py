@@ -59,4 +59,5 @@ class Series:
 def extremes(values: Array, k: int) -> tuple[Array, Array]:
     """Smallest and largest of each k values (n,) that are not NaN; NaN where all are."""
     whole = np.concatenate([values, np.full(-len(values) % k, np.nan)]).reshape(-1, k)
-    return np.fmin.reduce(whole, axis=1), np.fmax.reduce(whole, axis=1)
+    columns = np.ascontiguousarray(whole.T)  # along short rows NumPy reduces one by one
+    return np.fmin.reduce(columns), np.fmax.reduce(columns)

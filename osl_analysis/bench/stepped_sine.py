@@ -10,21 +10,19 @@ from numpy.typing import NDArray
 from osl_analysis.bench.alternatives import joint_angle
 from osl_analysis.bench.load_cell_drift import drift_rate, without_angle, without_drift
 from osl_analysis.bench.protocol import find_blocks
+from osl_analysis.bench.recorded import Recorded, recorded, resolution_of
 from osl_analysis.bench.rounding import RepeatedRounding, Rounded
 from osl_analysis.bench.segments import Block, Segment, repeated_cycles, settled
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import BenchStiffness, SteppedSineAnalysis
 from osl_analysis.bench.settled_signals import RawSignals
 from osl_analysis.errors import InputError
-from osl_analysis.protocol.likeness import Likeness, likeness
-from osl_analysis.rails import sampled
 from osl_analysis.signals import LowPass, Motion, filtered_motion, joined
 from osl_analysis.stats.covariance import RepeatedError, ResidualCorrelation
 from osl_analysis.stats.regression import LinearFit
-from osl_analysis.stats.rounding import visible_step
 from osl_analysis.timebase.chunks import pieces
 from osl_analysis.trial import Array, Trial
-from osl_analysis.uniform import UniformSignals, origin, uniform_signals
+from osl_analysis.uniform import UniformSignals
 
 Columns = Callable[[Motion], Mapping[str, Array]]
 """The named columns (n,) of a model for a motion (n,)."""
@@ -167,28 +165,6 @@ class SteppedSineTrial:
         }
 
 
-@dataclass(frozen=True)
-class Recorded:
-    """Angle and torque of a trial on one time base, and what the joint did."""
-
-    signals: UniformSignals
-    """Angle, torque and, if a log has it, the command."""
-    motion: Likeness
-    """The motion of the bench's angle, which the bench controls."""
-
-
-def recorded(trial: Trial, settings: SteppedSineAnalysis) -> Recorded:
-    """The signals of a trial, as every fit of a stepped sine, or of another motion, takes them.
-
-    Raises
-    ------
-    InputError
-        A signal is missing or has no time base; the message names the trial.
-    """
-    signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
-    return Recorded(signals, likeness(signals.time, signals["theta"], settings.protocol))
-
-
 def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis, known: Recorded | None = None) -> SteppedSineTrial:
     """Bring a canonical trial on one time base, find its protocol, subtract the load cell's drift, and filter.
 
@@ -202,8 +178,7 @@ def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis, known: Recor
     known = known or recorded(trial, settings)
     made, bench = stepped_sine_alone(trial, settings, known), settings.bench_stiffness
     try:
-        other = known.signals.other()
-        again = None if other is None else Recorded(other, likeness(other.time, other["theta"], settings.protocol))
+        again = known.other()
         return replace(
             made,
             other=None if again is None else stepped_sine_of(again, settings),
@@ -221,12 +196,6 @@ def stepped_sine_alone(trial: Trial, settings: SteppedSineAnalysis, known: Recor
         return replace(stepped_sine_of(known, settings), steps=steps)
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
-
-
-def resolution_of(trial: Trial, column: str) -> float | None:
-    """The step to which a column was rounded, in its unit: what the source file states, else what the values show."""
-    stated = origin(trial, column).get("resolution")
-    return float(stated) if stated else visible_step(sampled(trial, column)[1])
 
 
 def stepped_sine_of(known: Recorded, settings: SteppedSineAnalysis, more_compliance: float = 0.0) -> SteppedSineTrial:

@@ -8,7 +8,6 @@ import numpy as np
 from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors
 from osl_analysis.bench.nonlinearity import Phasors, stacked
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.stats.complex_estimate import complex_quotient
 from osl_analysis.stats.fit_row import Row, lag_damping_row
 from osl_analysis.stats.regression import LinearFit, regressors
 from osl_analysis.trial import Array
@@ -157,9 +156,10 @@ def torque_lag_row(phasors: Sequence[SegmentPhasors], fit: LinearFit, expected: 
 def noise_of(phasors: Sequence[SegmentPhasors]) -> float:
     """RMS standard error of measured impedances, weighed as `lag_beyond` weighs them [N*m, at 1 Hz]."""
     variances = [
-        abs(s.theta.value) ** 2 / s.frequency_hz * np.trace(complex_quotient(s.torque, s.theta).covariance) / 2
+        (np.trace(s.torque.covariance) + abs(s.torque.value / s.theta.value) ** 2 * np.trace(s.theta.covariance))
+        / (2 * s.frequency_hz)
         for s in phasors
-    ]
+    ]  # of torque/theta times |theta|, to first order
     return float(np.sqrt(np.mean(variances)))
 
 

@@ -114,8 +114,8 @@ def upward_crossings(time: Array, theta: Array) -> Array:
     noise = float(np.median(np.abs(np.diff(x, 2)))) / (0.6745 * np.sqrt(6))
     certain = np.flatnonzero(np.abs(x) > max(DEAD_BAND * float(np.max(np.abs(x))), 5 * noise))
     up = (x[certain[1:]] > 0) & (x[certain[:-1]] < 0)
-    below = np.maximum.accumulate(np.where(x <= 0, np.arange(len(x)), 0))  # the last row that is not above the centre
-    before = below[certain[1:][up]]
+    below = np.flatnonzero(x <= 0)
+    before = below[np.searchsorted(below, certain[1:][up]) - 1]  # the last row that is not above the centre
     return np.asarray(time[before] - x[before] * (time[before + 1] - time[before]) / (x[before + 1] - x[before]))
 
 

@@ -53,7 +53,7 @@ class LineScatter(ResidualCorrelation):
             return REALISATIONS
         return EXCITED if self.level is None else DETECTION
 
-    def covariance(self, X: Array, inverse: Array, residual: Array, window: int) -> tuple[Array, Array, str]:
+    def covariance(self, X: Array, inverse: Array, residual: Array) -> tuple[Array, Array, str]:
         """Covariance (p, p) of the estimates, its degrees of freedom (p,) and its source."""
         influence = X @ inverse
         count, p = self.shape[0], influence.shape[1]

@@ -42,7 +42,7 @@ class UnitNoise(ResidualCorrelation):
         """Errors of two lines are not correlated."""
         return 1
 
-    def covariance(self, X: Array, inverse: Array, residual: Array, window: int) -> tuple[Array, Array, str]:
+    def covariance(self, X: Array, inverse: Array, residual: Array) -> tuple[Array, Array, str]:
         """Covariance (p, p) of the estimates, its degrees of freedom (p,) and its source."""
         return 0.5 * inverse.T @ (X.T @ X) @ inverse, np.full(X.shape[1], self.freedom), NOISE
 

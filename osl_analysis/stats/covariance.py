@@ -62,14 +62,15 @@ class ResidualCorrelation:
         """Number of samples over which a residual (n,) may be correlated."""
         return self.lags or correlation_samples(residual, self.every)
 
-    def covariance(self, X: Array, inverse: Array, residual: Array, window: int) -> tuple[Array, Array, str]:
+    def covariance(self, X: Array, inverse: Array, residual: Array) -> tuple[Array, Array, str]:
         """Covariance of the estimates, its degrees of freedom, and where it comes from.
 
         X (n, p) times `inverse` (p, p) is by how much each estimate changes with each sample of y; `residual` (n,) is
         what is left.
         """
         if self.cycles is None:
-            return *moving_sums(X @ inverse * residual[:, None], window, slow=self.every > 1), self.method
+            scores = X @ inverse * residual[:, None]
+            return *moving_sums(scores, self.window(residual), slow=self.every > 1), self.method
         noise = residual if self.filtered_off is None else residual + self.filtered_off
         sums = self.cycles.sums(X, noise) @ inverse
         covariance, degrees_of_freedom = between_cycles(sums, self.cycles.stratum)

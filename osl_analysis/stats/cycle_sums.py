@@ -60,13 +60,10 @@ def products_between(X: Array, y: Array, first: Array, stop: Array, inwards: NDA
 def fractions_of_rows(X: Array, y: Array, row: NDArray[np.intp], share: Array, moved: NDArray[np.intp]) -> Array:
     """The sum (m, p) of a `share` (m,) of X times y in each `row` (m,), by the cubic through the cumulative sums one
     row before it to two rows behind, or `moved` (m,) by some rows; beyond the ends there is nothing to sum."""
+    at = row + moved + np.array([[-1], [0], [1]])
+    inside = np.clip(at, 0, len(y) - 1)
     weights = cubic_weights(np.where(share < 1e-9, 0.0, share) - moved) - cubic_weights(-moved)
-    parts = np.zeros((len(row), X.shape[1]))
-    for weight, at in zip(weights, (row + moved - 1, row + moved, row + moved + 1), strict=True):
-        there = (at >= 0) & (at < len(y))
-        rows = at[there]
-        parts[there] += (weight[there] * y[rows])[:, None] * X[rows]
-    return parts
+    return np.asarray(np.einsum("km,kmp->mp", weights * y[inside] * (at == inside), X[inside]))
 
 
 def cubic_weights(x: Array | NDArray[np.intp]) -> Array:

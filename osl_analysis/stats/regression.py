@@ -160,8 +160,7 @@ class Regressors:
         """Least squares of y (n,) on the columns; `residuals` and what is raised as in `linear_fit`."""
         estimates, inverse = self.solved(y), self.inverse
         residual = y - self.measured @ estimates
-        window = residuals.window(residual)
-        covariance, degrees_of_freedom, method = residuals.covariance(self.X, inverse, residual, window)
+        covariance, degrees_of_freedom, method = residuals.covariance(self.X, inverse, residual)
         return LinearFit(
             self.names,
             estimates,
@@ -169,7 +168,7 @@ class Regressors:
             variance_accounted_for(y, residual),
             1 - float(residual @ residual) / max(float(y @ y), np.finfo(float).tiny),
             self.condition,
-            window,
+            residuals.window(residual),
             len(y),
             method,
             degrees_of_freedom,
@@ -225,7 +224,7 @@ def variance_accounted_for(y: Array, residual: Array) -> float:
     check_finite("the residual", residual)
     if not len(y):
         return float("nan")
-    return accounted_for(float(np.var(residual)), float(np.var(y)), rounding_of(y))
+    return accounted_for(variance(residual), variance(y), rounding_of(y))
 
 
 def accounted_for(left: float, varied: float, rounding: float) -> float:
@@ -233,3 +232,9 @@ def accounted_for(left: float, varied: float, rounding: float) -> float:
     if varied > rounding:
         return 100 * (1 - left / varied)
     return 100.0 if left <= rounding else 0.0
+
+
+def variance(values: Array) -> float:
+    """Mean square of values (n,) about their mean, in the squared unit; `np.var` takes twice as long."""
+    apart = values - np.mean(values)
+    return float(apart @ apart) / len(values)

@@ -29,8 +29,6 @@ class Phasor(ComplexEstimate):
 
     distortion: float
     """Root sum of squares of harmonics 2 to 5, divided by the fundamental."""
-    vaf: float
-    """Variance accounted for by the fit [percent]."""
     harmonics: NDArray[np.complex128]
     """Complex amplitudes of the fundamental and of harmonics 2 to 5, shape (5,): harmonic k is Re(H exp(j k w t))."""
     interval_method: str
@@ -77,8 +75,10 @@ class Sinusoid:
 
     def phasor(self, signal: Array, repeated: Sequence[RepeatedError] = ()) -> Phasor:
         """Phasor of a signal (n,); `repeated` and what is raised as in `fit_sinusoid`."""
-        fit = self.columns.fit(signal, ResidualCorrelation(cycles=self.cycles, repeated=repeated))
-        cosines, sines = fit.estimates[1::2], fit.estimates[2::2]
+        X, inverse, estimates = self.columns.X, self.columns.inverse, self.columns.solved(signal)
+        known = ResidualCorrelation(cycles=self.cycles, repeated=repeated)
+        covariance, degrees_of_freedom, method = known.covariance(X, inverse, signal - X @ estimates)
+        cosines, sines = estimates[1::2], estimates[2::2]
         amplitudes = np.hypot(cosines, sines)
         if amplitudes[0] <= NO_SINE * np.abs(signal).max():
             raise InputError(
@@ -88,12 +88,11 @@ class Sinusoid:
         to_phasor = np.array([[1.0, -1.0], [-1.0, 1.0]])  # a cos(wt) + b sin(wt) = Re((a - j b) exp(j w t))
         return Phasor(
             complex(cosines[0], -sines[0]),
-            to_phasor * fit.covariance[1:3, 1:3],
-            float(np.min(fit.degrees_of_freedom[1:3])),
+            to_phasor * covariance[1:3, 1:3],
+            float(np.min(degrees_of_freedom[1:3])),
             float(np.linalg.norm(amplitudes[1:]) / amplitudes[0]),
-            fit.vaf,
             cosines - 1j * sines,
-            fit.interval_method,
+            method,
         )
 
 
@@ -143,5 +142,5 @@ def phase_factors(time: Array, frequency_hz: float) -> NDArray[np.complex128]:
     turn = 2j * np.pi * frequency_hz
     if len(time) > 2 and np.ptp(np.diff(time)) * abs(turn) * few < EVEN:
         each = np.outer(np.exp(turn * time[::few]), np.exp(turn * (time[:few] - time[0])))
-        return each.ravel()[: len(time)]
-    return np.exp(turn * time)
+        return np.asarray(each.ravel()[: len(time)])
+    return np.asarray(np.exp(turn * time))

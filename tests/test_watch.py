@@ -2,15 +2,21 @@
 
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import polars as pl
 import pytest
+from any_motion import TRUE, made_trial, noise
 from conftest import ROOT
 from test_new_campaign import DAMPING, INERTIA, STIFFNESS, write_joint
 
+from osl_analysis.commands import first_look
 from osl_analysis.commands import watch as module
 from osl_analysis.commands.arrivals import QUIET_S, Arrivals, read_notes
-from osl_analysis.commands.watch import bench_of, line_of, watch
+from osl_analysis.commands.first_look import fit_of_row
+from osl_analysis.commands.watch import bench_of, device_of, line_of, quality_text, watch
 from osl_analysis.shipped import default_config
 
 
@@ -167,3 +173,34 @@ def test_the_stated_source_file_decides(tmp_path):
     said = line_of(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
     assert "guessed" not in said
     assert float(re.search(r"\bK (\S+) ±", said)[1]) == pytest.approx(STIFFNESS, rel=0.01)
+
+
+def test_a_trial_of_the_sheet_is_fitted_in_its_windows_and_against_its_curve(monkeypatch):
+    rng = np.random.default_rng(1)
+    motion = noise(rng, duration=40.0)
+    disturbed = np.where((motion[0] > 15) & (motion[0] < 25), 30 * np.sin(9 * motion[0]), 0.0)
+    trial = made_trial(rng, motion, more=disturbed)
+    row = {"experiment": "impedance", "controller": "mine", "K_d": 250.0, "B_d": None, "windows": "2-14.5 25.5-40"}
+    (found,) = fit_of_row(trial, row, None, default_config()).estimates.to_dicts()
+    assert [found[name] for name in TRUE] == pytest.approx(list(TRUE.values()), rel=0.01)
+    assert (found["controller"], found["K_d"]) == ("mine", 250.0)
+    assert "the configuration names no parameter file" in found["not_checked"]
+    monkeypatch.setattr(first_look, "fit_trial", lambda *given: given[-1].curve)
+    assert fit_of_row(trial, {"experiment": "torque_angle", "desired": "foot"}, None, default_config()) == "foot"
+
+
+def test_the_parameters_of_an_ankle_judge_no_knee(bench):
+    device = bench.config.parameters
+    assert device_of({"joint": "knee"}, bench.config) is None
+    assert device_of({"joint": "ankle"}, bench.config) == device_of({}, bench.config) == device
+    assert device_of({}, bench.config.model_copy(update={"parameters": None})) is None
+
+
+def test_a_failed_check_that_the_sheet_accepts_is_not_repeated(bench):
+    rng = np.random.default_rng(1)
+    time, (theta, omega, alpha) = noise(rng, duration=20.0)
+    trial = made_trial(rng, (time, (theta, omega, alpha)))
+    spoilt = replace(trial, samples=trial.samples.with_columns(torque=pl.col("torque").clip(-4, 4)))
+    said = quality_text(spoilt, "impedance", bench.config, ())
+    assert "saturation" in said
+    assert "saturation" not in quality_text(spoilt, "impedance", bench.config, ("saturation",))

@@ -5,7 +5,7 @@ A torque with the wrong sign or unit, or an angle in degrees, shows in one trial
 
 from collections.abc import Iterator, Mapping
 from contextlib import chdir
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -77,15 +77,17 @@ def off_desired(estimates: pl.DataFrame, row: Mapping[str, Any]) -> str:
 
 
 def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> FittedTrial:
-    """The fit of a trial in memory, judged by what its row of a sheet, drafted or not, says that the leg was asked for.
+    """The fit of a trial in memory, by what its row of a sheet says, drafted or not, as in the workflow.
 
     `device` is its parameter file. Raises as `fit_request` and `fit_trial`.
     """
     experiment, asked = str(row["experiment"]), None
-    if experiment == "impedance" and row["K_d"] is not None:
-        B_d = None if row["B_d"] is None else float(row["B_d"])
-        asked = DesiredImpedance(row["controller"] or "", float(row["K_d"]), B_d)
-    return fit_trial(experiment, trial, device, fit_request(experiment, config, asked))
+    if experiment == "impedance":
+        K_d, B_d = (None if row[name] is None else float(row[name]) for name in ("K_d", "B_d"))
+        asked = DesiredImpedance(row["controller"], K_d, B_d)
+    request = fit_request(experiment, config, asked)
+    stated = replace(request, windows=row.get("windows"), curve=row.get("desired"))
+    return fit_trial(experiment, trial, device, stated)
 
 
 def look(campaign: Campaign, name: str, config: Path) -> Look:

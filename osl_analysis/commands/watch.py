@@ -1,7 +1,7 @@
 """Recordings examined as they come, while the rig is still warm: a line and a picture for each that is complete."""
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,8 +23,10 @@ from osl_analysis.experiments import PROTOCOL
 from osl_analysis.ingest.draft import draft_source, guessed_lines
 from osl_analysis.ingest.draft_sheet import UNNAMED, Recorded, draft_trials, trial_name
 from osl_analysis.ingest.known_formats import read_source, recognise
+from osl_analysis.parameters import joint_of
 from osl_analysis.quality.checks import Commanded
 from osl_analysis.quality.verdict import examine, quality_table
+from osl_analysis.sheet import JOINT
 from osl_analysis.trial import Trial
 
 BETWEEN_LOOKS_S = 0.5
@@ -109,13 +111,20 @@ def examined(path: Path, folder: Path, bench: Bench) -> str:
     with TemporaryDirectory() as place:
         row, sources, said = described(path, folder, bench, Path(place))
         trial = checked_trial(row, path.parent, sources)
-    said = [*said, quality_text(trial, str(row["experiment"]), bench.config)]
+    accepted = str(row.get("accept") or "").split()
+    said = [*said, quality_text(trial, str(row["experiment"]), bench.config, accepted)]
     if row["experiment"] not in FITS:
         return "; ".join(said)
-    fitted = fit_of_row(trial, row, bench.config.parameters, bench.config_path)
+    fitted = fit_of_row(trial, row, device_of(row, bench.config), bench.config_path)
     far = off_desired(fitted.estimates, row)
     said = [estimates_line(fitted.estimates), *[f"LOOK AT IT: {far}"] * bool(far), *said]
     return "; ".join([*said, drawn(fitted, bench.output / f"{row['trial']}.png")])
+
+
+def device_of(row: Mapping[str, Any], config: Config) -> Path | None:
+    """The parameter file of the configuration where it is that of the row's joint, as for a campaign's trial."""
+    device = config.parameters
+    return device if device is not None and joint_of(device) == (row.get("joint") or JOINT) else None
 
 
 def drawn(fitted: FittedTrial, picture: Path) -> str:
@@ -177,10 +186,10 @@ def fitting_source(path: Path, bench: Bench, place: Path) -> tuple[str, Path, li
     return "draft", place, [f"channels are guessed: {listing(guesses, MOST_NAMED)}"] * bool(guesses)
 
 
-def quality_text(trial: Trial, experiment: str, config: Config) -> str:
-    """The checks that a trial does not pass; `quality ok` if it passes all."""
+def quality_text(trial: Trial, experiment: str, config: Config, accepted: Collection[str]) -> str:
+    """The checks that a trial does not pass, and that are not accepted; `quality ok` if there are none."""
     commanded = Commanded(**{name: getattr(config.dynamometer, name) for name in PROTOCOL})
-    table = quality_table(trial.name, examine(trial, experiment, commanded), config.quality, ())
+    table = quality_table(trial.name, examine(trial, experiment, commanded), config.quality, accepted)
     failed = table.filter(pl.col("verdict").is_in(["flag", "exclude"]))
     if failed.is_empty():
         return "quality ok"

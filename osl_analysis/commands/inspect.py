@@ -40,7 +40,7 @@ def overview_text(overview: Overview) -> str:
     """The overview as lines for a terminal."""
     lines = [f"format: {overview.format}", *(f"{name}: {shortened(fact)}" for name, fact in overview.facts.items()), ""]
     lines += [channel_text(channel) for channel in overview.channels]
-    lines += ["", *(f"! {printable(remark)}" for remark in overview.remarks)]
+    lines += ["", *(f"! {printable(remark)}" for remark in (*overview.remarks, *overview.open))]
     return "\n".join(lines).rstrip()
 
 
@@ -95,7 +95,7 @@ def row_of(path: Path, rules: QualityRules) -> tuple[str, str, str]:
     has_topics = any("topic" in channel.address for channel in overview.channels)
     holds = topic_lines(overview) if has_topics else kind_lines(overview)
     judged = capture_says(path, overview.format, rules) if FORMATS[overview.format].is_capture else ()
-    return overview.format, "\n".join(holds), "\n".join([*overview.remarks, *judged])
+    return overview.format, "\n".join(holds), "\n".join([*overview.remarks, *overview.open, *judged])
 
 
 def topic_lines(overview: Overview) -> Iterator[str]:

@@ -38,8 +38,8 @@ class Draft:
     sources: dict[str, str] = field(default_factory=dict)
     """Texts of the source files, by name."""
     recordings: list[Recorded] = field(default_factory=list)
-    remarks: list[str] = field(default_factory=list)
-    """What the files themselves leave open, as which of two clocks counts."""
+    open: list[tuple[Path, str]] = field(default_factory=list)
+    """What the files themselves leave open, as which of two clocks counts: file and question."""
     refused: list[str] = field(default_factory=list)
     """Files that are no recordings, or cannot be read, with the reason."""
     trials: list[DraftedTrial] = field(default_factory=list)
@@ -147,13 +147,7 @@ def draft_campaign(folder: Path) -> Draft:
         if larger:
             overviews[source] = (overview, path.name)
         is_capture = FORMATS[overview.format].is_capture
-        draft.remarks += [
-            f"{path.relative_to(folder)}: {text}" for text in overview.remarks if "may be the clock" in text
-        ]
-        if overview.drafted is not None:
-            draft.remarks.append(
-                f"{path.relative_to(folder)}: holds several trials; write a row for each, with its log_part"
-            )
+        draft.open += [(path.relative_to(folder), text) for text in overview.open]
         draft.recordings.append(Recorded(path.relative_to(folder), source, is_capture))
     if not draft.recordings:
         why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(SUFFIXES))})"
@@ -206,9 +200,8 @@ def left_to_decide(folder: Path, draft: Draft) -> list[str]:
     for trial in draft.trials:
         for text in trial.open:
             alike.setdefault(f"{folder / 'trials.csv'}: {text}", []).append(trial.cells["trial"])
-    for remark in draft.remarks:
-        file, _, text = remark.partition(": ")
-        alike.setdefault(text, []).append(file)
+    for file, text in draft.open:
+        alike.setdefault(text, []).append(str(file))
     return [*lines, *(f"{text} ({listing(which, MOST_NAMED)})" for text, which in alike.items())]
 
 

@@ -18,9 +18,10 @@ from osl_analysis.commands.fit_text import UNITS, estimated
 from osl_analysis.commands.ingest import checked_trial
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.config import Config, read_config
-from osl_analysis.errors import InputError, OslAnalysisError, listing, unexpected
+from osl_analysis.errors import InputError, OslAnalysisError, listing, printable, unexpected
 from osl_analysis.experiments import PROTOCOL
 from osl_analysis.ingest.draft import draft_source, guessed_lines
+from osl_analysis.ingest.draft_places import open_places
 from osl_analysis.ingest.draft_sheet import UNNAMED, Recorded, draft_trials, trial_name
 from osl_analysis.ingest.known_formats import read_source, recognise
 from osl_analysis.parameters import joint_of
@@ -28,6 +29,8 @@ from osl_analysis.quality.checks import Commanded
 from osl_analysis.quality.verdict import examine, quality_table
 from osl_analysis.sheet import JOINT
 from osl_analysis.trial import Trial
+from osl_analysis.yaml_places import dotted
+from osl_analysis.yaml_settings import read_mapping
 
 BETWEEN_LOOKS_S = 0.5
 """Time between two looks at the folder [s]."""
@@ -180,10 +183,19 @@ def fitting_source(path: Path, bench: Bench, place: Path) -> tuple[str, Path, li
         except OslAnalysisError:
             continue
         return file.stem, file.parent, []
-    text = draft_source(inspect_file(path), path.name, named=True)
+    overview = inspect_file(path)
+    text = draft_source(overview, path.name, named=True)
     (place / "draft.yaml").write_text(text, encoding="utf-8")
     guesses = [line.split("#")[0].strip() for line in guessed_lines(text)]
-    return "draft", place, [f"channels are guessed: {listing(guesses, MOST_NAMED)}"] * bool(guesses)
+    places = [f"`{dotted(one)}`" for one in open_places(read_mapping(place / "draft.yaml"))]
+    if places:
+        questions = "; ".join(printable(text) for text in overview.open) or f"open are {listing(places, MOST_NAMED)}"
+        raise InputError(
+            f"{path}: its channels cannot be guessed: {questions}; edit the draft of `osl-analysis inspect`, and name "
+            "it by --source"
+        )
+    said = [f"channels are guessed: {listing(guesses, MOST_NAMED)}"] * bool(guesses)
+    return "draft", place, [*said, *(printable(text) for text in overview.open)]
 
 
 def quality_text(trial: Trial, experiment: str, config: Config, accepted: Collection[str]) -> str:

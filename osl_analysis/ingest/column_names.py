@@ -27,11 +27,6 @@ def likely_unit(name: str) -> str:
     return ENDINGS[endings[-1]] if endings else ""
 
 
-def clock_of(names: Sequence[str]) -> str | None:
-    """The column whose name is one that loggers give to time, with or without a unit behind it; None without one."""
-    return next((name for name in names if is_clock(name)), None)
-
-
 def is_clock(title: str) -> bool:
     """Whether a column is called like a clock: `time`, `t_s`, `loop_time [ms]`."""
     name = name_and_unit(title)[0].strip()
@@ -39,10 +34,10 @@ def is_clock(title: str) -> bool:
     return name.casefold() in CLOCKS or plain.casefold() in CLOCKS
 
 
-def clock_among(paths: Sequence[str]) -> str | None:
-    """The one of several dotted paths whose last name is that of a clock, the shortest way first; None without one."""
-    shortest_first = sorted(paths, key=lambda path: path.count("."))
-    return next((path for path in shortest_first if is_clock(path.rpartition(".")[2])), None)
+def clocks_among(paths: Sequence[str]) -> list[str]:
+    """Those of several dotted paths whose last name is that of a clock, each once, the shortest way first."""
+    shortest_first = sorted(dict.fromkeys(paths), key=lambda path: path.count("."))
+    return [path for path in shortest_first if is_clock(path.rpartition(".")[2])]
 
 
 def lasting_name(name: str, names: Sequence[str]) -> str:

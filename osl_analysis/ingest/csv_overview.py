@@ -18,8 +18,9 @@ from osl_analysis.formats.csv_text import (
     split_rows,
     without_brackets,
 )
-from osl_analysis.ingest.column_names import clock_of, is_clock, lasting_name, likely_unit
+from osl_analysis.ingest.column_names import is_clock, lasting_name, likely_unit
 from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
+from osl_analysis.ingest.likely_clock import likely_clock
 from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of, unit_of_clock
 from osl_analysis.ingest.units import base_units, normalised
 
@@ -57,11 +58,15 @@ def inspect_csv(path: Path) -> Overview:
     if not body:
         raise InputError(f"{path}: no rows of data below the header; check that it is a recording")
     check_numbers(path, body)
-    channels = list(column_channels(names, units, body))
+    named = {name: numbers(cells_of(body, place)).to_numpy() for place, name in enumerate(names) if is_clock(name)}
+    clock, left_open = likely_clock(named)
+    channels = list(column_channels(names, units, body, clock))
     facts = {"rows": str(len(body)), "delimiter": repr(delimiter), "header": "yes" if headed else "none"}
     facts |= {f"comment {i + 1}": text.strip() for i, text in enumerate(comments[:MOST_COMMENTS])}
-    remarks = [*odd_rows(body, len(names)), *guesses(channels), *several_clocks(names)]
-    return Overview("csv", facts, channels, remarks, settings_of(names, channels, body, delimiter, headed, has_units))
+    remarks = [*odd_rows(body, len(names)), *guesses(channels)]
+    time = None if clock is None else channels[names.index(clock)]
+    settings = settings_of(time, len(names), body, delimiter, headed, has_units)
+    return Overview("csv", facts, channels, remarks, settings, open=left_open)
 
 
 def is_units_row(cells: list[str]) -> bool:
@@ -84,7 +89,7 @@ def check_numbers(path: Path, rows: Rows) -> None:
 
 
 def settings_of(
-    names: list[str], channels: list[RecordedChannel], rows: Rows, delimiter: str, headed: bool, has_units: bool
+    clock: RecordedChannel | None, width: int, rows: Rows, delimiter: str, headed: bool, has_units: bool
 ) -> dict[str, object]:
     """The fields of a source file that the file tells."""
     settings: dict[str, object] = {"clock": "master"}
@@ -93,10 +98,8 @@ def settings_of(
     settings |= {"units_row": True} if has_units else {}
     decimal_comma = delimiter != "," and any("," in cell for _, cells in rows[:SAMPLE] for cell in cells)
     settings |= {"decimal": ","} if decimal_comma else {}
-    if rows and all(len(cells) == len(rows[0][1]) > len(names) for _, cells in rows):
+    if rows and all(len(cells) == len(rows[0][1]) > width for _, cells in rows):
         settings["extra_cells"] = UNKNOWN
-    title = clock_of(names)
-    clock = None if title is None else channels[names.index(title)]
     if clock is None:
         settings["time"] = {"column": NAME_OF_TIME, "unit": UNKNOWN}
     else:
@@ -104,14 +107,23 @@ def settings_of(
     return settings
 
 
-def column_channels(names: list[str], units: list[str], rows: Rows) -> Iterator[RecordedChannel]:
+def cells_of(rows: Rows, place: int) -> pl.Series:
+    """The cells of a column; empty where a row is too short."""
+    return pl.Series([cells[place] if place < len(cells) else "" for _, cells in rows], dtype=pl.String)
+
+
+def numbers(cells: pl.Series) -> pl.Series:
+    """Cells as numbers; null for any other text."""
+    return cells.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
+
+
+def column_channels(names: list[str], units: list[str], rows: Rows, clock: str | None) -> Iterator[RecordedChannel]:
     """Every column with its range, and the words in it that are not numbers."""
-    clock = clock_of(names)
     for place, title in enumerate(names):
         name, unit = name_and_unit(title)
         unit = unit or (without_brackets(units[place]) if place < len(units) else "")
-        cells = pl.Series([cells[place] if place < len(cells) else "" for _, cells in rows], dtype=pl.String)
-        values = cells.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
+        cells = cells_of(rows, place)
+        values = numbers(cells)
         words = Counter(cells.filter(values.is_null()).to_list()).most_common(MOST_WORDS)
         known = values.drop_nulls().to_numpy()
         note = f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
@@ -131,13 +143,6 @@ def guesses(channels: list[RecordedChannel]) -> Iterator[str]:
     guessed = [f"{name} [{unit}]" for name, unit in names.items() if likely_unit(name)]
     if guessed:
         yield f"units guessed from the names, to be checked: {', '.join(guessed)}"
-
-
-def several_clocks(names: list[str]) -> Iterator[str]:
-    """A remark on a file with several columns that are called like a clock, of which the first is taken."""
-    clocks = [name for name in names if is_clock(name)]
-    if len(clocks) > 1:
-        yield f"{len(clocks)} columns may be the clock, to be checked: {', '.join(clocks)}; {clocks[0]} is taken"
 
 
 def odd_rows(rows: Rows, width: int) -> Iterator[str]:

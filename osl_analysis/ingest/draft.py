@@ -56,7 +56,7 @@ def log_lines(overview: Overview, named: bool) -> list[str]:
     channels = [c for c in channels if "topic" not in c.address or ("field" in c.address and c.count)]
     known = ", ".join(column for column in COLUMNS if column != "time")
     return [
-        *[f"# {overview.draft_note}"] * bool(overview.draft_note),
+        *(f"# {text}" for text in (*overview.open, overview.draft_note) if text),
         *[NO_CLOCK] * (clock_column == NAME_OF_TIME),
         *[GUESSED_CLOCK] * any(c.likely_unit and not c.unit for c in listed if clock_column in c.address.values()),
         HINT,

@@ -15,11 +15,13 @@ from osl_analysis.formats.messages.field_path import last_name
 from osl_analysis.ingest.column_names import is_clock, likely_unit
 from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
 from osl_analysis.ingest.json_stamp import stamp_column, stamps_among, without_other_lines
+from osl_analysis.ingest.likely_clock import likely_clock
 from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of, unit_of_clock
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.table_log import Table, TableColumn, read_table_log
 from osl_analysis.ingest.table_source import TableChannel, TableSource, TableTime
 from osl_analysis.ingest.unit_names import Unit
+from osl_analysis.trial import Array
 
 MOST_ALONE = 100
 """Largest number of fields that are read one by one to be listed."""
@@ -132,7 +134,9 @@ def inspect_json(path: Path) -> Overview:
     decoded = decoded_for_list(lines, names)
     stamp, parts = next(iter(stamps_among(names).items()), ("", ("", "")))
     shortest_first = sorted((name for name in names if name not in parts), key=lambda name: name.count("."))
-    clock = next((name for name in shortest_first if is_clock(last_name(name))), stamp)
+    called = [name for name in shortest_first if is_clock(last_name(name))]
+    named, left_open = likely_clock({name: readings_of(name, decoded[name]) for name in called}, "fields")
+    clock = named or ("" if called else stamp)
     channels = [channel_of(name, decoded[name], name == clock) for name in names]
     remarks = list(dict.fromkeys(note for one in decoded.values() for note in notes_on(lines, one)))
     remarks += [f"{name} has {size} elements; only the first {MOST_ELEMENTS} are listed" for name, size in long.items()]
@@ -151,9 +155,8 @@ def inspect_json(path: Path) -> Overview:
             channels = [as_one, *(one for one in channels if one.address["field"] not in parts)]
         except InputError as error:
             remarks.append(str(error))
-    return Overview(
-        "json_lines", {"rows": str(lines.starts.size)}, channels, remarks, {"clock": "master", "time": time}
-    )
+    facts, settings = {"rows": str(lines.starts.size)}, {"clock": "master", "time": time}
+    return Overview("json_lines", facts, channels, remarks, settings, open=left_open)
 
 
 def stamp_channel(name: str, column: TableColumn) -> RecordedChannel:
@@ -174,10 +177,15 @@ def decoded_for_list(lines: JsonLines, names: Sequence[str]) -> dict[str, Decode
     return {name: decode_lines(lines, [name]) for name in names}
 
 
+def readings_of(name: str, decoded: DecodedLines) -> Array:
+    """The numbers of a field, (lines that have it,)."""
+    return np.asarray(decoded.values[name][decoded.present[name]].astype(np.float64))
+
+
 def channel_of(name: str, decoded: DecodedLines, is_time: bool) -> RecordedChannel:
     """One number of the lines, with its range."""
     there = decoded.present[name]
-    values = decoded.values[name][there].astype(np.float64)
+    values = readings_of(name, decoded)
     known = values[np.isfinite(values)]
     note = f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
     if is_time:

@@ -12,7 +12,9 @@ from osl_analysis.formats.mat.mat_file import open_mat
 from osl_analysis.formats.mat.values import Value
 from osl_analysis.ingest.column_names import is_clock, likely_unit
 from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
+from osl_analysis.ingest.likely_clock import likely_clock
 from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of, unit_of_clock
+from osl_analysis.trial import Array
 
 MOST_LISTED = 500
 """Largest number of variables that are listed."""
@@ -63,11 +65,11 @@ def inspect_mat(path: Path) -> Overview:
     alike = parts_alike(leaves)
     drafted = next(iter(alike.values()), [])
     channels = [channel_of(leaf) for leaf in leaves[:MOST_LISTED]]
-    note = note_on_parts(list(alike))
-    remarks += [note] * bool(note)
-    return Overview(
-        "mat", facts, channels, remarks, settings_of(list(alike), drafted), list(draft_channels(drafted)), note
-    )
+    note, clocks = note_on_parts(list(alike)), clocks_of(drafted)
+    named, questions = likely_clock({leaf.name: readings_of(leaf) for leaf in clocks}, "variables")
+    left_open = [*[note] * bool(note), *questions]
+    settings = settings_of(list(alike), next((leaf for leaf in clocks if leaf.name == named), None))
+    return Overview("mat", facts, channels, remarks, settings, list(draft_channels(drafted)), left_open)
 
 
 def note_on_parts(parts: Sequence[str]) -> str:
@@ -93,10 +95,16 @@ def leaves_of(part: str, name: str, value: Value) -> Iterator[Leaf]:
         yield here
 
 
+def readings_of(leaf: Leaf) -> Array:
+    """The numbers of a variable, (n,); none if it has none."""
+    value = leaf.value
+    return np.asarray(value.load().ravel()) if value.load is not None and value.size else np.empty(0)
+
+
 def channel_of(leaf: Leaf) -> RecordedChannel:
     """One variable for the list."""
     value, note = leaf.value, ""
-    values = value.load().ravel() if value.load is not None and value.size else np.empty(0)
+    values = readings_of(leaf)
     known = values[np.isfinite(values)]
     if known.size:
         note = f"from {known.min():.6g} to {known.max():.6g}" if known.size > 1 else f"{known[0]:.6g}"
@@ -141,10 +149,14 @@ def parts_alike(leaves: Sequence[Leaf]) -> Mapping[str, list[Leaf]]:
     return max(groups.values(), key=lambda group: sum(map(len, group.values())), default={})
 
 
-def settings_of(parts: Sequence[str], drafted: Sequence[Leaf]) -> dict[str, object]:
+def clocks_of(drafted: Sequence[Leaf]) -> list[Leaf]:
+    """The signals of a part that may be its time."""
+    return [leaf for leaf in drafted if seems_clock(leaf.name) and 1 in leaf.value.shape]
+
+
+def settings_of(parts: Sequence[str], clock: Leaf | None) -> dict[str, object]:
     """The fields of a source file that the file tells. Of several parts none is chosen."""
     part = parts[0] if len(parts) == 1 else ""
-    clock = next((leaf for leaf in drafted if seems_clock(leaf.name) and 1 in leaf.value.shape), None)
     time = {"variable": NAME_OF_TIME, "unit": UNKNOWN}
     if clock is not None:
         time = {"variable": clock.name, "unit": channel_of(clock).likely_unit or UNKNOWN}

@@ -13,8 +13,9 @@ from pydantic import Field, PositiveInt, field_validator, model_validator
 from osl_analysis.columns import unit_of
 from osl_analysis.errors import InputError
 from osl_analysis.formats.opensim_table import OpenSimTable, read_opensim
-from osl_analysis.ingest.column_names import clock_among, likely_unit
+from osl_analysis.ingest.column_names import clocks_among, likely_unit
 from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
+from osl_analysis.ingest.likely_clock import likely_clock
 from osl_analysis.ingest.opensim_plates import OpenSimPlate, plate_load, plate_signals, plates_text
 from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of
 from osl_analysis.ingest.recording import Recording
@@ -129,15 +130,15 @@ def check_angles(table: OpenSimTable, source: OpenSimSource) -> None:
 def inspect_opensim(path: Path) -> Overview:
     """Columns with range and likely unit; raises InputError as `read_opensim`."""
     table = read_opensim(path)
-    clock = clock_among(table.names)
-    facts = {"rows": str(len(table.rows))} | {key: value for key, value in table.header.items() if value}
     remarks: list[str] = []
+    clock, left_open = likely_clock({name: table.column(name) for name in clocks_among(table.names)})
+    facts = {"rows": str(len(table.rows))} | {key: value for key, value in table.header.items() if value}
     channels = list(columns_of(table, clock, remarks))
     guessed = [f"{one.address['column']} [{one.likely_unit}]" for one in channels if one.likely_unit]
     remarks += [f"units guessed from the names, to be checked: {', '.join(guessed)}"] * bool(guessed)
     time = {"column": clock or NAME_OF_TIME, "unit": "s" if clock else UNKNOWN}
-    note = plates_text(table.names)
-    return Overview("opensim", facts, channels, remarks, {"clock": "master", "time": time}, draft_note=note)
+    note, settings = plates_text(table.names), {"clock": "master", "time": time}
+    return Overview("opensim", facts, channels, remarks, settings, open=left_open, draft_note=note)
 
 
 def columns_of(table: OpenSimTable, clock: str | None, remarks: list[str]) -> Iterator[RecordedChannel]:

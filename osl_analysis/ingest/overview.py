@@ -58,6 +58,9 @@ class Overview:
     """Fields of a source file that the format needs and the file tells."""
     drafted: Sequence[RecordedChannel] | None = None
     """The channels of the draft, where it has others than `channels`: those of one trial of several."""
+    open: Sequence[str] = ()
+    """What the file leaves open, as which of its clocks counts, a sentence each: the draft has a guess, or nothing, and
+    the user decides."""
     draft_note: str = ""
     """A remark that the draft has as a comment."""
 

@@ -11,14 +11,16 @@ from pydantic import Field
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.tdms import TdmsChannel, TdmsFile, read_tdms
-from osl_analysis.ingest.column_names import clock_among, likely_unit
+from osl_analysis.ingest.column_names import clocks_among, likely_unit
 from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
+from osl_analysis.ingest.likely_clock import likely_clock
 from osl_analysis.ingest.message_log import joined_on_stamp
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.stamps import SECOND
 from osl_analysis.ingest.table_log import Table, TableColumn, read_table_log
 from osl_analysis.ingest.table_source import TableChannel, TableSource, TableTime
+from osl_analysis.trial import Array
 
 
 class Timing(NamedTuple):
@@ -161,9 +163,7 @@ def joined(path: Path, parts: Sequence[tuple[float, Recording]]) -> Recording:
 def inspect_tdms(path: Path) -> Overview:
     """Channels with unit, range and rate by their own timing; raises InputError as `read_tdms`."""
     file = read_tdms(path)
-    named = clock_among([one.address.replace(".", "_").replace("/", ".") for one in file.channels])
     stamps = [one.address for one in file.channels if one.holds_times and one.count]
-    clocks = [one.address for one in file.channels if one.address.replace(".", "_").replace("/", ".") == named]
     timed = any(one.step is not None for one in file.channels)
     remarks = list(file.notes)
     notes = ranges_of(file, remarks)
@@ -181,12 +181,25 @@ def inspect_tdms(path: Path) -> Overview:
         for one in file.channels
     ]
     settings: dict[str, object] = {"clock": "master"}
+    left_open = list[str]()
     if not timed:
-        clock = next(iter([*clocks, *stamps]), NAME_OF_TIME)
+        named, left_open = likely_clock(clock_readings(file), "channels")
+        clock = named or ("" if left_open else next(iter(stamps), "")) or NAME_OF_TIME
         settings["time"] = {"channel": clock, "unit": UNKNOWN if clock not in stamps else "s"}
     facts = {"channels": str(len(file.channels)), "own timing": "yes" if timed else "no", **file.properties}
     drafted = [one for one, own in zip(channels, file.channels, strict=True) if own.count and own.holds_numbers]
-    return Overview("tdms", facts, channels, remarks, settings, drafted)
+    return Overview("tdms", facts, channels, remarks, settings, drafted, left_open)
+
+
+def clock_readings(file: TdmsFile) -> dict[str, Array]:
+    """The readings of all channels that are called like a clock, by address, the shortest way first."""
+    addresses = {one.address.replace(".", "_").replace("/", "."): one for one in file.channels}
+    called = [addresses[path] for path in clocks_among(list(addresses)) if addresses[path].count]
+    try:
+        values = file.values([one for one in called if one.holds_numbers or one.holds_times])
+    except InputError:  # what cannot be read is remarked beside its range
+        values = {}
+    return {one.address: np.asarray(values.get(one.address, np.empty(0)), np.float64) for one in called}
 
 
 def ranges_of(file: TdmsFile, remarks: list[str]) -> dict[str, str]:

@@ -7,15 +7,23 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.interpolate import CubicHermiteSpline
 
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import compensated_gains, motor_current, uncompensated_gains
 from osl_analysis.model.drivetrain import belt_torque, joint_admittance, motor_friction
 from osl_analysis.parameters import read_parameters
-from osl_analysis.simulator.drivetrain_kernel import feedforward_current, friction_level
+from osl_analysis.simulator.drivetrain_kernel import (
+    SHORT,
+    feedforward_current,
+    friction_level,
+    hysteresis_step,
+    smoothed_sign,
+)
 from osl_analysis.simulator.drivetrain_sim import (
     IDEAL,
     ControlCommands,
+    DrivetrainEffects,
     simulate_belt_torque,
     simulate_drivetrain,
 )
@@ -189,6 +197,81 @@ def test_hysteresis_stands_in_the_torque_that_the_actuator_feels():
     omega = np.where(t < 1.0, 0.02, 0.0)
     motion = simulate_drivetrain(RATE, theta, omega, constant(n, 20.0, 3.0), effects, P)
     assert motion.belt_torque[-1] == pytest.approx(20.0 * P.n_T * motion.theta_m[-1], rel=1e-6)
+
+
+@pytest.mark.parametrize("z", [-1.0, -0.3, 0.0, 0.8, 1.0])
+@pytest.mark.parametrize("turned", [1e-9, 0.01, 0.04, SHORT, np.nextafter(SHORT, 1), 0.3, 5.0, 800.0])
+def test_a_step_of_the_hysteresis_is_the_exponential_approach_to_its_end(z, turned):
+    """z goes to 1 where the deflection grows, and to -1 where it decreases, by 1 - exp(-|turned|) of the way."""
+    for side in (1.0, -1.0):
+        assert hysteresis_step(z, side * turned) == pytest.approx((side - z) * -np.expm1(-turned), rel=1e-15, abs=1e-16)
+
+
+def test_the_smoothed_sign_is_the_tanh():
+    x = np.concatenate([np.linspace(-25, 25, 2001), [0.0, 1e-12, -1e-12, 400.0, -400.0]])
+    assert [smoothed_sign(float(value)) for value in x] == pytest.approx(np.tanh(x), rel=0, abs=2.5e-16)
+
+
+def plainly_integrated(theta, omega, gains, effects, p):
+    """Half drift, kick, half drift, step by step: theta_m, omega_m, current, belt torque at the samples."""
+    rate, times = RATE * effects.control_updates, np.arange(len(theta)) / RATE
+    h, cut = 1 / (RATE * effects.substeps), -np.expm1(-2 * np.pi * effects.velocity_cutoff_hz / rate)
+    middles = CubicHermiteSpline(times, theta, omega)((np.arange((len(theta) - 1) * effects.substeps) + 0.5) * h)
+    theta_m = omega_m = estimate = z = seen = current = 0.0
+    states, queue, theta_s = [], [0.0] * effects.control_delay, theta[0]
+
+    def turned_to(new):
+        side = np.sign(new - theta_s)
+        return new, side - (side - z) * np.exp(-abs(new - theta_s) / effects.hysteresis_width)
+
+    for k in range(len(middles) + 1):
+        if k % (effects.substeps // effects.control_updates) == 0:
+            last, seen = seen, np.round(theta_m / effects.encoder_resolution) * effects.encoder_resolution
+            estimate += cut * ((seen - last) * rate - estimate)
+            sign = np.tanh(estimate / effects.sign_width)
+            queue.append(motor_current(-gains.K_1 * seen - gains.B_1 * estimate, sign, p))
+            current = queue.pop(0)
+        if k % effects.substeps == 0:
+            theta_s, z = turned_to(theta[k // effects.substeps] - theta_m / p.n_T)
+            states.append((theta_m, omega_m, current, belt_torque(theta_s, p) + effects.hysteresis_torque * z))
+        if k < len(middles):
+            theta_m += h / 2 * omega_m
+            theta_s, z = turned_to(middles[k] - theta_m / p.n_T)
+            belt = belt_torque(theta_s, p) + effects.hysteresis_torque * z
+            push = p.k_tau * p.n_m * current - p.B_m * omega_m / 2 + belt / p.n_T
+            free = (omega_m + h * push / p.J_m) / (1 + h * p.B_m / 2 / p.J_m)
+            lost = h * effects.friction_scale * motor_friction(1.0, current, p) / (p.J_m + h * p.B_m / 2)
+            omega_m = np.sign(free) * max(abs(free) - lost, 0.0)
+            theta_m += h / 2 * omega_m
+    return np.transpose(states)
+
+
+def test_the_kernel_takes_the_steps_of_the_scheme():
+    """All imperfections, a joint that turns back four times, and steps of the deflection on both sides of `SHORT`."""
+    p, gains, t = replace(P, K_s2=14913.0), compensated_gains(300, 5, P), np.arange(200) / RATE
+    effects = DrivetrainEffects(
+        friction=True, control_delay=2, encoder_resolution=4.26e-5, velocity_cutoff_hz=100.0, sign_width=0.05,
+        hysteresis_torque=0.5, hysteresis_width=3e-4, friction_scale=1.1, control_updates=5,
+    )  # fmt: skip
+    theta, omega = 0.05 * np.sin(60 * t), 3.0 * np.cos(60 * t)
+    motion = simulate_drivetrain(
+        RATE, theta, omega, constant(1, gains.K_1, gains.B_1, cancels_friction=True), effects, p
+    )
+    rise = np.abs(np.diff(theta - motion.theta_m / p.n_T)) / effects.substeps / effects.hysteresis_width
+    assert rise.min() < SHORT / 4 < 2 * SHORT < rise.max()
+    plain = plainly_integrated(theta, omega, gains, effects, p)
+    for own, expected in zip((motion.theta_m, motion.omega_m, motion.current, motion.belt_torque), plain, strict=True):
+        assert own == pytest.approx(expected, rel=1e-9, abs=1e-10)  # rounding, where the largest are 0.2 to 40
+
+
+def test_one_command_holds_for_all_samples():
+    t = np.arange(200) / RATE
+    theta, omega = 0.05 * np.sin(20 * t), np.cos(20 * t)
+    effects = replace(IDEAL, friction=True, control_delay=1)
+    once, always = (
+        simulate_drivetrain(RATE, theta, omega, constant(n, 20.0, 0.5, 0.1, True), effects, P) for n in (1, len(t))
+    )
+    assert np.array_equal(once.theta_m, always.theta_m)
 
 
 def test_updates_that_do_not_fit_into_the_fine_steps_are_refused():

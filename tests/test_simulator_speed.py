@@ -16,7 +16,7 @@ from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator import drivetrain_sim, even_spline, joint_motion
 from osl_analysis.simulator.actuator_bench import simulate_actuator_trial
 from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
-from osl_analysis.simulator.even_spline import spline_at
+from osl_analysis.simulator.even_spline import SETTLED, spline_at
 from osl_analysis.simulator.preloaded import warm_up
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
@@ -31,7 +31,7 @@ KERNELS = [
 ]
 
 
-@pytest.mark.parametrize("n", [4, 5, 2000])
+@pytest.mark.parametrize("n", [4, 5, SETTLED, SETTLED + 1, SETTLED + 2, 2000])
 def test_the_spline_through_even_samples_is_that_of_scipy(n):
     rng = np.random.default_rng(n)
     samples, rate = rng.normal(size=n), 250.0

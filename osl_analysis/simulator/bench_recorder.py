@@ -64,11 +64,13 @@ class Sampling:
     """When a node takes its samples and what it writes of them.
 
     instants: time [s] of each sample by the bench's clock, from 0.
+    even: whether they are the instants of the simulation.
     stamps: what the node's clock says of it [s].
     rows: the samples that are written, in order; a repeated one is a duplicate.
     """
 
     instants: Array
+    even: bool
     stamps: Array
     rows: NDArray[np.intp]
 
@@ -111,8 +113,8 @@ class Bench:
     def sampling(self, name: str, node: NodeSettings, duration: float) -> Sampling:
         """When a node takes its samples within `duration` [s], what its stamps say, and which it writes."""
         rate = node.rate.value or self.settings.dynamometer.rate_hz
-        instants = np.arange(round(duration * rate)) / rate
-        if node.phase.enabled or node.jitter.enabled:
+        instants, scatters = np.arange(round(duration * rate)) / rate, node.phase.enabled or node.jitter.enabled
+        if scatters:
             scattered = instants + node.phase.value + self.scatter(f"{name}.jitter", node.jitter, len(instants))
             scattered.sort(kind="stable")  # fast, because few change places
             last = duration - 1 / self.settings.dynamometer.rate_hz
@@ -124,7 +126,8 @@ class Bench:
             stamps = np.maximum.accumulate(instants + late - queue) + queue
         if node.clock_offset.enabled or node.clock_drift.enabled:
             stamps = node.clock_offset.value + (1 + 1e-6 * node.clock_drift.value) * stamps
-        return Sampling(instants, stamps, self.written(name, node, len(instants)))
+        even = rate == self.settings.dynamometer.rate_hz and not scatters
+        return Sampling(instants, even, stamps, self.written(name, node, len(instants)))
 
     def scatter(self, name: str, effect: Scatter, n: int) -> Array:
         """A number per sample, (n,) [s], as the effect is distributed; 0 where it is off."""
@@ -181,11 +184,11 @@ class Bench:
         sensor, rate = self.settings.recorder.sensor(channel), self.settings.dynamometer.rate_hz
         if sensor.low_pass.enabled:
             true = low_passed(true.samples if isinstance(true, Jumping) else true, rate, sensor.low_pass)
-        even = np.arange(len(true)) / rate
-        instants = np.maximum(sampling.instants - sensor.delay.value, 0.0)
+        late = sensor.delay.value
+        instants = np.maximum(sampling.instants - late, 0.0) if late else sampling.instants
         if isinstance(true, Jumping):
             return true.at(instants)
-        return true if np.array_equal(instants, even) else spline_at(true, rate, instants)
+        return true if sampling.even and not late else spline_at(true, rate, instants)
 
     def torque_errors(self, instants: Array) -> Array:
         """Offset, drift, hum and 1/f noise [N*m] of a torque sensor at the sampled instants [s]."""

@@ -21,14 +21,14 @@ LARGEST_ANGLE = 100.0
 
 @dataclass(frozen=True)
 class ControlCommands:
-    """Commands to the controller at each of its n samples, at the *actuator's* output."""
+    """Commands to the controller at each of its n samples, at the *actuator's* output, or for all of them: (1,)."""
 
     K_1: Array
-    """Stiffness gain [N*m/rad], shape (n,)."""
+    """Stiffness gain [N*m/rad], shape (n,) or (1,)."""
     B_1: Array
-    """Damping gain [N*m*s/rad], shape (n,)."""
+    """Damping gain [N*m*s/rad], shape as of K_1."""
     theta_eq: Array
-    """Equilibrium angle [rad], shape (n,)."""
+    """Equilibrium angle [rad], shape as of K_1."""
     cancels_friction: bool
     """Whether the controller adds the friction term of Eq. 5."""
 
@@ -136,13 +136,14 @@ def simulate_belt_torque(theta_s: Array, effects: DrivetrainEffects, p: Drivetra
 
 
 def build_plant(rate_hz: float, effects: DrivetrainEffects, p: DrivetrainParameters) -> Plant:
-    """The drivetrain in the form of the compiled kernel."""
+    """The drivetrain in the form of the compiled kernel. The actuator's damping is trapezoidal."""
     scale = effects.friction_scale if effects.friction else 0.0
+    inertia, half_damping = p.J_m * rate_hz * effects.substeps, 0.5 * p.B_m
     return Plant(
         step=1.0 / (rate_hz * effects.substeps),
         substeps=effects.substeps,
-        J_m=p.J_m,
-        B_m=p.B_m,
+        kept=(inertia - half_damping) / (inertia + half_damping),
+        mobility=1.0 / (inertia + half_damping),
         n_T=p.n_T,
         K_s=p.K_s,
         K_s2=p.K_s2,

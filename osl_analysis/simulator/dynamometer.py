@@ -119,8 +119,8 @@ def simulate_impedance(
     rate_hz: float, motion: JointMotion, gains: Gains, effects: DrivetrainEffects, p: DrivetrainParameters
 ) -> BenchResponse:
     """The controller renders its impedance about theta_eq = 0, from rest at theta_m = 0."""
-    one = np.ones_like(motion.theta)
-    commands = ControlCommands(gains.K_1 * one, gains.B_1 * one, 0.0 * one, gains.cancels_friction)
+    K_1, B_1, theta_eq = np.array([[gains.K_1], [gains.B_1], [0.0]])
+    commands = ControlCommands(K_1, B_1, theta_eq, gains.cancels_friction)
     leg = simulate_drivetrain(rate_hz, motion.theta, motion.omega, commands, effects, p)
     return BenchResponse(leg.theta_m, leg.current, leg.belt_torque + p.B_j * motion.omega + p.J_j * motion.alpha)
 

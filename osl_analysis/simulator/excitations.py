@@ -102,7 +102,7 @@ def realisation(excitation: Excitation, trial: str, seed: int, number: int, rate
         "ramps": ramps_motion,
         "hand": hand_motion,
     }[excitation.kind](excitation, time, draws)
-    envelope = ramped(np.ones_like(time), time, np.full_like(time, whole), excitation.fade_s)
+    envelope = ramped(np.ones_like(time), time, whole, excitation.fade_s)
     return shaped(envelope, made)
 
 

@@ -1,5 +1,6 @@
 """Motion of the joint on the dynamometer: commands, and the motor that follows them with finite bandwidth."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,34 +25,36 @@ class JointMotion:
 
 
 @dataclass(frozen=True)
-class Pieces:
-    """The pieces of a stepped sine, (k,) each: start [s], duration [s], angular frequency [rad/s], amplitude [rad]."""
+class Piece:
+    """A rest (w = 0) or a frequency of a stepped sine."""
 
-    start: Array
-    duration: Array
-    w: Array
-    amplitude: Array
+    start: float
+    """[s], on the clock of the log."""
+    duration: float
+    """[s], as of its start."""
+    w: float
+    """Angular frequency [rad/s]."""
+    amplitude: float
+    """[rad]."""
 
     @property
     def end(self) -> float:
-        """End of the last piece [s]."""
-        return float(self.start[-1] + self.duration[-1])
+        """End [s]."""
+        return self.start + self.duration
 
 
-def stepped_sine_pieces(protocol: SteppedSineSchedule) -> Pieces:
+def stepped_sine_pieces(protocol: SteppedSineSchedule) -> list[Piece]:
     """The rests and frequencies of a stepped sine, on the clock of the log."""
-    between = [protocol.rest_between_s] if protocol.rest_between_s else []
-    duration, frequency = list[float](), list[float]()
-    for f, sine in zip(protocol.frequencies_hz, protocol.durations, strict=True):
-        duration += [sine + 2 * protocol.ramp_s, *between]
-        frequency += [f, *(0.0 for _ in between)]
-    blocks = len(protocol.amplitudes_deg)
-    amplitude = np.repeat(np.deg2rad(protocol.amplitudes_deg), len(duration) + 1)
+    between = [(protocol.rest_between_s, 0.0)] if protocol.rest_between_s else []
+    sines = zip(protocol.durations, protocol.frequencies_hz, strict=True)
+    block = [piece for sine, f in sines for piece in ((sine + 2 * protocol.ramp_s, f), *between)]
     faster = 1 + 1e-6 * protocol.clock_error.value
-    durations = np.concatenate([[protocol.lead_s], np.tile([*duration, protocol.rest_s], blocks)]) / faster
-    w = 2 * np.pi * np.concatenate([[0.0], np.tile([*frequency, 0.0], blocks)]) * faster
-    start = np.concatenate([[0.0], np.cumsum(durations)[:-1]])
-    return Pieces(start, durations, w, np.concatenate([[0.0], amplitude]))
+    pieces = [Piece(0.0, protocol.lead_s / faster, 0.0, 0.0)]
+    for degrees in protocol.amplitudes_deg:
+        for duration, f in (*block, (protocol.rest_s, 0.0)):
+            w = 2 * math.pi * f * faster
+            pieces.append(Piece(pieces[-1].end, duration / faster, w, math.radians(degrees)))
+    return pieces
 
 
 def stepped_sine(protocol: SteppedSineSchedule, rate_hz: float) -> JointMotion:
@@ -62,11 +65,21 @@ def stepped_sine(protocol: SteppedSineSchedule, rate_hz: float) -> JointMotion:
     at these changes. If the command is followed exactly, the acceleration does not include these jumps.
     """
     pieces = stepped_sine_pieces(protocol)
-    time = np.arange(round(pieces.end * rate_hz)) / rate_hz
-    k = np.minimum(np.searchsorted(pieces.start, time, side="right") - 1, len(pieces.start) - 1)
-    elapsed, w = time - pieces.start[k], pieces.w[k]
-    size = np.where(w > 0, pieces.amplitude[k], 0.0)
-    envelope = decaying(ramped(size, elapsed, pieces.duration[k], protocol.ramp_s), elapsed, protocol.decay.value)
+    time = np.arange(round(pieces[-1].end * rate_hz)) / rate_hz
+    motion = JointMotion(*np.zeros((3, len(time))))
+    first = [*np.searchsorted(time, [piece.start for piece in pieces]), len(time)]
+    for piece, *ends in zip(pieces, first[:-1], first[1:], strict=True):
+        if piece.w > 0:
+            rows = slice(*ends)
+            turning = piece_motion(piece, time[rows] - piece.start, protocol)
+            motion.theta[rows], motion.omega[rows], motion.alpha[rows] = turning.theta, turning.omega, turning.alpha
+    return motion
+
+
+def piece_motion(piece: Piece, elapsed: Array, protocol: SteppedSineSchedule) -> JointMotion:
+    """The motion at one frequency, at times (n,) [s] since its start, with its ramps and harmonics."""
+    size, w = np.full_like(elapsed, piece.amplitude), piece.w
+    envelope = decaying(ramped(size, elapsed, piece.duration, protocol.ramp_s), elapsed, protocol.decay.value)
     motion = envelope.times(w, w * elapsed + (np.pi / 2 if protocol.start == "cosine" else 0.0))
     for order, harmonic in ((2, protocol.second_harmonic), (3, protocol.third_harmonic)):
         if harmonic.enabled:
@@ -86,7 +99,7 @@ class Envelope:
         """The envelope times a factor."""
         return Envelope(factor * self.size, factor * self.rate, factor * self.curvature)
 
-    def times(self, w: Array, phase: Array) -> JointMotion:
+    def times(self, w: Array | float, phase: Array) -> JointMotion:
         """A sine of this amplitude with its derivatives; w [rad/s] is the derivative of the phase [rad]."""
         sine, cosine = np.sin(phase), np.cos(phase)
         return JointMotion(
@@ -96,7 +109,7 @@ class Envelope:
         )
 
 
-def ramped(size: Array, elapsed: Array, duration: Array, ramp_s: float) -> Envelope:
+def ramped(size: Array, elapsed: Array, duration: float, ramp_s: float) -> Envelope:
     """The amplitude (n,) [rad] that rises and falls as a cosine within `ramp_s` [s] at both ends of its piece."""
     still = np.zeros_like(size)
     if not ramp_s:
@@ -140,21 +153,24 @@ def position_loop(command: JointMotion, rate_hz: float, bandwidth_hz: float, dam
     augmented = np.diag(np.ones(5), 1)
     augmented[1, :3] = -(w**2), -2 * damping_ratio * w, w**2
     transition = np.ascontiguousarray(scipy.linalg.expm(augmented * step)[:2])
-    mean = np.diff(command.theta) / step
-    first, second = command.omega[:-1], command.omega[1:]
-    curvature, jerk = 2 * (3 * mean - 2 * first - second) / step, 6 * (first + second - 2 * mean) / step**2
-    forcing = transition[:, 2:] @ np.vstack([command.theta[:-1], first, curvature, jerk])
-    theta, omega = propagate(command.theta[0], np.ascontiguousarray(transition[:, :2]), forcing)
+    theta, omega = propagate(transition, command.theta, command.omega, step)
     return JointMotion(theta, omega, w**2 * (command.theta - theta) - 2 * damping_ratio * w * omega)
 
 
 @compiled
-def propagate(start: float, transition: Array, forcing: Array) -> Array:
-    """Angle and velocity, shape (2, n), from rest at an angle [rad]; forcing has shape (2, n - 1)."""
-    states = np.zeros((2, forcing.shape[1] + 1))
-    states[0, 0] = start
-    for i in range(forcing.shape[1]):
-        angle, velocity = states[0, i], states[1, i]
-        states[0, i + 1] = transition[0, 0] * angle + transition[0, 1] * velocity + forcing[0, i]
-        states[1, i + 1] = transition[1, 0] * angle + transition[1, 1] * velocity + forcing[1, i]
+def propagate(transition: Array, commanded: Array, speed: Array, step: float) -> Array:
+    """Angle and velocity, shape (2, n), from rest at the first of the commanded angles [rad], (n,), with their speeds.
+
+    `transition` (2, 6) takes both, and the command with its three derivatives, over a step [s].
+    """
+    states = np.zeros((2, len(commanded)))
+    states[0, 0] = commanded[0]
+    for i in range(len(commanded) - 1):
+        mean = (commanded[i + 1] - commanded[i]) / step
+        curvature = 2.0 * (3.0 * mean - 2.0 * speed[i] - speed[i + 1]) / step
+        jerk = 6.0 * (speed[i] + speed[i + 1] - 2.0 * mean) / step**2
+        for row in range(2):
+            t = transition[row]
+            forced = t[2] * commanded[i] + t[3] * speed[i] + t[4] * curvature + t[5] * jerk
+            states[row, i + 1] = t[0] * states[0, i] + t[1] * states[1, i] + forced
     return states

@@ -16,7 +16,7 @@ from pathlib import Path
 from osl_analysis.fork_server import start_early
 
 gc.set_threshold(50_000)  # what planning makes stays: looking through it at every 700th object took a sixth of it
-start_early()  # its imports take the other core while this one does those below
+start_early(config)  # its imports take the other core while this one does those below
 
 from osl_analysis import workflow as jobs
 from osl_analysis.about_campaign import about

@@ -5,11 +5,12 @@ import multiprocessing.util
 import os
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
 from multiprocessing import forkserver
 from types import ModuleType
+from typing import Any
 
 from osl_analysis.errors import InputError
 
@@ -27,6 +28,7 @@ PRELOADED = [
     "osl_analysis.commands.walking",
     "osl_analysis.commands.tables",
     "osl_analysis.commands.figure",
+    "osl_analysis.model.preloaded",
     "osl_analysis.simulator.dynamometer",
     "osl_analysis.simulator.walking",
     "osl_analysis.simulator.preloaded",
@@ -37,37 +39,55 @@ PRELOADED = [
     "fontTools.subset",
     "osl_analysis.frozen",  # the last: it keeps what the others have made
 ]
+OF_GAINS = {"osl_analysis.model.preloaded"}
+"""What only jobs with a parameter file use, or a simulator. In a new clone it compiles for 3 s."""
+OF_SIMULATOR = {"osl_analysis.commands.simulate"} | {name for name in PRELOADED if ".simulator." in name}
+"""What only simulating jobs use. In a new clone it compiles for 2 s."""
 NO_JOBS = {"--lint", "--dag", "--rulegraph", "--filegraph", "--d3dag", "--summary", "--unlock", "--report", "--list"}
 NO_JOBS |= {"-n", "--dry-run", "--dryrun", "--touch", "--delete-all-output", "--archive", "--print-compilation"}
 """Options of Snakemake with which it runs no job."""
+STUDY = {"study", "validate"}
+"""Targets that simulate in every campaign."""
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS")
 LONGEST_PLACE = 70
 """Largest length [bytes] of the folder for temporary files: a socket's path has 107, of which our part takes 32."""
 
 
 @cache
-def fork_server() -> multiprocessing.context.ForkServerContext | multiprocessing.context.SpawnContext:
+def fork_server(
+    simulates: bool = True, selects_gains: bool = True
+) -> multiprocessing.context.ForkServerContext | multiprocessing.context.SpawnContext:
     """The process from which jobs are forked. Each job uses one thread, because Snakemake counts one core per job.
 
-    Where a system cannot fork, as Windows, each job starts Python anew.
+    It runs from its first use on, with what the campaign of that use needs. Where a system cannot fork, as Windows,
+    each job starts Python anew.
     """
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(PRELOADED)
+    context.set_forkserver_preload(needed(simulates, selects_gains))
     make_folder_of_sockets()
     return context
 
 
-def start_early() -> None:
+def needed(simulates: bool, selects_gains: bool) -> list[str]:
+    """What jobs fork with, in a campaign that simulates or not, and that has a parameter file or not."""
+    left_out = set() if simulates else OF_SIMULATOR if selects_gains else OF_SIMULATOR | OF_GAINS
+    return [name for name in PRELOADED if name not in left_out]
+
+
+def start_early(config: Mapping[str, Any]) -> None:
     """Start that process while the workflow is still read: its imports take another core as long as that.
 
-    Not where Snakemake runs no job. What keeps it from starting is said by the first job.
+    Not where Snakemake runs no job. What keeps it from starting is said by the first job. `config` are the fields that
+    override the default, which simulates with a parameter file.
     """
+    simulates, selects_gains = (config.get(name, True) is not None for name in ("simulation", "parameters"))
+    simulates |= not STUDY.isdisjoint(sys.argv)
     if NO_JOBS.isdisjoint(sys.argv):
         with suppress(InputError, OSError):
-            if fork_server().get_start_method() == "forkserver":
+            if fork_server(simulates, selects_gains).get_start_method() == "forkserver":
                 forkserver.ensure_running()
 
 

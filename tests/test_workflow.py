@@ -1,5 +1,6 @@
 """A small campaign through the real Snakefile: everything is made, and a change reruns what depends on it, no more."""
 
+import contextlib
 import json
 import os
 import re
@@ -21,7 +22,7 @@ from osl_analysis.commands.describe_tables import SUMMARY_FIELDS
 from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
 from osl_analysis.fingerprint import code_of, imported_names, job_sources, sources
-from osl_analysis.fork_server import PRELOADED
+from osl_analysis.fork_server import PRELOADED, needed, start_early
 from osl_analysis.job_log import read_log
 from osl_analysis.refusal import is_refused
 from osl_analysis.summary.labels import all_labels
@@ -588,6 +589,32 @@ def test_a_job_s_fingerprint_counts_modules_that_are_imported_from_their_package
 def test_the_modules_that_jobs_fork_with_exist(module):
     """The fork server passes over one that does not, and every job would import it anew."""
     assert find_spec(module) is not None
+
+
+@pytest.mark.parametrize(
+    ("config", "argv", "left_out"),
+    [
+        ({}, ["snakemake"], set()),
+        ({"simulation": "mine.yaml"}, [], set()),
+        ({"simulation": "mine.yaml", "parameters": None}, [], set()),
+        ({"simulation": None}, [], {"commands.simulate", "simulator."}),
+        ({"simulation": None, "parameters": None}, [], {"commands.simulate", "simulator.", "model.preloaded"}),
+        ({"simulation": None}, ["snakemake", "study"], set()),
+    ],
+)
+def test_a_campaign_of_recordings_does_not_wait_for_the_simulator_to_be_compiled(monkeypatch, config, argv, left_out):
+    asked = []
+    monkeypatch.setattr(
+        "osl_analysis.fork_server.fork_server", lambda *given: asked.extend(needed(*given)) or PRELOADED
+    )
+    monkeypatch.setattr("sys.argv", argv)
+    with contextlib.suppress(AttributeError):  # nothing is started here
+        start_early(config)
+    missing = set(PRELOADED) - set(asked)
+    assert all(any(f"osl_analysis.{part}" in name for part in left_out) for name in missing)
+    assert all(any(f"osl_analysis.{part}" in name for name in missing) for part in left_out)
+    assert asked[0] == "osl_analysis.undisturbed"
+    assert asked[-1] == "osl_analysis.frozen"
 
 
 def test_fingerprint_follows_imports_downwards_only():

@@ -7,11 +7,10 @@ import numpy as np
 
 from osl_analysis.bench.alternatives import widened
 from osl_analysis.bench.rounding import RepeatedRounding, RoundingSums
-from osl_analysis.bench.segments import Segment, repeated_cycles
+from osl_analysis.bench.segments import Segment
 from osl_analysis.bench.stepped_sine import Columns, SteppedSineTrial
-from osl_analysis.stats.covariance import FEWEST_CYCLES
 from osl_analysis.stats.cycle_sums import Cycles
-from osl_analysis.stats.partwise import partwise_fit, partwise_vaf, sums_of
+from osl_analysis.stats.partwise import Sums, partwise_fit, partwise_vaf, sums_of
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.trial import Array
 
@@ -25,11 +24,9 @@ class SegmentRows:
     columns: Columns
 
     @property
-    def cycles(self) -> Cycles:
-        """The cycles of the segment, of which there are enough (`FEWEST_CYCLES`)."""
-        found = repeated_cycles([self.segment])
-        assert found is not None
-        return found
+    def cycles(self) -> Cycles | None:
+        """The cycles of the segment; None: too few for an interval."""
+        return self.segment.repeated
 
     def named(self) -> Mapping[str, Array]:
         """The columns by name, shape (n,) each."""
@@ -60,22 +57,30 @@ def fits_by_amplitude(trial: SteppedSineTrial, columns: Columns) -> dict[float |
     InputError, IdentifiabilityError
         As `linear_fit`.
     """
-    parts = {s: SegmentRows(trial, s, columns) for s in trial.segments(None) if len(s.used) >= FEWEST_CYCLES}
-    names = tuple(columns(trial.motion[:0]))
-    sums = {segment: sums_of(names, part) for segment, part in parts.items()}
-    rounding = rounding_by_segment(trial, parts.values())
+    parts = segment_sums(trial, columns)
+    rounding = rounding_by_segment(trial, [part for part, _ in parts.values() if part.cycles is not None])
     fits: dict[float | None, LinearFit] = {}
     for amplitude in trial.amplitudes:
         segments = trial.segments(amplitude)
         repeated = [one for one in (total(by_segment, segments) for by_segment in rounding) if one is not None]
         fit = None
-        if all(segment in parts for segment in segments):
-            fit = partwise_fit(names, [(parts[s], sums[s]) for s in segments], trial.independent_samples, repeated)
+        if all(segment.repeated is not None for segment in segments):
+            names, known = tuple(columns(trial.motion[:0])), [one.covariance_by for one in repeated]
+            fit = partwise_fit(names, [parts[s] for s in segments], trial.independent_samples, known)
         if fit is None:
             motion, torque = trial.part(amplitude)
             fit = linear_fit(torque, columns(motion), trial.residual_correlation(amplitude, repeated))
         fits[amplitude] = fit
     return fits
+
+
+def segment_sums(trial: SteppedSineTrial, columns: Columns) -> Mapping[Segment, tuple[SegmentRows, Sums]]:
+    """The rows of each settled segment for a fit, and what they add up to. The sums are made once, and kept."""
+    parts = {segment: SegmentRows(trial, segment, columns) for segment in trial.segments(None)}
+    if columns not in trial.sums:
+        names = tuple(columns(trial.motion[:0]))
+        trial.sums[columns] = {segment: sums_of(names, part) for segment, part in parts.items()}
+    return {segment: (part, trial.sums[columns][segment]) for segment, part in parts.items()}
 
 
 def rounding_by_segment(trial: SteppedSineTrial, parts: Iterable[SegmentRows]) -> list[dict[Segment, RoundingSums]]:
@@ -91,7 +96,8 @@ def rounding_by_segment(trial: SteppedSineTrial, parts: Iterable[SegmentRows]) -
 
 def held_out_vaf(fit: LinearFit, trial: SteppedSineTrial, amplitude: float, columns: Columns) -> float:
     """VAF [percent] of a fit at an amplitude [deg] that it did not use."""
-    return partwise_vaf(fit, (SegmentRows(trial, segment, columns) for segment in trial.segments(amplitude)))
+    parts = segment_sums(trial, columns)
+    return partwise_vaf(fit, [parts[segment][1] for segment in trial.segments(amplitude)])
 
 
 def total(sums: Mapping[Segment, RoundingSums], segments: Sequence[Segment]) -> RoundingSums | None:

@@ -91,7 +91,11 @@ class RoundingSums:
         return RoundingSums(self.total + other.total, self.shown + other.shown)
 
     def covariance(self, X: Array, inverse: Array) -> Array:
-        """Covariance (p, p) of the estimates of a fit to these columns X (n, p), as `RepeatedError` has it."""
+        """As `RepeatedError` has it, for a fit to the columns X (n, p) that are summed."""
+        return self.covariance_by(inverse)
+
+    def covariance_by(self, inverse: Array) -> Array:
+        """Covariance (p, p) of the estimates, by the inverse (p, p) of the normal equations."""
         return nearest_covariance(inverse.T @ (self.total @ self.total.T - self.shown) @ inverse)
 
 

@@ -19,6 +19,7 @@ from osl_analysis.bench.settled_signals import RawSignals
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, Motion, filtered_motion, joined
 from osl_analysis.stats.covariance import RepeatedError, ResidualCorrelation
+from osl_analysis.stats.partwise import Sums
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.timebase.chunks import pieces
 from osl_analysis.trial import Array, Trial
@@ -74,6 +75,8 @@ class SteppedSineTrial:
         default_factory=dict, init=False, compare=False, repr=False
     )
     """The `widened_fits` that were made, by model and amplitude [deg]. A trial that is made of this one has none."""
+    sums: dict[Columns, Mapping[Segment, Sums]] = field(default_factory=dict, init=False, compare=False, repr=False)
+    """What the rows of each segment add up to for a model (`segment_sums`), as far as it was asked for."""
 
     @property
     def raw(self) -> RawSignals:

@@ -66,6 +66,8 @@ def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int
     if column not in trial.columns:
         return 0
     time, values = sampled(trial, column)
+    if not np.isfinite(values).all():  # the fit refuses it
+        return 0
     at_stated = longest_at_stated(values, stated_range(trial, column))
     if column.startswith("theta"):
         seen = 0 if torque is None else longest_clipped_angle(time, values, sampled(trial, torque))
@@ -106,7 +108,7 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
     `torque` are times [s] and values. The angle must come to the extreme, and leave it, with a corner.
     """
     when, values = torque
-    if not theta.size or not np.ptp(theta) or not when.size or not np.ptp(values):
+    if not theta.size or not np.ptp(theta) or not when.size or not np.isfinite(values).all() or not np.ptp(values):
         return 0
     noise = usual_size(np.diff(values, 3)) / 3.016 if values.size > 3 else np.inf  # of white noise
     changes = max(CERTAIN * noise, CREEP * float(np.ptp(values)))

@@ -29,7 +29,7 @@ from osl_analysis.examples import matching, response_example, time_series_exampl
 from osl_analysis.exclusion import exclusion_report, truncation_report
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.figures import FIGURES, drawn_figures
-from osl_analysis.files import digest, file_state
+from osl_analysis.files import check_working_folder, digest, file_state
 from osl_analysis.refusal import is_refused
 from osl_analysis.refusal_report import refusal_report, refusals_in
 from osl_analysis.report import TEMPLATES
@@ -40,6 +40,7 @@ from osl_analysis.submission import LOST
 from osl_analysis.yaml_settings import read_mapping
 
 try:
+    check_working_folder()
     DEFAULT = default_config()
     FILES = [DEFAULT, *(Path(os.path.relpath(file)) for file in reversed(workflow.configfiles))]
     CONFIG = campaign_config(overriding(read_mapping(DEFAULT), config), FILES)

@@ -43,6 +43,18 @@ def atomic_path(path: Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
+def check_working_folder() -> None:
+    """Refuse a working folder that cannot be written to: Snakemake keeps its notes there, and ends with a traceback.
+
+    Raises
+    ------
+    InputError
+        It cannot.
+    """
+    if not os.access(Path(), os.W_OK):
+        raise InputError(f"{Path.cwd()}: cannot be written to; copy the campaign to a folder that can")
+
+
 SPECIAL = {
     stat.S_IFDIR: "a folder",
     stat.S_IFCHR: "a device",

@@ -183,7 +183,31 @@ def test_snakemake_is_given_the_campaign_of_the_folder(tmp_path, monkeypatch):
     (tmp_path / "config.yaml").write_text("campaign: mine\n")
     snakefile = str(ROOT / "Snakefile")
     assert snakemake_arguments(["-n"]) == ["-n", "--snakefile", snakefile, "--configfile", "config.yaml"]
+    (tmp_path / "other.yaml").write_text("campaign: other\n")
     assert snakemake_arguments(["--configfile", "other.yaml"])[-1] == snakefile
+
+
+@pytest.mark.parametrize("stated", [["--configfile", "a.yaml", "b.yaml", "-n"], ["-n", "--configfile=b.yaml"], []])
+def test_a_configuration_that_snakemake_would_answer_with_a_traceback_is_refused_in_one_line(
+    tmp_path, monkeypatch, stated
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.yaml").write_text("campaign: mine\n")
+    if stated:
+        assert "error: b.yaml: no such file" in call("run", *stated).output
+    broken = tmp_path / ("b.yaml" if stated else "config.yaml")
+    broken.write_text("campaign: x\n  more: [1\n")
+    said = call("run", *stated)
+    assert (said.exit_code, said.output.count("\n")) == (1, 1)
+    assert f"error: {broken.name}: not YAML: mapping values are not allowed in this context in line 2" in said.output
+
+
+def test_a_folder_that_cannot_be_written_to_is_refused_by_the_command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "config.yaml").write_text("campaign: mine\n")
+    monkeypatch.setattr("osl_analysis.files.os.access", lambda *_: False)
+    with pytest.raises(InputError, match="cannot be written to; copy the campaign"):
+        snakemake_arguments([])
 
 
 def test_a_file_of_the_campaign_goes_before_the_shipped_one(tmp_path, monkeypatch):

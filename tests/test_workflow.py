@@ -585,6 +585,18 @@ def test_a_job_s_fingerprint_counts_modules_that_are_imported_from_their_package
     assert {"quality/channels.py", "quality/verdict.py", "experiments.py"} <= files
 
 
+CLOSED = "/proc/sys"
+"""A folder that is read-only in a container, and for all but root elsewhere."""
+
+
+@pytest.mark.skipif(os.access(CLOSED, os.W_OK), reason="no folder here that nobody can write to")
+def test_a_folder_that_cannot_be_written_to_is_refused_by_snakemake_in_one_line(tmp_path):
+    ran = run_snakemake(["--snakefile", str(ROOT / "Snakefile"), "--directory", CLOSED, "-n"], tmp_path)
+    assert ran.returncode == 1
+    assert ran.stdout.endswith(f"error: {CLOSED}: cannot be written to; copy the campaign to a folder that can\n")
+    assert "Traceback" not in ran.stdout
+
+
 @pytest.mark.parametrize("module", PRELOADED)
 def test_the_modules_that_jobs_fork_with_exist(module):
     """The fork server passes over one that does not, and every job would import it anew."""

@@ -9,7 +9,8 @@ import polars as pl
 from osl_analysis.columns import unit_of
 from osl_analysis.errors import InputError
 from osl_analysis.measured import usual_size
-from osl_analysis.signals import longest_at_extreme, longest_run, runs
+from osl_analysis.plateaus import longest_at_extreme
+from osl_analysis.signals import longest_run, runs
 from osl_analysis.trial import Array, Trial
 
 AT_RAIL = 1e-3
@@ -72,7 +73,7 @@ def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int
     if column.startswith("theta"):
         seen = 0 if torque is None else longest_clipped_angle(time, values, sampled(trial, torque))
     else:
-        seen = 0 if is_command(values) and column == "current" else longest_at_extreme(values)
+        seen = 0 if column == "current" and is_command(values) else longest_at_extreme(values)
     return max(at_stated, seen)
 
 

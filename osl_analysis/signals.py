@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite
+from osl_analysis.pieces import pieces
 from osl_analysis.trial import Array
 
 DEGREE = 5
@@ -69,12 +70,28 @@ class LowPass:
             raise InputError(
                 f"{len(signal)} samples are too few for a {self.cutoff_hz:g} Hz filter; it needs more than {edge}"
             )
-        sections = butterworth(self.order, self.cutoff_hz, rate_hz)
-        return np.asarray(scipy.signal.sosfiltfilt(sections, signal, axis=0, padlen=edge))
+        return there_and_back(signal, butterworth(self.order, self.cutoff_hz, rate_hz), edge)
 
     def independent_samples(self, rate_hz: float) -> int:
         """Half a period of the cut-off, in samples. At this distance, filtered white noise is nearly white."""
         return max(round(rate_hz / (2 * self.cutoff_hz)), 1)
+
+
+def there_and_back(signal: Array, sections: Array, edge: int) -> Array:
+    """`scipy.signal.sosfiltfilt` of samples (n, ...) along the first axis, continued at its ends by `edge` samples.
+
+    It is filtered piece by piece in the place of one copy, where scipy makes three.
+    """
+    continued = np.concatenate(
+        [2 * signal[:1] - signal[edge:0:-1], signal, 2 * signal[-1:] - signal[-2 : -edge - 2 : -1]], dtype=np.float64
+    )
+    settled = scipy.signal.sosfilt_zi(sections)
+    settled = settled.reshape(*settled.shape, *[1] * (signal.ndim - 1))
+    for way in (continued, continued[::-1]):
+        state = settled * way[0]
+        for rows in pieces(len(way)):
+            way[rows], state = scipy.signal.sosfilt(sections, way[rows], axis=0, zi=state)
+    return continued[edge:-edge]
 
 
 @dataclass(frozen=True)
@@ -116,51 +133,6 @@ def longest_run(true: NDArray[np.bool_]) -> slice:
         return slice(0, 0)
     longest = int(np.argmax(edges[:, 1] - edges[:, 0]))
     return slice(int(edges[longest, 0]), int(edges[longest, 1]))
-
-
-NEAR_ZERO = 0.05
-"""Share of a channel's range: an extreme this close to zero is an unloaded sensor and not clipped."""
-AWAY = 0.25
-"""Share of a channel's range: an extreme this close to the median is where the channel mostly is, and not clipped."""
-
-
-EDGE = 5
-"""Samples before and after a plateau from which the slopes at its ends are read."""
-CUT_OFF = 3.0
-"""Steps of the converter by which a signal would have gone beyond a plateau, had it not been clipped."""
-
-
-def run_at_extreme(values: Array) -> slice:
-    """Longest run of a noisy channel (n,) at its lowest or highest value, away from zero and from the median.
-
-    Every noisy channel has one sample at its extreme; a clipped one has many in a row. The peak of a slow signal also
-    repeats a value for as long as it stays within one step of its converter. It is not clipped: the parabola that has
-    the slopes at the ends of the plateau rises by less than `CUT_OFF` steps. Empty for a channel that is not finite.
-    """
-    if not values.size or not np.isfinite(values).all():
-        return slice(0, 0)
-    low, high = float(values.min()), float(values.max())
-    span, middle = high - low, float(np.median(values))
-    extremes = [e for e in (low, high) if abs(e) > NEAR_ZERO * span and abs(e - middle) > AWAY * span]
-    found = [longest_run(values == e) for e in extremes]
-    steps = np.abs(np.diff(values))
-    step = float(steps[steps > 0].min(initial=np.inf))
-    cut = [run for run in found if run.stop - run.start == 1 or cut_off(values, run) > CUT_OFF * step]
-    return max(cut, key=lambda run: run.stop - run.start, default=slice(0, 0))
-
-
-def cut_off(values: Array, plateau: slice) -> float:
-    """How far a signal (n,) would have gone beyond a plateau of m samples: m/4 times the smaller slope at its ends."""
-    level, length = values[plateau.start], plateau.stop - plateau.start
-    sides = values[max(plateau.start - EDGE, 0) : plateau.start], values[plateau.stop : plateau.stop + EDGE]
-    slopes = [float(np.abs(side - level).max()) / side.size for side in sides if side.size]
-    return float(min(slopes, default=0.0) * length / 4)
-
-
-def longest_at_extreme(values: Array) -> int:
-    """Length [samples] of `run_at_extreme`."""
-    run = run_at_extreme(values)
-    return int(run.stop - run.start)
 
 
 def sampling_rate(time: Array) -> float:

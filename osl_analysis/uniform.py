@@ -4,7 +4,7 @@ Trials stay as recorded. Every analysis that filters or differentiates takes its
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,8 @@ class UniformSignals:
 
     trial: name of the trial.
     grid: the time base and what it did.
-    signals: column -> (m,), after the low-pass filters that other columns' sensors have and its own has not.
+    signals: column -> (m,), after the low-pass filters that other columns' sensors have and its own has not; columns
+        without a sensor are `computed` when they are asked for.
     low_passes: column -> its sensor's own low-pass, as stated in the source file; only the columns that have one.
     devices: column -> the column that stands for all columns with the same stamps.
     """
@@ -65,6 +66,22 @@ class UniformSignals:
         samples = next(one for one in self.grid.taken if column in one.decision.signals).samples()
         rows = rows_on_grid(samples, self.time)
         return samples.times if rows is None else self.time
+
+    def computed(self, column: str) -> Array | None:
+        """A column without a sensor (m,), such as a command, as if its sensor had what the others' have; None: none."""
+        signal = self.grid.silent(column)
+        return None if signal is None else self.alike(column, signal)
+
+    def alike(self, column: str, signal: Array) -> Array:
+        """A column (m,) through the low-pass filters of the others that its own sensor lacks."""
+        for low_pass in lacking(column, self.low_passes):
+            signal = low_pass(signal, self.rate_hz)
+        return signal
+
+    def released(self) -> "UniformSignals":
+        """What is known of the time base, without the samples: no other one can be made of it."""
+        taken = tuple(one.released() for one in self.grid.taken)
+        return replace(self, grid=replace(self.grid, signals={}, taken=taken), signals={})
 
     def other(self) -> "UniformSignals | None":
         """The same if the streams whose stamps nothing decided were taken the other way; None where all are decided."""
@@ -111,11 +128,8 @@ def on_grid(
     trial: str, grid: UniformGrid, low_passes: Mapping[str, SensorLowPass], devices: Mapping[str, str]
 ) -> UniformSignals:
     """The signals of a grid, each through the low-pass filters of the others that its own sensor lacks."""
-    signals = dict(grid.signals)
-    for column in grid.signals:
-        for low_pass in lacking(column, low_passes):
-            signals[column] = low_pass(signals[column], grid.rate_hz)
-    return UniformSignals(trial, grid, signals, low_passes, devices)
+    found = UniformSignals(trial, grid, {}, low_passes, devices)
+    return replace(found, signals={column: found.alike(column, signal) for column, signal in grid.signals.items()})
 
 
 def sampled_rows(trial: Trial, column: str) -> bytes:

@@ -26,9 +26,10 @@ from osl_analysis.errors import OslAnalysisError
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.certificate import certify
 from osl_analysis.model.compensator import select_gains
+from osl_analysis.plateaus import longest_at_extreme
 from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.second_order import fit_impedance
-from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, longest_at_extreme, sampling_rate
+from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, sampling_rate
 from osl_analysis.stats import comparison, complex_estimate, covariance, regression, repeats, rounding
 from osl_analysis.stats.covariance import ResidualCorrelation
 from osl_analysis.stats.cycle_sums import Cycles

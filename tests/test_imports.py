@@ -6,14 +6,15 @@ from conftest import ROOT
 from osl_analysis.fingerprint import imported_names
 
 PACKAGE = ROOT / "osl_analysis"
-COMMON = {"errors", "trial", "measured", "compiled"}
+COMMON = {"errors", "trial", "measured", "pieces", "compiled"}
 MAY_IMPORT = {
     "model": COMMON | {"model", "parameters"},
     "simulator": COMMON
     | {"simulator", "shared_choices", "model", "parameters", "columns", "sheet", "yaml_settings", "files"}
     | {"trajectory", "experiments", "multisine"},
     "formats": COMMON | {"formats"},
-    "ingest": COMMON | {"ingest", "formats", "columns", "memory", "signals", "yaml_places", "yaml_settings"},
+    "ingest": COMMON
+    | {"ingest", "formats", "columns", "memory", "plateaus", "signals", "yaml_places", "yaml_settings"},
     "stats": COMMON | {"stats", "signals"},
     "protocol": COMMON | {"protocol"},
     "spectral": COMMON | {"spectral", "stats", "signals", "model", "parameters"},

@@ -22,11 +22,11 @@ from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.ingest.c3d_capture import read_c3d_capture
 from osl_analysis.ingest.c3d_source import C3dSource
 from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.plateaus import longest_at_extreme
 from osl_analysis.protocol.runs import find_runs
 from osl_analysis.quality.checks import CheckResult, Commanded, length_of_longest
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.quality.verdict import CHECKS, examine, fails, quality_table, validate_rules
-from osl_analysis.signals import longest_at_extreme
 from osl_analysis.trial import Array, Trial
 
 COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6)

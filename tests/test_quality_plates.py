@@ -9,9 +9,9 @@ from c3d_builder import REAL_DATA, write_c3d
 
 from osl_analysis.ingest.c3d_capture import read_c3d_capture
 from osl_analysis.ingest.c3d_source import C3dSource
+from osl_analysis.plateaus import run_at_extreme
 from osl_analysis.quality.checks import CheckResult, Commanded
 from osl_analysis.quality.verdict import examine
-from osl_analysis.signals import run_at_extreme
 from osl_analysis.trial import Array, Trial
 
 RATE, FRAMES = 500, 200

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import multisine
+from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import (
@@ -96,3 +97,10 @@ def test_derivatives_of_a_piece_are_those_of_the_whole_record():
     assert np.abs(whole.omega - spline.omega).max() < 1e-6
     assert np.abs(whole[:3].alpha - spline.alpha[:3]).max() < 1e-6
     assert np.abs(whole[-3:].alpha - spline.alpha[-3:]).max() < 1e-6
+
+
+@pytest.mark.parametrize("shape", [(40_000,), (20_000, 3)])
+def test_the_filter_is_scipys_whatever_the_length(shape):
+    signal, rate = np.random.default_rng(8).standard_normal(shape), 1000.0
+    sections, edge = butter(4, 15.0, fs=rate, output="sos"), 200
+    np.testing.assert_array_equal(LowPass(15.0)(signal, rate), sosfiltfilt(sections, signal, axis=0, padlen=edge))

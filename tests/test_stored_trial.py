@@ -46,7 +46,7 @@ def test_a_stored_trial_has_the_time_base_of_the_trial_in_memory(stored: Path) -
         for trial in (read_trial(stored), StoredTrial(stored))
     )
     assert one.report == other.report
-    assert set(one.signals) == {"theta", "torque", "theta_command"}
+    assert set(one.signals) == {"theta", "torque"}
     for column in one.signals:
         np.testing.assert_array_equal(one[column], other[column])
 
@@ -77,3 +77,16 @@ def test_time_that_goes_back_is_refused_in_a_stored_trial(tmp_path: Path, monkey
     write_trial(Trial("back", pl.DataFrame({"time": [0.0, 2.0, 1.0]})), tmp_path / "back.parquet")
     with pytest.raises(InputError, match="back: time goes from 2"):
         StoredTrial(tmp_path / "back.parquet")
+
+
+def test_signals_that_are_released_leave_what_is_known_of_the_time_base(stored: Path) -> None:
+    whole = uniform_signals(StoredTrial(stored), ("theta", "torque"), GapLimits(), ("theta_command",))
+    released, command = whole.released(), whole.computed("theta_command")
+    assert command is not None
+    np.testing.assert_allclose(command, np.sin(5 * whole.time), atol=1e-3)
+    assert (released.report, released.trial) == (whole.report, whole.trial)
+    assert not released.signals
+    assert released.computed("theta_command") is None
+    assert not any(one.stream.signals for one in released.grid.taken if "theta" in one.decision.signals)
+    for column in ("theta", "torque"):
+        np.testing.assert_array_equal(released.sampled(column), whole.sampled(column))

@@ -12,9 +12,9 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.pieces import pieces
 from osl_analysis.signals import Motion
 from osl_analysis.timebase import decision
-from osl_analysis.timebase.chunks import pieces
 from osl_analysis.timebase.counting import count_from_stamps
 from osl_analysis.timebase.cubic import cubic_between
 from osl_analysis.timebase.decision import evidence_of

@@ -125,7 +125,7 @@ class MovingRecord:
         """The raw signals for the estimators, each stretch as one segment."""
         middle = float(np.mean(self.band_hz))
         segments = [Segment(0.0, middle, float(p.start), float(p.stop), 1) for p in self.pieces]
-        command = self.uniform.signals.get("theta_command")
+        command = self.uniform.computed("theta_command")
         return RawSignals(self.time, self.theta, command, self.torque, self.rate_hz, segments)
 
     @property

@@ -16,7 +16,7 @@ class Recorded:
     """Angle and torque of a trial on one time base, and what the joint did."""
 
     signals: UniformSignals
-    """Angle, torque and, if a log has it, the command."""
+    """Angle and torque, with the command if a log has it."""
     motion: Likeness
     """The motion of the bench's angle, which the bench controls."""
 

@@ -119,6 +119,11 @@ def perhaps_damaged(trial: Trial, settings: ImpedanceAnalysis, known: Recorded) 
     return found
 
 
+def released(trial: RenderedTrial) -> RenderedTrial:
+    """The trial without what only its estimators need."""
+    return trial.released() if isinstance(trial, SteppedSineTrial) else trial
+
+
 def sines_of(trial: RenderedTrial) -> list[SegmentPhasors]:
     """The phasors of all segments of a stepped sine, none where no sines moved the joint; raises as `trial_phasors`."""
     return [] if isinstance(trial, MovingRecord) else trial_phasors(trial)

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.timebase.chunks import AT_ONCE, pieces
+from osl_analysis.pieces import AT_ONCE, pieces
 from osl_analysis.trial import Array
 
 MOST_ROWS = 10_000

@@ -17,11 +17,11 @@ from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import BenchStiffness, SteppedSineAnalysis
 from osl_analysis.bench.settled_signals import RawSignals
 from osl_analysis.errors import InputError
+from osl_analysis.pieces import pieces
 from osl_analysis.signals import LowPass, Motion, filtered_motion, joined
 from osl_analysis.stats.covariance import RepeatedError, ResidualCorrelation
 from osl_analysis.stats.partwise import Sums
 from osl_analysis.stats.regression import LinearFit
-from osl_analysis.timebase.chunks import pieces
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import UniformSignals
 
@@ -50,7 +50,7 @@ class SteppedSineTrial:
     blocks: tuple[Block, ...]
     """One block per amplitude."""
     command: Array | None
-    """Commanded joint angle [rad]; None if no log has it."""
+    """Commanded joint angle [rad] of a trial that no file holds; None: `uniform` has it, or there is none."""
     settle_cycles: int
     """Number of cycles at the start of each segment that are not fitted."""
     low_pass: LowPass
@@ -83,7 +83,12 @@ class SteppedSineTrial:
         """The raw signals with the settled segments of all amplitudes."""
         segments = self.segments(None)
         repeated = self.repeated_rounding(segments)
-        return RawSignals(self.time, self.theta, self.command, self.torque, self.rate_hz, segments, repeated)
+        command = self.command if self.uniform is None else self.uniform.computed("theta_command")
+        return RawSignals(self.time, self.theta, command, self.torque, self.rate_hz, segments, repeated)
+
+    def released(self) -> "SteppedSineTrial":
+        """The trial without what its fits need no more: the samples as recorded, and the command that is among them."""
+        return replace(self, uniform=None if self.uniform is None else self.uniform.released())
 
     @property
     def amplitudes(self) -> tuple[float | None, ...]:
@@ -222,7 +227,7 @@ def stepped_sine_of(known: Recorded, settings: SteppedSineAnalysis, more_complia
         motion=motion,
         filtered_torque=filtered,
         blocks=blocks,
-        command=signals.signals.get("theta_command"),
+        command=None,
         settle_cycles=settings.settle_cycles,
         low_pass=settings.low_pass,
         drift=drift,

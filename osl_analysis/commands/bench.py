@@ -34,6 +34,7 @@ from osl_analysis.bench.plausibility import (
     saturated,
 )
 from osl_analysis.bench.rendered import (
+    released,
     rendered_phasors,
     rendered_response,
     rendered_series,
@@ -76,7 +77,7 @@ def fit_transmission_trial(
     read = open_trial(trial)
     check_recording(read, settings)
     rails = saturated(read, "torque", "theta")
-    stepped = stepped_sine_trial(read, settings)
+    stepped = stepped_sine_trial(read, settings).released()
     table = plausible_transmission(transmission_table(stepped), rails, known_parameters(parameters))
     write_table(table, tables["transmission"])
     write_table(transmission_time_base(stepped), tables["timebase"])
@@ -103,6 +104,8 @@ def fit_impedance_trial(
     check_recording(read, settings)
     rails = saturated(read, "torque", "theta")
     rendered = rendered_trial(read, settings, windows)
+    if "estimators" not in tables:
+        rendered = released(rendered)
     asked = AskedImpedance(condition, weight, settings.frequencies_hz)
     phasors = sines_of(rendered)
     write_table(judged_impedance(rendered, rails, p, asked, phasors), tables["impedance"])

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from osl_analysis.signals import run_at_extreme, runs
+from osl_analysis.plateaus import run_at_extreme
+from osl_analysis.signals import runs
 from osl_analysis.trial import Array
 
 LOADED = 0.2

@@ -46,12 +46,17 @@ class Likeness:
     """Likeness of a joint angle to a stepped sine: shares of the moving time, 0 to 1. Each is found when it is asked
     for, and most motions are known for what they are by the first."""
 
-    time: Array
-    """Uniform times (n,) [s], from 0."""
+    recorded: Array
+    """Uniform times (n,) [s]."""
     theta: Array
     """Joint angle (n,) [rad]."""
     protocol: SteppedSineProtocol
     """What was commanded."""
+
+    @property
+    def time(self) -> Array:
+        """Uniform times (n,) [s], from 0."""
+        return np.asarray(self.recorded - self.recorded[0])
 
     @cached_property
     def moving(self) -> NDArray[np.bool_]:
@@ -85,7 +90,8 @@ class Likeness:
     @cached_property
     def commanded(self) -> float:
         """In single cycles of a commanded frequency and amplitude."""
-        cycles = ((self.theta[rows_between(self.time, *cycle)], cycle) for cycle in pairwise(self.crossings))
+        time = self.time
+        cycles = ((self.theta[rows_between(time, *cycle)], cycle) for cycle in pairwise(self.crossings))
         found = [cycle for angle, cycle in cycles if as_commanded(angle, cycle, self.protocol)]
         return share_of(self.moving, self.time, found)
 
@@ -126,7 +132,7 @@ def first_of_bins(time: Array) -> NDArray[np.intp]:
 
 def likeness(time: Array, theta: Array, protocol: SteppedSineProtocol) -> Likeness:
     """Likeness of a joint angle theta [rad] at uniform times [s], shape (n,) each, to a stepped sine."""
-    return Likeness(time - time[0], theta, protocol)
+    return Likeness(time, theta, protocol)
 
 
 def rows_between(time: Array, start: float, stop: float) -> slice:

@@ -1,19 +1,10 @@
-"""Records in pieces that a cache holds, and a slope whose standard error holds where neighbouring samples are alike."""
-
-from collections.abc import Iterator
+"""A slope and a standard error that holds where neighbouring samples are alike."""
 
 import numpy as np
 
 from osl_analysis.trial import Array
 
 CHUNKS, FEWEST_CHUNKS = 20, 5
-AT_ONCE = 1 << 14
-"""Rows that are computed at a time: what they need meanwhile stays small beside the record, and in the cache."""
-
-
-def pieces(rows: int, size: int = AT_ONCE) -> Iterator[slice]:
-    """All rows of a record, `size` at a time, in their order."""
-    return (slice(first, min(first + size, rows)) for first in range(0, rows, size))
 
 
 def chunked_slope(x: Array, y: Array) -> tuple[float, float]:

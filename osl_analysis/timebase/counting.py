@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.timebase.chunks import AT_ONCE, pieces
+from osl_analysis.pieces import AT_ONCE, pieces
 from osl_analysis.timebase.stream import Stream
 from osl_analysis.trial import Array
 

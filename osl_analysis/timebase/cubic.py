@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.timebase.chunks import pieces
+from osl_analysis.pieces import pieces
 from osl_analysis.trial import Array
 
 Before = Callable[[Array], NDArray[np.intp]]

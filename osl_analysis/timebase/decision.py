@@ -14,7 +14,8 @@ from math import comb
 import numpy as np
 import scipy
 
-from osl_analysis.timebase.chunks import chunked_slope, pieces
+from osl_analysis.pieces import pieces
+from osl_analysis.timebase.chunks import chunked_slope
 from osl_analysis.timebase.counting import Counts
 from osl_analysis.timebase.device_clock import DeviceClock
 from osl_analysis.timebase.stream import Stream

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from osl_analysis.timebase.chunks import pieces
+from osl_analysis.pieces import pieces
 from osl_analysis.timebase.counting import Counts, line_slope
 from osl_analysis.trial import Array
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.timebase.chunks import pieces
+from osl_analysis.pieces import pieces
 from osl_analysis.timebase.cubic import cubic_between
 from osl_analysis.timebase.gaps import BRIDGE_MORE, GapLimits, gaps_of, usable_rows
 from osl_analysis.timebase.report import TimebaseReport, report_of
@@ -25,7 +25,7 @@ ROUNDED = 1e6
 class UniformGrid:
     """Signals of all streams at uniform times.
 
-    time: (m,) [s]. rate_hz: [Hz]. signals: name -> (m,), in the units of the streams.
+    time: (m,) [s]. rate_hz: [Hz]. signals: name -> (m,), in the units of the streams, without the silent ones.
     usable: (m,) false where a row lies in or near a marked gap. Filter and differentiate all rows, then drop these.
     report: what was done, for provenance.
     """
@@ -37,6 +37,11 @@ class UniformGrid:
     report: TimebaseReport
     taken: tuple[Taken, ...]
     limits: GapLimits
+
+    def silent(self, name: str) -> Array | None:
+        """A signal (m,) that says nothing about the stamps, as a command: brought on the grid when it is asked for."""
+        part = next((t for t in self.taken if name in t.stream.silent and name in t.stream.signals), None)
+        return None if part is None else resampled(part.samples(name), self.time)[0]
 
     def other_hypothesis(self, *, firm_too: bool = False) -> "UniformGrid | None":
         """The grid with every undecided stream taken the other way: true stamps as even, even ones as true.
@@ -78,11 +83,7 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits) -> UniformGrid:
             f"{time[-1]:.4f} s lies within {limits.margin_s:.2f} s of a gap longer than "
             f"{limits.bridged_s * 1e3:g} ms; {BRIDGE_MORE}"
         )
-    signals = {
-        name: values
-        for part in parts
-        for name, values in zip(part.taken.decision.signals, resampled(part, time), strict=True)
-    }
+    signals = {name: values for part in parts for name, values in zip(part.names, resampled(part, time), strict=True)}
     report = report_of(parts, gaps, time, usable, limits)
     return UniformGrid(time, rate, signals, usable, report, tuple(taken), limits)
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.timebase.chunks import pieces
+from osl_analysis.pieces import pieces
 from osl_analysis.timebase.gaps import GapLimits, Gaps
 from osl_analysis.timebase.samples import Samples
 from osl_analysis.trial import Array

@@ -46,8 +46,9 @@ class Taken:
 
     @cached_property
     def present(self) -> NDArray[np.bool_]:
-        """Rows (n,) in which the signals have values."""
-        return ~np.isnan(self.stream.signals[self.decision.signals[0]])
+        """Rows (n,) in which the signals have values; all, if the signals are gone."""
+        first = self.stream.signals.get(self.decision.signals[0])
+        return np.full(len(self.stream.stamps), True) if first is None else ~np.isnan(first)
 
     @cached_property
     def stride(self) -> int:
@@ -56,22 +57,30 @@ class Taken:
             return 1
         return int(np.median(np.diff(self.clock.count[self.present])))
 
+    def released(self) -> "Taken":
+        """The same without its signals, unless they say in which rows values are missing."""
+        return replace(self, stream=replace(self.stream, signals={})) if self.present.all() else self
+
     @property
     def empty(self) -> int:
         """Values missing from rows that are there."""
         return max(round(np.count_nonzero(~self.present) - len(self.present) * (1 - 1 / self.stride)), 0)
 
-    def samples(self) -> "Samples":
-        """The samples at their times, the delay taken out; true stamps that lie close are averaged."""
+    def samples(self, *names: str) -> "Samples":
+        """The samples at their times, the delay taken out; true stamps that lie close are averaged.
+
+        `names` are those of some of the signals; without any, of all that are not silent.
+        """
         there = slice(None) if self.present.all() else self.present
-        values = [self.stream.signals[name][there] for name in self.decision.signals]
+        names = names or tuple(n for n in self.decision.signals if n in self.stream.signals.keys() - self.stream.silent)
+        values = [self.stream.signals[name][there] for name in names]
         if self.decision.even:
             times, merged = self.clock.times()[there], 0
         else:
             stamps = self.stream.stamps[there]
             times, values = averaged_where_close(stamps, values, CLOSE * self.clock.step * self.stride)
             merged = len(stamps) - len(times)
-        return Samples(self, times - self.delay if self.delay else times, tuple(values), merged)
+        return Samples(self, names, times - self.delay if self.delay else times, tuple(values), merged)
 
 
 @dataclass(frozen=True)
@@ -79,6 +88,7 @@ class Samples:
     """What the grid is made from: rising times (k,) [s] and values (k,) of each signal; `merged` were averaged."""
 
     taken: Taken
+    names: tuple[str, ...]
     times: Array
     values: tuple[Array, ...]
     merged: int

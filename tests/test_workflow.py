@@ -1,5 +1,6 @@
 """A small campaign through the real Snakefile: everything is made, and a change reruns what depends on it, no more."""
 
+import base64
 import contextlib
 import json
 import os
@@ -8,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import zipfile
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -26,6 +28,7 @@ from osl_analysis.fork_server import PRELOADED, needed, start_early
 from osl_analysis.job_log import read_log
 from osl_analysis.refusal import is_refused
 from osl_analysis.summary.labels import all_labels
+from osl_analysis.workflow import flat
 
 TRIAL = "impedance_K300_B5.0_compensated"
 PROTOCOL = {"frequencies_hz": [2, 5], "cycles": 5, "amplitudes_deg": [2, 4]}
@@ -163,6 +166,33 @@ def test_every_column_is_in_the_data_dictionary_and_the_dictionary_has_no_other(
     assert {place: described[place] - columns for place, columns in written.items() if described[place] - columns} == (
         not_here
     )
+
+
+def test_what_a_job_reads_was_made_by_jobs_that_its_rule_waits_for(workspace):
+    """Also what the rule does not name (`read`): else a job runs too early, or is not run again. The rules' inputs are
+    those in Snakemake's notes, what a job reads stands in its log."""
+    notes = workspace.folder / ".snakemake/metadata"
+    maker, waits_for = {}, {}
+    for note in (path for path in notes.rglob("*") if path.is_file()):
+        made = base64.b64decode(str(note.relative_to(notes)).replace("/", "").replace("@", ""), altchars=b"-_")
+        said = json.loads(note.read_text())
+        maker[made.decode()], waits_for[said["log"][0]] = said["log"][0], said["input"]
+    logs = {log: yaml.load((workspace.folder / log).read_text(), yaml.CSafeLoader) for log in waits_for}
+
+    @cache
+    def before(log):
+        direct = {maker[file] for file in waits_for[log] if file in maker}
+        return direct.union(*map(before, direct))
+
+    early = [
+        (log, file)
+        for log, said in logs.items()
+        for file in flat(said.get("input", {}))
+        if file in maker and maker[file] not in before(log)
+    ]
+    assert early == []
+    unnamed = {file for log, said in logs.items() for file in flat(said.get("input", {})) if file not in waits_for[log]}
+    assert len(unnamed & maker.keys()) > 50
 
 
 def test_every_number_of_the_summary_is_in_the_data_dictionary(workspace):

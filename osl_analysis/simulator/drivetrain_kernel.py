@@ -1,13 +1,14 @@
 """The compiled inner loop of `drivetrain_sim`: Eqs. 1-5 and 7 for scalars, and their integration over a trial.
 
 All compiled functions are in this file, because numba's disk cache does not notice changes of functions in other files.
+They are `fused`: the last bit of a motion depends on the processor, as that of numpy's sines does.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from osl_analysis.compiled import compiled
+from osl_analysis.compiled import fused
 from osl_analysis.trial import Array
 
 SHORT = 1 / 16
@@ -54,13 +55,13 @@ class Controller(NamedTuple):
     f_G: float
 
 
-@compiled
+@fused
 def friction_level(current: float, f_C: float, f_G: float) -> float:
     """Size of the friction [N*m] at a current I_q [A] (Eq. 2)."""
     return f_C + f_G * abs(current)
 
 
-@compiled
+@fused
 def feedforward_current(u: float, direction: float, torque_constant: float, f_C: float, f_G: float) -> float:
     """Current [A] for an actuator torque u [N*m] in closed form (Eq. 5); direction 0 ignores friction."""
     r = u + direction * f_C
@@ -68,7 +69,7 @@ def feedforward_current(u: float, direction: float, torque_constant: float, f_C:
     return r / (torque_constant - side * f_G)
 
 
-@compiled
+@fused
 def hysteresis_step(z: float, turned: float) -> float:
     """Change of the hysteresis state z in a monotone step of the deflection [widths], from dz = dturned - z |dturned|.
 
@@ -84,25 +85,25 @@ def hysteresis_step(z: float, turned: float) -> float:
     return (turned - z * x) * (low + x2 * x2 * high)
 
 
-@compiled
+@fused
 def hysteretic_belt_torque(theta_s: float, z: float, plant: Plant) -> float:
     """Torque [N*m] in the belt: linear, quadratic, and hysteresis of state z in [-1, 1]."""
     return (plant.K_s + plant.K_s2 * abs(theta_s)) * theta_s + plant.hysteresis_torque * z
 
 
-@compiled
+@fused
 def braked(free: float, lost: float) -> float:
     """Velocity [rad/s] that implicit friction leaves, which takes away `lost`. It stops but never drives."""
     return free - max(-lost, min(free, lost))
 
 
-@compiled
+@fused
 def encoder_reading(angle: float, resolution: float) -> float:
     """Angle [rad] to the nearest encoder count; resolution 0 is an ideal encoder."""
     return float(np.rint(angle / resolution) * resolution) if resolution > 0.0 else angle
 
 
-@compiled
+@fused
 def estimated_velocity(estimate: float, angle_step: float, true: float, c: Controller) -> float:
     """The controller's next velocity estimate [rad/s]: encoder difference, then a one-pole low-pass."""
     if c.smoothing <= 0.0:
@@ -110,7 +111,7 @@ def estimated_velocity(estimate: float, angle_step: float, true: float, c: Contr
     return estimate + c.smoothing * (angle_step * c.updates_per_second - estimate)
 
 
-@compiled
+@fused
 def smoothed_sign(x: float) -> float:
     """tanh(x) to 2e-16, in half the time: beyond 20 it is 1."""
     if abs(x) > 20.0:
@@ -119,7 +120,7 @@ def smoothed_sign(x: float) -> float:
     return (1.0 - e) / (1.0 + e) if x > 0.0 else (e - 1.0) / (e + 1.0)
 
 
-@compiled
+@fused
 def controller_current(theta_m: float, omega_m: float, gains: tuple[float, float, float], c: Controller) -> float:
     """Current [A] for one measurement and gains (K_1, B_1, theta_eq) (Eqs. 5 and 7)."""
     K_1, B_1, theta_eq = gains
@@ -128,21 +129,21 @@ def controller_current(theta_m: float, omega_m: float, gains: tuple[float, float
     return feedforward_current(u, direction, c.torque_constant, c.f_C, c.f_G)
 
 
-@compiled
+@fused
 def joint_cubic(i: int, theta: Array, omega: Array, sample: float) -> tuple[float, float, float, float]:
     """Coefficients [rad] of the cubic Hermite interpolation of theta [rad] from sample i to i + 1."""
     a, b, rise = omega[i] * sample, omega[i + 1] * sample, theta[i + 1] - theta[i]
     return theta[i], a, 3.0 * rise - 2.0 * a - b, a + b - 2.0 * rise
 
 
-@compiled
+@fused
 def joint_angle(fraction: float, cubic: tuple[float, float, float, float]) -> float:
     """Angle [rad] at a fraction of the way between two samples."""
     start, first, second, third = cubic
     return start + fraction * (first + fraction * (second + fraction * third))
 
 
-@compiled
+@fused
 def integrate(
     theta: Array, omega: Array, gains: Array, theta_m: float, plant: Plant, c: Controller, columns: Array
 ) -> None:
@@ -154,7 +155,8 @@ def integrate(
     half, last_one, last_gain = 0.5 * plant.step, len(theta) - 1, gains.shape[1] - 1
     # to multiply by: a division takes four times as long
     per_turn, per_width, fine = 1.0 / plant.n_T, 1.0 / plant.hysteresis_width, 1.0 / plant.substeps
-    per_z = plant.mobility * plant.hysteresis_torque * per_turn
+    push = plant.mobility * per_turn  # velocity [rad/s] that 1 N*m in the belt gives in a step
+    per_z = push * plant.hysteresis_torque
     pending, slot, current = np.zeros(c.delay + 1), 0, 0.0
     omega_m, velocity, seen, z = 0.0, 0.0, encoder_reading(theta_m, c.resolution), 0.0
     theta_s = theta[0] - theta_m * per_turn
@@ -175,7 +177,7 @@ def integrate(
                 columns[2, i] = current
             if i == last_one:
                 break
-            driving = plant.torque_constant * current
+            driven = plant.mobility * plant.torque_constant * current
             lost = plant.mobility * friction_level(current, plant.f_C, plant.f_G)
             for k in range(update, update + c.every):
                 # from the middle of a step to that of the next one; the first one begins at the sample
@@ -184,15 +186,14 @@ def integrate(
                 rise = joint - before - drift * per_turn * omega_m
                 theta_s += rise
                 change = hysteresis_step(z, rise * per_width)
-                torque = driving + hysteretic_belt_torque(theta_s, z, plant) * per_turn
-                free = plant.kept * omega_m + plant.mobility * torque + per_z * change
+                free = plant.kept * omega_m + driven + push * hysteretic_belt_torque(theta_s, z, plant) + per_z * change
                 theta_m += half * omega_m
                 omega_m = braked(free, lost)
                 theta_m += half * omega_m
                 z += change
 
 
-@compiled
+@fused
 def belt_path(theta_s: Array, plant: Plant) -> Array:
     """Torque [N*m] of the belt along a path of deflections [rad], shape (n,), from a rested belt."""
     torque, z = np.empty_like(theta_s), 0.0
@@ -202,7 +203,7 @@ def belt_path(theta_s: Array, plant: Plant) -> Array:
     return torque
 
 
-@compiled
+@fused
 def torque_through_gap(
     theta: Array,
     omega: Array,

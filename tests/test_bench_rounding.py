@@ -8,6 +8,7 @@ import pytest
 from bench_synthetic import second_order, stepped_sine
 
 from osl_analysis.bench.amplitude_fits import fits_by_amplitude
+from osl_analysis.bench.frequency_response import trial_phasors
 from osl_analysis.bench.rounding import RepeatedRounding, Rounded, interpolated
 from osl_analysis.bench.segments import Segment, repeated_cycles, rows_of
 from osl_analysis.bench.settings import DynamometerAnalysis
@@ -16,6 +17,7 @@ from osl_analysis.second_order import fit_impedance, impedance_columns
 from osl_analysis.stats.covariance import between_cycles
 from osl_analysis.stats.cycle_sums import Cycles, sums_between
 from osl_analysis.stats.rounding import noise_before_rounding, scatter_between_cycles, visible_step
+from osl_analysis.stats.sinusoid import sinusoid
 from osl_analysis.trial import Trial
 
 TRUTH = {"K": 300.0, "B": 5.0, "I": 0.02}
@@ -266,6 +268,20 @@ def test_the_fit_to_one_amplitude_is_that_to_its_rows_alone():
         np.testing.assert_allclose(np.diag(fit.covariance), np.diag(alone.covariance), rtol=1e-7)
     one, segment = rounding[0], segments[0]
     X = np.array(list(impedance_columns(stepped.motion[segment.rows]).values())).T
-    sums = np.array(list(one.cycle_sums(segment, X))) * np.tile(one.rounded.surviving(segment), 2)
+    sums = np.array(list(one.cycle_sums(segment, X, X[:, :0]))) * np.tile(one.rounded.surviving(segment), 2)
     shown = len(sums) * sum(np.cov(wave, rowvar=False) for wave in np.moveaxis(sums, 2, 0))
     np.testing.assert_allclose(one.sums_of(segment, X).shown, shown, rtol=1e-9, atol=1e-12 * np.abs(shown).max())
+
+
+def test_the_rounding_that_comes_along_with_the_phasors_is_that_of_the_fit_alone():
+    """Both are made of the same error; neither changes the other. The phasors' own is that of their columns alone."""
+    stepped = replace(stepped_sine(second_order, noise=0.1), steps=(2 * np.pi / 2**14, None))
+    before, phasors = fits_by_amplitude(replace(stepped), impedance_columns), trial_phasors(stepped)
+    for amplitude, fit in fits_by_amplitude(stepped, impedance_columns).items():
+        np.testing.assert_allclose(fit.covariance, before[amplitude].covariance, rtol=1e-12)
+    for segment, found in zip(stepped.segments(None), phasors, strict=True):
+        sine = sinusoid(segment.part(stepped.time), segment.frequency_hz, segment.repeated)
+        alone = RepeatedRounding(stepped.rounded["theta"], stepped.rounded["theta"].smooth, [segment])
+        theta = sine.phasor(segment.part(stepped.theta), [alone])
+        np.testing.assert_allclose(found.theta.covariance, theta.covariance, rtol=1e-9)
+        assert found.theta.interval_method == "cycles + rounding"

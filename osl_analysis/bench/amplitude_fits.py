@@ -1,6 +1,6 @@
 """One regression for each amplitude of a stepped sine and one over all of them, from sums over the settled segments."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,13 +58,14 @@ def fits_by_amplitude(trial: SteppedSineTrial, columns: Columns) -> dict[float |
         As `linear_fit`.
     """
     parts = segment_sums(trial, columns)
-    rounding = rounding_by_segment(trial, [part for part, _ in parts.values() if part.cycles is not None])
+    rounding = {s: rounding_beside(part) for s, (part, _) in parts.items() if s.repeated is not None}
     fits: dict[float | None, LinearFit] = {}
     for amplitude in trial.amplitudes:
         segments = trial.segments(amplitude)
-        repeated = [one for one in (total(by_segment, segments) for by_segment in rounding) if one is not None]
+        repeat = all(segment in rounding for segment in segments)
+        repeated = [total([rounding[s][column] for s in segments]) for column in trial.rounded] if repeat else []
         fit = None
-        if all(segment.repeated is not None for segment in segments):
+        if repeat:
             names, known = tuple(columns(trial.motion[:0])), [one.covariance_by for one in repeated]
             fit = partwise_fit(names, [parts[s] for s in segments], trial.independent_samples, known)
         if fit is None:
@@ -83,15 +84,23 @@ def segment_sums(trial: SteppedSineTrial, columns: Columns) -> Mapping[Segment, 
     return {segment: (part, trial.sums[columns][segment]) for segment, part in parts.items()}
 
 
-def rounding_by_segment(trial: SteppedSineTrial, parts: Iterable[SegmentRows]) -> list[dict[Segment, RoundingSums]]:
-    """For each signal whose step is known: what its rounding adds up to in each of these segments."""
-    each = [RepeatedRounding(one, trial.filtered_torque, trial.segments(None)) for one in trial.rounded.values()]
-    found: list[dict[Segment, RoundingSums]] = [{} for _ in each]
-    for part in parts:
+def rounding_beside(part: SegmentRows, own: Array | None = None) -> dict[str, RoundingSums]:
+    """What the rounding of each signal whose step is known adds up to in a segment with enough cycles, by column.
+
+    With columns `own` (n, q) of a fit to each rounded signal itself, this is beside them. What it is beside the columns
+    of the model comes along in the same pass over the samples, and is kept in the trial.
+    """
+    trial, segment = part.trial, part.segment
+    key = part.columns, segment
+    if own is not None or key not in trial.rounding:
         X, *_ = part.rows()
-        for one, by_segment in zip(each, found, strict=True):
-            by_segment[part.segment] = one.sums_of(part.segment, X)
-    return found
+        p = X.shape[1]
+        each = {c: RepeatedRounding(one, trial.filtered_torque, [segment]) for c, one in trial.rounded.items()}
+        both = {column: one.sums_of(segment, X, own) for column, one in each.items()}
+        trial.rounding[key] = {column: sums.beside(slice(p)) for column, sums in both.items()}
+        if own is not None:
+            return {column: sums.beside(slice(p, None)) for column, sums in both.items()}
+    return trial.rounding[key]
 
 
 def held_out_vaf(fit: LinearFit, trial: SteppedSineTrial, amplitude: float, columns: Columns) -> float:
@@ -100,9 +109,7 @@ def held_out_vaf(fit: LinearFit, trial: SteppedSineTrial, amplitude: float, colu
     return partwise_vaf(fit, [parts[segment][1] for segment in trial.segments(amplitude)])
 
 
-def total(sums: Mapping[Segment, RoundingSums], segments: Sequence[Segment]) -> RoundingSums | None:
-    """What the rounding adds up to over segments; None where one of them has too few cycles for an interval."""
-    if not all(segment in sums for segment in segments):
-        return None
-    first, *others = (sums[segment] for segment in segments)
+def total(sums: Sequence[RoundingSums]) -> RoundingSums:
+    """What the rounding adds up to over segments."""
+    first, *others = sums
     return sum(others, first)

@@ -1,6 +1,6 @@
 """Frequency response of the joint (Fig. 7): phasors of angle and torque, and the admittance Y = theta/torque."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isclose
 
@@ -8,10 +8,11 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.rounding import RepeatedRounding
+from osl_analysis.bench.amplitude_fits import SegmentRows, rounding_beside
 from osl_analysis.bench.segments import Segment
-from osl_analysis.bench.stepped_sine import SteppedSineTrial
+from osl_analysis.bench.stepped_sine import Columns, SteppedSineTrial
 from osl_analysis.errors import InputError
+from osl_analysis.second_order import impedance_columns
 from osl_analysis.stats.complex_estimate import (
     ComplexEstimate,
     complex_from_row,
@@ -23,7 +24,7 @@ from osl_analysis.stats.complex_estimate import (
 )
 from osl_analysis.stats.covariance import RepeatedError
 from osl_analysis.stats.fit_row import Row
-from osl_analysis.stats.sinusoid import Phasor, sinusoid
+from osl_analysis.stats.sinusoid import Phasor, Sinusoid, sinusoid
 from osl_analysis.trial import Array
 
 Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
@@ -56,11 +57,11 @@ class SegmentPhasors:
         return with_known_error(complex_quotient(self.theta, self.torque), self.compliance_error)
 
 
-def trial_phasors(trial: SteppedSineTrial) -> list[SegmentPhasors]:
+def trial_phasors(trial: SteppedSineTrial, model: Columns = impedance_columns) -> list[SegmentPhasors]:
     """Phasors of the settled cycles of every segment of a trial.
 
     The last cycle is not used. If the angle lags the command by more at one frequency than at another, this cycle
-    contains the beginning of the next frequency.
+    contains the beginning of the next frequency. A fit of the `model` will need the same errors of rounding.
 
     Raises
     ------
@@ -68,47 +69,39 @@ def trial_phasors(trial: SteppedSineTrial) -> list[SegmentPhasors]:
         As `segment_phasors`, naming the trial.
     """
     try:
-        return [phasors_of(trial, segment) for segment in trial.segments(None)]
+        return [phasors_of(SegmentRows(trial, segment, model)) for segment in trial.segments(None)]
     except InputError as error:
         raise InputError(f"trial {trial.name}, {error}") from error
 
 
-def phasors_of(trial: SteppedSineTrial, segment: Segment) -> SegmentPhasors:
+def phasors_of(part: SegmentRows) -> SegmentPhasors:
     """Phasors of one segment of a trial, with the errors that the spread of its cycles does not show."""
-    rounded = trial.rounded
-    repeated = [
-        [] if segment.repeated is None or column not in rounded
-        else [RepeatedRounding(rounded[column], rounded[column].smooth, [segment])]
-        for column in ("theta", "torque")
-    ]  # fmt: skip
-    found = segment_phasors(trial.time, trial.theta, trial.torque, segment, repeated)
+    trial, segment = part.trial, part.segment
+    sine = sinusoid(segment.part(trial.time), segment.frequency_hz, segment.repeated)
+    repeated = {} if segment.repeated is None else rounding_beside(part, sine.columns.X)
+    found = segment_phasors(segment, sine, {"theta": trial.theta, "torque": trial.torque}, repeated)
     return found if trial.bench is None else replace(found, compliance_error=trial.bench.compliance_error)
 
 
 def segment_phasors(
-    time: Array,
-    theta: Array,
-    torque: Array,
-    segment: Segment,
-    repeated: Sequence[Sequence[RepeatedError]] = ((), ()),
+    segment: Segment, sine: Sinusoid, signals: Mapping[str, Array], repeated: Mapping[str, RepeatedError]
 ) -> SegmentPhasors:
-    """Phasors of one segment of the raw signals (n,) [s, rad, N*m].
+    """Phasors of one segment of the raw signals `theta` and `torque` (n,) [rad, N*m], with the segment's sine.
 
-    `repeated` are the errors of angle and torque that every cycle repeats, in the rows of the segment.
+    `repeated` are the errors of a signal that every cycle repeats, in the rows of the segment.
 
     Raises
     ------
     InputError
         As `fit_sinusoid`.
     """
-    when, phasors = segment.part(time), []
-    sine = sinusoid(when, segment.frequency_hz, segment.repeated)
-    for name, signal, errors in (("theta", theta, repeated[0]), ("torque", torque, repeated[1])):
+    phasors = {}
+    for name, signal in signals.items():
         try:
-            phasors.append(sine.phasor(segment.part(signal), errors))
+            phasors[name] = sine.phasor(segment.part(signal), [repeated[name]] if name in repeated else [])
         except InputError as error:
-            raise InputError(f"{name} from {when[0]:.1f} s: {error}") from error
-    return SegmentPhasors(segment.amplitude_deg, segment.frequency_hz, phasors[0], phasors[1])
+            raise InputError(f"{name} from {sine.begin:.1f} s: {error}") from error
+    return SegmentPhasors(segment.amplitude_deg, segment.frequency_hz, phasors["theta"], phasors["torque"])
 
 
 def at_amplitude(phasors: Sequence[SegmentPhasors], amplitude: float | None) -> list[SegmentPhasors]:
@@ -147,7 +140,8 @@ def example_phasors() -> pl.DataFrame:
     """One row of `phasor_table`, of a sine that stands for no trial; only its columns count."""
     time = np.arange(200) / 200
     sine = np.sin(2 * np.pi * 10 * time)
-    return phasor_table("", [segment_phasors(time, sine, sine, Segment(1.0, 10.0, 0.0, 200.0, 10))])
+    signals, segment = {"theta": sine, "torque": sine}, Segment(1.0, 10.0, 0.0, 200.0, 10)
+    return phasor_table("", [segment_phasors(segment, sinusoid(time, 10.0, segment.repeated), signals, {})])
 
 
 def no_responses() -> pl.DataFrame:

@@ -90,6 +90,10 @@ class RoundingSums:
     def __add__(self, other: "RoundingSums") -> "RoundingSums":
         return RoundingSums(self.total + other.total, self.shown + other.shown)
 
+    def beside(self, columns: slice) -> "RoundingSums":
+        """The same beside some of the columns."""
+        return RoundingSums(self.total[columns], self.shown[columns, columns])
+
     def covariance(self, X: Array, inverse: Array) -> Array:
         """As `RepeatedError` has it, for a fit to the columns X (n, p) that are summed."""
         return self.covariance_by(inverse)
@@ -125,17 +129,22 @@ class RepeatedRounding:
         ends = np.cumsum([segment.size for segment in self.segments])[:-1]
         return [self.sums_of(one, own) for one, own in zip(self.segments, np.split(X, ends), strict=True)]
 
-    def sums_of(self, segment: Segment, X: Array) -> RoundingSums:
-        """What one segment adds, beside columns X (rows of the segment, p)."""
-        left, p = self.rounded.surviving(segment), X.shape[1]
+    def sums_of(self, segment: Segment, X: Array, own: Array | None = None) -> RoundingSums:
+        """What one segment adds, beside columns X (rows of the segment, p).
+
+        Behind them stand columns `own` (rows of the segment, q) of a fit to the rounded signal itself: the error of
+        rounding is then made once for both.
+        """
+        X_own = np.empty((len(X), 0)) if own is None else own
+        left, p = self.rounded.surviving(segment), X.shape[1] + X_own.shape[1]
         if left[0] <= DITHERED:
             return RoundingSums(np.zeros((p, 2 * HARMONICS)), np.zeros((p, p)))
-        sums = np.array(list(self.cycle_sums(segment, X))) * np.tile(left, 2)
+        sums = np.array(list(self.cycle_sums(segment, X, X_own))) * np.tile(left, 2)
         apart = np.moveaxis(sums - sums.mean(axis=0), 1, 0).reshape(p, -1)
         return RoundingSums(sums.sum(axis=0), len(sums) / (len(sums) - 1) * apart @ apart.T)
 
-    def cycle_sums(self, segment: Segment, X: Array) -> Iterator[Array]:
-        """Sums of columns X (rows of the segment, p) times harmonics of the error, (p, 2 HARMONICS) for each cycle."""
+    def cycle_sums(self, segment: Segment, X: Array, own: Array) -> Iterator[Array]:
+        """Sums of the columns of `sums_of` times harmonics of the error, (p + q, 2 HARMONICS) for each cycle."""
         signal, first = self.rounded, 0
         stiffness, damping = self.transfer(segment)
         for piece in segment.pieces:
@@ -144,6 +153,7 @@ class RepeatedRounding:
             # the error acts as stiffness e + damping de/dt; by parts, the derivative is the column's
             if (stiffness, damping) != (1.0, 0.0):
                 weights = stiffness * weights - damping * signal.rate_hz * np.gradient(weights, axis=1)
+            weights = np.concatenate([weights, own.T[:, rows]])
             used = [k for k in segment.used if piece.start - 1 < segment.edges[k] < piece.stop - 1]
             edges = signal.time[0] + segment.edges[[*used, used[-1] + 1]] / signal.rate_hz
             cuts = np.searchsorted(signal.sampled, edges)

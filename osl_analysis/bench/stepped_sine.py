@@ -11,7 +11,7 @@ from osl_analysis.bench.alternatives import joint_angle
 from osl_analysis.bench.load_cell_drift import drift_rate, without_angle, without_drift
 from osl_analysis.bench.protocol import find_blocks
 from osl_analysis.bench.recorded import Recorded, recorded, resolution_of
-from osl_analysis.bench.rounding import RepeatedRounding, Rounded
+from osl_analysis.bench.rounding import RepeatedRounding, Rounded, RoundingSums
 from osl_analysis.bench.segments import Block, Segment, repeated_cycles, settled
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import BenchStiffness, SteppedSineAnalysis
@@ -77,6 +77,10 @@ class SteppedSineTrial:
     """The `widened_fits` that were made, by model and amplitude [deg]. A trial that is made of this one has none."""
     sums: dict[Columns, Mapping[Segment, Sums]] = field(default_factory=dict, init=False, compare=False, repr=False)
     """What the rows of each segment add up to for a model (`segment_sums`), as far as it was asked for."""
+    rounding: dict[tuple[Columns, Segment], dict[str, RoundingSums]] = field(
+        default_factory=dict, init=False, compare=False, repr=False
+    )
+    """What rounding adds up to beside a model in a segment (`rounding_beside`), as far as it was asked for."""
 
     @property
     def raw(self) -> RawSignals:

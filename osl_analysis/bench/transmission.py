@@ -57,7 +57,7 @@ def transmission_table(trial: SteppedSineTrial) -> pl.DataFrame:
     [N*m/min] was subtracted from the torque. A lag of the torque is not among the diagnostics, because it cannot be
     told from an inertia of -B_j times the lag.
     """
-    phasors = trial_phasors(trial)
+    phasors = trial_phasors(trial, transmission_columns)
     rows: list[Row] = []
     clocks = clock_drift_row(trial)
     fits, with_friction = transmission_fits(trial), fits_by_amplitude(trial, coulomb_columns)

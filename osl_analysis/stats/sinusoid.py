@@ -68,6 +68,8 @@ class Sinusoid:
 
     frequency_hz: float
     """Frequency [Hz]."""
+    begin: float
+    """The first of the times [s]."""
     columns: Regressors
     """Offset, and cosine and sine of every harmonic."""
     cycles: Cycles | None
@@ -102,7 +104,9 @@ def sinusoid(time: Array, frequency_hz: float, cycles: Cycles | None = None) -> 
     step = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
     check_sampling(len(time), step, frequency_hz)
     cycles = cycles or whole_cycles(len(time), 1 / (step * frequency_hz))
-    return Sinusoid(frequency_hz, regressors(harmonic_columns(time, frequency_hz), np.shape(time)), cycles)
+    return Sinusoid(
+        frequency_hz, float(time[0]), regressors(harmonic_columns(time, frequency_hz), np.shape(time)), cycles
+    )
 
 
 def check_sampling(samples: int, step: float, frequency_hz: float) -> None:

@@ -21,6 +21,7 @@ start_early(config)  # its imports take the other core while this one does those
 from osl_analysis import workflow as jobs
 from osl_analysis.about_campaign import about
 from osl_analysis.campaign import open_campaign
+from osl_analysis.campaign_checks import check_campaign
 from osl_analysis.cluster import submit_in_batches
 from osl_analysis.config import campaign_config, overriding
 from osl_analysis.doubtful import doubt_report, unchecked_report
@@ -47,14 +48,14 @@ try:
     if CONFIG.simulation:
         from osl_analysis.commands.simulate import planned_sheet, settings_files  # it loads the simulator
     CAMPAIGN = open_campaign(CONFIG, planned_sheet(CONFIG.simulation, CONFIG.sheet) if CONFIG.simulation else None)
-    CAMPAIGN.check()
+    check_campaign(CAMPAIGN)
     TIME_SERIES, RESPONSE = time_series_example(CAMPAIGN), response_example(CAMPAIGN)
     SIMULATION_FILES = settings_files(CONFIG.simulation, CONFIG.shared()) if CONFIG.simulation else []
 except OslAnalysisError as error:
     sys.exit(f"error: {error}")  # an exception would be printed with the line of this file and a traceback
 
 ABOUT = about(CAMPAIGN, SIMULATION_FILES)
-RESULTS, RAW, PLACES = CONFIG.results, CONFIG.raw_data, CAMPAIGN.places()
+RESULTS, RAW, PLACES = CONFIG.results, CONFIG.raw_data, CAMPAIGN.places
 jobs.say_of_tables(CAMPAIGN.data)
 
 

@@ -4,10 +4,10 @@ Run from the repository: `python benchmarks/planning.py`, or with other numbers 
 benchmarks/planning.py 100 1000`. A campaign of N measured impedance trials, whose recordings are links to one simulated
 file, is planned by `snakemake --dry-run --quiet all reproduce-all` in a process of its own. The bare Snakefile has a
 chain of three jobs for each trial, as the campaign has (ingest, fit, comparison), and one target that needs the ends of
-all chains. CPU and wall time [s], their ratio, and the exponents p of the times, time ~ N^p, from one N to the next
-of the campaign and of the bare Snakefile. Then two campaigns, and two bare Snakefiles, of 6 and 60 trials are run and
-planned again: with nothing to do, and after a change of one log. The difference of the numbers of their files below
-`results/` gives files per trial.
+all chains. CPU and wall time [s], their ratio, and the exponents p of the times, time ~ N^p, from one N to the next, of
+the campaign and of the bare Snakefile. Campaigns of N crossings have exponents too. Then two campaigns, and two bare
+Snakefiles, of 6 and 60 trials are run and planned again: with nothing to do, and after a change of one log. The
+difference of the numbers of their files below `results/` gives files per trial.
 """
 
 import math
@@ -26,6 +26,8 @@ from osl_analysis.commands.simulate import simulate_trial
 
 ROOT = Path(__file__).resolve().parents[1]
 NUMBERS = (30, 100, 300, 1000, 3000)
+PER_SUBJECT = 20
+"""Crossings of one subject, with one static trial."""
 RUN = (6, 60)
 """Numbers of trials of the campaigns that are run."""
 SETTINGS, TRIAL = ROOT / "tests/tiny_simulation.yaml", "impedance_K300_B5.0_compensated"
@@ -76,6 +78,25 @@ def write_campaign(folder: Path, number: int, recording: Path) -> list[str]:
     return ["--snakefile", str(ROOT / "Snakefile"), "--configfile", str(config), "--cores", "2", "reproduce-all"]
 
 
+def write_crossings(folder: Path, number: int) -> list[str]:
+    """Write sheet and configuration of crossings, 20 of each subject with a static trial; their recordings need not be
+    there. The arguments of Snakemake for it."""
+    (folder / "raw_data").mkdir(parents=True)
+    lines = ["trial,experiment,perturbed,log,log_source,mocap,mocap_source,subject"]
+    lines.append("plate_1,plate,,plate_1.mcap,leg,plate_1.c3d,vicon,0")
+    for trial in range(number):
+        if trial % PER_SUBJECT == 0:
+            name = f"static_{trial // PER_SUBJECT}"
+            lines.append(f"{name},static,,,,{name}.c3d,vicon,{trial // PER_SUBJECT}")
+        name, perturbed = f"walking_{trial:05d}", "true" if trial % 3 else "false"
+        lines.append(f"{name},walking,{perturbed},{name}.mcap,leg,{name}.c3d,vicon,{trial // PER_SUBJECT}")
+    sheet, config = folder / "raw_data/trials.csv", folder / "own.yaml"
+    sheet.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    own = {"simulation": None, "sheet": "raw_data/trials.csv", "raw_data": "raw_data"}
+    config.write_text(yaml.safe_dump(own | {"figures": RECORDED["figures"]}), encoding="utf-8")
+    return ["--snakefile", str(ROOT / "Snakefile"), "--configfile", str(config), "--cores", "2", "reproduce-all"]
+
+
 def write_bare(folder: Path, number: int) -> list[str]:
     """Write the bare Snakefile for a number of trials; the arguments of Snakemake for it."""
     folder.mkdir(parents=True)
@@ -113,6 +134,18 @@ def plan(numbers: list[int], folder: Path, recording: Path) -> None:
         before = number, cpu, bare_cpu
 
 
+def plan_crossings(numbers: list[int], folder: Path) -> None:
+    """Plan campaigns of these numbers of crossings, and print their times."""
+    print(f"crossings, {PER_SUBJECT} of each subject:\n{'N':>6}{'CPU':>9}{'wall':>9}{'exponent':>10}")
+    before: tuple[int, float] | None = None
+    for number in numbers:
+        place = folder / f"crossings_{number}"
+        cpu, wall = snakemake(write_crossings(place, number), place, "--dry-run")
+        grown = f"{exponent(before[0], number, before[1], cpu):.2f}" if before else ""
+        print(f"{number:>6}{cpu:>9.2f}{wall:>9.2f}{grown:>10}", flush=True)
+        before = number, cpu
+
+
 def exponent(few: int, many: int, time_of_few: float, time_of_many: float) -> float:
     """The exponent p of a time that grows as N^p."""
     return math.log(time_of_many / time_of_few) / math.log(many / few)
@@ -147,6 +180,7 @@ def main() -> None:
         simulate_trial(folder / "simulation.yaml", folder / "simulated", TRIAL)
         recording = next((folder / "simulated").rglob(f"{TRIAL}.mcap"))
         plan(numbers, folder, recording)
+        plan_crossings(numbers, folder)
         print("planned again, CPU:")
         print(f"{'N':>6}{'nothing to do':>15}{'bare Snakefile':>15}{'ratio':>9}{'one log changed':>18}")
         few, many = (run_and_plan_again(number, folder / f"run_{number}", recording) for number in RUN)

@@ -16,11 +16,10 @@ from osl_analysis.formats.bag_folder import recorded_files
 from osl_analysis.job_log import plain
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.parameters import joint_of
-from osl_analysis.quality.verdict import CHECKS, unknown_check, validate_rules
 from osl_analysis.sheet import JOINT, read_sheet
 from osl_analysis.table import MEASURED, SIMULATED
-from osl_analysis.walking.conditions import PERTURBED, STATED, split_keys
-from osl_analysis.walking.static_choice import side_of, static_of
+from osl_analysis.walking.conditions import PERTURBED, STATED
+from osl_analysis.walking.static_choice import SHARED, STATIC, side_of, static_of
 
 TRUTH = "truth"  # folder that the simulator writes beside its recordings
 RECORDING_COLUMNS = ("trial", "experiment", "log", "log_source", "log_part", "mocap", "mocap_source")
@@ -65,20 +64,34 @@ class Campaign:
         InputError
             There is none, or the sheet does not tell several apart.
         """
-        try:
-            return static_of(trial, self.row(trial), {name: self.row(name) for name in self.trials("static")})
-        except InputError as error:
-            raise InputError(f"{self.config.sheet}: {error}") from error
+        row = self.row(trial)
+        stated = tuple(row.get(column) for column in (STATIC, *SHARED))
+        if stated not in self.static_by_cells:
+            try:
+                found = static_of(trial, row, {name: self.row(name) for name in self.trials("static")})
+            except InputError as error:
+                raise InputError(f"{self.config.sheet}: {error}") from error
+            self.static_by_cells[stated] = found
+        return self.static_by_cells[stated]
+
+    @cached_property
+    def static_by_cells(self) -> dict[tuple[Any, ...], str]:
+        """The static trials that were looked up, by the cells of a row that decide: many trials share theirs."""
+        return {}
 
     def plate_trials(self) -> list[str]:
         """Names of the plate trials from which the plate's inertia is identified; none if it is not."""
         return self.trials("plate") if self.config.walking.plate_inertia == "identified" else []
 
+    @cached_property
     def statics(self) -> dict[str, list[str]]:
         """The crossings that each static trial in use calibrates, by static trial, in the order of the sheet."""
-        used = {self.static(trial): trial for trial in (*self.trials("walking"), *self.plate_trials())}
-        crossings = {trial: self.static(trial) for trial in self.trials("walking")}
-        return {s: [t for t, own in crossings.items() if own == s] for s in self.trials("static") if s in used}
+        found: dict[str, list[str]] = {}
+        for trial in self.trials("walking"):
+            found.setdefault(self.static(trial), []).append(trial)
+        for trial in self.plate_trials():
+            found.setdefault(self.static(trial), [])
+        return {static: found[static] for static in self.trials("static") if static in found}
 
     def calibration_settings(self, static: str) -> dict[str, Any]:
         """Settings for the calibration by a static trial: those of the configuration, with the side of the sheet.
@@ -86,7 +99,7 @@ class Campaign:
         A static trial of plate trials alone has no ankle that moves: its axis stays the anatomical one.
         """
         settings = self.config.walking.part("CalibrationSettings")
-        served = {trial: self.row(trial) for trial in self.statics().get(static, [])}
+        served = {trial: self.row(trial) for trial in self.statics.get(static, [])}
         try:
             side = side_of(static, self.row(static), served, self.config.walking.side)
         except InputError as error:
@@ -144,6 +157,7 @@ class Campaign:
         """The rows of all trials, of those that the sheet excludes too, by trial; empty cells as None."""
         return self.rows | {str(trial): cells(row.items()) for trial, row in self.unused.iterrows()}
 
+    @cached_property
     def places(self) -> dict[str, dict[str, Any]]:
         """Joint and side of every trial in the sheet, by trial. A side on the walkway is the one that is analysed."""
         calibrated = (*self.trials("walking"), *self.plate_trials()) if self.trials("walking") else ()
@@ -155,7 +169,7 @@ class Campaign:
 
     def by_place(self, experiment: str) -> list[list[str]]:
         """The trials of an experiment, those of each joint and side together."""
-        places, groups = self.places(), dict[tuple[str | None, str | None], list[str]]()
+        places, groups = self.places, dict[tuple[str | None, str | None], list[str]]()
         for trial in self.trials(experiment):
             groups.setdefault((places[trial]["joint"], places[trial]["side"]), []).append(trial)
         return list(groups.values())
@@ -184,75 +198,6 @@ class Campaign:
     def rows_of(self, experiment: str, table: Table) -> list[str]:
         """Names of the trials of an experiment that have rows in one of its tables."""
         return self.crossings(perturbed=True) if table.perturbed_only else self.trials(experiment)
-
-    def check(self) -> None:
-        """Refuse a configuration that names a missing file, and walking trials whose analysis lacks other trials."""
-        self.check_files()
-        self.check_quality()
-        self.check_walking()
-
-    def check_files(self) -> None:
-        """Refuse a configuration that names a missing file, or a file for the results' folder. Raw files are checked
-        when they are ingested.
-        """
-        config = self.config
-        for folder in (config.results, *config.results.parents):
-            if folder.exists() and not folder.is_dir():
-                raise InputError(f"{folder}: is a file; name a folder under `results` in the configuration")
-        if config.results == Path():
-            raise InputError(
-                "configuration: results is empty, or this very folder; name a folder, as `results: results`"
-            )
-        named = {
-            "parameters": config.parameters,
-            "impedance_trajectory": config.impedance_trajectory,
-            "study.simulation": config.study.simulation,
-        }
-        for field, path in named.items():
-            if path is not None and not path.is_file():
-                none = ", or write null for none" if field != "study.simulation" else ""
-                raise InputError(f"{path}: no such file; correct {field} in the configuration{none}")
-
-    def check_quality(self) -> None:
-        """Refuse quality rules that do not match the checks, and names under `accept` that are not checks."""
-        validate_rules(self.config.quality)
-        for trial in self.sheet.index:
-            unknown = [name for name in self.accepted(trial) if name not in CHECKS]
-            if unknown:
-                raise InputError(f"{self.config.sheet}: trial '{trial}', accept: {unknown_check(unknown[0])}")
-
-    def check_walking(self) -> None:
-        """Refuse walking trials without the static, plate and other trials that their analysis needs."""
-        if not self.trials("walking"):
-            return
-        fewest = self.config.walking.fewest_unperturbed
-        needs = {
-            "trial of experiment 'static'": (len(self.trials("static")), 1),
-            "unperturbed crossings": (len(self.crossings(perturbed=False)), fewest),
-            "perturbed crossings": (len(self.crossings(perturbed=True)), 2),
-        }
-        for what, (count, least) in needs.items():
-            if count < least:
-                raise InputError(
-                    f"{self.config.sheet}: {count} {what}, walking needs {least} or more; add them, or exclude the "
-                    "walking trials"
-                )
-        if self.config.walking.plate_inertia == "identified" and not self.trials("plate"):
-            raise InputError(
-                f"{self.config.sheet}: 0 trial of experiment 'plate' (unloaded platform, moved), walking needs 1 or "
-                "more to remove the plate's own inertia; add them, or state `plate_inertia: none` under `walking` if "
-                "the plate is light or compensates its inertia itself"
-            )
-        for static in self.statics():
-            self.calibration_settings(static)
-        self.check_conditions()
-
-    def check_conditions(self) -> None:
-        """Refuse conditions of crossings that the analysis cannot keep apart."""
-        try:
-            split_keys(self.conditions(), self.config.walking)
-        except InputError as error:
-            raise InputError(f"{self.config.sheet}: {error}") from error
 
     def recording(self, trial: str) -> Mapping[str, Any]:
         """The cells of a trial's row that ingest uses. A change of other cells does not cause a new ingest."""

@@ -43,7 +43,7 @@ def time_series_example(campaign: Campaign) -> ImpedanceExample | None:
     stated, trials = campaign.config.figures.time_series, campaign.trials("impedance")
     if not trials:
         return None
-    places = campaign.places()
+    places = campaign.places
     first, duration = places[trials[0]], stated.duration_s if stated else 10.0
     if stated is None:
         return ImpedanceExample(trials[0], **first, amplitude_deg=None, duration_s=duration, chosen=FIRST)

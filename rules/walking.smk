@@ -1,6 +1,6 @@
 """Ankle impedance of a walking person, from perturbed and unperturbed crossings (Fig. 9)."""
 
-CALIBRATED = CAMPAIGN.statics() if CAMPAIGN.trials("walking") else {}
+CALIBRATED = CAMPAIGN.statics if CAMPAIGN.trials("walking") else {}
 """The crossings that each static trial calibrates."""
 
 WALKED = {trial: PLACES[trial] for trial in CAMPAIGN.trials("walking")}
@@ -9,8 +9,7 @@ WALKED = {trial: PLACES[trial] for trial in CAMPAIGN.trials("walking")}
 
 def motion_of(static: str) -> list[str]:
     """Crossings that show how foot and shank turn against each other: the first unperturbed ones of a static trial."""
-    unperturbed = CAMPAIGN.crossings(perturbed=False)
-    return [trial for trial in CALIBRATED[static] if trial in unperturbed][:3]
+    return [trial for trial in CALIBRATED[static] if not CAMPAIGN.row(trial)["perturbed"]][:3]
 
 
 def calibration(static: str) -> Path:

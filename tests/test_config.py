@@ -7,6 +7,7 @@ import yaml
 from conftest import ROOT
 
 from osl_analysis.campaign import open_campaign
+from osl_analysis.campaign_checks import check_files
 from osl_analysis.config import campaign_config
 from osl_analysis.errors import InputError
 from osl_analysis.yaml_settings import Settings, read_mapping, validated
@@ -124,5 +125,5 @@ def test_results_that_are_a_file_or_nothing_are_one_line_before_any_job(tmp_path
     (tmp_path / "trials.csv").write_text("trial,experiment,log,log_source\nb,belt,b.mcap,dynamometer\n")
     changes = {"sheet": tmp_path / "trials.csv", "simulation": None, "results": tmp_path / results if results else ""}
     with pytest.raises(InputError, match=message):
-        open_campaign(campaign_config(SHIPPED | changes, [SHIPPED_FILE]), None).check_files()
+        check_files(open_campaign(campaign_config(SHIPPED | changes, [SHIPPED_FILE]), None))
     assert (tmp_path / "taken").read_text() == "mine"

@@ -13,6 +13,7 @@ from walking_platform import Ramp, Rig, ankle_answer, plate_trials, walked
 from walking_synthetic import PLATE_RATE, settings
 
 from osl_analysis.campaign import Campaign, open_campaign
+from osl_analysis.campaign_checks import check_walking
 from osl_analysis.commands.crossing import calibrate, identify_plate
 from osl_analysis.commands.walking_files import read_calibration, read_plate, write_calibration
 from osl_analysis.config import campaign_config
@@ -47,7 +48,19 @@ def test_each_crossing_has_the_static_trial_of_its_subject_and_session(tmp_path:
     rows = "sA,static,,A,1,, sB,static,,B,1,, sA2,static,,A,2,, wA,walking,false,A,1,, wB,walking,false,B,1,,"
     sheet = campaign(tmp_path, rows + " wA2,walking,true,A,2,, m,plate,,,,,sB")
     assert [sheet.static(trial) for trial in ("wA", "wB", "wA2", "m")] == ["sA", "sB", "sA2", "sB"]
-    assert sheet.statics() == {"sA": ["wA"], "sB": ["wB"], "sA2": ["wA2"]}
+    assert sheet.statics == {"sA": ["wA"], "sB": ["wB"], "sA2": ["wA2"]}
+
+
+def test_crossings_of_one_subject_and_session_look_for_their_static_trial_once(tmp_path: Path, monkeypatch) -> None:
+    """Each look reads every static trial: for each crossing, planning took time with the square of their number."""
+    rows = "sA,static,,A,1,, sB,static,,B,1,, m,plate,,,,,sB "
+    sheet, looked = campaign(tmp_path, rows + " ".join(f"w{n},walking,false,A,1,," for n in range(9))), []
+    monkeypatch.setattr(
+        "osl_analysis.campaign.static_of", lambda *of: looked.append(of[0]) or static_of(*of), raising=True
+    )
+    assert sheet.statics == {"sA": [f"w{n}" for n in range(9)], "sB": []}
+    assert {place["side"] for place in sheet.places.values()} <= {"left", "right", None}
+    assert looked == ["w0", "m"]
 
 
 def test_a_named_static_trial_goes_before_that_of_the_subject() -> None:
@@ -81,27 +94,27 @@ def test_static_trials_that_are_not_told_apart_are_refused_with_the_remedy(
 def test_two_static_trials_without_a_statement_are_refused_before_any_job(tmp_path: Path) -> None:
     rows = "s1,static,,,,, s2,static,,,,, m,plate,,,,, " + CROSSINGS.format(",,,")
     with pytest.raises(InputError, match=r"trials.csv: trial 'u1'.*: 2 static trials could be its own \(s1, s2\)"):
-        campaign(tmp_path, rows).check_walking()
+        check_walking(campaign(tmp_path, rows))
 
 
 def test_the_side_of_the_sheet_goes_before_that_of_the_configuration(tmp_path: Path) -> None:
     rows = "s1,static,,,,{0}, m,plate,,,,, " + CROSSINGS.format(",,{1},")
     for own, crossings, side in (("left", "", "left"), ("", "left", "left"), ("", "", "right")):
         sheet = campaign(tmp_path, rows.format(own, crossings), side="right")
-        sheet.check_walking()
+        check_walking(sheet)
         assert sheet.calibration_settings("s1")["side"] == side
 
 
 def test_a_static_trial_of_both_sides_is_refused(tmp_path: Path) -> None:
     rows = "s1,static,,,,, m,plate,,,,, " + CROSSINGS.format(",,right,") + " p3,walking,true,,,left,"
     with pytest.raises(InputError, match=r"'s1' serves trials of the sides left, right \(trial 'p3': left\)"):
-        campaign(tmp_path, rows).check_walking()
+        check_walking(campaign(tmp_path, rows))
 
 
 def test_a_static_trial_that_is_named_for_the_other_side_is_refused(tmp_path: Path) -> None:
     rows = "s1,static,,,,right, m,plate,,,,, " + CROSSINGS.format(",,left,s1")
     with pytest.raises(InputError, match=r"'s1' serves trials of the sides left, right \(trial 'p2': left\)"):
-        campaign(tmp_path, rows).check_walking()
+        check_walking(campaign(tmp_path, rows))
 
 
 def test_a_static_trial_of_plate_trials_alone_needs_no_hinge(tmp_path: Path) -> None:
@@ -113,9 +126,9 @@ def test_a_static_trial_of_plate_trials_alone_needs_no_hinge(tmp_path: Path) -> 
 def test_without_plate_trials_the_error_names_the_option_and_the_option_needs_none(tmp_path: Path) -> None:
     rows = "s1,static,,,,, " + CROSSINGS.format(",,,")
     with pytest.raises(InputError, match=r"0 trial of experiment 'plate'.*state `plate_inertia: none` under `walking`"):
-        campaign(tmp_path, rows).check_walking()
+        check_walking(campaign(tmp_path, rows))
     light = campaign(tmp_path, rows, plate_inertia="none")
-    light.check_walking()
+    check_walking(light)
     assert light.plate_trials() == []
     assert campaign(tmp_path, rows + " m,plate,,,,,", plate_inertia="none").plate_trials() == []
 

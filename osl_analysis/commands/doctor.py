@@ -75,6 +75,7 @@ def packages() -> Iterator[Finding]:
 def campaign(folder: Path) -> Finding:
     """The campaign in a folder, as far as its configuration and sheet tell."""
     from osl_analysis.campaign import open_campaign
+    from osl_analysis.campaign_checks import check_campaign
     from osl_analysis.config import read_config
 
     path = folder / CAMPAIGN
@@ -85,7 +86,7 @@ def campaign(folder: Path) -> Finding:
         if config.simulation is not None:
             return Finding("campaign", f"{config.campaign}, simulated")
         opened = open_campaign(config, None)
-        opened.check()
+        check_campaign(opened)
     except OslAnalysisError as error:
         return Finding("campaign", str(error), "correct it")
     missing = [trial for trial in opened.trials() if not all(log.exists() for log in opened.logs(trial))]

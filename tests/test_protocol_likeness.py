@@ -5,7 +5,9 @@ import pytest
 from any_motion import RATE, chirp, multisine, noise
 
 from osl_analysis.bench.protocol import unit_block
+from osl_analysis.protocol import crossings
 from osl_analysis.protocol.commanded import SteppedSineProtocol
+from osl_analysis.protocol.crossings import upward_crossings
 from osl_analysis.protocol.likeness import likeness, moving_bins
 
 PROTOCOL = SteppedSineProtocol(tuple(np.deg2rad([2.0, 4.0, 6.0])), (1.0, 2.0, 3.0, 4.0, 5.0), 8)
@@ -76,3 +78,16 @@ def test_rests_do_not_count_as_moving_and_slow_turns_do():
     moving = moving_bins(time, theta + 2e-5 * np.random.default_rng(1).standard_normal(len(time)))
     assert moving[(time > 5.3) & (time < 14.7)].mean() > 0.95
     assert not moving[(time < 4.9) | (time > 15.3)].any()
+
+
+def test_crossings_are_found_in_pieces_as_in_the_whole(monkeypatch):
+    """The joint rests for longer than a piece, below and above its centre, and noise stays within the dead band."""
+    time = np.arange(6000) / 500
+    theta = np.where((time > 3) & (time < 7), -0.01, np.sin(5 * time)) + 1e-3 * np.random.default_rng(3).normal(
+        size=6000
+    )
+    whole = upward_crossings(time, theta)
+    assert len(whole) > 5
+    for rows in (100, 777, 5999):
+        monkeypatch.setattr(crossings, "MANY", rows)
+        np.testing.assert_array_equal(upward_crossings(time, theta), whole)

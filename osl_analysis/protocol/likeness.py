@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from osl_analysis.measured import usual_size
 from osl_analysis.protocol.commanded import SteppedSineProtocol
-from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, find_runs, upward_crossings
+from osl_analysis.protocol.crossings import upward_crossings
+from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, find_runs
 from osl_analysis.trial import Array
 
 Kind = Literal["stepped sine", "unclear", "other"]

@@ -7,12 +7,9 @@ from statistics import median
 
 import numpy as np
 
+from osl_analysis.protocol.crossings import upward_crossings
 from osl_analysis.trial import Array
 
-MOVING_S = 0.02
-"""Time [s] over which an angle changes measurably where the joint moves."""
-DEAD_BAND = 0.02
-"""Share of the largest angle that the angle must reach on both sides of its centre; rests and noise stay below."""
 SAME_FREQUENCY, SAME_AMPLITUDE = 0.05, 0.15
 """Relative differences of neighbouring cycles that belong to one run."""
 PLATEAU = 0.06
@@ -106,27 +103,6 @@ def find_runs(time: Array, theta: Array, fewest: int = FEWEST_CYCLES, crossings:
     stretches = alike_cycles(time, theta, upward_crossings(time, theta) if crossings is None else crossings)
     fitted = [run for stretch in stretches if (run := fit_run(time, theta, stretch)) is not None]
     return [run for run in prolonged_runs(time, theta, joined_runs(time, theta, fitted)) if run.cycles > fewest - 0.25]
-
-
-def upward_crossings(time: Array, theta: Array) -> Array:
-    """Times [s] at which the angle rises through its centre, from below a dead band to above it."""
-    x = theta - centre_of_motion(time, theta)
-    noise = float(np.median(np.abs(np.diff(x, 2)))) / (0.6745 * np.sqrt(6))
-    certain = np.flatnonzero(np.abs(x) > max(DEAD_BAND * float(np.max(np.abs(x))), 5 * noise))
-    up = (x[certain[1:]] > 0) & (x[certain[:-1]] < 0)
-    below = np.flatnonzero(x <= 0)
-    before = below[np.searchsorted(below, certain[1:][up]) - 1]  # the last row that is not above the centre
-    return np.asarray(time[before] - x[before] * (time[before + 1] - time[before]) / (x[before + 1] - x[before]))
-
-
-def centre_of_motion(time: Array, theta: Array) -> float:
-    """The median angle [rad] where the joint moves; it may rest elsewhere, and for longer."""
-    apart = max(round(MOVING_S / float(np.median(np.diff(time)))), 1)
-    change = np.abs(theta[apart:] - theta[:-apart])
-    if not change.size:  # a recording shorter than that
-        return float(np.median(theta))
-    moving = change > 0.1 * np.percentile(change, 95)
-    return float(np.median(theta[apart:][moving])) if moving.any() else float(np.median(theta))
 
 
 def alike_cycles(time: Array, theta: Array, crossings: Array) -> list[Stretch]:

@@ -29,8 +29,8 @@ from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
 from osl_analysis.bench.clocks import clock_drift_row
 from osl_analysis.bench.diagnostics import lowest_held_out_vaf
 from osl_analysis.bench.estimators import estimator_table
-from osl_analysis.bench.frequency_response import at_amplitude, phasor_table, trial_phasors
-from osl_analysis.bench.impedance import DesiredImpedance, impedance_of
+from osl_analysis.bench.frequency_response import at_amplitude, phasor_table
+from osl_analysis.bench.impedance import DesiredImpedance, impedance_of, trial_phasors
 from osl_analysis.bench.nonlinearity import rendered_nonlinearity_row
 from osl_analysis.bench.plausibility import check_recording, saturated
 from osl_analysis.bench.protocol import find_blocks

@@ -9,8 +9,7 @@ from bench_synthetic import PROTOCOL, RATE, second_order, stepped_sine
 from conftest import ROOT
 
 from osl_analysis.bench.diagnostics import check_resists, over_amplitudes
-from osl_analysis.bench.frequency_response import trial_phasors
-from osl_analysis.bench.impedance import impedance_table
+from osl_analysis.bench.impedance import impedance_table, trial_phasors
 from osl_analysis.bench.plausibility import Saturated, plausible_impedance
 from osl_analysis.bench.protocol import find_blocks
 from osl_analysis.bench.rendered import rendered_table

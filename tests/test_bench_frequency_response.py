@@ -7,7 +7,8 @@ import polars as pl
 import pytest
 from bench_synthetic import second_order, stepped_sine
 
-from osl_analysis.bench.frequency_response import frequency_response_table, phasor_table, trial_phasors
+from osl_analysis.bench.frequency_response import frequency_response_table, phasor_table
+from osl_analysis.bench.impedance import trial_phasors
 from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.commands.bench import average_over_amplitudes
 from osl_analysis.doubtful import Doubt, marked

@@ -7,8 +7,7 @@ import polars as pl
 import pytest
 from bench_synthetic import PROTOCOL, RATE, second_order, stepped_sine
 
-from osl_analysis.bench.frequency_response import trial_phasors
-from osl_analysis.bench.impedance import amplitude_series, impedance_of, impedance_table
+from osl_analysis.bench.impedance import amplitude_series, impedance_of, impedance_table, trial_phasors
 from osl_analysis.bench.model_comparison import thinned_amplitudes
 from osl_analysis.bench.protocol import unit_sines
 from osl_analysis.bench.settings import DynamometerAnalysis

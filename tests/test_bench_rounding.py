@@ -8,7 +8,7 @@ import pytest
 from bench_synthetic import second_order, stepped_sine
 
 from osl_analysis.bench.amplitude_fits import fits_by_amplitude
-from osl_analysis.bench.frequency_response import trial_phasors
+from osl_analysis.bench.impedance import trial_phasors
 from osl_analysis.bench.rounding import RepeatedRounding, Rounded, interpolated
 from osl_analysis.bench.segments import Segment, repeated_cycles, rows_of
 from osl_analysis.bench.settings import DynamometerAnalysis

@@ -4,8 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from osl_analysis.bench.frequency_response import trial_phasors
-from osl_analysis.bench.impedance import impedance_table
+from osl_analysis.bench.impedance import impedance_table, trial_phasors
 from osl_analysis.bench.load_cell_drift import drift_rate, without_angle
 from osl_analysis.bench.segments import Segment
 from osl_analysis.bench.settings import DynamometerAnalysis

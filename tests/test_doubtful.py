@@ -12,7 +12,8 @@ from osl_analysis.bench.belt import BeltTrial, belt_table
 from osl_analysis.bench.belt_fit import fit_belt_stiffness
 from osl_analysis.bench.diagnostics import summary_of_trials
 from osl_analysis.bench.estimators import estimator_table
-from osl_analysis.bench.frequency_response import phasor_table, trial_phasors
+from osl_analysis.bench.frequency_response import phasor_table
+from osl_analysis.bench.impedance import trial_phasors
 from osl_analysis.bench.plausibility import Saturated, plausible_belt, plausible_impedance, plausible_transmission
 from osl_analysis.bench.rendered import rendered_table
 from osl_analysis.bench.transmission import transmission_table

@@ -7,8 +7,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from osl_analysis.bench.frequency_response import trial_phasors
-from osl_analysis.bench.impedance import impedance_table, impedance_time_base
+from osl_analysis.bench.impedance import impedance_table, impedance_time_base, trial_phasors
 from osl_analysis.bench.segments import Block, Segment, settled
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial

@@ -12,7 +12,6 @@ from osl_analysis.bench.amplitude_fits import SegmentRows, rounding_beside
 from osl_analysis.bench.segments import Segment
 from osl_analysis.bench.stepped_sine import Columns, SteppedSineTrial
 from osl_analysis.errors import InputError
-from osl_analysis.second_order import impedance_columns
 from osl_analysis.stats.complex_estimate import (
     ComplexEstimate,
     complex_from_row,
@@ -57,7 +56,7 @@ class SegmentPhasors:
         return with_known_error(complex_quotient(self.theta, self.torque), self.compliance_error)
 
 
-def trial_phasors(trial: SteppedSineTrial, model: Columns = impedance_columns) -> list[SegmentPhasors]:
+def phasors_beside(trial: SteppedSineTrial, model: Columns) -> list[SegmentPhasors]:
     """Phasors of the settled cycles of every segment of a trial.
 
     The last cycle is not used. If the angle lags the command by more at one frequency than at another, this cycle

@@ -10,7 +10,7 @@ from osl_analysis.bench.alternatives import check_stiffer, time_base_row, time_b
 from osl_analysis.bench.amplitude_fits import widened_fits
 from osl_analysis.bench.clocks import clock_drift_row
 from osl_analysis.bench.diagnostics import lowest_held_out_vaf, over_amplitudes
-from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors, at_amplitude
+from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors, at_amplitude, phasors_beside
 from osl_analysis.bench.nonlinearity import rendered_nonlinearity_row
 from osl_analysis.bench.segments import rows_of
 from osl_analysis.bench.series import Series
@@ -66,6 +66,11 @@ class DesiredImpedance:
         """`controller`, `K_d` and `B_d` as constant columns of a table."""
         numbers = {name: pl.lit(getattr(self, name), pl.Float64) for name in ("K_d", "B_d")}
         return {"controller": pl.lit(self.controller, pl.String), **numbers}
+
+
+def trial_phasors(trial: SteppedSineTrial) -> list[SegmentPhasors]:
+    """Phasors of the settled cycles of every segment, beside the fits of Eq. 15; as `phasors_beside`."""
+    return phasors_beside(trial, impedance_columns)
 
 
 def impedance_table(

@@ -6,14 +6,14 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.any_excitation import WEIGHTING, record_points, record_series, record_table, record_time_base
-from osl_analysis.bench.frequency_response import (
-    Admittance,
-    SegmentPhasors,
-    no_phasors,
-    phasor_table,
+from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors, no_phasors, phasor_table
+from osl_analysis.bench.impedance import (
+    amplitude_series,
+    impedance_series,
+    impedance_table,
+    impedance_time_base,
     trial_phasors,
 )
-from osl_analysis.bench.impedance import amplitude_series, impedance_series, impedance_table, impedance_time_base
 from osl_analysis.bench.moving_record import MovingRecord, moving_record
 from osl_analysis.bench.recorded import Recorded, recorded
 from osl_analysis.bench.series import Series

@@ -9,7 +9,7 @@ from osl_analysis.bench.alternatives import time_base_row, time_base_words, time
 from osl_analysis.bench.amplitude_fits import fits_by_amplitude, widened_fits
 from osl_analysis.bench.clocks import clock_drift_row
 from osl_analysis.bench.diagnostics import lowest_held_out_vaf, summary_of_trials
-from osl_analysis.bench.frequency_response import at_amplitude, trial_phasors
+from osl_analysis.bench.frequency_response import at_amplitude, phasors_beside
 from osl_analysis.bench.nonlinearity import nonlinearity_row
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
@@ -57,7 +57,7 @@ def transmission_table(trial: SteppedSineTrial) -> pl.DataFrame:
     [N*m/min] was subtracted from the torque. A lag of the torque is not among the diagnostics, because it cannot be
     told from an inertia of -B_j times the lag.
     """
-    phasors = trial_phasors(trial, transmission_columns)
+    phasors = phasors_beside(trial, transmission_columns)
     rows: list[Row] = []
     clocks = clock_drift_row(trial)
     fits, with_friction = transmission_fits(trial), fits_by_amplitude(trial, coulomb_columns)

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from osl_analysis.bench.frequency_response import SegmentPhasors, trial_phasors
+from osl_analysis.bench.frequency_response import SegmentPhasors
+from osl_analysis.bench.impedance import trial_phasors
 from osl_analysis.bench.stepped_sine import stepped_sine_alone
 from osl_analysis.signals import LowPass
 from osl_analysis.stats.complex_estimate import polar_row

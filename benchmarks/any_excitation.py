@@ -16,15 +16,16 @@ import polars as pl
 from osl_analysis.bench.any_excitation import estimate
 from osl_analysis.bench.moving_record import fit_of, moving_record
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.config import DEFAULT_CONFIG, read_campaign_section
+from osl_analysis.config import read_section
 from osl_analysis.parameters import read_parameters
+from osl_analysis.shipped import default_config
 from osl_analysis.simulator.dynamometer import commanded, moved, simulate_dynamometer_trial
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array, Trial
 from osl_analysis.yaml_settings import read_mapping
 
-ANALYSIS = read_campaign_section(DEFAULT_CONFIG, "dynamometer", DynamometerAnalysis)
+ANALYSIS = read_section(default_config(), "dynamometer", DynamometerAnalysis)
 SIMULATION = Path("config/simulation/excitations.yaml")
 TRUE = {"K": 300.0, "B": 5.0, "I": 0.02}
 EXACT, DRIVETRAIN, GROUP = 80, 20, 4

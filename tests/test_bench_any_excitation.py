@@ -11,7 +11,7 @@ from scipy.linalg import expm
 
 from osl_analysis.bench.any_excitation import estimate, record_table
 from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
-from osl_analysis.bench.excitation_lag import lag_beside, linear_torque, record_lag
+from osl_analysis.bench.excitation_lag import jerk_of, lag_beside, linear_torque, record_lag
 from osl_analysis.bench.excitation_limits import angle_noise_bias
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.moving_record import MovingRecord, fit_of, moving_record
@@ -133,7 +133,7 @@ def test_the_lag_of_a_leg_is_found_beside_the_higher_dynamics_of_its_linear_mode
     s[0] = 1e-9j
     torque = np.fft.irfft(spectrum / expected(s) * np.exp(-s * 3e-4), len(theta))
     record = moving_record(made_trial(rng, motion, K=0.0, B=0.0, I=0.0, more=torque), SETTINGS)
-    found = lag_beside(record, linear_torque(record, expected))
+    found = lag_beside(record, linear_torque(record, expected), jerk_of(record))
     assert found.lag == pytest.approx(3e-4, abs=4 * found.se + 2e-5)
     assert found.se < 5e-5
     assert record_lag(record, None) is None

@@ -39,8 +39,8 @@ OF_PERIODS = ("period_s", "periods", "realisations", "even_harmonics", "odd_harm
 
 def estimate(record: MovingRecord) -> LinearFit:
     """Eq. 15 with the error of the bench's stiffness in its intervals; raises as `fit_of`."""
-    softer = None if record.softer is None else by_lines(record.softer, fit_of(record.softer))
-    return widened(by_lines(record, fit_of(record)), softer)
+    softer = None if record.softer is None else by_lines(record.softer, record.softer.fit)
+    return widened(by_lines(record, record.fit), softer)
 
 
 def by_lines(record: MovingRecord, fit: LinearFit) -> LinearFit:

@@ -3,10 +3,10 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+from numpy.typing import NDArray
 
 from osl_analysis.bench.frequency_response import Admittance
-from osl_analysis.bench.moving_record import MovingRecord, fit_of
+from osl_analysis.bench.moving_record import MovingRecord, estimates_of, fit_of, left_by
 from osl_analysis.bench.torque_lag import (
     CERTAIN_LAG,
     LAG_STEPS,
@@ -18,6 +18,7 @@ from osl_analysis.errors import OslAnalysisError
 from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.stats.fit_row import Row, lag_damping_row
 from osl_analysis.stats.regression import LinearFit
+from osl_analysis.timebase.cubic import cubic_between
 from osl_analysis.trial import Array
 
 CERTAIN_IN_NOISE = 3.0
@@ -40,14 +41,15 @@ class RecordLag:
     without: float
 
 
-def lag_beside(record: MovingRecord, base: Array | None) -> RecordLag | None:
+def lag_beside(record: MovingRecord, base: Array | None, jerk: Array) -> RecordLag | None:
     """The lag d if the torque is that of `base` (n,) [N*m] and of K, B and I, late by d; None: no base.
+
+    The `jerk` (n,) [rad/s^3] is that of the filtered motion.
 
     A lag adds -d times the torque's derivative. Its parts K omega and B alpha look like damping and inertia: only the
     rest, the base's derivative and I times the jerk, tells a lag. Each step takes the lag found so far off the torque.
     None if the lag is no longer small against the fastest motion: it then stands for other dynamics.
     """
-    jerk = differentiate(record.time, record.motion.omega).alpha
     beyond = np.zeros_like(jerk) if base is None else base
     rising = 0.0 if base is None else np.gradient(base, record.time)
     largest = 1 / (2 * np.pi * record.band_hz[1])
@@ -55,7 +57,7 @@ def lag_beside(record: MovingRecord, base: Array | None) -> RecordLag | None:
     early = advanced(record, lag) if lag else record
     for _ in range(LAG_STEPS):
         rest = without_torque(early, beyond)
-        late = fit_of(rest, ())["I"] * jerk + rising
+        late = estimates_of(rest)["I"] * jerk + rising
         fit = fit_of(rest, [("lag", -late)])
         lag += fit["lag"]
         if abs(lag) > largest:
@@ -63,8 +65,12 @@ def lag_beside(record: MovingRecord, base: Array | None) -> RecordLag | None:
         if abs(fit["lag"]) < SETTLED * fit.se("lag"):
             break
         early = advanced(record, lag)
-    without = float(np.std(fit_of(without_torque(record, beyond), ()).residual))
-    return RecordLag(lag, fit.se("lag"), float(np.std(fit.residual)), without)
+    return RecordLag(lag, fit.se("lag"), float(np.std(fit.residual)), left_by(without_torque(record, beyond)))
+
+
+def jerk_of(record: MovingRecord) -> Array:
+    """Jerk (n,) [rad/s^3] of the filtered motion."""
+    return differentiate(record.time, record.motion.omega).alpha
 
 
 def first_lag(record: MovingRecord, jerk: Array, largest: float) -> float:
@@ -74,12 +80,12 @@ def first_lag(record: MovingRecord, jerk: Array, largest: float) -> float:
     K d^3/6 + B' d^2/2 + I' d + J' = 0. Two of its real roots explain the torque to third order. The smaller one counts,
     unless the torque made earlier by another leaves certainly less.
     """
-    fit = fit_of(record, [("J", jerk)])
+    fit = estimates_of(record, [("J", jerk)])
     roots = np.roots([fit["K"] / 6, fit["B"] / 2, fit["I"], fit["J"]])
     tried = sorted((float(r.real) for r in roots if abs(r.imag) < 1e-9 and abs(r.real) < largest), key=abs)
     if len(tried) < 2:
         return tried[0] if tried else 0.0
-    left = [float(np.std(fit_of(advanced(record, lag)).residual)) for lag in tried]
+    left = [left_by(advanced(record, lag)) for lag in tried]
     return next(lag for lag, size in zip(tried, left, strict=True) if size < certainly_more(record) * min(left))
 
 
@@ -91,10 +97,12 @@ def certainly_more(record: MovingRecord) -> float:
 
 def advanced(record: MovingRecord, lag: float) -> MovingRecord:
     """The record with a torque that is earlier by `lag` [s]."""
-    torque, filtered = (
-        make_interp_spline(record.time, y, k=3)(np.clip(record.time + lag, record.time[0], record.time[-1]))
-        for y in (record.torque, record.filtered_torque)
-    )
+    time, last = record.time, len(record.time) - 2
+
+    def before(times: Array) -> NDArray[np.intp]:
+        return np.asarray(np.minimum(((times - time[0]) * record.rate_hz).astype(np.intp), last))
+
+    torque, filtered = cubic_between(time, [record.torque, record.filtered_torque], time + lag, before)
     return replace(record, torque=torque, filtered_torque=filtered)
 
 
@@ -127,7 +135,8 @@ def record_lag(record: MovingRecord, expected: Admittance | None) -> RecordLag |
     """
     try:
         bases = [None] if expected is None else [None, linear_torque(record, expected)]
-        tried = [lag for base in bases if (lag := lag_beside(record, base)) is not None]
+        jerk = jerk_of(record)
+        tried = [lag for base in bases if (lag := lag_beside(record, base, jerk)) is not None]
     except OslAnalysisError:
         return None
     found = sorted(tried, key=lambda lag: lag.misfit)

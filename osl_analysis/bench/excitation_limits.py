@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import sosfreqz
 
-from osl_analysis.bench.moving_record import TERMS, MovingRecord, noise_beyond
+from osl_analysis.bench.moving_record import MovingRecord
+from osl_analysis.bench.unfiltered_noise import TERMS, noise_beyond
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass, butterworth
 from osl_analysis.stats.regression import LinearFit

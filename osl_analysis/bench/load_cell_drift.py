@@ -19,7 +19,7 @@ def drift_rate(time: Array, torque: Array, segments: Sequence[Segment]) -> float
 
     Each amplitude has a mean torque of its own: that of an asymmetric joint grows with the amplitude, and amplitudes
     may grow with time. The drift is 0 if no amplitude has the five cycles that an interval needs, because transients
-    could then pass for drift.
+    could then pass for drift. The times [s] are uniform.
     """
     along = across = 0.0
     for amplitude in dict.fromkeys(segment.amplitude for segment in segments):
@@ -27,8 +27,9 @@ def drift_rate(time: Array, torque: Array, segments: Sequence[Segment]) -> float
         first, stop = (np.concatenate([s.edges[s.used + end] for s in alike]) for end in (0, 1))
         if len(first) >= FEWEST_CYCLES:
             samples = stop - first
-            middle, level = (sums_between(signal[:, None], first, stop)[:, 0] / samples for signal in (time, torque))
-            middle = middle - np.average(middle, weights=samples)
+            level = sums_between(torque[:, None], first, stop)[:, 0] / samples
+            middle = (first + stop) / 2 * (time[-1] - time[0]) / (len(time) - 1)
+            middle -= np.average(middle, weights=samples)
             along += float(np.sum(samples * middle**2))
             across += float(np.sum(samples * middle * level))
     return across / along if along else 0.0

@@ -1,6 +1,6 @@
 """A trial of any excitation as its fit needs it: the rows in which the joint moves, and the filtered signals there."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,37 +13,22 @@ from osl_analysis.bench.moving_rows import band_of, fitted_pieces, rows_inside, 
 from osl_analysis.bench.segments import Segment
 from osl_analysis.bench.settings import BenchStiffness, ImpedanceAnalysis
 from osl_analysis.bench.settled_signals import RawSignals
+from osl_analysis.bench.unfiltered_noise import UnfilteredNoise, noise_beyond
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.protocol.likeness import moving_bins
 from osl_analysis.second_order import impedance_columns
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.spectral.realisations import PeriodicMotion, periodic_motion
-from osl_analysis.stats.covariance import ResidualCorrelation, moving_sums
-from osl_analysis.stats.regression import LinearFit, linear_fit
+from osl_analysis.stats.covariance import ResidualCorrelation
+from osl_analysis.stats.regression import LinearFit, Regressors, regressors
 from osl_analysis.timebase.gaps import GapLimits
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import UniformSignals, regridded, uniform_signals
 
-TERMS = 5
-"""Terms by which a signal is found from what a filter left of it: up to the cut-off 97 % of it."""
 PERIODIC = 1.5
 """Highest line of a periodic motion, in cut-offs of the filter."""
 PARTS = 3
 """Number of consecutive parts of a record, each of which is predicted by a fit to the others."""
-
-
-@dataclass(frozen=True)
-class UnfilteredNoise(ResidualCorrelation):
-    """Covariance from the autocorrelation of the noise before the filter, HAC.
-
-    The columns are slow, so that the estimates do not change if the filter is taken off the noise. Behind the filter it
-    is correlated with both signs at the frequencies of the columns: Bartlett's weights then lose up to a tenth of it.
-    """
-
-    def covariance(self, X: Array, inverse: Array, residual: Array) -> tuple[Array, Array, str]:
-        """As `ResidualCorrelation.covariance`."""
-        noise = residual if self.filtered_off is None else residual + self.filtered_off
-        return *moving_sums(X @ inverse * noise[:, None], self.window(residual), slow=True), self.method
 
 
 @dataclass(frozen=True)
@@ -115,6 +100,11 @@ class MovingRecord:
         return UnfilteredNoise(every=self.low_pass.independent_samples(self.rate_hz), filtered_off=off[self.rows])
 
     @cached_property
+    def fit(self) -> LinearFit:
+        """Eq. 15 with offset and drift, as `fit_of` has it."""
+        return fit_of(self)
+
+    @cached_property
     def periodic(self) -> PeriodicMotion | None:
         """The realisations of a motion that repeats itself, in the whole record or the stated windows; else None."""
         used = self.uniform.usable & self.inside
@@ -132,18 +122,6 @@ class MovingRecord:
     def thirds(self) -> list[NDArray[np.intp]]:
         """The fitted rows as consecutive parts."""
         return [np.asarray(part) for part in np.array_split(self.rows, PARTS)]
-
-
-def noise_beyond(taken_off: Array, signal: Array, low_pass: LowPass, rate_hz: float) -> Array:
-    """What a filter H took off a noisy signal (n,), without the part of the `signal` itself, which is known behind H.
-
-    The filter took off (1 - H) of the signal s, of which H s is known: s = H s + (1 - H) H s + (1 - H)^2 H s + ...
-    """
-    whole = part = signal
-    for _ in range(TERMS - 1):
-        part = part - low_pass(part, rate_hz)
-        whole = whole + part
-    return np.asarray(taken_off - (whole - low_pass(whole, rate_hz)))
 
 
 def moving_record(
@@ -209,7 +187,7 @@ def record_of(
 def drift_of(record: MovingRecord) -> float:
     """Drift [N*m/s] of the load cell beside Eq. 15; raises IdentifiabilityError in the words of `moves_little`."""
     try:
-        return float(fit_of(record)["drift"])
+        return estimates_of(record)["drift"]
     except IdentifiabilityError as error:
         raise IdentifiabilityError(moves_little(record, error)) from error
 
@@ -242,9 +220,30 @@ def fit_of(record: MovingRecord, more: Sequence[tuple[str, Array]] = ()) -> Line
     InputError, IdentifiabilityError
         As `linear_fit`.
     """
-    rows, torque = record.rows, record.filtered_torque
+    columns, found, estimates = solved(record, more)
+    first, *others = (size * column for size, column in zip(estimates, columns.values(), strict=True))
+    known = record.residual_correlation(sum(others, first))
+    return found.fit(record.filtered_torque[record.rows], known)
+
+
+def left_by(record: MovingRecord) -> float:
+    """RMS [N*m] of what Eq. 15 with offset and drift leaves of the fitted rows; raises as `fit_of`."""
+    _, found, estimates = solved(record)
+    return float(np.std(record.filtered_torque[record.rows] - found.X @ estimates))
+
+
+def estimates_of(record: MovingRecord, more: Sequence[tuple[str, Array]] = ()) -> dict[str, float]:
+    """The estimates of `fit_of` by name, without their intervals, for a tenth of the work."""
+    columns, _, estimates = solved(record, more)
+    return dict(zip(columns, estimates.tolist(), strict=True))
+
+
+def solved(
+    record: MovingRecord, more: Sequence[tuple[str, Array]] = ()
+) -> tuple[Mapping[str, Array], Regressors, Array]:
+    """The columns (n,) of `fit_of` by name, those of its rows, and its estimates (p,)."""
     time = record.time - record.time.mean()
     columns = {**impedance_columns(record.motion), "drift": time, **dict(more)}
-    fitted = {name: column[rows] for name, column in columns.items()}
-    modelled = linear_fit(torque[rows], fitted).predicted(columns)
-    return linear_fit(torque[rows], fitted, record.residual_correlation(modelled))
+    torque = record.filtered_torque[record.rows]
+    found = regressors({name: column[record.rows] for name, column in columns.items()}, np.shape(torque))
+    return columns, found, found.solved(torque)

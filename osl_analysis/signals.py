@@ -23,6 +23,8 @@ REACH = len(SLOPE) // 2
 """Samples of these on either side."""
 LOST = 1e-8
 """Share of a velocity at the cut-off of the filter that the seven samples may lose: 5e-9 at 15 Hz and 1 kHz."""
+FORGOTTEN = 100
+"""Samples behind which a spline has forgotten its end: 0.43^100 where steps are even."""
 ENDS = 40
 """Samples at either end through which the spline gives what seven samples cannot; its other end is forgotten there."""
 UNIFORM_TOLERANCE = 0.2
@@ -175,8 +177,12 @@ def differentiate(time: Array, theta: Array) -> Motion:
             f"{len(time)} samples cannot be differentiated: {DEGREE + 1} or more are needed, each later than the one "
             "before; take a longer window, or check the time's channel"
         )
-    spline = scipy.interpolate.make_interp_spline(time, theta, k=DEGREE)
-    return Motion(np.asarray(theta), np.asarray(spline(time, 1)), np.asarray(spline(time, 2)))
+    omega, alpha = np.empty(np.shape(theta)), np.empty(np.shape(theta))
+    for rows in pieces(len(time)):
+        known = slice(max(rows.start - FORGOTTEN, 0), min(rows.stop + FORGOTTEN, len(time)))
+        spline = scipy.interpolate.make_interp_spline(time[known], theta[known], k=DEGREE)
+        omega[rows], alpha[rows] = spline(time[rows], 1), spline(time[rows], 2)
+    return Motion(np.asarray(theta), omega, alpha)
 
 
 def filtered_motion(time: Array, theta: Array, torque: Array, low_pass: LowPass) -> tuple[Motion, Array]:

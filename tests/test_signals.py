@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import multisine
+from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.errors import InputError
@@ -104,3 +105,11 @@ def test_the_filter_is_scipys_whatever_the_length(shape):
     signal, rate = np.random.default_rng(8).standard_normal(shape), 1000.0
     sections, edge = butter(4, 15.0, fs=rate, output="sos"), 200
     np.testing.assert_array_equal(LowPass(15.0)(signal, rate), sosfiltfilt(sections, signal, axis=0, padlen=edge))
+
+
+def test_derivatives_of_a_long_record_are_those_of_one_spline_through_it():
+    time = np.cumsum(np.random.default_rng(9).uniform(0.7e-3, 1.3e-3, 40_000))
+    theta = np.sin(9 * time)
+    spline, motion = make_interp_spline(time, theta, k=5), differentiate(time, theta)
+    np.testing.assert_allclose(motion.omega, spline(time, 1), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(motion.alpha, spline(time, 2), rtol=0, atol=1e-7)

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import LARGEST_VARIANCE, check_finite, check_measured
+from osl_analysis.pieces import AT_ONCE, pieces
 from osl_analysis.stats.cycle_sums import Cycles
 from osl_analysis.trial import Array
 
@@ -127,10 +128,16 @@ def moving_sums(scores: Array, window: int, slow: bool = False) -> Covariance:
     """
     n, p = scores.shape
     left = max(n - p * window, window) if slow else n - p
-    padded = np.vstack([np.zeros((window, p)), scores, np.zeros((window - 1, p))])
-    cumulative = np.cumsum(padded, axis=0)
-    sums = cumulative[window:] - cumulative[:-window]
-    return sums.T @ sums / window * n / left, np.full(p, max(1.5 * n / window - p, 1.0))
+    squares = np.zeros((p, p))
+    for ends in pieces(n + window - 1, max(AT_ONCE, 4 * window)):  # the rows at which the sums end
+        cumulative = np.zeros((ends.stop - ends.start + window, p))
+        known = slice(max(ends.start - window + 1, 0), min(ends.stop, n))
+        begin = known.start - ends.start + window
+        np.cumsum(scores[known], axis=0, out=cumulative[begin : begin + known.stop - known.start])
+        cumulative[begin + known.stop - known.start :] = cumulative[begin + known.stop - known.start - 1]
+        sums = cumulative[window:] - cumulative[:-window]
+        squares += sums.T @ sums
+    return squares / window * n / left, np.full(p, max(1.5 * n / window - p, 1.0))
 
 
 def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> Covariance:

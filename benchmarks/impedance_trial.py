@@ -31,9 +31,11 @@ from osl_analysis.bench.diagnostics import lowest_held_out_vaf
 from osl_analysis.bench.estimators import estimator_table
 from osl_analysis.bench.frequency_response import at_amplitude, phasor_table
 from osl_analysis.bench.impedance import DesiredImpedance, impedance_of, trial_phasors
+from osl_analysis.bench.load_cell_drift import drift_rate
 from osl_analysis.bench.nonlinearity import rendered_nonlinearity_row
 from osl_analysis.bench.plausibility import check_recording, saturated
 from osl_analysis.bench.protocol import find_blocks
+from osl_analysis.bench.recorded import resolution_of
 from osl_analysis.bench.rendered import rendered_phasors, rendered_series, rendered_time_base, rendered_trial, sines_of
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
@@ -127,20 +129,31 @@ def stages(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> Itera
     expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
     yield "read", lambda: read_trial(path)
     yield "checks of the recording", lambda: check_recording(read, s)
+    yield "ends of the sensors' ranges", lambda: saturated(read, "torque", "theta")
     yield "time base", lambda: uniform_signals(read, ("theta", "torque"), s.gap_limits, computed=("theta_command",))
     yield "stepped sine or not", lambda: likeness(signals.time, signals["theta"], s.protocol).kind
+    yield "steps of the sensors", lambda: [resolution_of(read, column) for column in ("theta", "torque")]
     yield "blocks", lambda: find_blocks(signals.time, signals["theta"], s.protocol, motion.runs)
+    yield "drift of the load cell", lambda: drift_rate(trial.time, trial.torque, trial.segments(None))
     yield "filter", lambda: [s.low_pass(signals[name], signals.rate_hz) for name in ("theta", "torque")]
     yield "derivatives", lambda: SevenPointMotion(trial.time, trial.motion.theta, trial.rate_hz)[:]
-    yield "fits with covariance", lambda: fits_by_amplitude(replace(trial), impedance_columns)
+    yield "phasors, and rounding for the fits", lambda: trial_phasors(replace(trial))
+    yield "fits with covariance", lambda: fits_by_amplitude(after_phasors(trial), impedance_columns)
     yield "held-out VAF", lambda: [lowest_held_out_vaf(trial, a, fit, impedance_columns) for a, _, fit in fits]
-    yield "phasors", lambda: trial_phasors(replace(trial))
     yield "nonlinearity", lambda: [rendered_nonlinearity_row(chosen, fit) for _, chosen, fit in fits]
     yield "lag", lambda: [torque_lag_row(chosen, fit, expected) for _, chosen, fit in fits]
     yield "clocks", lambda: clock_drift_row(trial)
     yield "gains", lambda: CONDITION.gains(p, PAPER_WEIGHT)
-    yield "tables", lambda: write_table(phasor_table(NAME, phasors), path.with_suffix(".csv"))
+    yield "table of phasors", lambda: write_table(phasor_table(NAME, phasors), path.with_suffix(".csv"))
+    yield "series", lambda: write_table(rendered_series(trial).table(), path.with_suffix(".csv"))
     yield "five estimators (only where asked for)", lambda: estimator_table(trial)
+
+
+def after_phasors(trial: SteppedSineTrial) -> SteppedSineTrial:
+    """The trial with what its phasors have kept for the fits, and nothing else."""
+    made = replace(trial)
+    made.rounding.update(trial.rounding)
+    return made
 
 
 def job(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> None:

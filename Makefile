@@ -37,9 +37,9 @@ docs: $(READY)
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --doctree-dir build/doctrees --conf-dir docs/site docs build/docs
 	$(BIN)/python docs/site/check.py build/docs
 
-# A campaign of 30 trials through SLURM on this machine, which it installs and sets up: Debian, as root.
+# A campaign of 30 trials through a SLURM that exists for this test alone: Debian, as root.
 test-slurm: $(READY)
-	$(BIN)/python -m pytest -m slurm -n0 -s tests/slurm
+	tests/slurm/one_node.sh $(BIN)/python -m pytest -m slurm -n0 -s tests/slurm
 
 setup: $(READY)
 

@@ -17,6 +17,8 @@ from osl_analysis.submission import LOST, adapt, record_lost
 
 STARTING_S, STARTING_MB = 60.0, 600
 """What a submission takes beside its jobs: Snakemake, and the process from which jobs are forked [s, MB]."""
+USUAL = {"trials": 50, "crossings": 200, "perturbations": 500, "study": 1}
+"""`group-components` where the profile states none. Of other groups all jobs are taken together."""
 MARGIN = 3.0
 """Time limit of a submission over the time that is expected of it."""
 
@@ -59,10 +61,10 @@ def group_by_trials(workflow: Any, trials: Sequence[str], recorded_mb: Callable[
 
     def update_groups() -> None:
         dag._group, sizes = {}, {trial: recorded_mb(trial) for trial in trials}
-        most, needed = workflow.group_settings.group_components, list(dag.needrun_jobs())
+        most, needed = USUAL | workflow.group_settings.group_components, list(dag.needrun_jobs())
         for job in needed:
             job.group = job.rule.group
-        taken = {name: batches(parts, most.get(name, 1)) for name, parts in members(needed, order).items()}
+        taken = {name: batches(parts, most.get(name, len(parts))) for name, parts in members(needed, order).items()}
         single = [job for job in needed if job.group is None and not job.rule.norun]
         for name, batch in submissions(taken, single, dag.depending.__getitem__):
             submission = dag.group_job_factory.new(name, batch, workflow.global_resources)

@@ -25,6 +25,8 @@ IN_SUBMISSION = "--executor local --force-use-threads --keep-going --quiet rules
 """Options of the Snakemake in a submission, in place of those by which it would submit each job once more."""
 STATE = re.compile(r"status is: '(\w+)'")
 SAID_BY_SBATCH = re.compile(r"sbatch: error: (?:Batch job submission failed: )?(.+?)'?\.?$", re.MULTILINE)
+ERROR = re.compile(r"^(?:\w+\.)*(\w+(?:Error|Exception): .+)", re.MULTILINE)
+"""The first of the output of a submission that failed as a whole, as where its disk is full."""
 REMEDY = "run again: what the submission had finished stays"
 REMEDIES = {
     "TIMEOUT": "state more time (`core_ms`) or fewer trials (`group-components`) in the profile; run again",
@@ -36,11 +38,11 @@ LOST: list[Refusal] = []
 """Causes of what was lost in this run. A full disk has no room for their records."""
 
 
-def adapt(executor: Any, lost: Callable[[Any, str | None, str], None]) -> None:
+def adapt(executor: Any, lost: Callable[[Any, str | None, str, Path | None], None]) -> None:
     """Let a class of executors that submit jobs run a submission as a local run does, and go on after a lost one.
 
-    `lost` is called with the submission, its number in the cluster (None: it was not taken) and what is known of its
-    end.
+    `lost` is called with the submission, its number in the cluster (None: it was not taken), what is known of its end,
+    and the file of its output.
 
     Results are removed before they are made anew, as in a local run: what stands there later is the submission's.
     SLURM's plug-in asks for states ever more rarely, and forgets its jobs if it gets no answer (`asked_again`). It
@@ -63,7 +65,7 @@ def adapt(executor: Any, lost: Callable[[Any, str | None, str], None]) -> None:
             self.report_job_error(SubmittedJobInfo(job), msg=str(fault.__context__ or fault))
 
     def reported(self: Any, info: Any, msg: str | None = None, **more: Any) -> None:
-        lost(info.job, info.external_jobid, msg or "")
+        lost(info.job, info.external_jobid, msg or "", (info.aux or {}).get("slurm_logfile"))
         self.report_job_success(info)
 
     def changes(self: Any, info: Any, *more: Any, **options: Any) -> None:
@@ -129,20 +131,21 @@ def jobs_of(submission: Any) -> list[Any]:
     return list(submission) if submission.is_group() else [submission]
 
 
-def record_lost(submission: Any, number: str | None, said: str) -> tuple[Refusal, ...]:
+def record_lost(submission: Any, number: str | None, said: str, output: Path | None = None) -> tuple[Refusal, ...]:
     """Leave refusal records in place of the results that a lost submission has not made; their causes.
 
     Each trial is a cause, and the results over trials are one. `number`: in the cluster; None if the cluster has not
-    taken it.
+    taken it. `said` and the file `output` tell why.
 
     A job came to its end if its results and its log are there, and it was not killed. Temporary files of the others are
     deleted.
     """
-    state = STATE.search(said)
-    why = state[1] if state else "; ".join(SAID_BY_SBATCH.findall(said)) or printable(said.strip().partition("\n")[0])
-    why = why or "no reason is known"
-    reason = f"the cluster's job {number} was lost ({why})" if number else f"the cluster did not take its job ({why})"
+    why = reason_in(said) or "no reason is known"
     remedy = REMEDIES.get(why, REMEDY) if number else NOT_TAKEN
+    if why == "FAILED" and output is not None and output.is_file():
+        error = ERROR.search(output.read_text(errors="replace"))
+        why += f": {printable(error[1])}" if error else ""
+    reason = f"the cluster's job {number} was lost ({why})" if number else f"the cluster did not take its job ({why})"
     causes: dict[str, Refusal] = {}
     for job in jobs_of(submission):
         files = [Path(str(file)) for file in job.output]
@@ -156,6 +159,13 @@ def record_lost(submission: Any, number: str | None, said: str) -> tuple[Refusal
             with suppress(OslAnalysisError, OSError):  # a full disk: Snakemake finds the file missing
                 write_refusals([replace(cause)], file)
     return tuple(causes.values())
+
+
+def reason_in(said: str) -> str:
+    """SLURM's state of a lost submission, or what `sbatch` says, or a first line, in what an executor says of it."""
+    state = STATE.search(said)
+    first = printable(said.strip().partition("\n")[0])
+    return state[1] if state else "; ".join(SAID_BY_SBATCH.findall(said)) or first
 
 
 def was_ended(log: Path) -> bool:

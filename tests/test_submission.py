@@ -52,6 +52,19 @@ def test_a_trial_of_several_lost_jobs_is_one_cause_and_all_jobs_over_trials_are_
     assert read_refusals(tmp_path / "page.json") == (causes[1],)
 
 
+def test_a_submission_that_failed_as_a_whole_is_named_with_the_first_error_of_its_output(tmp_path):
+    (tmp_path / "7.log").write_text(
+        "Execute 1 jobs...\nTraceback (most recent call last):\n"
+        "osl_analysis.errors.InputError: a.csv: cannot be written\n"
+        "OSError: [Errno 28] No space left on device\n"
+    )
+    one = job("fit", "trials", tmp_path / "a.csv", tmp_path / "a.log", trial="a")
+    (cause,) = submission.record_lost(one, "7", "SLURM status is: 'FAILED'", tmp_path / "7.log")
+    assert cause.reason == "the cluster's job 7 was lost (FAILED: InputError: a.csv: cannot be written)"
+    (cause,) = submission.record_lost(one, "7", "SLURM status is: 'FAILED'", tmp_path / "8.log")
+    assert cause.reason == "the cluster's job 7 was lost (FAILED)"
+
+
 def test_a_full_disk_leaves_no_record_and_the_cause_is_told_all_the_same(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
@@ -121,7 +134,7 @@ def fit(tmp_path):
 
 def test_a_lost_submission_is_recorded_before_the_run_goes_on(adapted, fit):
     adapted.run_job_pre(fit)
-    adapted.report_job_error(SimpleNamespace(job=fit, external_jobid="4"), msg="status is: 'NODE_FAIL'")
+    adapted.report_job_error(SimpleNamespace(job=fit, external_jobid="4", aux=None), msg="status is: 'NODE_FAIL'")
     assert adapted.said == [("before", False), ("success", True)]
     assert "--executor local" in adapted.additional_general_args()
 
@@ -132,7 +145,7 @@ def test_a_submission_that_the_cluster_does_not_take_is_named_with_what_the_clus
         "sbatch: error: Batch job submission failed: Requested node configuration is not available"
     )
     msg = f"SLURM sbatch failed. The error message was '{said}'.\n    sbatch call:\n        sbatch --mem 90000"
-    adapted.report_job_error(SimpleNamespace(job=fit, external_jobid=None), msg=msg)
+    adapted.report_job_error(SimpleNamespace(job=fit, external_jobid=None, aux=None), msg=msg)
     (cause,) = read_refusals(fit.output[0])
     what = "Memory specification can not be satisfied; Requested node configuration is not available"
     assert cause.reason == f"the cluster did not take its job ({what})"
@@ -150,7 +163,7 @@ def test_an_exception_while_a_job_is_submitted_ends_it_with_its_reason_and_not_w
 def test_states_are_asked_for_after_a_tenth_of_the_time_since_the_last_change_within_limits(adapted, monkeypatch, fit):
     clock = [0.0]
     monkeypatch.setattr(submission.time, "monotonic", lambda: clock[0])
-    info = SimpleNamespace(job=fit, external_jobid="4")
+    info = SimpleNamespace(job=fit, external_jobid="4", aux=None)
     for change in (adapted.report_job_submission, adapted.report_job_success):
         clock[0] += 7
         change(info)
@@ -174,7 +187,7 @@ def asked(executor, active):
 def three(adapted, tmp_path):
     """An adapted executor, and three submissions of it."""
     jobs = [job("fit", "trials", tmp_path / f"{n}.csv", tmp_path / "no.log", trial=f"t_{n}") for n in "123"]
-    return adapted, [SimpleNamespace(job=one, external_jobid=n) for n, one in zip("123", jobs, strict=True)]
+    return adapted, [SimpleNamespace(job=one, external_jobid=n, aux=None) for n, one in zip("123", jobs, strict=True)]
 
 
 def test_submissions_are_asked_for_again_while_the_cluster_does_not_answer_and_end_when_it_does(three):

@@ -72,6 +72,7 @@ def summarise_holding(table: Path, output: Path) -> None:
 }
 IMPORTS = """from osl_analysis.bench.holding import holding_table
 from osl_analysis.bench.settings import FilterSettings
+from osl_analysis.trial import read_trial
 """
 TORQUES = {"holding_1": 2.0, "holding_2": 6.0}
 
@@ -81,7 +82,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the project with the toy experiment, and a campaign of two of its trials, as CSV logs."""
     folder = tmp_path_factory.mktemp("project")
     shutil.copy(ROOT / "Snakefile", folder)
-    for part in ("osl_analysis", "rules", "profiles", "config"):
+    for part in ("osl_analysis", "snakemake_logger_plugin_osl", "rules", "profiles", "config"):
         shutil.copytree(ROOT / part, folder / part)  # with the compiled bytecode, which the same dates keep valid
     for name, text in NEW_FILES.items():
         (folder / name).parent.mkdir(exist_ok=True)

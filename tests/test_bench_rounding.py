@@ -7,6 +7,7 @@ import polars as pl
 import pytest
 from bench_synthetic import second_order, stepped_sine
 
+from osl_analysis.bench import rounding
 from osl_analysis.bench.amplitude_fits import fits_by_amplitude
 from osl_analysis.bench.impedance import trial_phasors
 from osl_analysis.bench.rounding import RepeatedRounding, Rounded, interpolated
@@ -285,3 +286,18 @@ def test_the_rounding_that_comes_along_with_the_phasors_is_that_of_the_fit_alone
         theta = sine.phasor(segment.part(stepped.theta), [alone])
         np.testing.assert_allclose(found.theta.covariance, theta.covariance, rtol=1e-9)
         assert found.theta.interval_method == "cycles + rounding"
+
+
+@pytest.mark.parametrize("batch", [700, 8192])
+def test_a_segment_with_a_gap_has_the_rounding_of_the_cycles_that_are_left(monkeypatch, batch):
+    """Cycle 4 of 10 is left out, so that there are two stretches; columns of two fits, samples in some batches."""
+    monkeypatch.setattr(rounding, "BATCH", batch)
+    time, step = np.arange(5000) / 500, 2 * np.pi / 2**12
+    smooth = 0.1 * np.sin(2 * np.pi * time + 0.3)
+    whole = Segment(0.1, 1.0, 0.0, 5000.0, 10)
+    parted = replace(whole, excluded_cycles=frozenset([4]))
+    X = np.column_stack([smooth, np.ones(5000), np.cos(2 * np.pi * time)])
+    each = RepeatedRounding(Rounded(step, smooth, smooth, time, time), smooth, [whole])
+    expected = np.delete(np.array(list(each.cycle_sums(whole, X, X[:, :0]))), 4, axis=0)
+    found = np.array(list(each.cycle_sums(parted, *np.split(X[parted.rows], [2], axis=1))))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())

@@ -153,7 +153,6 @@ class RepeatedRounding:
             # the error acts as stiffness e + damping de/dt; by parts, the derivative is the column's
             if (stiffness, damping) != (1.0, 0.0):
                 weights = stiffness * weights - damping * signal.rate_hz * np.gradient(weights, axis=1)
-            weights = np.concatenate([weights, own.T[:, rows]])
             used = [k for k in segment.used if piece.start - 1 < segment.edges[k] < piece.stop - 1]
             edges = signal.time[0] + segment.edges[[*used, used[-1] + 1]] / signal.rate_hz
             cuts = np.searchsorted(signal.sampled, edges)
@@ -162,10 +161,10 @@ class RepeatedRounding:
             place, smooth = signal.place(samples) - piece.start, signal.smooth_when_sampled(samples)
             per_row = signal.rate_hz * (edges[-1] - edges[0]) / count
             for cycles in np.array_split(np.arange(len(used)), min(-(-count // BATCH), len(used))):
-                low, *_, high = own = cuts[cycles[0] : cycles[-1] + 2] - cuts[0]
-                each = interpolated(place[low:high], weights)
+                low, *_, high = edge = cuts[cycles[0] : cycles[-1] + 2] - cuts[0]
+                each = per_row * interpolated(place[low:high], weights, own.T[:, rows])
                 errors = rounding_harmonics(smooth[low:high], signal.step)
-                yield from (per_row * (each[:, i:j] @ errors[:, i:j].T) for i, j in pairwise(own - low))
+                yield from (each[:, i:j] @ errors[:, i:j].T for i, j in pairwise(edge - low))
 
     def transfer(self, segment: Segment) -> tuple[float, float]:
         """By how much what is fitted follows the signal and its derivative in a segment; (1, 0): the signal itself."""
@@ -178,15 +177,18 @@ class RepeatedRounding:
         return ratio.real, ratio.imag / w
 
 
-def interpolated(place: Array, values: Array) -> Array:
-    """Values (p, k) at places (k,) between rows from those (p, n) in the rows, by straight lines; constant beyond."""
-    row = np.clip(place.astype(np.intp), 0, values.shape[1] - 2)
+def interpolated(place: Array, *values: Array) -> Array:
+    """Values (p, k) at places (k,) between rows from those (p, n) in the rows, by straight lines; constant beyond.
+
+    Those of several arrays (p, n) stand one below the other.
+    """
+    row = np.clip(place.astype(np.intp), 0, values[0].shape[1] - 2)
     share = np.clip(place - row, 0.0, 1.0)
-    below = taken(values, row)
-    between = taken(values, row + 1) - below
-    between *= share
-    between += below
-    return between
+    below, above = (np.concatenate([taken(each, at) for each in values]) for at in (row, row + 1))
+    above -= below
+    above *= share
+    above += below
+    return above
 
 
 def taken(values: Array, rows: NDArray[np.intp]) -> Array:

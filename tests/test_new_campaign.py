@@ -1,6 +1,7 @@
 """A new campaign: what is drafted from recordings, what is not overwritten, and how editors check its files."""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from jsonschema import Draft202012Validator
 from osl_analysis.cli import main
 from osl_analysis.commands.doctor import findings
 from osl_analysis.commands.new_campaign import draft_campaign
-from osl_analysis.commands.run import snakemake_arguments
+from osl_analysis.commands.run import asking_no_cluster, snakemake_arguments
 from osl_analysis.commands.schemas import described, schemas
 from osl_analysis.config import read_config
 from osl_analysis.errors import InputError
@@ -185,6 +186,10 @@ def test_snakemake_is_given_the_campaign_of_the_folder(tmp_path, monkeypatch):
     assert snakemake_arguments(["-n"]) == ["-n", "--snakefile", snakefile, "--configfile", "config.yaml"]
     (tmp_path / "other.yaml").write_text("campaign: other\n")
     assert snakemake_arguments(["--configfile", "other.yaml"])[-1] == snakefile
+    for arguments in (["--workflow-profile", "profiles/slurm"], ["--workflow-profile=profiles/slurm"]):
+        assert Path(snakemake_arguments(arguments)[len(arguments) - 1].removeprefix("--workflow-profile=")).is_dir()
+    (tmp_path / "profiles/slurm").mkdir(parents=True)
+    assert snakemake_arguments(["--workflow-profile", "profiles/slurm"])[1] == "profiles/slurm"
 
 
 @pytest.mark.parametrize("stated", [["--configfile", "a.yaml", "b.yaml", "-n"], ["-n", "--configfile=b.yaml"], []])
@@ -264,3 +269,13 @@ def test_an_editor_knows_the_units_of_parameters(validators):
     assert validators["parameters"].is_valid(content)
     content["parameters"]["J_m"]["unit"] = "kg*m"
     assert not validators["parameters"].is_valid(content)
+
+
+@pytest.mark.parametrize("configured", [None, "/etc/slurm/slurm.conf"])
+def test_slurm_is_asked_nothing_while_snakemake_is_imported_and_is_found_again_afterwards(monkeypatch, configured):
+    monkeypatch.delenv("SLURM_CONF", raising=False)
+    if configured:
+        monkeypatch.setenv("SLURM_CONF", configured)
+    with asking_no_cluster():
+        assert os.environ["SLURM_CONF"] == os.devnull
+    assert os.environ.get("SLURM_CONF") == configured

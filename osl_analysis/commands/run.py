@@ -1,6 +1,9 @@
 """Run the shipped workflow on the campaign of a folder: what `osl-analysis run` hands to Snakemake."""
 
+import os
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 
 from osl_analysis.errors import InputError
@@ -10,6 +13,8 @@ from osl_analysis.yaml_settings import read_mapping
 
 STATES_ITS_OWN = ("--configfile", "--configfiles")
 """Options of Snakemake that name a configuration."""
+PROFILE = "--workflow-profile"
+"""Option of Snakemake that names a folder with options: one here, or a shipped one as `profiles/slurm`."""
 
 
 def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
@@ -32,7 +37,17 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
     own = [] if said or not CAMPAIGN.is_file() else ["--configfile", str(CAMPAIGN)]
     for file in configurations([*arguments, *own]):  # Snakemake's own words for these are a traceback
         read_mapping(file)
-    return [*arguments, "--snakefile", str(shipped("Snakefile")), *own]
+    return [*with_shipped_profile(arguments), "--snakefile", str(shipped("Snakefile")), *own]
+
+
+def with_shipped_profile(arguments: Sequence[str]) -> Iterator[str]:
+    """The arguments, with the folder of a shipped profile where it is named and none here has its name."""
+    for before, argument in pairwise(("", *arguments)):
+        option, is_stated, value = argument.partition("=")
+        if before == PROFILE:
+            yield str(shipped(argument))
+        else:
+            yield f"{PROFILE}={shipped(value)}" if option == PROFILE and is_stated else argument
 
 
 def configurations(arguments: Sequence[str]) -> Iterator[Path]:
@@ -56,6 +71,22 @@ def run_workflow(arguments: Sequence[str]) -> None:
     InputError
         There is no campaign in the working folder.
     """
-    from snakemake.cli import main
+    with asking_no_cluster():
+        from snakemake.cli import main
 
     main(snakemake_arguments(arguments))
+
+
+@contextmanager
+def asking_no_cluster() -> Iterator[None]:
+    """Let the commands of SLURM fail at once: its plug-in for Snakemake asks them for a help text while it is imported.
+
+    It is imported for local runs too, and would wait 10 s where SLURM is installed and does not answer.
+    """
+    configured = os.environ.get("SLURM_CONF")
+    os.environ["SLURM_CONF"] = os.devnull
+    try:
+        yield
+    finally:
+        os.environ.pop("SLURM_CONF")
+        os.environ |= {} if configured is None else {"SLURM_CONF": configured}

@@ -264,6 +264,14 @@ def test_the_kernel_takes_the_steps_of_the_scheme():
         assert own == pytest.approx(expected, rel=1e-9, abs=1e-10)  # rounding, where the largest are 0.2 to 40
 
 
+def test_a_command_holds_from_its_own_sample():
+    """With the equilibrium at k in sample k, an actuator that rests at 0 gets the current for a torque of K_1 k."""
+    commands = ControlCommands(np.full(6, 2.0), np.zeros(6), np.arange(6.0), cancels_friction=False)
+    heavy = replace(P, J_m=1e9)
+    motion = simulate_drivetrain(RATE, np.zeros(6), np.zeros(6), commands, IDEAL, heavy)
+    assert motion.current == pytest.approx(2.0 * np.arange(6.0) / (P.k_tau * P.n_m), rel=1e-9)
+
+
 def test_one_command_holds_for_all_samples():
     t = np.arange(200) / RATE
     theta, omega = 0.05 * np.sin(20 * t), np.cos(20 * t)

@@ -11,6 +11,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.errors import InputError
+from osl_analysis.simulator.bench_recorder import Bench
 from osl_analysis.simulator.schedules import SteppedSineSchedule
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
@@ -109,6 +110,17 @@ def test_true_jitter_scatters_the_instants_and_leaves_the_samples_true(tmp_path)
     assert np.std(residual) == pytest.approx(20e-6, rel=4 / np.sqrt(2 * len(residual)))
     # single precision of the log: 6e-8 of 0.07 rad
     assert log["joint_angle"] == pytest.approx(at(log, clean), abs=1e-8)
+
+
+def test_no_sample_is_taken_before_or_after_the_simulated_motion():
+    """A hundred samples that scatter by ten steps: a third would be outside, were there nothing to hold them."""
+    settings = read_yaml(ROOT / "config/simulation/default.yaml", SimulationSettings)
+    node = settings.recorder.node
+    wide = node.model_copy(update={"jitter": node.jitter.model_copy(update={"size": 0.01})})
+    instants = Bench("trial", settings, {}).sampling("node", wide, 0.1).instants
+    assert 0 <= instants.min() < 0.01
+    assert 0.09 < instants.max() <= 0.099
+    assert len(instants) < 100
 
 
 @pytest.mark.parametrize(("distribution", "mean"), [("exponential", 2e-4), ("half_normal", 2e-4 * np.sqrt(2 / np.pi))])

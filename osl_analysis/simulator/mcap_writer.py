@@ -89,7 +89,7 @@ class Topic:
 class Content:
     """What one chunk holds: its bytes, and by channel the index of its messages, (m, 2): log time [ns] and place."""
 
-    data: bytes
+    data: memoryview
     index: Mapping[int, NDArray[np.uint64]]
 
     def chunk(self) -> Chunk:
@@ -147,15 +147,16 @@ def contents(topics: Sequence[Topic], definitions: bytes) -> Iterator[Content]:
         data, index = np.empty(int(ends[last - 1]) - begin, np.uint8), dict[int, NDArray[np.uint64]]()
         if first == 0:
             data[: len(definitions)] = np.frombuffer(definitions, np.uint8)
-        present, begins = np.unique(owner[first:last], return_index=True)
-        for k in present[np.argsort(begins)].tolist():  # as each comes first in the chunk
-            own = first + np.flatnonzero(owner[first:last] == k)
+        of_topics = [first + np.flatnonzero(owner[first:last] == k) for k in range(len(topics))]
+        present = [k for k, own in enumerate(of_topics) if len(own)]
+        for k in sorted(present, key=lambda k: of_topics[k][0]):  # as each comes first in the chunk
+            own = of_topics[k]
             messages = topics[k].messages(k + 1, row[own])
             places = ends[own] - messages.itemsize - begin
             every = (len(data) - messages.itemsize + 1,)
             np.ndarray(every, f"V{messages.itemsize}", data, 0, (1,))[places] = messages.view(f"V{messages.itemsize}")
             index[k + 1] = np.stack([messages["log"], places], axis=1).astype("<u8")
-        yield Content(data.tobytes(), index)
+        yield Content(data.data, index)
         first, begin = last, int(ends[last - 1])
 
 

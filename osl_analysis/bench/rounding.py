@@ -100,6 +100,8 @@ class RoundingSums:
 
     def covariance_by(self, inverse: Array) -> Array:
         """Covariance (p, p) of the estimates, by the inverse (p, p) of the normal equations."""
+        if not self.total.any():  # noise has dithered it
+            return np.zeros_like(inverse)
         return nearest_covariance(inverse.T @ (self.total @ self.total.T - self.shown) @ inverse)
 
 

@@ -44,13 +44,15 @@ def between(times: Array, values: Array, curved: Array, at: Array, before: NDArr
 
     `before` (m,) is the row of the sample at or before each of these times.
     """
-    left, behind = times[before], before + 1
-    length = times[behind] - left
+    left, behind = times.take(before), before + 1
+    length = times.take(behind) - left
     share = (at - left) / length
     rest = 1 - share
     bend = -share * rest * length**2 / 6
     return [
-        rest * y[before] + share * y[behind] + bend * ((1 + rest) * c[before] + (1 + share) * c[behind])
+        rest * y.take(before)
+        + share * y.take(behind)
+        + bend * ((1 + rest) * c.take(before) + (1 + share) * c.take(behind))
         for y, c in zip(values, curved, strict=True)
     ]
 

@@ -28,6 +28,8 @@ NO_MATTER = 0.001
 WANDERS = 0.1
 """Slow wander of the residual, in steps, from which an undecided stream keeps its stamps."""
 ORDER = 6
+DIFFERENCE = np.array([(-1.0) ** k * comb(ORDER, k) for k in range(ORDER + 1)])
+"""Weights of seven samples in a sixth difference."""
 LARGEST_NOISE = 0.2
 """Share of the slope's mean square that may be noise."""
 SLOPE_S = 0.02
@@ -129,20 +131,21 @@ def evidence_of(values: Array, clock: DeviceClock) -> Evidence:
     for rows in pieces(len(values)):
         known, inside = with_margins(rows, window + ORDER, len(values))
         x, late, place = values[known], residual[known], count[known]
-        smooth = Smoother(place, window, at_an_end=known.start == 0 or known.stop == len(values))
+        smooth = Smoother(place, window)
         slope, jitter = smooth(x, 1)[inside], late[inside] - smooth(late, 0)[inside]
         own = slice(rows.stop - rows.start)
         sums += slope[own] @ slope[own], jitter[own].sum(), jitter[own] @ jitter[own]
         whole = place[inside][ORDER:] - place[inside][:-ORDER] == ORDER
         found = slice(used, used := used + int(np.count_nonzero(whole)))
-        push[found] = np.diff(slope * jitter, ORDER)[whole]
-        seen[found] = np.diff(x[inside], ORDER)[whole]
+        if whole.size:
+            push[found] = np.correlate(slope * jitter, DIFFERENCE, "valid")[whole]
+            seen[found] = np.correlate(x[inside], DIFFERENCE, "valid")[whole]
     push, seen = push[:used], seen[:used]
     g, se = chunked_slope(push, seen)
     seen -= np.multiply(push, g, out=push)
     noise = float(seen @ seen) / comb(2 * ORDER, ORDER) / max(used, 1)
     moves, middle, scatter = sums / len(values)
-    slope_noise = float(np.sum(smoothing(window, 1) ** 2))  # variance per variance of white noise in the samples
+    slope_noise = float(np.sum(smoothing(window, 1)[window // 2] ** 2))  # per variance of white noise in the samples
     if noise * slope_noise > LARGEST_NOISE * moves or scatter - middle**2 < NO_MATTER**2:
         return Evidence(0.0, np.inf)
     return Evidence(g, se)
@@ -159,12 +162,11 @@ class Smoother:
     """A cubic through each `window` of evenly counted samples (Savitzky-Golay), missing ones bridged linearly.
 
     A gap is shortened to two windows, so that a clock that jumps by years costs no memory. Half a window at each end is
-    that of the last window `at_an_end` of a record, and means nothing elsewhere.
+    on the cubic of the last window.
     """
 
     count: Counts
     window: int
-    at_an_end: bool
 
     def __call__(self, values: Array, order: int) -> Array:
         """Value (order 0) or slope per step (order 1) at every sample, (n,)."""
@@ -176,12 +178,14 @@ class Smoother:
     def filtered(self, values: Array, order: int) -> Array:
         """The same for samples (n,) of which none is missing."""
         window = min(self.window, (len(values) - 1) // 2 * 2 + 1)
-        if self.at_an_end:
-            return np.asarray(scipy.signal.savgol_filter(values, window, 3, deriv=order))
-        return np.asarray(scipy.ndimage.correlate1d(values, smoothing(window, order)))
+        weights, half = smoothing(window, order), window // 2
+        found = np.empty_like(values)
+        found[half:-half] = np.correlate(values, weights[half], "valid")
+        found[:half], found[-half:] = weights[:half] @ values[:window], weights[-half:] @ values[-window:]
+        return found
 
 
 @lru_cache
 def smoothing(window: int, order: int) -> Array:
-    """Weights (window,) of the samples in the value (order 0) or slope per step (order 1) of the cubic."""
-    return np.asarray(scipy.signal.savgol_coeffs(window, 3, deriv=order, use="dot"))
+    """Weights (window, window) of a window's samples in the value (order 0), or slope per step, at each of them."""
+    return np.asarray(scipy.signal.savgol_filter(np.eye(window), window, 3, deriv=order, axis=0))

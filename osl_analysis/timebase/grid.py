@@ -41,7 +41,7 @@ class UniformGrid:
     def silent(self, name: str) -> Array | None:
         """A signal (m,) that says nothing about the stamps, as a command: brought on the grid when it is asked for."""
         part = next((t for t in self.taken if name in t.stream.silent and name in t.stream.signals), None)
-        return None if part is None else resampled(part.samples(name), self.time)[0]
+        return None if part is None else resampled(Nearest(part.samples(name), self.usable), self.time)[0]
 
     def other_hypothesis(self, *, firm_too: bool = False) -> "UniformGrid | None":
         """The grid with every undecided stream taken the other way: true stamps as even, even ones as true.
@@ -83,8 +83,11 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits) -> UniformGrid:
             f"{time[-1]:.4f} s lies within {limits.margin_s:.2f} s of a gap longer than "
             f"{limits.bridged_s * 1e3:g} ms; {BRIDGE_MORE}"
         )
-    signals = {name: values for part in parts for name, values in zip(part.names, resampled(part, time), strict=True)}
-    report = report_of(parts, gaps, time, usable, limits)
+    nearest = [Nearest(part, usable) for part in parts]
+    signals = {
+        name: values for one in nearest for name, values in zip(one.samples.names, resampled(one, time), strict=True)
+    }
+    report = report_of(parts, gaps, time, usable, max(one.farthest for one in nearest), limits)
     return UniformGrid(time, rate, signals, usable, report, tuple(taken), limits)
 
 
@@ -108,10 +111,39 @@ def whole_steps(first: float, last: float, step: float) -> int:
     return int(np.floor((last - first) / step + ON_GRID))
 
 
-def resampled(part: Samples, time: Array) -> Sequence[Array]:
+@dataclass
+class Nearest:
+    """The samples before and behind the rows of a grid, which are asked for in their order."""
+
+    samples: Samples
+    usable: NDArray[np.bool_]
+    """Usable rows (m,) of the grid."""
+    row: int = 0
+    """The first row that was not yet asked for."""
+    farthest: float = 0.0
+    """Largest distance [s] of a usable row so far to the nearest sample."""
+
+    def before(self, time: Array) -> NDArray[np.intp]:
+        """The samples at or before the next rows, at times (k,) [s], as `Samples.before`."""
+        found, times = self.samples.before(time), self.samples.times
+        self.measure(np.minimum(np.abs(time - times.take(found)), np.abs(times.take(found + 1) - time)))
+        return found
+
+    def measure(self, distance: Array) -> None:
+        """Note the distances (k,) [s] of the next rows to their samples."""
+        near = np.where(self.usable[self.row : self.row + len(distance)], distance, 0.0)
+        self.farthest, self.row = max(self.farthest, float(near.max())), self.row + len(distance)
+
+
+def resampled(nearest: Nearest, time: Array) -> Sequence[Array]:
     """Values (m,) of each signal at the grid's times (m,) [s]: the samples where they lie on it, else a cubic."""
+    part = nearest.samples
     rows = rows_on_grid(part, time)
-    return cubic_between(part.times, part.values, time, part.before) if rows is None else [v[rows] for v in part.values]
+    if rows is None:
+        return cubic_between(part.times, part.values, time, nearest.before)
+    for piece in pieces(len(time)):
+        nearest.measure(np.abs(part.times[rows][piece] - time[piece]))
+    return [values[rows] for values in part.values]
 
 
 def rows_on_grid(part: Samples, time: Array) -> slice | None:

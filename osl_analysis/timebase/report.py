@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.pieces import pieces
 from osl_analysis.timebase.gaps import GapLimits, Gaps
 from osl_analysis.timebase.samples import Samples
 from osl_analysis.trial import Array
@@ -99,13 +98,16 @@ def cubic_error(frequency_hz: float, step: float) -> float:
 
 
 def report_of(
-    parts: Sequence[Samples], gaps: Sequence[Gaps], time: Array, usable: NDArray[np.bool_], limits: GapLimits
+    parts: Sequence[Samples],
+    gaps: Sequence[Gaps],
+    time: Array,
+    usable: NDArray[np.bool_],
+    farthest: float,
+    limits: GapLimits,
 ) -> TimebaseReport:
-    """Everything that provenance states about the grid with times (m,) [s]."""
+    """Everything that provenance states about the grid with times (m,) [s], its rows `farthest` [s] from a sample."""
     rate = (len(time) - 1) / float(time[-1] - time[0])
     streams = tuple(stream_report(part, found, rate, limits) for part, found in zip(parts, gaps, strict=True))
-    rows = time if usable.all() else time[usable]
-    farthest = max(farthest_sample(part, rows) for part in parts)
     masked = int(np.count_nonzero(~usable))
     return TimebaseReport(
         rate, float(time[0]), float(time[-1]), len(time), masked, farthest, limits.highest_hz, streams
@@ -140,14 +142,3 @@ def stream_report(part: Samples, gaps: Gaps, rate_hz: float, limits: GapLimits) 
         error=cubic_error(limits.highest_hz, part.step),
         bridge_error=cubic_error(limits.highest_hz, gaps.longest_bridged),
     )
-
-
-def farthest_sample(part: Samples, rows: Array) -> float:
-    """Largest distance [s] of a row of the grid to the nearest sample; rows (k,) [s] rise."""
-    farthest = 0.0
-    for piece in pieces(len(rows)):
-        some = rows[piece]
-        before = part.before(some)
-        nearest = np.minimum(np.abs(some - part.times[before]), np.abs(part.times[before + 1] - some))
-        farthest = max(farthest, float(np.max(nearest)))
-    return farthest

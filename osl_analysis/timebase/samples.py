@@ -108,14 +108,13 @@ class Samples:
 
         Where the samples come evenly, but for a part of a step, the places follow from the times.
         """
-        last = len(self.times) - 2
-        guess: NDArray[np.intp] = np.clip(((time - self.times[0]) / self.step).astype(np.intp), 0, last)
-        guess -= (self.times[guess] > time) & (guess > 0)
-        guess += (self.times[guess + 1] <= time) & (guess < last)
-        found = (self.times[guess] <= time) | (guess == 0)
-        if (found & ((time < self.times[guess + 1]) | (guess == last))).all():
-            return np.asarray(guess)
-        return np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, last)
+        times, last = self.times, len(self.times) - 2
+        guess = ((time - times[0]) / self.step).astype(np.intp)
+        np.clip(guess, 0, last, out=guess)
+        guess -= (times.take(guess) > time) & (guess > 0)
+        guess += (times.take(guess + 1) <= time) & (guess < last)
+        beyond = (times.take(guess) > time) & (guess > 0) | (times.take(guess + 1) <= time) & (guess < last)
+        return np.clip(np.searchsorted(times, time, side="right") - 1, 0, last) if beyond.any() else guess
 
 
 def take(streams: Sequence[Stream]) -> list[Taken]:

@@ -8,7 +8,7 @@ sample and column.
 
 The same for the fits of trials of ten minutes, an hour and four hours: a stepped sine that one clock stamped, one that
 two clocks stamped, whose stamps scatter, and any motion. A fit of four hours has 2 GiB: it may map that much, less what
-it holds at the beginning, beyond what its libraries have mapped by then.
+it holds at the beginning, beyond its file and what its libraries have mapped by then.
 """
 
 import subprocess
@@ -83,7 +83,7 @@ def fit(path):
 fit(warm)
 _, resident, mapped = sizes()
 if limit:
-    setrlimit(RLIMIT_AS, (mapped + limit - resident,) * 2)
+    setrlimit(RLIMIT_AS, (mapped + trial.stat().st_size + limit - resident,) * 2)
 fit(trial)
 print(resident, sizes()[0])
 """

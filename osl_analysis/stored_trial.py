@@ -61,14 +61,13 @@ class StoredTrial(Trial):
     def arrays(self, *columns: str) -> list[Array]:
         """As `Trial.arrays`. Rows are read some at a time, since a column is there twice before it is one array."""
         self.check_columns(*columns)
-        found, used = [np.empty(self.rows, self.schema[name].to_python()) for name in ("time", *columns)], 0
+        found, used = [np.empty(0, self.schema[name].to_python()) for name in ("time", *columns)], 0
         for first in range(0, self.rows, AT_ONCE):
             rows = read_samples(self._wanted(*columns).slice(first, AT_ONCE).drop_nulls(), self.path)
             for array, values in zip(found, rows.iter_columns(), strict=True):
-                array[used : used + len(rows)] = values
+                array.resize(used + len(rows), refcheck=False)
+                array[used:] = values
             used += len(rows)
-        for array in found:
-            array.resize(used, refcheck=False)
         return found
 
 

@@ -67,6 +67,12 @@ class UniformSignals:
         rows = rows_on_grid(samples, self.time)
         return samples.times if rows is None else self.time
 
+    def as_recorded(self, column: str) -> Array:
+        """The values (k,) of a column as its recorder has them, without those that are missing."""
+        taken = next(one for one in self.grid.taken if column in one.decision.signals)
+        values = taken.stream.signals[column]
+        return values if taken.present.all() else values[taken.present]
+
     def computed(self, column: str) -> Array | None:
         """A column without a sensor (m,), such as a command, as if its sensor had what the others' have; None: none."""
         signal = self.grid.silent(column)

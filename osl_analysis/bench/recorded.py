@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from osl_analysis.bench.settings import SteppedSineAnalysis
 from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.protocol.likeness import Likeness, likeness
-from osl_analysis.rails import sampled
 from osl_analysis.stats.rounding import visible_step
 from osl_analysis.trial import Trial
 from osl_analysis.uniform import UniformSignals, origin, uniform_signals
@@ -43,7 +42,7 @@ def recorded_motion(signals: UniformSignals, protocol: SteppedSineProtocol) -> R
     return Recorded(signals, likeness(signals.time, signals["theta"], protocol))
 
 
-def resolution_of(trial: Trial, column: str) -> float | None:
+def resolution_of(trial: Trial, column: str, known: Recorded) -> float | None:
     """The step to which a column was rounded, in its unit: what the source file states, else what the values show."""
     stated = origin(trial, column).get("resolution")
-    return float(stated) if stated else visible_step(sampled(trial, column)[1])
+    return float(stated) if stated else visible_step(known.signals.as_recorded(column))

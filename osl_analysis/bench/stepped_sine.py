@@ -202,8 +202,8 @@ def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis, known: Recor
 
 def stepped_sine_alone(trial: Trial, settings: SteppedSineAnalysis, known: Recorded | None = None) -> SteppedSineTrial:
     """As `stepped_sine_trial`, without `other` and `softer`, which cost as much again."""
-    steps = resolution_of(trial, "theta"), resolution_of(trial, "torque")
     known = known or recorded(trial, settings)
+    steps = resolution_of(trial, "theta", known), resolution_of(trial, "torque", known)
     try:
         return replace(stepped_sine_of(known, settings), steps=steps)
     except InputError as error:

@@ -20,8 +20,9 @@ from typing import Any
 
 import yaml
 
+from osl_analysis.fork_server import PRELOADED
 from osl_analysis.job import Job, call
-from osl_analysis.workflow import PRELOADED, flat
+from osl_analysis.workflow import flat
 
 MB_PER_KB = 1024 / 1e6
 

@@ -47,6 +47,9 @@ def adapt(executor: Any, lost: Callable[[Any, str | None, str, Path | None], Non
     Results are removed before they are made anew, as in a local run: what stands there later is the submission's.
     SLURM's plug-in asks for states ever more rarely, and forgets its jobs if it gets no answer (`asked_again`). It
     submits in threads of its own, in which an exception is lost: Snakemake would wait for the submission without end.
+
+    Where there is no room for refusal records, as on a full disk, what needs the results is not run. Snakemake would
+    wait for every missing file, and then delete what the submission has finished. Our results are whole or absent.
     """
     before, submit, success = executor.run_job_pre, executor.run_job, executor.report_job_success
     taken = executor.report_job_submission
@@ -66,7 +69,12 @@ def adapt(executor: Any, lost: Callable[[Any, str | None, str, Path | None], Non
 
     def reported(self: Any, info: Any, msg: str | None = None, **more: Any) -> None:
         lost(info.job, info.external_jobid, msg or "", (info.aux or {}).get("slurm_logfile"))
-        self.report_job_success(info)
+        if all(Path(str(file)).exists() for one in jobs_of(info.job) for file in one.output):
+            self.report_job_success(info)
+            return
+        ended.append(info)
+        self.workflow.execution_settings.keep_incomplete = True
+        self.workflow.scheduler.error_callback(info.job)
 
     def changes(self: Any, info: Any, *more: Any, **options: Any) -> None:
         self.changed_at = time.monotonic()

@@ -82,7 +82,11 @@ class Executor:
 
     def __init__(self) -> None:
         self.said: list[tuple] = []
-        self.workflow = SimpleNamespace(remote_execution_settings=SimpleNamespace(seconds_between_status_checks=5))
+        self.workflow = SimpleNamespace(
+            remote_execution_settings=SimpleNamespace(seconds_between_status_checks=5),
+            execution_settings=SimpleNamespace(keep_incomplete=False),
+            scheduler=SimpleNamespace(error_callback=lambda lost: self.said.append(("error", lost[0].rule.name))),
+        )
         self.logger = SimpleNamespace(warning=lambda text: self.said.append(("warning", text)))
         self.states: dict[str, str] | None = {}
 
@@ -137,6 +141,17 @@ def test_a_lost_submission_is_recorded_before_the_run_goes_on(adapted, fit):
     adapted.report_job_error(SimpleNamespace(job=fit, external_jobid="4", aux=None), msg="status is: 'NODE_FAIL'")
     assert adapted.said == [("before", False), ("success", True)]
     assert "--executor local" in adapted.additional_general_args()
+
+
+def test_where_records_have_no_room_what_needs_the_results_is_not_run_and_what_is_finished_stays(fit):
+    full = type("Full", (Executor,), {})
+    submission.adapt(full, lambda *lost: None)
+    executor, done = full(), job("fit", "trials", fit.output[0] + ".done", trial="b")
+    Path(done.output[0]).write_text("made")
+    Path(fit.output[0]).unlink()
+    executor.report_job_error(SimpleNamespace(job=together(fit, done), external_jobid="4", aux=None), msg="FAILED")
+    assert executor.said == [("error", "fit")]
+    assert executor.workflow.execution_settings.keep_incomplete
 
 
 def test_a_submission_that_the_cluster_does_not_take_is_named_with_what_the_cluster_said(adapted, fit):

@@ -30,7 +30,9 @@ from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.parameters import read_parameters
 from osl_analysis.quality.checks import Commanded, Examined
 from osl_analysis.quality.protocol import measure_protocol
+from osl_analysis.second_order import impedance_columns
 from osl_analysis.shared_choices import PAPER
+from osl_analysis.stats.regression import linear_fit
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, write_trial
 
@@ -391,3 +393,15 @@ def test_an_angle_beyond_a_joint_beside_a_torque_of_an_angle_s_size_is_said_to_b
     swapped = Trial("made", trial.samples.rename({"theta": "torque", "torque": "theta"}))
     with pytest.raises(InputError, match=r"theta turns by \+-\d+.*torque has \+-0\.\d+ N\*m only, are the two swapped"):
         check_recording(swapped, SETTINGS)
+
+
+def test_the_interval_of_a_record_is_of_its_noise_before_the_filter_beside_its_own_model():
+    """A regression of the same rows by hand, with what the filter took off beyond the torque of the model."""
+    rng = np.random.default_rng(2)
+    record = moving_record(made_trial(rng, noise(rng), torque_noise=0.05), SETTINGS)
+    columns = {**impedance_columns(record.motion), "drift": record.time - record.time.mean()}
+    fitted, fit = {name: column[record.rows] for name, column in columns.items()}, fit_of(record)
+    known = record.residual_correlation(fit.predicted(columns))
+    by_hand = linear_fit(record.filtered_torque[record.rows], fitted, known)
+    np.testing.assert_allclose(fit.covariance, by_hand.covariance, rtol=1e-9)
+    assert linear_fit(record.filtered_torque[record.rows], fitted).se("K") != pytest.approx(fit.se("K"), rel=0.05)

@@ -10,10 +10,12 @@ from bench_synthetic import second_order, stepped_sine
 from osl_analysis.bench.frequency_response import frequency_response_table, phasor_table
 from osl_analysis.bench.impedance import trial_phasors
 from osl_analysis.bench.settings import BenchStiffness
+from osl_analysis.bench.torque_lag import noise_of
 from osl_analysis.commands.bench import average_over_amplitudes
 from osl_analysis.doubtful import Doubt, marked
 from osl_analysis.errors import InputError
 from osl_analysis.signals import filtered_motion
+from osl_analysis.stats.complex_estimate import complex_quotient
 from osl_analysis.table import read_table, write_table
 
 
@@ -76,3 +78,11 @@ def test_an_error_of_the_bench_s_stiffness_is_in_the_admittance_and_is_not_avera
     condition = {"controller": pl.lit("compensated"), "K_d": pl.lit(200.0), "B_d": pl.lit(4.0), "doubtful": pl.lit("")}
     mean = frequency_response_table(table.with_columns(**condition)).row(0, named=True)
     assert np.sqrt(mean["Y_var_re"]) == pytest.approx(300 / 3000**2, rel=0.01)
+
+
+def test_the_noise_of_measured_impedances_is_that_of_the_quotients_of_torque_and_angle():
+    """RMS over all phasors, each quotient with its whole covariance, weighed as the fit of a lag weighs it."""
+    phasors = trial_phasors(replace(stepped_sine(second_order, noise=0.1), steps=(2 * np.pi / 2**12, None)))
+    weights = [abs(s.theta.value) ** 2 / (2 * s.frequency_hz) for s in phasors]
+    variances = [np.trace(complex_quotient(s.torque, s.theta).covariance) for s in phasors]
+    assert noise_of(phasors) == pytest.approx(np.sqrt(np.mean(np.multiply(weights, variances))), rel=1e-9)

@@ -119,3 +119,22 @@ def test_what_cannot_be_fitted_is_refused_as_in_one_piece(parts: list[Rows]) -> 
     for broken, name in ((missing, "column 'B'"), (huge, "column 'y'")):
         with pytest.raises(InputError, match=name):
             sums_of(NAMES, broken)
+
+
+def test_what_varies_little_more_than_its_rounding_is_accounted_for_as_in_one_piece(parts: list[Rows]) -> None:
+    """A mean of 1 with changes of 5e-12: its variance is 25 times that of rounding, and its sums must not lose it."""
+    still = [Rows(part.X, 1 + 5e-12 * part.X[:, 1], 0 * part.y, part.cycles) for part in parts]
+    columns, y, known = whole(still)
+    offset = {"offset": columns["offset"]}
+    alone = [Rows(part.X[:, 2:], part.y, part.taken, part.cycles) for part in still]
+    found = partwise_fit(("offset",), [(part, sums_of(("offset",), part)) for part in alone], EVERY)
+    expected = linear_fit(y, offset, ResidualCorrelation(known.cycles, EVERY, filtered_off=known.filtered_off))
+    assert found is not None
+    assert found.vaf == pytest.approx(expected.vaf, abs=0.1)
+    assert expected.vaf == pytest.approx(0, abs=0.1)
+
+
+def test_a_fit_without_noise_accounts_for_all_and_no_more(parts: list[Rows]) -> None:
+    exact = [Rows(part.X, part.X @ [3.0, 0.2, 40.0], 0 * part.y, part.cycles) for part in parts]
+    fit = linear_fit(exact[0].y, dict(zip(NAMES, exact[0].X.T, strict=True)))
+    assert 100 - 1e-9 < partwise_vaf(fit, [sums_of(NAMES, part) for part in exact]) <= 100

@@ -35,7 +35,7 @@ from osl_analysis.bench.load_cell_drift import drift_rate
 from osl_analysis.bench.nonlinearity import rendered_nonlinearity_row
 from osl_analysis.bench.plausibility import check_recording, saturated
 from osl_analysis.bench.protocol import find_blocks
-from osl_analysis.bench.recorded import resolution_of
+from osl_analysis.bench.recorded import Recorded, resolution_of
 from osl_analysis.bench.rendered import rendered_phasors, rendered_series, rendered_time_base, rendered_trial, sines_of
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
@@ -122,6 +122,7 @@ def stages(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> Itera
     signals = uniform_signals(read, ("theta", "torque"), s.gap_limits, computed=("theta_command",))
     trial, motion = rendered_trial(read, s), likeness(signals.time, signals["theta"], s.protocol)
     assert isinstance(trial, SteppedSineTrial)
+    known = Recorded(signals, motion)
     phasors, amplitudes = trial_phasors(trial), [*(block.amplitude_deg for block in trial.blocks), None]
     fits = [(amplitude, at_amplitude(phasors, amplitude), impedance_of(trial, amplitude)) for amplitude in amplitudes]
     gains = CONDITION.gains(p, PAPER_WEIGHT)
@@ -132,7 +133,7 @@ def stages(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> Itera
     yield "ends of the sensors' ranges", lambda: saturated(read, "torque", "theta")
     yield "time base", lambda: uniform_signals(read, ("theta", "torque"), s.gap_limits, computed=("theta_command",))
     yield "stepped sine or not", lambda: likeness(signals.time, signals["theta"], s.protocol).kind
-    yield "steps of the sensors", lambda: [resolution_of(read, column) for column in ("theta", "torque")]
+    yield "steps of the sensors", lambda: [resolution_of(read, column, known) for column in ("theta", "torque")]
     yield "blocks", lambda: find_blocks(signals.time, signals["theta"], s.protocol, motion.runs)
     yield "drift of the load cell", lambda: drift_rate(trial.time, trial.torque, trial.segments(None))
     yield "filter", lambda: [s.low_pass(signals[name], signals.rate_hz) for name in ("theta", "torque")]

@@ -76,6 +76,12 @@ PARTS = (
     ),
     Part("Selection of gains", "gain_selection.py", "Pairs of gains by Eq. 14 per second, beside scipy's minimiser."),
     Part(
+        "Memory",
+        "memory.py",
+        "Largest memory by the length of a recording, in a process for each. The limit is 150 bytes per sample, and "
+        "2 GiB for four hours at 1 kHz.",
+    ),
+    Part(
         "Reading MCAP",
         "mcap_reading.py",
         "A trial of 140 s at 1 kHz in three topics. The alternatives are the `mcap` packages. The limit "

@@ -14,6 +14,7 @@ from osl_analysis.bench.excitation_size import check_moves
 from osl_analysis.bench.frequency_response import Admittance
 from osl_analysis.bench.impedance import IMPEDANCE, MAY_BE_NULL
 from osl_analysis.bench.moving_record import MovingRecord, fit_of, moves_little
+from osl_analysis.bench.moving_rows import consecutive_parts
 from osl_analysis.bench.series import Series
 from osl_analysis.errors import IdentifiabilityError, OslAnalysisError
 from osl_analysis.second_order import fit_impedance, impedance_torque
@@ -173,7 +174,7 @@ def lowest_vaf_of_parts(record: MovingRecord) -> float:
     IdentifiabilityError
         The joint rests in two of three parts.
     """
-    parts, values = record.thirds, []
+    parts, values = consecutive_parts(record.rows), []
     for k, held_out in enumerate(parts):
         rows = np.concatenate([part for i, part in enumerate(parts) if i != k])
         try:

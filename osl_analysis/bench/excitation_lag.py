@@ -50,13 +50,12 @@ def lag_beside(record: MovingRecord, base: Array | None, jerk: Array) -> RecordL
     rest, the base's derivative and I times the jerk, tells a lag. Each step takes the lag found so far off the torque.
     None if the lag is no longer small against the fastest motion: it then stands for other dynamics.
     """
-    beyond = np.zeros_like(jerk) if base is None else base
     rising = 0.0 if base is None else np.gradient(base, record.time)
     largest = 1 / (2 * np.pi * record.band_hz[1])
     lag = first_lag(record, jerk, largest) if base is None else 0.0
     early = advanced(record, lag) if lag else record
     for _ in range(LAG_STEPS):
-        rest = without_torque(early, beyond)
+        rest = without_torque(early, base)
         late = estimates_of(rest)["I"] * jerk + rising
         fit = fit_of(rest, [("lag", -late)])
         lag += fit["lag"]
@@ -65,7 +64,7 @@ def lag_beside(record: MovingRecord, base: Array | None, jerk: Array) -> RecordL
         if abs(fit["lag"]) < SETTLED * fit.se("lag"):
             break
         early = advanced(record, lag)
-    return RecordLag(lag, fit.se("lag"), float(np.std(fit.residual)), left_by(without_torque(record, beyond)))
+    return RecordLag(lag, fit.se("lag"), float(np.std(fit.residual)), left_by(without_torque(record, base)))
 
 
 def jerk_of(record: MovingRecord) -> Array:
@@ -106,8 +105,10 @@ def advanced(record: MovingRecord, lag: float) -> MovingRecord:
     return replace(record, torque=torque, filtered_torque=filtered)
 
 
-def without_torque(record: MovingRecord, base: Array) -> MovingRecord:
-    """The record with a torque (n,) [N*m] taken off."""
+def without_torque(record: MovingRecord, base: Array | None) -> MovingRecord:
+    """The record with a torque (n,) [N*m] taken off; None: none."""
+    if base is None:
+        return record
     return replace(record, torque=record.torque - base, filtered_torque=record.filtered_torque - base)
 
 

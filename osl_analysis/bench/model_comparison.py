@@ -21,6 +21,7 @@ from osl_analysis.bench.linear_rivals import (
     transmission_fold,
 )
 from osl_analysis.bench.moving_record import MovingRecord
+from osl_analysis.bench.moving_rows import consecutive_parts
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.model.compensator import Gains
 from osl_analysis.parameters import DrivetrainParameters
@@ -97,7 +98,7 @@ def thinned_amplitudes(trial: SteppedSineTrial | MovingRecord) -> list[NDArray[n
     """
     step = max(int(trial.rate_hz / (SAMPLES_PER_PERIOD * trial.low_pass.cutoff_hz)), 1)
     if isinstance(trial, MovingRecord):
-        return [part[::step] for part in trial.thirds]
+        return [part[::step] for part in consecutive_parts(trial.rows)]
     thinned = [np.concatenate([np.arange(s.start, s.stop, step) for s in block.stretches]) for block in trial.blocks]
     return [rows if trial.usable is None else rows[trial.usable[rows]] for rows in thinned]
 

@@ -27,8 +27,6 @@ from osl_analysis.uniform import UniformSignals, regridded, uniform_signals
 
 PERIODIC = 1.5
 """Highest line of a periodic motion, in cut-offs of the filter."""
-PARTS = 3
-"""Number of consecutive parts of a record, each of which is predicted by a fit to the others."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +84,11 @@ class MovingRecord:
         """The rows that are fitted, one stretch after the other."""
         return np.concatenate([np.r_[piece] for piece in self.pieces])
 
+    def part(self, signal: Array) -> Array:
+        """A signal (n,) in the rows that are fitted; a view where they follow one another."""
+        parts = [signal[piece] for piece in self.pieces]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
     @property
     def seconds(self) -> float:
         """Duration [s] of what is fitted."""
@@ -97,7 +100,7 @@ class MovingRecord:
         What the filter takes off the torque is noise, but for the motion near the cut-off.
         """
         off = noise_beyond(self.torque - self.filtered_torque, modelled, self.low_pass, self.rate_hz)
-        return UnfilteredNoise(every=self.low_pass.independent_samples(self.rate_hz), filtered_off=off[self.rows])
+        return UnfilteredNoise(every=self.low_pass.independent_samples(self.rate_hz), filtered_off=self.part(off))
 
     @cached_property
     def fit(self) -> LinearFit:
@@ -117,11 +120,6 @@ class MovingRecord:
         segments = [Segment(0.0, middle, float(p.start), float(p.stop), 1) for p in self.pieces]
         command = self.uniform.computed("theta_command")
         return RawSignals(self.time, self.theta, command, self.torque, self.rate_hz, segments)
-
-    @property
-    def thirds(self) -> list[NDArray[np.intp]]:
-        """The fitted rows as consecutive parts."""
-        return [np.asarray(part) for part in np.array_split(self.rows, PARTS)]
 
 
 def moving_record(
@@ -221,15 +219,17 @@ def fit_of(record: MovingRecord, more: Sequence[tuple[str, Array]] = ()) -> Line
         As `linear_fit`.
     """
     columns, found, estimates = solved(record, more)
-    first, *others = (size * column for size, column in zip(estimates, columns.values(), strict=True))
-    known = record.residual_correlation(sum(others, first))
-    return found.fit(record.filtered_torque[record.rows], known)
+    modelled = np.zeros(len(record.time))
+    for size, column in zip(estimates, columns.values(), strict=True):
+        modelled += size * column
+    del columns
+    return found.fit(record.part(record.filtered_torque), record.residual_correlation(modelled))
 
 
 def left_by(record: MovingRecord) -> float:
     """RMS [N*m] of what Eq. 15 with offset and drift leaves of the fitted rows; raises as `fit_of`."""
     _, found, estimates = solved(record)
-    return float(np.std(record.filtered_torque[record.rows] - found.X @ estimates))
+    return float(np.std(record.part(record.filtered_torque) - found.X @ estimates))
 
 
 def estimates_of(record: MovingRecord, more: Sequence[tuple[str, Array]] = ()) -> dict[str, float]:
@@ -244,6 +244,6 @@ def solved(
     """The columns (n,) of `fit_of` by name, those of its rows, and its estimates (p,)."""
     time = record.time - record.time.mean()
     columns = {**impedance_columns(record.motion), "drift": time, **dict(more)}
-    torque = record.filtered_torque[record.rows]
-    found = regressors({name: column[record.rows] for name, column in columns.items()}, np.shape(torque))
+    torque = record.part(record.filtered_torque)
+    found = regressors({name: record.part(column) for name, column in columns.items()}, np.shape(torque))
     return columns, found, found.solved(torque)

@@ -20,6 +20,8 @@ SHORTEST_S = 1.0
 """Shortest stretch [s] that is fitted."""
 LEAST, MOST = 0.01, 0.99
 """Shares of the power of angle and acceleration beyond the band of a motion."""
+PARTS = 3
+"""Number of consecutive parts of a record, each of which is predicted by a fit to the others."""
 BAND_PIECE_S = 8.0
 """Longest piece [s] of the spectrum from which the band is read."""
 
@@ -115,3 +117,8 @@ def stretches_of(pieces: Sequence[slice], inside: NDArray[np.bool_]) -> list[sli
         else:
             joined.append(piece)
     return joined
+
+
+def consecutive_parts(rows: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """The fitted rows (n,) as three consecutive parts."""
+    return [np.asarray(part) for part in np.array_split(rows, PARTS)]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from osl_analysis.signals import LowPass
-from osl_analysis.stats.covariance import ResidualCorrelation, moving_sums
+from osl_analysis.stats.covariance import ResidualCorrelation, score_sums
 from osl_analysis.trial import Array
 
 TERMS = 5
@@ -23,7 +23,7 @@ class UnfilteredNoise(ResidualCorrelation):
     def covariance(self, X: Array, inverse: Array, residual: Array) -> tuple[Array, Array, str]:
         """As `ResidualCorrelation.covariance`."""
         noise = residual if self.filtered_off is None else residual + self.filtered_off
-        return *moving_sums(X @ inverse * noise[:, None], self.window(residual), slow=True), self.method
+        return *score_sums(X, inverse, noise, self.window(residual), slow=True), self.method
 
 
 def noise_beyond(taken_off: Array, signal: Array, low_pass: LowPass, rate_hz: float) -> Array:
@@ -37,8 +37,10 @@ def noise_beyond(taken_off: Array, signal: Array, low_pass: LowPass, rate_hz: fl
     InputError
         As the filter.
     """
-    whole = part = signal
+    whole, part = signal.copy(), signal.copy()
     for _ in range(TERMS - 1):
-        part = part - low_pass(part, rate_hz)
-        whole = whole + part
-    return np.asarray(taken_off - (whole - low_pass(whole, rate_hz)))
+        part -= low_pass(part, rate_hz)
+        whole += part
+    del part
+    whole -= low_pass(whole, rate_hz)
+    return np.asarray(np.subtract(taken_off, whole, out=whole))

@@ -1,6 +1,6 @@
 """Covariance of estimates from their scores. A score is the part of the estimates' error that one sample causes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -70,8 +70,7 @@ class ResidualCorrelation:
         what is left.
         """
         if self.cycles is None:
-            scores = X @ inverse * residual[:, None]
-            return *moving_sums(scores, self.window(residual), slow=self.every > 1), self.method
+            return *score_sums(X, inverse, residual, self.window(residual), slow=self.every > 1), self.method
         noise = residual if self.filtered_off is None else residual + self.filtered_off
         sums = self.cycles.sums(X, noise) @ inverse
         covariance, degrees_of_freedom = between_cycles(sums, self.cycles.stratum)
@@ -126,14 +125,24 @@ def moving_sums(scores: Array, window: int, slow: bool = False) -> Covariance:
     n samples. If its columns are `slow` compared with the window, it uses up p of the n/window sums (Kiefer and
     Vogelsang, Econometric Theory 21, 2005, to first order in window/n).
     """
-    n, p = scores.shape
+    return sums_over_window(lambda rows: scores[rows], scores.shape, window, slow)
+
+
+def score_sums(X: Array, inverse: Array, noise: Array, window: int, slow: bool) -> Covariance:
+    """`moving_sums` of the scores (X @ inverse) times noise (n,), which are made some rows at a time."""
+    return sums_over_window(lambda rows: X[rows] @ inverse * noise[rows, None], X.shape, window, slow)
+
+
+def sums_over_window(scores: Callable[[slice], Array], shape: tuple[int, ...], window: int, slow: bool) -> Covariance:
+    """`moving_sums` of scores of some shape (n, p), by rows."""
+    n, p = shape
     left = max(n - p * window, window) if slow else n - p
     squares = np.zeros((p, p))
     for ends in pieces(n + window - 1, max(AT_ONCE, 4 * window)):  # the rows at which the sums end
         cumulative = np.zeros((ends.stop - ends.start + window, p))
         known = slice(max(ends.start - window + 1, 0), min(ends.stop, n))
         begin = known.start - ends.start + window
-        np.cumsum(scores[known], axis=0, out=cumulative[begin : begin + known.stop - known.start])
+        np.cumsum(scores(known), axis=0, out=cumulative[begin : begin + known.stop - known.start])
         cumulative[begin + known.stop - known.start :] = cumulative[begin + known.stop - known.start - 1]
         sums = cumulative[window:] - cumulative[:-window]
         squares += sums.T @ sums

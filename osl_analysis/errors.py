@@ -61,6 +61,10 @@ class InputError(OslAnalysisError):
     """A file, channel, field or value is not as expected."""
 
 
+class WriteError(InputError):
+    """A file cannot be written, as on a full disk: the input is not at fault, so the next run tries again."""
+
+
 class IdentifiabilityError(OslAnalysisError):
     """The data cannot tell the requested parameters apart."""
 

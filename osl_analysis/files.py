@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, WriteError
 
 
 @contextmanager
@@ -22,13 +22,15 @@ def atomic_path(path: Path) -> Iterator[Path]:
     Raises
     ------
     InputError
-        The path is no UTF-8 or exists and is no regular file, its folder cannot be made, or the disk is full or fails.
+        The path is no UTF-8 or exists and is no regular file.
+    WriteError
+        Its folder cannot be made, or the disk is full or fails.
     """
     check_target(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+        raise WriteError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
     temporary = temporary_path(path, os.getpid())
     try:
         yield temporary
@@ -37,7 +39,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
         reason = disk_failure(error, temporary)
         if reason is None:
             raise
-        raise InputError(f"{path}: cannot be written ({reason}); make room, or choose another place") from error
+        raise WriteError(f"{path}: cannot be written ({reason}); make room, or choose another place") from error
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)

@@ -16,7 +16,7 @@ from typing import Any
 from pydantic import ConfigDict, validate_call
 
 from osl_analysis.archive import archives
-from osl_analysis.errors import OslAnalysisError, PartialResultError, printable, unexpected
+from osl_analysis.errors import OslAnalysisError, PartialResultError, WriteError, printable, unexpected
 from osl_analysis.exclusion import without_excluded, without_refused
 from osl_analysis.files import temporary_path
 from osl_analysis.job_log import JobLog, write_log
@@ -79,7 +79,9 @@ def run(log: Path, job: Job) -> None:
 
 
 def ended_by(command: str, fault: BaseException) -> JobLog:
-    """How an error ends a job: refused for what the user can correct, else failed."""
+    """How an error ends a job: refused for what is wrong with its input, else failed, so that it is tried again."""
+    if isinstance(fault, WriteError):
+        return JobLog(command, "failed", error=str(fault))
     if isinstance(fault, OslAnalysisError):
         return JobLog(command, "refused", error=str(fault))
     if isinstance(fault, OSError):
@@ -124,7 +126,8 @@ def refusal(job: Job, ended: JobLog, log: Path) -> Refusal:
     """The record of a job that refused its input, failed or died."""
     reason, remedy = ended.error, REMEDIES[ended.outcome].format(log=log)
     if ended.outcome == "failed" and not ended.traceback:
-        remedy = NO_ACCESS
+        reason, said = reason_and_remedy(ended.error)
+        remedy = said or NO_ACCESS
     elif ended.outcome == "refused":
         reason, said = reason_and_remedy(ended.error)
         remedy = said or (remedy if trial_of(job) else OF_SEVERAL)

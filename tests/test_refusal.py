@@ -15,7 +15,7 @@ import pytest
 from osl_analysis import fork_server, workflow
 from osl_analysis.commands import crossing, study, tables, trials
 from osl_analysis.commands.walking_files import read_json
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, WriteError
 from osl_analysis.exclusion import exclusion_report, truncation_report, without_excluded, without_refused
 from osl_analysis.files import file_state, temporary_path
 from osl_analysis.job import Job, died, refusal, run
@@ -397,3 +397,17 @@ def test_a_long_TMPDIR_does_not_keep_jobs_from_starting(tmp_path: Path, monkeypa
     monkeypatch.setattr(fork_server.os, "access", lambda *_: False)
     with pytest.raises(InputError, match=r"TMPDIR .* characters are too long .*; set TMPDIR to a shorter folder"):
         fork_server.make_folder_of_sockets()
+
+
+def test_a_full_disk_is_no_fault_of_the_input_and_is_tried_again_with_the_advice_to_make_room(tmp_path, monkeypatch):
+    def full(*_, **__):
+        raise WriteError("a.csv: cannot be written (No space left on device); make room, or choose another place")
+
+    one = job(tmp_path, "tables.gather", {})
+    monkeypatch.setattr("osl_analysis.job.call", full)
+    run(tmp_path / "a.log", one)
+    (cause,) = read_refusals(Path(one.files[0]))
+    assert (cause.outcome, cause.reason) == ("failed", "a.csv: cannot be written (No space left on device)")
+    assert cause.remedy == "make room, or choose another place"
+    forget_failures([tmp_path])
+    assert not Path(one.files[0]).exists()

@@ -81,6 +81,8 @@ def test_time_that_goes_back_is_refused_in_a_stored_trial(tmp_path: Path, monkey
 
 def test_signals_that_are_released_leave_what_is_known_of_the_time_base(stored: Path) -> None:
     whole = uniform_signals(StoredTrial(stored), ("theta", "torque"), GapLimits(), ("theta_command",))
+    assert np.isfinite(whole.as_recorded("torque")).all()
+    assert (len(whole.as_recorded("torque")), len(whole.as_recorded("theta"))) == (2999, 3000)
     released, command = whole.released(), whole.computed("theta_command")
     assert command is not None
     np.testing.assert_allclose(command, np.sin(5 * whole.time), atol=1e-3)

@@ -671,6 +671,7 @@ def test_the_report_is_plain_json_with_every_number_that_provenance_states():
     said = json.loads(json.dumps(grid.report.provenance(), allow_nan=False))
     assert said["rows"] == len(grid.time)
     assert said["masked"] == np.count_nonzero(~grid.usable)
+    assert 1e-5 < said["farthest_s"] < 5.1e-4  # of the rows outside the gap, which is 100 ms long
     assert said["rate_hz"] == pytest.approx(1000.0)
     angle, torque = said["streams"]
     assert angle["why"].startswith("true: theta g = ")
@@ -706,3 +707,11 @@ def test_a_record_in_pieces_says_the_same_of_its_stamps_as_the_whole(missing, mo
     assert 0.005 < whole.se < 0.01
     assert evidence_of(angle, clocks).g == pytest.approx(whole.g, rel=1e-10)
     assert evidence_of(angle, clocks).se == pytest.approx(whole.se, rel=1e-9)
+
+
+def test_a_counter_that_counts_by_twos_leaves_the_step_between_samples():
+    t = clock(500.0)
+    stream = Stream("encoder", t, {"theta": sines(t)[0]}, counter=2 * np.arange(len(t)))
+    (taken,) = take([stream])
+    assert (taken.stride, taken.clock.step) == (2, pytest.approx(1e-3))
+    assert taken.samples().step == pytest.approx(2e-3)

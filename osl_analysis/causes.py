@@ -123,6 +123,8 @@ REMEDIES: dict[str, str | Words] = {
     "angle_noise_share": "noise of the encoder changes I by this share, move the joint further or faster",
     "K_change": changing("K", "a spring that stiffens, or backlash", "friction, or a spring that softens"),
     "B_change": changing("B", "damping that grows with the velocity", "friction"),
+    "K_drift": "K changes by this share while the trial is recorded, as by warming up or creep, and I takes what "
+    "differs from one frequency to the next for its own, record the joint warm and in a shorter time",
     "coulomb_share": "this share of B is Coulomb friction and not damping",
     "stiffening": "the spring stiffens by this share up to the largest amplitude, or softens if it is negative",
     "backlash_share": "this share of K is lost to backlash, the play between joint and bench",

@@ -14,6 +14,7 @@ from osl_analysis.bench.plausibility import Saturated, plausible_impedance
 from osl_analysis.bench.protocol import find_blocks
 from osl_analysis.bench.rendered import rendered_table
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
+from osl_analysis.bench.stiffness_drift import stiffness_drift
 from osl_analysis.bench.torque_lag import ImpedancePoints, torque_lag
 from osl_analysis.causes import REMEDIES
 from osl_analysis.config import read_section
@@ -98,9 +99,28 @@ def test_a_sound_joint_is_not_doubtful_and_shows_no_cause():
     *_, whole = rows(second_order)
     assert [row["doubtful"] for row in rows(second_order)] == [""] * 3
     assert whole["K_change"] == pytest.approx(0, abs=1e-3)
+    assert whole["K_drift"] == 0
     assert abs(whole["coulomb_torque"]) < 0.02
     assert abs(whole["stiffening"]) < 5e-3
     assert whole["backlash_share"] < 2e-3
+
+
+@pytest.mark.parametrize("fall", [0.01, -0.02])
+def test_a_stiffness_that_changes_while_it_is_recorded_is_named_and_has_its_size(fall):
+    """It makes I wrong by four times as much, forty standard errors, and nothing else of the fit shows it."""
+
+    def torque(m):
+        return second_order(m) - fall * 200 * np.linspace(0, 1, len(m.theta)) * m.theta
+
+    *_, whole = rows(torque, 0.002)
+    record = stepped_sine(torque, 0.002)
+    first, *_, last = record.segments(None)
+    middles = np.mean(first.edges[:2]), np.mean(last.edges[-2:])
+    assert whole["K_drift"] * whole["K"] == pytest.approx(-fall * 200 * np.diff(middles)[0] / len(record.time), rel=0.1)
+    moved = stiffness_drift(record.motion.theta + 0.3, record.filtered_torque + 20, record.segments(None))
+    assert moved == pytest.approx(whole["K_drift"] * whole["K"], rel=1e-6)
+    assert "K_drift" in whole["doubtful"]
+    assert "warming up" in whole["doubtful"]
 
 
 def test_coulomb_friction_is_named_and_has_its_size():

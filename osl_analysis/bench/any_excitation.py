@@ -29,7 +29,7 @@ SIGN_WIDTH = 0.05
 WEIGHTING = "power of the filtered motion"
 """How frequencies weigh in the estimates, as in every least-squares fit of filtered signals."""
 OF_SINES = (
-    "stiffening", "backlash_deg", "backlash_share", "K_change", "B_change",
+    "stiffening", "backlash_deg", "backlash_share", "K_change", "B_change", "K_drift",
     "K_amplitudes_low", "K_amplitudes_high", "B_amplitudes_low", "B_amplitudes_high", "I_amplitudes_low",
     "I_amplitudes_high",
 )  # fmt: skip

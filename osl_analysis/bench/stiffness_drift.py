@@ -1,0 +1,57 @@
+"""A stiffness that changes while a stepped sine is recorded, as by warming up: found between cycles of one frequency.
+
+Each frequency is measured at another time. A stiffness that falls meanwhile looks like inertia: K - I w^2 falls with w.
+If K falls by 1 %, I of an ankle rises by 4 %, forty standard errors, and every other number of the fit looks sound.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import stdtrit
+
+from osl_analysis.bench.segments import Segment
+from osl_analysis.stats.covariance import FEWEST_CYCLES
+from osl_analysis.stats.cycle_sums import sums_between
+from osl_analysis.trial import Array
+
+CERTAIN = 0.999
+"""Probability that the estimate of a constant stiffness is below the part of a change that counts as noise."""
+
+
+def stiffness_drift(theta: Array, torque: Array, segments: Sequence[Segment]) -> float:
+    """Change of the stiffness [N*m/rad] over the cycles of the segments, beyond what noise can make of a constant one.
+
+    `theta` [rad] and `torque` [N*m], shape (n,), are the filtered signals, without the load cell's drift. In whole
+    cycles of a sine the torque in phase with the angle is K - I w^2. Cycles of one amplitude at one frequency differ
+    by what K changes alone, wherever in the recording they are. The slope over time that all have in common, times the
+    time from the first cycle to the last, is the change. It is 0 where no frequency has five cycles.
+    """
+    kinds: dict[tuple[float, float], list[Array]] = {}
+    for segment in segments:
+        kinds.setdefault((segment.amplitude, segment.frequency_hz), []).append(in_phase(theta, torque, segment))
+    cycles = [np.concatenate(parts, axis=1) for parts in kinds.values()]
+    cycles = [rows for rows in cycles if rows.shape[1] >= FEWEST_CYCLES]
+    if not cycles:
+        return 0.0
+    everywhen = np.concatenate([rows[0] for rows in cycles])
+    for rows in cycles:
+        rows[:2] -= np.average(rows[:2], axis=1, weights=rows[2])[:, None]
+    when, stiffness, weight = np.concatenate(cycles, axis=1)
+    spread = float(weight @ when**2)
+    slope = float(weight @ (when * stiffness)) / spread
+    degrees_of_freedom = len(when) - len(cycles) - 1
+    variance = float(weight @ (stiffness - slope * when) ** 2) / degrees_of_freedom / spread
+    noise = float(stdtrit(degrees_of_freedom, CERTAIN)) * np.sqrt(variance)
+    return float(np.sign(slope) * max(abs(slope) - noise, 0.0) * np.ptp(everywhen)) + 0.0  # no -0
+
+
+def in_phase(theta: Array, torque: Array, segment: Segment) -> Array:
+    """Middle [samples], torque in phase over angle [N*m/rad] and weight of each used cycle of a segment, (3, m)."""
+    start, stop = int(np.floor(segment.edges[0])), int(np.ceil(segment.edges[-1])) + 1
+    x, y = theta[start:stop], torque[start:stop]
+    first, end = (segment.edges[segment.used + k] for k in (0, 1))
+    sums = sums_between(np.stack([x * x, x * y, x, y], axis=1), first - start, end - start).T
+    squares, products, angles, torques = sums
+    squares -= angles**2 / (end - first)
+    products -= angles * torques / (end - first)
+    return np.array([(first + end) / 2, products / squares, squares])

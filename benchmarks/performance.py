@@ -69,6 +69,12 @@ PARTS = (
         ("100", "1000"),
     ),
     Part(
+        "Through SLURM",
+        "cluster.py",
+        "The campaign of `make test-slurm` beside a local run on the same cores. The limit is 1.5 times its time, "
+        "without SLURM's own latency. What SLURM adds is one more start of Snakemake, and the wait for its answer.",
+    ),
+    Part(
         "Simulator",
         "simulator.py",
         "Simulated time over the time of one core. Alternatives: scipy's `solve_ivp`, and the earlier release.",
@@ -137,7 +143,7 @@ def main() -> None:
     ]
     for part in PARTS:
         is_kept = asked.only is not None and part.script not in asked.only
-        text = before[part.script] if is_kept else printed(part, asked.against)
+        text = before.get(part.script, "not printed yet") if is_kept else printed(part, asked.against)
         print(f"{part.title}\n{text}\n", flush=True)
         lines += ["", f"## {part.title}", "", f"`benchmarks/{part.script}`. {part.said}", "", "```", text, "```"]
     PAGE.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -202,6 +202,8 @@ def test_a_last_line_that_is_cut_off_is_left_out_with_a_warning(tmp_path: Path) 
     recording = read(tmp_path, LOG + "11.5,17")
     assert_log(recording)
     assert recording.warnings == ["log.csv: the last line, 5, is cut off and was skipped"]
+    assert recording.facts["damage"] == {"complete": False}
+    assert "damage" not in read(tmp_path, LOG).facts
 
 
 def test_the_comment_lines_of_a_bench_are_kept_in_the_provenance(tmp_path: Path) -> None:

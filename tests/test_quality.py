@@ -24,8 +24,9 @@ from osl_analysis.ingest.c3d_capture import read_c3d_capture
 from osl_analysis.ingest.c3d_source import C3dSource
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.plateaus import longest_at_extreme
-from osl_analysis.protocol.runs import find_runs
+from osl_analysis.protocol.runs import Run, find_runs
 from osl_analysis.quality.checks import CheckResult, Commanded, length_of_longest
+from osl_analysis.quality.protocol import differences
 from osl_analysis.quality.settings import QualityRules
 from osl_analysis.quality.verdict import CHECKS, examine, fails, quality_table, validate_rules
 from osl_analysis.trial import Array, Trial
@@ -386,6 +387,17 @@ def test_the_protocol_in_the_log_is_held_against_the_configured_one(
     found = results(bench(stepped_sine(really)))["protocol"]
     assert found.value == missing
     assert remark in found.remark
+
+
+def test_a_protocol_that_is_repeated_a_hundred_times_makes_a_remark_that_can_be_read() -> None:
+    protocol = Commanded((2.0, 4.0), (2.0, 5.0), 6).protocol
+    found = [
+        Run(np.deg2rad(a), f, 0.1 + 0j, 0.0, 0.0, 6 / f, 0.0) for a in (2, 4) for f in (2.0, 5.0) for _ in range(100)
+    ]
+    (first, *_) = said = differences(found, protocol)
+    assert len(said) == 4
+    assert first.count("2 deg at 2 Hz") == 3
+    assert first.endswith("and 97 times more, commanded are 6")
 
 
 def test_a_time_per_frequency_may_be_commanded_in_place_of_cycles() -> None:

@@ -117,12 +117,15 @@ def unpadded(cells: list[str], width: int) -> list[str]:
     return cells[:end]
 
 
+def without_cut_line(rows: Rows, width: int) -> Rows:
+    """The rows without the last one if it has too few cells, as where the recorder was interrupted."""
+    cut = len(rows) > 1 and len(rows[-1][1]) < min(width, len(rows[-2][1]))
+    return rows[:-1] if cut else rows
+
+
 def fitting_rows(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows, list[RowColumns], list[str]]:
     """The rows that fit, the column of each of their cells, and what was repaired."""
-    notes = []
-    if len(rows) > 1 and len(rows[-1][1]) < min(width, len(rows[-2][1])):
-        notes.append(f"{path.name}: the last line, {rows[-1][0]}, is cut off and was skipped")
-        rows = rows[:-1]
+    notes: list[str] = []
     if layout.ragged == "dropped_variable":
         rows, unnamed = without_unnamed(path, rows, width, layout)
         columns_from, dropped = dropped_variables(path, rows, width, layout)

@@ -15,6 +15,7 @@ from osl_analysis.formats.csv_rows import (
     check_header_place,
     fitting_rows,
     unpadded,
+    without_cut_line,
     without_extra_cells,
 )
 from osl_analysis.formats.csv_text import (
@@ -50,6 +51,8 @@ class CsvTable:
     """Repairs, a sentence each."""
     delimiter: str = ""
     """Sign between its cells."""
+    complete: bool = True
+    """Whether its last line is whole."""
 
     def column(self, name: str) -> int:
         """Place of a column by its name, with or without its unit, by a pattern with `*`, or by its number from 1.
@@ -139,13 +142,17 @@ def table_of(path: Path, lines: Lines, layout: CsvLayout) -> CsvTable:
         units, rows = ([*map(without_brackets, rows[0][1]), *units[len(rows[0][1]) :]], rows[1:])
     if not rows:
         raise InputError(f"{path}: no rows of data; record it again, or exclude the trial")
+    last = rows[-1][0]
+    rows = without_cut_line(rows, len(names))
+    cut = f"{path.name}: the last line, {last}, is cut off and was skipped" if rows[-1][0] != last else ""
     rows, columns_from, notes = fitting_rows(path, rows, len(names), layout)
     if not rows:
         raise InputError(
             f"{path}: none of its rows fits the header's {len(names)} names; state `delimiter` or `header`"
         )
     said = [text for _, text in comments]
-    return CsvTable(path, names, units, rows, columns_from, said, left_out + notes, delimiter)
+    repairs = [*left_out, *filter(None, [cut]), *notes]
+    return CsvTable(path, names, units, rows, columns_from, said, repairs, delimiter, complete=not cut)
 
 
 def header_of(path: Path, rows: Rows, comments: Lines, delimiter: str, layout: CsvLayout) -> list[str]:

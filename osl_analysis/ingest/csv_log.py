@@ -56,6 +56,8 @@ def read_csv_log(path: Path, source: CsvSource) -> Recording:
     check_own_columns(table, source)
     stamps = RowStamps(time, source.time)
     facts = {**stamps.facts(path.name, start), "missing": missing, "comments": table.comments[:COMMENTS]}
+    if not table.complete:
+        facts["damage"] = {"complete": False}
     repeats = f"{path.name}: {stamps.repeats} of {time.size} rows repeat the stamp of the row before"
     warnings = [*csv_warnings(table, source, missing), *stamps.repeats_text(repeats, source.place("time"))]
     return Recording(pl.DataFrame(columns).filter(pl.Series(stamps.kept)), origins, facts, warnings)

@@ -16,6 +16,8 @@ SAME_COUNT = 0.05
 """Relative difference of numbers of cycles that are the same, but half a cycle at least: a ramp has no sharp end."""
 CLOCK = 1e-3
 """Relative deviation of the frequencies from the commanded ones that is mentioned."""
+MOST_REMARKS, MOST_RUNS = 20, 3
+"""Largest numbers of differences, and of runs of one amplitude at one frequency, that are said one by one."""
 NO_STEPPED_SINE = "no stepped sine"
 
 Pair = tuple[float, float]
@@ -46,7 +48,8 @@ def measure_protocol(examined: Examined) -> CheckResult:
     found = find_runs(time, theta, fewest) if alike is None else alike.runs
     remarks = [*differences(found, commanded), *(f"besides {run}" for run in found if not pair_of(run, commanded))]
     pairs = len(commanded.amplitudes) * len(commanded.frequencies_hz)
-    words = remarks or [f"{pairs} commanded pairs of amplitude and frequency found"]
+    more = [f"and {len(remarks) - MOST_REMARKS} differences more"] * (len(remarks) > MOST_REMARKS)
+    words = [*remarks[:MOST_REMARKS], *more] or [f"{pairs} commanded pairs of amplitude and frequency found"]
     return CheckResult(float(len(remarks)), "; ".join([*words, *clock_remark(found, commanded)]))
 
 
@@ -74,7 +77,8 @@ def differences(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[st
         if not own:
             remarks.append(f"missing {np.rad2deg(amplitude):g} deg at {frequency:g} Hz")
         elif abs(really - cycles) > max(SAME_COUNT * cycles, 0.5 * len(own)):
-            remarks.append(f"{' and '.join(map(str, own))}, commanded are {cycles:g}")
+            more = f" and {len(own) - MOST_RUNS} times more" if len(own) > MOST_RUNS else ""
+            remarks.append(f"{' and '.join(map(str, own[:MOST_RUNS]))}{more}, commanded are {cycles:g}")
     return remarks
 
 

@@ -233,7 +233,7 @@ def test_the_numbers_of_a_trial_are_those_of_the_table(page, results):
 def test_the_drawn_signals_are_those_of_the_results(page, results):
     name = "impedance_K300_B5.0_compensated"
     open_trial(page, name)
-    series = read_table(results / f"fits/impedance/{name}.zip/series.csv")
+    series = read_table(results / f"fits/impedance/{name}.zip", of="series")
     label = page.find_element(By.CSS_SELECTOR, '#trial .plot [role="img"]').get_attribute("aria-label")
     low, high = re.search(r"measured from (\S+) to (\S+);", label).groups()
     assert (float(low), float(high)) == pytest.approx((series["torque"].min(), series["torque"].max()), rel=5e-3)

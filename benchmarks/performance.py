@@ -1,7 +1,7 @@
 """Run the benchmarks of speed and size, and write what they print as the page docs/performance.md.
 
 Run from the repository, with nothing else running: `python benchmarks/performance.py [--against FOLDER]`, with the
-folder of an earlier release. It takes some ten minutes on two cores. Each part is a benchmark of its own, whose head
+folder of an earlier release. It takes some twenty minutes on two cores. Each part is a benchmark of its own, whose head
 explains what is measured.
 """
 
@@ -66,7 +66,7 @@ PARTS = (
         "`snakemake -n` of a campaign of N trials. The alternative is a bare Snakefile with as many jobs"
         " of the same shape, which is the "
         "limit too: what Snakemake itself takes.",
-        ("100", "1000"),
+        ("30", "100", "300", "1000", "3000"),
     ),
     Part(
         "Through SLURM",

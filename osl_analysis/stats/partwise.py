@@ -49,6 +49,11 @@ class Sums:
         """Mean square about the mean of (X, y) times weights (p + 1,)."""
         return max(float(weights @ self.apart @ weights), 0.0) / self.samples
 
+    def vaf(self, left: float) -> float:
+        """VAF [percent] of a fit that leaves a variance `left` of y."""
+        of_y = np.append(np.zeros(len(self.mean) - 1), 1.0)
+        return accounted_for(left, self.variance(of_y), ROUNDING * self.about_zero[-1, -1] / self.samples)
+
     def left(self, estimates: Array) -> Array:
         """X'(y - X estimates) (m, p) in each cycle, with y before the filter."""
         return self.of_cycles @ misfit(estimates)
@@ -96,10 +101,8 @@ def partwise_fit(
     InputError, IdentifiabilityError
         As `linear_fit`.
     """
-    total, stratum = (
-        added(own for _, own in parts),
-        np.repeat(np.arange(len(parts)), [len(o.of_cycles) for _, o in parts]),
-    )
+    total = added(own for _, own in parts)
+    stratum = np.repeat(np.arange(len(parts)), [len(own.of_cycles) for _, own in parts])
     about_zero = total.about_zero
     gram, moment = about_zero[:-1, :-1], about_zero[:-1, -1]
     scale = check_lengths(names, np.sqrt(np.diag(gram)))
@@ -116,13 +119,12 @@ def partwise_fit(
     residual = np.concatenate([y - X @ estimates for X, y, _ in (part.rows() for part, _ in parts)])
     spread = between_cycles(total.left(estimates) @ inverse, stratum)
     covariance, degrees_of_freedom, method = with_repeated(*spread, [covariance(inverse) for covariance in repeated])
-    squares, of_y = about_zero[-1, -1], total.variance(misfit(np.zeros(len(names))))
     return LinearFit(
         names,
         estimates,
         covariance,
-        accounted_for(variance(residual), of_y, ROUNDING * squares / total.samples),
-        1 - float(residual @ residual) / max(squares, np.finfo(float).tiny),
+        total.vaf(variance(residual)),
+        1 - float(residual @ residual) / max(about_zero[-1, -1], np.finfo(float).tiny),
         condition,
         correlation_samples(residual, every),
         total.samples,
@@ -136,8 +138,7 @@ def partwise_fit(
 def partwise_vaf(fit: LinearFit, parts: Iterable[Sums]) -> float:
     """VAF [percent] of a fit on parts, by their sums, that it did not use."""
     total = added(parts)
-    of_y, rounding = total.variance(misfit(0 * fit.estimates)), ROUNDING * total.about_zero[-1, -1] / total.samples
-    return accounted_for(total.variance(misfit(fit.estimates)), of_y, rounding)
+    return total.vaf(total.variance(misfit(fit.estimates)))
 
 
 def added(parts: Iterable[Sums]) -> Sums:

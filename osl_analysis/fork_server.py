@@ -5,10 +5,11 @@ import multiprocessing.util
 import os
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from multiprocessing import forkserver
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -43,11 +44,15 @@ OF_GAINS = {"osl_analysis.model.preloaded"}
 """What only jobs with a parameter file use, or a simulator. In a new clone it compiles for 3 s."""
 OF_SIMULATOR = {"osl_analysis.commands.simulate"} | {name for name in PRELOADED if ".simulator." in name}
 """What only simulating jobs use. In a new clone it compiles for 2 s."""
+OF_DRAWINGS = {"osl_analysis.figures.footer", "fontTools.subset"} | {name for name in PRELOADED if "matplotlib" in name}
+"""What only jobs use that draw: half a second."""
 NO_JOBS = {"--lint", "--dag", "--rulegraph", "--filegraph", "--d3dag", "--summary", "--unlock", "--report", "--list"}
 NO_JOBS |= {"-n", "--dry-run", "--dryrun", "--touch", "--delete-all-output", "--archive", "--print-compilation"}
 """Options of Snakemake with which it runs no job."""
 STUDY = {"study", "validate"}
 """Targets that simulate in every campaign."""
+TABLES = {".csv", ".parquet", ".zip"}
+"""Suffixes of targets for which nothing is drawn."""
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS")
 LONGEST_PLACE = 70
 """Largest length [bytes] of the folder for temporary files: a socket's path has 107, of which our part takes 32."""
@@ -55,39 +60,44 @@ LONGEST_PLACE = 70
 
 @cache
 def fork_server(
-    simulates: bool = True, selects_gains: bool = True
+    spared: frozenset[str] = frozenset(),
 ) -> multiprocessing.context.ForkServerContext | multiprocessing.context.SpawnContext:
     """The process from which jobs are forked. Each job uses one thread, because Snakemake counts one core per job.
 
-    It runs from its first use on, with what the campaign of that use needs. Where a system cannot fork, as Windows,
+    It runs from its first use on, without the modules that are `spared` then. Where a system cannot fork, as Windows,
     each job starts Python anew.
     """
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(needed(simulates, selects_gains))
+    context.set_forkserver_preload([name for name in PRELOADED if name not in spared])
     make_folder_of_sockets()
     return context
 
 
-def needed(simulates: bool, selects_gains: bool) -> list[str]:
-    """What jobs fork with, in a campaign that simulates or not, and that has a parameter file or not."""
-    left_out = set() if simulates else OF_SIMULATOR if selects_gains else OF_SIMULATOR | OF_GAINS
-    return [name for name in PRELOADED if name not in left_out]
+def rarely_used(config: Mapping[str, Any], arguments: Sequence[str]) -> frozenset[str]:
+    """Modules that no job, or hardly one, uses in a run; each job that does so imports them itself.
+
+    `config` are the fields that override the default, which simulates with a parameter file; `arguments` are those of
+    Snakemake. Who asks for a table has none drawn.
+    """
+    simulates = config.get("simulation", True) is not None or not STUDY.isdisjoint(arguments)
+    selects_gains = simulates or config.get("parameters", True) is not None
+    draws = not any(Path(one).suffix in TABLES and "=" not in one for one in arguments)
+    unused = [(simulates, OF_SIMULATOR), (selects_gains, OF_GAINS), (draws, OF_DRAWINGS)]
+    return frozenset(name for used, names in unused if not used for name in names)
 
 
 def start_early(config: Mapping[str, Any]) -> None:
     """Start that process while the workflow is still read: its imports take another core as long as that.
 
     Not where Snakemake runs no job. What keeps it from starting is said by the first job. `config` are the fields that
-    override the default, which simulates with a parameter file.
+    override the default.
     """
-    simulates, selects_gains = (config.get(name, True) is not None for name in ("simulation", "parameters"))
-    simulates |= not STUDY.isdisjoint(sys.argv)
     if NO_JOBS.isdisjoint(sys.argv):
         with suppress(InputError, OSError):
-            if fork_server(simulates, selects_gains).get_start_method() == "forkserver":
+            if fork_server(rarely_used(config, sys.argv)).get_start_method() == "forkserver":
                 forkserver.ensure_running()
 
 

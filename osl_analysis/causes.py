@@ -125,6 +125,8 @@ REMEDIES: dict[str, str | Words] = {
     "B_change": changing("B", "damping that grows with the velocity", "friction"),
     "K_drift": "K changes by this share while the trial is recorded, as by warming up or creep, and I takes what "
     "differs from one frequency to the next for its own, record the joint warm and in a shorter time",
+    "drift_inertia_share": "K changes while the trial is recorded, as by warming up or creep, and makes this share of "
+    "I, record the joint warm and in a shorter time, or by several sweeps",
     "coulomb_share": "this share of B is Coulomb friction and not damping",
     "stiffening": "the spring stiffens by this share up to the largest amplitude, or softens if it is negative",
     "backlash_share": "this share of K is lost to backlash, the play between joint and bench",

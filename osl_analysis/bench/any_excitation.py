@@ -7,6 +7,7 @@ import polars as pl
 
 from osl_analysis.bench.alternatives import check_stiffer, time_base_row, time_base_words, timebase_table, widened
 from osl_analysis.bench.excitation_clocks import record_clock_row
+from osl_analysis.bench.excitation_drift import OF_DRIFT, record_drift_row
 from osl_analysis.bench.excitation_lag import LITTLE_INERTIA, record_lag_row
 from osl_analysis.bench.excitation_limits import angle_noise_bias, check_alias, check_band
 from osl_analysis.bench.excitation_peaks import torque_at_peaks
@@ -29,7 +30,7 @@ SIGN_WIDTH = 0.05
 WEIGHTING = "power of the filtered motion"
 """How frequencies weigh in the estimates, as in every least-squares fit of filtered signals."""
 OF_SINES = (
-    "stiffening", "backlash_deg", "backlash_share", "K_change", "B_change", "K_drift",
+    "stiffening", "backlash_deg", "backlash_share", "K_change", "B_change",
     "K_amplitudes_low", "K_amplitudes_high", "B_amplitudes_low", "B_amplitudes_high", "I_amplitudes_low",
     "I_amplitudes_high",
 )  # fmt: skip
@@ -115,6 +116,7 @@ def record_table(record: MovingRecord, expected: Admittance | None = None) -> pl
         **covariance_row(fit, "K", "B", "I"),
         **diagnostics_row(fit, record.rate_hz, record.low_pass),
         **record_lag_row(record, fit, expected),
+        **record_drift_row(record, fit),
         **friction_row(record, fit),
         "torque_at_peaks": torque_at_peaks(record, fit),
         "VAF_held_out": lowest_vaf_of_parts(record),
@@ -123,7 +125,7 @@ def record_table(record: MovingRecord, expected: Admittance | None = None) -> pl
         **record_clock_row(record),
     }
     empty: Row = dict.fromkeys(OF_SINES)
-    numbers = dict.fromkeys(("amplitude_deg", *MAY_BE_NULL, *OF_SINES, *OF_PERIODS), pl.Float64)
+    numbers = dict.fromkeys(("amplitude_deg", *MAY_BE_NULL, *OF_SINES, *OF_PERIODS, *OF_DRIFT), pl.Float64)
     return pl.DataFrame([row | empty], schema_overrides=numbers)
 
 

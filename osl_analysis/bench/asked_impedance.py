@@ -25,6 +25,9 @@ OF_GAINS, OF_LAG = (
 BAND_POINTS = 12
 """Frequencies of a band at which the rendered impedance is predicted."""
 OF_BELT = "K against the belt's K_s"
+OF_DRIFT = (
+    "whether K changes while it is recorded: in this motion a change looks like inertia, what Eq. 15 misses, or noise"
+)
 
 
 @dataclass(frozen=True)
@@ -70,13 +73,29 @@ def judged_impedance(
 
     `phasors` as in `rendered_table`.
 
-    Without parameter file (`p`), controller of the draft, K_d and B_d they are not. The column `not_checked` says so.
+    Without parameter file (`p`), controller of the draft, K_d and B_d they are not. The column `not_checked` says so,
+    and where the motion does not show a change of K over time.
 
     Raises
     ------
     InputError, UnreachableImpedanceError
         As `plausible_impedance`, and as `DesiredImpedance.gains`.
     """
+    table = judged_by_gains(rendered, rails, p, asked, phasors)
+    both = pl.concat_str("not_checked", pl.lit(OF_DRIFT), separator="; ", ignore_nulls=True)
+    return table.with_columns(
+        pl.when(pl.col("K_drift").is_null()).then(both).otherwise("not_checked").alias("not_checked")
+    )
+
+
+def judged_by_gains(
+    rendered: RenderedTrial,
+    rails: Saturated,
+    p: DrivetrainParameters | None,
+    asked: AskedImpedance | None,
+    phasors: Sequence[SegmentPhasors] | None,
+) -> pl.DataFrame:
+    """As `judged_impedance`, without what the motion alone leaves unchecked."""
     gains = None if asked is None else asked.gains(p)
     if asked is None or p is None or gains is None:
         table = plausible_impedance(rendered_table(rendered, None, phasors), rails, p)

@@ -32,6 +32,7 @@ SLOW_TURN_DEG = 1.0
 RenderedTrial = SteppedSineTrial | MovingRecord
 OF_RECORDS = (
     "lag_inertia_share",
+    "drift_inertia_share",
     "theta_rms_deg",
     "angle_noise_share",
     "torque_at_peaks",

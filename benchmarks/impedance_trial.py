@@ -39,6 +39,7 @@ from osl_analysis.bench.recorded import Recorded, resolution_of
 from osl_analysis.bench.rendered import rendered_phasors, rendered_series, rendered_time_base, rendered_trial, sines_of
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
+from osl_analysis.bench.stiffness_drift import stiffness_drift, stiffness_of_cycles
 from osl_analysis.bench.torque_lag import torque_lag_row
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.simulate import row_of_trial, simulate_trial
@@ -143,11 +144,18 @@ def stages(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> Itera
     yield "held-out VAF", lambda: [lowest_held_out_vaf(trial, a, fit, impedance_columns) for a, _, fit in fits]
     yield "nonlinearity", lambda: [rendered_nonlinearity_row(chosen, fit) for _, chosen, fit in fits]
     yield "lag", lambda: [torque_lag_row(chosen, fit, expected) for _, chosen, fit in fits]
+    yield "drift of the stiffness", lambda: drifts_of_stiffness(trial)
     yield "clocks", lambda: clock_drift_row(trial)
     yield "gains", lambda: CONDITION.gains(p, PAPER_WEIGHT)
     yield "table of phasors", lambda: write_table(phasor_table(NAME, phasors), path.with_suffix(".csv"))
     yield "series", lambda: write_table(rendered_series(trial).table(), path.with_suffix(".csv"))
     yield "five estimators (only where asked for)", lambda: estimator_table(trial)
+
+
+def drifts_of_stiffness(trial: SteppedSineTrial) -> list[float]:
+    """The change of K [N*m/rad] at each amplitude, and at all of them."""
+    stiffness = stiffness_of_cycles(trial.motion.theta, trial.filtered_torque, trial.segments(None))
+    return [stiffness_drift(stiffness, trial.segments(amplitude)) for amplitude in trial.amplitudes]
 
 
 def after_phasors(trial: SteppedSineTrial) -> SteppedSineTrial:

@@ -14,7 +14,7 @@ from osl_analysis.bench.plausibility import Saturated, plausible_impedance
 from osl_analysis.bench.protocol import find_blocks
 from osl_analysis.bench.rendered import rendered_table
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
-from osl_analysis.bench.stiffness_drift import stiffness_drift
+from osl_analysis.bench.stiffness_drift import stiffness_drift, stiffness_of_cycles
 from osl_analysis.bench.torque_lag import ImpedancePoints, torque_lag
 from osl_analysis.causes import REMEDIES
 from osl_analysis.config import read_section
@@ -117,7 +117,9 @@ def test_a_stiffness_that_changes_while_it_is_recorded_is_named_and_has_its_size
     first, *_, last = record.segments(None)
     middles = np.mean(first.edges[:2]), np.mean(last.edges[-2:])
     assert whole["K_drift"] * whole["K"] == pytest.approx(-fall * 200 * np.diff(middles)[0] / len(record.time), rel=0.1)
-    moved = stiffness_drift(record.motion.theta + 0.3, record.filtered_torque + 20, record.segments(None))
+    segments = record.segments(None)
+    stiffness = stiffness_of_cycles(record.motion.theta + 0.3, record.filtered_torque + 20, segments)
+    moved = stiffness_drift(stiffness, segments)
     assert moved == pytest.approx(whole["K_drift"] * whole["K"], rel=1e-6)
     assert "K_drift" in whole["doubtful"]
     assert "warming up" in whole["doubtful"]

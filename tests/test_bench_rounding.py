@@ -283,8 +283,8 @@ def test_the_rounding_that_comes_along_with_the_phasors_is_that_of_the_fit_alone
     for segment, found in zip(stepped.segments(None), phasors, strict=True):
         sine = sinusoid(segment.part(stepped.time), segment.frequency_hz, segment.repeated)
         alone = RepeatedRounding(stepped.rounded["theta"], stepped.rounded["theta"].smooth, [segment])
-        theta = sine.phasor(segment.part(stepped.theta), [alone])
-        np.testing.assert_allclose(found.theta.covariance, theta.covariance, rtol=1e-9)
+        theta = sine.phasors({"theta": segment.part(stepped.theta)}, {"theta": [alone]})["theta"]
+        np.testing.assert_allclose(found.theta.covariance, theta.covariance, rtol=1e-9, atol=1e-24)
         assert found.theta.interval_method == "cycles + rounding"
 
 

@@ -94,12 +94,8 @@ def segment_phasors(
     InputError
         As `fit_sinusoid`.
     """
-    phasors = {}
-    for name, signal in signals.items():
-        try:
-            phasors[name] = sine.phasor(segment.part(signal), [repeated[name]] if name in repeated else [])
-        except InputError as error:
-            raise InputError(f"{name} from {sine.begin:.1f} s: {error}") from error
+    parts = {name: segment.part(signal) for name, signal in signals.items()}
+    phasors = sine.phasors(parts, {name: [error] for name, error in repeated.items()})
     return SegmentPhasors(segment.amplitude_deg, segment.frequency_hz, phasors["theta"], phasors["torque"])
 
 

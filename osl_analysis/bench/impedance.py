@@ -15,7 +15,7 @@ from osl_analysis.bench.nonlinearity import rendered_nonlinearity_row
 from osl_analysis.bench.segments import rows_of
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
-from osl_analysis.bench.stiffness_drift import stiffness_drift
+from osl_analysis.bench.stiffness_drift import stiffness_drift, stiffness_of_cycles
 from osl_analysis.bench.torque_lag import torque_lag_row
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.model.admittance_error import Weight
@@ -87,6 +87,7 @@ def impedance_table(
     """
     rows: list[Row] = []
     clocks = clock_drift_row(trial)
+    stiffness = stiffness_of_cycles(trial.motion.theta, trial.filtered_torque, trial.segments(None))
     for amplitude in trial.amplitudes:
         fit = impedance_of(trial, amplitude)
         other = None if trial.other is None else impedance_of(trial.other, amplitude)
@@ -103,8 +104,7 @@ def impedance_table(
                 **rendered_nonlinearity_row(chosen, fit),
                 "VAF_held_out": lowest_held_out_vaf(trial, amplitude, fit, impedance_columns),
                 "load_cell_drift": 60 * trial.drift,
-                "K_drift": stiffness_drift(trial.motion.theta, trial.filtered_torque, trial.segments(amplitude))
-                / fit["K"],
+                "K_drift": stiffness_drift(stiffness, trial.segments(amplitude)) / fit["K"],
                 **time_base_row(fit, other, IMPEDANCE),
                 **clocks,
             }

@@ -12,7 +12,7 @@ from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.protocol.likeness import likeness
 from osl_analysis.protocol.runs import Run
 from osl_analysis.signals import sampling_rate
-from osl_analysis.stats.sinusoid import phase_factors
+from osl_analysis.stats.sinusoid import waves
 from osl_analysis.trial import Array
 
 SAME_FREQUENCY = 1e-3
@@ -158,7 +158,7 @@ def shifted(group: Sequence[Segment], start: float) -> list[Segment]:
 
 def unit_sines(sines: Sequence[tuple[float, float]], rate: float) -> Array:
     """Sines of unit amplitude, one after the other: frequency [Hz] and number of cycles of each, at `rate` [Hz]."""
-    pieces = [phase_factors(np.arange(round(cycles / f * rate)) / rate, f).imag for f, cycles in sines]
+    pieces = [waves(np.arange(round(cycles / f * rate)) / rate, f)[1] for f, cycles in sines]
     return np.concatenate(pieces)
 
 

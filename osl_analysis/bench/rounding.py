@@ -14,12 +14,13 @@ from osl_analysis.stats.rounding import (
     noise_before_rounding,
     rounding_harmonics,
     scatter_between_cycles,
+    sizes_of_harmonics,
 )
-from osl_analysis.stats.sinusoid import phase_factors
+from osl_analysis.stats.sinusoid import waves
 from osl_analysis.timebase.cubic import cubic_between
 from osl_analysis.trial import Array
 
-BATCH = 8192
+BATCH = 12_000
 """Samples whose rounding is computed at a time: it stays in the processor's cache."""
 DITHERED = 1e-3
 """Share of the rounding that survives the noise before it, below which there is nothing to repeat."""
@@ -161,22 +162,22 @@ class RepeatedRounding:
             samples = slice(int(cuts[0]), int(cuts[-1]))
             count = samples.stop - samples.start
             place, smooth = signal.place(samples) - piece.start, signal.smooth_when_sampled(samples)
-            per_row = signal.rate_hz * (edges[-1] - edges[0]) / count
+            size = sizes_of_harmonics(signal.step) * signal.rate_hz * (edges[-1] - edges[0]) / count  # per row
             for cycles in np.array_split(np.arange(len(used)), min(-(-count // BATCH), len(used))):
                 low, *_, high = edge = cuts[cycles[0] : cycles[-1] + 2] - cuts[0]
-                each = per_row * interpolated(place[low:high], weights, own.T[:, rows])
+                each = interpolated(place[low:high], weights, own.T[:, rows])
                 errors = rounding_harmonics(smooth[low:high], signal.step)
-                yield from (each[:, i:j] @ errors[:, i:j].T for i, j in pairwise(edge - low))
+                yield from (each[:, i:j] @ errors[:, i:j].T * size for i, j in pairwise(edge - low))
 
     def transfer(self, segment: Segment) -> tuple[float, float]:
         """By how much what is fitted follows the signal and its derivative in a segment; (1, 0): the signal itself."""
         if self.fitted is self.rounded.smooth:
             return 1.0, 0.0
         w = 2 * np.pi * segment.frequency_hz
-        wave = phase_factors(segment.part(self.rounded.time), -segment.frequency_hz)
-        fitted, smooth = ((x - np.mean(x)) @ wave for x in map(segment.part, (self.fitted, self.rounded.smooth)))
-        ratio = complex(fitted / smooth)
-        return ratio.real, ratio.imag / w
+        cosine, sine = waves(segment.part(self.rounded.time), segment.frequency_hz)
+        apart = [x - np.mean(x) for x in map(segment.part, (self.fitted, self.rounded.smooth))]
+        fitted, smooth = (complex(x @ cosine, -(x @ sine)) for x in apart)
+        return (fitted / smooth).real, (fitted / smooth).imag / w
 
 
 def interpolated(place: Array, *values: Array) -> Array:
@@ -185,15 +186,14 @@ def interpolated(place: Array, *values: Array) -> Array:
     Those of several arrays (p, n) stand one below the other.
     """
     row = np.clip(place.astype(np.intp), 0, values[0].shape[1] - 2)
-    share = np.clip(place - row, 0.0, 1.0)
-    below, above = (np.concatenate([taken(each, at) for each in values]) for at in (row, row + 1))
-    above -= below
-    above *= share
-    above += below
-    return above
-
-
-def taken(values: Array, rows: NDArray[np.intp]) -> Array:
-    """The rows (k,) of values (p, n), shape (p, k); a view where they follow one another."""
-    in_turn = len(rows) > 0 and bool((np.diff(rows) == 1).all())
-    return values[:, rows[0] : rows[-1] + 1] if in_turn else np.take(values, rows, axis=1)
+    in_turn = len(row) > 0 and bool((np.diff(row) == 1).all())
+    share, found, first = np.clip(place - row, 0.0, 1.0), np.empty((sum(map(len, values)), len(row))), 0
+    for each in values:
+        some = each[:, row[0] : row[-1] + 2] if in_turn else None
+        below, above = (each[:, row], each[:, row + 1]) if some is None else (some[:, :-1], some[:, 1:])
+        between = found[first : first + len(each)]
+        np.subtract(above, below, out=between)
+        between *= share
+        between += below
+        first += len(each)
+    return found

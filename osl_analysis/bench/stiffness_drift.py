@@ -4,31 +4,39 @@ Each frequency is measured at another time. A stiffness that falls meanwhile loo
 If K falls by 1 %, I of an ankle rises by 4 %, forty standard errors, and every other number of the fit looks sound.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.special import stdtrit
 
 from osl_analysis.bench.segments import Segment
 from osl_analysis.stats.covariance import FEWEST_CYCLES
-from osl_analysis.stats.cycle_sums import sums_between
+from osl_analysis.stats.cycle_sums import products_between
 from osl_analysis.trial import Array
 
 CERTAIN = 0.999
 """Probability that the estimate of a constant stiffness is below the part of a change that counts as noise."""
 
 
-def stiffness_drift(theta: Array, torque: Array, segments: Sequence[Segment]) -> float:
-    """Change of the stiffness [N*m/rad] over the cycles of the segments, beyond what noise can make of a constant one.
+def stiffness_of_cycles(theta: Array, torque: Array, segments: Sequence[Segment]) -> dict[Segment, Array]:
+    """Middle [samples], torque in phase over angle [N*m/rad] and weight of each used cycle, (3, m), of each segment.
 
     `theta` [rad] and `torque` [N*m], shape (n,), are the filtered signals, without the load cell's drift. In whole
-    cycles of a sine the torque in phase with the angle is K - I w^2. Cycles of one amplitude at one frequency differ
-    by what K changes alone, wherever in the recording they are. The slope over time that all have in common, times the
-    time from the first cycle to the last, is the change. It is 0 where no frequency has five cycles.
+    cycles of a sine the torque in phase with the angle is K - I w^2.
+    """
+    return {segment: in_phase(theta, torque, segment) for segment in segments}
+
+
+def stiffness_drift(stiffness: Mapping[Segment, Array], segments: Sequence[Segment]) -> float:
+    """Change of the stiffness [N*m/rad] over the cycles of the segments, beyond what noise can make of a constant one.
+
+    `stiffness` is that of their cycles (`stiffness_of_cycles`). Cycles of one amplitude at one frequency differ by what
+    K changes alone, wherever in the recording they are. The slope over time that all have in common, times the time
+    from the first cycle to the last, is the change. It is 0 where no frequency has five cycles.
     """
     kinds: dict[tuple[float, float], list[Array]] = {}
     for segment in segments:
-        kinds.setdefault((segment.amplitude, segment.frequency_hz), []).append(in_phase(theta, torque, segment))
+        kinds.setdefault((segment.amplitude, segment.frequency_hz), []).append(stiffness[segment])
     cycles = [np.concatenate(parts, axis=1) for parts in kinds.values()]
     cycles = [rows for rows in cycles if rows.shape[1] >= FEWEST_CYCLES]
     if not cycles:
@@ -46,12 +54,14 @@ def stiffness_drift(theta: Array, torque: Array, segments: Sequence[Segment]) ->
 
 
 def in_phase(theta: Array, torque: Array, segment: Segment) -> Array:
-    """Middle [samples], torque in phase over angle [N*m/rad] and weight of each used cycle of a segment, (3, m)."""
+    """As `stiffness_of_cycles` has it, for one segment (3, m)."""
     start, stop = int(np.floor(segment.edges[0])), int(np.ceil(segment.edges[-1])) + 1
     x, y = theta[start:stop], torque[start:stop]
     first, end = (segment.edges[segment.used + k] for k in (0, 1))
-    sums = sums_between(np.stack([x * x, x * y, x, y], axis=1), first - start, end - start).T
-    squares, products, angles, torques = sums
+    columns, beside = np.stack([x, np.ones_like(x)], axis=1), np.stack([x, y], axis=1)
+    nowhere = np.zeros(2 * len(first), dtype=np.intp)
+    sums = products_between(columns, beside, first - start, end - start, nowhere)
+    (squares, products), (angles, torques) = np.moveaxis(sums, 0, 2)
     squares -= angles**2 / (end - first)
     products -= angles * torques / (end - first)
     return np.array([(first + end) / 2, products / squares, squares])

@@ -80,9 +80,9 @@ class ResidualCorrelation:
 def with_repeated(covariance: Array, degrees_of_freedom: Array, repeated: Sequence[Array]) -> tuple[Array, Array, str]:
     """The covariance (p, p) between cycles with those of errors that every cycle repeats; as `covariance` of
     `ResidualCorrelation`."""
-    if not repeated:
-        return covariance, degrees_of_freedom, CYCLES
     rounding = np.sum(repeated, axis=0)
+    if not rounding.any():
+        return covariance, degrees_of_freedom, CYCLES
     scatter, added = np.diag(covariance), np.diag(rounding)
     total = welch_satterthwaite([scatter, added], [degrees_of_freedom, np.full_like(scatter, np.inf)])
     counts = bool(np.any(added > COUNTS * scatter))
@@ -150,7 +150,7 @@ def sums_over_window(scores: Callable[[slice], Array], shape: tuple[int, ...], w
 
 
 def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> Covariance:
-    """Covariance from the spread of the cycles' sums of scores (m, p) about the mean of their `stratum` (m,).
+    """Covariance from the spread of the cycles' sums of scores (m, p) about the mean of their `stratum` (m,), rising.
 
     A bootstrap that draws cycles within each stratum converges to this covariance, apart from the factor m/(m - 1)
     for the mean that was estimated from the m cycles of the stratum.
@@ -162,10 +162,10 @@ def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> Covariance:
     """
     members = np.bincount(stratum).astype(float)
     check_repeated(members)
-    mean = np.stack([np.bincount(stratum, column) for column in sums.T], axis=1) / members[:, None]
+    begins = np.flatnonzero(np.diff(stratum, prepend=-1))
+    mean = np.add.reduceat(sums, begins) / members[:, None]
     spread = (sums - mean[stratum]) * np.sqrt(members / (members - 1))[stratum, None]
-    shares = np.stack([np.bincount(stratum, column**2) for column in spread.T], axis=1)
-    return spread.T @ spread, welch_satterthwaite(list(shares), members - 1)
+    return spread.T @ spread, welch_satterthwaite(np.add.reduceat(spread**2, begins), members - 1)
 
 
 def check_repeated(members: Array) -> None:
@@ -188,7 +188,7 @@ def nearest_covariance(matrix: Array) -> Array:
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale))
 
 
-def welch_satterthwaite(variances: Sequence[ArrayLike], degrees_of_freedom: ArrayLike) -> Array:
+def welch_satterthwaite(variances: Sequence[ArrayLike] | Array, degrees_of_freedom: ArrayLike) -> Array:
     """Degrees of freedom of the sum of k independent variances (k, ...), each with its `degrees_of_freedom`, (k,) or
     as many as variances.
 

@@ -152,9 +152,13 @@ class Regressors:
             y cannot be measured.
         """
         check_measured("column 'y'", y)
+        return self.estimated(y)
+
+    def estimated(self, y: Array) -> Array:
+        """As `solved`, for y (n,) or several (n, q) that can be measured: estimates (p,) or (p, q)."""
         if self.U is None:
             return refined(self.X, y, self.inverse)
-        return np.asarray(self.Vt.T @ ((self.U.T @ y) / self.singular) / self.scale)
+        return np.asarray(((y.T @ self.U) / self.singular @ self.Vt / self.scale).T)
 
     def fit(self, y: Array, residuals: ResidualCorrelation = NO_REPEATS) -> LinearFit:
         """Least squares of y (n,) on the columns; `residuals` and what is raised as in `linear_fit`."""
@@ -189,8 +193,21 @@ def regressors(
     if instruments is not None:
         check_not_zero(names, measured)
         X = projected(measured, instrument_columns(shape, instruments))
+    return regressors_of(names, X, measured, condition_limit)
+
+
+def regressors_of(
+    names: tuple[str, ...], X: Array, measured: Array | None = None, condition_limit: float = CONDITION_LIMIT
+) -> Regressors:
+    """Columns X (n, p) that can be measured, for fits; they are the projections of `measured`, or measured themselves.
+
+    Raises
+    ------
+    IdentifiabilityError
+        As `linear_fit`.
+    """
     scale = check_not_zero(names, X)
-    found = Regressors(names, measured, X, scale, *decomposed(X, scale))
+    found = Regressors(names, X if measured is None else measured, X, scale, *decomposed(X, scale))
     if found.condition > condition_limit:
         refuse_unidentifiable(names, found.Vt[-1], found.condition)
     return found

@@ -58,21 +58,27 @@ def rounding_harmonics(signal: Array, step: float) -> Array:
 
     The error is sum of step/(pi k) sin(2 pi k (signal + zero)/step), with a sign that alternates. A zero of the sensor
     that lies anywhere makes the phases of the harmonics random: what is linear in the error then has the sum of squares
-    over these rows as its variance. The harmonics that are left out count as those that are kept.
+    over these rows, each times its size (`sizes_of_harmonics`), as its variance. The harmonics that are left out count
+    as those that are kept.
     """
-    k = np.arange(1, HARMONICS + 1)
-    size = step / (np.sqrt(2) * np.pi) / k / np.sqrt(np.sum(1 / k**2) * 6 / np.pi**2)
     waves = np.empty((2, HARMONICS, len(signal)))
-    turn = 2 * np.pi / step * signal
-    np.cos(turn, out=waves[0, 0])
-    np.sin(turn, out=waves[1, 0])
+    place = signal / step
+    place -= np.rint(place)
+    half = np.tan(np.pi * place)  # of half the angle: one function in place of two
+    share = 2 / (1 + half**2)
+    np.subtract(share, 1.0, out=waves[0, 0])
+    np.multiply(share, half, out=waves[1, 0])
     twice = 2 * waves[0, 0]
-    for wave, before in zip(waves, (1.0, 0.0), strict=True):  # f((k + 1) x) = 2 cos(x) f(k x) - f((k - 1) x)
-        for n in range(1, HARMONICS):
-            np.multiply(twice, wave[n - 1], out=wave[n])
-            wave[n] -= wave[n - 2] if n > 1 else before
-    waves *= size[:, None]
+    for n in range(1, HARMONICS):  # f((k + 1) x) = 2 cos(x) f(k x) - f((k - 1) x)
+        np.multiply(twice, waves[:, n - 1], out=waves[:, n])
+        waves[:, n] -= waves[:, n - 2] if n > 1 else [[1.0], [0.0]]
     return waves.reshape(2 * HARMONICS, len(signal))
+
+
+def sizes_of_harmonics(step: float) -> Array:
+    """Sizes (2 HARMONICS,) of `rounding_harmonics` in the error, in the unit of the step."""
+    k = np.arange(1, HARMONICS + 1)
+    return np.tile(step / (np.sqrt(2) * np.pi) / k / np.sqrt(np.sum(1 / k**2) * 6 / np.pi**2), 2)
 
 
 @cache

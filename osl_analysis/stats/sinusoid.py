@@ -1,24 +1,27 @@
 """Fit of a sine of known frequency with its harmonics: the phasor, its covariance and the distortion."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.measured import check_finite
+from osl_analysis.measured import check_finite, check_measured
 from osl_analysis.stats.complex_estimate import ComplexEstimate
-from osl_analysis.stats.covariance import FEWEST_CYCLES, RepeatedError, ResidualCorrelation
+from osl_analysis.stats.covariance import FEWEST_CYCLES, NO_REPEATS, RepeatedError, between_cycles, with_repeated
 from osl_analysis.stats.cycle_sums import Cycles
-from osl_analysis.stats.regression import Regressors, regressors
+from osl_analysis.stats.regression import Regressors, regressors_of
 from osl_analysis.trial import Array
 
 HARMONICS = 5
 """Highest harmonic that is fitted. Harmonics 3 and 5, which friction makes, are among them."""
+NAMES = ("offset", *(f"{wave}{k}" for k in range(1, HARMONICS + 1) for wave in ("cos", "sin")))
+"""The columns of a sine with its harmonics."""
 EVEN = 1e-9
-"""Phase [rad] that steps between even times may lose over a table of `phase_factors`; rounding loses less by far."""
+"""Phase [rad] that steps between even times may lose over a table of `waves`; rounding loses less by far."""
 NO_SINE = 1e-12
 """Smallest amplitude that counts as a sine, as a share of the largest reading. Below it is the fit's rounding error."""
 
@@ -59,7 +62,7 @@ def fit_sinusoid(
         The signal lasts less than one cycle, is sampled too slowly for the fifth harmonic, or is constant. A time or
         value is not finite or cannot be measured.
     """
-    return sinusoid(time, frequency_hz, cycles).phasor(signal, repeated)
+    return sinusoid(time, frequency_hz, cycles).phasors({"signal": signal}, {"signal": repeated})["signal"]
 
 
 @dataclass(frozen=True)
@@ -75,11 +78,45 @@ class Sinusoid:
     cycles: Cycles | None
     """The cycles whose spread gives the covariance; None: too few."""
 
-    def phasor(self, signal: Array, repeated: Sequence[RepeatedError] = ()) -> Phasor:
-        """Phasor of a signal (n,); `repeated` and what is raised as in `fit_sinusoid`."""
-        X, inverse, estimates = self.columns.X, self.columns.inverse, self.columns.solved(signal)
-        known = ResidualCorrelation(cycles=self.cycles, repeated=repeated)
-        covariance, degrees_of_freedom, method = known.covariance(X, inverse, signal - X @ estimates)
+    def phasors(
+        self, signals: Mapping[str, Array], repeated: Mapping[str, Sequence[RepeatedError]]
+    ) -> dict[str, Phasor]:
+        """Phasors of signals (n,), by name; `repeated` and what is raised as in `fit_sinusoid`, with name and time."""
+        for name, signal in signals.items():
+            with self.named(name):
+                check_measured("the signal", signal)
+        y = np.array(list(signals.values()))
+        estimates = self.columns.estimated(y.T).T
+        spreads = self.spreads(y - estimates @ self.columns.X.T, [repeated.get(name, ()) for name in signals])
+        found = {}
+        for name, signal, own, spread in zip(signals, y, estimates, spreads, strict=True):
+            with self.named(name):
+                found[name] = self.phasor(signal, own, spread)
+        return found
+
+    @contextmanager
+    def named(self, signal: str) -> Iterator[None]:
+        """Within the block a refusal names a signal and its first time."""
+        try:
+            yield
+        except InputError as error:
+            raise InputError(f"{signal} from {self.begin:.1f} s: {error}") from error
+
+    def spreads(self, residuals: Array, repeated: Sequence[Sequence[RepeatedError]]) -> list[tuple[Array, Array, str]]:
+        """`ResidualCorrelation.covariance` for each of the residuals (q, n), whose cycles are summed at once."""
+        X, inverse = self.columns.X, self.columns.inverse
+        if self.cycles is None:
+            return [NO_REPEATS.covariance(X, inverse, residual) for residual in residuals]
+        sums = np.moveaxis(self.cycles.products(X, residuals.T), 2, 1) @ inverse
+        covariance, freedom = between_cycles(sums.reshape(len(sums), -1), self.cycles.stratum)
+        own = [slice(first, first + len(inverse)) for first in range(0, len(covariance), len(inverse))]
+        return [
+            with_repeated(covariance[k, k], freedom[k], [error.covariance(X, inverse) for error in errors])
+            for k, errors in zip(own, repeated, strict=True)
+        ]
+
+    def phasor(self, signal: Array, estimates: Array, spread: tuple[Array, Array, str]) -> Phasor:
+        """The phasor by the estimates of a signal (n,), with what `spreads` gives for it; no sine is refused."""
         cosines, sines = estimates[1::2], estimates[2::2]
         amplitudes = np.hypot(cosines, sines)
         if amplitudes[0] <= NO_SINE * np.abs(signal).max():
@@ -87,6 +124,7 @@ class Sinusoid:
                 f"the signal has no sine of {self.frequency_hz:g} Hz, it stays at {signal[0]:g}; check its channel in "
                 "the source file, or exclude the trial"
             )
+        covariance, degrees_of_freedom, method = spread
         to_phasor = np.array([[1.0, -1.0], [-1.0, 1.0]])  # a cos(wt) + b sin(wt) = Re((a - j b) exp(j w t))
         return Phasor(
             complex(cosines[0], -sines[0]),
@@ -104,9 +142,9 @@ def sinusoid(time: Array, frequency_hz: float, cycles: Cycles | None = None) -> 
     step = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
     check_sampling(len(time), step, frequency_hz)
     cycles = cycles or whole_cycles(len(time), 1 / (step * frequency_hz))
-    return Sinusoid(
-        frequency_hz, float(time[0]), regressors(harmonic_columns(time, frequency_hz), np.shape(time)), cycles
-    )
+    rows = waves(time, frequency_hz * np.arange(HARMONICS + 1))[1:]
+    rows[0] = 1.0  # the offset stands where the sine of frequency 0 was
+    return Sinusoid(frequency_hz, float(time[0]), regressors_of(NAMES, rows.T), cycles)
 
 
 def check_sampling(samples: int, step: float, frequency_hz: float) -> None:
@@ -131,20 +169,20 @@ def whole_cycles(samples: int, period: float) -> Cycles | None:
     return Cycles(edges[:-1], edges[1:], np.zeros(count, dtype=np.intp))
 
 
-def harmonic_columns(time: Array, frequency_hz: float) -> dict[str, Array]:
-    """Offset, then cosine and sine of the fundamental and of each harmonic, at times [s] (n,)."""
-    columns = {"offset": np.ones_like(time)}
-    for k in range(1, HARMONICS + 1):
-        wave = phase_factors(time, k * frequency_hz)
-        columns |= {f"cos{k}": wave.real, f"sin{k}": wave.imag}
-    return columns
+def waves(time: Array, frequencies_hz: ArrayLike) -> Array:
+    """cos(2 pi f t) and sin(2 pi f t) (2 k, n) in turn for some frequencies (k,), at times [s] (n,).
 
-
-def phase_factors(time: Array, frequency_hz: float) -> NDArray[np.complex128]:
-    """exp(2j pi f t) at times [s] (n,); at even times it is the product of two short tables, a tenth of the work."""
-    few = max(math.isqrt(len(time)), 1)
-    turn = 2j * np.pi * frequency_hz
-    if len(time) > 2 and np.ptp(np.diff(time)) * abs(turn) * few < EVEN:
-        each = np.outer(np.exp(turn * time[::few]), np.exp(turn * (time[:few] - time[0])))
-        return np.asarray(each.ravel()[: len(time)])
-    return np.asarray(np.exp(turn * time))
+    At even times they are those of sums of angles from two short tables, a tenth of the work.
+    """
+    turn, n = 2j * np.pi * np.atleast_1d(frequencies_hz)[:, None], len(time)
+    few = max(math.isqrt(n), 1)
+    if n < 3 or np.ptp(np.diff(time)) * np.abs(turn).max() * few >= EVEN:
+        each = np.exp(turn * time)
+        return np.stack([each.real, each.imag], axis=1).reshape(-1, n)
+    starts, steps = np.exp(turn * time[::few]), np.exp(turn * (time[:few] - time[0]))
+    found = np.empty((len(turn), 2, starts.shape[1], few))
+    for pair, start, step in zip(found, starts, steps, strict=True):
+        each = np.array([step.real, step.imag])
+        np.matmul(np.array([start.real, -start.imag]).T, each, out=pair[0])
+        np.matmul(np.array([start.imag, start.real]).T, each, out=pair[1])
+    return found.reshape(2 * len(turn), -1)[:, :n]

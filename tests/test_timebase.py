@@ -14,12 +14,13 @@ from scipy.signal import butter, sosfiltfilt
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.pieces import pieces
 from osl_analysis.signals import Motion
-from osl_analysis.timebase import decision
+from osl_analysis.timebase import evidence
+from osl_analysis.timebase.chunks import chunked_slope
 from osl_analysis.timebase.counting import count_from_stamps
 from osl_analysis.timebase.cubic import cubic_between
-from osl_analysis.timebase.decision import evidence_of
 from osl_analysis.timebase.device_clock import device_clock, lower_edge
 from osl_analysis.timebase.drift import ClockDrift, SinePiece, check_drift, clock_drift
+from osl_analysis.timebase.evidence import evidence_of
 from osl_analysis.timebase.gaps import GapLimits
 from osl_analysis.timebase.grid import UniformGrid, one_time_base
 from osl_analysis.timebase.samples import first_of_each, take
@@ -702,11 +703,24 @@ def test_a_record_in_pieces_says_the_same_of_its_stamps_as_the_whole(missing, mo
     angle[4321] = np.nan
     clocks = device_clock(stamps, count_from_stamps(stamps))
     whole = evidence_of(angle, clocks)
-    monkeypatch.setattr(decision, "pieces", partial(pieces, size=999))
+    monkeypatch.setattr(evidence, "pieces", partial(pieces, size=999))
     assert clocks.missing == (99 if missing else 0)
     assert 0.005 < whole.se < 0.01
     assert evidence_of(angle, clocks).g == pytest.approx(whole.g, rel=1e-10)
     assert evidence_of(angle, clocks).se == pytest.approx(whole.se, rel=1e-9)
+
+
+def test_the_scatter_of_a_slope_is_that_of_chunks_with_equal_shares_of_its_squares():
+    random = np.random.default_rng(72)
+    x = random.standard_normal(30_011) * np.linspace(0.1, 3.0, 30_011)
+    y = 0.7 * x + random.standard_normal(len(x))
+    slope, se = chunked_slope(x, y)
+    reached = np.cumsum(x**2)
+    share = reached[-1] / 20
+    chunk = np.minimum(reached / share, 19.5).astype(int)  # the last sample reaches the whole
+    left = np.bincount(chunk, x * (y - slope * x))
+    assert slope == pytest.approx(float(np.linalg.lstsq(x[:, None], y)[0][0]), rel=1e-12)
+    assert se == pytest.approx(float(np.sqrt(np.sum(np.square(left)) * 20 / 19) / reached[-1]), rel=1e-9)
 
 
 def test_a_counter_that_counts_by_twos_leaves_the_step_between_samples():

@@ -1,10 +1,15 @@
 """A slope and a standard error that holds where neighbouring samples are alike."""
 
+from itertools import pairwise
+
 import numpy as np
 
+from osl_analysis.pieces import pieces
 from osl_analysis.trial import Array
 
 CHUNKS, FEWEST_CHUNKS = 20, 5
+COARSE = 1 << 10
+"""Samples of which only the sum is kept until the edge of a chunk is sought among them."""
 
 
 def chunked_slope(x: Array, y: Array) -> tuple[float, float]:
@@ -13,18 +18,22 @@ def chunked_slope(x: Array, y: Array) -> tuple[float, float]:
     The chunks carry equal shares of x^2. Where fewer than five can be made, since a few samples carry everything, or x
     is zero, the error is infinite.
     """
-    weight = x * x
-    np.cumsum(weight, out=weight)
+    weight = np.cumsum([x[rows] @ x[rows] for rows in pieces(len(x), COARSE)])
     if not len(x) or not weight[-1] > 0:
         return 0.0, np.inf
-    edges = np.searchsorted(weight, weight[-1] * np.arange(CHUNKS) / CHUNKS)
-    edges = np.unique(np.minimum(edges, len(x) - 1))
+    total = float(weight[-1])
+    edges = sorted({edge_at(x, weight, total * k / CHUNKS) for k in range(CHUNKS)})
     if len(edges) < FEWEST_CHUNKS:
         return 0.0, np.inf
-    total = float(weight[-1])
     slope = float(x @ y) / total
-    rest = np.multiply(x, -slope, out=weight)
-    rest += y
-    rest *= x
-    left = np.add.reduceat(rest, edges)
+    chunks = (slice(*ends) for ends in pairwise([*edges, len(x)]))
+    left = np.array([x[rows] @ (y[rows] - slope * x[rows]) for rows in chunks])
     return slope, float(np.sqrt(left @ left * len(edges) / (len(edges) - 1)) / total)
+
+
+def edge_at(x: Array, weight: Array, share: float) -> int:
+    """First row in which the sum of x^2 (n,) reaches a share of it; `weight` is that sum behind each `COARSE` rows."""
+    block = min(int(np.searchsorted(weight, share)), len(weight) - 1)
+    rows = slice(block * COARSE, min((block + 1) * COARSE, len(x)))
+    reached = (weight[block - 1] if block else 0.0) + np.cumsum(x[rows] ** 2)
+    return rows.start + min(int(np.searchsorted(reached, share)), rows.stop - rows.start - 1)

@@ -1,11 +1,13 @@
 """The clock of a device that samples evenly: a straight line through the stamps of its counted samples."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
-from osl_analysis.pieces import pieces
+from osl_analysis.pieces import AT_ONCE, pieces
 from osl_analysis.timebase.counting import Counts, line_slope
 from osl_analysis.trial import Array
 
@@ -15,6 +17,7 @@ FAR, NEAR = 5.0, 1e-6
 """Usual spreads, and usual steps besides, from which a sample lies far off the line and says nothing about it."""
 WANDER_SAMPLES = 50
 """Samples over which the residual is averaged to see whether it wanders slowly; jitter averages out."""
+ALL = slice(None)
 
 
 @dataclass(frozen=True)
@@ -36,13 +39,23 @@ class DeviceClock:
     @property
     def count(self) -> Counts:
         """Place (n,) of every sample in the device's count."""
-        return np.arange(len(self.stamps)) if self.counted is None else self.counted
+        return self.count_of(ALL)
+
+    def count_of(self, rows: slice | NDArray[np.intp]) -> Counts:
+        """The same of some rows."""
+        if self.counted is not None:
+            return self.counted[rows]
+        return np.arange(*rows.indices(len(self.stamps))) if isinstance(rows, slice) else rows
 
     @property
     def residual(self) -> Array:
         """Stamp minus line (n,) [s]."""
-        left = self.step * self.count
-        np.subtract(self.stamps, left, out=left)
+        return self.residual_of(ALL)
+
+    def residual_of(self, rows: slice | NDArray[np.intp]) -> Array:
+        """The same of some rows."""
+        left = self.step * self.count_of(rows)
+        np.subtract(self.stamps[rows], left, out=left)
         left -= self.start
         return np.asarray(left)
 
@@ -64,7 +77,7 @@ class DeviceClock:
     @cached_property
     def shape(self) -> tuple[float, float]:
         """Standard deviation [s] and skewness of the residual."""
-        return spread_and_skewness(self.residual)
+        return spread_and_skewness(self.residual_of, len(self.stamps))
 
     @property
     def usual_spread(self) -> float:
@@ -86,7 +99,9 @@ class DeviceClock:
         blocks = len(self.stamps) // WANDER_SAMPLES
         if blocks < 2:
             return self.sd
-        return float(np.std(self.residual[: blocks * WANDER_SAMPLES].reshape(blocks, -1).mean(axis=1)))
+        whole = pieces(blocks * WANDER_SAMPLES, AT_ONCE // WANDER_SAMPLES * WANDER_SAMPLES)
+        means = [self.residual_of(rows).reshape(-1, WANDER_SAMPLES).mean(axis=1) for rows in whole]
+        return float(np.std(np.concatenate(means)))
 
     @property
     def missing(self) -> int:
@@ -113,23 +128,26 @@ class DeviceClock:
         if residual.max() > middle + far or residual.min() < middle - far:
             near = np.abs(residual - middle) <= far
             count, usual = count[near], residual[near]
-        sd, skewness = spread_and_skewness(usual)
+        sd, skewness = spread_and_skewness(usual.__getitem__, len(usual))
         if sd > NEAR * self.step and skewness > ONE_SIDED:
             return lower_edge(self.count.astype(float), residual)
         step = line_slope(count, usual)
         return float(np.mean(usual) - step * np.mean(count)), step
 
 
-def spread_and_skewness(values: Array) -> tuple[float, float]:
-    """Standard deviation, and third moment about the mean in standard deviations (NaN where they do not scatter)."""
-    mean, squares, cubes = float(np.mean(values)), 0.0, 0.0
-    for rows in pieces(len(values)):
-        apart = values[rows] - mean
+def spread_and_skewness(part: Callable[[slice], Array], samples: int) -> tuple[float, float]:
+    """Standard deviation, and third moment about the mean in standard deviations (NaN where they do not scatter).
+
+    `part` gives some rows of the samples.
+    """
+    mean, squares, cubes = sum(float(part(rows).sum()) for rows in pieces(samples)) / samples, 0.0, 0.0
+    for rows in pieces(samples):
+        apart = part(rows) - mean
         square = apart * apart
         squares += float(square.sum())
         cubes += float(square @ apart)
-    sd = float(np.sqrt(squares / len(values)))
-    return sd, cubes / len(values) / sd**3 if sd else np.nan
+    sd = float(np.sqrt(squares / samples))
+    return sd, cubes / samples / sd**3 if sd else np.nan
 
 
 def device_clock(stamps: Array, count: Counts) -> DeviceClock:

@@ -24,7 +24,6 @@ OF_TRIAL = "of_trial"
 UNKNOWN = "not known: there is no log of its job"
 SETTINGS = "other settings, inputs or program"
 RECORDINGS = "other recordings"
-MISSING = "a file of these results is missing"
 
 
 def each_param(params: Mapping[str, Any]) -> dict[str, Any]:

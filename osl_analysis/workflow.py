@@ -21,7 +21,7 @@ from osl_analysis.job_log import MADE_OF, plain, read_log, read_logs, run_report
 from osl_analysis.refusal import forget_failures
 from osl_analysis.refusal_report import records_in
 from osl_analysis.scheduling import without_usual_rate
-from osl_analysis.stale import MISSING, RECORDED, each_param, made_of, stale
+from osl_analysis.stale import RECORDED, each_param, made_of, stale
 
 __all__ = [
     "at_end_of_dry_run",
@@ -127,10 +127,11 @@ def outputs(files: Any) -> dict[str, Any]:
 
 
 def know_by_logs(workflow: Any) -> None:
-    """Let Snakemake make a result again that does not hold by the log of its job (`stale`): also in a dry run.
+    """Let Snakemake make a result again that is missing, or does not hold by the log of its job: also in a dry run.
 
-    Snakemake alone makes nothing again for other settings or recordings if it has no notes in `.snakemake`, and not for
-    a missing file that no rule names as its input (`run_job`, `read`).
+    Snakemake alone makes nothing again for other settings or recordings if it has no notes in `.snakemake` (`stale`).
+    It leaves a missing result alone where what follows from it stands: after a fit that was killed, tables without its
+    trial. So does it if no rule names the file as its input (`run_job`, `read`).
     """
     prepare = workflow._prepare_dag
 
@@ -140,17 +141,17 @@ def know_by_logs(workflow: Any) -> None:
         noted, compare = notes.has_metadata, notes.params_changed
 
         def changed(job: Any, file: Any = None) -> Any:
-            results = [Path(str(output)) for output in job.output]
-            found = compare(job, file=file)
-            there = [result.exists() for result in results]
-            if found or not job.log or not any(there):
+            missing = [output for output in job.output if not os.path.exists(output)]
+            if missing and job.log:
+                notes.dag.reason(job).missing_output.update(missing)
+                return False
+            found, results = compare(job, file=file), [Path(str(output)) for output in job.output]
+            if found or not job.log:
                 return found
-            if not all(there):
-                return type(found)(only_old={MISSING}, files=set(job.output))
             why = stale(made_of(job.input, job.params), Path(str(job.log[0])), results, noted(job))
             return type(found)(only_old={why}, files=set(job.output)) if why else found
 
-        notes.has_metadata = lambda job: noted(job) or (bool(job.log) and any(map(os.path.exists, job.output)))
+        notes.has_metadata = lambda job: bool(job.log) or noted(job)  # else Snakemake does not ask `params_changed`
         notes.params_changed = changed
 
     workflow._prepare_dag = prepared

@@ -12,7 +12,7 @@ from osl_analysis import workflow
 from osl_analysis.files import file_state
 from osl_analysis.job_log import JobLog, read_log, write_log
 from osl_analysis.refusal import Refusal, write_refusals
-from osl_analysis.stale import MISSING, RECORDINGS, SETTINGS, UNKNOWN, logged, made_of, stale
+from osl_analysis.stale import RECORDINGS, SETTINGS, UNKNOWN, logged, made_of, stale
 from osl_analysis.trial import Trial, write_trial
 
 PARAMS = {"code": "1f", "row": {"trial": "b_1"}, "columns": ("theta", "torque")}
@@ -99,7 +99,9 @@ def test_snakemake_is_told_of_results_that_do_not_hold(ingested: Ingested) -> No
         return type("Change", (dict,), {})()
 
     run = SimpleNamespace(_prepare_dag=lambda **_: None)
-    run.persistence = SimpleNamespace(has_metadata=lambda job: False, params_changed=found)
+    reason = SimpleNamespace(missing_output=set())
+    dag = SimpleNamespace(reason=lambda job: reason)
+    run.persistence = SimpleNamespace(has_metadata=lambda job: False, params_changed=found, dag=dag)
     workflow.know_by_logs(run)
     run._prepare_dag(forceall=False)
     recorded = {str(ingested.raw): file_state(ingested.raw)}
@@ -110,10 +112,14 @@ def test_snakemake_is_told_of_results_that_do_not_hold(ingested: Ingested) -> No
     ingested.raw.write_bytes(b"0,3\n0")
     job.params = PARAMS | {"recorded": {str(ingested.raw): file_state(ingested.raw)}}
     assert run.persistence.params_changed(job) == {"only_old": {RECORDINGS}, "files": {str(ingested.trial)}}
+    assert reason.missing_output == set()
     job.output.append(str(ingested.trial.with_suffix(".csv")))
-    assert run.persistence.params_changed(job) == {"only_old": {MISSING}, "files": set(job.output)}
-    ingested.trial.unlink()
     assert not run.persistence.params_changed(job)
+    assert reason.missing_output == {job.output[1]}
+    ingested.trial.unlink()
+    assert run.persistence.has_metadata(job)
+    run.persistence.params_changed(job)
+    assert reason.missing_output == set(job.output)
 
 
 def test_parameters_of_one_function_are_parameters_as_any_other() -> None:

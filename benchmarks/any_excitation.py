@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.any_excitation import estimate
-from osl_analysis.bench.moving_record import fit_of, moving_record
+from osl_analysis.bench.moving_fit import fit_of
+from osl_analysis.bench.moving_record import moving_record
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.config import read_section
 from osl_analysis.parameters import read_parameters
@@ -70,7 +70,7 @@ def exact_row(label: str, settings: SimulationSettings) -> str:
     for number in range(EXACT):
         trial, bound = recorded(settings, number)
         record = moving_record(trial, ANALYSIS)
-        fit, noise_only = estimate(record), fit_of(record)
+        fit, noise_only = record.estimate, fit_of(record)
         errors.append([fit[name] - true for name, true in TRUE.items()])
         bounds.append(bound)
         inside.append([covers(fit, name, true) for name, true in TRUE.items()])
@@ -100,7 +100,7 @@ def drivetrain_row(label: str, motion: dict, controller: str) -> str:
     fits, alone = [], []
     for number in range(DRIVETRAIN):
         record = moving_record(recorded(settings, number, controller)[0], ANALYSIS)
-        fits.append(estimate(record))
+        fits.append(record.estimate)
         alone.append(fit_of(record))
     values = np.array([[fit[name] for name in TRUE] for fit in fits])
     others = (values.sum(axis=0) - values) / (DRIVETRAIN - 1)

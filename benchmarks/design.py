@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from scipy.interpolate import make_interp_spline
 
 from osl_analysis.config import Config, read_config
 from osl_analysis.design.distortion import Density, Distortion, Spread
@@ -97,12 +96,9 @@ def realisation(number: int, torque_of: Torque, rng: np.random.Generator) -> Rea
     period = np.arange(samples) / RATE_HZ
     moved = JointMotion(*(np.resize(motion.angle(period, k), n) for k in range(3)))
     torque = torque_of(moved) + SENSORS.torque_noise * rng.standard_normal(n)
-    theta, tau = (
-        period_spectra(make_interp_spline(np.arange(n), y, k=5), float(samples), float(samples), PLAN.periods)
-        for y in (moved.theta, torque)
-    )
     lines = int(3 * PLAN.period_s * PLAN.band_hz[1])
-    return Realisation(PLAN.period_s, RATE_HZ, theta[:, :lines], tau[:, :lines], 0.0)
+    theta, tau = (period_spectra(y, float(samples), float(samples), PLAN.periods, lines) for y in (moved.theta, torque))
+    return Realisation(PLAN.period_s, RATE_HZ, theta, tau, 0.0)
 
 
 def exact(m: JointMotion) -> Array:

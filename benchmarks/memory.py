@@ -87,7 +87,11 @@ if limit:
 fit(trial)
 print(resident, sizes()[0])
 """
-FIT_LENGTHS = {"one clock": (600_000, 3_600_000, 14_400_000), "two clocks": (600_000, 3_600_000)}
+FIT_LENGTHS = {
+    "one clock": (600_000, 3_600_000, 14_400_000),
+    "two clocks": (600_000, 3_600_000),
+    "any motion": (600_000, 3_600_000, 14_400_000),
+}
 """Samples of the trials that are fitted, by kind; the longest has a limit. Four hours of two clocks pass it."""
 WARM, LIMIT = 60_000, 2 << 30
 """Samples of a trial with which the libraries are loaded, and memory [bytes] of four hours."""

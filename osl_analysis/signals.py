@@ -78,6 +78,11 @@ class LowPass:
         """Half a period of the cut-off, in samples. At this distance, filtered white noise is nearly white."""
         return max(round(rate_hz / (2 * self.cutoff_hz)), 1)
 
+    def remembers(self, rate_hz: float) -> int:
+        """Samples behind which a run of the filter has forgotten, to rounding, what came before: a second at 15 Hz."""
+        poles = scipy.signal.sos2zpk(butterworth(self.order, self.cutoff_hz, rate_hz))[1]
+        return int(np.ceil(np.log(np.finfo(float).eps) / np.log(np.max(np.abs(poles)))))
+
 
 def there_and_back(signal: Array, sections: Array, edge: int) -> Array:
     """`scipy.signal.sosfiltfilt` of samples (n, ...) along the first axis, continued at its ends by `edge` samples.

@@ -1,5 +1,6 @@
 """Impedance from motions that are no stepped sine, against joints whose torque is a formula."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,18 +9,22 @@ import pytest
 from any_motion import LEAD, TRUE, chirp, made_trial, multisine, noise
 from conftest import ROOT
 from scipy.linalg import expm
+from scipy.signal import welch
 
-from osl_analysis.bench.any_excitation import estimate, record_table
+from osl_analysis.bench import unfiltered_noise
+from osl_analysis.bench.any_excitation import record_table
 from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
 from osl_analysis.bench.excitation_lag import jerk_of, lag_beside, linear_torque, record_lag
 from osl_analysis.bench.excitation_limits import angle_noise_bias
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.moving_record import MovingRecord, fit_of, moving_record
-from osl_analysis.bench.moving_rows import stated_windows
+from osl_analysis.bench.moving_fit import fit_of
+from osl_analysis.bench.moving_record import MovingRecord, moving_record
+from osl_analysis.bench.moving_rows import band_of, stated_windows
 from osl_analysis.bench.plausibility import check_recording, saturated
 from osl_analysis.bench.rendered import rendered_table, rendered_trial
 from osl_analysis.bench.repeated_trials import repeated_trials_table
 from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.bench.unfiltered_noise import TERMS, noise_beyond
 from osl_analysis.commands.bench import average_over_amplitudes, fit_impedance_trial
 from osl_analysis.commands.tables import gather
 from osl_analysis.config import read_campaign_section
@@ -32,6 +37,8 @@ from osl_analysis.quality.checks import Commanded, Examined
 from osl_analysis.quality.protocol import measure_protocol
 from osl_analysis.second_order import impedance_columns
 from osl_analysis.shared_choices import PAPER
+from osl_analysis.signals import LowPass
+from osl_analysis.stats.covariance import correlation_samples, moving_sums
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, write_trial
@@ -68,7 +75,7 @@ def test_intervals_of_noise_cover_the_truth_as_often_as_they_say():
     z = []
     for seed in range(25):
         rng = np.random.default_rng(seed)
-        fit = estimate(moving_record(made_trial(rng, noise(rng, duration=20.0)), SETTINGS))
+        fit = moving_record(made_trial(rng, noise(rng, duration=20.0)), SETTINGS).estimate
         z += [(fit[k] - true) / fit.se(k) for k, true in TRUE.items()]
     assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1, abs=4 * 0.08)
 
@@ -208,7 +215,7 @@ def test_rounding_that_every_period_repeats_is_in_the_intervals():
     for seed in range(6):
         rng = np.random.default_rng(seed)
         record = moving_record(made_trial(rng, multisine(rng), bits=14, torque_noise=0.01), SETTINGS)
-        fit, alone = estimate(record), fit_of(record)
+        fit, alone = record.estimate, fit_of(record)
         z += [(fit[k] - true) / fit.se(k) for k, true in TRUE.items()]
         noise_alone += [(alone[k] - true) / alone.se(k) for k, true in TRUE.items()]
     assert np.sqrt(np.mean(np.square(z))) < 1 + 4 * 0.17
@@ -226,7 +233,7 @@ def test_the_interval_of_the_offset_has_rounding_and_the_drift_that_friction_may
         made = made_trial(rng, motion, torque_noise=0.0, more=friction * np.tanh(motion[1][1] / 0.01))
         zero = rng.uniform()
         rounded = pl.Series("theta", (np.rint(motion[1][0] / step + zero) - zero) * step)
-        fit = estimate(moving_record(Trial("made", made.samples.with_columns(rounded)), SETTINGS))
+        fit = moving_record(Trial("made", made.samples.with_columns(rounded)), SETTINGS).estimate
         z.append((fit["offset"] - 0.4 - 1e-3 * motion[0].mean()) / fit.se("offset"))
     assert 0.4 < np.sqrt(np.mean(np.square(z))) < 2  # 1 within 4 SE of 0.25; the part of the drift is conservative
 
@@ -327,7 +334,7 @@ def test_the_time_base_bridges_gaps_by_the_band_of_this_motion(band, lost, left_
     trial = Trial("made", whole.filter(pl.Series((rows % 1500 > lost) | (rows < 10))))
     record = moving_record(trial, SETTINGS)
     assert bool(record.uniform.report.masked) == left_out
-    assert estimate(record)["K"] == pytest.approx(300, rel=2e-3)
+    assert record.estimate["K"] == pytest.approx(300, rel=2e-3)
 
 
 def test_quality_control_says_that_another_motion_is_not_compared_with_the_protocol():
@@ -400,8 +407,54 @@ def test_the_interval_of_a_record_is_of_its_noise_before_the_filter_beside_its_o
     rng = np.random.default_rng(2)
     record = moving_record(made_trial(rng, noise(rng), torque_noise=0.05), SETTINGS)
     columns = {**impedance_columns(record.motion), "drift": record.time - record.time.mean()}
-    fitted, fit = {name: column[record.rows] for name, column in columns.items()}, fit_of(record)
-    known = record.residual_correlation(fit.predicted(columns))
-    by_hand = linear_fit(record.filtered_torque[record.rows], fitted, known)
-    np.testing.assert_allclose(fit.covariance, by_hand.covariance, rtol=1e-9)
-    assert linear_fit(record.filtered_torque[record.rows], fitted).se("K") != pytest.approx(fit.se("K"), rel=0.05)
+    fitted, fit = {name: column[record.rows] for name, column in columns.items()}, record.fit
+    by_hand = linear_fit(record.filtered_torque[record.rows], fitted)
+    np.testing.assert_allclose(fit.estimates[:4], by_hand.estimates[:4], rtol=1e-9)
+    beyond = sum(size * column for size, column in zip(fit.estimates, columns.values(), strict=True))
+    rate, every = record.rate_hz, record.low_pass.independent_samples(record.rate_hz)
+    off = record.torque - record.filtered_torque
+    for _ in range(TERMS):
+        beyond = beyond - record.low_pass(beyond, rate)
+        off = off - beyond
+    X, window = np.column_stack(list(fitted.values())), correlation_samples(fit.residual, every)
+    scores = X @ np.linalg.inv(X.T @ X) * (fit.residual + off[record.rows])[:, None]
+    np.testing.assert_allclose(fit.covariance, moving_sums(scores, window, slow=True)[0], rtol=1e-8)
+    assert by_hand.se("K") != pytest.approx(fit.se("K"), rel=0.05)
+
+
+def test_noise_beyond_a_filter_is_the_same_if_it_is_found_in_pieces(monkeypatch):
+    rng, rate, n = np.random.default_rng(4), 100.0, 9000
+    low_pass, behind = LowPass(15.0), np.cumsum(rng.standard_normal(n))
+    noisy = behind + rng.standard_normal(n)
+    whole = noise_beyond(noisy, behind, behind.__getitem__, low_pass, rate)
+    monkeypatch.setattr(unfiltered_noise, "AT_ONCE", 1000)
+    parts = noise_beyond(noisy, behind, behind.__getitem__, low_pass, rate)
+    np.testing.assert_allclose(parts, whole, atol=1e-12 * np.ptp(behind))
+
+
+def test_rows_of_a_record_are_counted_over_its_stretches():
+    rng = np.random.default_rng(5)
+    record = replace(
+        moving_record(made_trial(rng, noise(rng, duration=20.0)), SETTINGS),
+        pieces=(slice(100, 130), slice(200, 205), slice(300, 340)),
+    )
+    found = [np.r_[one] for one in record.rows_at(slice(28, 40))]
+    np.testing.assert_array_equal(np.concatenate(found), record.rows[28:40])
+    assert record.rows_at(slice(30, 35)) == [slice(200, 205)]
+    assert (record.samples, sum(one.stop - one.start for one in record.fitted_pieces())) == (75, 75)
+
+
+def test_the_band_of_a_record_is_that_of_the_whole_spectrum():
+    """Welch's spectrum of each stretch as scipy has it, weighted by the stretches' lengths."""
+    rng = np.random.default_rng(6)
+    record = moving_record(made_trial(rng, noise(rng, duration=100.0)), SETTINGS)
+    stretches, length = [slice(500, 21_000), slice(22_000, 24_500)], 2000
+    found = band_of(record.motion, record.rate_hz, stretches)
+    f = np.fft.rfftfreq(length, 1 / record.rate_hz)
+    assert record.rate_hz * 8.0 == pytest.approx(length)
+    power = [
+        sum((s.stop - s.start) * welch(x[s], record.rate_hz, nperseg=length)[1] for s in stretches)
+        for x in (record.motion.theta, record.motion.alpha)
+    ]
+    low, high = (np.cumsum(p[1:]) for p in power)
+    assert found == (f[1:][np.argmax(low > 0.01 * low[-1])], f[1:][np.argmax(high > 0.99 * high[-1])])

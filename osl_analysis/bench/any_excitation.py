@@ -1,11 +1,11 @@
 """Rendered impedance from any motion of the joint: Eq. 15 over the moving record, as a row of `impedance.csv`."""
 
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.alternatives import check_stiffer, time_base_row, time_base_words, timebase_table, widened
+from osl_analysis.bench.alternatives import check_stiffer, time_base_row, time_base_words, timebase_table
 from osl_analysis.bench.excitation_clocks import record_clock_row
 from osl_analysis.bench.excitation_drift import OF_DRIFT, record_drift_row
 from osl_analysis.bench.excitation_lag import LITTLE_INERTIA, record_lag_row
@@ -14,16 +14,19 @@ from osl_analysis.bench.excitation_peaks import torque_at_peaks
 from osl_analysis.bench.excitation_size import check_moves
 from osl_analysis.bench.frequency_response import Admittance
 from osl_analysis.bench.impedance import IMPEDANCE, MAY_BE_NULL
-from osl_analysis.bench.moving_record import MovingRecord, fit_of, moves_little
+from osl_analysis.bench.moving_fit import NAMES, fit_of, parts_of
+from osl_analysis.bench.moving_record import MovingRecord, moves_little
 from osl_analysis.bench.moving_rows import consecutive_parts
 from osl_analysis.bench.series import Series
-from osl_analysis.errors import IdentifiabilityError, OslAnalysisError
-from osl_analysis.second_order import fit_impedance, impedance_torque
-from osl_analysis.spectral.equation_error import fit_periodic
-from osl_analysis.spectral.realisations import PeriodicMotion, distinct
+from osl_analysis.errors import IdentifiabilityError
+from osl_analysis.pieces import pieces
+from osl_analysis.second_order import impedance_columns, impedance_torque
+from osl_analysis.spectral.realisations import distinct
 from osl_analysis.spectral.response import periodic_response
+from osl_analysis.stats.condensed import condensed
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
-from osl_analysis.stats.regression import LinearFit
+from osl_analysis.stats.regression import LinearFit, regressors
+from osl_analysis.trial import Array
 
 SIGN_WIDTH = 0.05
 """Velocity, as a share of its RMS, over which the sign of the velocity is smoothed."""
@@ -39,43 +42,6 @@ OF_PERIODS = ("period_s", "periods", "realisations", "even_harmonics", "odd_harm
 """Columns that only a motion that repeats itself fills."""
 
 
-def estimate(record: MovingRecord) -> LinearFit:
-    """Eq. 15 with the error of the bench's stiffness in its intervals; raises as `fit_of`."""
-    softer = None if record.softer is None else by_lines(record.softer, record.softer.fit)
-    return widened(by_lines(record, record.fit), softer)
-
-
-def by_lines(record: MovingRecord, fit: LinearFit) -> LinearFit:
-    """The fit of a record, of a periodic motion with estimates and intervals from its lines; diagnostics stay.
-
-    Whatever repeats in every period, as the rounding of an encoder and friction, is in these intervals. Noise alone is
-    in those of `fit`.
-    """
-    if record.periodic is None:
-        return fit
-    try:
-        lines = fit_periodic(record.periodic.realisations, record.low_pass)
-    except OslAnalysisError:
-        return fit
-    covariance, offset = lines.covariance.copy(), lines.names.index("offset")
-    covariance[offset, offset] += (beside_middle(record, record.periodic) * fit.se("drift")) ** 2
-    return replace(
-        fit,
-        names=lines.names,
-        estimates=lines.estimates,
-        covariance=covariance,
-        degrees_of_freedom=lines.degrees_of_freedom,
-        interval_method=lines.interval_method,
-    )
-
-
-def beside_middle(record: MovingRecord, motion: PeriodicMotion) -> float:
-    """Time [s] from the middle of a record, about which its drift is subtracted, to the middle of its periods."""
-    middles = [one.start + one.periods * one.period / 2 for one in motion.realisations]
-    middle = float(np.average(middles, weights=[one.periods for one in motion.realisations]))
-    return middle - float(record.time.mean() - record.time[0])
-
-
 def checked_fit(record: MovingRecord) -> LinearFit:
     """The fit of a record that moves, tells K from I, and is not aliased.
 
@@ -86,7 +52,7 @@ def checked_fit(record: MovingRecord) -> LinearFit:
     """
     check_moves(record)
     try:
-        fit = estimate(record)
+        fit = record.estimate
     except IdentifiabilityError as error:
         low, high = record.band_hz
         raise IdentifiabilityError(
@@ -107,7 +73,7 @@ def record_table(record: MovingRecord, expected: Admittance | None = None) -> pl
         As `checked_fit`, or the clocks of angle and torque drift apart.
     """
     fit = checked_fit(record)
-    other = None if record.other is None else estimate(record.other)
+    other = None if record.other is None else record.other.of_noise_and_lines
     row: Row = {
         "trial": record.name,
         "amplitude_deg": None,
@@ -135,7 +101,7 @@ def excitation_row(record: MovingRecord, fit: LinearFit) -> Row:
         **periodic_row(record),
         "band_low_hz": record.band_hz[0],
         "band_high_hz": record.band_hz[1],
-        "theta_rms_deg": float(np.rad2deg(np.std(record.motion.theta[record.rows]))),
+        "theta_rms_deg": float(np.rad2deg(np.std(record.part(record.motion.theta)))),
         "weighting": WEIGHTING,
         "angle_noise_share": abs(angle_noise_bias(record, fit)) / float(np.hypot(fit["I"], LITTLE_INERTIA)),
         "fitted_s": record.seconds,
@@ -160,10 +126,18 @@ def periodic_row(record: MovingRecord) -> Row:
 
 def friction_row(record: MovingRecord, fit: LinearFit) -> Row:
     """Coulomb friction [N*m] of a fit that has it beside K, B and I, and the share of B that it makes."""
-    omega = record.motion.omega
-    width = SIGN_WIDTH * float(np.std(omega[record.rows]))
-    sign = record.low_pass(np.tanh(omega / width), record.rate_hz)
-    beside = fit_of(record, [("T_C", sign)])
+    motion = record.motion
+    squares, total = 0.0, 0.0
+    for rows in record.fitted_pieces():
+        omega = motion[rows].omega
+        squares, total = squares + float(omega @ omega), total + float(omega.sum())
+    spread = squares / record.samples - (total / record.samples) ** 2
+    width = SIGN_WIDTH * float(np.sqrt(spread))
+    sign = np.empty(len(record.time))
+    for rows in pieces(len(sign)):
+        np.tanh(motion[rows].omega / width, out=sign[rows])
+    sign = record.low_pass(sign, record.rate_hz)
+    beside = fit_of(record, [("T_C", sign.__getitem__)])
     damping = fit["B"] - beside["B"]
     return {"coulomb_torque": beside["T_C"], "coulomb_damping": damping, "coulomb_share": damping / fit["B"]}
 
@@ -176,34 +150,46 @@ def lowest_vaf_of_parts(record: MovingRecord) -> float:
     IdentifiabilityError
         The joint rests in two of three parts.
     """
-    parts, values = consecutive_parts(record.rows), []
-    for k, held_out in enumerate(parts):
-        rows = np.concatenate([part for i, part in enumerate(parts) if i != k])
-        try:
-            fit = fit_impedance(record.motion[rows], record.filtered_torque[rows])
-        except IdentifiabilityError as error:
-            raise IdentifiabilityError(f"trial {record.name}: {moves_little(record, error)}") from error
-        motion = record.motion[held_out]
-        left = record.filtered_torque[held_out] - impedance_torque(fit.K, fit.B, fit.I, motion)
-        time = record.time[held_out]
-        left = left - np.polyval(np.polyfit(time - time.mean(), left, 1), time - time.mean())
-        values.append(100 * (1 - float(np.var(left)) / float(np.var(record.filtered_torque[held_out]))))
-    return min(values)
+    parts = [record.rows_at(part) for part in consecutive_parts(record.samples)]
+    return min(vaf_of_part(record, part, [p for p in parts if p is not part]) for part in parts)
+
+
+def vaf_of_part(record: MovingRecord, part: Sequence[slice], others: Sequence[Sequence[slice]]) -> float:
+    """VAF [percent] of some rows by the fit to the others; raises as `lowest_vaf_of_parts`."""
+
+    def of_eq_15(rows: slice) -> Array:
+        return np.array([*impedance_columns(record.motion[rows]).values()]).T
+
+    fitted = [one for other in others for one in other]
+    X, y = condensed(lambda: parts_of(record, of_eq_15, fitted))
+    try:
+        estimates = regressors(dict(zip(NAMES, X.T, strict=False)), y.shape).solved(y)
+    except IdentifiabilityError as error:
+        raise IdentifiabilityError(f"trial {record.name}: {moves_little(record, error)}") from error
+    left = np.concatenate([y - X @ estimates for X, y in parts_of(record, of_eq_15, part)])
+    torque, time = (np.concatenate([x[rows] for rows in part]) for x in (record.filtered_torque, record.time))
+    time -= time.mean()
+    left -= np.polyval(np.polyfit(time, left, 1), time)
+    return 100 * (1 - float(np.var(left)) / float(np.var(torque)))
 
 
 def record_time_base(record: MovingRecord) -> pl.DataFrame:
     """The trial's rows of `timebase.csv`."""
-    words = None if record.other is None else time_base_words(estimate(record), estimate(record.other), IMPEDANCE)
+    words = (
+        None if record.other is None else time_base_words(record.estimate, record.other.of_noise_and_lines, IMPEDANCE)
+    )
     return timebase_table(record.uniform, words, record.bench)
 
 
 def record_series(record: MovingRecord) -> Series:
     """Measured torque and that of Eq. 15 over the whole trial."""
-    fit, motion = estimate(record), record.motion
-    modelled = impedance_torque(fit["K"], fit["B"], fit["I"], motion) + fit["offset"]
-    fitted = np.zeros(len(record.time), dtype=bool)
-    fitted[record.rows] = True
-    return Series(record.time, record.filtered_torque, np.asarray(modelled), motion.theta, fitted)
+    fit, motion = record.estimate, record.motion
+    modelled, fitted = np.empty(len(record.time)), np.zeros(len(record.time), dtype=bool)
+    for rows in pieces(len(modelled)):
+        modelled[rows] = impedance_torque(fit["K"], fit["B"], fit["I"], motion[rows]) + fit["offset"]
+    for piece in record.pieces:
+        fitted[piece] = True
+    return Series(record.time, record.filtered_torque, modelled, motion.theta, fitted)
 
 
 def record_points(record: MovingRecord, duration_s: float) -> pl.DataFrame:

@@ -8,7 +8,7 @@ import polars as pl
 from scipy.signal import fftconvolve, savgol_filter
 
 from osl_analysis.bench.alternatives import widened
-from osl_analysis.bench.moving_record import MovingRecord
+from osl_analysis.bench.moving_record import MovingRecord, softer_record
 from osl_analysis.bench.segments import repeated_cycles, rows_of
 from osl_analysis.bench.settled_signals import RawSignals
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
@@ -187,14 +187,14 @@ def estimator_table(trial: SteppedSineTrial | MovingRecord) -> pl.DataFrame:
     there are too few samples per period of the cut-off.
     """
     rows: list[Row] = []
-    raw = trial.raw
+    raw, softer = trial.raw, raw_of_softer(trial)
     for name, estimator in ESTIMATORS.items():
         if name == "instrumental" and raw.command is None:
             continue
         try:
             fit = estimator(raw, trial.low_pass, CovarianceChoice())
-            if trial.softer is not None:
-                fit = widened(fit, estimator(trial.softer.raw, trial.low_pass, CovarianceChoice()))
+            if softer is not None:
+                fit = widened(fit, estimator(softer, trial.low_pass, CovarianceChoice()))
         except OslAnalysisError as error:
             rows.append({"trial": trial.name, "estimator": name, EXCLUDED: str(error)})
             continue
@@ -203,3 +203,10 @@ def estimator_table(trial: SteppedSineTrial | MovingRecord) -> pl.DataFrame:
         diagnostics = diagnostics_row(fit, rate, trial.low_pass)
         rows.append({"trial": trial.name, "estimator": name, **estimates, **diagnostics, EXCLUDED: None})
     return pl.DataFrame(rows, schema_overrides={EXCLUDED: pl.String}, infer_schema_length=None)
+
+
+def raw_of_softer(trial: SteppedSineTrial | MovingRecord) -> RawSignals | None:
+    """The raw signals on a bench that is softer by one standard error; None where it does not yield."""
+    if isinstance(trial, MovingRecord):
+        return None if trial.bench is None else softer_record(trial, trial.bench).raw
+    return None if trial.softer is None else trial.softer.raw

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from osl_analysis.bench.excitation_lag import noise_behind
+from osl_analysis.bench.excitation_lag import noise_behind, slope_of
 from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.torque_lag import ONLY_NOISE
 from osl_analysis.errors import InputError
@@ -11,6 +11,7 @@ from osl_analysis.spectral.realisations import PeriodicMotion
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.timebase.chunks import chunked_slope
 from osl_analysis.timebase.drift import ClockDrift, check_drift
+from osl_analysis.trial import Array
 
 
 def record_clock_row(record: MovingRecord) -> Row:
@@ -67,17 +68,30 @@ def drift_beside_impedance(record: MovingRecord) -> ClockDrift | None:
 
     None where this leaves more than the noise.
     """
-    rows = record.rows[:: max(record.low_pass.independent_samples(record.rate_hz) // 4, 1)]
-    motion, late = record.motion, record.time - record.time[record.rows].mean()
-    slope = np.gradient(record.filtered_torque, record.time)
-    columns = [motion.theta, motion.omega, motion.alpha, slope, late, late * motion.theta, np.ones_like(late)]
-    X = np.column_stack([column[rows] for column in columns])
+    theta, omega, alpha, slope, time, torque = thinned(record).T
+    late = time - time.mean()
+    X = np.column_stack([theta, omega, alpha, slope, late, late * theta, np.ones_like(late)])
     Q, _ = np.linalg.qr(X / np.linalg.norm(X, axis=0))
-    both = np.stack([-(late * slope)[rows], record.filtered_torque[rows]], axis=1)
+    both = np.stack([-late * slope, torque], axis=1)
     rest = both - Q @ (Q.T @ both)
     slope_of_drift, se = chunked_slope(rest[:, 0], rest[:, 1])
     left = float(np.std(rest[:, 1] - slope_of_drift * rest[:, 0]))
     return in_ppm(slope_of_drift, se) if left < ONLY_NOISE * noise_behind(record, record.low_pass) else None
+
+
+def thinned(record: MovingRecord) -> Array:
+    """Motion (angle, velocity, acceleration), slope of the torque, time and torque in some fitted rows, (k, 6).
+
+    They are a quarter of the samples apart after which noise is independent behind the filter.
+    """
+    step, before = max(record.low_pass.independent_samples(record.rate_hz) // 4, 1), 0
+    found = []
+    for rows in record.fitted_pieces():
+        one, torque, time = record.motion[rows], record.filtered_torque, record.time
+        columns = one.theta, one.omega, one.alpha, slope_of(torque, time, rows), time[rows], torque[rows]
+        found.append(np.column_stack(columns)[-before % step :: step])
+        before += rows.stop - rows.start
+    return np.concatenate(found)
 
 
 def in_ppm(slope: float, se: float) -> ClockDrift:

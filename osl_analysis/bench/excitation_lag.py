@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.bench.frequency_response import Admittance
-from osl_analysis.bench.moving_record import MovingRecord, estimates_of, fit_of, left_by
+from osl_analysis.bench.moving_fit import Column, estimates_of, fit_of, left_by
+from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.torque_lag import (
     CERTAIN_LAG,
     LAG_STEPS,
@@ -15,7 +16,9 @@ from osl_analysis.bench.torque_lag import (
     ONLY_NOISE,
 )
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.signals import LowPass, differentiate
+from osl_analysis.pieces import AT_ONCE, pieces
+from osl_analysis.signals import FORGOTTEN, LowPass, differentiate
+from osl_analysis.spectral.long_lines import from_lines, lines
 from osl_analysis.stats.fit_row import Row, lag_damping_row
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.timebase.cubic import cubic_between
@@ -23,6 +26,8 @@ from osl_analysis.trial import Array
 
 CERTAIN_IN_NOISE = 3.0
 """Standard errors from which a lag is certain where the fit leaves only noise."""
+BEYOND = 3.0
+"""Cut-offs of the filter up to which the linear model is taken into account."""
 SETTLED = 0.01
 """Standard errors by which the last step to the lag changes it."""
 MOST = 0.5
@@ -50,26 +55,42 @@ def lag_beside(record: MovingRecord, base: Array | None, jerk: Array) -> RecordL
     rest, the base's derivative and I times the jerk, tells a lag. Each step takes the lag found so far off the torque.
     None if the lag is no longer small against the fastest motion: it then stands for other dynamics.
     """
-    rising = 0.0 if base is None else np.gradient(base, record.time)
     largest = 1 / (2 * np.pi * record.band_hz[1])
     lag = first_lag(record, jerk, largest) if base is None else 0.0
-    early = advanced(record, lag) if lag else record
     for _ in range(LAG_STEPS):
-        rest = without_torque(early, base)
-        late = estimates_of(rest)["I"] * jerk + rising
-        fit = fit_of(rest, [("lag", -late)])
+        rest = without_torque(advanced(record, lag) if lag else record, base)
+        late = late_torque(estimates_of(rest)["I"], jerk, base, record.time)
+        fit = fit_of(rest, [("lag", late)])
+        del rest
         lag += fit["lag"]
         if abs(lag) > largest:
             return None
         if abs(fit["lag"]) < SETTLED * fit.se("lag"):
             break
-        early = advanced(record, lag)
     return RecordLag(lag, fit.se("lag"), float(np.std(fit.residual)), left_by(without_torque(record, base)))
+
+
+def late_torque(inertia: float, jerk: Array, base: Array | None, time: Array) -> Column:
+    """What a second of lag adds [N*m/s] beside K, B and I: minus the rise of the rest of the torque, at times [s]."""
+    return lambda rows: -(inertia * jerk[rows] + slope_of(base, time, rows))
+
+
+def slope_of(base: Array | None, time: Array, rows: slice) -> Array | float:
+    """Slope [1/s] of a signal (n,) at times (n,) [s] in some rows, by central differences; 0 without a signal."""
+    if base is None:
+        return 0.0
+    known = slice(max(rows.start - 1, 0), rows.stop + 1)
+    return np.asarray(np.gradient(base[known], time[known])[rows.start - known.start :][: rows.stop - rows.start])
 
 
 def jerk_of(record: MovingRecord) -> Array:
     """Jerk (n,) [rad/s^3] of the filtered motion."""
-    return differentiate(record.time, record.motion.omega).alpha
+    jerk = np.empty(len(record.time))
+    for rows in pieces(len(jerk), AT_ONCE - 2 * FORGOTTEN):
+        known = slice(max(rows.start - FORGOTTEN, 0), min(rows.stop + FORGOTTEN, len(jerk)))
+        found = differentiate(record.time[known], record.motion[known].omega).alpha
+        jerk[rows] = found[rows.start - known.start :][: rows.stop - rows.start]
+    return jerk
 
 
 def first_lag(record: MovingRecord, jerk: Array, largest: float) -> float:
@@ -79,7 +100,7 @@ def first_lag(record: MovingRecord, jerk: Array, largest: float) -> float:
     K d^3/6 + B' d^2/2 + I' d + J' = 0. Two of its real roots explain the torque to third order. The smaller one counts,
     unless the torque made earlier by another leaves certainly less.
     """
-    fit = estimates_of(record, [("J", jerk)])
+    fit = estimates_of(record, [("J", jerk.__getitem__)])
     roots = np.roots([fit["K"] / 6, fit["B"] / 2, fit["I"], fit["J"]])
     tried = sorted((float(r.real) for r in roots if abs(r.imag) < 1e-9 and abs(r.real) < largest), key=abs)
     if len(tried) < 2:
@@ -117,13 +138,16 @@ def linear_torque(record: MovingRecord, expected: Admittance) -> Array:
 
     The record is continued by its mirror image, so that its ends fit together.
     """
-    theta, n = record.motion.theta, len(record.motion.theta)
-    mirrored = np.concatenate([theta, theta[::-1]])
-    s = 2j * np.pi * np.fft.rfftfreq(2 * n, 1 / record.rate_hz)
-    kept = np.abs(s) < 2 * np.pi * 3 * record.low_pass.cutoff_hz
-    response = np.zeros(len(s), dtype=np.complex128)
+    n, rate = len(record.time), record.rate_hz
+    count = int(2 * n * min(BEYOND * record.low_pass.cutoff_hz / rate, 0.5)) + 1
+    k = np.arange(count)
+    once = lines(record.motion.theta, 2 * n, count)
+    mirrored = once + np.exp(1j * np.pi * k / n) * once.conj()
+    response = np.zeros(count, dtype=np.complex128)
+    s = 1j * np.pi * rate / n * k
+    kept = np.abs(s) < 2 * np.pi * BEYOND * record.low_pass.cutoff_hz
     response[kept] = 1 / expected(np.asarray(s[kept], dtype=np.complex128))
-    return np.asarray(np.fft.irfft(response * np.fft.rfft(mirrored), 2 * n)[:n])
+    return from_lines(response * mirrored, 2 * n, n)
 
 
 def record_lag(record: MovingRecord, expected: Admittance | None) -> RecordLag | None:
@@ -179,6 +203,6 @@ def record_lag_row(record: MovingRecord, fit: LinearFit, expected: Admittance | 
 
 def noise_behind(record: MovingRecord, low_pass: LowPass) -> float:
     """RMS [N*m] of the torque's noise behind the filter, from what the filter takes off; the noise is white."""
-    off = (record.torque - record.filtered_torque)[record.rows]
+    off = np.concatenate([record.torque[piece] - record.filtered_torque[piece] for piece in record.pieces])
     passed = 2 * low_pass.noise_bandwidth_hz / record.rate_hz
     return float(np.std(off) * np.sqrt(passed / max(1 - passed, 1e-3)))

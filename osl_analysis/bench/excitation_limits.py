@@ -1,17 +1,20 @@
 """What an excitation cannot show: refused with the cause and the remedy, or measured for the table."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import sosfreqz
 
+from osl_analysis.bench.moving_fit import parts_of
 from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.unfiltered_noise import TERMS, noise_beyond
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.measured import usual_size
+from osl_analysis.pieces import pieces
 from osl_analysis.signals import LowPass, butterworth
+from osl_analysis.stats.condensed import condensed
 from osl_analysis.stats.regression import LinearFit
-from osl_analysis.stats.rounding import visible_step
 from osl_analysis.trial import Array
 
 TORQUE_ERROR = 1e-3
@@ -45,9 +48,25 @@ class Tellable:
 
 def tellable(record: MovingRecord) -> Tellable:
     """As `told_by`, of a record."""
-    motion, rows = record.motion, record.rows
-    theta, omega, alpha = (x[rows] - x[rows].mean() for x in (motion.theta, motion.omega, motion.alpha))
-    return told_by(theta, omega, alpha, float(np.std(record.filtered_torque[rows])))
+    theta, omega, alpha = moments(record).T
+    return told_by(theta, omega, alpha, float(np.std(record.part(record.filtered_torque))))
+
+
+def moments(record: MovingRecord) -> Array:
+    """Rows (4, 3) with the mean squares and products that angle, velocity and acceleration have about their means.
+
+    They stand for the fitted rows, which as columns would need three times the room of a signal.
+    """
+    total = sum(motion_in(record, rows).sum(axis=0) for rows in record.fitted_pieces())
+    means = np.asarray(total) / record.samples
+    found = condensed(lambda: parts_of(record, lambda rows: motion_in(record, rows) - means, record.fitted_pieces()))[0]
+    return np.asarray(found * np.sqrt(len(found) / record.samples))
+
+
+def motion_in(record: MovingRecord, rows: slice) -> Array:
+    """Angle, velocity and acceleration in some rows of a record, (k, 3)."""
+    motion = record.motion[rows]
+    return np.column_stack([motion.theta, motion.omega, motion.alpha])
 
 
 def told_by(theta: Array, omega: Array, alpha: Array, torque_rms: float) -> Tellable:
@@ -60,14 +79,18 @@ def told_by(theta: Array, omega: Array, alpha: Array, torque_rms: float) -> Tell
     error = TORQUE_ERROR * torque_rms
     sizes = [own_part(theta, omega, alpha), own_part(alpha, omega, theta)]
     stiffness, inertia = (error / max(size, np.finfo(float).tiny) for size in sizes)
-    return Tellable(stiffness, inertia, float(np.std(theta)) / max(sizes[0], np.finfo(float).tiny))
+    return Tellable(stiffness, inertia, rms(theta) / max(sizes[0], np.finfo(float).tiny))
 
 
 def own_part(column: Array, *others: Array) -> float:
     """RMS of a column (n,) without what is proportional to others (n,)."""
     X = np.column_stack(others)
-    left = column - X @ np.linalg.lstsq(X, column, rcond=None)[0]
-    return float(np.sqrt(np.mean(left**2)))
+    return rms(column - X @ np.linalg.lstsq(X, column, rcond=None)[0])
+
+
+def rms(values: Array) -> float:
+    """Root mean square of values (n,)."""
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def check_band(record: MovingRecord, fit: LinearFit, largest_inertia_error: float | None) -> None:
@@ -120,7 +143,7 @@ def angle_noise_moments(record: MovingRecord) -> tuple[float, float, float]:
     The noise is taken as white; its power beyond the filter is what the filter takes off the angle.
     """
     theta, low_pass, rate = record.motion.theta, record.low_pass, record.rate_hz
-    off = noise_beyond(record.theta - theta, theta, low_pass, rate)[record.rows]
+    off = record.part(noise_beyond(record.theta, theta, theta.__getitem__, low_pass, rate))
     f, passed = filter_gain(low_pass, rate)
     density = float(np.var(off)) / float(np.trapezoid((1 - passed) ** (2 * TERMS + 2), f))
     w = 2 * np.pi * f
@@ -130,8 +153,7 @@ def angle_noise_moments(record: MovingRecord) -> tuple[float, float, float]:
 
 def angle_noise_share(record: MovingRecord) -> float:
     """Share of the own part of the acceleration that is noise of the angle."""
-    motion, rows = record.motion, record.rows
-    theta, omega, alpha = (x[rows] - x[rows].mean() for x in (motion.theta, motion.omega, motion.alpha))
+    theta, omega, alpha = moments(record).T
     own = own_part(alpha, theta, omega)
     return float(angle_noise_moments(record)[2] / own**2) if own > 0 else np.inf
 
@@ -145,9 +167,8 @@ def angle_noise_bias(record: MovingRecord, fit: LinearFit) -> float:
     """
     still, moving, turning = angle_noise_moments(record)
     S = np.array([[still, 0, -moving], [0, moving, 0], [-moving, 0, turning]])
-    motion, rows = record.motion, record.rows
-    X = np.column_stack([x[rows] - x[rows].mean() for x in (motion.theta, motion.omega, motion.alpha)])
-    return float(-np.linalg.solve(X.T @ X / len(rows), S @ [fit["K"], fit["B"], fit["I"]])[2])
+    X = moments(record)
+    return float(-np.linalg.solve(X.T @ X / len(X), S @ [fit["K"], fit["B"], fit["I"]])[2])
 
 
 def filter_gain(low_pass: LowPass, rate_hz: float) -> tuple[Array, Array]:
@@ -159,19 +180,22 @@ def filter_gain(low_pass: LowPass, rate_hz: float) -> tuple[Array, Array]:
 
 def jumps(record: MovingRecord) -> tuple[NDArray[np.intp], Array]:
     """Rows at which the acceleration jumps within a sample, and by how much [rad/s^2]."""
-    theta, rows = record.theta, record.rows
-    third = np.abs(np.diff(theta, 3))
-    inside = third[rows[rows < len(third)]]
-    noise = 1.4826 * float(np.median(np.abs(inside)))
-    step = visible_step(record.uniform["theta"]) or 0.0
+    theta = record.theta
+    third = np.empty(len(theta) - 3)
+    for rows in pieces(len(third)):
+        third[rows] = np.abs(np.diff(theta[rows.start : rows.stop + 3], 3))
+    noise = 1.4826 * usual_size(np.concatenate([third[piece] for piece in record.pieces]))
+    step = record.steps[0] or 0.0
     high = np.flatnonzero(third > max(SPIKE * noise, ROUNDING_REACHES * step, np.finfo(float).tiny))
     if not high.size:
         return high, np.empty(0)
     first = high[np.diff(high, prepend=-10) > BESIDE_JUMP] + 1  # the middle of the four samples of the difference
     first = first[(first > BESIDE_JUMP + 1) & (first < len(theta) - BESIDE_JUMP - 3)]
-    alpha = np.diff(theta, 2) * record.rate_hz**2  # alpha[i] belongs to row i + 1
-    sizes = [alpha[i + 1 : i + 1 + BESIDE_JUMP].mean() - alpha[i - 1 - BESIDE_JUMP : i - 1].mean() for i in first]
-    return first, np.array(sizes)
+
+    def alpha(start: int) -> float:  # its mean over some rows, of which the first one belongs to row start + 1
+        return float(np.diff(theta[start : start + BESIDE_JUMP + 2], 2).mean()) * record.rate_hz**2
+
+    return first, np.array([alpha(i + 1) - alpha(i - 1 - BESIDE_JUMP) for i in first])
 
 
 def check_alias(record: MovingRecord, fit: LinearFit) -> float:
@@ -194,9 +218,9 @@ def check_alias(record: MovingRecord, fit: LinearFit) -> float:
     inertia = abs(float(steps @ sizes) / float(sizes @ sizes)) if sizes.any() else 0.0
     error = np.zeros(len(torque))
     np.add.at(error, rows, 0.5 * inertia * sizes)
-    columns = {"K": record.motion.theta, "B": record.motion.omega, "I": record.motion.alpha}
-    X = np.column_stack([c[record.rows] for c in columns.values()])
-    change = np.linalg.lstsq(X, record.low_pass(error, record.rate_hz)[record.rows], rcond=None)[0]
+    late = replace(record, filtered_torque=record.low_pass(error, record.rate_hz))
+    found = condensed(lambda: parts_of(late, lambda rows: motion_in(late, rows), late.fitted_pieces()))
+    columns, change = ("K", "B", "I"), np.linalg.lstsq(*found, rcond=None)[0]
     beyond = {
         name: abs(change[k] / fit[name]) if abs(change[k]) > fit.se(name) else 0.0
         for k, name in enumerate(columns)

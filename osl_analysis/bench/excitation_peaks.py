@@ -18,8 +18,8 @@ LEAST_RANGE = 0.03
 
 def torque_at_peaks(record: MovingRecord, fit: LinearFit) -> float | None:
     """Smallest ratio of `ratio_at_peaks` over the fitted rows of a record."""
-    modelled = impedance_torque(fit["K"], fit["B"], fit["I"], record.motion[record.rows])
-    return ratio_at_peaks(record.filtered_torque[record.rows], np.asarray(modelled))
+    modelled = [impedance_torque(fit["K"], fit["B"], fit["I"], record.motion[rows]) for rows in record.fitted_pieces()]
+    return ratio_at_peaks(record.part(record.filtered_torque), np.concatenate(modelled))
 
 
 def ratio_at_peaks(measured: Array, modelled: Array) -> float | None:
@@ -30,13 +30,13 @@ def ratio_at_peaks(measured: Array, modelled: Array) -> float | None:
     it to 0.7. It is near 0 where the torque is clipped, however noisy the plateau is: equal samples, by which a clipped
     sensor is told, are not needed. None where no peak has the range for a comparison.
     """
-    found = []
-    for side in (1, -1):
-        model = side * modelled
-        top, middle = float(model.max()), float(np.median(model))
+    found, ordered = [], np.sort(modelled)
+    ends = (float(ordered[-1]), True), (float(ordered[0]), False)
+    middle = float(np.median(ordered, overwrite_input=True))
+    for top, highest in ends:
         for share in SHARES:
-            lowest = float(np.quantile(model, 1 - share))
-            if top - lowest > LEAST_RANGE * (top - middle):
-                rows = model >= lowest
+            level = float(np.quantile(ordered, 1 - share if highest else share, overwrite_input=True))
+            if abs(top - level) > LEAST_RANGE * abs(top - middle):
+                rows = modelled >= level if highest else modelled <= level
                 found.append(float(np.std(measured[rows]) / np.std(modelled[rows])))
     return min(found, default=None)

@@ -5,7 +5,7 @@ import numpy as np
 from osl_analysis.bench.excitation_limits import angle_noise_share
 from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.errors import InputError
-from osl_analysis.stats.rounding import visible_step
+from osl_analysis.stats.rounding import distinct_values
 
 FEWEST_STEPS = 20.0
 """Steps of the encoder that an angle turns by at least; below, its rounding is no noise but a part of the motion."""
@@ -31,7 +31,7 @@ def check_moves(record: MovingRecord) -> float:
         )
     if share > HARDLY_MOVES:
         slow = steps >= SLOW
-        turn = np.rad2deg(np.std(record.motion.theta[record.rows]))
+        turn = np.rad2deg(np.std(record.part(record.motion.theta)))
         remedy = (
             "move it faster, by 0.5 to 6 Hz, or take the stiffness alone by experiment 'torque_angle'"
             if slow
@@ -46,8 +46,11 @@ def check_moves(record: MovingRecord) -> float:
 
 
 def steps_turned(record: MovingRecord) -> float:
-    """Steps of the encoder by which the fitted angle turns, at most as many as there are different values."""
-    measured = record.uniform["theta"][record.rows]
-    step = visible_step(measured)
-    levels = len(np.unique(measured))
+    """Steps of the encoder by which the fitted angle turns, at most as many as there are different values.
+
+    Without end where no step is seen, and more values than a slow motion has.
+    """
+    measured, step = record.part(record.bench_angle), record.steps[0]
+    values = distinct_values(measured, most=int(SLOW))
+    levels = np.inf if values is None else len(values)
     return float(levels if step is None else min(np.ptp(measured) / step, levels))

@@ -98,7 +98,8 @@ def thinned_amplitudes(trial: SteppedSineTrial | MovingRecord) -> list[NDArray[n
     """
     step = max(int(trial.rate_hz / (SAMPLES_PER_PERIOD * trial.low_pass.cutoff_hz)), 1)
     if isinstance(trial, MovingRecord):
-        return [part[::step] for part in consecutive_parts(trial.rows)]
+        rows = trial.rows
+        return [rows[part][::step] for part in consecutive_parts(trial.samples)]
     thinned = [np.concatenate([np.arange(s.start, s.stop, step) for s in block.stretches]) for block in trial.blocks]
     return [rows if trial.usable is None else rows[trial.usable[rows]] for rows in thinned]
 

@@ -1,26 +1,27 @@
 """A trial of any excitation as its fit needs it: the rows in which the joint moves, and the filtered signals there."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.bench.alternatives import joint_angle
+from osl_analysis.bench.alternatives import joint_angle, widened
 from osl_analysis.bench.load_cell_drift import without_drift
+from osl_analysis.bench.moving_fit import estimates_of, fit_of
 from osl_analysis.bench.moving_rows import band_of, fitted_pieces, rows_inside, stretches_of
+from osl_analysis.bench.periodic_fit import by_lines
 from osl_analysis.bench.segments import Segment
 from osl_analysis.bench.settings import BenchStiffness, ImpedanceAnalysis
 from osl_analysis.bench.settled_signals import RawSignals
-from osl_analysis.bench.unfiltered_noise import UnfilteredNoise, noise_beyond
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.pieces import pieces
 from osl_analysis.protocol.likeness import moving_bins
-from osl_analysis.second_order import impedance_columns
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.spectral.realisations import PeriodicMotion, periodic_motion
-from osl_analysis.stats.covariance import ResidualCorrelation
-from osl_analysis.stats.regression import LinearFit, Regressors, regressors
+from osl_analysis.stats.regression import LinearFit
+from osl_analysis.stats.rounding import visible_step
 from osl_analysis.timebase.gaps import GapLimits
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import UniformSignals, regridded, uniform_signals
@@ -61,8 +62,8 @@ class MovingRecord:
     """Stiffness of the bench."""
     other: "MovingRecord | None" = None
     """The same if undecided stamps were taken the other way; None where all are decided."""
-    softer: "MovingRecord | None" = None
-    """The same with a bench that is softer by one standard error; None where it does not yield."""
+    steps: tuple[float | None, float | None] = (None, None)
+    """Steps to which the raw angle [rad] and torque [N*m] were rounded; None where they are not seen."""
 
     @property
     def name(self) -> str:
@@ -75,43 +76,78 @@ class MovingRecord:
         return self.uniform.time
 
     @property
+    def bench_angle(self) -> Array:
+        """Raw angle of the bench (n,) [rad], which is that of the joint where nothing yields."""
+        return self.theta if self.bench is None else self.uniform["theta"]
+
+    @property
     def rate_hz(self) -> float:
         """Samples per second."""
         return self.uniform.rate_hz
 
     @cached_property
+    def samples(self) -> int:
+        """Number m of fitted rows."""
+        return sum(piece.stop - piece.start for piece in self.pieces)
+
+    def rows_at(self, fitted: slice) -> list[slice]:
+        """The rows behind some of the fitted ones, which are counted from 0 to m."""
+        found, before = list[slice](), 0
+        for piece in self.pieces:
+            first, stop = (max(at - before, 0) + piece.start for at in (fitted.start, fitted.stop))
+            if first < min(stop, piece.stop):
+                found.append(slice(first, min(stop, piece.stop)))
+            before += piece.stop - piece.start
+        return found
+
+    def fitted_pieces(self) -> Iterator[slice]:
+        """All fitted rows, some at a time."""
+        for stretch in self.pieces:
+            for some in pieces(stretch.stop - stretch.start):
+                yield slice(stretch.start + some.start, stretch.start + some.stop)
+
+    @property
     def rows(self) -> NDArray[np.intp]:
-        """The rows that are fitted, one stretch after the other."""
+        """The rows that are fitted (m,), one stretch after the other: as much room as a signal, for a short time."""
         return np.concatenate([np.r_[piece] for piece in self.pieces])
 
     def part(self, signal: Array) -> Array:
-        """A signal (n,) in the rows that are fitted; a view where they follow one another."""
+        """A signal (n,) in the rows that are fitted (m,); a view where they follow one another."""
         parts = [signal[piece] for piece in self.pieces]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     @property
     def seconds(self) -> float:
         """Duration [s] of what is fitted."""
-        return len(self.rows) / self.rate_hz
-
-    def residual_correlation(self, modelled: Array) -> ResidualCorrelation:
-        """How residuals in the fitted rows depend on one another, if the torque without noise is `modelled` (n,).
-
-        What the filter takes off the torque is noise, but for the motion near the cut-off.
-        """
-        off = noise_beyond(self.torque - self.filtered_torque, modelled, self.low_pass, self.rate_hz)
-        return UnfilteredNoise(every=self.low_pass.independent_samples(self.rate_hz), filtered_off=self.part(off))
+        return self.samples / self.rate_hz
 
     @cached_property
     def fit(self) -> LinearFit:
         """Eq. 15 with offset and drift, as `fit_of` has it."""
         return fit_of(self)
 
+    @property
+    def of_noise_and_lines(self) -> LinearFit:
+        """The fit, of a periodic motion with estimates and intervals from its lines (`by_lines`)."""
+        return by_lines(self.fit, self.periodic, self.time, self.low_pass)
+
+    @cached_property
+    def estimate(self) -> LinearFit:
+        """The fit with the error of the bench's stiffness in its intervals; raises as `fit_of`."""
+        softer = None if self.bench is None else softer_record(self, self.bench)
+        return widened(self.of_noise_and_lines, None if softer is None else softer.of_noise_and_lines)
+
     @cached_property
     def periodic(self) -> PeriodicMotion | None:
         """The realisations of a motion that repeats itself, in the whole record or the stated windows; else None."""
         used = self.uniform.usable & self.inside
         return periodic_motion(self.theta, self.torque, self.rate_hz, PERIODIC * self.low_pass.cutoff_hz, used)
+
+    def released(self) -> "MovingRecord":
+        """The record without what its fits need no more: samples as recorded, and raw signals where nothing yields."""
+        grid = replace(self.uniform.grid, signals={}, taken=())
+        uniform = replace(self.uniform, grid=grid, signals={} if self.bench is None else self.uniform.signals)
+        return replace(self, uniform=uniform, other=None if self.other is None else self.other.released())
 
     @property
     def raw(self) -> RawSignals:
@@ -137,49 +173,52 @@ def moving_record(
     """
     if signals is None:
         signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
-    bench, stated = settings.bench_stiffness, windows or settings.windows
+    stated = windows or settings.windows
     try:
         made = record_of(signals, settings, stated)
         other = made.uniform.other()
-        return replace(
-            made,
-            other=None if other is None else record_of(other, settings, stated),
-            softer=None if bench is None else record_of(made.uniform, settings, stated, bench.compliance_error),
-        )
+        return made if other is None else replace(made, other=record_of(other, settings, stated))
     except (InputError, IdentifiabilityError) as error:
         raise type(error)(f"trial {trial.name}: {error}") from error
 
 
-def record_of(
-    signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None, more_compliance: float = 0.0
-) -> MovingRecord:
+def record_of(signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None) -> MovingRecord:
     """The record behind uniform signals; raises as `moving_record`, without the trial's name.
 
-    The time base bridges gaps up to a tenth of a period of the fastest motion, which is found first. The bench is
-    softer than its settings by `more_compliance` [rad/(N*m)].
+    The time base bridges gaps up to a tenth of a period of the fastest motion, which is found first.
     """
     bench, low_pass = settings.bench_stiffness, settings.low_pass
-    compliance = (bench.compliance if bench else 0.0) + more_compliance
+    compliance = bench.compliance if bench else 0.0
     made = filtered_record(signals, low_pass, compliance, windows)
     highest = min(made.band_hz[1], settings.cutoff_hz)
     if made.uniform.report.masked or any(stream.bridged for stream in made.uniform.report.streams):
         limits = GapLimits(highest, settings.cutoff_hz, settings.time_base.longest_gap_s)
         made = filtered_record(regridded(signals, limits), low_pass, compliance, windows)
-    drift = drift_of(made)
-    torque = without_drift(made.time, made.torque, drift)
-    theta = joint_angle(made.uniform["theta"], torque, compliance)
-    motion, filtered = filtered_motion(made.time, theta, torque, low_pass)
+    drift, raw = drift_of(made), made.uniform
     return replace(
-        made,
-        theta=theta,
-        torque=torque,
-        motion=motion,
-        filtered_torque=filtered,
+        yielding(made, without_drift(made.time, made.torque, drift), compliance),
         drift=drift,
         bench=bench,
         largest_inertia_error=settings.largest_inertia_error,
         largest_drift_ppm=settings.time_base.largest_drift_ppm,
+        steps=(visible_step(raw["theta"]), visible_step(raw["torque"])),
     )
+
+
+def yielding(record: MovingRecord, torque: Array, compliance: float) -> MovingRecord:
+    """The record with another torque (n,) [N*m], on a bench of some compliance [rad/(N*m)]; raises as the filter."""
+    if not compliance:
+        return replace(record, torque=torque, filtered_torque=record.low_pass(torque, record.rate_hz))
+    theta = joint_angle(record.uniform["theta"], torque, compliance)
+    motion, filtered = filtered_motion(record.time, theta, torque, record.low_pass)
+    return replace(record, theta=theta, torque=torque, motion=motion, filtered_torque=filtered)
+
+
+def softer_record(record: MovingRecord, bench: BenchStiffness) -> MovingRecord:
+    """The record on a bench that is softer by one standard error; raises as `fit_of`."""
+    raw, compliance = record.uniform["torque"], bench.compliance + bench.compliance_error
+    drift = drift_of(yielding(record, raw, compliance))
+    return yielding(record, without_drift(record.time, raw, drift), compliance)
 
 
 def drift_of(record: MovingRecord) -> float:
@@ -205,45 +244,6 @@ def filtered_record(signals: UniformSignals, low_pass: LowPass, compliance: floa
     """The record of signals whose torque still has its drift."""
     theta = joint_angle(signals["theta"], signals["torque"], compliance)
     motion, filtered = filtered_motion(signals.time, theta, signals["torque"], low_pass)
-    pieces, inside = fitted_pieces(signals, low_pass, windows), rows_inside(signals, windows)
-    band = band_of(motion, signals.rate_hz, stretches_of(pieces, inside))
-    return MovingRecord(signals, theta, signals["torque"], motion, filtered, pieces, inside, band, low_pass)
-
-
-def fit_of(record: MovingRecord, more: Sequence[tuple[str, Array]] = ()) -> LinearFit:
-    """Eq. 15 with offset and drift over the fitted rows, and `more` columns (n,) of the record, by name.
-
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        As `linear_fit`.
-    """
-    columns, found, estimates = solved(record, more)
-    modelled = np.zeros(len(record.time))
-    for size, column in zip(estimates, columns.values(), strict=True):
-        modelled += size * column
-    del columns
-    return found.fit(record.part(record.filtered_torque), record.residual_correlation(modelled))
-
-
-def left_by(record: MovingRecord) -> float:
-    """RMS [N*m] of what Eq. 15 with offset and drift leaves of the fitted rows; raises as `fit_of`."""
-    _, found, estimates = solved(record)
-    return float(np.std(record.part(record.filtered_torque) - found.X @ estimates))
-
-
-def estimates_of(record: MovingRecord, more: Sequence[tuple[str, Array]] = ()) -> dict[str, float]:
-    """The estimates of `fit_of` by name, without their intervals, for a tenth of the work."""
-    columns, _, estimates = solved(record, more)
-    return dict(zip(columns, estimates.tolist(), strict=True))
-
-
-def solved(
-    record: MovingRecord, more: Sequence[tuple[str, Array]] = ()
-) -> tuple[Mapping[str, Array], Regressors, Array]:
-    """The columns (n,) of `fit_of` by name, those of its rows, and its estimates (p,)."""
-    time = record.time - record.time.mean()
-    columns = {**impedance_columns(record.motion), "drift": time, **dict(more)}
-    torque = record.part(record.filtered_torque)
-    found = regressors({name: record.part(column) for name, column in columns.items()}, np.shape(torque))
-    return columns, found, found.solved(torque)
+    found, inside = fitted_pieces(signals, low_pass, windows), rows_inside(signals, windows)
+    band = band_of(motion, signals.rate_hz, stretches_of(found, inside))
+    return MovingRecord(signals, theta, signals["torque"], motion, filtered, found, inside, band, low_pass)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import welch
 
 from osl_analysis.errors import InputError
+from osl_analysis.pieces import pieces
 from osl_analysis.protocol.likeness import moving_bins
 from osl_analysis.signals import LowPass, Motion, runs
 from osl_analysis.uniform import UniformSignals
@@ -24,6 +25,8 @@ PARTS = 3
 """Number of consecutive parts of a record, each of which is predicted by a fit to the others."""
 BAND_PIECE_S = 8.0
 """Longest piece [s] of the spectrum from which the band is read."""
+WINDOWS = 16
+"""Windows of this spectrum that are transformed at a time."""
 
 
 def fitted_pieces(signals: UniformSignals, low_pass: LowPass, windows: str | None) -> tuple[slice, ...]:
@@ -36,10 +39,10 @@ def fitted_pieces(signals: UniformSignals, low_pass: LowPass, windows: str | Non
     """
     time = signals.time - signals.time[0]
     if windows is None:
-        moving = np.flatnonzero(moving_bins(time, signals["theta"]))
-        if not moving.size:
+        moving = moving_bins(time, signals["theta"])
+        if not moving.any():
             raise InputError("the joint does not move; check the channel of theta in the source file")
-        stated = [(float(time[moving[0]]), float(time[moving[-1]]))]
+        stated = [(float(time[np.argmax(moving)]), float(time[len(moving) - 1 - np.argmax(moving[::-1])]))]
     else:
         stated = stated_windows(windows, float(time[-1]))
     inside = np.zeros(len(time), dtype=bool)
@@ -47,14 +50,14 @@ def fitted_pieces(signals: UniformSignals, low_pass: LowPass, windows: str | Non
     for start, stop in stated:
         inside |= (time >= start + edge) & (time <= stop - edge)
     shortest = SHORTEST_S * signals.rate_hz
-    pieces = tuple(run for run in runs(inside & signals.usable) if run.stop - run.start >= shortest)
-    if not pieces:
+    found = tuple(run for run in runs(inside & signals.usable) if run.stop - run.start >= shortest)
+    if not found:
         raise InputError(
             f"nothing is left to fit: the joint moves for {sum(b - a for a, b in stated):.3g} s, of which "
             f"{edge:.2g} s at each end and rows near gaps do not count, and stretches need {SHORTEST_S:g} s; record "
             "for longer"
         )
-    return pieces
+    return found
 
 
 def rows_inside(signals: UniformSignals, windows: str | None) -> NDArray[np.bool_]:
@@ -98,10 +101,14 @@ def band_of(motion: Motion, rate_hz: float, stretches: Sequence[slice]) -> tuple
     length = min(round(BAND_PIECE_S * rate_hz), *(one.stop - one.start for one in stretches))
     f, low, high = np.empty(0), np.zeros(length // 2 + 1), np.zeros(length // 2 + 1)
     for one in stretches:
-        f, angle = welch(motion.theta[one], rate_hz, nperseg=length)
-        _, acceleration = welch(motion.alpha[one], rate_hz, nperseg=length)
-        low += (one.stop - one.start) * angle
-        high += (one.stop - one.start) * acceleration
+        step, weight = length - length // 2, one.stop - one.start
+        windows = (weight - length) // step + 1
+        for some in pieces(windows, WINDOWS):
+            rows = slice(one.start + some.start * step, one.start + (some.stop - 1) * step + length)
+            share, part = weight * (some.stop - some.start) / windows, motion[rows]
+            f, angle = welch(part.theta, rate_hz, nperseg=length)
+            low += share * angle
+            high += share * welch(part.alpha, rate_hz, nperseg=length)[1]
     below, up_to = np.cumsum(low[1:]), np.cumsum(high[1:])
     if not below[-1] > 0 or not up_to[-1] > 0:
         raise InputError("the joint does not move; check the channel of theta in the source file")
@@ -119,6 +126,8 @@ def stretches_of(pieces: Sequence[slice], inside: NDArray[np.bool_]) -> list[sli
     return joined
 
 
-def consecutive_parts(rows: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """The fitted rows (n,) as three consecutive parts."""
-    return [np.asarray(part) for part in np.array_split(rows, PARTS)]
+def consecutive_parts(samples: int) -> list[slice]:
+    """The fitted rows, counted from 0 to m, as three consecutive parts, the first ones longer by one at most."""
+    each, more = divmod(samples, PARTS)
+    ends = np.cumsum([0, *(each + (k < more) for k in range(PARTS))]).tolist()
+    return [slice(*pair) for pair in pairwise(ends)]

@@ -24,7 +24,6 @@ from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.protocol.likeness import BIN_S, HARDLY, MOVES
 from osl_analysis.spectral.tables import NO_RESPONSE, RecordedMotion, ResponseTables, response_tables
 from osl_analysis.stats.fit_row import Row
-from osl_analysis.stats.rounding import visible_step
 from osl_analysis.trial import Trial
 
 SLOW_TURN_DEG = 1.0
@@ -122,7 +121,7 @@ def perhaps_damaged(trial: Trial, settings: ImpedanceAnalysis, known: Recorded) 
 
 def released(trial: RenderedTrial) -> RenderedTrial:
     """The trial without what only its estimators need."""
-    return trial.released() if isinstance(trial, SteppedSineTrial) else trial
+    return trial.released()
 
 
 def sines_of(trial: RenderedTrial) -> list[SegmentPhasors]:
@@ -178,8 +177,8 @@ def rendered_response(trial: RenderedTrial, p: DrivetrainParameters | None) -> R
     if isinstance(trial, SteppedSineTrial):
         return NO_RESPONSE
     signals = trial.theta, trial.torque, trial.rate_hz
-    steps = visible_step(trial.uniform["theta"]), visible_step(trial.uniform["torque"])
-    return response_tables(RecordedMotion(trial.name, *signals, trial.low_pass, trial.periodic, trial.pieces, steps), p)
+    motion = RecordedMotion(trial.name, *signals, trial.low_pass, trial.periodic, trial.pieces, trial.steps)
+    return response_tables(motion, p)
 
 
 def rendered_time_base(trial: RenderedTrial) -> pl.DataFrame:

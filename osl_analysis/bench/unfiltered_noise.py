@@ -1,46 +1,41 @@
-"""Noise of a filtered torque as it was before the filter, from which intervals of any excitation come."""
+"""Noise of a filtered signal as it was before the filter, from which intervals of any excitation come."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 
+from osl_analysis.pieces import pieces
 from osl_analysis.signals import LowPass
-from osl_analysis.stats.covariance import ResidualCorrelation, score_sums
 from osl_analysis.trial import Array
 
 TERMS = 5
 """Terms by which a signal is found from what a filter left of it: up to the cut-off 97 % of it."""
+AT_ONCE = 1 << 18
+"""Rows whose noise is found at a time, beside as many as the filters remember."""
+REACH = 2
+"""Times that a filter remembers: as many runs of it as there are terms, one behind the other, have forgotten then."""
 
 
-@dataclass(frozen=True)
-class UnfilteredNoise(ResidualCorrelation):
-    """Covariance from the autocorrelation of the noise before the filter, HAC.
+def noise_beyond(
+    noisy: Array, behind: Array, signal: Callable[[slice], Array], low_pass: LowPass, rate_hz: float
+) -> Array:
+    """What a filter H took off a `noisy` signal (n,), without the part of the `signal` itself, which is known behind H.
 
-    The columns are slow, so that the estimates do not change if the filter is taken off the noise. Behind the filter it
-    is correlated with both signs at the frequencies of the columns: Bartlett's weights then lose up to a tenth of it.
-    """
-
-    def covariance(self, X: Array, inverse: Array, residual: Array) -> tuple[Array, Array, str]:
-        """As `ResidualCorrelation.covariance`."""
-        noise = residual if self.filtered_off is None else residual + self.filtered_off
-        return *score_sums(X, inverse, noise, self.window(residual), slow=True), self.method
-
-
-def noise_beyond(taken_off: Array, signal: Array, low_pass: LowPass, rate_hz: float) -> Array:
-    """What a filter H took off a noisy signal (n,), without the part of the `signal` itself, which is known behind H.
-
-    Both are in the unit of the signal, sampled at `rate_hz`; `taken_off` is the noisy signal minus the same behind H.
-    The filter took off (1 - H) of the signal s, of which H s is known: s = H s + (1 - H) H s + (1 - H)^2 H s + ...
+    All are in the unit of the signal, sampled at `rate_hz`; `behind` (n,) is the noisy signal behind H, and `signal`
+    gives the rows that are asked for. The filter took off (1 - H) of the signal s, of which H s is known:
+    s = H s + (1 - H) H s + (1 - H)^2 H s + ...
 
     Raises
     ------
     InputError
         As the filter.
     """
-    whole, part = signal.copy(), signal.copy()
-    for _ in range(TERMS - 1):
-        part -= low_pass(part, rate_hz)
-        whole += part
-    del part
-    whole -= low_pass(whole, rate_hz)
-    return np.asarray(np.subtract(taken_off, whole, out=whole))
+    found, reach = np.empty(len(noisy)), REACH * low_pass.remembers(rate_hz)
+    for rows in pieces(len(noisy), AT_ONCE):
+        known = slice(max(rows.start - reach, 0), min(rows.stop + reach, len(noisy)))
+        part, off = signal(known), noisy[known] - behind[known]
+        for _ in range(TERMS):
+            part = part - low_pass(part, rate_hz)
+            off -= part
+        found[rows] = off[rows.start - known.start : rows.stop - known.start]
+    return found

@@ -52,6 +52,7 @@ from osl_analysis.bench.transmission import (
     transmission_time_base,
 )
 from osl_analysis.errors import InputError
+from osl_analysis.memory import return_memory
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.parameters import FileOrNone, known_parameters, read_parameters
 from osl_analysis.stored_trial import open_trial
@@ -106,6 +107,7 @@ def fit_impedance_trial(
     rendered = rendered_trial(read, settings, windows)
     if "estimators" not in tables:
         rendered = released(rendered)
+        return_memory()
     asked = AskedImpedance(condition, weight, settings.frequencies_hz)
     phasors = sines_of(rendered)
     write_table(judged_impedance(rendered, rails, p, asked, phasors), tables["impedance"])

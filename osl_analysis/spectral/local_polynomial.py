@@ -11,10 +11,12 @@ and I fit the lines themselves: a fit to Z_k loses a factor of two, since neighb
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
-from osl_analysis.spectral.realisations import Spectrum
+from osl_analysis.pieces import pieces
+from osl_analysis.spectral.long_lines import Spectrum, lines
 from osl_analysis.spectral.response import LOCAL, FrequencyResponse
 from osl_analysis.trial import Array
 
@@ -33,6 +35,8 @@ UNKNOWN = 0.1
 """Standard deviation of an impedance, as a share of it, from which on it is not known."""
 LARGEST_CONDITION = 1e8
 """Largest condition number of a local fit, its columns scaled."""
+AT_ONCE = 1 << 12
+"""Lines whose local fits are made at a time: each needs 5 kB."""
 
 
 @dataclass(frozen=True)
@@ -70,18 +74,17 @@ def record_spectrum(theta: Array, torque: Array, rate_hz: float, highest_hz: flo
     InputError
         A value cannot be measured, or the stretch has fewer lines than a local fit needs.
     """
-    n, lines = len(theta), []
+    n = len(theta)
+    top = int(np.floor(min(highest_hz, rate_hz / 3) * n / rate_hz)) + 1
     for name, signal in (("the angle", theta), ("the torque", torque)):
         check_measured(name, signal)
-        lines.append(np.fft.rfft(signal - np.mean(signal)) * 2 / max(n, 1))
-    top = int(np.floor(min(highest_hz, rate_hz / 3) * n / rate_hz)) + 1
     if top < 2 * HALF_WIDTH + 2:
         raise InputError(
             f"{n / rate_hz:.3g} s have {top - 1} lines up to {highest_hz:g} Hz, a frequency response needs "
             f"{2 * HALF_WIDTH + 1}; record for longer"
         )
+    angle, force = (lines(signal - np.mean(signal), n, top)[1:] * (2 / n) for signal in (theta, torque))
     frequency = np.arange(1, top) * rate_hz / n
-    angle, force = (np.asarray(x[1:top], dtype=np.complex128) for x in lines)
     s = np.asarray(2j * np.pi * frequency, dtype=np.complex128)
     joint, ends = np.array([angle, s * angle, s**2 * angle]), end_columns(s)
     columns = np.concatenate([joint, ends])
@@ -101,10 +104,20 @@ def end_columns(s: Spectrum) -> Spectrum:
 
 def local_fit(spectrum: RecordSpectrum) -> LocalFit:
     """The local polynomial method at every line of a record; near the first and last line the windows are one-sided."""
-    m, width = len(spectrum.theta), 2 * HALF_WIDTH + 1
-    first = np.clip(np.arange(m) - HALF_WIDTH, 0, m - width)
+    at = [local_fit_at(spectrum, np.arange(some.start, some.stop)) for some in pieces(len(spectrum.theta), AT_ONCE)]
+    Z, variance, noise, condition = (np.concatenate(each) for each in zip(*at, strict=True))
+    size = nearby(spectrum.theta)
+    known = (size > WEAK * size.max()) & (condition < LARGEST_CONDITION)
+    known &= variance < UNKNOWN**2 * np.abs(Z) ** 2
+    return LocalFit(np.where(known, Z, np.nan), np.where(known, variance, np.nan), noise)
+
+
+def local_fit_at(spectrum: RecordSpectrum, at: NDArray[np.intp]) -> tuple[Spectrum, Array, Array, Array]:
+    """Impedance, its variance, noise and condition number of the local fits about some lines (m,), counted from 0."""
+    width = 2 * HALF_WIDTH + 1
+    first = np.clip(at - HALF_WIDTH, 0, len(spectrum.theta) - width)
     rows = first[:, None] + np.arange(width)
-    r = (rows - np.arange(m)[:, None]) / HALF_WIDTH
+    r = (rows - at[:, None]) / HALF_WIDTH
     powers = r[..., None] ** np.arange(ORDER + 1)
     theta, torque = spectrum.theta[rows], spectrum.torque[rows]
     columns = np.concatenate([powers * theta[..., None], powers.astype(np.complex128)], axis=2)
@@ -116,10 +129,7 @@ def local_fit(spectrum: RecordSpectrum) -> LocalFit:
     inverse = Vh.conj().transpose(0, 2, 1) / np.maximum(singular, np.finfo(float).tiny)[:, None, :]
     Z = np.einsum("mp,mp->m", inverse[:, 0], projected) / scale[:, 0]
     variance = noise * np.sum(np.abs(inverse[:, 0]) ** 2, axis=1) / scale[:, 0] ** 2
-    size = nearby(spectrum.theta)
-    known = (size > WEAK * size.max()) & (singular[:, 0] < LARGEST_CONDITION * singular[:, -1])
-    known &= variance < UNKNOWN**2 * np.abs(Z) ** 2
-    return LocalFit(np.where(known, Z, np.nan), np.where(known, variance, np.nan), noise)
+    return Z, variance, noise, singular[:, 0] / np.maximum(singular[:, -1], np.finfo(float).tiny)
 
 
 def nearby(theta: Spectrum) -> Array:

@@ -5,13 +5,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import make_interp_spline
 
 from osl_analysis.measured import check_measured
+from osl_analysis.pieces import AT_ONCE, pieces
+from osl_analysis.signals import FORGOTTEN
+from osl_analysis.spectral.long_lines import Spectrum, lines
 from osl_analysis.spectral.period import COARSE_HZ, Repetition, find_repetition
 from osl_analysis.trial import Array
 
-Spectrum = NDArray[np.complex128]
 DEGREE = 5
 """Degree of the spline through the samples; it errs by 3e-5 at a sixth of the rate."""
 FEWEST_PERIODS = 2
@@ -88,15 +90,14 @@ def periodic_motion(
     found = find_repetition(theta, rate_hz, usable)
     if found is None:
         return None
-    splines = tuple(make_interp_spline(np.arange(len(y)), y, k=DEGREE) for y in (theta, torque))
     period, error, made = found.period, np.inf, list[Realisation]()
     for _ in range(REFINEMENTS + 1):
-        made = realisations_of(found, period, splines, rate_hz, highest_hz)
+        made = realisations_of(found, period, (theta,), rate_hz, highest_hz)
         if not made:
             return None
         change, error = phase_drift(made)
         period *= 1 + change
-    made = realisations_of(found, period, splines, rate_hz, highest_hz)
+    made = realisations_of(found, period, (theta, torque), rate_hz, highest_hz)
     if not made or max(map(unsteadiness, made)) > LARGEST_UNSTEADINESS:
         return None
     return PeriodicMotion(period, 1e6 * error, tuple(made))
@@ -110,14 +111,15 @@ def unsteadiness(one: Realisation) -> float:
 
 
 def realisations_of(
-    found: Repetition, period: float, splines: tuple[BSpline, ...], rate_hz: float, highest_hz: float
+    found: Repetition, period: float, signals: Sequence[Array], rate_hz: float, highest_hz: float
 ) -> list[Realisation]:
     """The realisations in the stretches that were found, each from its last whole period backwards.
 
-    A transient is at the beginning of a stretch; what is over is therefore left out there.
+    A transient is at the beginning of a stretch; what is over is therefore left out there. The signals are the angle
+    (n,) and the torque, or the angle alone, whose lines then stand in both places.
     """
-    samples, last = period * rate_hz, len(splines[0].t) - DEGREE - 1
-    lines = int(np.floor(min(highest_hz, rate_hz / 3) * period + 1e-9)) + 1
+    samples, last = period * rate_hz, len(signals[0])
+    count = int(np.floor(min(highest_hz, rate_hz / 3) * period + 1e-9)) + 1
     made = []
     for start, stop in found.stretches:
         end = min(stop * rate_hz, last)
@@ -126,25 +128,42 @@ def realisations_of(
         if first + periods * samples > last + 1:
             periods -= 1
         if periods >= FEWEST_PERIODS:
-            spectra = [period_spectra(spline, first, samples, periods)[:, :lines] for spline in splines]
-            made.append(Realisation(period, rate_hz, spectra[0], spectra[1], first / rate_hz))
+            spectra = [period_spectra(signal, first, samples, periods, count) for signal in signals]
+            made.append(Realisation(period, rate_hz, spectra[0], spectra[-1], first / rate_hz))
     return made
 
 
-def period_spectra(spline: BSpline, first: float, samples: float, periods: int) -> Spectrum:
-    """Lines of each period of `samples` samples from the place `first` on, shape (periods, samples // 2 + 1).
+def period_spectra(signal: Array, first: float, samples: float, periods: int, count: int) -> Spectrum:
+    """The first lines of each period of `samples` samples from the place `first` of a signal (n,) on, (periods, count).
 
     The drift that the means of the periods show is taken off. It is a ramp in every period, so that no scatter shows
     it, and adds 1/k to line k.
     """
-    count = int(np.ceil(samples))
-    place = np.arange(periods)[:, None] + np.arange(count) / count
-    values = spline(first + samples * place)
+    places = int(np.ceil(samples))
+    share = np.arange(places) / places
+    found = np.empty((periods, count), dtype=np.complex128)
+    for some in pieces(periods, max(AT_ONCE // places, 1)):
+        at = first + samples * (np.arange(some.start, some.stop)[:, None] + share)
+        values = values_at(signal, at.ravel()).reshape(at.shape)
+        found[some] = [lines(one, places, count) for one in values]
     number = np.arange(periods) - (periods - 1) / 2
-    slope = float(number @ values.mean(axis=1)) / float(number @ number)
-    lines = np.fft.rfft(values - slope * (place - place.mean()), axis=1) / count
-    lines[:, 1:] *= 2
-    return np.asarray(lines, dtype=np.complex128)
+    slope = float(number @ found[:, 0].real / places) / float(number @ number)
+    found -= slope * lines(share - share.mean(), places, count)
+    found[:, 0] -= slope * places * number
+    found /= places
+    found[:, 1:] *= 2
+    return found
+
+
+def values_at(signal: Array, places: Array) -> Array:
+    """Values (m,) of the spline through a signal (n,) at rising places [samples]; it is found piece by piece."""
+    found = np.empty(len(places))
+    for some in pieces(len(places)):
+        at = places[some]
+        known = slice(max(int(at[0]) - FORGOTTEN, 0), min(int(at[-1]) + 2 + FORGOTTEN, len(signal)))
+        spline = make_interp_spline(np.arange(known.start, known.stop), signal[known], k=DEGREE)
+        found[some] = spline(at)
+    return found
 
 
 def phase_drift(made: Sequence[Realisation]) -> tuple[float, float]:

@@ -3,6 +3,7 @@
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from osl_analysis.pieces import pieces
 from osl_analysis.trial import Array
@@ -22,18 +23,19 @@ def chunked_slope(x: Array, y: Array) -> tuple[float, float]:
     if not len(x) or not weight[-1] > 0:
         return 0.0, np.inf
     total = float(weight[-1])
-    edges = sorted({edge_at(x, weight, total * k / CHUNKS) for k in range(CHUNKS)})
+    edges = first_rows(x, weight, total * np.arange(CHUNKS) / CHUNKS)
     if len(edges) < FEWEST_CHUNKS:
         return 0.0, np.inf
     slope = float(x @ y) / total
-    chunks = (slice(*ends) for ends in pairwise([*edges, len(x)]))
+    chunks = (slice(*ends) for ends in pairwise([*edges.tolist(), len(x)]))
     left = np.array([x[rows] @ (y[rows] - slope * x[rows]) for rows in chunks])
     return slope, float(np.sqrt(left @ left * len(edges) / (len(edges) - 1)) / total)
 
 
-def edge_at(x: Array, weight: Array, share: float) -> int:
-    """First row in which the sum of x^2 (n,) reaches a share of it; `weight` is that sum behind each `COARSE` rows."""
-    block = min(int(np.searchsorted(weight, share)), len(weight) - 1)
-    rows = slice(block * COARSE, min((block + 1) * COARSE, len(x)))
-    reached = (weight[block - 1] if block else 0.0) + np.cumsum(x[rows] ** 2)
-    return rows.start + min(int(np.searchsorted(reached, share)), rows.stop - rows.start - 1)
+def first_rows(x: Array, weight: Array, shares: Array) -> NDArray[np.intp]:
+    """The rows in which the sum of x^2 (n,) reaches shares of it; `weight` is that sum behind each `COARSE` rows."""
+    block = np.searchsorted(weight, shares)
+    rows = block[:, None] * COARSE + np.arange(COARSE)
+    reached = np.append(0.0, weight)[block][:, None] + np.cumsum(x.take(rows, mode="clip") ** 2, axis=1)
+    first = block * COARSE + np.count_nonzero(reached < shares[:, None], axis=1)
+    return np.unique(np.minimum(first, len(x) - 1))

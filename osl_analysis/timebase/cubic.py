@@ -15,12 +15,16 @@ from osl_analysis.trial import Array
 
 Before = Callable[[Array], NDArray[np.intp]]
 """Row of the sample at or before each of some rising times, the last but one at most."""
+Measure = Callable[[Array], None]
+"""What is told the distances [s] of some times to their nearest samples."""
 NEAR = 50
 """Samples by which the spline is known at an end: what lies farther has a weight below 2^-50, or 0.27^50 where steps
 are even."""
 
 
-def cubic_between(times: Array, signals: Sequence[Array], at: Array, before: Before) -> list[Array]:
+def cubic_between(
+    times: Array, signals: Sequence[Array], at: Array, before: Before, measure: Measure | None = None
+) -> list[Array]:
     """Values (m,) of each signal at rising times `at` (m,) [s], of the cubics through its samples (k,) at `times` (k,).
 
     At both ends the first two cubics are one (not-a-knot); nothing is extrapolated. Four samples at least. The spline
@@ -28,25 +32,30 @@ def cubic_between(times: Array, signals: Sequence[Array], at: Array, before: Bef
     """
     found = [np.empty(len(at)) for _ in signals]
     for rows in pieces(len(at)):
-        some = np.clip(at[rows], times[0], times[-1])
+        some = at[rows]
+        if some[0] < times[0] or some[-1] > times[-1]:
+            some = np.clip(some, times[0], times[-1])
         row = before(some)
         known = slice(max(int(row[0]) - NEAR, 0), min(int(row[-1]) + 2 + NEAR, len(times)))
         ends = known.start == 0, known.stop == len(times)
         values = np.array([signal[known] for signal in signals])
         curved = curvatures(times[known], values, ends)
-        for one, piece in zip(found, between(times[known], values, curved, some, row - known.start), strict=True):
+        left = times.take(row)
+        length, passed = times.take(row + 1) - left, some - left
+        if measure:
+            measure(np.minimum(passed, length - passed))
+        for one, piece in zip(found, between(values, curved, passed, length, row - known.start), strict=True):
             one[rows] = piece
     return found
 
 
-def between(times: Array, values: Array, curved: Array, at: Array, before: NDArray[np.intp]) -> list[Array]:
-    """Values (m,) of each of the signals (signals, k) at rising times (m,) [s], by their second derivatives at samples.
+def between(values: Array, curved: Array, passed: Array, length: Array, before: NDArray[np.intp]) -> list[Array]:
+    """Values (m,) of each of the signals (signals, k) behind samples `before` (m,), by their second derivatives there.
 
-    `before` (m,) is the row of the sample at or before each of these times.
+    `passed` (m,) [s] is the time since that sample, `length` (m,) [s] the one from it to the next.
     """
-    left, behind = times.take(before), before + 1
-    length = times.take(behind) - left
-    share = (at - left) / length
+    behind = before + 1
+    share = passed / length
     rest = 1 - share
     bend = -share * rest * length**2 / 6
     return [

@@ -128,26 +128,27 @@ class DeviceClock:
         if residual.max() > middle + far or residual.min() < middle - far:
             near = np.abs(residual - middle) <= far
             count, usual = count[near], residual[near]
-        sd, skewness = spread_and_skewness(usual.__getitem__, len(usual))
+        sd, skewness = spread_and_skewness(usual.__getitem__, len(usual), float(np.mean(usual)))
         if sd > NEAR * self.step and skewness > ONE_SIDED:
             return lower_edge(self.count.astype(float), residual)
         step = line_slope(count, usual)
         return float(np.mean(usual) - step * np.mean(count)), step
 
 
-def spread_and_skewness(part: Callable[[slice], Array], samples: int) -> tuple[float, float]:
+def spread_and_skewness(part: Callable[[slice], Array], samples: int, near: float = 0.0) -> tuple[float, float]:
     """Standard deviation, and third moment about the mean in standard deviations (NaN where they do not scatter).
 
-    `part` gives some rows of the samples.
+    `part` gives some rows of the samples, whose mean is `near` this value.
     """
-    mean, squares, cubes = sum(float(part(rows).sum()) for rows in pieces(samples)) / samples, 0.0, 0.0
+    first, second, third = 0.0, 0.0, 0.0
     for rows in pieces(samples):
-        apart = part(rows) - mean
+        apart = part(rows) - near
         square = apart * apart
-        squares += float(square.sum())
-        cubes += float(square @ apart)
-    sd = float(np.sqrt(squares / samples))
-    return sd, cubes / samples / sd**3 if sd else np.nan
+        first += float(apart.sum()) / samples
+        second += float(square.sum()) / samples
+        third += float(square @ apart) / samples
+    sd = float(np.sqrt(max(second - first**2, 0.0)))
+    return sd, (third - 3 * first * second + 2 * first**3) / sd**3 if sd else np.nan
 
 
 def device_clock(stamps: Array, count: Counts) -> DeviceClock:

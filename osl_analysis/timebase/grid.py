@@ -123,14 +123,8 @@ class Nearest:
     farthest: float = 0.0
     """Largest distance [s] of a usable row so far to the nearest sample."""
 
-    def before(self, time: Array) -> NDArray[np.intp]:
-        """The samples at or before the next rows, at times (k,) [s], as `Samples.before`."""
-        found, times = self.samples.before(time), self.samples.times
-        self.measure(np.minimum(np.abs(time - times.take(found)), np.abs(times.take(found + 1) - time)))
-        return found
-
     def measure(self, distance: Array) -> None:
-        """Note the distances (k,) [s] of the next rows to their samples."""
+        """Note the distances (k,) [s] of the next rows to their nearest samples."""
         near = np.where(self.usable[self.row : self.row + len(distance)], distance, 0.0)
         self.farthest, self.row = max(self.farthest, float(near.max())), self.row + len(distance)
 
@@ -140,7 +134,7 @@ def resampled(nearest: Nearest, time: Array) -> Sequence[Array]:
     part = nearest.samples
     rows = rows_on_grid(part, time)
     if rows is None:
-        return cubic_between(part.times, part.values, time, nearest.before)
+        return cubic_between(part.times, part.values, time, part.before, nearest.measure)
     for piece in pieces(len(time)):
         nearest.measure(np.abs(part.times[rows][piece] - time[piece]))
     return [values[rows] for values in part.values]

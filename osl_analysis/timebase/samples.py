@@ -109,12 +109,24 @@ class Samples:
         Where the samples come evenly, but for a part of a step, the places follow from the times.
         """
         times, last = self.times, len(self.times) - 2
+        first, rows = int(np.searchsorted(times, time[0], side="right")) - 1, len(time)
+        if 0 < first < last - rows and in_step(times[first - 1 : first + rows + 2], time):
+            found = np.arange(first, first + rows)
+            found -= times[first : first + rows] > time
+            found += times[first + 1 : first + rows + 1] <= time
+            return found
         guess = ((time - times[0]) / self.step).astype(np.intp)
         np.clip(guess, 0, last, out=guess)
         guess -= (times.take(guess) > time) & (guess > 0)
         guess += (times.take(guess + 1) <= time) & (guess < last)
         beyond = (times.take(guess) > time) & (guess > 0) | (times.take(guess + 1) <= time) & (guess < last)
         return np.clip(np.searchsorted(times, time, side="right") - 1, 0, last) if beyond.any() else guess
+
+
+def in_step(samples: Array, time: Array) -> bool:
+    """Whether time k of (m,) [s] lies between samples k and k + 3 of (m + 3,) [s], so that the last one before it is k,
+    k + 1 or k + 2."""
+    return bool((samples[: len(time)] <= time).all() and (time < samples[3:]).all())
 
 
 def take(streams: Sequence[Stream]) -> list[Taken]:

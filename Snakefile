@@ -108,7 +108,8 @@ def end_of_run(records) -> str:
 
 
 ACCEPT = CONFIG.failed_trials == "accept"
-jobs.know_by_logs(workflow)
+WRITTEN = [RESULTS, *([RAW] if CONFIG.simulation else [])]
+jobs.know_by_logs(workflow, WRITTEN)
 jobs.at_end_of_dry_run(workflow, expected_time)
 submit_in_batches(workflow, CAMPAIGN.trials(), CAMPAIGN.recorded_mb)
-jobs.at_end_of_run(workflow, [RESULTS, *([RAW] if CONFIG.simulation else [])], end_of_run, ACCEPT)
+jobs.at_end_of_run(workflow, WRITTEN, end_of_run, ACCEPT)

@@ -6,7 +6,7 @@ it leave the same record. The run ends with a list of them (`osl_analysis/refusa
 
 import csv
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
@@ -99,10 +99,16 @@ def refused_trials(refusals: Iterable[Refusal]) -> dict[str, Refusal]:
     return found
 
 
-def forget_failures(folders: Iterable[Path]) -> None:
-    """Delete the records below these folders that stand for a failed or killed job, so that it is tried again."""
+def failures(folders: Iterable[Path]) -> Iterator[Path]:
+    """The records below these folders that stand for a failed or killed job, which the next run tries again."""
     for folder in folders:
         for parent, _, names in os.walk(folder):
             for path in (Path(parent, name) for name in names):
                 if any(refusal.outcome in TRIED_AGAIN for refusal in read_refusals(path)):
-                    path.unlink(missing_ok=True)
+                    yield path
+
+
+def forget_failures(folders: Iterable[Path]) -> None:
+    """Delete the records below these folders that stand for a failed or killed job, so that it is tried again."""
+    for path in failures(folders):
+        path.unlink(missing_ok=True)

@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from multiprocessing import connection
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from osl_analysis.fingerprint import code, code_of
 from osl_analysis.fork_server import fork_server, without_main
 from osl_analysis.job import Job, died, run_uninterrupted
 from osl_analysis.job_log import MADE_OF, plain, read_log, read_logs, run_report
-from osl_analysis.refusal import forget_failures
+from osl_analysis.refusal import failures, forget_failures
 from osl_analysis.refusal_report import records_in
 from osl_analysis.scheduling import without_usual_rate
 from osl_analysis.stale import RECORDED, each_param, made_of, stale
@@ -126,12 +126,14 @@ def outputs(files: Any) -> dict[str, Any]:
     return {"output": plain(files[0])} if len(files) == 1 else {"outputs": plain(list(files))}
 
 
-def know_by_logs(workflow: Any) -> None:
+def know_by_logs(workflow: Any, folders: Collection[Path]) -> None:
     """Let Snakemake make a result again that is missing, or does not hold by the log of its job: also in a dry run.
 
     Snakemake alone makes nothing again for other settings or recordings if it has no notes in `.snakemake` (`stale`).
     It leaves a missing result alone where what follows from it stands: after a fit that was killed, tables without its
     trial. So does it if no rule names the file as its input (`run_job`, `read`).
+
+    In a dry run the records of failed and killed jobs below the `folders` count as missing: a run would delete them.
     """
     prepare = workflow._prepare_dag
 
@@ -139,9 +141,10 @@ def know_by_logs(workflow: Any) -> None:
         prepare(*args, **settings)
         notes = workflow.persistence
         noted, compare = notes.has_metadata, notes.params_changed
+        failed = set(map(str, failures(folders))) if workflow.dryrun else set()
 
         def changed(job: Any, file: Any = None) -> Any:
-            missing = [output for output in job.output if not os.path.exists(output)]
+            missing = [output for output in job.output if str(output) in failed or not os.path.exists(output)]
             if missing and job.log:
                 notes.dag.reason(job).missing_output.update(missing)
                 return False

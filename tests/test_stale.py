@@ -98,11 +98,11 @@ def test_snakemake_is_told_of_results_that_do_not_hold(ingested: Ingested) -> No
     def found(job, file=None):
         return type("Change", (dict,), {})()
 
-    run = SimpleNamespace(_prepare_dag=lambda **_: None)
+    run = SimpleNamespace(_prepare_dag=lambda **_: None, dryrun=False)
     reason = SimpleNamespace(missing_output=set())
     dag = SimpleNamespace(reason=lambda job: reason)
     run.persistence = SimpleNamespace(has_metadata=lambda job: False, params_changed=found, dag=dag)
-    workflow.know_by_logs(run)
+    workflow.know_by_logs(run, [ingested.trial.parent])
     run._prepare_dag(forceall=False)
     recorded = {str(ingested.raw): file_state(ingested.raw)}
     job = SimpleNamespace(output=[str(ingested.trial)], log=[str(ingested.log)], input=[])
@@ -120,6 +120,20 @@ def test_snakemake_is_told_of_results_that_do_not_hold(ingested: Ingested) -> No
     assert run.persistence.has_metadata(job)
     run.persistence.params_changed(job)
     assert reason.missing_output == set(job.output)
+
+
+@pytest.mark.parametrize(("outcome", "again"), [("died", True), ("refused", False)])
+def test_a_dry_run_tells_of_killed_jobs_which_a_run_tries_again(ingested: Ingested, outcome, again) -> None:
+    reason = SimpleNamespace(missing_output=set())
+    run = SimpleNamespace(_prepare_dag=lambda: None, dryrun=True)
+    dag = SimpleNamespace(reason=lambda job: reason)
+    run.persistence = SimpleNamespace(has_metadata=lambda job: True, params_changed=lambda job, file: False, dag=dag)
+    workflow.know_by_logs(run, [ingested.trial.parent])
+    write_refusals([Refusal("b_1", "raw.csv", "ingest.ingest_trial", outcome, "no", "yes")], ingested.trial)
+    run._prepare_dag()
+    job = SimpleNamespace(output=[str(ingested.trial)], log=[str(ingested.log)], input=[], params=PARAMS)
+    assert not run.persistence.params_changed(job)
+    assert reason.missing_output == ({str(ingested.trial)} if again else set())
 
 
 def test_parameters_of_one_function_are_parameters_as_any_other() -> None:

@@ -1,11 +1,13 @@
 #!/usr/bin/env bash
 # Runs a command beside a SLURM of one node and no accounting database: one_node.sh COMMAND ... (Debian, as root)
+# NODES=2 makes two nodes of this machine, each with a daemon of its own; CPUS is of one. REQUEUE=1: a job whose node is
+# lost starts again, as SLURM does by default.
 #
 # It has namespaces of its own: what is installed and started here is seen by the command alone and is gone with it,
 # however it ends. A SLURM of this machine is neither used nor disturbed. Exit code 75: it cannot be set up here.
 set -euo pipefail
 
-LOCK=/tmp/osl_analysis_slurm.lock CPUS=${CPUS:-2}
+LOCK=/tmp/osl_analysis_slurm.lock CPUS=${CPUS:-2} NODES=${NODES:-1} REQUEUE=${REQUEUE:-0}
 
 cannot() {
 	echo "no SLURM for a test here: $1" >&2
@@ -28,19 +30,19 @@ hide_changes() {
 }
 
 configure() {
-	local state=/var/spool/one_node memory
+	local state=/var/spool/one_node memory n
 	mkdir -p "$state"/{state,spool} /etc/slurm
-	memory=$(awk '/MemTotal/ {print int($2 / 1024 * 0.9)}' /proc/meminfo)
+	memory=$(awk -v nodes="$NODES" '/MemTotal/ {print int($2 / 1024 * 0.9 / nodes)}' /proc/meminfo)
 	cat >/etc/slurm/slurm.conf <<-END
 		ClusterName=one_node
 		SlurmctldHost=$(hostname -s)(127.0.0.1)
 		SlurmctldPort=26817
-		SlurmdPort=26818
 		SlurmUser=root
 		StateSaveLocation=$state/state
-		SlurmdSpoolDir=$state/spool
+		SlurmdSpoolDir=$state/spool/%n
 		SlurmctldLogFile=$state/slurmctld.log
-		SlurmdLogFile=$state/slurmd.log
+		SlurmdLogFile=$state/%n.log
+		SlurmdPidFile=/run/%n.pid
 		ProctrackType=proctrack/linuxproc
 		TaskPlugin=task/none
 		SelectType=select/cons_tres
@@ -49,22 +51,26 @@ configure() {
 		AccountingStorageType=accounting_storage/none
 		SchedulerParameters=sched_interval=2,batch_sched_delay=0
 		MinJobAge=3600
-		JobRequeue=0
+		JobRequeue=$REQUEUE
 		ReturnToService=2
 		KillWait=2
-		NodeName=$(hostname -s) NodeAddr=127.0.0.1 CPUs=$CPUS RealMemory=$memory State=UNKNOWN
 		PartitionName=all Nodes=ALL Default=YES MaxTime=INFINITE State=UP
 	END
+	for n in $(seq "$NODES"); do
+		echo "NodeName=node$n NodeHostname=$(hostname -s) NodeAddr=127.0.0.1 Port=$((26817 + n))" \
+			"CPUs=$CPUS RealMemory=$memory State=UNKNOWN" >>/etc/slurm/slurm.conf
+	done
 }
 
 start() {
+	local n
 	[ -s /etc/munge/munge.key ] || mungekey
 	chown munge: /run/munge && chmod 755 /run/munge
 	runuser -u munge -- munged
 	slurmctld -c
-	slurmd -c
+	for n in $(seq "$NODES"); do slurmd -c -N "node$n"; done
 	for _ in $(seq 100); do
-		if [ "$(sinfo --noheader --format=%T 2>/dev/null)" = idle ]; then return; fi
+		if [ "$(sinfo --noheader --format=%D,%T 2>/dev/null)" = "$NODES,idle" ]; then return; fi
 		sleep 0.2
 	done
 	tail -5 /var/spool/one_node/*.log >&2

@@ -8,7 +8,7 @@ import polars as pl
 from osl_analysis.bench.alternatives import check_stiffer, time_base_row, time_base_words, timebase_table
 from osl_analysis.bench.excitation_clocks import record_clock_row
 from osl_analysis.bench.excitation_drift import OF_DRIFT, record_drift_row
-from osl_analysis.bench.excitation_lag import LITTLE_INERTIA, record_lag_row
+from osl_analysis.bench.excitation_lag import record_lag_row
 from osl_analysis.bench.excitation_limits import angle_noise_bias, check_alias, check_band
 from osl_analysis.bench.excitation_peaks import torque_at_peaks
 from osl_analysis.bench.excitation_size import check_moves
@@ -17,6 +17,7 @@ from osl_analysis.bench.impedance import IMPEDANCE, MAY_BE_NULL
 from osl_analysis.bench.moving_fit import NAMES, fit_of, parts_of
 from osl_analysis.bench.moving_record import MovingRecord, moves_little
 from osl_analysis.bench.moving_rows import consecutive_parts
+from osl_analysis.bench.phasor_lag import LITTLE_INERTIA
 from osl_analysis.bench.series import Series
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.pieces import pieces

@@ -70,7 +70,7 @@ def over_amplitudes(rows: Sequence[Row]) -> list[Row]:
 
 def no_lag(row: Row) -> Row:
     """What takes the certainty from the lag of a row: beside a gap, a lag is a part of what the gap leaves."""
-    found = {"certain_lag_damping": 0.0, "lag_share": 0.0, "frame_stiffness": None}
+    found = {"certain_lag_damping": 0.0, "lag_share": 0.0, "lag_inertia_share": 0.0, "frame_stiffness": None}
     return {name: value for name, value in found.items() if row.get(name) is not None}
 
 

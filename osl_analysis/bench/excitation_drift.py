@@ -11,8 +11,9 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.special import stdtrit
 
-from osl_analysis.bench.excitation_lag import LITTLE_INERTIA, MOST, noise_behind
+from osl_analysis.bench.excitation_lag import MOST, noise_behind
 from osl_analysis.bench.moving_record import MovingRecord
+from osl_analysis.bench.phasor_lag import LITTLE_INERTIA
 from osl_analysis.bench.stiffness_drift import CERTAIN
 from osl_analysis.bench.torque_lag import ONLY_NOISE
 from osl_analysis.errors import OslAnalysisError

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from osl_analysis.bench.frequency_response import Admittance
 from osl_analysis.bench.moving_fit import Column, estimates_of, fit_of, left_by
 from osl_analysis.bench.moving_record import MovingRecord
+from osl_analysis.bench.phasor_lag import OF_CERTAIN_LAG, lag_shares
 from osl_analysis.bench.torque_lag import (
     CERTAIN_LAG,
     LAG_STEPS,
@@ -32,8 +33,6 @@ SETTLED = 0.01
 """Standard errors by which the last step to the lag changes it."""
 MOST = 0.5
 """Share of what the fit leaves without a lag, below which it leaves with one, so that the lag explains most of it."""
-LITTLE_INERTIA = 5e-3
-"""Inertia [kg*m^2] below which a share of I says little; it is added in quadrature to what the share is taken of."""
 
 
 @dataclass(frozen=True)
@@ -179,26 +178,20 @@ def record_lag(record: MovingRecord, expected: Admittance | None) -> RecordLag |
 
 
 def record_lag_row(record: MovingRecord, fit: LinearFit, expected: Admittance | None) -> Row:
-    """As `torque_lag_row`, with `lag_inertia_share`, the share of I that a certain lag makes.
+    """As `torque_lag_row`.
 
     A frame of stiffness k in series looks like a lag of 2 B/k up to the third power of s.
     """
     found = record_lag(record, expected)
     if found is None:
-        nothing: Row = dict.fromkeys(("lag_share", "lag_inertia_share", "frame_stiffness"))
-        return {**lag_damping_row(None, None, fit["K"]), **nothing}
+        return {**lag_damping_row(None, None, fit["K"]), **dict.fromkeys(OF_CERTAIN_LAG)}
     beside_noise = found.misfit < ONLY_NOISE * noise_behind(record, record.low_pass)
     row = lag_damping_row(found.lag, found.se, fit["K"], CERTAIN_IN_NOISE if beside_noise else CERTAIN_LAG)
     certain = bool(row["certain_lag_damping"])
-    true_B = fit["B"] + fit["K"] * found.lag
-    stiffness = 2 * true_B / found.lag if certain and found.lag > 0 else 0.0
+    stiffness = 2 * (fit["B"] / found.lag + fit["K"]) if certain and found.lag > 0 else 0.0
     yields = certain and stiffness > 0 and fit["K"] / stiffness < LARGEST_YIELD
-    return {
-        **row,
-        "lag_share": abs(fit["K"] * found.lag / fit["B"]) if certain else 0.0,
-        "lag_inertia_share": abs(true_B * found.lag) / float(np.hypot(fit["I"], LITTLE_INERTIA)) if certain else 0.0,
-        "frame_stiffness": stiffness if yields else None,
-    }
+    shares = lag_shares(found.lag if certain else 0.0, fit)
+    return {**row, **dict(zip(OF_CERTAIN_LAG, (*shares, stiffness if yields else None), strict=True))}
 
 
 def noise_behind(record: MovingRecord, low_pass: LowPass) -> float:

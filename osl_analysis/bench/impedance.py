@@ -12,11 +12,11 @@ from osl_analysis.bench.clocks import clock_drift_row
 from osl_analysis.bench.diagnostics import lowest_held_out_vaf, over_amplitudes
 from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors, at_amplitude, phasors_beside
 from osl_analysis.bench.nonlinearity import rendered_nonlinearity_row
+from osl_analysis.bench.phasor_lag import torque_lag_row
 from osl_analysis.bench.segments import rows_of
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.bench.stiffness_drift import stiffness_drift, stiffness_of_cycles
-from osl_analysis.bench.torque_lag import torque_lag_row
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import CONTROLLERS, Gains, select_gains
@@ -27,7 +27,15 @@ from osl_analysis.stats.regression import LinearFit
 
 IMPEDANCE = ("K", "B", "I")
 """Parameters of Eq. 15."""
-MAY_BE_NULL = ("amplitude_deg", "K_change", "B_change", "backlash_share", "stiffening", "frame_stiffness")
+MAY_BE_NULL = (
+    "amplitude_deg",
+    "K_change",
+    "B_change",
+    "backlash_share",
+    "stiffening",
+    "lag_inertia_share",
+    "frame_stiffness",
+)
 """Columns without a number in some rows, or in all."""
 
 

@@ -1,15 +1,13 @@
 """By how much the torque of a stepped sine lags the angle: a filter, a clock or a yielding frame, and not friction."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors
 from osl_analysis.bench.nonlinearity import Phasors, stacked
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.stats.fit_row import Row, lag_damping_row
-from osl_analysis.stats.regression import LinearFit, regressors
+from osl_analysis.stats.regression import regressors
 from osl_analysis.trial import Array
 
 CERTAIN_LAG = 10.0
@@ -113,9 +111,9 @@ FRAME = Effect(lambda measured, _, c: measured / (1 - c * measured), lambda join
 """A frame of compliance x = c [rad/(N*m)] in series: 1/measured = 1/joint + c."""
 
 
-def lag_beyond(points: ImpedancePoints, base: Phasors, effect: Effect) -> TorqueLag:
+def lag_beyond(points: ImpedancePoints, base: Phasors, effect: Effect, start: float = 0.0) -> TorqueLag:
     """The lag d if the impedance is exp(-s d) (base + K + B s + I s^2) and Coulomb friction, or the size of another
-    effect in its place; raises as `torque_lag`.
+    effect in its place, as Gauss and Newton's steps find it from a `start`; raises as `torque_lag`.
 
     Every amplitude has a K of its own, so that a spring that stiffens is not taken for a lag. Coulomb friction T_C adds
     4j T_C/(pi theta), its describing function. A point weighs as its torque is known: as many cycles at each frequency.
@@ -124,7 +122,7 @@ def lag_beyond(points: ImpedancePoints, base: Phasors, effect: Effect) -> Torque
     weight = points.theta / np.sqrt(points.frequency_hz)
     shared = {"B": s, "I": s**2, "T_C": 4j / (np.pi * points.theta)}
     own = {f"K at {a:g}": (points.amplitude == a).astype(np.complex128) for a in np.unique(points.amplitude)}
-    known, lag = {name: stacked(c * weight) for name, c in {**own, **shared}.items()}, 0.0
+    known, lag = {name: stacked(c * weight) for name, c in {**own, **shared}.items()}, start
     for _ in range(LAG_STEPS):
         early = effect.undone(points.impedance, s, lag)
         slope = {"lag": stacked(-effect.slope(early, s) * weight)}
@@ -135,43 +133,3 @@ def lag_beyond(points: ImpedancePoints, base: Phasors, effect: Effect) -> Torque
     left = y - found.X @ step
     variance = float(left @ left) / (len(left) - len(step))
     return TorqueLag(lag, float(np.sqrt(variance * found.inverse[-1, -1])), float(np.sqrt(variance)))
-
-
-def torque_lag_row(phasors: Sequence[SegmentPhasors], fit: LinearFit, expected: Admittance | None) -> Row:
-    """`lag_damping_row` of the torque's lag, `lag_share`, the share of B that a certain lag makes, and the
-    `frame_stiffness` [N*m/rad] that explains a certain lag as well.
-
-    `expected` is the admittance of the linear model, None where the gains are not known; `fit` is that of Eq. 15. All
-    null where the lag cannot be estimated.
-    """
-    lag = None if expected is None else lag_of(phasors, expected)
-    row = lag_damping_row(None, None, fit["K"])
-    if lag is not None:
-        row = lag_damping_row(lag.lag, lag.se, fit["K"], lag.certain_from(noise_of(phasors)))
-    certain = row["certain_lag_damping"]
-    share = abs(certain / fit["B"]) if isinstance(certain, float) else None
-    return {**row, "lag_share": share, "frame_stiffness": lag.frame_stiffness if lag is not None and share else None}
-
-
-def noise_of(phasors: Sequence[SegmentPhasors]) -> float:
-    """RMS standard error of measured impedances, weighed as `lag_beyond` weighs them [N*m, at 1 Hz]."""
-    variances = [
-        (np.trace(s.torque.covariance) + abs(s.torque.value / s.theta.value) ** 2 * np.trace(s.theta.covariance))
-        / (2 * s.frequency_hz)
-        for s in phasors
-    ]  # of torque/theta times |theta|, to first order
-    return float(np.sqrt(np.mean(variances)))
-
-
-def lag_of(phasors: Sequence[SegmentPhasors], expected: Admittance) -> TorqueLag | None:
-    """The torque's lag; None where it cannot be estimated."""
-    points = ImpedancePoints(
-        np.array([s.frequency_hz for s in phasors]),
-        np.array([abs(s.theta.value) for s in phasors]),
-        np.array([s.amplitude_deg for s in phasors]),
-        np.array([s.torque.value / s.theta.value for s in phasors]),
-    )
-    try:
-        return torque_lag(points, 1 / expected(np.asarray(2j * np.pi * points.frequency_hz, dtype=np.complex128)))
-    except OslAnalysisError:
-        return None

@@ -22,6 +22,8 @@ FEWEST_CYCLES = 5
 """Smallest number of cycles at one frequency whose spread gives an interval."""
 COUNTS = 0.01
 """Share of a variance from which on a component of type B is named."""
+CERTAIN = 1e12
+"""Degrees of freedom from which a variance is certain: the rounding of a sum would decide on more."""
 FILTER_SPAN = 8
 """Shortest window, in half periods of the filter's cut-off. Over this window the Bartlett weights lose 1 % of the
 noise's variance."""
@@ -193,7 +195,7 @@ def welch_satterthwaite(variances: Sequence[ArrayLike] | Array, degrees_of_freed
     as many as variances.
 
     Satterthwaite, Biometrics Bulletin 2, 1946; Welch, Biometrika 34, 1947. Infinite where all variances are zero,
-    or the uncertain ones vanish beside the others.
+    or the uncertain ones vanish beside the others: where there would be more than `CERTAIN`.
 
     Raises
     ------
@@ -207,5 +209,5 @@ def welch_satterthwaite(variances: Sequence[ArrayLike] | Array, degrees_of_freed
         certainty = certainty.reshape(-1, *[1] * (summands.ndim - 1))
     uncertainty = np.sum(certainty * summands**2, axis=0)
     total = np.sum(summands, axis=0) ** 2
-    counts = uncertainty > np.finfo(float).tiny * total
+    counts = uncertainty > total / CERTAIN
     return np.asarray(np.divide(total, uncertainty, out=np.full_like(total, np.inf), where=counts))

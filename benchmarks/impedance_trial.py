@@ -33,6 +33,7 @@ from osl_analysis.bench.frequency_response import at_amplitude, phasor_table
 from osl_analysis.bench.impedance import DesiredImpedance, impedance_of, trial_phasors
 from osl_analysis.bench.load_cell_drift import drift_rate
 from osl_analysis.bench.nonlinearity import rendered_nonlinearity_row
+from osl_analysis.bench.phasor_lag import torque_lag_row
 from osl_analysis.bench.plausibility import check_recording, saturated
 from osl_analysis.bench.protocol import find_blocks
 from osl_analysis.bench.recorded import Recorded, resolution_of
@@ -40,7 +41,6 @@ from osl_analysis.bench.rendered import rendered_phasors, rendered_series, rende
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.bench.stiffness_drift import stiffness_drift, stiffness_of_cycles
-from osl_analysis.bench.torque_lag import torque_lag_row
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.simulate import row_of_trial, simulate_trial
 from osl_analysis.config import read_section

@@ -9,8 +9,8 @@ from bench_synthetic import second_order, stepped_sine
 
 from osl_analysis.bench.frequency_response import frequency_response_table, phasor_table
 from osl_analysis.bench.impedance import trial_phasors
+from osl_analysis.bench.phasor_lag import noise_of
 from osl_analysis.bench.settings import BenchStiffness
-from osl_analysis.bench.torque_lag import noise_of
 from osl_analysis.commands.bench import average_over_amplitudes
 from osl_analysis.doubtful import Doubt, marked
 from osl_analysis.errors import InputError

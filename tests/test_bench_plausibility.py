@@ -10,6 +10,7 @@ from conftest import ROOT
 
 from osl_analysis.bench.asked_impedance import AskedImpedance
 from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.bench.plausibility import check_unit_of_time
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.causes import wrong_scale
 from osl_analysis.commands.bench import fit_actuator_trial, fit_belt_trial, fit_impedance_trial, fit_transmission_trial
@@ -214,3 +215,23 @@ def test_the_command_line_that_knows_k_d_judges_as_a_campaign_does(torque, words
     assert said == in_campaign(tmp_path, "impedance", recording)["doubtful"]
     assert re.search(words, said) if words else said == ""
     assert on_the_command_line(tmp_path, "impedance", recording)["doubtful"] == ""  # without K_d it cannot tell
+
+
+@pytest.mark.parametrize(
+    ("steps", "refused"),
+    [
+        ([1e-6] * 50, True),  # in ms, declared as s
+        ([1e-6] * 26 + [1e-3] * 25, True),
+        ([1e-6] * 25 + [1e-3] * 26, False),
+        ([1e-6] * 25 + [1e-3] * 25, False),
+        ([0.0] * 30 + [1e-3] * 21, False),  # few decimals were printed
+        ([1e-3] * 50, False),
+    ],
+)
+def test_samples_closer_than_any_recorder_takes_them_are_refused(steps, refused):
+    trial = Trial("hasty", pl.DataFrame({"time": np.cumsum([0.0, *np.random.default_rng(1).permutation(steps)])}))
+    if not refused:
+        check_unit_of_time(trial)
+        return
+    with pytest.raises(InputError, match=r"trial hasty: its samples are 1e-06 s apart, 1e\+06 in a second.*unit of"):
+        check_unit_of_time(trial)

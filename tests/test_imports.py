@@ -6,7 +6,7 @@ from conftest import ROOT
 from osl_analysis.fingerprint import imported_names
 
 PACKAGE = ROOT / "osl_analysis"
-COMMON = {"errors", "trial", "measured", "pieces", "compiled"}
+COMMON = {"errors", "trial", "measured", "pieces", "quantiles", "compiled"}
 MAY_IMPORT = {
     "model": COMMON | {"model", "parameters"},
     "simulator": COMMON
@@ -16,7 +16,7 @@ MAY_IMPORT = {
     "ingest": COMMON
     | {"ingest", "formats", "columns", "memory", "plateaus", "signals", "yaml_places", "yaml_settings"},
     "stats": COMMON | {"stats", "signals"},
-    "protocol": COMMON | {"protocol"},
+    "protocol": COMMON | {"protocol", "signals"},
     "spectral": COMMON | {"spectral", "stats", "signals", "model", "parameters"},
     "design": COMMON | {"design", "spectral", "stats", "signals", "multisine"},
     "timebase": COMMON | {"timebase", "signals"},

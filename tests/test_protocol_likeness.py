@@ -80,14 +80,22 @@ def test_rests_do_not_count_as_moving_and_slow_turns_do():
     assert not moving[(time < 4.9) | (time > 15.3)].any()
 
 
-def test_crossings_are_found_in_pieces_as_in_the_whole(monkeypatch):
-    """The joint rests for longer than a piece, below and above its centre, and noise stays within the dead band."""
-    time = np.arange(6000) / 500
-    theta = np.where((time > 3) & (time < 7), -0.01, np.sin(5 * time)) + 1e-3 * np.random.default_rng(3).normal(
-        size=6000
-    )
-    whole = upward_crossings(time, theta)
-    assert len(whole) > 5
-    for rows in (100, 777, 5999):
-        monkeypatch.setattr(crossings, "MANY", rows)
-        np.testing.assert_array_equal(upward_crossings(time, theta), whole)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_crossings_are_those_of_a_walk_from_row_to_row(sign):
+    """The joint rests below and above its centre, and noise stays within the dead band; it begins low, or high."""
+    time, random = np.arange(6000) / 500, np.random.default_rng(3)
+    rests = (time > 3) & (time < 7)
+    theta = sign * np.where(rests, -0.01, np.cos(5 * time)) + 1e-3 * random.normal(size=6000)
+    x, noise = theta - crossings.centre_of_motion(time, theta), crossings.noise_of(theta)
+    dead = max(0.02 * np.abs(x).max(), 5 * noise)
+    side, last, walked = 0, 0, []
+    for row, value in enumerate(x):
+        if value <= 0:
+            last = row
+        if abs(value) > dead:
+            if side < 0 < value:
+                walked.append(time[last] - x[last] * 0.002 / (x[last + 1] - x[last]))
+            side = np.sign(value)
+    assert len(walked) > 5
+    assert noise == pytest.approx(1e-3, rel=0.2)
+    np.testing.assert_allclose(upward_crossings(time, theta), walked, atol=1e-12)

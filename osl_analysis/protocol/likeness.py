@@ -9,9 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.measured import usual_size
 from osl_analysis.protocol.commanded import SteppedSineProtocol
-from osl_analysis.protocol.crossings import upward_crossings
+from osl_analysis.protocol.crossings import noise_of, upward_crossings
 from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, find_runs
 from osl_analysis.trial import Array
 
@@ -60,14 +59,19 @@ class Likeness:
         return np.asarray(self.recorded - self.recorded[0])
 
     @cached_property
+    def noise(self) -> float:
+        """Standard deviation [rad] of the angle's noise."""
+        return noise_of(self.theta)
+
+    @cached_property
     def moving(self) -> NDArray[np.bool_]:
         """Rows (n,) in which the joint moves."""
-        return moving_bins(self.time, self.theta)
+        return moving_bins(self.time, self.theta, self.noise)
 
     @cached_property
     def crossings(self) -> Array:
         """Times [s] at which the angle rises through its centre."""
-        return upward_crossings(self.time, self.theta)
+        return upward_crossings(self.time, self.theta, self.noise)
 
     @cached_property
     def runs(self) -> list[Run]:
@@ -113,14 +117,15 @@ class Likeness:
         return "unclear" if damaged else "other"
 
 
-def moving_bins(time: Array, theta: Array) -> NDArray[np.bool_]:
+def moving_bins(time: Array, theta: Array, noise: float | None = None) -> NDArray[np.bool_]:
     """Rows (n,) of a joint angle theta [rad] at times [s] in which the joint moves, in bins of `BIN_S`.
 
-    A bin in which a sensor at rest only rounds or makes noise does not count.
+    A bin in which a sensor at rest only rounds or makes noise does not count. `noise` is that of `noise_of`, where it
+    is known already.
     """
     first = first_of_bins(time)
     turn = np.maximum.reduceat(theta, first) - np.minimum.reduceat(theta, first)
-    noise = usual_size(np.diff(theta, 2)) / (0.6745 * np.sqrt(6)) if len(theta) > 2 else 0.0
+    noise = noise_of(theta) if noise is None else noise
     moves = turn > max(MOVES * float(np.ptp(theta)), 12 * noise)
     return np.asarray(np.repeat(moves, np.diff(np.append(first, len(theta)))))
 

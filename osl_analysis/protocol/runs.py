@@ -66,7 +66,8 @@ class Run:
 
     def angle(self, time: Array) -> Array:
         """The sine's angle [rad] at times [s]."""
-        return np.asarray(self.centre + np.real(self.phasor * np.exp(2j * np.pi * self.frequency_hz * time)))
+        turn = 2 * np.pi * self.frequency_hz * time + np.angle(self.phasor)
+        return np.asarray(self.centre + abs(self.phasor) * np.cos(turn))
 
     def phase_at(self, time: float) -> float:
         """Phase [rad] at a time [s] of the sine, between -pi and pi; 0 where the angle rises through its centre."""
@@ -147,11 +148,12 @@ def fit_run(time: Array, theta: Array, stretch: Stretch) -> Run | None:
     if len(t) < 8:
         return None
     middle = float(t.mean())
-    share = (t - middle) / duration
+    share, columns = (t - middle) / duration, np.ones((5, len(t)))
     for _ in range(MOST_STEPS):
         turn = 2 * np.pi * frequency * (t - middle)
-        cosine, sine = np.cos(turn), -np.sin(turn)
-        columns = np.array([np.ones_like(t), cosine, sine, share * cosine, share * sine])
+        np.cos(turn, out=columns[1])
+        np.negative(np.sin(turn, out=turn), out=columns[2])
+        np.multiply(share, columns[1:3], out=columns[3:])
         found, *_ = np.linalg.lstsq(columns @ columns.T, columns @ x, rcond=None)
         phasor, growth = complex(*found[1:3]), complex(*found[3:])
         slip = (growth / phasor).imag / (2 * np.pi)

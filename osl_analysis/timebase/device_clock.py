@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.pieces import AT_ONCE, pieces
+from osl_analysis.quantiles import quantile
 from osl_analysis.timebase.counting import Counts, line_slope
 from osl_analysis.trial import Array
 
@@ -90,8 +91,9 @@ class DeviceClock:
     @cached_property
     def middle_and_spread(self) -> tuple[float, float]:
         """Median [s] of the residual and `usual_spread`."""
-        low, middle, high = np.quantile(self.residual, [0.05, 0.5, 0.95], overwrite_input=True)
-        return float(middle), float(high - low) / 3.29
+        residual = self.residual
+        low, middle, high = (quantile(residual, share) for share in (0.05, 0.5, 0.95))
+        return middle, (high - low) / 3.29
 
     @cached_property
     def wander(self) -> float:

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.bench.segments import Segment
+from osl_analysis.bench.segments import Segment, repeated_cycles
 from osl_analysis.stats.covariance import nearest_covariance
 from osl_analysis.stats.rounding import (
     HARMONICS,
@@ -22,6 +22,8 @@ from osl_analysis.trial import Array
 
 BATCH = 12_000
 """Samples whose rounding is computed at a time: it stays in the processor's cache."""
+FEW, CLEAR = 8, 1.2
+"""Every how many rows are seen at first, and the noise [steps] that is then large enough: twice what `DITHERED` needs."""
 DITHERED = 1e-3
 """Share of the rounding that survives the noise before it, below which there is nothing to repeat."""
 
@@ -66,17 +68,32 @@ class Rounded:
     def surviving(self, segment: Segment) -> Array:
         """Share of each harmonic of the rounding that the noise before it leaves in the mean, (HARMONICS,).
 
-        The noise is what cycles differ by, beyond what the rounding of the smooth signal itself makes different. Every
-        fit to the segment asks for it: it is kept.
+        A few rows tell noise that leaves nothing. Every fit to the segment asks for it: it is kept.
         """
         if segment not in self.kept:
-            smooth, cycles = segment.part(self.smooth), segment.repeated
-            assert cycles is not None
-            errors = np.array([segment.part(self.signal), self.step * np.rint(smooth / self.step)]) - smooth
-            seen, expected = scatter_between_cycles(errors, cycles)
-            noise = noise_before_rounding(np.maximum(seen - expected, 0.0) / self.step**2)
+            noise = self.noise(segment, FEW)
+            if noise < CLEAR:
+                noise = self.noise(segment)
             self.kept[segment] = np.exp(-2 * (np.pi * noise * np.arange(1, HARMONICS + 1)) ** 2)
         return self.kept[segment]
+
+    def noise(self, segment: Segment, every: int = 1) -> float:
+        """Standard deviation [steps] of the noise before the rounding in a segment, by every some row.
+
+        It is what cycles differ by, beyond what the rounding of the smooth signal itself makes different.
+        """
+        cycles = segment.repeated if every == 1 else repeated_cycles([segment], every)
+        assert cycles is not None
+        signal, smooth = (
+            np.concatenate([x[piece][::every] for piece in segment.pieces]) for x in (self.signal, self.smooth)
+        )
+        errors = np.array([signal, smooth])
+        errors[1] /= self.step
+        np.rint(errors[1], out=errors[1])
+        errors[1] *= self.step
+        errors -= smooth
+        seen, expected = scatter_between_cycles(errors, cycles)
+        return float(noise_before_rounding(np.maximum(seen - expected, 0.0) / self.step**2)[0])
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,17 @@ def stiffness_of_cycles(theta: Array, torque: Array, segments: Sequence[Segment]
     `theta` [rad] and `torque` [N*m], shape (n,), are the filtered signals, without the load cell's drift. In whole
     cycles of a sine the torque in phase with the angle is K - I w^2.
     """
-    return {segment: in_phase(theta, torque, segment) for segment in segments}
+    first, end = (np.concatenate([segment.edges[segment.used + k] for segment in segments]) for k in (0, 1))
+    begin, stop = int(np.min(first)), int(np.max(end)) + 2
+    x, y = theta[begin:stop], torque[begin:stop]
+    nowhere = np.zeros(2 * len(first), dtype=np.intp)
+    sums = products_between(np.array([x, np.ones_like(x)]).T, np.array([x, y]).T, first - begin, end - begin, nowhere)
+    (squares, products), (angles, torques) = np.moveaxis(sums, 0, 2)
+    squares -= angles**2 / (end - first)
+    products -= angles * torques / (end - first)
+    ends = np.cumsum([len(segment.used) for segment in segments])[:-1]
+    found = np.split(np.array([(first + end) / 2, products / squares, squares]), ends, axis=1)
+    return dict(zip(segments, found, strict=True))
 
 
 def stiffness_drift(stiffness: Mapping[Segment, Array], segments: Sequence[Segment]) -> float:
@@ -51,17 +61,3 @@ def stiffness_drift(stiffness: Mapping[Segment, Array], segments: Sequence[Segme
     variance = float(weight @ (stiffness - slope * when) ** 2) / degrees_of_freedom / spread
     noise = float(stdtrit(degrees_of_freedom, CERTAIN)) * np.sqrt(variance)
     return float(np.sign(slope) * max(abs(slope) - noise, 0.0) * np.ptp(everywhen)) + 0.0  # no -0
-
-
-def in_phase(theta: Array, torque: Array, segment: Segment) -> Array:
-    """As `stiffness_of_cycles` has it, for one segment (3, m)."""
-    start, stop = int(np.floor(segment.edges[0])), int(np.ceil(segment.edges[-1])) + 1
-    x, y = theta[start:stop], torque[start:stop]
-    first, end = (segment.edges[segment.used + k] for k in (0, 1))
-    columns, beside = np.stack([x, np.ones_like(x)], axis=1), np.stack([x, y], axis=1)
-    nowhere = np.zeros(2 * len(first), dtype=np.intp)
-    sums = products_between(columns, beside, first - start, end - start, nowhere)
-    (squares, products), (angles, torques) = np.moveaxis(sums, 0, 2)
-    squares -= angles**2 / (end - first)
-    products -= angles * torques / (end - first)
-    return np.array([(first + end) / 2, products / squares, squares])

@@ -22,6 +22,8 @@ NAMES = ("offset", *(f"{wave}{k}" for k in range(1, HARMONICS + 1) for wave in (
 """The columns of a sine with its harmonics."""
 EVEN = 1e-9
 """Phase [rad] that steps between even times may lose over a table of `waves`; rounding loses less by far."""
+SOME = 1000
+"""Times that say how fast a signal was sampled."""
 NO_SINE = 1e-12
 """Smallest amplitude that counts as a sine, as a share of the largest reading. Below it is the fit's rounding error."""
 
@@ -139,7 +141,7 @@ class Sinusoid:
 def sinusoid(time: Array, frequency_hz: float, cycles: Cycles | None = None) -> Sinusoid:
     """The sine at times [s] (n,); `cycles` and what is raised as in `fit_sinusoid`."""
     check_finite("time", time)
-    step = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
+    step = float(np.median(np.diff(time[:SOME]))) if len(time) > 1 else np.inf
     check_sampling(len(time), step, frequency_hz)
     cycles = cycles or whole_cycles(len(time), 1 / (step * frequency_hz))
     rows = waves(time, frequency_hz * np.arange(HARMONICS + 1))[1:]

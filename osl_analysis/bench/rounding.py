@@ -23,7 +23,7 @@ from osl_analysis.trial import Array
 BATCH = 12_000
 """Samples whose rounding is computed at a time: it stays in the processor's cache."""
 FEW, CLEAR = 8, 1.2
-"""Every how many rows are seen at first, and the noise [steps] that is then large enough: twice what `DITHERED` needs."""
+"""Rows of which one is seen at first, and the noise [steps] that is then large enough: twice what `DITHERED` needs."""
 DITHERED = 1e-3
 """Share of the rounding that survives the noise before it, below which there is nothing to repeat."""
 

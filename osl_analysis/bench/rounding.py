@@ -7,14 +7,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.bench.segments import Segment, repeated_cycles
+from osl_analysis.bench.segments import Segment
 from osl_analysis.stats.covariance import nearest_covariance
 from osl_analysis.stats.rounding import (
     HARMONICS,
+    SIZES,
     noise_before_rounding,
     rounding_harmonics,
     scatter_between_cycles,
-    sizes_of_harmonics,
 )
 from osl_analysis.stats.sinusoid import waves
 from osl_analysis.timebase.cubic import cubic_between
@@ -68,32 +68,24 @@ class Rounded:
     def surviving(self, segment: Segment) -> Array:
         """Share of each harmonic of the rounding that the noise before it leaves in the mean, (HARMONICS,).
 
-        A few rows tell noise that leaves nothing. Every fit to the segment asks for it: it is kept.
+        The noise is what cycles differ by, beyond what the rounding of the smooth signal itself makes different. A few
+        rows show noise that leaves nothing. Every fit to the segment asks for it: it is kept.
         """
         if segment not in self.kept:
-            noise = self.noise(segment, FEW)
-            if noise < CLEAR:
-                noise = self.noise(segment)
+            smooth, cycles = segment.part(self.smooth), segment.repeated
+            assert cycles is not None
+            errors = np.array([segment.part(self.signal), smooth])
+            errors[1] /= self.step
+            np.rint(errors[1], out=errors[1])
+            errors[1] *= self.step
+            errors -= smooth
+            for every in (FEW, 1):
+                seen, expected = scatter_between_cycles(errors, cycles, every)
+                noise = noise_before_rounding(np.maximum(seen - expected, 0.0) / self.step**2)
+                if noise > CLEAR:
+                    break
             self.kept[segment] = np.exp(-2 * (np.pi * noise * np.arange(1, HARMONICS + 1)) ** 2)
         return self.kept[segment]
-
-    def noise(self, segment: Segment, every: int = 1) -> float:
-        """Standard deviation [steps] of the noise before the rounding in a segment, by every some row.
-
-        It is what cycles differ by, beyond what the rounding of the smooth signal itself makes different.
-        """
-        cycles = segment.repeated if every == 1 else repeated_cycles([segment], every)
-        assert cycles is not None
-        signal, smooth = (
-            np.concatenate([x[piece][::every] for piece in segment.pieces]) for x in (self.signal, self.smooth)
-        )
-        errors = np.array([signal, smooth])
-        errors[1] /= self.step
-        np.rint(errors[1], out=errors[1])
-        errors[1] *= self.step
-        errors -= smooth
-        seen, expected = scatter_between_cycles(errors, cycles)
-        return float(noise_before_rounding(np.maximum(seen - expected, 0.0) / self.step**2)[0])
 
 
 @dataclass(frozen=True)
@@ -172,14 +164,14 @@ class RepeatedRounding:
             first, weights = rows.stop, X.T[:, rows]
             # the error acts as stiffness e + damping de/dt; by parts, the derivative is the column's
             if (stiffness, damping) != (1.0, 0.0):
-                weights = stiffness * weights - damping * signal.rate_hz * np.gradient(weights, axis=1)
+                weights = stiffness * weights - damping * signal.rate_hz * slopes(weights)
             used = [k for k in segment.used if piece.start - 1 < segment.edges[k] < piece.stop - 1]
             edges = signal.time[0] + segment.edges[[*used, used[-1] + 1]] / signal.rate_hz
             cuts = np.searchsorted(signal.sampled, edges)
             samples = slice(int(cuts[0]), int(cuts[-1]))
             count = samples.stop - samples.start
             place, smooth = signal.place(samples) - piece.start, signal.smooth_when_sampled(samples)
-            size = sizes_of_harmonics(signal.step) * signal.rate_hz * (edges[-1] - edges[0]) / count  # per row
+            size = SIZES * signal.step * signal.rate_hz * (edges[-1] - edges[0]) / count  # per row
             for cycles in np.array_split(np.arange(len(used)), min(-(-count // BATCH), len(used))):
                 low, *_, high = edge = cuts[cycles[0] : cycles[-1] + 2] - cuts[0]
                 each = interpolated(place[low:high], weights, own.T[:, rows])
@@ -195,6 +187,15 @@ class RepeatedRounding:
         apart = [x - np.mean(x) for x in map(segment.part, (self.fitted, self.rounded.smooth))]
         fitted, smooth = (complex(x @ cosine, -(x @ sine)) for x in apart)
         return (fitted / smooth).real, (fitted / smooth).imag / w
+
+
+def slopes(values: Array) -> Array:
+    """Slope of values (p, n) per row, as `np.gradient` has it in twice the time."""
+    found = np.empty_like(values)
+    np.subtract(values[:, 2:], values[:, :-2], out=found[:, 1:-1])
+    found[:, 1:-1] /= 2
+    found[:, [0, -1]] = values[:, [1, -1]] - values[:, [0, -2]]
+    return found
 
 
 def interpolated(place: Array, *values: Array) -> Array:

@@ -21,7 +21,7 @@ class Cycles:
     stop: Array
     """Where it ends, shape (m,)."""
     stratum: NDArray[np.intp]
-    """Number of the stratum that each cycle belongs to, shape (m,)."""
+    """Number of the stratum that each cycle belongs to, from 0 on and rising, shape (m,)."""
 
     def sums(self, X: Array, y: Array) -> Array:
         """Sums (m, p) of X times y in each cycle, for columns X (n, p) and y (n,) in the rows of the fit."""

@@ -17,6 +17,9 @@ DISTINCT = 0.5
 """Largest share of distinct values among the samples of a signal whose step is visible."""
 HARMONICS = 8
 """Harmonics of the error of rounding: 93 % of its variance."""
+ORDERS = np.tile(np.arange(1, HARMONICS + 1), 2)
+SIZES = 1 / (np.sqrt(2) * np.pi * ORDERS) / np.sqrt(np.sum(1 / ORDERS**2) / 2 * 6 / np.pi**2)
+"""Orders of `rounding_harmonics`, and their sizes in the error [steps]."""
 WHOLE_STEPS = 0.99
 """Smallest share of the differences between neighbouring values that are a whole number of steps."""
 
@@ -58,7 +61,7 @@ def rounding_harmonics(signal: Array, step: float) -> Array:
 
     The error is sum of step/(pi k) sin(2 pi k (signal + zero)/step), with a sign that alternates. A zero of the sensor
     that lies anywhere makes the phases of the harmonics random: what is linear in the error then has the sum of squares
-    over these rows, each times its size (`sizes_of_harmonics`), as its variance. The harmonics that are left out count
+    over these rows, each times its size (`SIZES`), as its variance. The harmonics that are left out count
     as those that are kept.
     """
     waves = np.empty((2, HARMONICS, len(signal)))
@@ -73,12 +76,6 @@ def rounding_harmonics(signal: Array, step: float) -> Array:
         np.multiply(twice, waves[:, n - 1], out=waves[:, n])
         waves[:, n] -= waves[:, n - 2] if n > 1 else [[1.0], [0.0]]
     return waves.reshape(2 * HARMONICS, len(signal))
-
-
-def sizes_of_harmonics(step: float) -> Array:
-    """Sizes (2 HARMONICS,) of `rounding_harmonics` in the error, in the unit of the step."""
-    k = np.arange(1, HARMONICS + 1)
-    return np.tile(step / (np.sqrt(2) * np.pi) / k / np.sqrt(np.sum(1 / k**2) * 6 / np.pi**2), 2)
 
 
 @cache
@@ -105,12 +102,12 @@ def noise_before_rounding(scatter: Array) -> Array:
     return np.where(scatter > left[-1], np.sqrt(scatter), np.interp(scatter, left, s))
 
 
-def scatter_between_cycles(error: Array, cycles: Cycles) -> Array:
+def scatter_between_cycles(error: Array, cycles: Cycles, every: int = 1) -> Array:
     """Variance between the cycles of each stratum at equal phase, in the squared unit of the error, shape (strata,).
 
     `error` (n,) is the signal in the rows of the fit without its smooth part; several (k, n) have the shape
-    (k, strata). Rounding that every cycle repeats has
-    none; rounding and noise that differ from cycle to cycle have theirs.
+    (k, strata). Rounding that every cycle repeats has none; rounding and noise that differ from cycle to cycle have
+    theirs. Of the rows of a cycle, one in `every` is seen.
 
     Raises
     ------
@@ -118,16 +115,18 @@ def scatter_between_cycles(error: Array, cycles: Cycles) -> Array:
         A value cannot be measured, or a stratum has a single cycle.
     """
     check_measured("the error of rounding", error)
-    check_repeated(np.bincount(cycles.stratum).astype(float))
+    members = np.bincount(cycles.stratum)
+    check_repeated(members.astype(float))
     if not error.shape[-1]:
         raise InputError("no samples between the cycles' edges; record the trial again")
-    variances = []
-    for stratum in np.unique(cycles.stratum):
-        first, stop = (edge[cycles.stratum == stratum] for edge in (cycles.first, cycles.stop))
-        count = max(int(np.min(stop - first)), 1)
-        phase = (np.arange(count) + 0.5) / count
-        rows = (first[:, None] + 1e-9 + (stop - first)[:, None] * phase).astype(np.intp)
+    variances: list[Array] = []
+    for stop in np.cumsum(members):
+        own = slice(stop - members[len(variances)], stop)
+        first, length = cycles.first[own], cycles.stop[own] - cycles.first[own]
+        count = max(int(np.min(length)), 1)
+        phase = (np.arange(0, count, every) + 0.5) / count
+        rows = (first[:, None] + 1e-9 + length[:, None] * phase).astype(np.intp)
         alike = np.take(error, np.minimum(rows, error.shape[-1] - 1), axis=-1)
         alike -= alike.mean(axis=-2, keepdims=True)
-        variances.append(np.einsum("...ij,...ij->...", alike, alike) / (count * (len(first) - 1)))
+        variances.append(np.einsum("...ij,...ij->...", alike, alike) / (len(phase) * (len(first) - 1)))
     return np.stack(variances, axis=-1)

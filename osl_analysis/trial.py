@@ -136,7 +136,7 @@ def write_trial(trial: Trial, path: Path) -> None:
     """Write the trial completely or not at all. Name and provenance (JSON) are in the file's metadata."""
     metadata = {NAME_KEY: trial.name, PROVENANCE_KEY: json.dumps(trial.provenance, sort_keys=True)}
     with atomic_path(path) as temporary:
-        trial.samples.write_parquet(temporary, compression="zstd", metadata=metadata)
+        trial.samples.write_parquet(temporary, compression="lz4", metadata=metadata)
 
 
 def read_provenance(path: Path) -> dict[str, Any]:

@@ -7,8 +7,9 @@ largest memories of the two lengths is printed per sample, and the largest of al
 sample and column.
 
 The same for the fits of trials of ten minutes, an hour and four hours: a stepped sine that one clock stamped, one that
-two clocks stamped, whose stamps scatter, and any motion. A fit of four hours has 2 GiB: it may map that much, less what
-it holds at the beginning, beyond its file and what its libraries have mapped by then.
+two clocks stamped, whose stamps scatter, one of two clocks whose signals are too noisy to tell whether the stamps are
+true, so that it is fitted with both answers, and any motion. A fit of four hours has 2 GiB: it may map that much, less
+what it holds at the beginning, beyond its file and what its libraries have mapped by then.
 """
 
 import subprocess
@@ -89,10 +90,15 @@ print(resident, sizes()[0])
 """
 FIT_LENGTHS = {
     "one clock": (600_000, 3_600_000, 14_400_000),
-    "two clocks": (600_000, 3_600_000),
+    "two clocks": (600_000, 3_600_000, 14_400_000),
+    "undecided stamps": (600_000, 3_600_000),
     "any motion": (600_000, 3_600_000, 14_400_000),
 }
-"""Samples of the trials that are fitted, by kind; the longest has a limit. Four hours of two clocks pass it."""
+"""Samples of the trials that are fitted, by kind; the longest has a limit."""
+JITTER = {"two clocks": 2e-5, "undecided stamps": 2.5e-6}
+"""Largest scatter [s] of the stamps of two clocks, by kind."""
+NOISE = 1e-3, 0.3
+"""Standard deviations of the noise of angle [rad] and torque [N*m] beside which such a scatter is not seen."""
 WARM, LIMIT = 60_000, 2 << 30
 """Samples of a trial with which the libraries are loaded, and memory [bytes] of four hours."""
 
@@ -157,9 +163,12 @@ def fitted_trial(folder: Path, kind: str, once: dict[str, np.ndarray], samples: 
     else:
         theta, torque = (np.resize(once[name], samples) for name in ("joint_angle", "load_cell_torque"))
         torque = -torque.astype(np.float32).astype(float)
+    if kind == "undecided stamps":
+        theta += NOISE[0] * rng.standard_normal(samples)
+        torque += NOISE[1] * rng.standard_normal(samples)
     table = pl.DataFrame({"time": time, "theta": theta, "torque": torque})
-    if kind == "two clocks":
-        jitter = rng.uniform(-2e-5, 2e-5, (2, samples))
+    if kind in JITTER:
+        jitter = rng.uniform(-JITTER[kind], JITTER[kind], (2, samples))
         first = np.arange(2 * samples) % 2 == 0
         late = np.gradient(theta, 1e-3) * jitter[0], np.gradient(torque, 1e-3) * jitter[1]
         each = {"theta": (first, theta + late[0]), "torque": (~first, torque + late[1])}

@@ -85,7 +85,7 @@ PARTS = (
         "Memory",
         "memory.py",
         "Largest memory by the length of a recording, in a process for each. The limit is 150 bytes per sample, and "
-        "2 GiB for four hours at 1 kHz. Four hours of two clocks pass it.",
+        "2 GiB for four hours at 1 kHz.",
     ),
     Part(
         "Reading MCAP",

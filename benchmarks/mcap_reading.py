@@ -1,16 +1,19 @@
 """Speed of the MCAP reader relative to the `mcap` packages and to the lower limit of the reading time.
 
-Run from the repository: `python benchmarks/mcap_reading.py [seconds]`. One run writes a synthetic trial of 140 s (or as
-many as are asked for) at 1 kHz in three topics, once in each encoding, to a temporary folder; reads it with
-`read_mcap_log` and with the packages' own readers, to the same columns; and prints the times' ratios. The limit is the
-time that every checking reader needs: decompress every chunk, compute its CRC, copy its bytes twice. Times are those of
-the processor, on one thread as in the workflow's jobs: they do not depend on what else is running.
+Run from the repository: `python benchmarks/mcap_reading.py [seconds] [--against FOLDER]`, with the folder of an earlier
+release. One run writes a synthetic trial of 140 s (or as many as are asked for) at 1 kHz in three topics, once in each
+encoding, to a temporary folder; reads it with `read_mcap_log`, with that of the earlier release, and with the packages'
+own readers, to the same columns; and prints the times' ratios. The limit is the time that every checking reader needs:
+decompress every chunk, compute its CRC, copy its bytes twice. Times are those of the processor, on one thread as in the
+workflow's jobs: they do not depend on what else is running.
 """
 
+import argparse
 import json
 import math
 import os
 import struct
+import subprocess
 import sys
 import tempfile
 import time
@@ -50,6 +53,19 @@ float32 current
 MSG: std_msgs/Header
 builtin_interfaces/Time stamp
 string frame_id
+"""
+
+REPEATS = 5
+EARLIER = """
+import sys, time
+from pathlib import Path
+from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
+source, times = McapSource.model_validate_json(sys.argv[2]), []
+for _ in range(int(sys.argv[3])):
+    start = time.process_time()
+    read_mcap_log(Path(sys.argv[1]), source)
+    times.append(time.process_time() - start)
+print(min(times))
 """
 
 Row = tuple[int, int, float, float, float, float]
@@ -180,8 +196,19 @@ def seconds_of(run: Callable[[], Any], repeats: int) -> float:
     return min(times)
 
 
+def seconds_of_earlier(folder: Path, path: Path) -> float:
+    """Time [s] of the processor in which an earlier release reads a file."""
+    code = [sys.executable, "-c", EARLIER, str(path), source().model_dump_json(exclude_unset=True), str(REPEATS)]
+    environment = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    return float(subprocess.run(code, cwd=folder, env=environment, capture_output=True, text=True, check=True).stdout)
+
+
 def main() -> None:
-    duration = int(sys.argv[1]) if len(sys.argv) > 1 else 140
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("seconds", type=int, nargs="?", default=140)
+    parser.add_argument("--against", type=Path, metavar="FOLDER")
+    asked = parser.parse_args()
+    duration = asked.seconds
     encodings = {
         "cdr": (("lab_msgs/msg/Sample", "ros2msg", ROS2.encode()), cdr, Ros2DecoderFactory()),
         "protobuf": (
@@ -196,12 +223,14 @@ def main() -> None:
         for encoding, (schema, encode, factory) in encodings.items():
             path = Path(folder) / f"{encoding}.mcap"
             write(path, encoding, schema, encode, duration)
-            ours = seconds_of(lambda path=path: read_mcap_log(path, source()), 5)
+            ours = seconds_of(lambda path=path: read_mcap_log(path, source()), REPEATS)
             theirs = seconds_of(lambda path=path, factory=factory: by_mcap(path, factory), 1)
-            floor = seconds_of(lambda path=path: limit(path), 5)
+            floor = seconds_of(lambda path=path: limit(path), REPEATS)
+            before = "" if asked.against is None else seconds_of_earlier(asked.against.resolve(), path)
             print(
                 f"{encoding:9} {ours:.3f} s, the mcap packages {theirs:.2f} s: {theirs / ours:.0f} x as fast; "
                 f"{ours / floor:.2f} x the limit of {floor:.3f} s"
+                + (f"; the earlier release {before:.3f} s: {before / ours:.2f} x as fast" if before else "")
             )
 
 

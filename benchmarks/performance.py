@@ -90,9 +90,9 @@ PARTS = (
     Part(
         "Reading MCAP",
         "mcap_reading.py",
-        "A trial of 140 s at 1 kHz in three topics. The alternatives are the `mcap` packages. The limit "
-        "is what every checking reader "
-        "needs: decompression, CRC, and two copies.",
+        "A trial of 140 s at 1 kHz in three topics. The alternatives are the `mcap` packages, and the earlier release. "
+        "The limit is what every checking reader needs: decompression, CRC, and two copies.",
+        against="--against",
     ),
 )
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from osl_analysis.bench.excitation_lag import noise_behind, slope_of
+from osl_analysis.bench.moving_fit import thinned
 from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.torque_lag import ONLY_NOISE
 from osl_analysis.errors import InputError
@@ -68,7 +69,8 @@ def drift_beside_impedance(record: MovingRecord) -> ClockDrift | None:
 
     None where this leaves more than the noise.
     """
-    theta, omega, alpha, slope, time, torque = thinned(record).T
+    step = max(record.low_pass.independent_samples(record.rate_hz) // 4, 1)
+    theta, omega, alpha, slope, time, torque = thinned(record, step, lambda rows: beside_slope(record, rows)).T
     late = time - time.mean()
     X = np.column_stack([theta, omega, alpha, slope, late, late * theta, np.ones_like(late)])
     Q, _ = np.linalg.qr(X / np.linalg.norm(X, axis=0))
@@ -79,19 +81,11 @@ def drift_beside_impedance(record: MovingRecord) -> ClockDrift | None:
     return in_ppm(slope_of_drift, se) if left < ONLY_NOISE * noise_behind(record, record.low_pass) else None
 
 
-def thinned(record: MovingRecord) -> Array:
-    """Motion (angle, velocity, acceleration), slope of the torque, time and torque in some fitted rows, (k, 6).
-
-    They are a quarter of the samples apart after which noise is independent behind the filter.
-    """
-    step, before = max(record.low_pass.independent_samples(record.rate_hz) // 4, 1), 0
-    found = []
-    for rows in record.fitted_pieces():
-        one, torque, time = record.motion[rows], record.filtered_torque, record.time
-        columns = one.theta, one.omega, one.alpha, slope_of(torque, time, rows), time[rows], torque[rows]
-        found.append(np.column_stack(columns)[-before % step :: step])
-        before += rows.stop - rows.start
-    return np.concatenate(found)
+def beside_slope(record: MovingRecord, rows: slice) -> Array:
+    """Motion (angle, velocity, acceleration), slope of the torque, time and torque in some rows, (k, 6)."""
+    one, torque, time = record.motion[rows], record.filtered_torque, record.time
+    columns = one.theta, one.omega, one.alpha, slope_of(torque, time, rows), time[rows], torque[rows]
+    return np.column_stack(columns)
 
 
 def in_ppm(slope: float, se: float) -> ClockDrift:

@@ -12,12 +12,14 @@ from scipy.ndimage import uniform_filter1d
 from scipy.special import stdtrit
 
 from osl_analysis.bench.excitation_lag import MOST, noise_behind
+from osl_analysis.bench.moving_fit import Columns
+from osl_analysis.bench.moving_fit import thinned as kept_rows
 from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.phasor_lag import LITTLE_INERTIA
 from osl_analysis.bench.stiffness_drift import CERTAIN
 from osl_analysis.bench.torque_lag import ONLY_NOISE
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.second_order import impedance_columns
+from osl_analysis.pieces import pieces
 from osl_analysis.stats.covariance import ResidualCorrelation
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import LinearFit, linear_fit
@@ -35,7 +37,7 @@ UNTOLD = 0.1
 """Share of I that an unseen change of K may make, from which it is not known whether K changes."""
 OF_DRIFT = ("K_drift", "drift_inertia_share")
 """Columns of a change of K, null where it cannot be told."""
-Columns = Mapping[str, Array]
+KeptColumns = Mapping[str, Array]
 """Columns (m,) of a fit by name."""
 
 
@@ -87,23 +89,23 @@ def every(record: MovingRecord) -> int:
 
 def thinned(record: MovingRecord) -> tuple[dict[str, Array], Array]:
     """The columns (m,) of Eq. 15 with offset and drift in the kept rows, and the filtered torque (m,) [N*m] there."""
-    rows = record.rows[:: every(record)]
-    time = record.time[rows]
-    columns = {**impedance_columns(record.motion[rows]), "drift": time - time.mean()}
-    return columns, record.filtered_torque[rows]
+    fit, step = Columns(record), every(record)
+    columns = dict(zip(fit.names, kept_rows(record, step, fit.at).T.copy(), strict=True))
+    columns["drift"] -= columns["drift"].mean()
+    return columns, kept_rows(record, step, record.filtered_torque.__getitem__)
 
 
-def in_time(columns: Columns) -> dict[str, Array]:
+def in_time(columns: KeptColumns) -> dict[str, Array]:
     """The column of K's change from the first kept row to the last: the angle times the time's share, from its mean."""
     time = columns["drift"]
     return {"K_1": columns["K"] * time / np.ptp(time)}
 
 
-def beside_motion(record: MovingRecord, columns: Columns) -> dict[str, Array]:
+def beside_motion(record: MovingRecord, columns: KeptColumns) -> dict[str, Array]:
     """The columns of a K that depends on the size, and on the frequency, of the motion within seconds around a row."""
     step = every(record)
-    rows = record.rows[::step]
-    theta, omega = record.motion.theta[::step], record.motion.omega[::step]
+    rows, theta = record.rows[::step], record.motion.theta[::step]
+    omega = np.concatenate([record.motion[r].omega[-r.start % step :: step] for r in pieces(len(record.time))])
     length = max(round(SHOWS_S * record.rate_hz / step), 1)
     angle, velocity = (
         np.sqrt(np.maximum(uniform_filter1d(x**2, length), 0.0))[np.minimum(rows // step, len(x) - 1)]

@@ -60,13 +60,14 @@ def lag_beside(record: MovingRecord, base: Array | None, jerk: Array) -> RecordL
         rest = without_torque(advanced(record, lag) if lag else record, base)
         late = late_torque(estimates_of(rest)["I"], jerk, base, record.time)
         fit = fit_of(rest, [("lag", late)])
-        del rest
-        lag += fit["lag"]
+        step, se, misfit = fit["lag"], fit.se("lag"), float(np.std(fit.residual))
+        del rest, fit
+        lag += step
         if abs(lag) > largest:
             return None
-        if abs(fit["lag"]) < SETTLED * fit.se("lag"):
+        if abs(step) < SETTLED * se:
             break
-    return RecordLag(lag, fit.se("lag"), float(np.std(fit.residual)), left_by(without_torque(record, base)))
+    return RecordLag(lag, se, misfit, left_by(without_torque(record, base)))
 
 
 def late_torque(inertia: float, jerk: Array, base: Array | None, time: Array) -> Column:

@@ -150,6 +150,15 @@ def parts_of(record: FittedRecord, columns: Column, rows: Iterable[slice]) -> It
             yield columns(piece), record.filtered_torque[piece]
 
 
+def thinned(record: FittedRecord, step: int, columns: Column) -> Array:
+    """Columns (k, p) in every `step`-th of the fitted rows of a record."""
+    found, before = [], 0
+    for rows in record.fitted_pieces():
+        found.append(columns(rows)[-before % step :: step])
+        before += rows.stop - rows.start
+    return np.concatenate(found)
+
+
 def fit_of(record: FittedRecord, more: Sequence[tuple[str, Column]] = ()) -> LinearFit:
     """Eq. 15 with offset and drift over the fitted rows, and `more` columns of the record, by name.
 

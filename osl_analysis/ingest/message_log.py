@@ -26,6 +26,8 @@ from osl_analysis.yaml_settings import Settings
 
 LOG_TIME = "write source: log in the source file, or exclude the trial"
 NO_OTHER_CLOCK = "its times cannot be used: record again, or exclude the trial"
+MANY = 1 << 20
+"""Messages from which on the memory of their chunks is given back before the topics are joined."""
 
 
 class LogChannel(Conversion):
@@ -98,7 +100,8 @@ def read_message_log(file: MessageFile, source: MessageSource) -> Recording:
         if str(path) in str(error):
             raise
         raise InputError(f"{path}: {error}") from error
-    return_memory()
+    if sum(len(table) for table, _ in tables.values()) > MANY:
+        return_memory()
     joined = joined_on_stamp([table for table, _ in tables.values()])
     missing = {column: int(joined[column].is_nan().sum()) for column in source.channels}
     start = int(joined["stamp"][0])

@@ -14,24 +14,23 @@ MOST_RESTARTS = 10
 """Times that sequence numbers may go back in a file that is in the order of recording: its publisher was restarted."""
 
 
-def recording_order(log_time: Indices, sequence: NDArray[np.uint32]) -> Indices:
-    """Indices that put a channel's messages in the order of recording, (n,).
+def recording_order(log_time: Indices, sequence: NDArray[np.uint32]) -> Indices | None:
+    """Indices that put a channel's messages in the order of recording, (n,); None where the file has them in it.
 
     `log_time` [ns] and `sequence` are given in the order of the file. The sequence numbers decide if each is its own
     and they go back often, or if they explain log times that go back; else the order of the file does.
     """
     backwards = int((sequence[1:] < sequence[:-1]).sum())
-    as_in_file = np.arange(sequence.size)
     if not backwards:
-        return as_in_file
+        return None
     numbers = sequence.astype(np.int64)
     if np.unique(numbers).size < numbers.size:
-        return as_in_file
+        return None
     by_number = np.argsort(numbers, kind="stable")
     if backwards > MOST_RESTARTS:
         return by_number
     in_order, explained = (np.diff(log_time) >= 0).all(), (np.diff(log_time[by_number]) >= 0).all()
-    return by_number if explained and not in_order else as_in_file
+    return by_number if explained and not in_order else None
 
 
 def missing_numbers(sequence: NDArray[np.uint32]) -> int:

@@ -116,28 +116,32 @@ def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader
         order = in_order_of(recording_order(logged, np.concatenate(reader.sequences)), places)
         reader.log_times.clear()  # what is not needed any more is released: a log of hours is in memory once
         reader.sequences.clear()
-        rows.append(before + order)
-        log_time.append(logged[places[order]])
-        channel.append(np.full(order.size, reader.channel.id, np.uint16))
-        before += order.size
+        every = order is None and places.size == logged.size
+        log_time.append(logged if every else logged[places if order is None else places[order]])
+        channel.append(np.full(places.size, reader.channel.id, np.uint16))
+        rows.append(slice(before, before + places.size) if order is None else before + order)
+        before += places.size
         del logged, places, order
     parts = [(places.size, values) for reader in decoded for places, values in reader.parts]
     for reader in decoded:
         reader.parts.clear()
-    order = np.concatenate(rows)
+    order = None if all(isinstance(one, slice) for one in rows) else np.concatenate([np.r_[one] for one in rows])
     rows.clear()
-    is_sorted = bool((np.diff(order) > 0).all())
     values, present = {}, {}
     for path in dict.fromkeys(paths):
-        values[path], present[path] = joined_field(parts, path, None if is_sorted else order)
+        values[path], present[path] = joined_field(parts, path, order)
     how = [reader.how() for reader in readers]
     return Decoded(np.concatenate(log_time), np.concatenate(channel), values, present, how)
 
 
-def in_order_of(recorded: Indices, places: Indices) -> Indices:
-    """Indices that put messages at `places` of a channel in the order of recording, which `recorded` gives."""
-    if (recorded[1:] > recorded[:-1]).all():
-        return np.argsort(places, kind="stable")  # fast, because the places rise in most files
+def in_order_of(recorded: Indices | None, places: Indices) -> Indices | None:
+    """Indices that put messages at `places` of a channel in the order of recording, which `recorded` gives.
+
+    None where they are in it.
+    """
+    if recorded is None:
+        rise = (places[1:] > places[:-1]).all()  # as in most files
+        return None if rise else np.argsort(places, kind="stable")
     rank = np.empty_like(recorded)
     rank[recorded] = np.arange(recorded.size)
     return np.argsort(rank[places])

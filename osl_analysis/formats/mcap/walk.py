@@ -85,11 +85,10 @@ def walk_by_index(buffer: Buffer, offsets: Indices) -> RecordWalk | None:
         return None
     starts = np.sort(offsets, kind="stable")  # fast, because the offsets of each channel rise
     heads = message_heads(buffer, starts)
-    if (heads["opcode"] != Opcode.MESSAGE).any() or (heads["length"] > size).any():
+    lengths = heads["length"].astype(np.int64)  # one that is too large for it becomes negative
+    if (heads["opcode"] != Opcode.MESSAGE).any() or lengths.min() < MESSAGE_HEAD or lengths.max() > size:
         return None
-    if (heads["length"] < MESSAGE_HEAD).any():
-        return None
-    free = np.concatenate([[0], starts + RECORD.size + heads["length"].astype(np.int64)])
+    free = np.concatenate([[0], starts + RECORD.size + lengths])
     taken = np.append(starts, size)
     if (free > taken).any():
         return None

@@ -13,7 +13,7 @@ from osl_analysis import stored_trial
 from osl_analysis.bench.series import Series
 from osl_analysis.signals import LowPass
 from osl_analysis.stats import rounding
-from osl_analysis.stats.rounding import distinct_values
+from osl_analysis.stats.rounding import distinct_values, surely_more
 from osl_analysis.stored_trial import StoredTrial
 from osl_analysis.timebase.grid import one_time_base
 from osl_analysis.timebase.stream import Stream
@@ -64,6 +64,13 @@ def test_distinct_values_are_sought_some_rows_at_a_time(monkeypatch: pytest.Monk
     monkeypatch.setattr(rounding, "AT_ONCE", 700)
     np.testing.assert_array_equal(distinct_values(values, most=5000), np.unique(values))
     assert distinct_values(values, most=len(np.unique(values)) - 1) is None
+
+
+def test_a_signal_has_surely_more_values_only_where_it_has_more() -> None:
+    rng = np.random.default_rng(3)
+    assert surely_more(rng.standard_normal(20_000), 10_000)
+    for signal in (rng.standard_normal(20_000), rng.integers(-300, 300, 20_000) * 0.1, np.tile([0.0, -0.0], 10)):
+        assert not surely_more(signal, len(np.unique(signal)))
 
 
 @pytest.mark.parametrize("most", [7, 10_000])

@@ -8,7 +8,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from mmap import mmap
-from typing import Any
 
 import lz4.frame
 import numpy as np
@@ -67,11 +66,11 @@ class MessageBlock:
         """The messages of one channel."""
         return self if len(self.counts) == 1 else self.of(np.flatnonzero(self.channel == number))
 
-    def of(self, rows: Any) -> "MessageBlock":
-        """Some of the messages: a mask or indices."""
-        channel, sequence, log_time = self.channel[rows], self.sequence[rows], self.log_time[rows]
+    def of(self, rows: NDArray[np.intp]) -> "MessageBlock":
+        """Some of the messages, by their indices."""
+        channel, sequence, log_time = self.channel.take(rows), self.sequence.take(rows), self.log_time.take(rows)
         return MessageBlock(
-            self.buffer, channel, sequence, log_time, self.starts[rows], self.lengths[rows], self.others
+            self.buffer, channel, sequence, log_time, self.starts.take(rows), self.lengths.take(rows), self.others
         )
 
 

@@ -133,7 +133,7 @@ class McapFile:
         self.damage.misfits.update(strangers.tolist())
         example = strangers[0]
         self.damage.remark(f"{strangers.size} messages belong to channels that are not declared, such as {example}")
-        return block.of(known)
+        return block.of(np.flatnonzero(known))
 
 
 def begin_report(damage: Damage, scan: Scan) -> None:

@@ -88,8 +88,9 @@ def walk_by_index(buffer: Buffer, offsets: Indices) -> RecordWalk | None:
     lengths = heads["length"].astype(np.int64)  # one that is too large for it becomes negative
     if (heads["opcode"] != Opcode.MESSAGE).any() or lengths.min() < MESSAGE_HEAD or lengths.max() > size:
         return None
-    free = np.concatenate([[0], starts + RECORD.size + lengths])
-    taken = np.append(starts, size)
+    free, taken = np.zeros(len(starts) + 1, np.int64), np.full(len(starts) + 1, size, np.int64)
+    free[1:], taken[:-1] = starts + RECORD.size, starts
+    free[1:] += lengths
     if (free > taken).any():
         return None
     others: list[tuple[int, int, int]] = []

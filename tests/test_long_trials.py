@@ -2,6 +2,7 @@
 
 import tracemalloc
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,10 @@ import pytest
 
 from osl_analysis import stored_trial
 from osl_analysis.bench.series import Series
+from osl_analysis.pieces import pieces
 from osl_analysis.signals import LowPass
 from osl_analysis.stats import rounding
-from osl_analysis.stats.rounding import distinct_values, surely_more
+from osl_analysis.stats.rounding import distinct_values, even_values, surely_more, visible_step
 from osl_analysis.stored_trial import StoredTrial
 from osl_analysis.timebase.grid import one_time_base
 from osl_analysis.timebase.stream import Stream
@@ -71,6 +73,24 @@ def test_a_signal_has_surely_more_values_only_where_it_has_more() -> None:
     assert surely_more(rng.standard_normal(20_000), 10_000)
     for signal in (rng.standard_normal(20_000), rng.integers(-300, 300, 20_000) * 0.1, np.tile([0.0, -0.0], 10)):
         assert not surely_more(signal, len(np.unique(signal)))
+
+
+def test_values_that_are_whole_steps_apart_are_found_without_a_list_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of signals on steps of a converter, in floats of four bytes too; one value beside the steps is seen."""
+    random = np.random.default_rng(5)
+    turns = 0.003 * np.rint(200 * np.sin(np.linspace(0, 60, 40_000)) + random.standard_normal(40_000)) + 0.0007
+    monkeypatch.setattr(rounding, "pieces", partial(pieces, size=777))
+    found, expected = even_values(turns, most=20_000), np.unique(np.rint((turns - 0.0007) / 0.003)) * 0.003 + 0.0007
+    assert found is not None
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    assert even_values(turns, most=300) is None
+    assert even_values(turns.astype(np.float32).astype(float), most=20_000) is None
+    assert visible_step(turns.astype(np.float32).astype(float)) == pytest.approx(0.003, rel=1e-3)
+    beside = turns.copy()
+    beside[17_777] += 0.001
+    assert even_values(beside, most=20_000) is None
+    doubled = np.where(np.arange(40_000) % 39 == 0, 2 * np.rint(turns / 0.006), np.rint(turns / 0.003)) * 0.003
+    assert visible_step(doubled) == pytest.approx(0.003, rel=1e-9)  # those that are tried show every other step
 
 
 @pytest.mark.parametrize("most", [7, 10_000])

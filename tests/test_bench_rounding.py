@@ -17,7 +17,13 @@ from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.second_order import fit_impedance, impedance_columns
 from osl_analysis.stats.covariance import between_cycles
 from osl_analysis.stats.cycle_sums import Cycles, sums_between
-from osl_analysis.stats.rounding import noise_before_rounding, scatter_between_cycles, visible_step
+from osl_analysis.stats.rounding import (
+    SIZES,
+    noise_before_rounding,
+    rounding_harmonics,
+    scatter_between_cycles,
+    visible_step,
+)
 from osl_analysis.stats.sinusoid import sinusoid
 from osl_analysis.trial import Trial
 
@@ -210,6 +216,33 @@ def test_scatter_between_cycles_is_that_of_what_does_not_repeat():
     assert scatter_between_cycles(repeats, cycles) == pytest.approx([0, 0], abs=1e-20)
     noisy = repeats + np.repeat([0.1, 0.3], 500) * rng.standard_normal(1000)
     assert scatter_between_cycles(noisy, cycles) == pytest.approx([0.01, 0.09], rel=0.2)
+    for some in (range(0, 50, 2), range(0, 50, 7)):
+        expected = [part[:, some].var(axis=0, ddof=1).mean() for part in noisy.reshape(2, 10, 50)]
+        assert scatter_between_cycles(noisy, cycles, some.step) == pytest.approx(expected, rel=1e-9)
+
+
+def test_harmonics_of_the_rounding_are_cosines_and_sines_of_the_place_between_two_steps():
+    x = np.concatenate([np.random.default_rng(2).uniform(-40, 40, 300), [0.0, 0.3, 0.15, -0.45]])
+    expected = [f(2 * np.pi * k * x / 0.3) for f in (np.cos, np.sin) for k in range(1, 9)]
+    np.testing.assert_allclose(rounding_harmonics(x, 0.3), expected, rtol=0, atol=1e-11)
+    assert np.sum(SIZES**2) == pytest.approx(2 / 12, rel=1e-12)  # the squares of both have the mean 1/2
+
+
+def test_what_noise_leaves_of_the_rounding_is_known_from_all_rows_unless_it_is_next_to_nothing():
+    rng, time, segment = np.random.default_rng(8), np.arange(5000) / 500, Segment(0.1, 1.0, 0.0, 5000.0, 10)
+    smooth = 0.1 * np.sin(2 * np.pi * time)
+    for noise in (0.1, 0.4, 3.0):
+        signal = 1e-3 * np.rint(smooth / 1e-3 + noise * rng.standard_normal(5000))
+        errors = np.array([signal, 1e-3 * np.rint(smooth / 1e-3)]) - smooth
+        seen, expected = np.var(errors.reshape(2, 10, 500), axis=1, ddof=1).mean(axis=1) / 1e-6
+        left = np.exp(-2 * (np.pi * noise_before_rounding(seen - expected)) ** 2)
+        found = Rounded(1e-3, signal, smooth, time, time).surviving(segment)
+        assert found[0] == pytest.approx(left, rel=1e-9, abs=1e-6)
+
+
+def test_slopes_are_those_of_numpy():
+    values = np.random.default_rng(3).standard_normal((3, 20))
+    np.testing.assert_allclose(rounding.slopes(values), np.gradient(values, axis=1), rtol=1e-12)
 
 
 def test_the_fits_of_a_trial_know_what_the_filter_took_off_the_torque():
@@ -227,8 +260,11 @@ def test_columns_between_their_rows_are_those_of_numpy_beyond_their_ends_too():
         rng.standard_normal((3, 50)),
         np.concatenate([[-1.0, 0.0], 49 * rng.random(200), [48.0, 49.0, 51.0]]),
     )
-    expected = np.array([np.interp(place, np.arange(50), row) for row in values])
-    np.testing.assert_allclose(interpolated(place, values), expected, rtol=0, atol=1e-13)
+    in_turn = np.arange(3, 40) + rng.random(37)
+    for at in (place, in_turn):
+        expected = np.array([np.interp(at, np.arange(50), row) for row in values])
+        np.testing.assert_allclose(interpolated(at, values), expected, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(interpolated(at, values[:1], values[1:]), expected, rtol=0, atol=1e-13)
 
 
 def test_a_signal_that_is_fitted_itself_follows_its_own_rounding_whole():

@@ -27,6 +27,8 @@ FORGOTTEN = 100
 """Samples behind which a spline has forgotten its end: 0.43^100 where steps are even."""
 ENDS = 40
 """Samples at either end through which the spline gives what seven samples cannot; its other end is forgotten there."""
+MEMORY = 10
+"""Half periods of a filter's cut-off over which its noise is taken to be correlated."""
 UNIFORM_TOLERANCE = 0.2
 """Largest accepted deviation of a sampling step from the mean step, as a fraction of the mean step."""
 
@@ -77,6 +79,14 @@ class LowPass:
     def independent_samples(self, rate_hz: float) -> int:
         """Half a period of the cut-off, in samples. At this distance, filtered white noise is nearly white."""
         return max(round(rate_hz / (2 * self.cutoff_hz)), 1)
+
+    def memory(self, rate_hz: float) -> Array:
+        """Autocovariance (m,) of white noise of variance 1 behind this filter, at 0, 1, 2 ... samples."""
+        half = MEMORY * self.independent_samples(rate_hz)
+        impulse = np.zeros(2 * half + 1)
+        impulse[half] = 1.0
+        response = self(impulse, rate_hz)
+        return np.asarray(np.correlate(response, response, "full")[2 * half :])
 
     def remembers(self, rate_hz: float) -> int:
         """Samples behind which a run of the filter has forgotten, to rounding, what came before: a second at 15 Hz."""

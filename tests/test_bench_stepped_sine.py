@@ -3,12 +3,17 @@
 import numpy as np
 import polars as pl
 import pytest
+from bench_synthetic import second_order, stepped_sine
 
-from osl_analysis.bench.impedance import impedance_table, trial_phasors
+from osl_analysis.bench.impedance import impedance_of, impedance_table, trial_phasors
 from osl_analysis.bench.load_cell_drift import drift_rate, without_angle
 from osl_analysis.bench.segments import Segment
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
+from osl_analysis.protocol.commanded import SteppedSineProtocol
+from osl_analysis.second_order import impedance_columns
+from osl_analysis.stats.covariance import ResidualCorrelation
+from osl_analysis.stats.regression import linear_fit
 from osl_analysis.trial import Trial
 
 RATE = 500.0
@@ -87,3 +92,13 @@ def test_a_trial_is_read_without_its_drift_which_the_table_gives_per_minute():
     whole = impedance_table(record, trial_phasors(record)).row(-1, named=True)
     assert whole["load_cell_drift"] == pytest.approx(0.6, rel=0.02)
     assert whole["K"] == pytest.approx(100, rel=0.01)
+
+
+def test_the_standard_error_of_few_cycles_has_what_the_fit_took_of_the_noise():
+    """Two cycles are fitted at each frequency, and at 7 Hz the fit follows most of their noise."""
+    record = stepped_sine(second_order, 0.03, SteppedSineProtocol((0.05,), (1.0, 3.0, 7.0), 5))
+    fit, (motion, torque) = impedance_of(record, None), record.part(None)
+    plain = linear_fit(torque, impedance_columns(motion), ResidualCorrelation(every=record.independent_samples))
+    assert fit.interval_method == "HAC"
+    assert fit.se("I") > 1.15 * plain.se("I")
+    assert fit.degrees_of_freedom[2] < 0.8 * plain.degrees_of_freedom[2]

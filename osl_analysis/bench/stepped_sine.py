@@ -12,7 +12,7 @@ from osl_analysis.bench.load_cell_drift import drift_rate, without_angle, withou
 from osl_analysis.bench.protocol import find_blocks
 from osl_analysis.bench.recorded import Recorded, recorded, resolution_of
 from osl_analysis.bench.rounding import RepeatedRounding, Rounded, RoundingSums
-from osl_analysis.bench.segments import Block, Segment, repeated_cycles, settled
+from osl_analysis.bench.segments import Block, Segment, repeated_cycles, rows_of, settled
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import BenchStiffness, SteppedSineAnalysis
 from osl_analysis.bench.settled_signals import RawSignals
@@ -20,6 +20,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.pieces import pieces
 from osl_analysis.signals import LowPass, Motion, filtered_motion, joined
 from osl_analysis.stats.covariance import RepeatedError, ResidualCorrelation
+from osl_analysis.stats.leverage import KnownMemory
 from osl_analysis.stats.partwise import Sums
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.trial import Array, Trial
@@ -147,11 +148,17 @@ class SteppedSineTrial:
     ) -> ResidualCorrelation:
         """How residuals in these rows depend on one another: the cycles repeat, and the filter correlates noise.
 
+        Too few cycles to take the spread from: only the filter.
+
         `repeated` are the errors that the cycles repeat; None: the rounding of angle and torque.
         """
         segments = self.segments(amplitude)
+        cycles = repeated_cycles(segments)
+        if cycles is None:
+            memory = self.low_pass.memory(self.rate_hz)
+            return KnownMemory(every=self.independent_samples, memory=memory, position=rows_of(segments))
         return ResidualCorrelation(
-            repeated_cycles(segments),
+            cycles,
             self.independent_samples,
             filtered_off=self.rows_in(self.torque, segments) - self.rows_in(self.filtered_torque, segments),
             repeated=self.repeated_rounding(segments) if repeated is None else repeated,

@@ -119,6 +119,9 @@ def test_a_stiffness_that_changes_while_it_is_recorded_is_named_and_has_its_size
     assert whole["K_drift"] * whole["K"] == pytest.approx(-fall * 200 * np.diff(middles)[0] / len(record.time), rel=0.1)
     segments = record.segments(None)
     stiffness = stiffness_of_cycles(record.motion.theta + 0.3, record.filtered_torque + 20, segments)
+    for segment in segments:
+        alone = stiffness_of_cycles(record.motion.theta + 0.3, record.filtered_torque + 20, [segment])[segment]
+        np.testing.assert_allclose(stiffness[segment], alone, rtol=1e-12)
     moved = stiffness_drift(stiffness, segments)
     assert moved == pytest.approx(whole["K_drift"] * whole["K"], rel=1e-6)
     assert "K_drift" in whole["doubtful"]

@@ -35,6 +35,7 @@ __all__ = [
 ]
 FOR_SNAKEMAKE = ("code", "command", "described", RECORDED)
 INTERRUPTED = "interrupted: what had begun was brought to its end; run again to go on from here"
+CANCELLED = "interrupted: what was submitted is cancelled; run again to go on from what it had finished"
 LONGEST_WAIT_S = 5.0
 """For lines that are to be written before the report [s]."""
 ONE_AT_A_TIME = threading.Lock()
@@ -216,7 +217,8 @@ def at_end_of_run(workflow: Any, folders: Iterable[Path], said: Callable[[tuple[
             if workflow.scheduler is not None:  # else it was not a run: an unknown target, another run's lock
                 records = records_in(str(file) for job in workflow.dag.jobs for file in job.output)
                 write_all_lines(workflow.logger_manager)
-                print(INTERRUPTED if interrupted.is_set() else said(records), file=sys.stderr, flush=True)
+                stopped = INTERRUPTED if settings["executor_plugin"].common_settings.local_exec else CANCELLED
+                print(stopped if interrupted.is_set() else said(records), file=sys.stderr, flush=True)
         if records and not accept:
             raise SystemExit(1)
 

@@ -10,6 +10,7 @@ import sys
 import time
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import numba
 import polars as pl
@@ -17,6 +18,7 @@ import pytest
 from click.testing import CliRunner
 from conftest import ROOT
 
+from osl_analysis import workflow
 from osl_analysis.cli import main
 from osl_analysis.cli_options import INTERRUPTED
 from osl_analysis.commands import gains as gains_command
@@ -311,6 +313,25 @@ def test_a_system_that_cannot_fork_starts_each_job_anew(monkeypatch):
     started.start()
     started.join()
     assert (started._start_method, started.exitcode) == ("spawn", 7)
+
+
+@pytest.mark.parametrize(("local", "stopped"), [(True, "had begun was brought to its end"), (False, "is cancelled")])
+def test_an_interrupted_run_says_what_became_of_its_jobs(tmp_path, monkeypatch, capsys, local, stopped):
+    monkeypatch.chdir(tmp_path)
+    run = SimpleNamespace(is_main_process=True, dag=SimpleNamespace(jobs=[]), scheduler="greedy")
+    run.logger_manager = SimpleNamespace(queue_listener=None)
+    run.scheduling_settings = SimpleNamespace(max_jobs_per_timespan=None)
+    run.execute = lambda **_: signal.raise_signal(signal.SIGINT)
+    before = signal.signal(signal.SIGINT, lambda *_: None)
+    try:
+        workflow.at_end_of_run(run, [tmp_path], lambda records: "the report", accept=False)
+        settings = SimpleNamespace(dryrun_exec=False, local_exec=local)
+        run.execute(executor_plugin=SimpleNamespace(common_settings=settings))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    said = capsys.readouterr().err
+    assert said.startswith("interrupted: ")
+    assert stopped in said
 
 
 def test_ctrl_c_is_noticed_and_handled_as_before():

@@ -91,7 +91,7 @@ print(resident, sizes()[0])
 FIT_LENGTHS = {
     "one clock": (600_000, 3_600_000, 14_400_000),
     "two clocks": (600_000, 3_600_000, 14_400_000),
-    "undecided stamps": (600_000, 3_600_000),
+    "undecided stamps": (600_000, 3_600_000, 14_400_000),
     "any motion": (600_000, 3_600_000, 14_400_000),
 }
 """Samples of the trials that are fitted, by kind; the longest has a limit."""

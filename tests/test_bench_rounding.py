@@ -10,10 +10,10 @@ from bench_synthetic import second_order, stepped_sine
 from osl_analysis.bench import rounding
 from osl_analysis.bench.amplitude_fits import fits_by_amplitude
 from osl_analysis.bench.impedance import trial_phasors
+from osl_analysis.bench.recorded_sine import stepped_sine_trial
 from osl_analysis.bench.rounding import RepeatedRounding, Rounded, interpolated
 from osl_analysis.bench.segments import Segment, repeated_cycles, rows_of
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.second_order import fit_impedance, impedance_columns
 from osl_analysis.stats.covariance import between_cycles
 from osl_analysis.stats.cycle_sums import Cycles, sums_between

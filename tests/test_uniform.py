@@ -7,11 +7,12 @@ import numpy as np
 import polars as pl
 import pytest
 
-from osl_analysis.bench.impedance import impedance_table, impedance_time_base, trial_phasors
+from osl_analysis.bench.impedance import impedance_of, impedance_table, impedance_time_base, trial_phasors
+from osl_analysis.bench.recorded_sine import stepped_sine_trial
+from osl_analysis.bench.rendered import eq15
 from osl_analysis.bench.segments import Block, Segment, settled
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.bench.stepped_sine import stepped_sine_trial
-from osl_analysis.errors import InputError
+from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.timebase.gaps import GapLimits
 from osl_analysis.trial import Trial
 from osl_analysis.uniform import uniform_signals
@@ -201,7 +202,7 @@ def test_a_bench_stiffness_without_number_or_unit_is_refused(text):
         DynamometerAnalysis(**SETTINGS, bench_stiffness={"value": text, "standard_error": "1 N*m/rad"})
 
 
-def test_undecided_stamps_are_also_taken_the_other_way_and_the_change_is_stated():
+def undecided_trial():
     """At rest before and after, and with noise that drowns the evidence, 1 ms of scatter could be either."""
     random = np.random.default_rng(3)
     scattered = np.sort(times() + random.normal(0, 0.2e-3, len(times())))
@@ -209,12 +210,38 @@ def test_undecided_stamps_are_also_taken_the_other_way_and_the_change_is_stated(
     samples = pl.DataFrame(
         {"time": scattered, "theta": theta, "torque": torque(scattered) + random.normal(0, 3, 13000)}
     )
-    record = stepped_sine_trial(Trial("made", samples), DynamometerAnalysis(**SETTINGS))
+    return Trial("made", samples)
+
+
+def test_undecided_stamps_are_also_taken_the_other_way_and_the_change_is_stated():
+    record = stepped_sine_trial(undecided_trial(), DynamometerAnalysis(**SETTINGS))
     table, row = impedance_time_base(record), impedance_table(record, trial_phasors(record)).row(-1, named=True)
     assert not table["firm"][0]
     assert table["other_hypothesis"][0].startswith("K ")
     assert 0 < row["time_base_shift"] < 3
     assert fitted(trial_of(motion(times())[0], torque(times())))["time_base_shift"] is None
+
+
+def test_the_other_way_of_undecided_stamps_is_fitted_first_and_keeps_its_fits_alone():
+    trial, settings = undecided_trial(), DynamometerAnalysis(**SETTINGS)
+    whole, asked = stepped_sine_trial(trial, settings), stepped_sine_trial(trial, settings, ask=eq15)
+    assert len(whole.other.time) == pytest.approx(len(whole.time), abs=2)
+    assert len(asked.other.time) == len(asked.other.torque) == len(asked.other.motion.theta) == 0
+    assert asked.other.uniform is None
+    for amplitude in whole.amplitudes:
+        expected, found = impedance_of(whole.other, amplitude), impedance_of(asked.other, amplitude)
+        assert [found[name] for name in "KBI"] == [expected[name] for name in "KBI"]
+    np.testing.assert_array_equal(asked.filtered_torque, whole.filtered_torque)
+    assert impedance_table(asked, trial_phasors(asked)).equals(impedance_table(whole, trial_phasors(whole)))
+
+
+def test_a_refusal_of_the_other_way_is_left_to_the_fits():
+    def refuse(_):
+        raise IdentifiabilityError("not this one")
+
+    other = stepped_sine_trial(undecided_trial(), DynamometerAnalysis(**SETTINGS), ask=refuse).other
+    assert len(other.time) > 0
+    assert not other.fits
 
 
 @pytest.mark.parametrize("ppm", [0.0, 50.0])

@@ -7,23 +7,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.bench.alternatives import joint_angle
-from osl_analysis.bench.load_cell_drift import drift_rate, without_angle, without_drift
-from osl_analysis.bench.protocol import find_blocks
-from osl_analysis.bench.recorded import Recorded, recorded, resolution_of
 from osl_analysis.bench.rounding import RepeatedRounding, Rounded, RoundingSums
 from osl_analysis.bench.segments import Block, Segment, repeated_cycles, rows_of, settled
 from osl_analysis.bench.series import Series
-from osl_analysis.bench.settings import BenchStiffness, SteppedSineAnalysis
+from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.bench.settled_signals import RawSignals
-from osl_analysis.errors import InputError
 from osl_analysis.pieces import pieces
-from osl_analysis.signals import LowPass, Motion, filtered_motion, joined
+from osl_analysis.signals import LowPass, Motion, joined
 from osl_analysis.stats.covariance import RepeatedError, ResidualCorrelation
 from osl_analysis.stats.leverage import KnownMemory
 from osl_analysis.stats.partwise import Sums
 from osl_analysis.stats.regression import LinearFit
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Array
 from osl_analysis.uniform import UniformSignals
 
 Columns = Callable[[Motion], Mapping[str, Array]]
@@ -110,6 +105,13 @@ class SteppedSineTrial:
         segments = self.segments(amplitude)
         return joined([self.moved(segment) for segment in segments]), self.rows_in(self.filtered_torque, segments)
 
+    def with_fits_alone(self) -> "SteppedSineTrial":
+        """The trial without samples: only the fits that were made of it can be asked for."""
+        none = np.empty(0)
+        bare = replace(self, time=none, theta=none, torque=none, motion=Motion(none, none, none), filtered_torque=none)
+        bare.fits.update(self.fits)
+        return bare
+
     def moved(self, segment: Segment) -> Motion:
         """The motion in the rows of a segment."""
         return joined([self.motion[piece] for piece in segment.pieces])
@@ -182,68 +184,3 @@ class SteppedSineTrial:
             for step, (column, pair) in zip(self.steps, pairs.items(), strict=True)
             if step is not None
         }
-
-
-def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis, known: Recorded | None = None) -> SteppedSineTrial:
-    """Bring a canonical trial on one time base, find its protocol, subtract the load cell's drift, and filter.
-
-    `known` is what `recorded` gives, where it was called already.
-
-    Raises
-    ------
-    InputError
-        A signal is missing, has no time base, or does not follow the protocol; the message names the trial.
-    """
-    known = known or recorded(trial, settings)
-    made, bench = stepped_sine_alone(trial, settings, known), settings.bench_stiffness
-    try:
-        again = known.other()
-        return replace(
-            made,
-            other=None if again is None else stepped_sine_of(again, settings),
-            softer=None if bench is None else stepped_sine_of(known, settings, bench.compliance_error),
-        )
-    except InputError as error:
-        raise InputError(f"trial {trial.name}: {error}") from error
-
-
-def stepped_sine_alone(trial: Trial, settings: SteppedSineAnalysis, known: Recorded | None = None) -> SteppedSineTrial:
-    """As `stepped_sine_trial`, without `other` and `softer`, which cost as much again."""
-    known = known or recorded(trial, settings)
-    steps = resolution_of(trial, "theta", known), resolution_of(trial, "torque", known)
-    try:
-        return replace(stepped_sine_of(known, settings), steps=steps)
-    except InputError as error:
-        raise InputError(f"trial {trial.name}: {error}") from error
-
-
-def stepped_sine_of(known: Recorded, settings: SteppedSineAnalysis, more_compliance: float = 0.0) -> SteppedSineTrial:
-    """The trial behind uniform signals; raises as `stepped_sine_trial`, without the trial's name.
-
-    The bench is softer than its settings by `more_compliance` [rad/(N*m)].
-    """
-    signals, bench = known.signals, settings.bench_stiffness
-    time, measured, usable = signals.time, signals["torque"], signals.usable
-    blocks = find_blocks(time, signals["theta"], settings.protocol, known.motion.runs)
-    drift = drift_rate(time, without_angle(signals["theta"], measured), settled(blocks, settings.settle_cycles, usable))
-    torque = without_drift(time, measured, drift)
-    theta = joint_angle(signals["theta"], torque, (bench.compliance if bench else 0.0) + more_compliance)
-    motion, filtered = filtered_motion(time, theta, torque, settings.low_pass)
-    return SteppedSineTrial(
-        name=signals.trial,
-        time=time,
-        rate_hz=signals.rate_hz,
-        theta=theta,
-        torque=torque,
-        motion=motion,
-        filtered_torque=filtered,
-        blocks=blocks,
-        command=None,
-        settle_cycles=settings.settle_cycles,
-        low_pass=settings.low_pass,
-        drift=drift,
-        usable=usable,
-        uniform=signals,
-        bench=bench,
-        largest_drift_ppm=settings.time_base.largest_drift_ppm,
-    )

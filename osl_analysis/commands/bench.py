@@ -33,6 +33,7 @@ from osl_analysis.bench.plausibility import (
     plausible_transmission,
     saturated,
 )
+from osl_analysis.bench.recorded_sine import stepped_sine_trial
 from osl_analysis.bench.rendered import (
     released,
     rendered_phasors,
@@ -44,8 +45,8 @@ from osl_analysis.bench.rendered import (
 )
 from osl_analysis.bench.repeated_trials import repeated_trials_table
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, ImpedanceAnalysis, SteppedSineAnalysis
-from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.transmission import (
+    transmission_fits,
     transmission_series,
     transmission_summary,
     transmission_table,
@@ -78,7 +79,7 @@ def fit_transmission_trial(
     read = open_trial(trial)
     check_recording(read, settings)
     rails = saturated(read, "torque", "theta")
-    stepped = stepped_sine_trial(read, settings).released()
+    stepped = stepped_sine_trial(read, settings, ask=transmission_fits).released()
     table = plausible_transmission(transmission_table(stepped), rails, known_parameters(parameters))
     write_table(table, tables["transmission"])
     write_table(transmission_time_base(stepped), tables["timebase"])

@@ -18,6 +18,7 @@ from osl_analysis.bench.plausibility import (
     plausible_transmission,
     saturated,
 )
+from osl_analysis.bench.recorded_sine import stepped_sine_trial
 from osl_analysis.bench.rendered import rendered_series, rendered_trial
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import (
@@ -27,7 +28,6 @@ from osl_analysis.bench.settings import (
     ImpedanceAnalysis,
     SteppedSineAnalysis,
 )
-from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
 from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_table

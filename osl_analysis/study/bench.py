@@ -8,10 +8,10 @@ import numpy as np
 from osl_analysis.bench.belt import belt_trial
 from osl_analysis.bench.estimators import DEFAULT, ESTIMATORS, CovarianceChoice, FilteredSignals, fit_segments
 from osl_analysis.bench.impedance import impedance_of
+from osl_analysis.bench.recorded_sine import stepped_sine_alone
 from osl_analysis.bench.segments import rows_of
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.settled_signals import RawSignals
-from osl_analysis.bench.stepped_sine import stepped_sine_alone
 from osl_analysis.bench.transmission import fit_transmission
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.model.rendering import predicted_impedance

@@ -25,15 +25,16 @@ from osl_analysis.commands.simulate import row_of_trial
 from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator import messages
 from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
-from osl_analysis.simulator.mcap_recorder import write_mcap
+from osl_analysis.simulator.mcap_recorder import write_mcap, write_topics
 from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.standard_messages import joint_states, wrenches
 from osl_analysis.trial import Trial, write_trial
 from osl_analysis.yaml_settings import read_yaml
 
 SETTINGS = Path("config/simulation/default.yaml")
 TRIAL = "impedance_K300_B5.0_compensated"
-LENGTHS = {"mcap": (7_200_000, 14_400_000), "csv": (1_200_000, 3_600_000)}
-"""Samples of the two lengths, by format."""
+LENGTHS = {"mcap": (7_200_000, 14_400_000), "two nodes": (1_200_000, 3_600_000), "csv": (1_200_000, 3_600_000)}
+"""Samples of the two lengths, by format; two nodes have as many each, with stamps of their own, so twice as many."""
 CHANNELS = ("joint_angle", "load_cell_torque", "actuator_angle", "motor_current", "commanded_angle")
 CSV_NAMES = {
     "joint_angle": "joint angle [rad]",
@@ -117,8 +118,15 @@ def simulated() -> dict[str, np.ndarray]:
 def recorded(folder: Path, kind: str, once: dict[str, np.ndarray], samples: int) -> Path:
     """One trial again and again, without a break, until it has this many samples, as a file of this kind."""
     length = len(once["joint_angle"])
-    path = folder / f"long_{samples}.{kind}"
+    path = folder / f"long_{samples}.{'csv' if kind == 'csv' else 'mcap'}"
     time = 1.0 + np.arange(samples) * 1e-3
+    if kind == "two nodes":
+        whole = {name: np.resize(values, samples) for name, values in once.items()}
+        names = {"joint": "joint_angle", "actuator": "actuator_angle", "command": "commanded_angle"}
+        position, effort = {key: whole[name] for key, name in names.items()}, {"actuator": whole["motor_current"]}
+        joints = joint_states("/joint_states", "bench", time, position, effort)
+        write_topics(path, [joints, wrenches("/wrench", "load_cell", time + 4e-4, whole["load_cell_torque"])])
+        return path
     if kind == "mcap":
         whole = {name: np.resize(values, samples).astype(np.float32) for name, values in once.items()}
         write_mcap(path, messages.DYNAMOMETER, time, whole)
@@ -135,7 +143,7 @@ def recorded(folder: Path, kind: str, once: dict[str, np.ndarray], samples: int)
 
 def measured(path: Path, kind: str) -> tuple[int, int, int, int]:
     """Samples of a trial, memory [bytes] before it, and the largest one in ingest and in both."""
-    source = {"mcap": "dynamometer", "csv": "bench_csv"}[kind]
+    source = {"mcap": "dynamometer", "two nodes": "dynamometer_nodes", "csv": "bench_csv"}[kind]
     with tempfile.TemporaryDirectory() as out:
         command = [sys.executable, "-c", JOB, str(path), source, out]
         run = subprocess.run(command, capture_output=True, text=True, check=False)

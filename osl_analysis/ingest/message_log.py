@@ -1,7 +1,7 @@
 """A log of messages by topic, in MCAP or a bag of ROS: its source file, and the canonical columns that it asks for."""
 
 from collections import Counter, defaultdict
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from typing import Any, Literal
 
 import numpy as np
@@ -14,20 +14,18 @@ from osl_analysis.formats.mcap.limits import RefusedFileError, WrongFieldError
 from osl_analysis.formats.mcap.topics import Decoded, decode_topics
 from osl_analysis.formats.message_file import MessageFile
 from osl_analysis.formats.messages.leaves import Indices
+from osl_analysis.ingest.joined_topics import joined_on_stamp
 from osl_analysis.ingest.message_values import absent_values, counts_of, physical_values
 from osl_analysis.ingest.recording import Recording, check_values
 from osl_analysis.ingest.sensor import Stamps
 from osl_analysis.ingest.source_fields import Conversion, LogSource
 from osl_analysis.ingest.stamps import SECOND, Ordering, in_order, log_times_of, stamp_fields, stamps_of
 from osl_analysis.ingest.unit_names import Unit
-from osl_analysis.memory import return_memory
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import Settings
 
 LOG_TIME = "write source: log in the source file, or exclude the trial"
 NO_OTHER_CLOCK = "its times cannot be used: record again, or exclude the trial"
-MANY = 1 << 20
-"""Messages from which on the memory of their chunks is given back before the topics are joined."""
 
 
 class LogChannel(Conversion):
@@ -100,25 +98,25 @@ def read_message_log(file: MessageFile, source: MessageSource) -> Recording:
         if str(path) in str(error):
             raise
         raise InputError(f"{path}: {error}") from error
-    if sum(len(table) for table, _ in tables.values()) > MANY:
-        return_memory()
-    joined = joined_on_stamp([table for table, _ in tables.values()])
+    orders = {topic: order for topic, (_, order) in tables.items()}
+    rates = {topic: median_rate(table["stamp"].to_numpy()) for topic, (table, _) in tables.items()}
+    joined = joined_on_stamp([tables.pop(topic)[0] for topic in orders])
     missing = {column: int(joined[column].is_nan().sum()) for column in source.channels}
     start = int(joined["stamp"][0])
-    time = ((joined["stamp"] - start) / SECOND).alias("time")
+    time = ((joined.drop_in_place("stamp") - start) / SECOND).alias("time")
     facts = {
         "time": {**source.time.origin(), "start_ns": start},
-        "rates_hz": {topic: median_rate(table["stamp"].to_numpy()) for topic, (table, _) in tables.items()},
+        "rates_hz": rates,
         "decoding": how,
-        "stamps": {topic: order.report() for topic, (_, order) in tables.items()},
+        "stamps": {topic: order.report() for topic, order in orders.items()},
         "missing": missing,
         "damage": file.damage.report(channels_of(file, by_topic)),
     }
     columns = {column: channel.origin(column) for column, channel in source.channels.items()}
-    says = [text for topic, (_, order) in tables.items() for text in order.says(topic)]
+    says = [text for topic, order in orders.items() for text in order.says(topic)]
     nan = [f"{column} is NaN in {n} of {len(joined)} rows" for column, n in missing.items() if n]
     remarks = [*file.damage.all_remarks(), *says, *absent, *nan]
-    samples = joined.select(time, pl.exclude("stamp"))
+    samples = pl.DataFrame([time, *joined])
     try:
         return Recording(samples, columns, facts, [f"{path.name}: {remark}" for remark in remarks])
     except InputError as error:
@@ -143,21 +141,6 @@ def read_topics(
         tables[topic] = read_topic(topic, by_topic[topic], one, source)
         del one
     return tables, how, absent
-
-
-def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
-    """One table with a row per stamp of any of the tables, which are sorted by it; rows of their own where stamps are
-    rounded and equal.
-    """
-    joined, *others = tables
-    if others and any((np.diff(table["stamp"].to_numpy()) == 0).any() for table in tables):
-        return pl.concat(tables, how="diagonal").sort("stamp", maintain_order=True)
-    for table in others:
-        if joined["stamp"].equals(table["stamp"]):
-            joined = joined.hstack(table.drop("stamp"))
-        else:
-            joined = joined.join(table, on="stamp", how="full", coalesce=True).sort("stamp")
-    return joined
 
 
 def decode_wanted(

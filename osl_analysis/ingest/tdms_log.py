@@ -13,8 +13,8 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats.tdms import TdmsChannel, TdmsFile, read_tdms
 from osl_analysis.ingest.column_names import clocks_among, likely_unit
 from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
+from osl_analysis.ingest.joined_topics import joined_on_stamp
 from osl_analysis.ingest.likely_clock import likely_clock
-from osl_analysis.ingest.message_log import joined_on_stamp
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.stamps import SECOND

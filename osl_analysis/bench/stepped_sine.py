@@ -12,6 +12,7 @@ from osl_analysis.bench.segments import Block, Segment, repeated_cycles, rows_of
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.bench.settled_signals import RawSignals
+from osl_analysis.bench.sines import with_sines
 from osl_analysis.pieces import pieces
 from osl_analysis.signals import LowPass, Motion, joined
 from osl_analysis.stats.covariance import RepeatedError, ResidualCorrelation
@@ -150,8 +151,6 @@ class SteppedSineTrial:
     ) -> ResidualCorrelation:
         """How residuals in these rows depend on one another: the cycles repeat, and the filter correlates noise.
 
-        Too few cycles to take the spread from: only the filter.
-
         `repeated` are the errors that the cycles repeat; None: the rounding of angle and torque.
         """
         segments = self.segments(amplitude)
@@ -178,7 +177,8 @@ class SteppedSineTrial:
     @cached_property
     def rounded(self) -> Mapping[str, Rounded]:
         """The signals, angle and torque, whose steps are known, by column."""
-        pairs = {"theta": (self.theta, self.motion.theta), "torque": (self.torque, self.filtered_torque)}
+        turned = self.theta if self.steps[0] is None else with_sines(self.motion.theta, self.time, self.segments(None))
+        pairs = {"theta": (self.theta, turned), "torque": (self.torque, self.filtered_torque)}
         return {
             column: Rounded(step, *pair, self.time, self.time if self.uniform is None else self.uniform.sampled(column))
             for step, (column, pair) in zip(self.steps, pairs.items(), strict=True)

@@ -6,6 +6,7 @@ import numpy as np
 
 from osl_analysis.bench.segments import Segment
 from osl_analysis.pieces import pieces
+from osl_analysis.stats.sinusoid import waves
 from osl_analysis.trial import Array
 
 HARMONICS = 3
@@ -46,9 +47,10 @@ def harmonics_of(angle: Array, time: Array, frequency_hz: float) -> Array:
 
 def harmonics(time: Array, frequency_hz: float) -> Array:
     """A constant, and cosine and sine of each harmonic, at times (n,) [s], shape (1 + 2 HARMONICS, n)."""
-    wave = np.exp(2j * np.pi * frequency_hz * time)
-    columns, power = [np.ones(len(wave))], np.ones(len(wave), dtype=np.complex128)
-    for _ in range(HARMONICS):
-        power = power * wave
-        columns += [power.real, power.imag]
-    return np.stack(columns)
+    columns = np.ones((2 * HARMONICS + 1, len(time)))
+    cosine, sine = columns[1:3] = waves(time, frequency_hz)
+    for k in range(2, HARMONICS + 1):
+        below, above = columns[2 * k - 3 : 2 * k - 1], columns[2 * k - 1 : 2 * k + 1]
+        above[0] = below[0] * cosine - below[1] * sine
+        above[1] = below[0] * sine + below[1] * cosine
+    return columns

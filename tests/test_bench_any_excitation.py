@@ -15,9 +15,9 @@ from osl_analysis.bench import unfiltered_noise
 from osl_analysis.bench.any_excitation import record_table
 from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
 from osl_analysis.bench.excitation_lag import jerk_of, lag_beside, linear_torque, record_lag
-from osl_analysis.bench.excitation_limits import angle_noise_bias
+from osl_analysis.bench.excitation_limits import angle_noise_bias, jumps
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.moving_fit import fit_of
+from osl_analysis.bench.moving_fit import fit_of, thinned
 from osl_analysis.bench.moving_record import MovingRecord, moving_record
 from osl_analysis.bench.moving_rows import band_of, stated_windows
 from osl_analysis.bench.plausibility import check_recording, saturated
@@ -458,3 +458,21 @@ def test_the_band_of_a_record_is_that_of_the_whole_spectrum():
     ]
     low, high = (np.cumsum(p[1:]) for p in power)
     assert found == (f[1:][np.argmax(low > 0.01 * low[-1])], f[1:][np.argmax(high > 0.99 * high[-1])])
+
+
+def test_every_so_many_fitted_rows_are_counted_over_stretches_and_pieces():
+    rng = np.random.default_rng(7)
+    record = moving_record(made_trial(rng, noise(rng, duration=100.0)), SETTINGS)
+    record = replace(record, pieces=(slice(100, 20_003), slice(20_200, 21_000)))
+    found = thinned(record, 7, record.filtered_torque.__getitem__)
+    np.testing.assert_array_equal(found, record.filtered_torque[record.rows][::7])
+
+
+def test_a_jump_of_the_acceleration_is_found_with_its_size():
+    rng = np.random.default_rng(8)
+    record = moving_record(made_trial(rng, noise(rng, duration=20.0)), SETTINGS)
+    since = np.maximum(record.time - record.time[2000], 0.0)
+    theta = 50.0 * since**2 + 1e-8 * rng.standard_normal(len(since))
+    rows, sizes = jumps(replace(record, theta=theta, steps=(None, None)))
+    assert sizes == pytest.approx([100.0], rel=0.01)
+    assert abs(rows[0] - 2000) <= 1

@@ -15,7 +15,7 @@ os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "POL
 
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,7 @@ from osl_analysis.bench.recorded import Recorded, resolution_of
 from osl_analysis.bench.rendered import rendered_phasors, rendered_series, rendered_time_base, rendered_trial, sines_of
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
-from osl_analysis.bench.stiffness_drift import stiffness_drift, stiffness_of_cycles
+from osl_analysis.bench.stiffness_drift import stiffness_drift_row, stiffness_of_cycles
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.simulate import row_of_trial, simulate_trial
 from osl_analysis.config import read_section
@@ -53,6 +53,7 @@ from osl_analysis.second_order import impedance_columns
 from osl_analysis.shipped import default_config
 from osl_analysis.signals import SevenPointMotion, filtered_motion
 from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, read_trial
@@ -147,7 +148,7 @@ def stages(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> Itera
     yield "held-out VAF", lambda: [lowest_held_out_vaf(trial, a, fit, impedance_columns) for a, _, fit in fits]
     yield "nonlinearity", lambda: [rendered_nonlinearity_row(chosen, fit) for _, chosen, fit in fits]
     yield "lag", lambda: [torque_lag_row(chosen, fit, expected) for _, chosen, fit in fits]
-    yield "drift of the stiffness", lambda: drifts_of_stiffness(trial)
+    yield "drift of the stiffness", lambda: drifts_of_stiffness(trial, fits)
     yield "clocks", lambda: clock_drift_row(trial)
     yield "gains", lambda: CONDITION.gains(p, PAPER_WEIGHT)
     yield "table of phasors", lambda: write_table(phasor_table(NAME, phasors), path.with_suffix(".csv"))
@@ -155,10 +156,10 @@ def stages(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> Itera
     yield "five estimators (only where asked for)", lambda: estimator_table(trial)
 
 
-def drifts_of_stiffness(trial: SteppedSineTrial) -> list[float]:
-    """The change of K [N*m/rad] at each amplitude, and at all of them."""
+def drifts_of_stiffness(trial: SteppedSineTrial, fits: Sequence[tuple[float | None, Any, LinearFit]]) -> list[Row]:
+    """The change of K at each amplitude, and at all of them."""
     stiffness = stiffness_of_cycles(trial.motion.theta, trial.filtered_torque, trial.segments(None))
-    return [stiffness_drift(stiffness, trial.segments(amplitude)) for amplitude in trial.amplitudes]
+    return [stiffness_drift_row(stiffness, trial.segments(amplitude), fit) for amplitude, _, fit in fits]
 
 
 def same_work(trial: SteppedSineTrial, s: DynamometerAnalysis) -> dict[float | None, LinearFit]:

@@ -12,13 +12,13 @@ RATE, LOW_PASS = 500.0, LowPass(15)
 PROTOCOL = SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 9)
 
 
-def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL):
+def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL, seed=1):
     """A stepped-sine trial whose torque [N*m] is a function of its motion, with white noise."""
     rest = np.zeros(round(2 * RATE))
     theta = np.concatenate([rest, *(x for a in protocol.amplitudes for x in (a * unit_block(protocol, RATE), rest))])
     time = np.arange(len(theta)) / RATE
     motion, _ = filtered_motion(time, theta, theta, LowPass(100))
-    torque = torque_of(motion) + noise * np.random.default_rng(1).standard_normal(len(time))
+    torque = torque_of(motion) + noise * np.random.default_rng(seed).standard_normal(len(time))
     filtered = filtered_motion(time, theta, torque, LOW_PASS)
     blocks = find_blocks(time, theta, protocol)
     return SteppedSineTrial("made", time, RATE, theta, torque, *filtered, blocks, None, 2, LOW_PASS, 0.0)

@@ -7,7 +7,7 @@ import polars as pl
 
 from osl_analysis.bench.alternatives import check_stiffer, time_base_row, time_base_words, timebase_table
 from osl_analysis.bench.excitation_clocks import record_clock_row
-from osl_analysis.bench.excitation_drift import OF_DRIFT, record_drift_row
+from osl_analysis.bench.excitation_drift import record_drift_row
 from osl_analysis.bench.excitation_lag import record_lag_row
 from osl_analysis.bench.excitation_limits import angle_noise_bias, check_alias, check_band
 from osl_analysis.bench.excitation_peaks import torque_at_peaks
@@ -92,7 +92,7 @@ def record_table(record: MovingRecord, expected: Admittance | None = None) -> pl
         **record_clock_row(record),
     }
     empty: Row = dict.fromkeys(OF_SINES)
-    numbers = dict.fromkeys(("amplitude_deg", *MAY_BE_NULL, *OF_SINES, *OF_PERIODS, *OF_DRIFT), pl.Float64)
+    numbers = dict.fromkeys(("amplitude_deg", *MAY_BE_NULL, *OF_SINES, *OF_PERIODS), pl.Float64)
     return pl.DataFrame([row | empty], schema_overrides=numbers)
 
 

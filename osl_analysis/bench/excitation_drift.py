@@ -16,7 +16,7 @@ from osl_analysis.bench.moving_fit import Columns
 from osl_analysis.bench.moving_fit import thinned as kept_rows
 from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.phasor_lag import LITTLE_INERTIA
-from osl_analysis.bench.stiffness_drift import CERTAIN
+from osl_analysis.bench.stiffness_drift import CERTAIN, OF_DRIFT, UNTOLD
 from osl_analysis.bench.torque_lag import ONLY_NOISE
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.pieces import pieces
@@ -33,10 +33,6 @@ LEAST_MOTION = 0.1
 """Share of the RMS angle, below which a motion is too small to have a frequency."""
 CERTAIN_BESIDE_MISFIT = 5.0
 """Standard errors from which a change counts where Eq. 15 does not explain the rest: they know little of friction."""
-UNTOLD = 0.1
-"""Share of I that an unseen change of K may make, from which it is not known whether K changes."""
-OF_DRIFT = ("K_drift", "drift_inertia_share")
-"""Columns of a change of K, null where it cannot be told."""
 KeptColumns = Mapping[str, Array]
 """Columns (m,) of a fit by name."""
 

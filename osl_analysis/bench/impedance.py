@@ -16,7 +16,7 @@ from osl_analysis.bench.phasor_lag import torque_lag_row
 from osl_analysis.bench.segments import rows_of
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
-from osl_analysis.bench.stiffness_drift import stiffness_drift, stiffness_of_cycles
+from osl_analysis.bench.stiffness_drift import OF_DRIFT, stiffness_drift_row, stiffness_of_cycles
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import CONTROLLERS, Gains, select_gains
@@ -35,6 +35,7 @@ MAY_BE_NULL = (
     "stiffening",
     "lag_inertia_share",
     "frame_stiffness",
+    *OF_DRIFT,
 )
 """Columns without a number in some rows, or in all."""
 
@@ -112,7 +113,7 @@ def impedance_table(
                 **rendered_nonlinearity_row(chosen, fit),
                 "VAF_held_out": lowest_held_out_vaf(trial, amplitude, fit, impedance_columns),
                 "load_cell_drift": 60 * trial.drift,
-                "K_drift": stiffness_drift(stiffness, trial.segments(amplitude)) / fit["K"],
+                **stiffness_drift_row(stiffness, trial.segments(amplitude), fit),
                 **time_base_row(fit, other, IMPEDANCE),
                 **clocks,
             }

@@ -33,7 +33,6 @@ SLOW_TURN_DEG = 1.0
 """Turn of a joint [deg] beyond the noise of any encoder: it moved, if slowly."""
 RenderedTrial = SteppedSineTrial | MovingRecord
 OF_RECORDS = (
-    "drift_inertia_share",
     "theta_rms_deg",
     "angle_noise_share",
     "torque_at_peaks",

@@ -27,7 +27,7 @@ from osl_analysis.config import campaign_config, overriding
 from osl_analysis.doubtful import doubt_report, unchecked_report
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.examples import matching, response_example, time_series_example
-from osl_analysis.exclusion import exclusion_report, truncation_report
+from osl_analysis.exclusion import exclusion_report, left_behind_report, truncation_report
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.figures import FIGURES, drawn_figures
 from osl_analysis.files import check_working_folder, digest, file_state
@@ -102,6 +102,7 @@ def end_of_run(records) -> str:
         unchecked_report(result_tables()),
         exclusion_report(checked(CAMPAIGN.trials()), CAMPAIGN.excluded),
         truncation_report(checked(CAMPAIGN.trials()), recordings),
+        left_behind_report((RESULTS / "trials").glob("*.parquet"), {*CAMPAIGN.trials(), *CAMPAIGN.excluded}),
         refusal_report(refusals_in(records, LOST), recordings, ACCEPT, records),
     ]
     return "\n".join(filter(None, said))

@@ -3,12 +3,12 @@ result of their own (`refusal.py`). Both are always listed.
 """
 
 import csv
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, listing
 from osl_analysis.refusal import Refusal, distinct, is_refused, read_refusals
 
 REMEDY = "record again, give a reason under `exclude` in the sample sheet, or name the check under `accept`"
@@ -111,6 +111,20 @@ def exclusion_report(quality: Iterable[Path], by_sheet: Mapping[str, str]) -> st
     judged = [f"excluded from tables and figures by quality control: {trial} ({why})" for trial, why in reasons.items()]
     stated = [f"excluded by the sample sheet: {trial} ({why})" for trial, why in by_sheet.items()]
     return "\n".join([*stated, *judged, *([f"to change that: {REMEDY}"] if judged else [])])
+
+
+def left_behind_report(stored: Iterable[Path], trials: Collection[str]) -> str:
+    """A line on trials that are not in the sample sheet, as after a renaming, whose files are still among the results.
+
+    `stored` are the files of trials there, `trials` all those of the sheet. Empty without such files.
+    """
+    unknown = sorted({path.stem for path in stored} - set(trials))
+    if not unknown:
+        return ""
+    return (
+        f"not in the sample sheet, and in no table or figure: {listing(unknown, 12)}; files of theirs are left "
+        "below the results; delete them, or enter the trials again"
+    )
 
 
 def truncation_report(quality: Iterable[Path], recordings: Mapping[str, Sequence[str]]) -> str:

@@ -16,7 +16,13 @@ from osl_analysis import fork_server, workflow
 from osl_analysis.commands import crossing, study, tables, trials
 from osl_analysis.commands.walking_files import read_json
 from osl_analysis.errors import InputError, WriteError
-from osl_analysis.exclusion import exclusion_report, truncation_report, without_excluded, without_refused
+from osl_analysis.exclusion import (
+    exclusion_report,
+    left_behind_report,
+    truncation_report,
+    without_excluded,
+    without_refused,
+)
 from osl_analysis.files import file_state, temporary_path
 from osl_analysis.job import Job, died, refusal, run
 from osl_analysis.job_log import JobLog, read_log, read_logs, run_report, write_log
@@ -310,6 +316,14 @@ def test_the_list_says_what_else_has_no_result(tmp_path: Path) -> None:
     plate = replace(stand, trial="", file="fits/plate.json")
     told = refusal_report([plate], recordings, accept=False, records=records[1:3]).splitlines()
     assert told[1] == "NOT ANALYSED: some results, and for want of them 2 of 4 trials; results are of the others."
+
+
+def test_what_a_renaming_leaves_among_the_results_is_named_at_the_end_of_a_run() -> None:
+    stored = [Path(f"results/trials/{trial}.parquet") for trial in ("b_1", "old_2", "b_3", "old_1")]
+    assert left_behind_report(stored, ["b_1", "b_2", "b_3"]).startswith(
+        "not in the sample sheet, and in no table or figure: old_1, old_2; files of theirs"
+    )
+    assert left_behind_report(stored[::2], ["b_1", "b_2", "b_3"]) == ""
 
 
 def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run(tmp_path: Path) -> None:

@@ -25,9 +25,7 @@ OF_GAINS, OF_LAG = (
 BAND_POINTS = 12
 """Frequencies of a band at which the rendered impedance is predicted."""
 OF_BELT = "K against the belt's K_s"
-OF_DRIFT = (
-    "whether K changes while it is recorded: in this motion a change looks like inertia, what Eq. 15 misses, or noise"
-)
+OF_DRIFT = "whether K changes while it is recorded: noise, or what Eq. 15 misses, may hide it"
 
 
 @dataclass(frozen=True)

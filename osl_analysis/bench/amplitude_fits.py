@@ -1,12 +1,12 @@
 """One regression for each amplitude of a stepped sine and one over all of them, from sums over the settled segments."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from osl_analysis.bench.alternatives import widened
-from osl_analysis.bench.rounding import RepeatedRounding, RoundingSums
+from osl_analysis.bench.rounding import RepeatedRounding, RoundingSums, total
 from osl_analysis.bench.segments import Segment
 from osl_analysis.bench.stepped_sine import Columns, SteppedSineTrial
 from osl_analysis.stats.cycle_sums import Cycles
@@ -58,14 +58,13 @@ def fits_by_amplitude(trial: SteppedSineTrial, columns: Columns) -> dict[float |
         As `linear_fit`.
     """
     parts = segment_sums(trial, columns)
-    rounding = {s: rounding_beside(part) for s, (part, _) in parts.items() if s.repeated is not None}
+    rounding = {segment: rounding_beside(part) for segment, (part, _) in parts.items()}
     fits: dict[float | None, LinearFit] = {}
     for amplitude in trial.amplitudes:
         segments = trial.segments(amplitude)
-        repeat = all(segment in rounding for segment in segments)
-        repeated = [total([rounding[s][column] for s in segments]) for column in trial.rounded] if repeat else []
+        repeated = [total([rounding[s][column] for s in segments], segments) for column in trial.rounded]
         fit = None
-        if repeat:
+        if all(segment.repeated is not None for segment in segments):
             names, known = tuple(columns(trial.motion[:0])), [one.covariance_by for one in repeated]
             fit = partwise_fit(names, [parts[s] for s in segments], trial.independent_samples, known)
         if fit is None:
@@ -85,7 +84,7 @@ def segment_sums(trial: SteppedSineTrial, columns: Columns) -> Mapping[Segment, 
 
 
 def rounding_beside(part: SegmentRows, own: Array | None = None) -> dict[str, RoundingSums]:
-    """What the rounding of each signal whose step is known adds up to in a segment with enough cycles, by column.
+    """What the rounding of each signal whose step is known adds up to in a segment, by column.
 
     With columns `own` (n, q) of a fit to each rounded signal itself, this is beside them. What it is beside the columns
     of the model comes along in the same pass over the samples, and is kept in the trial.
@@ -107,9 +106,3 @@ def held_out_vaf(fit: LinearFit, trial: SteppedSineTrial, amplitude: float, colu
     """VAF [percent] of a fit at an amplitude [deg] that it did not use."""
     parts = segment_sums(trial, columns)
     return partwise_vaf(fit, [parts[segment][1] for segment in trial.segments(amplitude)])
-
-
-def total(sums: Sequence[RoundingSums]) -> RoundingSums:
-    """What the rounding adds up to over segments."""
-    first, *others = sums
-    return sum(others, first)

@@ -77,8 +77,8 @@ def phasors_of(part: SegmentRows) -> SegmentPhasors:
     """Phasors of one segment of a trial, with the errors that the spread of its cycles does not show."""
     trial, segment = part.trial, part.segment
     sine = sinusoid(segment.part(trial.time), segment.frequency_hz, segment.repeated)
-    repeated = {} if segment.repeated is None else rounding_beside(part, sine.columns.X)
-    found = segment_phasors(segment, sine, {"theta": trial.theta, "torque": trial.torque}, repeated)
+    signals = {"theta": trial.theta, "torque": trial.torque}
+    found = segment_phasors(segment, sine, signals, rounding_beside(part, sine.columns.X))
     return found if trial.bench is None else replace(found, compliance_error=trial.bench.compliance_error)
 
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.bench.segments import Segment
+from osl_analysis.bench.segments import Segment, cycles_among
 from osl_analysis.stats.covariance import nearest_covariance
 from osl_analysis.stats.rounding import (
     HARMONICS,
@@ -69,11 +69,13 @@ class Rounded:
         """Share of each harmonic of the rounding that the noise before it leaves in the mean, (HARMONICS,).
 
         The noise is what cycles differ by, beyond what the rounding of the smooth signal itself makes different. A few
-        rows show noise that leaves nothing. Every fit to the segment asks for it: it is kept.
+        rows show noise that leaves nothing. A single cycle shows no noise: all of the rounding counts. Every fit to the
+        segment asks for it: it is kept.
         """
+        if len(segment.used) == 1:
+            return np.ones(HARMONICS)
         if segment not in self.kept:
-            smooth, cycles = segment.part(self.smooth), segment.repeated
-            assert cycles is not None
+            smooth, cycles = segment.part(self.smooth), cycles_among([segment])
             errors = np.array([segment.part(self.signal), smooth])
             errors[1] /= self.step
             np.rint(errors[1], out=errors[1])
@@ -95,7 +97,12 @@ class RoundingSums:
     total: Array
     """Sums of columns times harmonics of the error over all cycles, shape (p, 2 HARMONICS)."""
     shown: Array
-    """Part of their covariance that the spread between cycles has already, shape (p, p)."""
+    """Part of their covariance that the spread between cycles has already, shape (p, p); 0 with too few cycles."""
+
+    @property
+    def whole(self) -> "RoundingSums":
+        """The same for a fit without a spread between cycles, which shows no part of it."""
+        return RoundingSums(self.total, np.zeros_like(self.shown))
 
     def __add__(self, other: "RoundingSums") -> "RoundingSums":
         return RoundingSums(self.total + other.total, self.shown + other.shown)
@@ -133,8 +140,7 @@ class RepeatedRounding:
 
     def covariance(self, X: Array, inverse: Array) -> Array:
         """As `RepeatedError` has it, for a fit to all rows of the segments."""
-        first, *others = self.sums(X)
-        return sum(others, first).covariance(X, inverse)
+        return total(self.sums(X), self.segments).covariance(X, inverse)
 
     def sums(self, X: Array) -> list[RoundingSums]:
         """What each segment adds, beside columns X (rows of all segments, p)."""
@@ -153,7 +159,8 @@ class RepeatedRounding:
             return RoundingSums(np.zeros((p, 2 * HARMONICS)), np.zeros((p, p)))
         sums = np.array(list(self.cycle_sums(segment, X, X_own))) * np.tile(left, 2)
         apart = np.moveaxis(sums - sums.mean(axis=0), 1, 0).reshape(p, -1)
-        return RoundingSums(sums.sum(axis=0), len(sums) / (len(sums) - 1) * apart @ apart.T)
+        found = RoundingSums(sums.sum(axis=0), len(sums) / max(len(sums) - 1, 1) * apart @ apart.T)
+        return found if segment.repeated is not None else found.whole
 
     def cycle_sums(self, segment: Segment, X: Array, own: Array) -> Iterator[Array]:
         """Sums of the columns of `sums_of` times harmonics of the error, (p + q, 2 HARMONICS) for each cycle."""
@@ -187,6 +194,13 @@ class RepeatedRounding:
         apart = [x - np.mean(x) for x in map(segment.part, (self.fitted, self.rounded.smooth))]
         fitted, smooth = (complex(x @ cosine, -(x @ sine)) for x in apart)
         return (fitted / smooth).real, (fitted / smooth).imag / w
+
+
+def total(sums: Sequence[RoundingSums], segments: Sequence[Segment]) -> RoundingSums:
+    """What the rounding adds up to over segments, each with its sums; whole where one has too few cycles."""
+    first, *others = sums
+    found = sum(others, first)
+    return found if all(segment.repeated is not None for segment in segments) else found.whole
 
 
 def slopes(values: Array) -> Array:

@@ -162,13 +162,17 @@ def rows_of(segments: Sequence[Segment]) -> NDArray[np.intp]:
 
 
 def repeated_cycles(segments: Sequence[Segment], every: int = 1, skip: int = 0) -> Cycles | None:
-    """The cycles among the rows of the segments (`rows_of`); None if a segment has fewer than five.
+    """The `cycles_among` the rows of the segments; None if a segment has fewer than five."""
+    enough = min(len(segment.used) for segment in segments) >= FEWEST_CYCLES
+    return cycles_among(segments, every, skip) if enough else None
+
+
+def cycles_among(segments: Sequence[Segment], every: int = 1, skip: int = 0) -> Cycles:
+    """The cycles among the rows of the segments (`rows_of`).
 
     Of each piece of a segment only every `every`-th row counts, and of these not the first `skip`. This serves signals
     that were thinned and then lost samples at the start to a filter.
     """
-    if min(len(segment.used) for segment in segments) < FEWEST_CYCLES:
-        return None
     first, stop, offset = [], [], 0
     for segment in segments:
         edges = segment.edges

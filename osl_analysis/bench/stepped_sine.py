@@ -154,24 +154,21 @@ class SteppedSineTrial:
         `repeated` are the errors that the cycles repeat; None: the rounding of angle and torque.
         """
         segments = self.segments(amplitude)
-        cycles = repeated_cycles(segments)
+        repeated = self.repeated_rounding(segments) if repeated is None else repeated
+        cycles, every = repeated_cycles(segments), self.independent_samples
         if cycles is None:
             memory = self.low_pass.memory(self.rate_hz)
-            return KnownMemory(every=self.independent_samples, memory=memory, position=rows_of(segments))
+            return KnownMemory(every=every, repeated=repeated, memory=memory, position=rows_of(segments))
         return ResidualCorrelation(
             cycles,
-            self.independent_samples,
+            every,
             filtered_off=self.rows_in(self.torque, segments) - self.rows_in(self.filtered_torque, segments),
-            repeated=self.repeated_rounding(segments) if repeated is None else repeated,
+            repeated=repeated,
         )
 
     def repeated_rounding(self, segments: Sequence[Segment]) -> list[RepeatedRounding]:
-        """The rounding of angle and torque, which the cycles of the segments may repeat, as errors of the torque.
-
-        None where no step is known, or where cycles do not repeat.
-        """
-        if repeated_cycles(segments) is None:
-            return []
+        """The rounding of angle and torque, which the cycles of the segments may repeat, as errors of the torque; none
+        where no step is known."""
         return [RepeatedRounding(one, self.filtered_torque, segments) for one in self.rounded.values()]
 
     @cached_property

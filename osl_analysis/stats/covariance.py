@@ -30,7 +30,9 @@ noise's variance."""
 
 
 class RepeatedError(Protocol):
-    """An error of y that every cycle repeats, as the rounding of a sensor does: the spread of cycles is blind to it."""
+    """An error of y that every cycle repeats, as the rounding of a sensor does: the spread of cycles is blind to it.
+
+    So are the residuals of a fit to few cycles: what changes the estimates is not left in them."""
 
     def covariance(self, X: Array, inverse: Array) -> Array:
         """Covariance (p, p), beyond the spread, of estimates that change by X @ inverse (n, p) with each y."""
@@ -71,24 +73,28 @@ class ResidualCorrelation:
         X (n, p) times `inverse` (p, p) is by how much each estimate changes with each sample of y; `residual` (n,) is
         what is left.
         """
+        spread = self.spread(X, inverse, residual)
+        return with_repeated(spread, [error.covariance(X, inverse) for error in self.repeated], self.method)
+
+    def spread(self, X: Array, inverse: Array, residual: Array) -> Covariance:
+        """The same without the errors that every cycle repeats."""
         if self.cycles is None:
-            return *score_sums(X, inverse, residual, self.window(residual), slow=self.every > 1), self.method
+            return score_sums(X, inverse, residual, self.window(residual), slow=self.every > 1)
         noise = residual if self.filtered_off is None else residual + self.filtered_off
-        sums = self.cycles.sums(X, noise) @ inverse
-        covariance, degrees_of_freedom = between_cycles(sums, self.cycles.stratum)
-        return with_repeated(covariance, degrees_of_freedom, [e.covariance(X, inverse) for e in self.repeated])
+        return between_cycles(self.cycles.sums(X, noise) @ inverse, self.cycles.stratum)
 
 
-def with_repeated(covariance: Array, degrees_of_freedom: Array, repeated: Sequence[Array]) -> tuple[Array, Array, str]:
-    """The covariance (p, p) between cycles with those of errors that every cycle repeats; as `covariance` of
+def with_repeated(spread: Covariance, repeated: Sequence[Array], method: str = CYCLES) -> tuple[Array, Array, str]:
+    """The covariance (p, p) by a method with those of errors that every cycle repeats; as `covariance` of
     `ResidualCorrelation`."""
+    covariance, degrees_of_freedom = spread
     rounding = np.sum(repeated, axis=0)
     if not rounding.any():
-        return covariance, degrees_of_freedom, CYCLES
+        return covariance, degrees_of_freedom, method
     scatter, added = np.diag(covariance), np.diag(rounding)
     total = welch_satterthwaite([scatter, added], [degrees_of_freedom, np.full_like(scatter, np.inf)])
     counts = bool(np.any(added > COUNTS * scatter))
-    return covariance + rounding, total, f"{CYCLES} + rounding" if counts else CYCLES
+    return covariance + rounding, total, f"{method} + rounding" if counts else method
 
 
 NO_REPEATS = ResidualCorrelation()

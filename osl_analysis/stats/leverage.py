@@ -31,18 +31,18 @@ class KnownMemory(ResidualCorrelation):
     position: NDArray[np.intp] | None = None
     """Sample of the recording that each row of the fit is, shape (n,)."""
 
-    def covariance(self, X: Array, inverse: Array, residual: Array) -> tuple[Array, Array, str]:
-        """As `ResidualCorrelation.covariance`."""
-        covariance, degrees_of_freedom, method = super().covariance(X, inverse, residual)
+    def spread(self, X: Array, inverse: Array, residual: Array) -> Covariance:
+        """As `ResidualCorrelation.spread`."""
+        covariance, degrees_of_freedom = super().spread(X, inverse, residual)
         if self.memory is None or self.position is None:
-            return covariance, degrees_of_freedom, method
+            return covariance, degrees_of_freedom
         step = max(self.every // 2, -(-len(X) // MOST_ROWS))
         window = self.window(residual) / step
         if window < 2:  # the rows that are kept are further apart than the noise remembers
-            return covariance, degrees_of_freedom, method
+            return covariance, degrees_of_freedom
         short, known = shortfall(X[::step], self.position[::step], self.memory, window)
         raised = np.sqrt(np.maximum(short, 1.0))
-        return covariance * np.outer(raised, raised), np.minimum(degrees_of_freedom, known), method
+        return covariance * np.outer(raised, raised), np.minimum(degrees_of_freedom, known)
 
 
 def shortfall(X: Array, position: NDArray[np.intp], memory: Array, window: float) -> Covariance:

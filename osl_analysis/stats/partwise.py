@@ -118,7 +118,7 @@ def partwise_fit(
     estimates = estimates + inverse @ (moment - gram @ estimates)
     residual = np.concatenate([y - X @ estimates for X, y, _ in (part.rows() for part, _ in parts)])
     spread = between_cycles(total.left(estimates) @ inverse, stratum)
-    covariance, degrees_of_freedom, method = with_repeated(*spread, [covariance(inverse) for covariance in repeated])
+    covariance, degrees_of_freedom, method = with_repeated(spread, [covariance(inverse) for covariance in repeated])
     return LinearFit(
         names,
         estimates,

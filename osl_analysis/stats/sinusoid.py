@@ -11,7 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite, check_measured
 from osl_analysis.stats.complex_estimate import ComplexEstimate
-from osl_analysis.stats.covariance import FEWEST_CYCLES, NO_REPEATS, RepeatedError, between_cycles, with_repeated
+from osl_analysis.stats.covariance import (
+    FEWEST_CYCLES,
+    RepeatedError,
+    ResidualCorrelation,
+    between_cycles,
+    with_repeated,
+)
 from osl_analysis.stats.cycle_sums import Cycles
 from osl_analysis.stats.regression import Regressors, regressors_of
 from osl_analysis.trial import Array
@@ -108,12 +114,13 @@ class Sinusoid:
         """`ResidualCorrelation.covariance` for each of the residuals (q, n), whose cycles are summed at once."""
         X, inverse = self.columns.X, self.columns.inverse
         if self.cycles is None:
-            return [NO_REPEATS.covariance(X, inverse, residual) for residual in residuals]
+            each = zip(residuals, repeated, strict=True)
+            return [ResidualCorrelation(repeated=errors).covariance(X, inverse, residual) for residual, errors in each]
         sums = np.moveaxis(self.cycles.products(X, residuals.T), 2, 1) @ inverse
         covariance, freedom = between_cycles(sums.reshape(len(sums), -1), self.cycles.stratum)
         own = [slice(first, first + len(inverse)) for first in range(0, len(covariance), len(inverse))]
         return [
-            with_repeated(covariance[k, k], freedom[k], [error.covariance(X, inverse) for error in errors])
+            with_repeated((covariance[k, k], freedom[k]), [error.covariance(X, inverse) for error in errors])
             for k, errors in zip(own, repeated, strict=True)
         ]
 

@@ -15,7 +15,7 @@ from osl_analysis.bench.protocol import find_blocks
 from osl_analysis.bench.rendered import rendered_table
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.bench.stiffness_drift import stiffness_of_cycles
-from osl_analysis.bench.torque_lag import ImpedancePoints, torque_lag
+from osl_analysis.bench.torque_lag import ImpedancePoints, TorqueLag, torque_lag
 from osl_analysis.causes import REMEDIES
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import DoubtfulFits, marked
@@ -76,6 +76,25 @@ def test_beside_noise_alone_a_lag_of_five_standard_errors_is_certain():
     assert measured_lag(SECOND_ORDER * np.exp(-S * 3e-4)).certain_from(noise) == 5
     odd = measured_lag(SECOND_ORDER + 2 * np.exp(1j * FREQUENCY * 2))
     assert odd.certain_from(noise) == 10
+
+
+@pytest.mark.parametrize("lag", [5e-3, -5e-3])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_lag_of_one_amplitude_has_its_sign_although_another_of_the_other_sign_explains_nearly_as_much(lag, seed):
+    """Gauss and Newton's steps from 0 end at -4.7 ms, which leaves three times the noise."""
+    one = slice(5, 10)
+    joint = SECOND_ORDER[one] * np.exp(-S[one] * lag)
+    noise = np.random.default_rng(seed).standard_normal((2, 5)) * 8e-4 / THETA[one]
+    points = ImpedancePoints(FREQUENCY[one], THETA[one], THETA[one], joint + noise[0] + 1j * noise[1])
+    assert torque_lag(points, 1 / drivetrain()(S[one])).lag == pytest.approx(lag, abs=4e-4)
+
+
+def test_few_phasors_know_their_noise_less_well_so_that_a_lag_is_certain_from_more_standard_errors():
+    """Student's quantile of one in a thousand is 6.87 with five degrees of freedom, as tabulated."""
+    few, many, fewest = (TorqueLag(1e-3, 1e-4, 1e-3, freedom=freedom) for freedom in (5, 23, 1))
+    assert few.certain_from(1e-3) == pytest.approx(6.869, abs=1e-3)
+    assert many.certain_from(1e-3) == 5
+    assert fewest.certain_from(1e-3) == few.certain_from(1e-5) == 10
 
 
 def test_where_neither_model_of_the_joint_fits_their_difference_makes_the_lag_uncertain():
@@ -225,7 +244,7 @@ def test_a_torque_of_the_wrong_sign_is_refused_and_one_of_the_right_sign_is_not(
         check_resists("free", "K", -2, -1.5)
 
 
-@pytest.mark.parametrize("k", [2000.0, 3000.0, 6000.0])
+@pytest.mark.parametrize("k", [686.0, 2000.0, 3000.0, 6000.0])
 def test_a_frame_that_yields_is_found_with_its_stiffness_and_named_where_k_is_too_low_for_the_gains(k):
     found = measured_lag(1 / (1 / SECOND_ORDER + 1 / k))
     assert found.frame_stiffness == pytest.approx(k, rel=0.1)

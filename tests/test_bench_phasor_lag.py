@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import polars as pl
 import pytest
 from bench_synthetic import RATE, second_order, stepped_sine
 from conftest import ROOT
@@ -11,7 +12,14 @@ from scipy.ndimage import shift
 from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
 from osl_analysis.bench.frequency_response import SegmentPhasors
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.phasor_lag import degrees_of_freedom, lag_in_noise, lag_shares, points_of, torque_lag_row
+from osl_analysis.bench.phasor_lag import (
+    degrees_of_freedom,
+    lag_in_noise,
+    lag_of,
+    lag_shares,
+    points_of,
+    torque_lag_row,
+)
 from osl_analysis.bench.plausibility import Saturated
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import DoubtfulFits, marked
@@ -129,3 +137,35 @@ def test_too_few_phasors_tell_no_lag():
     assert degrees_of_freedom(points_of(phasors(JOINT))) == 30 - 7  # three K, B, I, friction, lag
     assert degrees_of_freedom(points_of(phasors(JOINT, at=slice(3, 6)))) == 0
     assert lag_in_noise(phasors(JOINT, at=slice(3, 6)), FIT) is None
+
+
+ONE = slice(5, 10)
+
+
+@pytest.mark.parametrize("expected", [None, joint_admittance(GAINS.K_1, GAINS.B_1, P, P.J_j)])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_lag_that_is_not_certain_but_may_change_the_inertia_by_a_tenth_is_said_not_to_be_checked(expected, seed):
+    """0.3 ms make 7 % of I; the five phasors of one amplitude know it to 0.1 ms."""
+    row = torque_lag_row(phasors(JOINT * np.exp(-S * 3e-4), 1e-3, ONE, seed), FIT, expected)
+    assert row["certain_lag_damping"] == 0
+    assert row["lag_se_s"] > 7e-5
+    assert row["lag_share"] is row["lag_inertia_share"] is row["frame_stiffness"] is None
+
+
+def test_whether_the_torque_is_late_is_said_in_the_rows_that_cannot_tell_and_in_no_other():
+    table = pl.DataFrame({"lag_s": [5e-4, 5e-4, None], "lag_inertia_share": [0.13, None, None]})
+    for p in (None, P):
+        reasons = table.select(UNKNOWN.left_unchecked(p))["not_checked"].to_list()
+        assert ["late" in reason for reason in reasons] == [False, True, True]
+        assert all("whether K is what the gains should give" in reason for reason in reasons)
+    known = AskedImpedance(DesiredImpedance("compensated", 300.0, 5.0), PAPER.weight, (1.0, 3.0, 5.0))
+    reasons = table.select(known.left_unchecked(P))["not_checked"].to_list()
+    assert reasons[0] is None
+    assert "whether the torque is late: a lag that would change I by a tenth" in reasons[1]
+
+
+@pytest.mark.parametrize("noise", [1e-4, 2e-4])
+def test_few_phasors_beside_known_gains_have_the_standard_error_of_their_noise_too(noise):
+    few, expected = slice(10, 15, 2), joint_admittance(GAINS.K_1, GAINS.B_1, P, P.J_j)
+    z = [lag_of(phasors(JOINT, noise, few, seed), expected) for seed in range(40)]
+    assert max(abs(found.lag / found.se) for found in z if found) < 4

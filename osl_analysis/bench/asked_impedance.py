@@ -11,7 +11,6 @@ from osl_analysis.bench.impedance import DesiredImpedance, prediction_columns
 from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.plausibility import Saturated, not_checked, plausible_impedance
 from osl_analysis.bench.rendered import RenderedTrial, rendered_table
-from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain import joint_admittance
@@ -22,6 +21,7 @@ OF_GAINS, OF_LAG = (
     "whether K is what the gains should give, whether the bench's frame yields",
     "whether the torque is late",
 )
+LOOKS_ALIKE = "a lag that would change I by a tenth or more looks like noise here, or like what Eqs. 15 and 9 miss"
 BAND_POINTS = 12
 """Frequencies of a band at which the rendered impedance is predicted."""
 OF_BELT = "K against the belt's K_s"
@@ -57,7 +57,12 @@ class AskedImpedance:
         why = self.desired.unknown_gains()
         if why:
             return f"{of_gains}: {why}"
-        return "" if lag_known else f"{OF_LAG}: what a lag would add and what Eqs. 15 and 9 miss look alike"
+        return "" if lag_known else f"{OF_LAG}: {LOOKS_ALIKE}"
+
+    def left_unchecked(self, p: DrivetrainParameters | None) -> pl.Expr:
+        """The column `not_checked` of a table with lags: whether the torque is late, only in rows without a share."""
+        known, unknown = (pl.lit(self.not_checked(p, lag_known) or None, pl.String) for lag_known in (True, False))
+        return pl.when(pl.col("lag_inertia_share").is_null()).then(unknown).otherwise(known).alias("not_checked")
 
 
 def judged_impedance(
@@ -100,10 +105,9 @@ def judged_by_gains(
         if asked is None:
             return table.with_columns(not_checked("" if p else f"{OF_BELT}: no parameter file is named"))
         known = table.with_columns(**asked.desired.columns(), **prediction_columns(None))
-        return known.with_columns(not_checked(asked.not_checked(p, known["lag_s"].is_not_null().all())))
+        return known.with_columns(asked.left_unchecked(p))
     table = rendered_table(rendered, joint_admittance(gains.K_1, gains.B_1, p, p.J_j), phasors)
-    lag_known = isinstance(rendered, SteppedSineTrial) or table["lag_s"].is_not_null().all()
     predicted = predicted_impedance(gains, p, asked.frequencies_of(rendered))
     plausible = plausible_impedance(table, rails, p, predicted[0])
     judged = plausible.with_columns(**asked.desired.columns(), **prediction_columns(predicted))
-    return judged.with_columns(not_checked(asked.not_checked(p, lag_known)))
+    return judged.with_columns(asked.left_unchecked(p))

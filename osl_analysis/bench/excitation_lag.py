@@ -1,5 +1,6 @@
 """By how much the torque lags the angle in a trial of any excitation: a fourth parameter beside K, B and I."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,13 +9,14 @@ from numpy.typing import NDArray
 from osl_analysis.bench.frequency_response import Admittance
 from osl_analysis.bench.moving_fit import Column, estimates_of, fit_of, left_by
 from osl_analysis.bench.moving_record import MovingRecord
-from osl_analysis.bench.phasor_lag import OF_CERTAIN_LAG, lag_shares
+from osl_analysis.bench.phasor_lag import OF_CERTAIN_LAG, lag_row
 from osl_analysis.bench.torque_lag import (
     CERTAIN_LAG,
     LAG_STEPS,
     LARGEST_YIELD,
     MUCH_BETTER,
     ONLY_NOISE,
+    TorqueLag,
 )
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.pieces import AT_ONCE, pieces
@@ -181,18 +183,29 @@ def record_lag(record: MovingRecord, expected: Admittance | None) -> RecordLag |
 def record_lag_row(record: MovingRecord, fit: LinearFit, expected: Admittance | None) -> Row:
     """As `torque_lag_row`.
 
-    A frame of stiffness k in series looks like a lag of 2 B/k up to the third power of s.
+    A frame in series looks like a lag up to the third power of s.
     """
     found = record_lag(record, expected)
     if found is None:
         return {**lag_damping_row(None, None, fit["K"]), **dict.fromkeys(OF_CERTAIN_LAG)}
     beside_noise = found.misfit < ONLY_NOISE * noise_behind(record, record.low_pass)
-    row = lag_damping_row(found.lag, found.se, fit["K"], CERTAIN_IN_NOISE if beside_noise else CERTAIN_LAG)
-    certain = bool(row["certain_lag_damping"])
-    stiffness = 2 * (fit["B"] / found.lag + fit["K"]) if certain and found.lag > 0 else 0.0
-    yields = certain and stiffness > 0 and fit["K"] / stiffness < LARGEST_YIELD
-    shares = lag_shares(found.lag if certain else 0.0, fit)
-    return {**row, **dict(zip(OF_CERTAIN_LAG, (*shares, stiffness if yields else None), strict=True))}
+    certain_from = CERTAIN_IN_NOISE if beside_noise else CERTAIN_LAG
+    certain = abs(found.lag) > certain_from * found.se
+    frame = yielding_in(estimates_of(record, [("J", jerk_of(record).__getitem__)])) if certain else None
+    return lag_row(TorqueLag(found.lag, found.se, found.misfit, frame), certain_from, fit)
+
+
+def yielding_in(series: Mapping[str, float]) -> float | None:
+    """Stiffness [N*m/rad] of a frame in series with a second-order joint of which K, B, I and J are measured.
+
+    1/measured = 1/joint + 1/stiffness, to the third power of s, where the joint has none. None if there is none.
+    """
+    K, B, I, J = (series[name] for name in "KBIJ")
+    b, i, j = B / K, I / K, J / K
+    first, second, third = -b, b**2 - i, 2 * b * i - b**3 - j
+    left = np.roots([third, -2 * first * second, first**3])
+    yielded = [1 - float(share.real) for share in left if abs(share.imag) < 1e-9]
+    return K / min(sound) if (sound := [share for share in yielded if 0 < share < LARGEST_YIELD]) else None
 
 
 def noise_behind(record: MovingRecord, low_pass: LowPass) -> float:

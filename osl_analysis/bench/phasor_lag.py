@@ -9,12 +9,14 @@ from scipy.special import chdtri
 from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors
 from osl_analysis.bench.torque_lag import (
     CERTAIN_BESIDE_NOISE,
-    LAG,
+    CERTAINLY_LESS,
     MUCH_BETTER,
+    ONCE_IN,
     ONLY_NOISE,
     ImpedancePoints,
     TorqueLag,
-    lag_beyond,
+    lag_from,
+    largest_lag,
     torque_lag,
     yielding_frame,
 )
@@ -22,15 +24,11 @@ from osl_analysis.errors import OslAnalysisError
 from osl_analysis.stats.fit_row import Row, lag_damping_row
 from osl_analysis.stats.regression import LinearFit
 
-LARGEST_TURN = 0.2
-"""Phase [rad] at the highest frequency, 6 ms at 5 Hz, beyond which a lag stands for other dynamics if no model is
-known."""
-ONCE_IN = 1e-3
-"""Probability that noise alone leaves more than what counts as noise, beside which few phasors count for less."""
-CERTAINLY_LESS = 3.0
-"""Square root of the difference of two sums of squares, in noise, from which one fit leaves certainly less."""
 UNSEEN = 0.1
-"""Share of B that a lag may make without being certain, beyond which it is not known whether the torque is late."""
+"""Share of B or of I that a lag may make without being certain, beyond which it is not known whether the torque is
+late."""
+POSSIBLE = 2.0
+"""Standard errors by which a lag may be larger than it is found."""
 LITTLE_DAMPING, LITTLE_INERTIA = 2.0, 5e-3
 """B [N*m*s/rad] and I [kg*m^2] below which their shares say little; added in quadrature to what a share is taken of."""
 OF_CERTAIN_LAG = ("lag_share", "lag_inertia_share", "frame_stiffness")
@@ -47,10 +45,20 @@ def torque_lag_row(phasors: Sequence[SegmentPhasors], fit: LinearFit, expected: 
     lag = lag_in_noise(phasors, fit) if expected is None else lag_of(phasors, expected)
     if lag is None:
         return {**lag_damping_row(None, None, fit["K"]), **dict.fromkeys(OF_CERTAIN_LAG)}
-    row = lag_damping_row(lag.lag, lag.se, fit["K"], lag.certain_from(noise_of(phasors)))
-    certain = bool(row["certain_lag_damping"])
-    shares = lag_shares(lag.lag if certain else 0.0, fit)
-    return {**row, **dict(zip(OF_CERTAIN_LAG, (*shares, lag.frame_stiffness if certain else None), strict=True))}
+    return lag_row(lag, lag.certain_from(noise_of(phasors)), fit)
+
+
+def lag_row(lag: TorqueLag, certain_from: float, fit: LinearFit) -> Row:
+    """As `torque_lag_row`, of a lag that is certain from so many standard errors.
+
+    Both shares are null where it is not certain, and might yet change I by more than `UNSEEN`.
+    """
+    row = lag_damping_row(lag.lag, lag.se, fit["K"], certain_from)
+    if row["certain_lag_damping"]:
+        return {**row, **dict(zip(OF_CERTAIN_LAG, (*lag_shares(lag.lag, fit), lag.frame_stiffness), strict=True))}
+    possible = max(certain_from * lag.se, abs(lag.lag) + POSSIBLE * lag.se)
+    share = None if lag_shares(possible, fit)[1] > UNSEEN else 0.0
+    return {**row, **dict(zip(OF_CERTAIN_LAG, (share, share, None), strict=True))}
 
 
 def lag_shares(lag: float, fit: LinearFit) -> tuple[float, float]:
@@ -73,9 +81,15 @@ def lag_of(phasors: Sequence[SegmentPhasors], expected: Admittance) -> TorqueLag
     """The torque's lag; None where it cannot be estimated."""
     points = points_of(phasors)
     try:
-        return torque_lag(points, 1 / expected(np.asarray(2j * np.pi * points.frequency_hz, dtype=np.complex128)))
+        found = torque_lag(points, 1 / expected(np.asarray(2j * np.pi * points.frequency_hz, dtype=np.complex128)))
     except OslAnalysisError:
         return None
+    return replace(found, se=se_in_noise(found, noise_of(phasors)))
+
+
+def se_in_noise(found: TorqueLag, noise: float) -> float:
+    """Standard error [s] of a lag in a `noise` [N*m, at 1 Hz]; few phasors may leave less than theirs by chance."""
+    return found.se * max(noise / found.misfit, 1.0)
 
 
 def lag_in_noise(phasors: Sequence[SegmentPhasors], fit: LinearFit) -> TorqueLag | None:
@@ -89,7 +103,7 @@ def lag_in_noise(phasors: Sequence[SegmentPhasors], fit: LinearFit) -> TorqueLag
     found = smallest_lag(points, noise)
     if found is None:
         return None
-    se = found.se * max(noise / found.misfit, 1.0)  # few phasors may leave less than their noise by chance
+    se = se_in_noise(found, noise)
     unseen = abs(fit["K"]) * CERTAIN_BESIDE_NOISE * se / float(np.hypot(fit["B"], LITTLE_DAMPING))
     if unseen > UNSEEN and abs(found.lag) < CERTAIN_BESIDE_NOISE * se:
         return None
@@ -103,23 +117,14 @@ def smallest_lag(points: ImpedancePoints, noise: float) -> TorqueLag | None:
     Up to the third power of s two lags explain the same torque, some ms apart; a larger one counts if it leaves
     certainly less. One that turns the fastest sine by more than `LARGEST_TURN` stands for other dynamics.
     """
-    largest = LARGEST_TURN / (2 * np.pi * float(np.max(points.frequency_hz)))
+    largest = largest_lag(points)
     freedom = degrees_of_freedom(points)
     enough = max(ONLY_NOISE, float(np.sqrt(chdtri(freedom, ONCE_IN) / freedom))) * noise
-    tried = [lag_from(points, start) for start in (0.0, largest, -largest)]
+    tried = [lag_from(points, np.zeros_like(points.impedance), start) for start in (0.0, largest, -largest)]
     sound = [one for one in tried if one is not None and one.misfit < enough and abs(one.lag) < largest]
     least = min((one.misfit for one in sound), default=0.0)
     alike = [one for one in sound if freedom * (one.misfit**2 - least**2) < (CERTAINLY_LESS * noise) ** 2]
     return min(alike, key=lambda one: abs(one.lag), default=None)
-
-
-def lag_from(points: ImpedancePoints, start: float) -> TorqueLag | None:
-    """The lag [s] of a second-order joint that is found from a start [s]; None if it is not found."""
-    try:
-        with np.errstate(all="ignore"):
-            return lag_beyond(points, np.zeros_like(points.impedance), LAG, start)
-    except (OslAnalysisError, np.linalg.LinAlgError):
-        return None
 
 
 def degrees_of_freedom(points: ImpedancePoints) -> int:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import stdtrit
 
 from osl_analysis.bench.nonlinearity import Phasors, stacked
 from osl_analysis.errors import OslAnalysisError
@@ -14,7 +15,14 @@ CERTAIN_LAG = 10.0
 """Standard errors from which a lag is certain. They come from what the fit leaves, so that a lag is certain only if it
 explains most of what a fit without it leaves. Friction and higher dynamics also leave something."""
 CERTAIN_BESIDE_NOISE = 5.0
-"""The same where the fit leaves no more than the noise of the phasors."""
+"""The same where the fit leaves no more than the noise of many phasors; few know their noise less well."""
+ONCE_IN = 1e-3
+"""Probability that noise alone goes beyond what counts as noise, beside which few phasors count for less."""
+CERTAINLY_LESS = 3.0
+"""Square root of the difference of two sums of squares, in noise, from which one fit leaves certainly less."""
+LARGEST_TURN = 0.2
+"""Phase [rad] at the highest frequency, 6 ms at 5 Hz, beyond which a lag stands for other dynamics if no model is
+known."""
 ONLY_NOISE = 1.5
 """What the fit leaves, over the noise of the phasors, up to which it counts as noise."""
 LAG_STEPS = 5
@@ -25,6 +33,8 @@ MUCH_BETTER = 5.0
 """A model of the joint decides alone if it leaves less than the other by this factor."""
 LARGEST_YIELD = 0.5
 """Largest share of the joint's angle by which a frame may yield; beyond it the fit did not find one."""
+YIELD_STARTS = (0.0, 0.25, 0.5)
+"""Shares of the angle from which the yielding of a frame is sought."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +49,14 @@ class TorqueLag:
     """Standard deviation of what the fit leaves [N*m, at 1 Hz]."""
     frame_stiffness: float | None = None
     """Stiffness [N*m/rad] of a frame whose yielding explains the data as well as the lag; None if none does."""
+    freedom: int = 1
+    """Degrees of freedom that the fit leaves."""
 
     def certain_from(self, noise: float) -> float:
         """Standard errors from which the lag is certain, if the phasors have this `noise` [N*m, at 1 Hz]."""
-        return CERTAIN_BESIDE_NOISE if self.misfit < ONLY_NOISE * noise else CERTAIN_LAG
+        if self.misfit >= ONLY_NOISE * noise:
+            return CERTAIN_LAG
+        return min(max(CERTAIN_BESIDE_NOISE, float(stdtrit(self.freedom, 1 - ONCE_IN / 2))), CERTAIN_LAG)
 
 
 @dataclass(frozen=True)
@@ -73,11 +87,43 @@ def torque_lag(points: ImpedancePoints, expected: Phasors) -> TorqueLag:
     InputError, IdentifiabilityError
         Too few points, or points that are too similar, to distinguish a lag from the rest.
     """
-    fits = [(lag_beyond(points, base, LAG), base) for base in (0 * expected, expected)]
+    fits = [(best_lag(points, base), base) for base in (0 * expected, expected)]
     (better, base), (worse, _) = sorted(fits, key=lambda fit: fit[0].misfit)
     doubt = better.lag - worse.lag if worse.misfit < MUCH_BETTER * better.misfit else 0.0
     frame = yielding_frame(points, base, MUCH_BETTER * better.misfit)
     return replace(better, se=float(np.hypot(better.se, doubt)), frame_stiffness=frame)
+
+
+def best_lag(points: ImpedancePoints, base: Phasors) -> TorqueLag:
+    """The lag beside a base (n,), as `lag_beyond` finds it from none, or a small one that leaves certainly less.
+
+    Up to the third power of s two lags explain the same torque, some ms apart. Raises as `torque_lag`.
+    """
+    found = lag_beyond(points, base, LAG)
+    largest = largest_lag(points)
+    others = [one for start in (largest, -largest) if (one := lag_from(points, base, start)) and abs(one.lag) < largest]
+    better = min(others, key=lambda one: one.misfit, default=found)
+    gain = found.freedom * ((found.misfit / max(better.misfit, 1e-300)) ** 2 - 1)
+    return better if gain > CERTAINLY_LESS**2 else found
+
+
+def largest_lag(points: ImpedancePoints) -> float:
+    """The lag [s] that turns the fastest sine by `LARGEST_TURN`."""
+    return LARGEST_TURN / (2 * np.pi * float(np.max(points.frequency_hz)))
+
+
+def lag_from(points: ImpedancePoints, base: Phasors, start: float) -> TorqueLag | None:
+    """The lag [s] beside a base (n,) that is found from a start [s]; None if it is not found."""
+    return found_from(points, base, LAG, start)
+
+
+def found_from(points: ImpedancePoints, base: Phasors, effect: "Effect", start: float) -> TorqueLag | None:
+    """As `lag_beyond`; None where nothing is found."""
+    try:
+        with np.errstate(all="ignore"):
+            return lag_beyond(points, base, effect, start)
+    except (OslAnalysisError, np.linalg.LinAlgError):
+        return None
 
 
 def yielding_frame(points: ImpedancePoints, base: Phasors, largest_misfit: float) -> float | None:
@@ -86,13 +132,10 @@ def yielding_frame(points: ImpedancePoints, base: Phasors, largest_misfit: float
     Against free K, B and I, a frame leaves the same as a lag up to the third power of s: phasors alone cannot tell the
     two apart. They differ in K, which a frame lowers and a lag does not.
     """
-    try:
-        with np.errstate(all="ignore"):
-            found = lag_beyond(points, base, FRAME)
-    except (OslAnalysisError, np.linalg.LinAlgError):
-        return None
-    yielded = found.lag * float(np.max(np.abs(points.impedance)))
-    return 1 / found.lag if 0 < yielded < LARGEST_YIELD and found.misfit < largest_misfit else None
+    size = float(np.max(np.abs(points.impedance)))
+    found = [found_from(points, base, FRAME, share / size) for share in YIELD_STARTS]
+    sound = [one for one in found if one and 0 < one.lag * size < LARGEST_YIELD and one.misfit < largest_misfit]
+    return 1 / min(one.lag for one in sound) if sound else None
 
 
 @dataclass(frozen=True)
@@ -131,5 +174,7 @@ def lag_beyond(points: ImpedancePoints, base: Phasors, effect: Effect, start: fl
         step = found.solved(y)
         lag += float(step[-1])
     left = y - found.X @ step
-    variance = float(left @ left) / (len(left) - len(step))
-    return TorqueLag(lag, float(np.sqrt(variance * found.inverse[-1, -1])), float(np.sqrt(variance)))
+    freedom = len(left) - len(step)
+    variance = float(left @ left) / freedom
+    se = float(np.sqrt(variance * found.inverse[-1, -1]))
+    return TorqueLag(lag, se, float(np.sqrt(variance)), freedom=freedom)

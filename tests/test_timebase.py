@@ -13,13 +13,20 @@ from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.pieces import pieces
-from osl_analysis.signals import Motion
+from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.timebase import evidence
 from osl_analysis.timebase.chunks import chunked_slope
 from osl_analysis.timebase.counting import count_from_stamps
 from osl_analysis.timebase.cubic import cubic_between
 from osl_analysis.timebase.device_clock import device_clock, lower_edge
-from osl_analysis.timebase.drift import ClockDrift, SinePiece, check_drift, clock_drift
+from osl_analysis.timebase.drift import (
+    ClockDrift,
+    SinePiece,
+    check_drift,
+    clock_drift,
+    drift_columns,
+    scatter_of_noise,
+)
 from osl_analysis.timebase.evidence import evidence_of
 from osl_analysis.timebase.gaps import GapLimits
 from osl_analysis.timebase.grid import UniformGrid, one_time_base
@@ -642,8 +649,8 @@ def swing(t, f, size):
 @pytest.mark.parametrize("ppm", [0.0, 1.0, -3.0, 50.0])
 @pytest.mark.parametrize("friction", [0.0, 3.0])
 def test_the_drift_between_two_clocks_is_measured_to_a_fraction_of_a_ppm_and_friction_is_none(ppm, friction):
-    found = clock_drift(drifting(ppm, np.random.default_rng(60), friction), 100.0)
-    assert found.se < 0.2
+    found = clock_drift(drifting(ppm, np.random.default_rng(60), friction), LowPass(67.0))
+    assert found.se < 0.25  # 0.18 without drift; 50 ppm leave their second order
     assert found.ppm == pytest.approx(ppm, abs=4 * found.se + 0.02 * abs(ppm))
 
 
@@ -658,7 +665,46 @@ def test_drift_is_refused_beyond_what_damping_and_inertia_bear_if_it_is_certain(
 def test_a_joint_at_rest_shows_no_drift():
     t = clock(100.0)
     with pytest.raises(IdentifiabilityError, match="does not move"):
-        clock_drift([SinePiece(1.0, t, Motion(0 * t, 0 * t, 0 * t), t)], 15.0)
+        clock_drift([SinePiece(1.0, t, Motion(0 * t, 0 * t, 0 * t), t)], LowPass(10.0))
+
+
+def few_cycles(random, cycles):
+    """Filtered sines of 2 and 5 Hz, 2 and 4 degrees, of so many settled cycles, with a joint of damping and inertia."""
+    pieces, low_pass = [], LowPass(15.0)
+    for f, size in [(2.0, 2.0), (5.0, 2.0), (2.0, 4.0), (5.0, 4.0)]:
+        kept = slice(100, 100 + int(cycles / f * 250))
+        t = np.arange(kept.stop + 100) / 250.0
+        moved = swing(t, f, np.deg2rad(size))
+        torque = 0.5 * moved[1] + 0.02 * moved[2] + 0.05 * random.standard_normal(len(t))
+        motion, filtered = filtered_motion(t, moved[0], torque, low_pass)
+        pieces.append(SinePiece(f, t[kept], motion[kept], filtered[kept]))
+    return pieces
+
+
+def test_clocks_without_drift_are_not_refused_for_two_cycles_by_chance():
+    """No drift: z has RMS 1 within 4 SE of 0.08. Without what the harmonics take of the noise it is 1.8."""
+    random = np.random.default_rng(61)
+    found = [clock_drift(few_cycles(random, 2), LowPass(15.0)) for _ in range(80)]
+    assert not any(one.certain_ppm for one in found)
+    ppm, se, freedom = np.array([(one.ppm, one.se, one.freedom) for one in found]).T
+    assert np.sqrt(np.mean(ppm**2) / np.mean(se**2)) == pytest.approx(1, abs=0.32)
+    assert freedom.max() < 19  # as many as the filter leaves independent samples, without what is fitted: 60 - 44
+
+
+def test_many_cycles_leave_the_drift_as_certain_as_the_scatter_of_their_noise():
+    found = clock_drift(few_cycles(np.random.default_rng(62), 60), LowPass(15.0))
+    assert found.freedom > 80
+    assert found.enough < 4.3
+
+
+def test_a_drift_is_not_judged_where_no_scatter_is_left():
+    piece = drift_columns(few_cycles(np.random.default_rng(63), 6)[0], 22.5)
+    with pytest.raises(IdentifiabilityError, match="a drift cannot be judged"):
+        scatter_of_noise([piece], [0, len(piece.torque)], LowPass(15.0).memory(250.0))
+
+
+def test_a_drift_is_certain_from_a_student_quantile_as_rare_as_four_exact_standard_errors():
+    assert [ClockDrift(d, 1.0, 5.0).certain_ppm for d in (12.5, 12.0)] == [12.5, 0.0]  # t.isf(3.167e-5, 5) = 12.28
 
 
 # ---- Provenance

@@ -5,9 +5,6 @@ from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.timebase.drift import ClockDrift, SinePiece, check_drift, clock_drift
 
-FILTERED_HARMONICS = 1.5
-"""Frequency, in cut-offs, up to which the filter leaves harmonics that count."""
-
 
 def clock_drift_row(trial: SteppedSineTrial) -> Row:
     """`clock_drift_ppm` of the torque's clock against the angle's, its standard error, and the drift if it is certain.
@@ -34,7 +31,7 @@ def drift_of(trial: SteppedSineTrial) -> ClockDrift | None:
         for rows in segment.pieces
     ]
     try:
-        drift = clock_drift(pieces, FILTERED_HARMONICS * trial.low_pass.cutoff_hz)
+        drift = clock_drift(pieces, trial.low_pass)
         check_drift(drift, trial.largest_drift_ppm)
     except IdentifiabilityError:
         return None

@@ -19,17 +19,27 @@ def chunked_slope(x: Array, y: Array) -> tuple[float, float]:
     The chunks carry equal shares of x^2. Where fewer than five can be made, since a few samples carry everything, or x
     is zero, the error is infinite.
     """
+    edges = chunk_edges(x)
+    if edges is None:
+        return 0.0, np.inf
+    slope, left = chunk_scatter(x, y, edges)
+    return slope, float(np.sqrt(left @ left * len(left) / (len(left) - 1)) / (x @ x))
+
+
+def chunk_edges(x: Array, chunks: int = CHUNKS) -> list[int] | None:
+    """First rows of chunks of x (n,) with equal shares of x^2, and n; None where fewer than five can be made."""
     weight = np.cumsum([x[rows] @ x[rows] for rows in pieces(len(x), COARSE)])
     if not len(x) or not weight[-1] > 0:
-        return 0.0, np.inf
-    total = float(weight[-1])
-    edges = first_rows(x, weight, total * np.arange(CHUNKS) / CHUNKS)
-    if len(edges) < FEWEST_CHUNKS:
-        return 0.0, np.inf
-    slope = float(x @ y) / total
-    chunks = (slice(*ends) for ends in pairwise([*edges.tolist(), len(x)]))
-    left = np.array([x[rows] @ (y[rows] - slope * x[rows]) for rows in chunks])
-    return slope, float(np.sqrt(left @ left * len(edges) / (len(edges) - 1)) / total)
+        return None
+    edges = first_rows(x, weight, float(weight[-1]) * np.arange(chunks) / chunks)
+    return None if len(edges) < FEWEST_CHUNKS else [*edges.tolist(), len(x)]
+
+
+def chunk_scatter(x: Array, y: Array, edges: list[int]) -> tuple[float, Array]:
+    """Slope of y on x, (n,) each, and the sums (chunks,) of x times what it leaves of y."""
+    slope = float(x @ y) / float(x @ x)
+    chunks = (slice(*ends) for ends in pairwise(edges))
+    return slope, np.array([x[rows] @ (y[rows] - slope * x[rows]) for rows in chunks])
 
 
 def first_rows(x: Array, weight: Array, shares: Array) -> NDArray[np.intp]:

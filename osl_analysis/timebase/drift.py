@@ -1,19 +1,27 @@
 """Drift between the clocks of two devices, one of which measured the angle and the other the torque."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import fftconvolve
+from scipy.special import ndtr, stdtrit
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.signals import Motion
-from osl_analysis.timebase.chunks import chunked_slope
+from osl_analysis.signals import LowPass, Motion
+from osl_analysis.timebase.chunks import chunk_edges, chunk_scatter
 from osl_analysis.trial import Array
 
 PER_PERIOD = 5
 """Samples kept per period of the highest harmonic; the filter leaves nothing that more of them would show."""
 CERTAIN = 4.0
-"""Standard errors by which a drift must differ from zero before it is believed."""
+"""Standard errors by which a drift must differ from zero before it is believed, if they are known exactly."""
+FILTERED_HARMONICS = 1.5
+"""Frequency, in cut-offs, up to which the filter leaves harmonics that count."""
+PARTS = 100
+"""Chunks from whose scatter the standard error comes: the more there are, the better it is known."""
+LEAST_SEEN = 0.02
+"""Share of the noise's scatter that must be left where its standard error is to be told from it."""
 
 
 @dataclass(frozen=True)
@@ -22,11 +30,18 @@ class ClockDrift:
 
     ppm: float
     se: float
+    freedom: float = np.inf
+    """Degrees of freedom of the standard error."""
 
     @property
     def certain_ppm(self) -> float:
         """The drift [ppm] if it is larger than chance makes it, else 0."""
-        return self.ppm if abs(self.ppm) > CERTAIN * self.se else 0.0
+        return self.ppm if abs(self.ppm) > self.enough * self.se else 0.0
+
+    @property
+    def enough(self) -> float:
+        """Standard errors that are as rare as `CERTAIN` of them would be if they were known exactly (Student)."""
+        return CERTAIN if np.isinf(self.freedom) else float(-stdtrit(self.freedom, float(ndtr(-CERTAIN))))
 
     def beyond(self, limit_ppm: float) -> bool:
         """The drift is larger than the limit, and larger than chance makes it."""
@@ -47,31 +62,87 @@ class SinePiece:
     """Resisting torque [N*m]."""
 
 
-def clock_drift(pieces: Sequence[SinePiece], highest_hz: float) -> ClockDrift:
-    """Drift between the clocks of angle and torque from the settled sines of a trial.
+@dataclass(frozen=True)
+class DriftColumns:
+    """What a drift of 1 does to the torque of a piece, and the torque, (n,) each [N*m], without what is fitted too."""
+
+    drifting: Array
+    torque: Array
+    beside: Array
+    """What is fitted beside the drift (k, n)."""
+    inverse: Array
+    """Inverse of its products (k, k)."""
+
+    def left_of(self, signals: Array) -> Array:
+        """What the fit beside the drift leaves of signals (m, n)."""
+        return signals - (signals @ self.beside.T) @ self.inverse @ self.beside
+
+
+def clock_drift(pieces: Sequence[SinePiece], low_pass: LowPass) -> ClockDrift:
+    """Drift between the clocks of angle and torque from the settled sines of a trial, behind a filter.
 
     A torque whose clock gains is stamped later and later: at time t it is that of t - ppm (t - mean t), which to first
     order adds -ppm (t - mean t) dtorque/dt. Within a piece nothing that repeats in every cycle looks like it: angle,
-    velocity, offset and harmonics up to `highest_hz` are fitted beside it, and a stiffness that changes with time. The
-    pieces are not compared with one another, because friction makes a damping that differs between amplitudes and
-    frequencies: that would pass for a drift of 100 ppm. A constant offset between the clocks is not seen.
+    velocity, offset and all harmonics that the filter leaves are fitted beside it, and a stiffness that changes with
+    time. The pieces are not compared with one another, because friction makes a damping that differs between amplitudes
+    and frequencies: that would pass for a drift of 100 ppm. A constant offset between the clocks is not seen.
 
     Raises
     ------
     IdentifiabilityError
-        The joint does not move, or the torque does not follow it.
+        The joint does not move, the torque does not follow it, or too few cycles leave no noise beside their harmonics.
     """
-    rests = [drift_columns(piece, highest_hz) for piece in pieces]
-    slope, se = chunked_slope(*(np.concatenate(column) for column in zip(*rests, strict=True)))
-    if not np.isfinite(se):
+    highest = FILTERED_HARMONICS * low_pass.cutoff_hz
+    rests = [drift_columns(piece, highest) for piece in pieces]
+    x, y = (np.concatenate(column) for column in zip(*((r.drifting, r.torque) for r in rests), strict=True))
+    edges = chunk_edges(x, PARTS)
+    if edges is None:
         raise IdentifiabilityError("the torque does not follow the angle: a drift between clocks cannot be seen")
-    return ClockDrift(1e6 * slope, 1e6 * se)
+    slope, left = chunk_scatter(x, y, edges)
+    step = float(pieces[0].time[1] - pieces[0].time[0])
+    memory = low_pass.memory(1 / step)[:: thinning(step, highest)]
+    larger, freedom = scatter_of_noise(rests, edges, memory)
+    return ClockDrift(1e6 * slope, 1e6 * float(np.sqrt(left @ left * larger) / (x @ x)), freedom)
 
 
-def drift_columns(piece: SinePiece, highest_hz: float) -> tuple[Array, Array]:
-    """What a drift of 1 does to the torque, and the torque, (n,) each [N*m], without all that needs no drift."""
+def scatter_of_noise(rests: Sequence[DriftColumns], edges: Sequence[int], memory: Array) -> tuple[float, float]:
+    """Variance of x'y over the sum of the chunks' squares that shows it, and the degrees of freedom of that sum.
+
+    What is fitted takes part of the noise out of the chunks: nearly all of it in two cycles, whose harmonics are as
+    many as their independent samples. Both follow from the autocovariance of the noise, `memory` (m,) at 0, 1, ...
+    samples (Bell and McCaffrey 2002, Survey Methodology 28, 169-181).
+
+    Raises
+    ------
+    IdentifiabilityError
+        Hardly any noise is left.
+    """
+    kernel, chunks = np.concatenate([memory[:0:-1], memory])[None], len(edges) - 1
+    products, shares, first = np.zeros((chunks, chunks)), np.zeros(chunks), 0
+    for one in rests:
+        chunk = np.searchsorted(edges, first + np.arange(len(one.drifting)), side="right") - 1
+        there = np.unique(chunk)
+        parts = np.where(chunk == there[:, None], one.drifting, 0.0)
+        left = one.left_of(parts)
+        products[np.ix_(there, there)] += left @ fftconvolve(left, kernel, mode="same", axes=1).T
+        shares[there] += parts @ one.drifting
+        first += len(one.drifting)
+    without_slope = np.eye(chunks) - shares[:, None] / shares.sum()
+    seen = without_slope @ products @ without_slope.T
+    if not np.trace(seen) > LEAST_SEEN * products.sum():
+        raise IdentifiabilityError("too few cycles leave no noise beside their harmonics: a drift cannot be judged")
+    return float(products.sum() / np.trace(seen)), float(np.trace(seen) ** 2 / np.sum(seen**2))
+
+
+def thinning(step: float, highest_hz: float) -> int:
+    """Samples, a step [s] apart, of which one is kept where nothing is faster than `highest_hz`."""
+    return max(int(1 / (PER_PERIOD * highest_hz * step)), 1)
+
+
+def drift_columns(piece: SinePiece, highest_hz: float) -> DriftColumns:
+    """What a drift does to the torque of a piece, without all that needs no drift: harmonics up to `highest_hz`."""
     step = float(piece.time[-1] - piece.time[0]) / (len(piece.time) - 1)
-    thinned = slice(None, None, max(int(1 / (PER_PERIOD * highest_hz * step)), 1))
+    thinned = slice(None, None, thinning(step, highest_hz))
     late, theta = (piece.time - piece.time.mean())[thinned], piece.motion.theta[thinned]
     rows = [theta, piece.motion.omega[thinned], np.ones_like(late), late, late * (theta - theta.mean())]
     turn = np.exp(2j * np.pi * piece.frequency_hz * late)
@@ -84,10 +155,10 @@ def drift_columns(piece: SinePiece, highest_hz: float) -> tuple[Array, Array]:
     if not scale.all():
         raise IdentifiabilityError("the joint does not move: a drift between clocks cannot be seen; use another trial")
     X /= scale[:, None]
-    both = np.array([-late * np.gradient(piece.torque, step)[thinned], piece.torque[thinned]])
-    explained, *_ = np.linalg.lstsq(X @ X.T, X @ both.T, rcond=None)
-    drifting, rest = both - explained.T @ X
-    return drifting, rest
+    drifting, torque = -late * np.gradient(piece.torque, step)[thinned], piece.torque[thinned]
+    found = DriftColumns(drifting, torque, X, np.linalg.pinv(X @ X.T, hermitian=True))
+    drifting, torque = found.left_of(np.array([drifting, torque]))
+    return replace(found, drifting=drifting, torque=torque)
 
 
 def check_drift(drift: ClockDrift, largest_ppm: float) -> None:

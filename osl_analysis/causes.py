@@ -53,40 +53,53 @@ LATE = (
     "source file, as in `delay: 2 ms` or `low_pass: {cutoff: 100 Hz, order: 1}`"
 )
 YIELDING = (
-    "the bench's frame yields, {k:.3g} N*m/rad explain it and the low K: measure its stiffness and state "
-    "`bench_stiffness` in the configuration"
+    "a spring in series yields, as the bench's frame or a belt, {k:.3g} N*m/rad explain it and the low K: measure its "
+    "stiffness and state `bench_stiffness` in the configuration"
 )
 LATE_OR_YIELDING = (
-    "the torque is late, or the bench's frame yields by {k:.3g} N*m/rad, which this recording cannot tell apart: state "
-    "`delay` or `low_pass` of the channel in the source file, or `bench_stiffness` in the configuration"
+    "{who} is late, or a spring of {k:.3g} N*m/rad in series yields, as the bench's frame or a belt, which this "
+    "recording cannot tell apart: state `delay` or `low_pass` of the channel in the source file, or `bench_stiffness` "
+    "in the configuration"
 )
 
 
 def late_or_yielding(_: float, row: Mapping[str, object]) -> str:
-    """The words for a torque that comes late: a delay or low-pass, a frame that yields, or both where K does not tell.
+    """The words for a torque that comes late: a delay or low-pass, a spring in series, or both where K does not tell.
 
-    A frame of stiffness k lowers K by K/k, a delay does not change it. K_ratio says which of the two agrees with the
-    gains; without it, or with friction, neither is named alone.
+    A spring of stiffness k in series lowers K by K/k, a delay does not change it. K_ratio says which of the two agrees
+    with the gains; without it, or with friction, neither is named alone.
     """
     k, K, ratio = (row.get(name) for name in ("frame_stiffness", "K", "K_ratio"))
     if not isinstance(k, float) or not isinstance(K, float):
         return LATE
+    both = LATE_OR_YIELDING.format(k=k, who=late_signal(row))
     if not isinstance(ratio, float):
-        return LATE_OR_YIELDING.format(k=k)
+        return both
     late, yielding = (abs(r - 1) for r in (ratio, ratio / (1 - K / k)))
     if min(late, yielding) > SAME_K or max(late, yielding) < SAME_K:
-        return LATE_OR_YIELDING.format(k=k)
+        return both
     return LATE if late < yielding else YIELDING.format(k=k)
 
 
+def late_signal(row: Mapping[str, object]) -> str:
+    """Which signal of a row is late, by the sign of its lag."""
+    lag = row.get("lag_s")
+    return "the angle" if isinstance(lag, float) and lag < 0 else "the torque"
+
+
 def late_for_inertia(share: float, row: Mapping[str, object]) -> str:
-    """The words for a lag that makes a share of I: the lag, its share of B, and what to do about it."""
+    """The words for a lag that makes a share of I: its cause, its share of B, and what to do about it.
+
+    The torque is said to be late by so much only where no spring in series explains it as well.
+    """
     lag, of_damping = row.get("lag_s"), row.get("lag_share")
     if not isinstance(lag, float) or not isinstance(of_damping, float):
         return LATE
-    size = f"{1e6 * abs(lag):.0f} us, which make {100 * of_damping:.1f} % of B and {100 * share:.0f} % of I"
-    who = "the torque is late" if lag > 0 else "the angle is late"
-    return f"{who} by {size}: {late_or_yielding(share, row)}"
+    words = late_or_yielding(share, row)
+    size, makes = f"{1e6 * abs(lag):.0f} us", f"{100 * of_damping:.1f} % of B and {100 * share:.0f} % of I"
+    if words == LATE:
+        return f"{late_signal(row)} is late by {size}, which make {makes}: {words}"
+    return f"as a lag of {size} it makes {makes}: {words}"
 
 
 def changing(symbol: str, rising: str, falling: str) -> Words:

@@ -9,6 +9,7 @@ from bench_synthetic import PROTOCOL, RATE, second_order, stepped_sine
 from conftest import ROOT
 
 from osl_analysis.bench.diagnostics import check_resists, over_amplitudes
+from osl_analysis.bench.excitation_lag import yielding_in
 from osl_analysis.bench.impedance import impedance_table, trial_phasors
 from osl_analysis.bench.plausibility import Saturated, plausible_impedance
 from osl_analysis.bench.protocol import find_blocks
@@ -253,6 +254,10 @@ def test_a_frame_that_yields_is_found_with_its_stiffness_and_named_where_k_is_to
     row = {"frame_stiffness": found.frame_stiffness, "K": K}
     assert "bench_stiffness" in REMEDIES["lag_share"](0.1, row | {"K_ratio": K / 300})
     assert "delay" not in REMEDIES["lag_share"](0.1, row | {"K_ratio": K / 300})
+    whole = row | {"lag_s": found.lag, "lag_share": 0.5}
+    assert "is late" not in REMEDIES["lag_inertia_share"](3.9, whole | {"K_ratio": K / 300})
+    for column in ("lag_share", "lag_inertia_share"):
+        assert f"is late, or a spring of {found.frame_stiffness:.3g} N*m/rad in series" in REMEDIES[column](3.9, whole)
     for no_help in (None, 1.2, 0.8):  # no gains; friction
         words = REMEDIES["lag_share"](0.1, row | {"K_ratio": no_help})
         assert "delay" in words
@@ -267,10 +272,30 @@ def test_a_late_torque_is_named_alone_where_k_is_that_of_the_gains():
     assert "delay" in words
     assert "bench_stiffness" not in words
     assert "bench_stiffness" in REMEDIES["lag_share"](0.1, row)
+    whole = row | {"lag_s": found.lag, "lag_share": 0.1, "K_ratio": 1.0}
+    assert f"the torque is late by {1e6 * found.lag:.0f} us" in REMEDIES["lag_inertia_share"](0.9, whole)
+    assert f"the angle is late by {1e6 * found.lag:.0f} us" in REMEDIES["lag_inertia_share"](
+        0.9, whole | {"lag_s": -found.lag}
+    )
 
 
 def test_a_torque_that_comes_early_has_no_frame():
     assert measured_lag(SECOND_ORDER * np.exp(2e-3 * S)).frame_stiffness is None
+
+
+def third_order(impedance):
+    """Coefficients to the third power of s of an impedance, by Cauchy's integral on a circle of 2 rad/s."""
+    s = 2 * np.exp(2j * np.pi * np.arange(64) / 64)
+    return dict(zip("KBIJ", (np.fft.fft(impedance(s)).real / 64 / 2.0 ** np.arange(64))[:4], strict=True))
+
+
+@pytest.mark.parametrize("k", [686.0, 3000.0])
+def test_a_spring_in_series_is_found_from_the_jerk_in_any_motion(k):
+    assert yielding_in(third_order(lambda s: 1 / (1 / (300 + 5 * s + 0.02 * s**2) + 1 / k))) == pytest.approx(k, 1e-6)
+
+
+def test_a_torque_that_comes_early_in_any_motion_has_no_spring_in_series():
+    assert yielding_in(third_order(lambda s: (300 + 5 * s + 0.02 * s**2) * np.exp(1e-3 * s))) is None
 
 
 def row_at(amplitude_deg, K, B=0.5, **more):

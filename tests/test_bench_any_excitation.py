@@ -14,7 +14,7 @@ from scipy.signal import welch
 from osl_analysis.bench import unfiltered_noise
 from osl_analysis.bench.any_excitation import record_table
 from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
-from osl_analysis.bench.excitation_lag import jerk_of, lag_beside, linear_torque, record_lag
+from osl_analysis.bench.excitation_lag import jerk_of, lag_beside, linear_torque, noise_behind, record_lag
 from osl_analysis.bench.excitation_limits import angle_noise_bias, jumps
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.moving_fit import fit_of, thinned
@@ -251,6 +251,37 @@ def test_clocks_that_drift_apart_are_seen_and_in_periods_also_beside_friction(mo
         row_of(Trial("made", two))
 
 
+def at_two_rates(rng, ppm=0.0, friction=0.0):
+    """Noise whose angle is sampled at 500 Hz; the torque at 250 Hz, by a clock that runs faster."""
+    motion = noise(rng, rate=500.0)
+    samples = made_trial(rng, motion, more=friction * np.sign(motion[1][1])).samples
+    torque = samples.select("time", "torque").gather_every(2)
+    torque = torque.with_columns(pl.col("time") + 1e-6 * ppm * (pl.col("time") - pl.col("time").mean()))
+    return Trial("made", pl.concat([samples.select("time", "theta"), torque], how="diagonal").sort("time"))
+
+
+def test_clocks_that_drift_apart_are_seen_where_the_rates_of_the_devices_differ():
+    with pytest.raises(InputError, match=r"drift apart by [45]\.\d+ \+- 0\."):
+        row_of(at_two_rates(np.random.default_rng(5), 5.0))
+    quiet = row_of(at_two_rates(np.random.default_rng(6)))
+    assert quiet["certain_clock_drift_ppm"] == 0
+    assert abs(quiet["lag_s"]) < 4 * quiet["lag_se_s"]
+
+
+def test_the_noise_behind_the_filter_is_that_of_the_samples_not_of_the_rows_between_them():
+    """White noise of 0.05 N*m at 250 Hz; a cubic between its samples takes it off near 125 Hz."""
+    record = moving_record(at_two_rates(np.random.default_rng(7)), SETTINGS)
+    behind = 0.05 * np.sqrt(2 * record.low_pass.noise_bandwidth_hz / 250.0)
+    assert noise_behind(record, record.low_pass) == pytest.approx(behind, rel=0.05)
+
+
+def test_clocks_of_two_devices_that_friction_hides_are_said_to_be_unchecked():
+    trial = at_two_rates(np.random.default_rng(8), friction=1.0)
+    table = judged_impedance(moving_record(trial, SETTINGS), saturated(trial), None, None)
+    assert table["clock_drift_ppm"][0] is None
+    assert "whether the clocks of angle and torque drift apart" in table["not_checked"][0]
+
+
 def test_repeats_of_one_motion_are_averaged_and_other_motions_kept_apart():
     rows = [row_of(made_trial(rng, multisine(rng))) for rng in map(np.random.default_rng, range(2))]
     rng = np.random.default_rng(9)
@@ -363,6 +394,7 @@ def test_a_lag_that_is_known_is_not_said_to_be_unchecked():
     assert table["lag_s"].is_not_null().all()
     assert "whether K is what the gains should give" in table["not_checked"][0]
     assert "late" not in table["not_checked"][0]
+    assert "clocks" not in table["not_checked"][0]  # one device recorded both
 
 
 def up_and_down(time, within_s):

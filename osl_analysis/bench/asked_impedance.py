@@ -26,6 +26,7 @@ BAND_POINTS = 12
 """Frequencies of a band at which the rendered impedance is predicted."""
 OF_BELT = "K against the belt's K_s"
 OF_DRIFT = "whether K changes while it is recorded: noise, or what Eq. 15 misses, may hide it"
+OF_CLOCKS = "whether the clocks of angle and torque drift apart: what the fit leaves does not show it"
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def judged_impedance(
     `phasors` as in `rendered_table`.
 
     Without parameter file (`p`), controller of the draft, K_d and B_d they are not. The column `not_checked` says so,
-    and where the motion does not show a change of K over time.
+    and where the motion does not show a change of K over time, or a drift between the clocks of two devices.
 
     Raises
     ------
@@ -85,10 +86,14 @@ def judged_impedance(
         As `plausible_impedance`, and as `DesiredImpedance.gains`.
     """
     table = judged_by_gains(rendered, rails, p, asked, phasors)
-    both = pl.concat_str("not_checked", pl.lit(OF_DRIFT), separator="; ", ignore_nulls=True)
-    return table.with_columns(
-        pl.when(pl.col("K_drift").is_null()).then(both).otherwise("not_checked").alias("not_checked")
-    )
+    two_clocks = rendered.uniform is not None and not rendered.uniform.one_device("theta", "torque")
+    unseen = {"K_drift": OF_DRIFT} | ({"clock_drift_ppm": OF_CLOCKS} if two_clocks else {})
+    for column, words in unseen.items():
+        both = pl.concat_str("not_checked", pl.lit(words), separator="; ", ignore_nulls=True)
+        table = table.with_columns(
+            pl.when(pl.col(column).is_null()).then(both).otherwise("not_checked").alias("not_checked")
+        )
+    return table
 
 
 def judged_by_gains(

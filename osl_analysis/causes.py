@@ -82,8 +82,10 @@ def late_or_yielding(_: float, row: Mapping[str, object]) -> str:
 
 
 def late_signal(row: Mapping[str, object]) -> str:
-    """Which signal of a row is late, by the sign of its lag."""
-    lag = row.get("lag_s")
+    """Which signal of a row is late, by the sign of its lag where the row knows it."""
+    lag, se = row.get("lag_s"), row.get("lag_se_s")
+    if isinstance(lag, float) and isinstance(se, float) and se > abs(lag):
+        return "the torque or the angle"
     return "the angle" if isinstance(lag, float) and lag < 0 else "the torque"
 
 

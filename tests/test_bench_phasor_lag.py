@@ -21,6 +21,7 @@ from osl_analysis.bench.phasor_lag import (
     torque_lag_row,
 )
 from osl_analysis.bench.plausibility import Saturated
+from osl_analysis.causes import REMEDIES
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
@@ -150,6 +151,16 @@ def test_a_lag_that_is_not_certain_but_may_change_the_inertia_by_a_tenth_is_said
     assert row["certain_lag_damping"] == 0
     assert row["lag_se_s"] > 7e-5
     assert row["lag_share"] is row["lag_inertia_share"] is row["frame_stiffness"] is None
+
+
+def test_where_two_lags_of_either_sign_explain_the_torque_the_standard_error_has_their_distance():
+    """5 ms and -4.7 ms: that one signal is late is certain, and which one is not."""
+    row = torque_lag_row(phasors(JOINT * np.exp(-S * 5e-3), 2.5e-3, ONE, 1), {**FIT, "B": 3.5}, None)
+    assert row["lag_se_s"] == pytest.approx(9.7e-3, abs=1.5e-3)
+    assert row["certain_lag_damping"] != 0
+    assert "the torque or the angle is late" in REMEDIES["lag_inertia_share"](1.0, {"K": 300.0, **row})
+    sound = torque_lag_row(phasors(JOINT, 2.5e-4, ONE, 1), FIT, None)
+    assert sound["lag_se_s"] < 1e-4
 
 
 def test_whether_the_torque_is_late_is_said_in_the_rows_that_cannot_tell_and_in_no_other():

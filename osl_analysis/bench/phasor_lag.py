@@ -15,6 +15,7 @@ from osl_analysis.bench.torque_lag import (
     ONLY_NOISE,
     ImpedancePoints,
     TorqueLag,
+    beside_others,
     lag_from,
     largest_lag,
     torque_lag,
@@ -51,12 +52,14 @@ def torque_lag_row(phasors: Sequence[SegmentPhasors], fit: LinearFit, expected: 
 def lag_row(lag: TorqueLag, certain_from: float, fit: LinearFit) -> Row:
     """As `torque_lag_row`, of a lag that is certain from so many standard errors.
 
-    Both shares are null where it is not certain, and might yet change I by more than `UNSEEN`.
+    Both shares are null where it is not certain, and might yet change I by more than `UNSEEN`. Where two lags explain
+    the data, and none does not, the smaller one counts as certain, and its standard error contains their distance.
     """
-    row = lag_damping_row(lag.lag, lag.se, fit["K"], certain_from)
+    se = float(np.hypot(lag.se, lag.apart))
+    row = {**lag_damping_row(lag.lag, lag.se, fit["K"], certain_from), "lag_se_s": se}
     if row["certain_lag_damping"]:
         return {**row, **dict(zip(OF_CERTAIN_LAG, (*lag_shares(lag.lag, fit), lag.frame_stiffness), strict=True))}
-    possible = max(certain_from * lag.se, abs(lag.lag) + POSSIBLE * lag.se)
+    possible = max(certain_from * lag.se, abs(lag.lag) + POSSIBLE * se)
     share = None if lag_shares(possible, fit)[1] > UNSEEN else 0.0
     return {**row, **dict(zip(OF_CERTAIN_LAG, (share, share, None), strict=True))}
 
@@ -124,7 +127,7 @@ def smallest_lag(points: ImpedancePoints, noise: float) -> TorqueLag | None:
     sound = [one for one in tried if one is not None and one.misfit < enough and abs(one.lag) < largest]
     least = min((one.misfit for one in sound), default=0.0)
     alike = [one for one in sound if freedom * (one.misfit**2 - least**2) < (CERTAINLY_LESS * noise) ** 2]
-    return min(alike, key=lambda one: abs(one.lag), default=None)
+    return beside_others(min(alike, key=lambda one: abs(one.lag)), alike) if alike else None
 
 
 def degrees_of_freedom(points: ImpedancePoints) -> int:

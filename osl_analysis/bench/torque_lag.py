@@ -1,6 +1,6 @@
 """By how much the torque of a stepped sine lags the angle: a filter, a clock or a yielding frame, and not friction."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,6 +51,8 @@ class TorqueLag:
     """Stiffness [N*m/rad] of a frame whose yielding explains the data as well as the lag; None if none does."""
     freedom: int = 1
     """Degrees of freedom that the fit leaves."""
+    apart: float = 0.0
+    """Distance [s] to another small lag that explains the data as well; 0 if none does."""
 
     def certain_from(self, noise: float) -> float:
         """Standard errors from which the lag is certain, if the phasors have this `noise` [N*m, at 1 Hz]."""
@@ -102,9 +104,15 @@ def best_lag(points: ImpedancePoints, base: Phasors) -> TorqueLag:
     found = lag_beyond(points, base, LAG)
     largest = largest_lag(points)
     others = [one for start in (largest, -largest) if (one := lag_from(points, base, start)) and abs(one.lag) < largest]
-    better = min(others, key=lambda one: one.misfit, default=found)
-    gain = found.freedom * ((found.misfit / max(better.misfit, 1e-300)) ** 2 - 1)
-    return better if gain > CERTAINLY_LESS**2 else found
+    best = min([found, *others], key=lambda one: one.misfit)
+    alike = [one for one in (found, *others) if one.freedom * (one.misfit**2 / best.misfit**2 - 1) < CERTAINLY_LESS**2]
+    return beside_others(found if found in alike else best, alike)
+
+
+def beside_others(found: TorqueLag, alike: Sequence[TorqueLag]) -> TorqueLag:
+    """A lag with its distance to others that explain the data as well."""
+    apart = max(abs(one.lag - found.lag) for one in alike)
+    return replace(found, apart=apart if apart > CERTAINLY_LESS * found.se else 0.0)
 
 
 def largest_lag(points: ImpedancePoints) -> float:

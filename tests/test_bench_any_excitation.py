@@ -439,7 +439,7 @@ def test_the_interval_of_a_record_is_of_its_noise_before_the_filter_beside_its_o
     rng = np.random.default_rng(2)
     record = moving_record(made_trial(rng, noise(rng), torque_noise=0.05), SETTINGS)
     columns = {**impedance_columns(record.motion), "drift": record.time - record.time.mean()}
-    fitted, fit = {name: column[record.rows] for name, column in columns.items()}, record.fit
+    fitted, fit = {name: column[record.rows] for name, column in columns.items()}, fit_of(record)
     by_hand = linear_fit(record.filtered_torque[record.rows], fitted)
     np.testing.assert_allclose(fit.estimates[:4], by_hand.estimates[:4], rtol=1e-9)
     beyond = sum(size * column for size, column in zip(fit.estimates, columns.values(), strict=True))

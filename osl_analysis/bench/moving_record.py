@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from osl_analysis.bench.alternatives import joint_angle, widened
 from osl_analysis.bench.load_cell_drift import without_drift
 from osl_analysis.bench.moving_fit import estimates_of, fit_of
+from osl_analysis.bench.moving_rounding import with_rounding
 from osl_analysis.bench.moving_rows import band_of, fitted_pieces, rows_inside, stretches_of
 from osl_analysis.bench.periodic_fit import by_lines
 from osl_analysis.bench.segments import Segment
@@ -123,8 +124,8 @@ class MovingRecord:
 
     @cached_property
     def fit(self) -> LinearFit:
-        """Eq. 15 with offset and drift, as `fit_of` has it."""
-        return fit_of(self)
+        """Eq. 15 with offset and drift, as `fit_of` has it, with the encoder's rounding in the intervals."""
+        return with_rounding(fit_of(self), self)
 
     @property
     def of_noise_and_lines(self) -> LinearFit:
@@ -152,8 +153,7 @@ class MovingRecord:
     @property
     def raw(self) -> RawSignals:
         """The raw signals for the estimators, each stretch as one segment."""
-        middle = float(np.mean(self.band_hz))
-        segments = [Segment(0.0, middle, float(p.start), float(p.stop), 1) for p in self.pieces]
+        segments = [Segment(0.0, float(np.mean(self.band_hz)), float(p.start), float(p.stop), 1) for p in self.pieces]
         command = self.uniform.computed("theta_command")
         return RawSignals(self.time, self.theta, command, self.torque, self.rate_hz, segments)
 

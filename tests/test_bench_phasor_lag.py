@@ -16,11 +16,13 @@ from osl_analysis.bench.phasor_lag import (
     degrees_of_freedom,
     lag_in_noise,
     lag_of,
+    lag_row,
     lag_shares,
     points_of,
     torque_lag_row,
 )
 from osl_analysis.bench.plausibility import Saturated
+from osl_analysis.bench.torque_lag import TorqueLag
 from osl_analysis.causes import REMEDIES
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import DoubtfulFits, marked
@@ -151,6 +153,12 @@ def test_a_lag_that_is_not_certain_but_may_change_the_inertia_by_a_tenth_is_said
     assert row["certain_lag_damping"] == 0
     assert row["lag_se_s"] > 7e-5
     assert row["lag_share"] is row["lag_inertia_share"] is row["frame_stiffness"] is None
+
+
+@pytest.mark.parametrize(("lag", "share"), [(3.5e-4, None), (1e-5, 0.0)])
+def test_a_lag_may_be_larger_than_it_is_found(lag, share):
+    """Five standard errors of 73 us make 9 % of I; 350 us and two of them make 12 %."""
+    assert lag_row(TorqueLag(lag, 7.3e-5, 1e-3), 5.0, FIT)["lag_inertia_share"] == share
 
 
 def test_where_two_lags_of_either_sign_explain_the_torque_the_standard_error_has_their_distance():

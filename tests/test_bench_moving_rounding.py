@@ -1,12 +1,16 @@
 """Rounding of the encoder in the interval of a sweep, in which the joint turns round at places that change slowly."""
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
 
-from osl_analysis.bench.moving_fit import fit_of
+from osl_analysis.bench.moving_fit import Columns, fit_of, thinned
 from osl_analysis.bench.moving_record import moving_record
+from osl_analysis.bench.moving_rounding import with_rounding
 from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis
+from osl_analysis.signals import filtered_motion
 from osl_analysis.trial import Trial
 
 SETTINGS = DynamometerAnalysis(
@@ -46,3 +50,27 @@ def test_noise_that_dithers_the_encoder_leaves_the_interval_of_a_sweep_as_it_is(
     assert record.steps[0] == pytest.approx(STEP)
     assert record.fit.interval_method == "HAC"
     np.testing.assert_array_equal(record.fit.covariance, fit_of(record).covariance)
+
+
+def test_the_component_of_rounding_is_what_rounding_with_every_zero_does_to_a_fit():
+    """By brute force: the smooth angle rounded with 32 zeros, filtered, and fitted; two stretches.
+
+    The joint is far damped, or heavy, so that the error's derivatives count. By parts nothing is known of the error at
+    the stretches' ends, nor of what the filter takes off it near the cut-off, where a heavy joint has it: too wide.
+    """
+    record = moving_record(swept(1), SETTINGS)
+    record = replace(record, pieces=(slice(500, 2300), slice(2600, 4500)))
+    alone = fit_of(record)
+    for estimates, widest in (([300.0, 30.0, 0.02, 0, 0], 1.05), ([300.0, 5.0, 0.2, 0, 0], 2.0)):
+        fit = replace(alone, estimates=np.array(estimates))
+        X, changes = thinned(record, 1, Columns(record).at), []
+        for zero in (np.arange(32) + 0.5) / 32:
+            place = record.motion.theta / STEP + zero
+            error = filtered_motion(record.time, STEP * (np.rint(place) - place), record.torque, record.low_pass)[0]
+            torque = estimates[0] * error.theta + estimates[1] * error.omega + estimates[2] * error.alpha
+            changes.append(np.linalg.lstsq(X, record.part(torque))[0])
+        found = np.diag(with_rounding(fit, record).covariance - alone.covariance)[:3]
+        true = np.mean(np.square(changes), axis=0)[:3]
+        ratio = np.sqrt(found / true)
+        assert ratio.min() > 0.8
+        assert ratio.max() < widest

@@ -63,7 +63,10 @@ class UniformSignals:
 
     def sampled(self, column: str) -> Array:
         """When the sensor of a column took its samples (k,) [s], on the grid's clock; `time` where it took the rows."""
-        samples = next(one for one in self.grid.taken if column in one.decision.signals).samples()
+        sensor = next((one for one in self.grid.taken if column in one.decision.signals), None)
+        if sensor is None:  # no stream has it by this name: the rows are all that is known
+            return self.time
+        samples = sensor.samples()
         rows = rows_on_grid(samples, self.time)
         return samples.times if rows is None else self.time
 

@@ -1,6 +1,6 @@
 """Drift between the clocks of two devices, one of which measured the angle and the other the torque."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -93,19 +93,20 @@ def clock_drift(pieces: Sequence[SinePiece], low_pass: LowPass) -> ClockDrift:
         The joint does not move, the torque does not follow it, or too few cycles leave no noise beside their harmonics.
     """
     highest = FILTERED_HARMONICS * low_pass.cutoff_hz
-    rests = [drift_columns(piece, highest) for piece in pieces]
-    x, y = (np.concatenate(column) for column in zip(*((r.drifting, r.torque) for r in rests), strict=True))
+    rests = (drift_columns(piece, highest) for piece in pieces)
+    x, y = map(np.concatenate, zip(*((one.drifting, one.torque) for one in rests), strict=True))
     edges = chunk_edges(x, PARTS)
     if edges is None:
         raise IdentifiabilityError("the torque does not follow the angle: a drift between clocks cannot be seen")
     slope, left = chunk_scatter(x, y, edges)
     step = float(pieces[0].time[1] - pieces[0].time[0])
     memory = low_pass.memory(1 / step)[:: thinning(step, highest)]
-    larger, freedom = scatter_of_noise(rests, edges, memory)
+    again = (drift_columns(piece, highest) for piece in pieces)  # kept, they would need room in a recording of hours
+    larger, freedom = scatter_of_noise(again, edges, memory)
     return ClockDrift(1e6 * slope, 1e6 * float(np.sqrt(left @ left * larger) / (x @ x)), freedom)
 
 
-def scatter_of_noise(rests: Sequence[DriftColumns], edges: Sequence[int], memory: Array) -> tuple[float, float]:
+def scatter_of_noise(rests: Iterable[DriftColumns], edges: Sequence[int], memory: Array) -> tuple[float, float]:
     """Variance of x'y over the sum of the chunks' squares that shows it, and the degrees of freedom of that sum.
 
     What is fitted takes part of the noise out of the chunks: nearly all of it in two cycles, whose harmonics are as

@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
 
-.PHONY: reproduce-all test test-kernels test-browser test-package test-slurm setup check docs lock dist
+.PHONY: reproduce-all test test-kernels test-browser test-package test-slurm net setup check docs lock dist
 
 reproduce-all: $(READY)
 	$(BIN)/snakemake reproduce-all
@@ -36,6 +36,10 @@ docs: $(READY)
 	rm -rf build/docs build/doctrees
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --doctree-dir build/doctrees --conf-dir docs/site docs build/docs
 	$(BIN)/python docs/site/check.py build/docs
+
+# This checkout beside release 0.2.0: every table, number and word of four campaigns, and an independent laboratory.
+net: $(READY)
+	$(BIN)/python benchmarks/net.py
 
 # A campaign of 30 trials through a SLURM that exists for this test alone: Debian, as root.
 test-slurm: $(READY)

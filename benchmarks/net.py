@@ -1,0 +1,229 @@
+"""The net under a rebuild: what this checkout says, beside what release 0.2.0 said of the same recordings.
+
+`make net`, or `python benchmarks/net.py [--campaign NAME ...] [--no-laboratory]`. The reference is made once, in
+build/net, from the commit of the release with the release's own lock. This checkout is copied without its results, so
+that the same campaigns run from empty folders. Compared are all tables, `summary.json`, `numbers.tex` and what the run
+says at its end: numbers to 1e-6 of their interval (of themselves where they have none), words exactly. Differences are
+printed by cause: the same column, and the same words but for numbers, are one cause. `EXPLAINED` names those that are
+meant. At the end the independent laboratory judges this checkout from outside, where its folder exists.
+"""
+
+import argparse
+import csv
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections import defaultdict
+from collections.abc import Iterator
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+RELEASE = "b17d8f08bef269cc8685677f25e0b2219435363d"
+REFERENCE, NOW = ROOT / "build/net/release", ROOT / "build/net/now"
+SHARED = ROOT.parent / "shared"
+CAMPAIGNS = ("default", "excitations", "torque_angle", "desr")
+DESR = SHARED / "real_data/mat/DESR_Characterization_Data.mat"
+RELATIVE, FLOOR = 1e-6, 1e-12
+"""Largest difference in units of the interval or the value; below the floor, in SI units, a number is zero."""
+EXPLAINED: dict[tuple[str, str], str] = {}
+"""(file, column or line), both with wildcards: why this differs from the release."""
+OF_THE_RELEASE = re.compile(r"osl(Version|Configuration)\}|^% Simulated data|^% Measured data")
+"""Lines of `numbers.tex` that name the release."""
+NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
+LABORATORY = ("bench_truth.py", "ros2_truth.py", "walking_truth.py")
+
+Difference = tuple[str, str, str, str]
+"""Kind, file, column or line, and what it is now beside what it was."""
+
+
+def results_of(campaign: str) -> str:
+    """Folder of a campaign's results."""
+    return "results" if campaign == "default" else f"results/{campaign}"
+
+
+def run_campaign(tree: Path, python: Path, campaign: str) -> None:
+    """Run a campaign in a tree, and keep what the run says at its end."""
+    if campaign == "desr":
+        (tree / "raw_data/desr").mkdir(parents=True, exist_ok=True)
+        shutil.copy(DESR, tree / "raw_data/desr")
+    chosen = [] if campaign == "default" else ["--configfile", f"config/campaigns/{campaign}/config.yaml"]
+    environment = os.environ | {"PYTHONPATH": str(tree)}
+    command = [python, "-m", "snakemake", "reproduce-all", *chosen]
+    run = subprocess.run(command, cwd=tree, env=environment, capture_output=True, text=True, check=False)
+    if run.returncode:
+        sys.exit(f"{tree}, campaign {campaign}:\n{run.stdout[-2000:]}{run.stderr[-4000:]}")
+    said = re.sub(r"\A.*^open \S+report.html[^\n]*\n", "", run.stderr, flags=re.DOTALL | re.MULTILINE)
+    (tree / results_of(campaign) / "said.txt").write_text(said)
+
+
+def make_reference(campaigns: list[str]) -> None:
+    """Check the release out and run the campaigns that it has not run yet."""
+    if not (REFERENCE / ".git").exists():
+        subprocess.run(["git", "clone", "--quiet", "--no-checkout", str(ROOT), str(REFERENCE)], check=True)
+        subprocess.run(["git", "-C", str(REFERENCE), "checkout", "--quiet", RELEASE], check=True)
+        subprocess.run(["make", "--quiet", "-C", str(REFERENCE), "setup"], check=True, stdout=subprocess.DEVNULL)
+    for campaign in campaigns:
+        if not (REFERENCE / results_of(campaign) / "said.txt").exists():
+            print(f"the release runs {campaign}", flush=True)
+            run_campaign(REFERENCE, REFERENCE / ".venv/bin/python", campaign)
+
+
+def copy_checkout() -> None:
+    """The files of this checkout as they are now, without recordings and results."""
+    shutil.rmtree(NOW, ignore_errors=True)
+    listed = subprocess.run(
+        ["git", "ls-files", "-co", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    for name in filter(lambda name: (ROOT / name).is_file(), listed.stdout.splitlines()):
+        (NOW / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / name, NOW / name)
+
+
+def number(text: Any) -> float | None:
+    """The number that a cell is, if it is one."""
+    try:
+        return float(text)
+    except (TypeError, ValueError):
+        return None
+
+
+def interval(row: dict[str, Any], column: str) -> float | None:
+    """Width of the interval of a number, where its row has one."""
+    base = re.sub(r"_(se|low|high)$", "", column)
+    ends = [(f"{base}_low", f"{base}_high"), *([("low", "high")] if column in ("value", "mean", "low", "high") else [])]
+    for low, high in ends:
+        width = (number(row.get(high)) or 0.0) - (number(row.get(low)) or 0.0)
+        if width > 0:
+            return width
+    error = number(row.get(f"{base}_se"))
+    return 4 * error if error else None
+
+
+def differs(then: Any, now: Any, row: dict[str, Any], column: str) -> bool:
+    """Whether a number is another one, or a word not the same."""
+    was, is_ = number(then), number(now)
+    if was is None or is_ is None:
+        return then != now
+    scale = interval(row, column) or max(abs(was), abs(is_))
+    return abs(was - is_) > max(RELATIVE * scale, FLOOR)
+
+
+def compare_rows(file: str, then: list[dict[str, Any]], now: list[dict[str, Any]]) -> Iterator[Difference]:
+    """Differences of two tables with the same order of rows."""
+    columns, columns_now = (list(rows[0]) if rows else [] for rows in (then, now))
+    for gone in [name for name in columns if name not in columns_now]:
+        yield "column is gone", file, gone, ""
+    for new in [name for name in columns_now if name not in columns]:
+        yield "new column", file, new, ""
+    if [name for name in columns if name in columns_now] != [name for name in columns_now if name in columns]:
+        yield "order of columns", file, "", ""
+    if len(then) != len(now):
+        yield "rows", file, "", f"{len(now)}, {len(then)} before"
+        return
+    for was, is_ in zip(then, now, strict=True):
+        for column in filter(is_.__contains__, columns):
+            if differs(was[column], is_[column], was, column):
+                kind = "words" if number(was[column]) is None else "number"
+                yield kind, file, column, f"{is_[column]!r}, before {was[column]!r} ({was.get('trial', '')})"
+
+
+def leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any, dict[str, Any]]]:
+    """(dotted name, value, the mapping that it stands in) for all that a JSON file says."""
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, inner in items:
+        place = f"{name}.{key}".strip(".")
+        if isinstance(inner, dict | list):
+            yield from leaves(inner, place)
+        else:
+            yield place, inner, value if isinstance(value, dict) else {}
+
+
+def compare_json(file: str, then: Any, now: Any) -> Iterator[Difference]:
+    """Differences of two summaries; the names of release and configuration are not compared."""
+    was, is_ = ({name: (value, row) for name, value, row in leaves(tree)} for tree in (then, now))
+    for name in sorted({*was, *is_} - {"version", "configuration"}):
+        (before, row), (after, _) = was.get(name, (None, {})), is_.get(name, (None, {}))
+        if differs(before, after, row, name.rsplit(".", 1)[-1]):
+            yield "summary", file, name, f"{after!r}, before {before!r}"
+
+
+def compare_lines(file: str, then: str, now: str) -> Iterator[Difference]:
+    """Lines that only one of two texts has."""
+    was, is_ = ([line for line in text.splitlines() if not OF_THE_RELEASE.search(line)] for text in (then, now))
+    yield from (("line is gone", file, line, "") for line in was if line not in is_)
+    yield from (("new line", file, line, "") for line in is_ if line not in was)
+    if sorted(was) == sorted(is_) and was != is_:
+        yield "order of lines", file, "", ""
+
+
+def compare_campaign(release: Path, checkout: Path) -> Iterator[Difference]:
+    """Differences of a campaign's results."""
+    for then in sorted(release.glob("tables/*.csv")):
+        file, now = f"{checkout.name}/{then.name}", checkout / "tables" / then.name
+        if not now.is_file():
+            yield "table is gone", file, "", ""
+        else:
+            yield from compare_rows(file, *(list(csv.DictReader(one.open(newline=""))) for one in (then, now)))
+    for new in sorted({one.name for one in checkout.glob("tables/*.csv")} - {t.name for t in release.glob("tables/*")}):
+        yield "new table", f"{checkout.name}/{new}", "", ""
+    summaries = [json.loads((folder / "summary.json").read_text()) for folder in (release, checkout)]
+    yield from compare_json(f"{checkout.name}/summary.json", *summaries)
+    for text in ("numbers.tex", "said.txt"):
+        texts = [(folder / text).read_text() for folder in (release, checkout)]
+        yield from compare_lines(f"{checkout.name}/{text}", *texts)
+
+
+def explained(difference: Difference) -> str | None:
+    """Why a difference is meant."""
+    _, file, column, _ = difference
+    found = (why for (files, columns), why in EXPLAINED.items() if fnmatch(file, files) and fnmatch(column, columns))
+    return next(found, None)
+
+
+def print_by_cause(differences: list[Difference]) -> int:
+    """Print a line per cause, with an example; the number of causes that nothing explains."""
+    causes: dict[tuple[str, ...], list[Difference]] = defaultdict(list)
+    for one in differences:
+        kind, _, column, now = one
+        why = explained(one)
+        masked = NUMBER.sub("#", now.split(" (")[0]) if kind == "words" else ""
+        causes[("meant: " + why,) if why else (kind, NUMBER.sub("#", column), masked)].append(one)
+    for cause, members in sorted(causes.items(), key=lambda item: -len(item[1])):
+        files = sorted({file for _, file, _, _ in members})
+        _, file, column, now = members[0]
+        print(f"{len(members):6} x {cause[0]}: {column} in {', '.join(files[:4])}{' ...' * (len(files) > 4)}")
+        print(f"         {file}: {now[:240]}" if now else "", end="\n" * bool(now))
+    return sum(not cause[0].startswith("meant: ") for cause in causes)
+
+
+def main() -> None:
+    """Exit code 1 where a difference is not explained, or the laboratory finds something silently wrong."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--campaign", action="append", choices=CAMPAIGNS)
+    parser.add_argument("--no-laboratory", action="store_true")
+    asked = parser.parse_args()
+    campaigns = [name for name in asked.campaign or CAMPAIGNS if name != "desr" or DESR.is_file()]
+    make_reference(campaigns)
+    copy_checkout()
+    differences: list[Difference] = []
+    for campaign in campaigns:
+        run_campaign(NOW, Path(sys.executable), campaign)
+        folder = results_of(campaign)
+        differences += compare_campaign(REFERENCE / folder, NOW / folder)
+        print(f"{campaign}: compared", flush=True)
+    wrong = print_by_cause(differences)
+    print(f"{len(differences)} differences, of which {wrong} causes are not explained")
+    for truth in () if asked.no_laboratory else LABORATORY:
+        if (SHARED / "net" / truth).is_file():
+            print(f"the laboratory: {truth}", flush=True)
+            wrong += subprocess.run([sys.executable, SHARED / "net" / truth], cwd=ROOT, check=False).returncode != 0
+    sys.exit(bool(wrong))
+
+
+if __name__ == "__main__":
+    main()

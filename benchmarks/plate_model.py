@@ -27,11 +27,9 @@ from osl_analysis.simulator.walking import simulate_walking_trial
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.study.laboratory import ingested
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.ankle import StaticCalibration, static_calibration
-from osl_analysis.walking.plate_inertia import PARAMETERS
-from osl_analysis.walking.plate_model import PlateModel, identify_plate_model
-from osl_analysis.walking.platform_model import turning_track
-from osl_analysis.walking.platform_template import platform_template
+from osl_analysis.walking.bodies import StaticCalibration, static_calibration
+from osl_analysis.walking.plate_model import PARAMETERS, PlateModel, identify_plate_model
+from osl_analysis.walking.platform import platform_template, turning_track
 from osl_analysis.walking.settings import WalkingAnalysis
 from osl_analysis.yaml_settings import read_yaml
 

@@ -19,11 +19,17 @@ from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import bootstrap, ensemble_response
 from osl_analysis.walking.events import Stance
-from osl_analysis.walking.matching import matched_scales
-from osl_analysis.walking.phase import BEFORE_ONSET_S
+from osl_analysis.walking.gait import (
+    BEFORE_ONSET_S,
+    PHASES,
+    UnperturbedGait,
+    matched_scales,
+    signal_at,
+    stance_times,
+    unperturbed_gait,
+)
 from osl_analysis.walking.response import PerturbationResponse, isolate_response
 from osl_analysis.walking.settings import Timing
-from osl_analysis.walking.unperturbed import PHASES, UnperturbedGait, signal_at, stance_times, unperturbed_gait
 
 CROSSINGS, RESAMPLES = 10, 300
 CHANGES = {

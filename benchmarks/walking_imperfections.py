@@ -30,15 +30,13 @@ from osl_analysis.simulator.walking_effects import WalkingEffects
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.study.laboratory import weighed_foot
 from osl_analysis.trial import Array, Trial, read_trial
-from osl_analysis.walking.ankle import static_calibration
-from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.crossing_analysis import analyse_crossing
+from osl_analysis.walking.bodies import static_calibration
+from osl_analysis.walking.crossing import Crossing, analyse_crossing
+from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.plate_model import PlateModel, identify_plate_model
-from osl_analysis.walking.platform_model import identify_platform
-from osl_analysis.walking.response import isolate_response
-from osl_analysis.walking.response_fit import fit_response
+from osl_analysis.walking.platform import identify_platform
+from osl_analysis.walking.response import fit_response, isolate_response
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
-from osl_analysis.walking.unperturbed import unperturbed_gait
 from osl_analysis.yaml_settings import read_yaml
 
 SETTINGS, CONFIG, SOURCES = Path("config/simulation/default.yaml"), Path("config/config.yaml"), Path("config/sources")

@@ -18,8 +18,7 @@ from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.parameters import joint_of
 from osl_analysis.sheet import JOINT, read_sheet
 from osl_analysis.table import MEASURED, SIMULATED
-from osl_analysis.walking.conditions import PERTURBED, STATED
-from osl_analysis.walking.static_choice import SHARED, STATIC, side_of, static_of
+from osl_analysis.walking.conditions import PERTURBED, SHARED, STATED, STATIC, side_of, static_of
 
 TRUTH = "truth"  # folder that the simulator writes beside its recordings
 RECORDING_COLUMNS = ("trial", "experiment", "log", "log_source", "log_part", "mocap", "mocap_source")

@@ -153,11 +153,11 @@ rule plot_numbers_impedance_over_stance:
     log:
         RESULTS / "logs/figures/impedance_over_stance_numbers.log",
     params:
-        code=jobs.code_of("over_stance.plotted_numbers"),
+        code=jobs.code_of("walking_page.plot_over_stance"),
         stance_share=CONFIG.figures.stance_share,
         data=CAMPAIGN.data,
     run:
-        jobs.run_job(log, "over_stance.plotted_numbers", input, output, params)
+        jobs.run_job(log, "walking_page.plot_over_stance", input, output, params)
 
 
 rule plot_numbers_torque_angle:

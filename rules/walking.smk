@@ -203,8 +203,8 @@ rule impedance_over_stance:
     log:
         RESULTS / "logs/walking/over_stance.log",
     params:
-        code=jobs.code_of("over_stance.tabulate"),
+        code=jobs.code_of("walking.tabulate_over_stance"),
         stance_share=CONFIG.figures.stance_share,
         data=CAMPAIGN.data,
     run:
-        jobs.run_job(log, "over_stance.tabulate", input, output, params)
+        jobs.run_job(log, "walking.tabulate_over_stance", input, output, params)

@@ -38,21 +38,18 @@ from osl_analysis.stats.sinusoid import fit_sinusoid
 from osl_analysis.stats.slow_motion import fit_slow_motion, memory_samples
 from osl_analysis.stats.whiteness import whiteness
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.cluster import Poses, body_motion, bridge_gaps, cluster_poses, filtered_poses
+from osl_analysis.walking.bodies import Poses, body_motion, bridge_gaps, cluster_poses, filtered_poses, functional_hinge
+from osl_analysis.walking.checks import compare_encoder
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.encoder import compare_encoder
+from osl_analysis.walking.ensemble import group_headline
 from osl_analysis.walking.events import Stance, find_onset, find_stances
-from osl_analysis.walking.groups import timings
-from osl_analysis.walking.headline import group_headline
+from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.headline_doubts import group_facts, single_facts
-from osl_analysis.walking.hinge import functional_hinge
-from osl_analysis.walking.platform_rank import directions, frame_noise, moving
-from osl_analysis.walking.response import isolate_response
-from osl_analysis.walking.response_fit import fit_response, response_lag
-from osl_analysis.walking.selection import selection_rows
+from osl_analysis.walking.platform import trigger_edge
+from osl_analysis.walking.platform_motion import directions, frame_noise, moving
+from osl_analysis.walking.response import fit_response, isolate_response, response_lag
+from osl_analysis.walking.selection import selection_rows, timings
 from osl_analysis.walking.tables import ensemble_rows
-from osl_analysis.walking.trigger import trigger_edge
-from osl_analysis.walking.unperturbed import unperturbed_gait
 
 STATED = {
     "degrees_of_freedom": math.isinf,  # where a variance is 0

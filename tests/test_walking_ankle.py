@@ -8,17 +8,17 @@ from scipy.spatial.transform import Rotation
 from walking_synthetic import CLUSTERS, FOOT, SHANK, about_y, pose, settings, static_trial
 
 from osl_analysis.errors import InputError
-from osl_analysis.walking.ankle import (
+from osl_analysis.walking.bodies import (
     FootInertia,
     ankle_angle,
     ankle_in_lab,
-    ankle_torque,
+    body_motion,
     calibrate_static,
+    cluster_poses,
     foot_torque,
     static_calibration,
 )
-from osl_analysis.walking.cluster import body_motion, cluster_poses
-from osl_analysis.walking.plate import PlateWrench
+from osl_analysis.walking.plate import PlateWrench, ankle_torque
 
 LEFT = np.array([0.0, 1.0, 0.0])
 ANKLE = np.array([0.02, -0.1, 0.09])

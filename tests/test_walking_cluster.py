@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from walking_synthetic import FOOT, RATE, pose
 
 from osl_analysis.signals import LowPass
-from osl_analysis.walking.cluster import body_motion, bridge_gaps, cluster_poses, filtered_poses, spans_a_plane
+from osl_analysis.walking.bodies import body_motion, bridge_gaps, cluster_poses, filtered_poses, spans_a_plane
 
 TIME = np.arange(240) / RATE
 

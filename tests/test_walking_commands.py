@@ -41,10 +41,9 @@ from osl_analysis.signals import LowPass
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Array, Trial, read_trial, write_trial
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
-from osl_analysis.walking.response import isolate_response
-from osl_analysis.walking.response_fit import fit_response
+from osl_analysis.walking.gait import unperturbed_gait
+from osl_analysis.walking.response import fit_response, isolate_response
 from osl_analysis.walking.settings import WalkingAnalysis
-from osl_analysis.walking.unperturbed import unperturbed_gait
 
 FOOT = {"mass_kg": 1.0, "centre_of_mass_m": [0.045, 0.0, -0.045], "inertia_kg_m2": 0.085**2}
 COLUMNS = [

@@ -9,12 +9,11 @@ from walking_synthetic import settings
 
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.ensemble import group_headline
 from osl_analysis.walking.events import Stance
-from osl_analysis.walking.headline import group_headline
+from osl_analysis.walking.gait import UnperturbedGait, unperturbed_gait
 from osl_analysis.walking.headline_doubts import Facts, group_facts, single_facts
-from osl_analysis.walking.response import isolate_response
-from osl_analysis.walking.response_fit import fit_response
-from osl_analysis.walking.unperturbed import UnperturbedGait, unperturbed_gait
+from osl_analysis.walking.response import fit_response, isolate_response
 
 SETTINGS = settings(bootstrap_samples=200, window_s=0.1)
 ONSET = 0.6

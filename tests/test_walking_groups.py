@@ -10,22 +10,21 @@ from scipy.spatial.transform import Rotation
 from walking_crossings import TURN, Walk, campaign, several, walked
 from walking_synthetic import settings
 
-from osl_analysis.commands.over_stance import commanded, plotted_numbers, tabulate
+from osl_analysis.commands.walking import commanded, tabulate_over_stance
+from osl_analysis.commands.walking_page import plot_over_stance
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table
-from osl_analysis.walking.cluster import Poses
+from osl_analysis.walking.bodies import Poses
+from osl_analysis.walking.checks import check_direction, platform_turn
 from osl_analysis.walking.conditions import gaits_served, label, split_keys
-from osl_analysis.walking.direction import check_direction, platform_turn
-from osl_analysis.walking.ensemble import ensemble_response, freedom_of, joining_weights
-from osl_analysis.walking.group_table import fitted_time
-from osl_analysis.walking.groups import onset_phases, timings
-from osl_analysis.walking.headline import group_headline
-from osl_analysis.walking.response_fit import fit_response
-from osl_analysis.walking.selection import selection_rows
+from osl_analysis.walking.ensemble import ensemble_response, freedom_of, group_headline, joining_weights
+from osl_analysis.walking.gait import unperturbed_gait
+from osl_analysis.walking.response import fit_response
+from osl_analysis.walking.selection import onset_phases, selection_rows, timings
 from osl_analysis.walking.settings import WalkingAnalysis
-from osl_analysis.walking.unperturbed import unperturbed_gait
+from osl_analysis.walking.tables import fitted_time
 from osl_analysis.yaml_settings import validated
 
 NOT_ASKED = "ignore:.*(differ in|different phases):UserWarning"
@@ -326,7 +325,7 @@ def test_impedance_over_stance_lists_the_timings_in_order_beside_the_commanded_i
     (tmp_path / "trajectory.csv").write_text("phase,K_d,B_d\n0,0,1\n0.62,620,1\n1,0,1\n")
     table, points = tmp_path / "table.csv", tmp_path / "points.csv"
     summary, groups = three_timings.folder / "summary.csv", three_timings.folder / "groups.csv"
-    tabulate(summary, groups, table, 0.62, [tmp_path / "trajectory.csv"])
+    tabulate_over_stance(summary, groups, table, 0.62, [tmp_path / "trajectory.csv"])
     rows = read_table(table)
     assert rows["quantity"].to_list() == ["K"] * 3 + ["B"] * 3 + ["I"] * 3
     stiffness = rows.filter(pl.col("quantity") == "K")
@@ -336,10 +335,10 @@ def test_impedance_over_stance_lists_the_timings_in_order_beside_the_commanded_i
     np.testing.assert_allclose(stiffness["onset_phase"], [0.2, 0.4, 0.6], atol=0.005)
     assert (stiffness["onset_phase"] < stiffness["phase"]).all()
     np.testing.assert_allclose(stiffness["end_phase"] - stiffness["onset_phase"], 0.1 / 0.72, rtol=0.02)
-    plotted_numbers(table, points, 0.62, [tmp_path / "trajectory.csv"])
+    plot_over_stance(table, points, 0.62, [tmp_path / "trajectory.csv"])
     commanded = read_table(points).filter((pl.col("series") == "commanded") & (pl.col("quantity") == "K"))
     np.testing.assert_allclose(commanded["commanded"], 620 * commanded["phase"], rtol=1e-6, atol=1e-6)
-    tabulate(summary, groups, table, 0.62)
+    tabulate_over_stance(summary, groups, table, 0.62)
     assert read_table(table)["commanded"].is_null().all()
 
 

@@ -16,12 +16,11 @@ from osl_analysis.commands.walking_files import write_refusal
 from osl_analysis.errors import InputError
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial
-from osl_analysis.walking.ankle import static_calibration
-from osl_analysis.walking.crossing import RefusedCrossing
-from osl_analysis.walking.crossing_analysis import analyse_crossing
-from osl_analysis.walking.labels import exchanged_labels
+from osl_analysis.walking.bodies import static_calibration
+from osl_analysis.walking.checks import exchanged_labels
+from osl_analysis.walking.crossing import RefusedCrossing, analyse_crossing
+from osl_analysis.walking.gait import most_frequent
 from osl_analysis.walking.plate_model import NO_CORRECTION, identify_plate_model
-from osl_analysis.walking.unperturbed import most_frequent
 
 WALK = walked("walk_1", None, RIG, 1)
 

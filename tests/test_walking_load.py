@@ -7,10 +7,9 @@ import pytest
 from osl_analysis.errors import InputError
 from osl_analysis.plate_surface import furthest_outside, plate_axes
 from osl_analysis.trial import Trial
+from osl_analysis.walking.checks import check_heading, check_push, check_vertical
 from osl_analysis.walking.events import Stance
-from osl_analysis.walking.load import load_of_weight, load_on_foot
-from osl_analysis.walking.orientation import check_heading, check_push, check_vertical
-from osl_analysis.walking.plate import PlateWrench, recorded_corners
+from osl_analysis.walking.plate import PlateWrench, load_of_weight, load_on_foot, recorded_corners
 
 CORNERS = np.array([[0.3, 0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0], [0.3, -0.2, 0]]) + np.array([1.0, 2.0, 0.1])
 PHASE = np.linspace(0, 1, 11)

@@ -13,7 +13,7 @@ from osl_analysis.commands.walking import compare_ankle_moment
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table
 from osl_analysis.trial import Array, Trial, read_trial, write_trial
-from osl_analysis.walking.body_mass import body_mass
+from osl_analysis.walking.checks import body_mass
 from osl_analysis.walking.overground import check_no_downward_force, compare_moments, over_plate
 from osl_analysis.walking.settings import OvergroundAnalysis
 

@@ -13,11 +13,9 @@ from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import bootstrap, ensemble_response
 from osl_analysis.walking.events import Stance
-from osl_analysis.walking.matching import matched_scales, steadiest_scales
-from osl_analysis.walking.response import isolate_response
-from osl_analysis.walking.response_fit import fit_response
+from osl_analysis.walking.gait import PHASES, UnperturbedGait, matched_scales, steadiest_scales, unperturbed_gait
+from osl_analysis.walking.response import fit_response, isolate_response
 from osl_analysis.walking.settings import WalkingAnalysis
-from osl_analysis.walking.unperturbed import PHASES, UnperturbedGait, unperturbed_gait
 from osl_analysis.yaml_settings import validated
 
 EARLY = PHASES[PHASES <= 0.36]

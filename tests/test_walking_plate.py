@@ -22,8 +22,7 @@ from walking_synthetic import (
 from osl_analysis.errors import InputError
 from osl_analysis.plate_surface import plate_axes
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.ankle import static_calibration
-from osl_analysis.walking.cluster import BodyMotion
+from osl_analysis.walking.bodies import BodyMotion, static_calibration
 from osl_analysis.walking.plate import (
     PlateWrench,
     RecordedWrench,
@@ -32,15 +31,16 @@ from osl_analysis.walking.plate import (
     rotation_from_rest,
     unloaded_zero,
 )
-from osl_analysis.walking.plate_inertia import (
+from osl_analysis.walking.plate_model import (
     PARAMETERS,
     PLANAR,
     centred,
     identify_plate_inertia,
+    identify_plate_model,
+    plate_table,
     regressors,
     stacked_columns,
 )
-from osl_analysis.walking.plate_model import identify_plate_model, plate_table
 
 G = 9.80665
 PIVOT = np.array([-0.06, 0.0, 0.08])

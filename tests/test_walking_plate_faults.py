@@ -9,7 +9,7 @@ from test_quality_plates import TIME, load, trial_of, type_2, type_3
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Trial
 from osl_analysis.walking.events import Stance
-from osl_analysis.walking.plate_faults import check_plate, check_type_on_platform
+from osl_analysis.walking.plate import check_plate, check_type_on_platform
 
 STANCE = Stance(0.2, 0.8)
 BODY = np.array([0.0, 700.0])

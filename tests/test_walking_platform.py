@@ -10,20 +10,32 @@ from scipy.interpolate import make_interp_spline
 from walking_platform import Ramp, Rig, ankle_answer, campaign, plate_trials, standing, walked
 from walking_synthetic import PLATE_RATE, PLATFORM, settings
 
-from osl_analysis.commands.platform_file import read_platform, write_platform
+from osl_analysis.commands.walking_files import read_platform, write_platform
 from osl_analysis.signals import LowPass
 from osl_analysis.trial import Trial
-from osl_analysis.walking.ankle import static_calibration
-from osl_analysis.walking.cluster import cluster_poses
-from osl_analysis.walking.crossing_analysis import analyse_crossing
-from osl_analysis.walking.plate_inertia import identify_plate_inertia
-from osl_analysis.walking.plate_model import PlateModel, identify_plate_model
-from osl_analysis.walking.platform_jackknife import jackknife_rows
-from osl_analysis.walking.platform_model import PlatformModel, identify_platform, platform_table
-from osl_analysis.walking.platform_motion import shared_directions
-from osl_analysis.walking.platform_rank import Screws, directions, frame_noise, gated_noise, noise_gain
-from osl_analysis.walking.rise import start_of_rise
-from osl_analysis.walking.unloaded_plate import unloaded_recording
+from osl_analysis.walking.bodies import cluster_poses, static_calibration
+from osl_analysis.walking.crossing import analyse_crossing
+from osl_analysis.walking.plate_model import (
+    PlateModel,
+    identify_plate_inertia,
+    identify_plate_model,
+    unloaded_recording,
+)
+from osl_analysis.walking.platform import (
+    PlatformModel,
+    identify_platform,
+    jackknife_rows,
+    platform_table,
+    start_of_rise,
+)
+from osl_analysis.walking.platform_motion import (
+    Screws,
+    directions,
+    frame_noise,
+    gated_noise,
+    noise_gain,
+    shared_directions,
+)
 
 CALIBRATION = static_calibration(standing(), settings())
 RIG, HEAVE = Rig(), 0.003

@@ -11,12 +11,17 @@ from walking_crossings import Walk, campaign, several
 from walking_synthetic import settings
 
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.ensemble import bootstrap, ensemble_response
-from osl_analysis.walking.headline import group_headline
-from osl_analysis.walking.prediction import cross_validated, left_out_error, predicting_weights
+from osl_analysis.walking.ensemble import (
+    bootstrap,
+    cross_validated,
+    ensemble_response,
+    group_headline,
+    left_out_error,
+    predicting_weights,
+)
+from osl_analysis.walking.gait import UnperturbedGait, unperturbed_gait
 from osl_analysis.walking.response import BEHAVIOUR, PerturbationResponse, isolate_response
 from osl_analysis.walking.tables import headline_rows
-from osl_analysis.walking.unperturbed import UnperturbedGait, unperturbed_gait
 
 ONSET = 0.6
 FITS = pl.DataFrame({name: 6 * [1.0] for name in ("K", "B", "I", "VAF")})

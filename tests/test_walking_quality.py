@@ -11,14 +11,18 @@ from walking_synthetic import FOOT, SHANK, settings
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.trial import Array
-from osl_analysis.walking.ankle import StaticCalibration
-from osl_analysis.walking.cluster import Poses, cluster_poses
+from osl_analysis.walking.bodies import Poses, StaticCalibration, cluster_poses, functional_hinge, with_hinge
+from osl_analysis.walking.checks import compare_encoder
 from osl_analysis.walking.crossing import Crossing, CrossingQuality
-from osl_analysis.walking.encoder import compare_encoder
-from osl_analysis.walking.features import Compared, crossing_features, feature_of, without_beyond
-from osl_analysis.walking.hinge import functional_hinge, with_hinge
-from osl_analysis.walking.load import Load
-from osl_analysis.walking.selection import outlier_reasons, selection_rows
+from osl_analysis.walking.plate import Load
+from osl_analysis.walking.selection import (
+    Compared,
+    crossing_features,
+    feature_of,
+    outlier_reasons,
+    selection_rows,
+    without_beyond,
+)
 from osl_analysis.walking.settings import OutlierRule
 
 RULE = OutlierRule(

@@ -20,18 +20,19 @@ from osl_analysis.walking.ensemble import (
     resampling_weights,
 )
 from osl_analysis.walking.events import Stance
-from osl_analysis.walking.response import PerturbationResponse, isolate_response
-from osl_analysis.walking.response_fit import (
+from osl_analysis.walking.gait import PHASES, UnperturbedGait, unperturbed_gait
+from osl_analysis.walking.response import (
+    PerturbationResponse,
     fit_response,
     fit_without_offset,
     gait_errors,
+    isolate_response,
     jackknife_covariance,
     plate_errors,
     response_lag,
 )
 from osl_analysis.walking.settings import Timing
 from osl_analysis.walking.tables import interval_points
-from osl_analysis.walking.unperturbed import PHASES, UnperturbedGait, unperturbed_gait
 
 K, B, I = 340.0, 5.0, 0.03
 TIMING = Timing(window=0.1, baseline=0.06, guard=0.04)

@@ -21,11 +21,11 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, write_trial
-from osl_analysis.walking.ankle import static_calibration
-from osl_analysis.walking.crossing_analysis import analyse_crossing
+from osl_analysis.walking.bodies import static_calibration
+from osl_analysis.walking.conditions import static_of
+from osl_analysis.walking.crossing import analyse_crossing
 from osl_analysis.walking.plate_model import NO_CORRECTION, identify_plate_model
-from osl_analysis.walking.platform_model import identify_platform
-from osl_analysis.walking.static_choice import static_of
+from osl_analysis.walking.platform import identify_platform
 
 QUIET = Rig(marker=1e-5)
 

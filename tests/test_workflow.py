@@ -581,7 +581,7 @@ FORMS = """
 import osl_analysis.table
 from osl_analysis.quality import channels
 from osl_analysis.walking import (
-    ankle as joint,  # with a comment, which has a comma
+    bodies as joint,  # with a comment, which has a comma
     events,
 )
 import osl_analysis.trial as one, numpy, osl_analysis.errors
@@ -607,7 +607,7 @@ class Late:
 def test_a_fingerprint_follows_every_form_of_import(tmp_path):
     (tmp_path / "module.py").write_text(FORMS)
     plain = {"table", "quality", "quality.channels", "signals", "case", "trial", "errors"}
-    plain |= {"walking", "walking.ankle", "walking.events"}
+    plain |= {"walking", "walking.bodies", "walking.events"}
     blocks = {"elif_", "else_", "while_", "while_else", "try_", "except_", "try_else", "finally_"}
     assert set(imported_names(tmp_path / "module.py")) == {f"osl_analysis.{name}" for name in plain | blocks}
 

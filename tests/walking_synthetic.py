@@ -8,7 +8,7 @@ from scipy.special import erf
 
 from osl_analysis.columns import marker_columns, plate_columns
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.cluster import Poses
+from osl_analysis.walking.bodies import Poses
 from osl_analysis.walking.settings import WalkingAnalysis
 
 RATE, PLATE_RATE = 300, 1500

@@ -7,27 +7,25 @@ from pathlib import Path
 
 import polars as pl
 
-from osl_analysis.commands.platform_file import read_platform, write_platform
 from osl_analysis.commands.walking_files import (
     on_the_walkway,
     read_calibration,
     read_plate,
+    read_platform,
     write_calibration,
     write_crossing,
     write_plate,
+    write_platform,
     write_refusal,
 )
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.table import Places, write_table
 from osl_analysis.trial import read_trial
-from osl_analysis.walking.ankle import StaticCalibration, static_calibration
-from osl_analysis.walking.body_mass import body_mass
-from osl_analysis.walking.crossing import RefusedCrossing
-from osl_analysis.walking.crossing_analysis import analyse_crossing
-from osl_analysis.walking.direction import check_direction
-from osl_analysis.walking.hinge import hinge_of_trials, hinge_row, with_hinge
+from osl_analysis.walking.bodies import StaticCalibration, hinge_of_trials, hinge_row, static_calibration, with_hinge
+from osl_analysis.walking.checks import body_mass, check_direction
+from osl_analysis.walking.crossing import RefusedCrossing, analyse_crossing
 from osl_analysis.walking.plate_model import NO_CORRECTION, NOT_REMOVED, identify_plate_model, plate_table
-from osl_analysis.walking.platform_model import ALONE, identify_platform, platform_table
+from osl_analysis.walking.platform import ALONE, identify_platform, platform_table
 from osl_analysis.walking.settings import (
     CalibrationSettings,
     CrossingSettings,

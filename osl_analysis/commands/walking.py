@@ -2,21 +2,31 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
 
-from osl_analysis.commands.group_result import FEWEST_PERTURBED, NO_GAIT, group_result
-from osl_analysis.commands.unperturbed_file import read_unperturbed_gaits, write_unperturbed_gaits
-from osl_analysis.commands.walking_files import on_the_walkway, read_crossing, read_crossing_files, shared_side
-from osl_analysis.doubtful import DOUBTFUL, EXCLUDED, Doubt, marked
+from osl_analysis.commands.walking_files import (
+    on_the_walkway,
+    read_crossing,
+    read_crossing_files,
+    read_unperturbed_gaits,
+    shared_side,
+    write_unperturbed_gaits,
+)
+from osl_analysis.doubtful import DOUBTFUL, EXCLUDED, Doubt, doubtful_row, marked
 from osl_analysis.errors import InputError, OslAnalysisError
-from osl_analysis.table import Places, read_table, write_table
-from osl_analysis.trial import read_trial
+from osl_analysis.table import MEASURED, Places, read_table, write_table
+from osl_analysis.trajectory import SYNTHETIC, read_impedance_trajectory
+from osl_analysis.trial import Array, read_trial
 from osl_analysis.walking.conditions import ALL, statements
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.group_table import groups_of
+from osl_analysis.walking.ensemble import Headline, group_headline
+from osl_analysis.walking.gait import UnperturbedGait, unperturbed_gait
+from osl_analysis.walking.headline_doubts import group_facts
 from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.selection import SEPARATOR, selection_rows
 from osl_analysis.walking.settings import (
@@ -28,11 +38,90 @@ from osl_analysis.walking.settings import (
 )
 from osl_analysis.walking.tables import (
     ENSEMBLE,
+    Group,
     excluded_crossings,
+    fitted_time,
+    group_row,
+    groups_of,
+    headline_rows,
+    impedance_over_stance,
     perturbation_row,
+    reason_rows,
+    response_table,
+    with_trajectory,
 )
-from osl_analysis.walking.unperturbed import unperturbed_gait
 
+FEWEST_PERTURBED = 2
+"""Fewest perturbations of a result."""
+NO_GAIT = (
+    "no mean unperturbed gait under the same conditions: fewer unperturbed crossings than fewest_unperturbed are used; "
+    "record more, or leave the condition empty in the sheet where unperturbed crossings serve every value"
+)
+
+
+@dataclass(frozen=True)
+class GroupResult:
+    """What a group gives to each table."""
+
+    rows: Sequence[Mapping[str, Any]]
+    """Its rows of `walking_summary.csv`."""
+    fact: Mapping[str, Any]
+    """Its row of `walking_groups.csv`."""
+    curve: pl.DataFrame | None
+    """Its responses in their window; None without a result."""
+
+
+def group_result(
+    group: Group,
+    own: pl.DataFrame,
+    files: Mapping[str, Path],
+    gait: UnperturbedGait | None,
+    settings: EnsembleSettings,
+) -> GroupResult:
+    """The result of a group; without one, rows with the reason, and a warning.
+
+    `own` are the rows of its crossings in `walking.csv`, `files` are the crossings by trial.
+    """
+    known = {"group": group.name}
+    fact: dict[str, Any] = group_row(group, gait, settings.window_s) | {"fitted_phase": None, "reason": None}
+    try:
+        headline = headline_of(own, files, gait, settings)
+    except OslAnalysisError as error:
+        warnings.warn(f"no result of {group.name}: {error}", stacklevel=2)
+        rows = [known | row for row in reason_rows(str(error), len(own))]
+        return GroupResult(rows, fact | {"reason": str(error)}, None)
+    fact |= {"fitted_phase": phase_after(fact, fitted_time(headline.ensemble, settings.timing))}
+    rows = [
+        known | row | {"commanded": group.cells.get(f"{row['quantity']}_d"), "reason": None}
+        for row in headline_rows(headline, own, doubtful_row(own))
+    ]
+    curve = response_table(group.name, headline.responses, headline.ensemble)
+    return GroupResult(rows, fact | group_facts(headline), curve)
+
+
+def headline_of(
+    fits: pl.DataFrame, files: Mapping[str, Path], gait: UnperturbedGait | None, settings: EnsembleSettings
+) -> Headline:
+    """Result of the crossings of one group that have rows in `fits`; `files` are the crossings' by trial."""
+    if gait is None:
+        raise InputError(NO_GAIT)
+    if len(fits) < FEWEST_PERTURBED:
+        raise InputError(
+            f"{len(fits)} perturbations can be used, expected {FEWEST_PERTURBED} or more for a scatter; see the "
+            "reasons in walking_excluded.csv, or record more"
+        )
+    return group_headline([read_crossing(files[trial]) for trial in fits["trial"]], gait, settings)
+
+
+def phase_after(fact: Mapping[str, Any], time: float) -> float:
+    """Phase of stance a time [s] after the onset of a group, whose row of `walking_groups.csv` is given."""
+    return float(fact["onset_phase"] + time / fact["stance_s"])
+
+
+HEADLINES = ("group", "quantity", "estimator", "n", "mean", "se", "low", "high", "commanded")
+FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
+STANCE = np.linspace(0, 1, 101)
+"""Phases of stance at which the commanded trajectory is drawn."""
 SUMMARISED = ("K", "B", "I", "VAF")
 """Columns that a row without a fit has too: a campaign in which no perturbation can be used keeps its other results."""
 
@@ -211,3 +300,32 @@ def compare_ankle_moment(
     """
     mass = (condition or {}).get("body_mass_kg")
     write_table(pl.DataFrame(overground_rows(read_trial(trial), settings, mass)), tables["ankle_moment"])
+
+
+def tabulate_over_stance(
+    summary: Path, groups: Path, output: Path, stance_share: float, trajectory: Sequence[Path] = (), data: str = ""
+) -> None:
+    """K, B and I of every group at the phase of stance that its fit reads, with interval and commanded value.
+
+    `summary` is `walking_summary.csv`, `groups` `walking_groups.csv`. `trajectory` has the file of the commanded
+    impedance over the gait cycle, if there is one (`commanded`); stance is the first `stance_share` of the cycle.
+    """
+    table = impedance_over_stance(read_table(summary, HEADLINES), read_table(groups, FACTS))
+    for path in commanded(trajectory, data):
+        table = with_trajectory(table, *over_stance(path, stance_share))
+    write_table(table, output)
+
+
+def commanded(trajectory: Sequence[Path], data: str) -> list[Path]:
+    """The files of trajectories that the leg was commanded; `data` are `simulated` or `measured`.
+
+    A synthetic trajectory is made for the simulated leg: no measured one was commanded it.
+    """
+    return [p for p in trajectory if data != MEASURED or read_impedance_trajectory(p).kind != SYNTHETIC]
+
+
+def over_stance(trajectory: Path, stance_share: float) -> tuple[Array, Array, Array]:
+    """Phases of stance (n,) and the commanded K_d [N*m/rad] and B_d [N*m*s/rad] there."""
+    desired = read_impedance_trajectory(trajectory)
+    cycle = STANCE * stance_share
+    return STANCE, desired.at(desired.K_d, cycle), desired.at(desired.B_d, cycle)

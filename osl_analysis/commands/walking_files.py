@@ -19,13 +19,14 @@ from osl_analysis.refusal import check_not_refused
 from osl_analysis.sheet import JOINT
 from osl_analysis.table import Places, finite_or_null, with_places
 from osl_analysis.trial import NAME_KEY, PROVENANCE_KEY, Trial, read_trial, write_trial
-from osl_analysis.walking.ankle import SEGMENTS, StaticCalibration
+from osl_analysis.walking.bodies import SEGMENTS, StaticCalibration
+from osl_analysis.walking.checks import EncoderCheck
 from osl_analysis.walking.crossing import Crossing, CrossingQuality, RefusedCrossing
-from osl_analysis.walking.encoder import EncoderCheck
 from osl_analysis.walking.events import Stance
-from osl_analysis.walking.load import Load
-from osl_analysis.walking.plate_inertia import COMPONENTS, PARAMETERS, PlateInertia
-from osl_analysis.walking.plate_model import PlateModel
+from osl_analysis.walking.gait import PHASES, UnperturbedGait
+from osl_analysis.walking.plate import Load
+from osl_analysis.walking.plate_model import COMPONENTS, PARAMETERS, PlateInertia, PlateModel
+from osl_analysis.walking.platform import Alignment, PlatformModel, PlatformTemplate, TriggerLatency
 
 SIGNALS = ("time", "phase", "theta", "torque", "platform")
 LOAD, LOAD_LEFT = "load", "pressure_left"
@@ -233,3 +234,93 @@ def shared_side(trials: Sequence[str], places: Places | None) -> str | None:
     """The side that all crossings have; None if they differ, or none is known."""
     sides = {(places or {}).get(trial, {}).get("side") for trial in trials}
     return sides.pop() if len(sides) == 1 else None
+
+
+FIELDS = ("template", "reason", "alignments", "triggers", "latency", "leave_out")
+NUMBERS = ("noise", "crossings", "scaled", "start_se", "start_shape")
+"""Of a shape, beside its arrays."""
+
+
+def write_platform(model: PlatformModel, path: Path) -> None:
+    """Write the shape, how each crossing follows it, and the trigger's latency [SI]."""
+    content = {
+        "template": model.template and template_content(model.template),
+        "reason": model.reason,
+        "alignments": [asdict(a) | {"offset": a.offset.tolist()} for a in model.alignments.values()],
+        "triggers": model.triggers,
+        "latency": model.latency and asdict(model.latency),
+        "leave_out": [template_content(template) for template in model.leave_out],
+    }
+    write_json(content, path)
+
+
+def template_content(template: PlatformTemplate) -> dict[str, Any]:
+    """A shape as lists of numbers."""
+    arrays = {name: getattr(template, name).tolist() for name in ("axes", "time", "shape")}
+    return arrays | {name: getattr(template, name) for name in NUMBERS}
+
+
+def template_from(content: Mapping[str, Any]) -> PlatformTemplate:
+    """The shape that `template_content` described."""
+    arrays: dict[str, Any] = {name: np.array(content[name], dtype=float) for name in ("axes", "time", "shape")}
+    return PlatformTemplate(**arrays, **{name: content[name] for name in NUMBERS})
+
+
+def read_platform(path: Path) -> PlatformModel:
+    """Read what `write_platform` wrote."""
+    content = read_json(path, "measure-platform", *FIELDS)
+    alignments = [Alignment(**{**a, "offset": np.array(a["offset"], dtype=float)}) for a in content["alignments"]]
+    return PlatformModel(
+        content["template"] and template_from(content["template"]),
+        content["reason"],
+        {a.name: a for a in alignments},
+        dict(content["triggers"]),
+        content["latency"] and TriggerLatency(**content["latency"]),
+        tuple(template_from(template) for template in content["leave_out"]),
+    )
+
+
+def write_unperturbed_gaits(gaits: Mapping[str, UnperturbedGait], path: Path) -> None:
+    """Write the unperturbed crossings of each gait, by its name: a row per crossing and phase."""
+    n = len(PHASES)
+    frames = [
+        pl.DataFrame(
+            {
+                "gait": [name] * (n * len(gait.names)),
+                "trial": [trial for trial in gait.names for _ in range(n)],
+                "stance_s": np.repeat(gait.stance, n),
+                "phase": np.tile(PHASES, len(gait.names)),
+                "theta": gait.theta.ravel(),
+                "torque": gait.torque.ravel(),
+                **{f"{PLATE_ERROR}{i}": error.ravel() for i, error in enumerate(gait.plate_errors)},
+            }
+        )
+        for name, gait in gaits.items()
+    ]
+    with atomic_path(path) as temporary:
+        pl.concat(frames).write_parquet(temporary)
+
+
+def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
+    """Read what `write_unperturbed_gaits` wrote: gaits with fewer crossings than the least are not among them."""
+    check_not_refused(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; run the step 'average-unperturbed' first")
+    try:
+        whole = pl.read_parquet(path)
+        return {
+            str(frame["gait"][0]): gait_from_frame(frame) for frame in whole.partition_by("gait", maintain_order=True)
+        }
+    except (pl.exceptions.PolarsError, OSError) as error:
+        raise InputError(
+            f"{path}: not unperturbed gait ({str(error).splitlines()[0]}); delete it and run the step "
+            "'average-unperturbed'"
+        ) from error
+
+
+def gait_from_frame(frame: pl.DataFrame) -> UnperturbedGait:
+    """The gait whose rows `write_unperturbed_gaits` wrote."""
+    names = frame["trial"].unique(maintain_order=True).to_list()
+    theta, torque, stance = (frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s"))
+    errors = plate_error_columns(frame).reshape(-1, *theta.shape)
+    return UnperturbedGait(tuple(names), theta, torque, stance[:, 0], errors)

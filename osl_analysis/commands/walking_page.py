@@ -1,17 +1,17 @@
-"""The job that writes the numbers of the walking page."""
+"""The numbers that the figures of walking plot."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import polars as pl
 
-from osl_analysis.commands.unperturbed_file import read_unperturbed_gaits
-from osl_analysis.commands.walking import selected_crossings
+from osl_analysis.commands.walking import commanded, over_stance, selected_crossings
+from osl_analysis.commands.walking_files import read_unperturbed_gaits
 from osl_analysis.doubtful import DOUBTFUL
 from osl_analysis.table import read_table, write_table
+from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.settings import TimingSettings
-from osl_analysis.walking.tables import walking_page_points
-from osl_analysis.walking.unperturbed import unperturbed_gait
+from osl_analysis.walking.tables import trajectory_points, walking_page_points
 
 
 def plot_walking_page(
@@ -43,3 +43,13 @@ def plot_walking_page(
         points = walking_page_points(perturbed, both, of_group.drop("group"), settings.timing)
         frames.append(points.with_columns(group=pl.lit(group)))
     write_table(pl.concat(frames, how="diagonal"), output)
+
+
+def plot_over_stance(
+    table: Path, output: Path, stance_share: float, trajectory: Sequence[Path] = (), data: str = ""
+) -> None:
+    """What the figure draws: the rows of the table, and the points of the commanded trajectory."""
+    rows = read_table(table, ("series", "quantity", "phase", "estimate", "low", "high"))
+    for path in commanded(trajectory, data):
+        rows = pl.concat([rows, trajectory_points(*over_stance(path, stance_share))], how="diagonal_relaxed")
+    write_table(rows, output)

@@ -22,16 +22,14 @@ from osl_analysis.simulator.walking import motion_grid, scene_of, simulate_walki
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.simulator.walking_truth import rendered_impedance
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.ankle import StaticCalibration, static_calibration
-from osl_analysis.walking.crossing import Crossing, CrossingQuality
-from osl_analysis.walking.crossing_analysis import analyse_crossing
+from osl_analysis.walking.bodies import StaticCalibration, static_calibration
+from osl_analysis.walking.crossing import Crossing, CrossingQuality, analyse_crossing
 from osl_analysis.walking.events import Stance
+from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.plate_model import PlateModel, identify_plate_model
-from osl_analysis.walking.platform_model import ALONE, PlatformModel, identify_platform
-from osl_analysis.walking.response import isolate_response
-from osl_analysis.walking.response_fit import fit_without_offset
+from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform
+from osl_analysis.walking.response import fit_without_offset, isolate_response
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
-from osl_analysis.walking.unperturbed import unperturbed_gait
 
 LEVER_M = 0.1
 """Lever [m] of the noise: distance from the middle of a cluster to its markers, and from the plate to the ankle. It

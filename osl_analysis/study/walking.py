@@ -16,9 +16,8 @@ from osl_analysis.study.laboratory import StudyLaboratory, calibrated
 from osl_analysis.study.trials import StudyInputs, StudyRow
 from osl_analysis.trial import Array
 from osl_analysis.walking.ensemble import Bootstrap, bootstrap, common_errors, ensemble_response
-from osl_analysis.walking.response import isolate_response
-from osl_analysis.walking.response_fit import fit_response
-from osl_analysis.walking.unperturbed import unperturbed_gait
+from osl_analysis.walking.gait import unperturbed_gait
+from osl_analysis.walking.response import fit_response, isolate_response
 
 RESAMPLES = 300
 """Resamples of the bootstrap in one campaign."""

@@ -1,9 +1,35 @@
-"""Conditions of crossings, as the sample sheet states them: which of them split the results, and names for them."""
+"""Conditions of crossings, from the sample sheet: which split the results, and each trial's static trial."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Literal, Self
 
-from osl_analysis.errors import InputError
-from osl_analysis.walking.group_settings import GroupSettings
+from pydantic import model_validator
+
+from osl_analysis.errors import InputError, listing
+from osl_analysis.yaml_settings import Positive, Settings
+
+PoolKey = Literal["group", "subject", "session", "side", "speed", "K_d", "B_d", "timing"]
+GroupKey = PoolKey | Literal["direction"]
+
+
+class GroupSettings(Settings):
+    """Which crossings have a result of their own."""
+
+    group_by: tuple[GroupKey, ...] = ()
+    """Conditions by which results are always split. A campaign that differs in another condition is split by it too,
+    unless `pool` names it. Opposite directions are joined by half their difference, unless they are named here."""
+    pool: tuple[PoolKey, ...] = ()
+    """Conditions in which crossings of one result may differ."""
+    timing_scatter: Positive = 0.05
+    """Largest SD of the onset's phase, as a share of stance, of one timing."""
+
+    @model_validator(mode="after")
+    def _split_or_pooled(self) -> Self:
+        both = sorted(set(self.group_by) & set(self.pool))
+        if both:
+            raise ValueError(f"'{both[0]}' stands in group_by and in pool; remove it from one of them")
+        return self
+
 
 STATED = ("group", "subject", "session", "side", "speed", "K_d", "B_d")
 """Columns of the sheet that can split results. Each value has a mean unperturbed gait of its own."""
@@ -107,3 +133,75 @@ def pooled(names: Iterable[str], sheet: Sheet) -> str:
     members = list(names)
     values = {key: {sheet[name].get(key) for name in members} for key in STATED}
     return "; ".join(f"{key} {written(v - {None})}" for key, v in values.items() if len(v - {None}) > 1)
+
+
+SHARED = ("subject", "session", "side")
+"""Conditions that a trial shares with its static trial. An empty cell matches every value."""
+STATIC = "static"
+"""Column of the sheet that names the static trial of a trial."""
+
+
+def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
+    """Name of the static trial of a trial whose row is `cells`; `statics` are the rows of the static trials by name.
+
+    The row's column `static` decides. Without it, the static trials that contradict no stated subject, session or side
+    are candidates, and of these the one that agrees in the most. The only candidate of a sheet is taken even if nothing
+    is stated.
+
+    Raises
+    ------
+    InputError
+        The named trial is not a static trial that is used, or the candidates are none or several.
+    """
+    named = cells.get(STATIC)
+    if named is not None:
+        if named not in statics:
+            raise InputError(
+                f"trial '{trial}', static: '{named}' is no trial of experiment 'static' that is used; the sheet has "
+                f"{listing(list(statics))}"
+            )
+        return str(named)
+    agreement = {name: agreeing(cells, other) for name, other in statics.items()}
+    most = max((count for count in agreement.values() if count is not None), default=None)
+    best = [name for name, count in agreement.items() if count is not None and count == most]
+    if len(best) == 1:
+        return best[0]
+    stated = ", ".join(f"{key} {shown(cells[key])}" for key in SHARED if cells.get(key) is not None)
+    whose = f" ({stated})" if stated else ", which states no subject, session or side"
+    if not best:
+        raise InputError(
+            f"trial '{trial}'{whose}: no static trial of the same conditions, the sheet has {listing(list(statics))}; "
+            "record one, or name one in the column static"
+        )
+    raise InputError(
+        f"trial '{trial}'{whose}: {len(best)} static trials could be its own ({listing(best)}); name one in the column "
+        "static, or state subject, session or side of all of them"
+    )
+
+
+def agreeing(cells: Cells, other: Cells) -> int | None:
+    """Number of conditions that both rows state alike; None if they contradict each other."""
+    pairs = [(cells.get(key), other.get(key)) for key in SHARED]
+    both = [(a, b) for a, b in pairs if a is not None and b is not None]
+    return len(both) if all(a == b for a, b in both) else None
+
+
+def side_of(static: str, cells: Cells, served: Mapping[str, Cells], otherwise: str) -> str:
+    """Side of the leg that a static trial calibrates: of its own row, else of the trials that it serves, else
+    `otherwise`.
+
+    Raises
+    ------
+    InputError
+        It serves trials of both sides, or of another side than its own.
+    """
+    sides = {row["side"]: name for name, row in served.items() if row.get("side") is not None}
+    own = cells.get("side")
+    wrong = [(side, name) for side, name in sides.items() if own is not None and side != own]
+    if len(sides) > 1 or wrong:
+        side, name = wrong[0] if wrong else list(sides.items())[1]
+        raise InputError(
+            f"static trial '{static}' serves trials of the sides {written({*sides, own} - {None})} (trial '{name}': "
+            f"{side}); record a static trial for each side and state its side"
+        )
+    return str(own or next(iter(sides), otherwise))

@@ -2,15 +2,120 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
-from osl_analysis.trial import Array
-from osl_analysis.walking.encoder import EncoderCheck
-from osl_analysis.walking.events import Stance
-from osl_analysis.walking.load import Load
+from osl_analysis.plate_surface import furthest_outside
+from osl_analysis.signals import longest_run, sampling_rate
+from osl_analysis.trial import Array, Trial
+from osl_analysis.walking.bodies import (
+    SEGMENTS,
+    BodyMotion,
+    FootInertia,
+    Mask,
+    Poses,
+    StaticCalibration,
+    ankle_angle,
+    ankle_in_lab,
+    body_motion,
+    filtered_poses,
+    foot_torque,
+    gap_duration,
+    reference_positions,
+    segment_poses,
+)
+from osl_analysis.walking.checks import (
+    EncoderCheck,
+    check_heading,
+    check_push,
+    check_translation,
+    check_vertical,
+    encoder_check,
+    exchanged_labels,
+    platform_turn,
+)
+from osl_analysis.walking.events import Stance, check_onset, find_onset, find_stances, only_stance
+from osl_analysis.walking.plate import (
+    Load,
+    PlateWrench,
+    WrenchAtFrames,
+    ankle_torque,
+    check_plate,
+    check_type_on_platform,
+    in_laboratory,
+    load_on_foot,
+    plate_centre,
+    recorded_corners,
+    rotation_from_rest,
+    zeroed_wrench,
+)
+from osl_analysis.walking.plate_model import PlateInertia, PlateModel
+from osl_analysis.walking.platform import (
+    ALONE,
+    Alignment,
+    PlatformModel,
+    PlatformTemplate,
+    inertial_motion,
+    jackknife_rows,
+    track_about,
+)
+from osl_analysis.walking.platform_motion import PlatformTrack
+from osl_analysis.walking.settings import CrossingSettings
+
+EDGE_S = 0.1
+"""Length [s] of the recording before and after a stance that the low-pass needs, where it is available."""
+
+
+def rms_residual(poses: Poses) -> float:
+    """RMS distance [m] of the markers from their rigid body, over the frames in which they were seen."""
+    return float(np.sqrt(np.nanmean(poses.residual**2))) if np.isfinite(poses.residual).any() else float("nan")
+
+
+def rows_of_stance(time: Array, poses: Mapping[str, Poses], stance: Stance) -> slice:
+    """Frames of the stance and up to 0.1 s before and after it. Every cluster is seen in all of these frames.
+
+    Raises
+    ------
+    InputError
+        A cluster is hidden within the stance for longer than gaps are interpolated.
+    """
+    inside = (time >= stance.heel_strike) & (time <= stance.toe_off)
+    for name, pose in poses.items():
+        hidden = np.flatnonzero(inside & ~pose.seen())
+        if len(hidden):
+            raise InputError(
+                f"the {name} markers cannot be followed at {time[hidden[0]]:.3f} s, in {len(hidden)} frames of stance; "
+                "fill the gap in Nexus, raise longest_gap_s, or exclude the trial"
+            )
+    seen = np.all([pose.seen() for pose in poses.values()], axis=0)
+    first = int(np.searchsorted(time, stance.heel_strike))
+    last = int(np.searchsorted(time, stance.toe_off, side="right")) - 1
+    while first > 0 and seen[first - 1] and time[first - 1] >= stance.heel_strike - EDGE_S:
+        first -= 1
+    while last < len(time) - 1 and seen[last + 1] and time[last + 1] <= stance.toe_off + EDGE_S:
+        last += 1
+    return slice(first, last + 1)
+
+
+def check_gaps(name: str, time: Array, poses: Poses, window: tuple[float, float], longest: float) -> None:
+    """Refuse a cluster that is interpolated for more than `longest` [s] within the fitted `window` [s].
+
+    The rest of stance is slow enough to be interpolated. In the fitted window Eq. 15 would be fitted to the
+    interpolation.
+    """
+    inside = (time >= window[0]) & (time <= window[1])
+    gap = longest_run(poses.bridged & inside)
+    if gap_duration(time, gap) > longest:
+        hidden = (gap.stop - gap.start) * (time[1] - time[0])
+        raise InputError(
+            f"the {name} markers are hidden for {1e3 * hidden:.0f} ms from {time[gap.start]:.3f} s, while the "
+            f"perturbation is fitted, expected {1e3 * longest:g} ms or less; fill the gap in Nexus, raise "
+            "longest_fitted_gap_s, or exclude the trial"
+        )
+
 
 FEWEST_SAMPLES = 6
 """Samples that a spline of fifth degree needs."""
@@ -104,3 +209,251 @@ class RefusedCrossing:
     name: str
     perturbed: bool
     reason: str
+
+
+@dataclass(frozen=True)
+class FilteredCrossing:
+    """A crossing through the low-pass, in n rows of its marker frames: the rows of stance.
+
+    What the plate's model and the platform's motion do not change is computed once: a crossing asks for its torque with
+    each of some fifteen models, whose scatter is the torque's error.
+
+    rows: the n rows.
+    poses: filtered poses by segment, in these rows.
+    plate: the plate's wrench at all frames, not filtered.
+    track: the platform's own coordinates in the run of seen frames about the first row.
+    centre: the plate's centre (3,) [m] at rest.
+    calibration: the static calibration.
+    settings: choices of the analysis.
+    """
+
+    rows: slice
+    poses: Mapping[str, Poses]
+    plate: WrenchAtFrames
+    track: PlatformTrack
+    centre: Array
+    calibration: StaticCalibration
+    settings: CrossingSettings
+
+    @property
+    def time(self) -> Array:
+        """Times (n,) [s]."""
+        return self.plate.time[self.rows]
+
+    @cached_property
+    def theta(self) -> Array:
+        """The joint's angle (n,) [rad]."""
+        return ankle_angle(self.poses["foot"], self.poses["shank"], self.calibration.ankle_axis)
+
+    @cached_property
+    def ankle(self) -> tuple[Array, Array]:
+        """Centre (n, 3) [m] and axis (n, 3) of the ankle."""
+        return ankle_in_lab(self.poses["foot"], self.poses["shank"], self.calibration)
+
+    @cached_property
+    def own_torque(self) -> Array | float:
+        """Torque (n,) [N*m] of the foot's weight and inertia; 0 if the settings do not give them."""
+        foot = self.settings.foot
+        if foot is None:
+            return 0.0
+        inertia = FootInertia(foot.mass_kg, np.array(foot.centre_of_mass_m), foot.inertia_kg_m2)
+        place = self.calibration.ankle_centre + inertia.centre_of_mass
+        return foot_torque(body_motion(self.time, self.poses["foot"], place), *self.ankle, inertia)
+
+    def motion(self, template: PlatformTemplate | None, follows: Alignment | None) -> BodyMotion:
+        """Motion (n,) of the plate's centre: by the shape that crossings share, if this one `follows` it."""
+        first = int(np.searchsorted(self.track.time, self.time[0] - 1e-9))
+        motion = inertial_motion(self.track, self.centre, template, follows)
+        return motion[first : first + len(self.time)]
+
+    def wrench(self, delay: float) -> PlateWrench:
+        """The filtered wrench (n, 3) of a plate that is late by `delay` [s], with the plate's own inertia."""
+        rate = sampling_rate(self.plate.time)
+        return self.plate.late_by(delay).filtered(self.settings.low_pass, rate)[self.rows]
+
+    def reaction(self, wrench: PlateWrench, inertia: PlateInertia, motion: BodyMotion) -> tuple[PlateWrench, Array]:
+        """Ground reaction on the foot, and the plate's centre (n, 3) [m], about which its moment acts.
+
+        `wrench` is as from `wrench`, `motion` the plate's, for its own `inertia`.
+        """
+        return in_laboratory(wrench - inertia.wrench(motion), self.poses["platform"], self.centre)
+
+    def torque(self, wrench: PlateWrench, inertia: PlateInertia, motion: BodyMotion) -> Array:
+        """Internal plantarflexion moment (n,) [N*m], from the same as `reaction`."""
+        reaction, centre_now = self.reaction(wrench, inertia, motion)
+        return ankle_torque(reaction, centre_now, *self.ankle) + self.own_torque
+
+
+PERTURBED_SEGMENTS = ("foot", "platform")
+"""Segments that a perturbation moves. The shank carries the body and moves as in any stance."""
+FOOT_FLAT = (0.15, 0.35)
+"""Phases of stance, before the perturbation, over which the foot's place on the plate is averaged."""
+
+
+def analyse_crossing(
+    trial: Trial,
+    calibration: StaticCalibration,
+    plate: PlateModel,
+    perturbed: bool,
+    settings: CrossingSettings,
+    platform: PlatformModel = ALONE,
+) -> Crossing:
+    """Angle and torque of a crossing. `perturbed` comes from the sheet and is checked against the platform's motion.
+
+    `platform` is what the platform's motions share; without it each crossing has its own motion and onset.
+
+    Markers and wrench first pass the same low-pass at the same rate. Angle and torque are not filtered again.
+
+    Raises
+    ------
+    InputError
+        No or several stances, a perturbation that disagrees with the sheet or leaves the stance, a plate out of range,
+        or a cluster that is hidden in stance. Names the trial.
+    """
+    try:
+        recorded = RecordedCrossing.of(trial, calibration, plate.delay, settings)
+        onset = recorded.onset(perturbed, platform)
+        return recorded.analysed(plate, platform, onset)
+    except InputError as error:
+        text = "; ".join(filter(None, [str(error), exchanged_labels(trial, calibration, settings)]))
+        raise InputError(text if trial.name in text else f"trial {trial.name}: {text}") from error
+
+
+@dataclass(frozen=True)
+class RecordedCrossing:
+    """A crossing before it is filtered.
+
+    trial: the ingested trial.
+    calibration: the static calibration.
+    settings: choices of the analysis.
+    time: the marker frames (k,) [s].
+    poses: poses by segment, in all frames.
+    plate: the plate's wrench at the marker frames, without its zero.
+    zero: vertical force [N] of the zero; None if no zero was removed.
+    stance: heel strike and toe-off.
+    """
+
+    trial: Trial
+    calibration: StaticCalibration
+    settings: CrossingSettings
+    time: Array
+    poses: Mapping[str, Poses]
+    plate: WrenchAtFrames
+    zero: float | None
+    stance: Stance
+
+    @classmethod
+    def of(
+        cls, trial: Trial, calibration: StaticCalibration, lag: float, settings: CrossingSettings
+    ) -> "RecordedCrossing":
+        """Poses, wrench and stance of a trial whose plate is late by `lag` [s]."""
+        poses = {}
+        for name in SEGMENTS:
+            labels, cluster = getattr(settings.markers, name), getattr(calibration, name)
+            time, poses[name] = segment_poses(trial, labels, cluster, settings)
+        plate, zero = zeroed_wrench(trial, settings)
+        limits = settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
+        at_frames = plate.at_frames(time)
+        force = at_frames.late_by(lag).force
+        check_vertical(force)
+        vertical = force[:, 2]
+        stance = only_stance(find_stances(time, vertical, *limits))
+        check_plate(trial, settings.plate, stance, vertical)
+        return cls(trial, calibration, settings, time, poses, at_frames, zero, stance)
+
+    def onset(self, perturbed: bool, platform: PlatformModel) -> float | None:
+        """Onset [s] of the perturbation, checked against the sheet, the stance and hidden markers."""
+        settings = self.settings
+        threshold = float(np.deg2rad(settings.perturbation_deg))
+        onset = find_onset(self.time, rotation_from_rest(self.poses["platform"]), threshold)
+        if onset is None:
+            check_translation(self.time, self.poses["platform"], self.stance, 1e-3 * settings.largest_shift_mm)
+        onset = None if onset is None else platform.onset(self.trial.name, onset)
+        check_onset(onset, self.stance, perturbed, settings.timing)
+        if onset is not None:
+            check_type_on_platform(self.trial, settings.plate)
+            window = onset, onset + settings.window_s
+            for name in PERTURBED_SEGMENTS:
+                check_gaps(name, self.time, self.poses[name], window, settings.longest_fitted_gap_s)
+        return onset
+
+    def analysed(self, model: PlateModel, platform: PlatformModel, onset: float | None) -> Crossing:
+        """Filtered angle and torque over stance, with their quality."""
+        crossing = self.filtered_crossing()
+        time, poses, (ankle, axis) = crossing.time, crossing.poses, crossing.ankle
+        follows = platform.followed(self.trial.name)
+        motion, wrench = crossing.motion(platform.template, follows), crossing.wrench(model.delay)
+        load = load_on_foot(*crossing.reaction(wrench, model.inertia, motion), ankle, axis)
+        torque = crossing.torque(wrench, model.inertia, motion)
+        without_plate = [
+            crossing.torque(crossing.wrench(other.delay), other.inertia, motion) - torque
+            for other in model.leave_one_out
+        ]
+        without_crossings = [
+            crossing.torque(wrench, model.inertia, crossing.motion(other, follows)) - torque
+            for other in platform.leave_out
+        ]
+        phase = (time - self.stance.heel_strike) / self.stance.duration
+        check_heading(phase, poses["shank"].position - ankle, axis)
+        if onset is None:
+            check_push(phase, torque)
+        inside = (time >= self.stance.heel_strike) & (time <= self.stance.toe_off)
+        bridged = np.any([pose.bridged for pose in poses.values()], axis=0)
+        quality = CrossingQuality(
+            {name: rms_residual(pose[inside]) for name, pose in poses.items()},
+            self.zero,
+            self.placement(time, poses["foot"]),
+            encoder_check(self.trial, time, crossing.theta, self.settings.low_pass),
+            self.outside(time, poses["foot"]),
+        )
+        return Crossing(
+            name=self.trial.name,
+            time=time,
+            theta=crossing.theta,
+            torque=torque,
+            platform=rotation_from_rest(self.poses["platform"])[crossing.rows],
+            stance=self.stance,
+            onset=onset,
+            bridged=float(np.mean(bridged[inside])),
+            quality=quality,
+            plate_errors=np.reshape(jackknife_rows(without_plate, without_crossings), (-1, len(torque))),
+            load=load,
+            turn=None if onset is None else self.turn(crossing, onset),
+        )
+
+    def turn(self, crossing: FilteredCrossing, onset: float) -> float:
+        """Turn [rad] of the platform in the window, toes up positive."""
+        window = onset, onset + self.settings.window_s
+        return platform_turn(crossing.time, crossing.poses["platform"], crossing.ankle[1], window)
+
+    def filtered_crossing(self) -> FilteredCrossing:
+        """The crossing through the low-pass, over its stance."""
+        rows = rows_of_stance(self.time, self.poses, self.stance)
+        poses, begins = {name: self.filtered(name, rows) for name in SEGMENTS}, float(self.time[rows][0])
+        centre = plate_centre(self.trial, self.settings.plate)
+        seen = self.trial.name, self.time, self.poses["platform"]
+        track = track_about(*seen, self.calibration, self.settings, begins)
+        return FilteredCrossing(rows, poses, self.plate, track, centre, self.calibration, self.settings)
+
+    def filtered(self, name: str, rows: slice) -> Poses:
+        """Filtered poses of a segment in some rows."""
+        cluster, labels = getattr(self.calibration, name), getattr(self.settings.markers, name)
+        reference = reference_positions(cluster, labels, self.trial.name)
+        return filtered_poses(self.poses[name][rows], reference, self.settings.low_pass, sampling_rate(self.time))
+
+    def outside(self, time: Array, foot: Poses) -> float:
+        """Largest distance [m] by which a foot marker lies outside the plate while the foot is flat."""
+        reference = reference_positions(self.calibration.foot, self.settings.markers.foot, self.trial.name)
+        markers = foot[self.flat(time)].points(reference).reshape(-1, 3)
+        return furthest_outside(markers, recorded_corners(self.trial, self.settings.plate))
+
+    def flat(self, time: Array) -> Mask:
+        """Samples (n,) in which the foot is flat on the plate."""
+        phase = (time - self.stance.heel_strike) / self.stance.duration
+        return np.asarray((phase >= FOOT_FLAT[0]) & (phase <= FOOT_FLAT[1]))
+
+    def placement(self, time: Array, foot: Poses) -> tuple[float, float]:
+        """Position [m] of the ankle, forward and to the left of the plate's centre, while the foot is flat."""
+        centre = plate_centre(self.trial, self.settings.plate)
+        ankle = foot[self.flat(time)].point(self.calibration.ankle_centre).mean(axis=0) - centre
+        return float(ankle[0]), float(ankle[1])

@@ -4,7 +4,7 @@ Responses to turns in both directions are joined by half their difference, mean 
 does after either turn, whichever its direction, and the error of the mean unperturbed gait cancel in it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +18,124 @@ from osl_analysis.signals import Motion, differentiate
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.repeats import CommonError
 from osl_analysis.trial import Array
-from osl_analysis.walking.prediction import Predictors, Stacked
-from osl_analysis.walking.response import PerturbationResponse, window_samples
-from osl_analysis.walking.response_fit import fit_without_offset, gait_errors, jackknife_covariance, plate_errors
+from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.gait import UnperturbedGait
+from osl_analysis.walking.response import (
+    BEHAVIOUR,
+    PerturbationResponse,
+    fit_without_offset,
+    gait_errors,
+    gait_torque,
+    isolate_response,
+    jackknife_covariance,
+    plate_errors,
+    window_samples,
+)
+from osl_analysis.walking.settings import EnsembleSettings
+
+Predictors = tuple[str, ...]
+CANDIDATES: tuple[Predictors, ...] = ((), ("angle_slope",), ("angle", "torque"), BEHAVIOUR)
+"""Sets of predictors among which cross-validation chooses; with none the prediction is the mean."""
+CROSSINGS_PER_PREDICTOR, CROSSINGS_BESIDE = 3, 4
+"""A set of q predictors needs 3 q + 4 unperturbed crossings: fewer leave the bootstrap's regressions undetermined."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What was chosen.
+
+    predictors: names in `BEHAVIOUR`; none: the mean is at least as good.
+    share: share of the unperturbed crossings' deviations in the window, as a mean square of the torque that they add to
+        the residual of Eq. 15, that is predicted for crossings without which the regression was computed.
+    """
+
+    predictors: Predictors = ()
+    share: float = 0.0
+
+
+@dataclass(frozen=True)
+class Stacked:
+    """The n responses of an ensemble to c unperturbed crossings, k samples.
+
+    theta, torque: (n, c, k).
+    behaviour: (n, 4, c), as in `PerturbationResponse`.
+    signs: direction of each response (n,).
+    """
+
+    theta: Array
+    torque: Array
+    behaviour: Array
+    signs: NDArray[np.int_]
+
+    @classmethod
+    def of(cls, responses: Sequence[PerturbationResponse], signs: NDArray[np.int_]) -> "Stacked":
+        """The responses, with `signs` (n,)."""
+        theta, torque, behaviour = (
+            np.array([getattr(r, name) for r in responses]) for name in ("thetas", "torques", "behaviour")
+        )
+        return cls(theta, torque, behaviour, signs)
+
+    def joined(self, weights: Array, unperturbed: Array, predictors: Predictors = ()) -> tuple[Array, Array]:
+        """Angle and torque (k,) each, of the responses joined with `weights` (n,), whose baseline is the mean of the
+        unperturbed crossings with weights (c,), or what the predictors tell for each direction."""
+        if not predictors:
+            return unperturbed @ np.tensordot(weights, self.theta, 1), unperturbed @ np.tensordot(
+                weights, self.torque, 1
+            )
+        chosen, parts = [BEHAVIOUR.index(name) for name in predictors], []
+        for sign in np.unique(self.signs[weights != 0]):
+            own = np.where(self.signs == sign, weights, 0.0)
+            behaviour = np.tensordot(own, self.behaviour, 1)[chosen]
+            baseline = predicting_weights(behaviour, unperturbed)
+            parts.append((baseline @ np.tensordot(own, self.theta, 1), baseline @ np.tensordot(own, self.torque, 1)))
+        theta, torque = np.sum(parts, axis=0)
+        return theta, torque
+
+
+def predicting_weights(behaviour: Array, weights: Array) -> Array:
+    """Weights (c,) of c unperturbed crossings in what a perturbed one would have done.
+
+    behaviour: what the perturbed one did before the onset minus what each unperturbed one did, (q, c).
+    weights: of the unperturbed crossings (c,) in the regression, not negative.
+
+    The weighted regression of the crossings' curves on `behaviour`, with an intercept, at a difference of 0: the
+    weights nearest to `weights` whose sum is 1 and whose mean difference is 0. `weights` where too few are not 0.
+    """
+    used = weights > 0
+    if not len(behaviour) or used.sum() < len(behaviour) + 2:
+        return weights
+    root = np.sqrt(weights)
+    sizes = np.sqrt(np.mean(behaviour**2, axis=1, keepdims=True))
+    columns = np.column_stack([np.ones_like(weights), (behaviour / np.where(sizes > 0, sizes, 1.0)).T])
+    return np.asarray(root * np.linalg.pinv(root[:, None] * columns)[0])
+
+
+def cross_validated(responses: Sequence[PerturbationResponse], impedance: ImpedanceFit) -> Prediction:
+    """The predictors that predict best what each unperturbed crossing adds to the residual, from the others.
+
+    `impedance` is the fit to the mean response. The mean counts as a prediction too.
+    """
+    rows = responses[0].window
+    left = np.mean([gait_torque(r, impedance)[:, rows] for r in responses], axis=0)
+    behaviour = np.mean([r.behaviour for r in responses], axis=0)
+    missed = {}
+    for predictors in CANDIDATES:
+        if len(left) < CROSSINGS_PER_PREDICTOR * len(predictors) + CROSSINGS_BESIDE * bool(predictors):
+            continue
+        missed[predictors] = left_out_error(behaviour[[BEHAVIOUR.index(name) for name in predictors]], left)
+    best = min(missed, key=lambda predictors: missed[predictors])
+    return Prediction(best, 1 - missed[best] / missed[()] if best else 0.0)
+
+
+def left_out_error(behaviour: Array, curves: Array) -> float:
+    """Mean square error of the regression of curves (c, k) on `behaviour` (q, c), for each curve without itself."""
+    columns = np.column_stack([np.ones(len(curves)), (behaviour - behaviour.mean(axis=1, keepdims=True)).T])
+    sizes = np.sqrt(np.mean(columns**2, axis=0))
+    columns = columns / np.where(sizes > 0, sizes, 1.0)
+    hat = columns @ np.linalg.pinv(columns)
+    alone = np.maximum(1 - np.diag(hat), 1e-9)  # a curve that alone determines a coefficient cannot be predicted
+    return float(np.mean(((curves - hat @ curves) / alone[:, None]) ** 2))
+
 
 SEED = 20
 """Seed of the bootstrap: the same data give the same interval."""
@@ -232,3 +347,111 @@ def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Arr
     if n < 2:
         return np.ones((samples, n))
     return random.multinomial(n - 1, np.full(n, 1 / n), size=samples) / (n - 1)
+
+
+@dataclass(frozen=True)
+class Symmetry:
+    """Both directions of one group, each fitted alone.
+
+    up, down: fits to the mean responses.
+    up_draws, down_draws: the same of the resampled responses.
+    difference: up minus down, of the resampled responses.
+    counts: number of perturbations up, and down.
+    """
+
+    up: ImpedanceFit
+    down: ImpedanceFit
+    up_draws: Bootstrap
+    down_draws: Bootstrap
+    difference: Bootstrap
+    counts: tuple[int, int]
+
+
+Result = tuple[EnsembleResponse, Bootstrap]
+
+
+@dataclass(frozen=True)
+class Headline:
+    """Result of one group.
+
+    responses: the isolated responses, each with the sign of its direction.
+    common: errors that all single fits share, by quantity.
+    symmetry: comparison of the directions; None if there is one only.
+    baseline: `mean` or `predicted`: which of both the settings name.
+    prediction: how the behaviour before the onset predicts the unperturbed course.
+    mean_gait, predicted_gait: the ensemble and its bootstrap with either baseline.
+    """
+
+    responses: Sequence[PerturbationResponse]
+    common: Mapping[str, Sequence[CommonError]]
+    symmetry: Symmetry | None
+    baseline: str
+    prediction: Prediction
+    mean_gait: Result
+    predicted_gait: Result
+
+    @property
+    def ensemble(self) -> EnsembleResponse:
+        """The fit to the mean response, or to half the difference of two directions, with the baseline asked for."""
+        return self.asked[0]
+
+    @property
+    def resampled(self) -> Bootstrap:
+        """The bootstrap of `ensemble`."""
+        return self.asked[1]
+
+    @property
+    def asked(self) -> Result:
+        """The result with the baseline that the settings name."""
+        return self.predicted_gait if self.baseline == "predicted" else self.mean_gait
+
+
+def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, settings: EnsembleSettings) -> Headline:
+    """The result of the perturbed crossings of one group, whose mean unperturbed gait is `gait`.
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        As `isolate_response`, `ensemble_response` and `fit_without_offset`: for example fewer than two crossings, or
+        only one that turns up among others that turn down.
+    """
+    responses = [isolate_response(c, gait, settings.timing, settings.perturbed_stance) for c in perturbed]
+    samples = settings.bootstrap_samples
+    mean_gait = ensemble_response(responses), bootstrap(responses, samples)
+    prediction = cross_validated(responses, mean_gait[0].fit)
+    names = prediction.predictors
+    predicted_gait = (ensemble_response(responses, names), bootstrap(responses, samples, names)) if names else mean_gait
+    return Headline(
+        responses,
+        common_errors(responses),
+        compare_directions(responses, samples),
+        settings.baseline,
+        prediction,
+        mean_gait,
+        predicted_gait,
+    )
+
+
+def compare_directions(responses: Sequence[PerturbationResponse], samples: int) -> Symmetry | None:
+    """Fits to the mean responses up and down, and their difference; None if the platform always turned one way.
+
+    Both are resampled together: the mean unperturbed gait errs the same way in both, and its error does not cancel in
+    the difference.
+    """
+    signs = signs_of(responses)
+    if len(np.unique(signs)) < 2:
+        return None
+    draws = Draws.of(responses, samples)
+    fits: list[ImpedanceFit] = []
+    resampled: list[Bootstrap] = []
+    for sign in (1, -1):
+        some = signs == sign
+        chosen = [r for r, one in zip(responses, some, strict=True) if one]
+        motion = differentiate(chosen[0].time, np.mean([r.motion.theta for r in chosen], axis=0))
+        torque, rows = np.mean([r.torque for r in chosen], axis=0), chosen[0].window
+        fits.append(fit_without_offset(motion[rows], torque[rows]))
+        resampled.append(draws.refitted(draws.perturbed * some, float(len(chosen) - 1)))
+    up, down = resampled
+    K, B, I, VAF = (getattr(up, name) - getattr(down, name) for name in ("K", "B", "I", "VAF"))
+    difference = Bootstrap(K, B, I, VAF, min(up.degrees_of_freedom, down.degrees_of_freedom))
+    return Symmetry(fits[0], fits[1], up, down, difference, (int(np.sum(signs > 0)), int(np.sum(signs < 0))))

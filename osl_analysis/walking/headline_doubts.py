@@ -12,10 +12,8 @@ from osl_analysis.second_order import ImpedanceFit
 from osl_analysis.signals import Motion
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array
-from osl_analysis.walking.ensemble import signs_of
-from osl_analysis.walking.headline import Headline
-from osl_analysis.walking.response import PerturbationResponse
-from osl_analysis.walking.response_fit import fit_response, gait_torque, offset_comparison
+from osl_analysis.walking.ensemble import Headline, signs_of
+from osl_analysis.walking.response import PerturbationResponse, fit_response, gait_torque, offset_comparison
 
 SMALL_RESIDUAL = 0.03
 """Share of the torque's RMS below which a residual does not count."""

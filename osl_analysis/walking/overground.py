@@ -12,11 +12,10 @@ import numpy as np
 
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.ankle import Side, ankle_torque
-from osl_analysis.walking.body_mass import body_mass
-from osl_analysis.walking.cluster import marker_tracks
+from osl_analysis.walking.bodies import Side, marker_tracks
+from osl_analysis.walking.checks import body_mass
 from osl_analysis.walking.events import Stance, find_stances
-from osl_analysis.walking.plate import PlateWrench, recorded_corners, recorded_wrench
+from osl_analysis.walking.plate import PlateWrench, ankle_torque, recorded_corners, recorded_wrench
 from osl_analysis.walking.settings import OvergroundAnalysis
 
 SIDES: dict[Side, str] = {"left": "L", "right": "R"}

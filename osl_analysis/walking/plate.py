@@ -1,6 +1,8 @@
-"""The force plate on the moving platform: wrench at the markers' frames in laboratory axes, zero and range."""
+"""The force plate on the moving platform: wrench, zero and range, and how the foot loads it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
@@ -11,7 +13,8 @@ from osl_analysis.errors import InputError
 from osl_analysis.plate_surface import plate_axes
 from osl_analysis.signals import LowPass, longest_run, sampling_rate
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.cluster import Poses
+from osl_analysis.walking.bodies import GRAVITY, Poses
+from osl_analysis.walking.events import Stance
 from osl_analysis.walking.settings import CrossingSettings
 
 ANTI_ALIAS = 1 / 3
@@ -245,3 +248,122 @@ def rotation_from_rest(platform: Poses) -> Array:
     largest = int(np.argmax(size))
     angle[seen] = vectors @ vectors[largest] / max(float(size[largest]), np.finfo(float).tiny)
     return angle
+
+
+def ankle_torque(reaction: PlateWrench, plate_centre: Array, ankle: Array, axis: Array) -> Array:
+    """Internal plantarflexion moment tau (n,) [N*m] from the ground reaction on the foot.
+
+    tau = -(M + (c - a) x F) . axis, with the force F and the moment M about the plate's centre c (n, 3) or (3,) [m],
+    ankle a (n, 3) [m], and axis (n, 3) pointing to the left, all in laboratory axes. The centre of pressure is not
+    used: it is undefined when the plate is unloaded.
+    """
+    about_ankle = reaction.moment + np.cross(plate_centre - ankle, reaction.force)
+    return np.asarray(-np.sum(about_ankle * axis, axis=1))
+
+
+STANDS_S = 0.1
+"""A raw channel that repeats one value for this time [s] while the force changes is dead."""
+LARGEST_FORCE = 8000.0
+"""Vertical force [N] that no walking person causes: ten times the weight of 80 kg."""
+
+
+def check_plate(trial: Trial, plate: int, stance: Stance, vertical: Array) -> None:
+    """Refuse a plate whose raw channels fail in a stance, or whose vertical force (n,) [N] is not one of a person.
+
+    Raises
+    ------
+    InputError
+        Names the channel, the value, the time and the remedy.
+    """
+    for facts in recorded_plate(trial, plate).get("channels", []):
+        check_channel(plate, facts, stance)
+    peak = float(vertical.max())
+    if peak > LARGEST_FORCE:
+        raise InputError(
+            f"force plate {plate} reads up to {peak:.3g} N, expected less than {LARGEST_FORCE:g} N under a person; "
+            "correct the unit of its forces (`plate_units` in the source file)"
+        )
+
+
+def check_channel(plate: int, facts: Mapping[str, Any], stance: Stance) -> None:
+    """Refuse a raw channel of a plate, with the facts that ingest found, that is clipped in the stance or dead."""
+    name = f"channel {facts['label']} of force plate {plate}"
+    if shared_time(facts, "clipped", stance) >= CLIPPED_S:
+        raise InputError(
+            f"{name} stays at {facts['clipped_at']:.4g} from {facts['clipped_from_s']:.3f} s to "
+            f"{facts['clipped_to_s']:.3f} s: it has reached its limit; choose a larger range and record again, or "
+            "exclude the trial"
+        )
+    if shared_time(facts, "stands", stance) >= STANDS_S:
+        raise InputError(
+            f"{name} repeats one value from {facts['stands_from_s']:.3f} s to {facts['stands_to_s']:.3f} s while the "
+            "force on the plate changes: it is dead; mend the channel and record again, or exclude the trial"
+        )
+
+
+def shared_time(facts: Mapping[str, Any], run: str, stance: Stance) -> float:
+    """Time [s] that a run of a channel's facts, `clipped` or `stands`, shares with the stance."""
+    if not facts[f"{run}_samples"]:
+        return 0.0
+    first, last = facts[f"{run}_from_s"], facts[f"{run}_to_s"]
+    return float(min(last, stance.toe_off) - max(first, stance.heel_strike))
+
+
+def check_type_on_platform(trial: Trial, plate: int) -> None:
+    """Refuse a plate of type 1 on a platform that moves.
+
+    It records the centre of pressure instead of the moment, and the plate's own inertia cannot be taken from it.
+
+    Raises
+    ------
+    InputError
+        The plate is of type 1.
+    """
+    if recorded_plate(trial, plate).get("type") == 1:
+        raise InputError(
+            f"trial {trial.name}: force plate {plate} is of type 1 (centre of pressure) on a moving platform: "
+            "without its moments the plate's own inertia cannot be taken away; export it as type 2, 3 or 4"
+        )
+
+
+def recorded_plate(trial: Trial, plate: int) -> Mapping[str, Any]:
+    """What the recording states of a plate; empty where it describes no such plate."""
+    found = [facts for facts in trial.provenance.get("plates", []) if facts["plate"] == plate]
+    return found[0] if found else {}
+
+
+PRESSED = 100.0
+"""Vertical force [N] from which there is a centre of pressure."""
+SINGLE_SUPPORT = (0.2, 0.8)
+"""Phases of stance in which one foot carries the body."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """Ground reaction on the foot in a crossing, n samples.
+
+    force: vertical force (n,) [N].
+    left: centre of pressure (n,) [m] to the left of the ankle, along its axis; 0 while the force is below 100 N.
+    """
+
+    force: Array
+    left: Array
+
+
+def load_on_foot(reaction: PlateWrench, centre: Array, ankle: Array, axis: Array) -> Load:
+    """Load from the reaction about the plate's centre (n, 3) [m], the ankle (n, 3) [m] and its axis (n, 3), which
+    points to the left, all in laboratory axes."""
+    vertical = reaction.force[:, 2]
+    up = np.array([0.0, 0.0, 1.0])
+    pressed = vertical > PRESSED
+    pressure = centre + np.cross(up, reaction.moment) / np.where(pressed, vertical, 1.0)[:, None]
+    return Load(vertical, np.where(pressed, np.sum((pressure - ankle) * axis, axis=1), 0.0))
+
+
+def load_of_weight(time: Array, vertical: Array, stance: Stance, body_mass: float | None) -> float | None:
+    """Mean vertical force (n,) [N] in single support, as a share of the weight; None if the mass [kg] is unknown."""
+    if body_mass is None:
+        return None
+    phase = (time - stance.heel_strike) / stance.duration
+    inside = (phase >= SINGLE_SUPPORT[0]) & (phase <= SINGLE_SUPPORT[1])
+    return float(vertical[inside].mean() / (body_mass * np.linalg.norm(GRAVITY)))

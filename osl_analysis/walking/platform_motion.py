@@ -5,11 +5,185 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from osl_analysis.errors import InputError
+from osl_analysis.measured import check_finite
 from osl_analysis.signals import LowPass, runs, sampling_rate
 from osl_analysis.trial import Array
-from osl_analysis.walking.cluster import BodyMotion, Mask, Poses, body_motion, filtered_poses
-from osl_analysis.walking.platform_rank import Screws, directions, frame_noise, gate, moving, speed
+from osl_analysis.walking.bodies import BodyMotion, Mask, Poses, body_motion, filtered_poses
+
+COORDINATES = 6
+SIGNIFICANT = 1.3
+"""Margin on the largest variance that noise alone would show in any direction (Marchenko and Pastur)."""
+LEAST_NOISE_M = 2e-7
+"""Smallest noise [m] of a coordinate: the resolution of single precision at a metre."""
+STILL = 7.0
+"""A platform moves where its speed is above this multiple of its noise: 1 in 10^7 frames of a resting one, in six
+coordinates."""
+
+PLAIN = 2.0
+"""Time before and after a motion that is seen, in units of the low-pass's spread, in which it may still move."""
+
+
+@dataclass(frozen=True)
+class Screws:
+    """The scaled coordinates of one marker cluster.
+
+    origin: centroid (3,) [m] of the markers in the static trial.
+    scale: (6, 6) [m/rad, 1]; scaled coordinates are its product with rotation vector and translation.
+    """
+
+    origin: Array
+    scale: Array
+
+    @classmethod
+    def of(cls, reference: Array) -> "Screws":
+        """Coordinates of markers at the reference positions (m, 3) [m]: noise of s [m] in each marker's coordinate is s
+        in each of the six, to first order."""
+        local = reference - reference.mean(axis=0)
+        spread = np.sum(local**2) * np.eye(3) - local.T @ local
+        size, axes = np.linalg.eigh(spread)
+        scale = np.zeros((6, 6))
+        scale[:3, :3] = (axes * np.sqrt(size)) @ axes.T
+        scale[3:, 3:] = np.sqrt(len(reference)) * np.eye(3)
+        return cls(reference.mean(axis=0), scale)
+
+    def coordinates(self, poses: Poses) -> Array:
+        """Scaled coordinates (n, 6) [m] of poses; NaN where the cluster was not seen."""
+        seen = poses.seen()
+        found = np.full((len(seen), COORDINATES), np.nan)
+        turn = Rotation.from_matrix(poses.rotation[seen]).as_rotvec()
+        shift = np.linalg.solve(left_jacobian(turn), (poses.position[seen] - self.origin)[:, :, None])[:, :, 0]
+        found[seen] = np.hstack([turn, shift]) @ self.scale.T
+        return found
+
+    def poses(self, coordinates: Array) -> Poses:
+        """Poses of scaled coordinates (n, 6) [m], the inverse of `coordinates`."""
+        screw: Array = np.linalg.solve(self.scale, coordinates.T).T.astype(float)
+        turn, n = screw[:, :3], len(screw)
+        position = np.einsum("nij,nj->ni", left_jacobian(turn), screw[:, 3:]) + self.origin
+        rotation = Rotation.from_rotvec(turn).as_matrix()
+        return Poses(rotation, position, self.origin, np.full(n, np.nan), np.zeros(n, dtype=bool))
+
+
+def left_jacobian(turn: Array) -> Array:
+    """Matrices (n, 3, 3) that map the translation of a screw to the shift of the origin, for rotation vectors (n, 3).
+
+    I + (1 - cos a)/a^2 W + (a - sin a)/a^3 W^2, with the angle a and the cross-product matrix W (Sola et al., A micro
+    Lie theory for state estimation in robotics, 2018, Eq. 145).
+    """
+    angle = np.linalg.norm(turn, axis=1)
+    near = angle < 1e-4
+    a = np.where(near, 1.0, angle)
+    first = np.where(near, 0.5 - angle**2 / 24, (1 - np.cos(a)) / a**2)
+    second = np.where(near, 1 / 6 - angle**2 / 120, (a - np.sin(a)) / a**3)
+    x, y, z = turn.T
+    zero = np.zeros_like(x)
+    W = np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), 2, 0)
+    matrices: Array = np.eye(3) + first[:, None, None] * W + second[:, None, None] * (W @ W)
+    return matrices
+
+
+def frame_noise(coordinates: Array) -> float:
+    """Standard deviation [m] of the noise in each frame of coordinates (n, k): from second differences.
+
+    White noise of variance s^2 gives them 6 s^2. The median is blind to the few frames in which the platform
+    accelerates.
+    """
+    second = np.diff(coordinates[np.isfinite(coordinates).all(axis=1)], n=2, axis=0)
+    if not second.size:
+        return LEAST_NOISE_M
+    return float(max(1.4826 * float(np.median(np.abs(second))) / np.sqrt(6.0), LEAST_NOISE_M))
+
+
+def noise_gain(low_pass: LowPass, rate: float, derivative: int = 0) -> float:
+    """Variance of the `derivative`-th derivative [1/s^derivative, squared] of white unit noise through a low-pass.
+
+    The integral over frequency of (2 pi f)^(2 derivative) |H|^2, with H = 1/(1 + (f/f_c)^(2 m)) for both runs.
+    """
+    f = np.linspace(0.0, rate / 2, 2001)
+    power = (2 * np.pi * f) ** (2 * derivative) / (1 + (f / low_pass.cutoff_hz) ** (2 * low_pass.order)) ** 2
+    return float(np.trapezoid(power, f) * 2 / rate)
+
+
+def gated_noise(weights: Array, rate: float, low_pass: LowPass, further: LowPass) -> float:
+    """Sum of squares of noise in an acceleration, over its mean square before it is weighted and filtered again.
+
+    White noise of markers passes `low_pass`, is differentiated twice, is multiplied by the weights (n,) and passes the
+    `further` filter. With the autocorrelations r of the acceleration (1 at lag 0), q of the further filter's response
+    and A of the weights, it is the sum of A r q over all lags. The edges of the filters are left out.
+    """
+    n = 2 * len(weights)
+    f = np.fft.rfftfreq(n, 1 / rate)
+    passed = [1 / (1 + (f / one.cutoff_hz) ** (2 * one.order)) ** 2 for one in (low_pass, further)]
+    acceleration = np.fft.irfft(passed[0] * f**4, n)
+    lags = np.fft.irfft(np.abs(np.fft.rfft(weights, n)) ** 2, n)
+    return float(np.sum(lags * acceleration / acceleration[0] * np.fft.irfft(passed[1], n)))
+
+
+def moving(time: Array, coordinates: Array, noise: float, low_pass: LowPass) -> Mask:
+    """Frames (n,) in which a platform moves: filtered coordinates (n, k) [m] whose speed stands out of noise.
+
+    `noise` [m] is that of one frame before the low-pass.
+
+    Raises
+    ------
+    InputError
+        Fewer than two frames, a stamp that is not later than the one before, or a coordinate that is not finite.
+    """
+    check_finite("the platform's position", coordinates)
+    check_finite("time", time)
+    if len(time) < 2 or not (np.diff(time) > 0).all():
+        raise InputError(f"{len(time)} frames, expected 2 or more, each later than the one before; exclude the trial")
+    rate = 1 / (time[1] - time[0])
+    return np.asarray(speed(time, coordinates) > STILL * noise * np.sqrt(noise_gain(low_pass, rate, 1)))
+
+
+def speed(time: Array, coordinates: Array) -> Array:
+    """Speed (n,) [m/s] of filtered coordinates (n, k) [m]."""
+    return np.asarray(np.linalg.norm(np.gradient(coordinates, time, axis=0), axis=1))
+
+
+def gate(time: Array, moves: Mask, spread: float) -> Array:
+    """Weights (n,) of inertial forces: 1 where the platform moves, 0 where it rests, half a cosine between.
+
+    They are 1 up to `PLAIN` times `spread` [s] before and after each motion, and 0 one `spread` later. The low-pass
+    widens a motion by `spread`, and a slow ramp accelerates most while its speed is still below that of noise. Weights
+    that fall after one `spread` make the mass of a plate 0.1 % too large at 5 deg, and its moment 1 % too small at 2.5.
+    """
+    if not moves.any():
+        return np.zeros(len(time))
+    motion = time[moves]
+    after = np.searchsorted(motion, time)
+    nearest = np.minimum(
+        np.abs(time - motion[np.minimum(after, len(motion) - 1)]), np.abs(time - motion[np.maximum(after - 1, 0)])
+    )
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.clip(nearest / spread - PLAIN, 0, 1)))
+
+
+def directions(coordinates: Sequence[Array], noise: float, low_pass: LowPass, rate: float) -> Array:
+    """Orthonormal directions (r, 6) of motions (n, 6) [m] from rest, each of one trial, filtered: as many as stand out.
+
+    A direction counts if its mean square is above the largest that filtered noise alone would show in so many frames.
+    At least one counts. `noise` [m] is that of one frame before the low-pass.
+
+    Raises
+    ------
+    InputError
+        No frames, or a coordinate that is not finite.
+    """
+    stacked = np.concatenate(list(coordinates))
+    check_finite("the platform's motion", stacked)
+    if not len(stacked):
+        raise InputError("no frames in which the platform is seen; fill the gaps of its markers")
+    _, size, axes = np.linalg.svd(stacked, full_matrices=False)
+    gain = noise_gain(low_pass, rate)
+    independent = max(len(stacked) * gain, 1.0)
+    largest = noise**2 * gain * (1 + np.sqrt(COORDINATES / independent)) ** 2
+    count = int(np.sum(size**2 / len(stacked) > SIGNIFICANT * largest))
+    return np.asarray(axes[: max(count, 1)])
+
 
 SPREAD_S = 0.025
 """Time [s] by which the low-pass widens a motion, for a cut-off of `SPREAD_CUTOFF_HZ`: half a period."""

@@ -1,16 +1,19 @@
 """The isolated response to a perturbation: the perturbed crossing minus the mean unperturbed gait at the same phase."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
+from osl_analysis.second_order import ImpedanceFit, fit_impedance, impedance_torque
 from osl_analysis.signals import Motion, differentiate, sampling_rate
+from osl_analysis.stats.covariance import welch_satterthwaite
+from osl_analysis.stats.regression import linear_fit
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.phase import BEFORE_ONSET_S, aligned_gait
+from osl_analysis.walking.gait import BEFORE_ONSET_S, UnperturbedGait, aligned_gait, signal_at
 from osl_analysis.walking.settings import StanceSource, Timing
-from osl_analysis.walking.unperturbed import UnperturbedGait, signal_at
 
 MARGIN = 8
 """Additional samples at both ends of a response. A spline's derivatives are less accurate at its ends."""
@@ -150,3 +153,151 @@ def response_times(rate: float, timing: Timing) -> Array:
 def without_baseline(curves: Array, baseline: slice) -> Array:
     """Curves (..., k) minus their means over the samples of the baseline."""
     return np.asarray(curves - curves[..., baseline].mean(axis=-1, keepdims=True))
+
+
+FROM_GAIT, FROM_GAIT_AND_PLATE = "unperturbed crossings", "unperturbed crossings + plate trials"
+"""Sources of the interval of a single perturbation. With a single plate trial the plate's part is unknown."""
+LARGEST_LAG_S, LAG_STEP_S = 0.01, 0.001
+"""Largest lag and step [s] of the search. All lags lie within the response's margin of 8 frames, 27 ms at 300 Hz."""
+
+
+def fit_response(response: PerturbationResponse) -> ImpedanceFit:
+    """Fit Eq. 15 without an offset in the window after the onset. The zero is the mean over the baseline.
+
+    An offset would absorb the part of the response that is not of second order. On the exact response of the simulated
+    drivetrain, a fit with an offset gives K = 321 N*m/rad instead of 334, and 308 if the onset is 20 ms late. The
+    covariance comes from the variation of gait (`gait_errors`) and from the plate trials (`plate_errors`). The residual
+    of the fit, a few correlated samples, shows neither of these errors.
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        As `linear_fit`, naming the trial. K and I cannot be told apart if the ramp is longer than the window.
+    """
+    try:
+        impedance = fit_without_offset(response.fitted_motion, response.fitted_torque)
+    except OslAnalysisError as error:
+        raise type(error)(f"trial {response.name}: {error}") from error
+    gait, plate = gait_errors(response, impedance), plate_errors(response)
+    n = len(gait)
+    gait_covariance, plate_covariance = (1 + 1 / n) * np.cov(gait, rowvar=False), jackknife_covariance(plate)
+    freedom = welch_satterthwaite(
+        [np.diag(gait_covariance), np.diag(plate_covariance)], [n - 1, max(len(plate) - 1, 1)]
+    )
+    regression = replace(
+        impedance.fit,
+        covariance=gait_covariance + plate_covariance,
+        degrees_of_freedom=freedom,
+        interval_method=FROM_GAIT_AND_PLATE if len(plate) > 1 else FROM_GAIT,
+    )
+    return replace(impedance, fit=regression)
+
+
+def fit_without_offset(motion: Motion, torque: Array) -> ImpedanceFit:
+    """K, B, I of a motion (n,) and torque (n,) [N*m] whose zeros are known."""
+    fit = linear_fit(torque, {"K": motion.theta, "B": motion.omega, "I": motion.alpha})
+    return ImpedanceFit(fit["K"], fit["B"], fit["I"], 0.0, fit)
+
+
+def gait_errors(response: PerturbationResponse, impedance: ImpedanceFit) -> Array:
+    """Errors (crossings, 3) of K, B, I if each unperturbed crossing's deviation from their mean were in the response.
+
+    The perturbed crossing deviates as the unperturbed ones do. The mean of n crossings has 1/n of their variance. To
+    first order, the error of an estimate is the regression of d_torque - K d_theta - B d_omega - I d_alpha on the
+    response's motion.
+    """
+    return estimate_changes(gait_torque(response, impedance), response)
+
+
+def gait_torque(response: PerturbationResponse, impedance: ImpedanceFit) -> Array:
+    """Torque (crossings, k) [N*m] that each unperturbed crossing's deviation from their mean adds to a residual.
+
+    It is d_torque - K d_theta - B d_omega - I d_alpha.
+    """
+    deviation = differentiate(response.time, (response.motion.theta - response.thetas).T)
+    explained = impedance_torque(impedance.K, impedance.B, impedance.I, deviation)
+    return np.asarray(((response.torque - response.torques).T - explained).T)
+
+
+def plate_errors(response: PerturbationResponse) -> Array:
+    """Changes (m, 3) of K, B, I, to first order, if the plate's model is identified without each of m plate trials."""
+    return estimate_changes(response.plate_errors, response)
+
+
+def estimate_changes(torques: Array, response: PerturbationResponse) -> Array:
+    """Changes (m, 3) of K, B, I when each of m torques (m, k) [N*m] is added to the response's own."""
+    rows, motion = response.window, response.motion
+    columns = np.column_stack([motion.theta, motion.omega, motion.alpha])
+    return np.asarray(np.linalg.lstsq(columns[rows], torques.T[rows])[0].T)
+
+
+def jackknife_covariance(changes: Array) -> Array:
+    """Tukey's covariance (p, p) from the changes (m, p) of estimates when each of m trials is omitted.
+
+    It is (m - 1)/m times the sum of squares about the mean; 0 with fewer than two trials.
+    """
+    m, p = changes.shape
+    return (m - 1) ** 2 / m * np.cov(changes, rowvar=False) if m > 1 else np.zeros((p, p))
+
+
+def offset_comparison(motion: Motion, torque: Array, K: float) -> dict[str, float | None]:
+    """A fit to a motion and torque (n,) with an offset [N*m], for comparison.
+
+    A large difference shows that the response is not of second order.
+
+    `offset_share` is the relative decrease of K [N*m/rad] in the fit with an offset, null where K is 0. All are null if
+    that fit is impossible.
+    """
+    try:
+        free = fit_impedance(motion, torque)
+    except IdentifiabilityError:
+        return {"offset": None, "K_with_offset": None, "offset_share": None}
+    return {"offset": free.offset, "K_with_offset": free.K, "offset_share": 1 - free.K / K if K else None}
+
+
+@dataclass(frozen=True)
+class ResponseLag:
+    """Lag of the torque behind the angle.
+
+    lag: [s], positive if the torque is late.
+    se: standard error [s].
+    """
+
+    lag: float
+    se: float
+
+
+def response_lag(response: PerturbationResponse) -> ResponseLag | None:
+    """The lag at which the residual of Eq. 15 is smallest; None if it is smallest at 10 ms or beyond.
+
+    A lag changes the damping by -K times the lag. Otherwise it shows only in the residual. The standard error includes
+    the residual's correlation in time. A response that is not of second order also shifts this lag. Use the lag to
+    compare crossings and sessions, and do not correct the torque with it.
+    """
+    lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + LAG_STEP_S / 2, LAG_STEP_S)
+    try:
+        misfit = np.array([misfit_at(response, float(lag)) for lag in lags])
+    except OslAnalysisError:
+        return None
+    best = int(np.argmin(misfit))
+    if best in (0, len(lags) - 1):
+        return None
+    before, least, after = misfit[best - 1 : best + 2]
+    curvature = (before - 2 * least + after) / LAG_STEP_S**2
+    lag = float(lags[best] + 0.5 * LAG_STEP_S * (before - after) / (before - 2 * least + after))
+    fit = fit_without_offset(response.fitted_motion, later_torque(response, lag)).fit
+    freedom = max(fit.samples / fit.correlation_samples - 4, 1.0)
+    return ResponseLag(lag, float(np.sqrt(2 * least / freedom / curvature)))
+
+
+def misfit_at(response: PerturbationResponse, lag: float) -> float:
+    """Sum of squares [N^2*m^2] of the residual of Eq. 15 in the window, with the torque read a lag [s] later."""
+    torque = later_torque(response, lag)
+    fit = fit_without_offset(response.fitted_motion, torque)
+    return float(np.sum((torque - fit.torque(response.fitted_motion)) ** 2))
+
+
+def later_torque(response: PerturbationResponse, lag: float) -> Array:
+    """Torque (n,) [N*m] in the window, read a lag [s] later."""
+    spline = make_interp_spline(response.time, response.torque, k=5)
+    return np.asarray(spline(response.time[response.window] + lag))

@@ -1,15 +1,343 @@
 """Which crossings are excluded: those that lie too far from the median crossing, each with a reason."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from osl_analysis.walking.conditions import PERTURBED, Sheet, split_keys
+from osl_analysis.measured import check_finite
+from osl_analysis.trial import Array
+from osl_analysis.walking.checks import DOWN, UP
+from osl_analysis.walking.conditions import PERTURBED, GroupSettings, Sheet, gaits_of, gaits_served, label, split_keys
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
-from osl_analysis.walking.features import ANGLE, LOAD, PRESSURE, TORQUE, Feature, crossing_features
-from osl_analysis.walking.groups import Place, places
-from osl_analysis.walking.load import load_of_weight
-from osl_analysis.walking.settings import SelectionSettings
+from osl_analysis.walking.gait import PHASES, signal_at, stance_times
+from osl_analysis.walking.plate import SINGLE_SUPPORT, load_of_weight
+from osl_analysis.walking.settings import OutlierRule, SelectionSettings, Timing
+
+NORMAL_MAD = 1.4826
+"""Standard deviation of a normal distribution divided by its median absolute deviation."""
+ANGLE, TORQUE = "angle before the onset", "torque before the onset"
+LOAD, LOAD_LATER, PRESSURE = "load before the onset", "load in single support", "pressure beside the ankle"
+"""Names of the features that compare curves."""
+Mask = NDArray[np.bool_]
+OF_LOAD = "of the usual load"
+CAMP, FEWEST_OF_CAMP = 1 / 3, 2
+"""Share of the unperturbed crossings, and number of crossings, from which those beyond the limit are a camp."""
+CLEARLY = 1.5
+"""By how much nearer to the perturbed crossings a smaller camp must be than the larger one."""
+USUAL_WIDTH = 0.15
+"""Length [m] by which centres of pressure are divided, to compare them with shares of the load."""
+MIDDLE = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])]
+"""Phases of single support."""
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One feature of n crossings.
+
+    name: name of the feature, for messages.
+    unit: unit of the feature, for messages.
+    values: one value per crossing (n,).
+    median: for each crossing (n,), the median of the crossings with which it is compared.
+    scatter: scatter about the medians.
+    """
+
+    name: str
+    unit: str
+    values: Array
+    median: Array
+    scatter: float
+
+    @property
+    def distance(self) -> Array:
+        """Distance (n,) from the median, in scatters."""
+        return np.asarray(np.abs(self.values - self.median) / self.scatter)
+
+
+def crossing_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule) -> list[Feature]:
+    """Features by which crossings are compared, `early_features` and `later_features`.
+
+    A crossing beyond the limit does not count in medians and scatters, which are computed anew until no further one is
+    beyond it: four bad crossings of twelve widen the scatter so that none of them stands out. Crossings that are unlike
+    the others before the onset do not count in the later features either.
+    """
+    sound = np.ones(len(crossings), dtype=bool)
+    early, sound = without_beyond(lambda mask: early_features(crossings, timing, rule, mask), sound, rule.limit)
+
+    def compared(mask: Mask) -> list[Feature]:
+        return later_features(crossings, rule, mask)
+
+    later, within = without_beyond(compared, sound, rule.limit)
+    camp = likelier_camp(crossings, sound, within)
+    return early + (later if camp is None else without_beyond(compared, camp, rule.limit)[0])
+
+
+def likelier_camp(crossings: Sequence[Crossing], sound: Mask, within: Mask) -> Mask | None:
+    """The sound crossings (n,) without those unperturbed ones that were `within` the limit, if the perturbed ones agree
+    with the others; None if the majority stands.
+
+    A majority decides nothing where two camps are nearly as large: with a second foot on the plate in four of seven
+    unperturbed crossings, the sound three would be excluded. The perturbed ones load the plate as these do.
+    """
+    flat = np.array([c.onset is None for c in crossings])
+    kept, other, turned = flat & within, flat & sound & ~within, ~flat & within
+    if other.sum() < max(CAMP * (flat & sound).sum(), FEWEST_OF_CAMP) or turned.sum() < FEWEST_OF_CAMP:
+        return None
+    if any(c.load is None for c in crossings):
+        return None
+    apart = np.zeros(2)
+    for signal, size in ((force_of, usual_load(crossings)), (left_of, USUAL_WIDTH)):
+        curves = np.array([signal_at(c, signal(c), stance_times(c, MIDDLE)) for c in crossings]) / size
+        usual = np.median(curves[turned], axis=0)
+        apart += [np.mean((np.median(curves[camp], axis=0) - usual) ** 2) for camp in (kept, other)]
+    return sound & ~kept if CLEARLY**2 * apart[1] < apart[0] else None
+
+
+def without_beyond(features: Callable[[Mask], list[Feature]], sound: Mask, limit: float) -> tuple[list[Feature], Mask]:
+    """Features among the `sound` crossings (n,), and which of these are within the limit in all, settled by repetition.
+
+    At least half of the crossings stay: fewer would be a selection.
+    """
+    while True:
+        found = features(sound)
+        within = sound & (np.max([feature.distance for feature in found], axis=0) <= limit)
+        if within.sum() == sound.sum() or 2 * within.sum() < len(within):
+            return found, within
+        sound = within
+
+
+def early_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule, sound: Mask) -> list[Feature]:
+    """What no perturbation can change, among the `sound` (n,): the place of the foot, and curves before the onset."""
+    place = np.array([c.quality.placement for c in crossings])
+    phases = PHASES[PHASES <= earliest_baseline_end(crossings, timing)]
+    alike = Compared(np.zeros(len(crossings), dtype=int), sound)
+    angle = np.rad2deg(deviation(crossings, theta_of, phases, alike))
+    torque = deviation(crossings, torque_of, phases, alike)
+    features = [
+        feature_of("foot forward", "m", place[:, 0], rule.placement_m, alike),
+        feature_of("foot to the left", "m", place[:, 1], rule.placement_m, alike),
+        feature_of(ANGLE, "deg", angle, rule.angle_deg, alike),
+        feature_of(TORQUE, "N*m", torque, rule.torque_nm, alike),
+    ]
+    if any(c.load is None for c in crossings):
+        return features
+    load = deviation(crossings, force_of, phases, alike) / usual_load(crossings)
+    return [*features, feature_of(LOAD, OF_LOAD, load, rule.load_share, alike)]
+
+
+def later_features(crossings: Sequence[Crossing], rule: OutlierRule, sound: Mask) -> list[Feature]:
+    """What a perturbation changes, compared among the `sound` (n,) unperturbed crossings, and those of each direction:
+    duration of stance, load and pressure in single support."""
+    stance = np.array([c.stance.duration for c in crossings])
+    kinds = Compared(np.array([0 if c.onset is None else c.sign for c in crossings]), sound)
+    features = [feature_of("stance", "s", stance, rule.stance_s, kinds)]
+    if any(c.load is None for c in crossings):
+        return features
+    load = deviation(crossings, force_of, MIDDLE, kinds) / usual_load(crossings)
+    beside = deviation(crossings, left_of, MIDDLE, kinds)
+    return [
+        *features,
+        feature_of(LOAD_LATER, OF_LOAD, load, rule.load_share, kinds),
+        feature_of(PRESSURE, "m", beside, rule.pressure_m, kinds),
+    ]
+
+
+def usual_load(crossings: Sequence[Crossing]) -> float:
+    """Median over crossings of the mean vertical force [N] in single support."""
+    return float(np.median([signal_at(c, force_of(c), stance_times(c, MIDDLE)).mean() for c in crossings]))
+
+
+def theta_of(crossing: Crossing) -> Array:
+    """Angle (n,) [rad]."""
+    return crossing.theta
+
+
+def torque_of(crossing: Crossing) -> Array:
+    """Torque (n,) [N*m]."""
+    return crossing.torque
+
+
+def force_of(crossing: Crossing) -> Array:
+    """Vertical force (n,) [N] on the foot."""
+    assert crossing.load is not None  # checked by `crossing_features`
+    return crossing.load.force
+
+
+def left_of(crossing: Crossing) -> Array:
+    """Centre of pressure (n,) [m] to the left of the ankle."""
+    assert crossing.load is not None  # checked by `crossing_features`
+    return crossing.load.left
+
+
+def feature_of(name: str, unit: str, values: Array, smallest_scatter: float, compared: "Compared") -> Feature:
+    """A feature of crossings, with the medians of those that they are compared with."""
+    median = compared.medians(values)
+    scatter = NORMAL_MAD * float(np.median(np.abs(values - median)[compared.sound]))
+    return Feature(name, unit, values, median, max(scatter, smallest_scatter))
+
+
+def deviation(
+    crossings: Sequence[Crossing], signal: Callable[[Crossing], Array], phases: Array, compared: "Compared"
+) -> Array:
+    """RMS deviation (n,) of each crossing's signal at phases of stance from the median of those it is compared with."""
+    curves = np.array([signal_at(c, signal(c), stance_times(c, phases)) for c in crossings])
+    return np.asarray(np.sqrt(np.mean((curves - compared.medians(curves)) ** 2, axis=1)))
+
+
+@dataclass(frozen=True)
+class Compared:
+    """With which crossings each of n crossings is compared.
+
+    kind: a crossing is compared with those of the same kind (n,).
+    sound: those that count in the medians (n,). If none of a kind is sound, all of it count.
+    """
+
+    kind: NDArray[np.int_]
+    sound: Mask
+
+    def medians(self, values: Array) -> Array:
+        """For each crossing the median of values (n, ...) over those with which it is compared."""
+        found = np.empty_like(values)
+        for kind in np.unique(self.kind):
+            own = self.kind == kind
+            counted = own & self.sound if (own & self.sound).any() else own
+            found[own] = np.median(values[counted], axis=0)
+        return found
+
+
+def earliest_baseline_end(crossings: Sequence[Crossing], timing: Timing) -> float:
+    """Phase of stance at which the first of all baselines ends; 1 without perturbed crossings."""
+    ends = [
+        (c.onset - timing.guard - c.stance.heel_strike) / c.stance.duration for c in crossings if c.onset is not None
+    ]
+    return min(ends, default=1.0)
+
+
+CLEAR_GAP = 0.03
+"""Gap between onset phases [share of stance] that parts two timings. One timing with an SD of 0.02 has such a gap, with
+`FEWEST_BESIDE_GAP` crossings on either side, in about one campaign in a hundred."""
+FEWEST_BESIDE_GAP = 3
+"""Fewest crossings on either side of a gap that parts timings whose overall SD is that of one timing."""
+WIDEST_BIN = 2.0
+"""Widest part, in `timing_scatter`, of timings that spread without a gap."""
+Names = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a crossing belongs.
+
+    gaits: names of the mean gaits that it belongs to; one for a perturbed crossing.
+    group: name of the group whose result it enters; None for an unperturbed crossing, and for one that is not used.
+    direction: `up` or `down`, as the platform turned; None if unperturbed, or without a measured turn.
+    onset_phase: onset as a share of the gait's mean stance; None if unperturbed.
+    """
+
+    gaits: Names
+    group: str | None = None
+    direction: str | None = None
+    onset_phase: float | None = None
+
+
+def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings) -> dict[str, Place]:
+    """Gait and group of every row of the sheet, by name; the groups of the `crossings`, which are those that are used.
+
+    Raises
+    ------
+    InputError
+        As `split_keys`.
+    """
+    keys = split_keys(sheet, settings)
+    gaits = gaits_of(sheet, keys)
+    found = {name: Place(tuple(gaits_served(cells, gaits, keys))) for name, cells in sheet.items()}
+    perturbed = {gait: [c for c in crossings if c.onset is not None and gait in found[c.name].gaits] for gait in gaits}
+    phases = {gait: onset_phases(of, mean_stance(gait, crossings, found)) for gait, of in perturbed.items()}
+    parts = {gait: timings(phases[gait], settings.timing_scatter) for gait in gaits}
+    timed = "timing" in settings.group_by or (
+        "timing" not in settings.pool and any(part.max(initial=0) > 0 for part in parts.values())
+    )
+    for gait, walked in perturbed.items():
+        for crossing, phase, part in zip(walked, phases[gait], parts[gait], strict=True):
+            measured: dict[str, object] = {}
+            if timed:
+                measured["timing"] = f"{100 * np.median(phases[gait][parts[gait] == part]):.0f} %"
+            if "direction" in settings.group_by:
+                measured["direction"] = direction(crossing) or "unknown"
+            group = label({**gaits[gait], **measured})
+            found[crossing.name] = Place((gait,), group, direction(crossing), float(phase))
+    return found
+
+
+def direction(crossing: Crossing) -> str | None:
+    """`up` if the platform turned the toes up, `down` if down; None if its turn is not known."""
+    return None if crossing.turn is None else UP if crossing.turn > 0 else DOWN
+
+
+def mean_stance(gait: str, crossings: Sequence[Crossing], found: Mapping[str, Place]) -> float | None:
+    """Mean stance [s] of the unperturbed crossings of a gait; None without any."""
+    own = [c.stance.duration for c in crossings if c.onset is None and gait in found[c.name].gaits]
+    return float(np.mean(own)) if own else None
+
+
+def onset_phases(crossings: Sequence[Crossing], stance: float | None) -> Array:
+    """Onsets (n,) as shares of a mean `stance` [s]; of each crossing's own without one."""
+    return np.array([((c.onset or 0.0) - c.stance.heel_strike) / (stance or c.stance.duration) for c in crossings])
+
+
+def timings(phases: Array, scatter: float) -> NDArray[np.intp]:
+    """The timing (n,) of each onset phase (n,), counted from 0 in the order of phase.
+
+    Phases are cut at their largest gap, then each part again, while `clear_gap` finds one. A part whose SD is still
+    above `scatter` is cut into equal bins of at most twice `scatter`.
+
+    Raises
+    ------
+    InputError
+        A phase is not finite, or far beyond 1.
+    """
+    check_finite("the phase of an onset", phases)
+    numbers, count = np.empty(len(phases), dtype=np.intp), 0
+    for rows in parted(phases, np.argsort(phases, kind="stable"), scatter):
+        bins = equal_bins(phases[rows], scatter) if wide(phases[rows], scatter) else np.zeros(len(rows), dtype=np.intp)
+        numbers[rows] = count + bins
+        count += int(bins.max(initial=-1)) + 1
+    return numbers
+
+
+def parted(phases: Array, order: NDArray[np.intp], scatter: float) -> list[NDArray[np.intp]]:
+    """The parts between clear gaps of phases (n,), whose indices are given in their `order` (k,)."""
+    cut = clear_gap(phases[order], scatter)
+    if cut is None:
+        return [order]
+    return [part for half in (order[:cut], order[cut:]) for part in parted(phases, half, scatter)]
+
+
+def clear_gap(ordered: Array, scatter: float) -> int | None:
+    """Where the largest gap above `CLEAR_GAP` of ordered phases (n,) ends; None without one.
+
+    If their SD is that of one timing, a gap counts only with `FEWEST_BESIDE_GAP` phases or more on either side: one
+    crossing alone is no timing.
+    """
+    least = 1 if wide(ordered, scatter) else FEWEST_BESIDE_GAP
+    gaps = np.diff(ordered)[least - 1 : max(len(ordered) - least, 0)]
+    if not len(gaps) or gaps.max() <= CLEAR_GAP:
+        return None
+    return int(np.argmax(gaps)) + least
+
+
+def wide(phases: Array, scatter: float) -> bool:
+    """Whether onset phases (n,) scatter by more than one timing does."""
+    return len(phases) > 1 and float(np.std(phases, ddof=1)) > scatter
+
+
+def equal_bins(phases: Array, scatter: float) -> NDArray[np.intp]:
+    """Bin (n,) of each phase (n,): as few equal bins as `WIDEST_BIN` allows; bins without a phase are not counted."""
+    low, span = phases.min(), np.ptp(phases)
+    count = int(np.ceil(span / (WIDEST_BIN * scatter)))
+    raw = np.minimum(((phases - low) / span * count).astype(int), count - 1)
+    return np.unique(raw, return_inverse=True)[1]
+
 
 USED, OUTLIER, REFUSED = "used", "outlier", "refused"
 """Status of a crossing in `walking_crossings.csv`."""

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from osl_analysis.signals import LowPass
-from osl_analysis.walking.group_settings import GroupSettings
+from osl_analysis.walking.conditions import GroupSettings
 from osl_analysis.yaml_settings import Positive, Settings
 
 NotNegative = Annotated[float, Field(ge=0)]

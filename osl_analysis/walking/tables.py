@@ -1,7 +1,8 @@
 """The walking tables, as rows and frames: single perturbations, their mean, the ensemble, and the walking page."""
 
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import polars as pl
@@ -10,15 +11,123 @@ from numpy.typing import NDArray
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row, lag_damping_row
 from osl_analysis.stats.repeats import CommonError, over_repeats
 from osl_analysis.trial import Array
+from osl_analysis.walking.checks import DOWN, UP
+from osl_analysis.walking.conditions import ALL, STATED, Cells, Sheet, pooled
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.direction import DOWN, UP
-from osl_analysis.walking.ensemble import Bootstrap, EnsembleResponse, signs_of
-from osl_analysis.walking.headline import Headline, Symmetry
+from osl_analysis.walking.ensemble import Bootstrap, EnsembleResponse, Headline, Symmetry, signs_of
+from osl_analysis.walking.gait import PHASES, UnperturbedGait
 from osl_analysis.walking.headline_doubts import single_facts
-from osl_analysis.walking.response import PerturbationResponse, isolate_response
-from osl_analysis.walking.response_fit import fit_response, offset_comparison, response_lag
+from osl_analysis.walking.response import (
+    PerturbationResponse,
+    fit_response,
+    isolate_response,
+    offset_comparison,
+    response_lag,
+    window_samples,
+)
 from osl_analysis.walking.settings import ResponseSettings, Timing
-from osl_analysis.walking.unperturbed import PHASES, UnperturbedGait
+
+
+@dataclass(frozen=True)
+class Group:
+    """A group of perturbed crossings.
+
+    name: its name.
+    gait: name of its mean unperturbed gait.
+    trials: its crossings that are used.
+    directions: turn of each, `up`, `down` or None.
+    phases: onset of each as a share of the gait's mean stance.
+    cells: conditions in the sheet that all its crossings share.
+    pooled: conditions in which they differ, as text.
+    """
+
+    name: str
+    gait: str
+    trials: tuple[str, ...]
+    directions: tuple[str | None, ...]
+    phases: tuple[float, ...]
+    cells: Cells
+    pooled: str
+
+
+def groups_of(selection: pl.DataFrame, sheet: Sheet | None) -> list[Group]:
+    """Groups of `walking_crossings.csv` in the order of their conditions, then of their timing.
+
+    A gait none of whose perturbed crossings is used is a group without trials.
+    """
+    perturbed, sheet = selection.filter(pl.col("perturbed")), sheet or {}
+    rows = {trial: sheet.get(trial, {}) for trial in perturbed["trial"]}
+    used = perturbed.filter(pl.col("group").is_not_null())
+    found = [group_of(members, rows) for members in used.partition_by("group", maintain_order=True)]
+    missing = [gait for gait in perturbed["gait"].unique(maintain_order=True) if gait not in {g.gait for g in found}]
+    for gait in missing:
+        cells = shared_cells([rows[trial] for trial in perturbed.filter(pl.col("gait") == gait)["trial"]])
+        found.append(Group(gait or ALL, gait or ALL, (), (), (), cells, ""))
+    return sorted(found, key=sorting_key)
+
+
+def group_of(members: pl.DataFrame, rows: Sheet) -> Group:
+    """The group whose rows of `walking_crossings.csv` are `members`; `rows` are the sheet's."""
+    trials = tuple(members["trial"])
+    cells = shared_cells([rows[trial] for trial in trials])
+    directions, phases = tuple(members["direction"]), tuple(members["onset_phase"])
+    return Group(members["group"][0], members["gait"][0], trials, directions, phases, cells, pooled(trials, rows))
+
+
+def shared_cells(rows: Sequence[Cells]) -> dict[str, object]:
+    """The stated conditions that are the same in all rows; None where they differ."""
+    values = {key: {row.get(key) for row in rows} for key in STATED}
+    return {key: value.pop() if len(value) == 1 else None for key, value in values.items()}
+
+
+def sorting_key(group: Group) -> tuple[object, ...]:
+    """By conditions, numbers as numbers, then by direction where groups have one each, then by phase."""
+    cells = [group.cells[key] for key in STATED]
+    parts = [(value is None, isinstance(value, str), "" if value is None else value) for value in cells]
+    turned = str(group.directions[0]) if "direction " in group.name else ""
+    return (*parts, turned, float(np.mean(group.phases)) if group.phases else np.inf, group.name)
+
+
+def group_row(group: Group, gait: UnperturbedGait | None, window: float) -> dict[str, object]:
+    """Row of `walking_groups.csv`: conditions, numbers of crossings, phases of onset and end of the `window` [s].
+
+    Phases are shares of the mean stance of the unperturbed gait; without one, they are null.
+    """
+    phases, down = np.array(group.phases, dtype=float), sum(d == DOWN for d in group.directions)
+    stance = None if gait is None else float(np.mean(gait.stance))
+    onset = float(np.mean(phases)) if len(phases) and stance else None
+    return {
+        "group": group.name,
+        "gait": group.gait,
+        **{("group_stated" if key == "group" else key): value for key, value in group.cells.items()},
+        "pooled": group.pooled or None,
+        "n": len(phases),
+        "n_up": len(phases) - down,
+        "n_down": down,
+        "n_unperturbed": 0 if gait is None else len(gait.names),
+        "stance_s": stance,
+        "unperturbed_stance_sd": None if gait is None else stance_scatter(gait),
+        "onset_phase": onset,
+        "onset_phase_sd": float(np.std(phases, ddof=1)) if len(phases) > 1 else None,
+        "end_phase": onset + window / stance if onset is not None and stance else None,
+    }
+
+
+def stance_scatter(gait: UnperturbedGait) -> float | None:
+    """SD of the stances of the unperturbed crossings, as a share of their mean; None of a single one."""
+    return float(np.std(gait.stance, ddof=1) / np.mean(gait.stance)) if len(gait.stance) > 1 else None
+
+
+def fitted_time(ensemble: EnsembleResponse, timing: Timing) -> float:
+    """Time [s] after the onset at which the fit reads a stiffness that changes linearly within the window.
+
+    The fit's K is a sum of the torques with weights w, and w . theta = 1. With K(t) = K_0 + K_1 t it is K(t) at
+    t = sum of w theta t. As the angle grows in the window, this is later than its middle.
+    """
+    rows, motion = window_samples(ensemble.time, timing), ensemble.motion
+    columns = np.column_stack([motion.theta, motion.omega, motion.alpha])[rows]
+    return float(np.linalg.pinv(columns)[0] @ (motion.theta[rows] * ensemble.time[rows]))
+
 
 QUANTITIES = ("K", "B", "I", "VAF")
 MEAN, ENSEMBLE, UP_MINUS_DOWN = "mean of perturbations", "ensemble", "up minus down"
@@ -227,3 +336,54 @@ def response_points(responses: pl.DataFrame) -> pl.DataFrame:
     labels = pl.lit("fit").alias("curve"), pl.lit("response torque").alias("panel")
     frames.append(fit.select("trial", x, labels[0], pl.col("torque_model").alias("mean"), labels[1]))
     return pl.concat(frames, how="diagonal")
+
+
+PLOTTED = ("K", "B", "I")
+COMMANDED = "commanded"
+"""Series of the curve that the controller commands."""
+FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
+PLACE = ("joint", "side")
+
+
+def impedance_over_stance(summary: pl.DataFrame, groups: pl.DataFrame) -> pl.DataFrame:
+    """Rows of `impedance_over_stance.csv`: K, B and I of every group with a result, by quantity and phase of stance.
+
+    `summary` is `walking_summary.csv`, `groups` is `walking_groups.csv`. `phase` is the one that the fit reads
+    (`fitted_time`). A series has the groups that differ in their timing only. `commanded` is what the sheet states.
+    """
+    ensemble = summary.filter(
+        (pl.col("estimator") == ENSEMBLE) & pl.col("quantity").is_in(PLOTTED) & pl.col("mean").is_not_null()
+    )
+    rows = ensemble.join(groups.select(FACTS), on="group", how="left", maintain_order="left")
+    series = pl.Series("series", [series_of(name) for name in rows["group"]], dtype=pl.String)
+    order = pl.col("quantity").replace_strict({q: i for i, q in enumerate(PLOTTED)}, return_dtype=pl.Int64)
+    table = rows.with_columns(series).sort(order, "series", "fitted_phase", maintain_order=True)
+    place = [name for name in PLACE if name in table.columns]
+    return table.select(
+        "group", *place, "series", "quantity", pl.col("fitted_phase").alias("phase"), "onset_phase", "end_phase", "n",
+        pl.col("mean").alias("estimate"), "se", "low", "high", pl.col("commanded").cast(pl.Float64),
+    )  # fmt: skip
+
+
+def series_of(group: str) -> str:
+    """Name of a group without its timing."""
+    return re.sub(r"timing [-\d]+ %(, )?", "", group).removesuffix(", ") or ALL
+
+
+def with_trajectory(table: pl.DataFrame, phase: Array, K_d: Array, B_d: Array) -> pl.DataFrame:
+    """The table with what a trajectory commands, K_d and B_d (n,) at phases of stance (n,), where the sheet says
+    nothing."""
+    for quantity, values in (("K", K_d), ("B", B_d)):
+        at = np.interp(table["phase"].to_numpy(), phase, values, left=np.nan, right=np.nan)
+        here = (pl.col("quantity") == quantity) & pl.col(COMMANDED).is_null()
+        table = table.with_columns(pl.when(here).then(pl.Series(at)).otherwise(COMMANDED).alias(COMMANDED))
+    return table.with_columns(pl.col(COMMANDED).fill_nan(None))
+
+
+def trajectory_points(phase: Array, K_d: Array, B_d: Array) -> pl.DataFrame:
+    """The commanded trajectory as rows for the figure: series `commanded`, quantities K and B."""
+    frames = [
+        pl.DataFrame({"series": COMMANDED, "quantity": quantity, "phase": phase, COMMANDED: values})
+        for quantity, values in (("K", K_d), ("B", B_d))
+    ]
+    return pl.concat(frames)

@@ -1,0 +1,536 @@
+"""Rigid bodies from marker clusters, the ankle between foot and shank, and its functional hinge."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from osl_analysis.columns import marker_columns
+from osl_analysis.errors import InputError
+from osl_analysis.signals import LowPass, differentiate
+from osl_analysis.trial import Array, Trial
+from osl_analysis.walking.settings import CalibrationSettings, MarkerSettings
+
+Mask = NDArray[np.bool_]
+
+COLLINEAR = 0.1
+"""Markers lie on a line if their spread across it is below this fraction of their spread along it."""
+BESIDE_S, FEWEST_BESIDE = 0.015, 4
+"""Time [s] before and after a gap whose frames bridge it, and their smallest number on each side."""
+GRAVITY = np.array([0.0, 0.0, -9.80665])
+"""Acceleration of free fall [m/s^2] in laboratory axes, z up."""
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Pose of a cluster in n frames: a point that was at x_ref [m] is now at R (x_ref - origin) + position.
+
+    rotation: R (n, 3, 3); NaN where the cluster was not seen.
+    position: position (n, 3) [m] of the cluster's centroid; NaN where the cluster was not seen.
+    origin: centroid (3,) [m] in the reference pose. An error of R does not move it, but moves distant points.
+    residual: RMS distance (n,) [m] between the markers and the rigid body.
+    bridged: frames (n,) that were interpolated.
+    """
+
+    rotation: Array
+    position: Array
+    origin: Array
+    residual: Array
+    bridged: Mask
+
+    def __getitem__(self, rows: slice | Mask) -> "Poses":
+        return Poses(self.rotation[rows], self.position[rows], self.origin, self.residual[rows], self.bridged[rows])
+
+    def points(self, reference: Array) -> Array:
+        """Positions (n, m, 3) [m], in each frame, of reference points (m, 3) [m]."""
+        turned = np.einsum("nij,mj->nmi", self.rotation, reference - self.origin)
+        return np.asarray(turned + self.position[:, None])
+
+    def point(self, reference: Array) -> Array:
+        """Positions (n, 3) [m], in each frame, of one reference point (3,) [m]."""
+        return np.asarray(self.points(reference[None])[:, 0])
+
+    def seen(self) -> Mask:
+        """Frames (n,) that have a pose."""
+        return np.asarray(np.isfinite(self.position).all(axis=1))
+
+
+def marker_tracks(trial: Trial, names: Sequence[str]) -> tuple[Array, Array]:
+    """Time (n,) [s] of the marker frames and positions (n, m, 3) [m], NaN where a marker was hidden."""
+    columns = [column for name in names for column in marker_columns(name)]
+    rows = trial.sampled(*columns)
+    if rows.is_empty():
+        raise InputError(f"trial {trial.name}: markers {', '.join(names)} have no frames; record the trial again")
+    return rows["time"].to_numpy(), rows.select(columns).to_numpy().reshape(-1, len(names), 3)
+
+
+def reference_positions(cluster: Mapping[str, Array], names: Sequence[str], trial: str) -> Array:
+    """Positions (m, 3) [m] of the named markers in the static trial; `trial` is for messages."""
+    absent = [name for name in names if name not in cluster]
+    if absent:
+        raise InputError(
+            f"trial {trial}: marker {absent[0]} is not in the static calibration, which has {', '.join(cluster)}; "
+            "calibrate with the static trial again"
+        )
+    return np.array([cluster[name] for name in names])
+
+
+def segment_poses(
+    trial: Trial, names: Sequence[str], cluster: Mapping[str, Array], settings: MarkerSettings
+) -> tuple[Array, Poses]:
+    """Time (n,) [s] and poses of one cluster, not filtered: short gaps are interpolated, long ones NaN."""
+    time, observed = marker_tracks(trial, names)
+    reference = reference_positions(cluster, names, trial.name)
+    poses = cluster_poses(reference, observed, settings.largest_residual_mm * 1e-3)
+    return time, bridge_gaps(time, poses, settings.longest_gap_s)
+
+
+def cluster_poses(reference: Array, observed: Array, largest_residual: float = np.inf) -> Poses:
+    """Least-squares pose of markers (n, m, 3) [m] against their reference positions (m, 3) [m].
+
+    A frame uses the markers that were seen, if there are at least three and they do not lie on a line. Otherwise it is
+    NaN. It is also NaN where the residual exceeds `largest_residual` [m], as with swapped or displaced markers.
+    """
+    n = len(observed)
+    poses = Poses(
+        np.full((n, 3, 3), np.nan),
+        np.full((n, 3), np.nan),
+        reference.mean(axis=0),
+        np.full(n, np.nan),
+        np.zeros(n, dtype=bool),
+    )
+    seen = np.isfinite(observed).all(axis=2)
+    if seen.all():
+        patterns, member = np.ones((1, len(reference)), dtype=bool), np.zeros(n, dtype=int)
+    else:
+        patterns, member = np.unique(seen, axis=0, return_inverse=True)
+    for index, pattern in enumerate(patterns):
+        if spans_a_plane(reference[pattern]):
+            rows = np.flatnonzero(member == index)
+            fit_rows(poses, rows, reference[pattern], observed[rows][:, pattern])
+    wrong = poses.residual > largest_residual
+    poses.rotation[wrong], poses.position[wrong] = np.nan, np.nan
+    return poses
+
+
+def spans_a_plane(points: Array) -> bool:
+    """Whether points (m, 3) are three or more and do not lie on a line."""
+    if len(points) < 3:
+        return False
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] > COLLINEAR * spread[0])
+
+
+def fit_rows(poses: Poses, rows: NDArray[np.intp], reference: Array, observed: Array) -> None:
+    """Write the poses of markers (k, m, 3) [m] into `rows` of new poses (Kabsch, Acta Cryst. A32, 1976)."""
+    local, centroid = reference - reference.mean(axis=0), observed.mean(axis=1)
+    centred = observed - centroid[:, None]
+    U, _, Vt = np.linalg.svd(np.einsum("mi,kmj->kij", local, centred))
+    mirror = np.linalg.det(U) * np.linalg.det(Vt)
+    U[:, :, 2] *= mirror[:, None]
+    R = np.einsum("kij,kjl->kli", U, Vt)
+    misfit = np.einsum("kij,mj->kmi", R, local) - centred
+    poses.rotation[rows] = R
+    poses.position[rows] = centroid + R @ (poses.origin - reference.mean(axis=0))
+    poses.residual[rows] = np.sqrt(np.mean(np.sum(misfit**2, axis=2), axis=1))
+
+
+def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
+    """Interpolate gaps of up to `longest` [s] between frames that were seen, at stamps time (n,) [s], and flag them.
+
+    By the cubic of least squares through the frames of `BESIDE_S` on either side. A spline through all frames has the
+    slope of two noisy ones, and leaves a motion of stance by 1 to 10 deg over gaps of 60 to 190 ms; this cubic by 0.1
+    to 3 deg. The ends of the recording and longer gaps stay NaN.
+
+    Raises
+    ------
+    InputError
+        A stamp is not later than the one before.
+    """
+    if len(time) < 2:
+        return poses
+    steps = np.diff(time)
+    if not (steps > 0).all():
+        row = int(np.argmin(steps > 0))
+        raise InputError(
+            f"frame {row + 1} is stamped {time[row + 1]:.6f} s, not later than the one before; record again, or cut "
+            "the capture there"
+        )
+    seen, step = np.flatnonzero(poses.seen()), float(steps[0])
+    hidden = (np.diff(seen) - 1) * step
+    ends = np.flatnonzero((hidden > 0) & (hidden < longest + step / 2))
+    if not len(ends) or len(seen) < 4:
+        return poses
+    rotation, position, bridged = poses.rotation.copy(), poses.position.copy(), poses.bridged.copy()
+    count = max(round(BESIDE_S / step), FEWEST_BESIDE)
+    for k in ends:
+        gap, beside = np.arange(seen[k] + 1, seen[k + 1]), seen[max(k + 1 - count, 0) : k + 1 + count]
+        origin = Rotation.from_matrix(poses.rotation[seen[k]])
+        turned = (Rotation.from_matrix(poses.rotation[beside]) * origin.inv()).as_rotvec()
+        found = cubic(time[beside], np.hstack([turned, poses.position[beside]]), time[gap])
+        rotation[gap] = (Rotation.from_rotvec(found[:, :3]) * origin).as_matrix()
+        position[gap] = found[:, 3:]
+        bridged[gap] = True
+    return replace(poses, rotation=rotation, position=position, bridged=bridged)
+
+
+def cubic(time: Array, values: Array, at: Array) -> Array:
+    """Values (k, m) at other times (k,) [s] of the cubic of least squares through values (n, m) at times (n,) [s]."""
+    span = np.ptp(time) / 2
+    design, wanted = (np.vander((t - time.mean()) / span, 4) for t in (time, at))
+    return np.asarray(wanted @ np.linalg.lstsq(design, values)[0])
+
+
+def gap_duration(time: Array, gap: slice) -> float:
+    """Duration [s] of consecutive hidden frames, for comparison with the longest gap that is allowed."""
+    return float((gap.stop - gap.start - 0.5) * (time[1] - time[0]))
+
+
+def filtered_poses(poses: Poses, reference: Array, low_pass: LowPass, rate: float) -> Poses:
+    """Poses (n,) from the marker positions after each coordinate passed the low-pass; no frame may be NaN.
+
+    Positions are filtered instead of angles: their filter is linear and the same as the wrench's.
+    """
+    filtered = cluster_poses(reference, low_pass(poses.points(reference), rate))
+    return replace(filtered, residual=poses.residual, bridged=poses.bridged)
+
+
+@dataclass(frozen=True)
+class BodyMotion:
+    """Motion of a body and of one of its points in laboratory axes, n frames.
+
+    rotation: (n, 3, 3).
+    omega: angular velocity (n, 3) [rad/s].
+    alpha: angular acceleration (n, 3) [rad/s^2].
+    point: position (n, 3) [m] of the point.
+    acceleration: acceleration (n, 3) [m/s^2] of the point.
+    """
+
+    rotation: Array
+    omega: Array
+    alpha: Array
+    point: Array
+    acceleration: Array
+
+    def __getitem__(self, rows: slice) -> "BodyMotion":
+        parts = (self.rotation, self.omega, self.alpha, self.point, self.acceleration)
+        return BodyMotion(*(part[rows] for part in parts))
+
+    def weighted(self, weights: Array) -> "BodyMotion":
+        """The same poses with angular velocity and accelerations times weights (n,): 0 where the body rests."""
+        w = weights[:, None]
+        return replace(self, omega=w * self.omega, alpha=w * self.alpha, acceleration=w * self.acceleration)
+
+
+def body_motion(time: Array, poses: Poses, point: Array) -> BodyMotion:
+    """Motion at times (n,) [s] of a body and of its point with the reference position `point` (3,) [m].
+
+    Angular velocity is the axial vector of (dR/dt) R^T. Poses must be low-passed and without NaN.
+    """
+    turning = differentiate(time, poses.rotation.reshape(-1, 9)).omega.reshape(-1, 3, 3)
+    spin = np.einsum("nij,nkj->nik", turning, poses.rotation)
+    omega = 0.5 * axial_vector(spin)
+    path = differentiate(time, poses.point(point))
+    return BodyMotion(poses.rotation, omega, differentiate(time, omega).omega, path.theta, path.alpha)
+
+
+def axial_vector(matrices: Array) -> Array:
+    """Vectors (n, 3) of the antisymmetric part of matrices (n, 3, 3), times two."""
+    return np.stack(
+        [
+            matrices[:, 2, 1] - matrices[:, 1, 2],
+            matrices[:, 0, 2] - matrices[:, 2, 0],
+            matrices[:, 1, 0] - matrices[:, 0, 1],
+        ],
+        axis=1,
+    )
+
+
+Side = Literal["left", "right"]
+Vectors = dict[str, Array]
+SEGMENTS = ("foot", "shank", "platform")
+HIGHEST_FOOT = 0.05
+"""Height [m] of the foot's markers above the shank's beyond which the clusters are exchanged. Standing, they are
+lower by 0.1 m and more."""
+
+
+@dataclass(frozen=True)
+class StaticCalibration:
+    """Result of the static trial, in laboratory axes. In the static pose every segment's axes are the laboratory's.
+
+    foot, shank, platform: marker positions (3,) [m] by name.
+    ankle_centre: point (3,) [m] that belongs to the foot and to the shank.
+    ankle_axis: unit vector (3,) to the subject's left, the same for foot and shank.
+    """
+
+    foot: Vectors
+    shank: Vectors
+    platform: Vectors
+    ankle_centre: Array
+    ankle_axis: Array
+
+
+Calibrations = StaticCalibration | Mapping[str, StaticCalibration]
+"""One calibration of all trials, or that of each trial by its name."""
+
+
+def calibration_of(calibrations: Calibrations, trial: str) -> StaticCalibration:
+    """The calibration of a trial."""
+    return calibrations if isinstance(calibrations, StaticCalibration) else calibrations[trial]
+
+
+@dataclass(frozen=True)
+class FootInertia:
+    """Inertial parameters of all that moves with the foot.
+
+    mass: [kg].
+    centre_of_mass: (3,) [m] from the ankle centre in the static pose.
+    inertia: [kg*m^2] about the axis through the centre of mass that is parallel to the ankle's.
+    """
+
+    mass: float
+    centre_of_mass: Array
+    inertia: float
+
+
+def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCalibration:
+    """Calibration from the static trial, with the markers that the settings name."""
+    markers = settings.markers
+    clusters = {segment: named_tracks(trial, getattr(markers, segment)) for segment in SEGMENTS}
+    medial, lateral = named_tracks(trial, (markers.ankle_medial, markers.ankle_lateral)).values()
+    try:
+        return calibrate_static(clusters, medial, lateral, settings.side)
+    except InputError as error:
+        raise InputError(f"trial {trial.name}: {error}") from error
+
+
+def named_tracks(trial: Trial, names: Sequence[str]) -> Vectors:
+    """Tracks (n, 3) [m] by marker."""
+    tracks = marker_tracks(trial, names)[1]
+    return {name: tracks[:, index] for index, name in enumerate(names)}
+
+
+def calibrate_static(clusters: dict[str, Vectors], medial: Array, lateral: Array, side: Side) -> StaticCalibration:
+    """Calibration from marker tracks (n, 3) [m] by name, for `foot`, `shank` and `platform`.
+
+    `medial` and `lateral` (n, 3) [m] are the malleoli of the `side` that wears the prosthesis.
+
+    Raises
+    ------
+    InputError
+        A marker was never seen, a cluster's markers lie on a line, or the foot's are above the shank's.
+    """
+    means = {
+        segment: {name: mean_position(name, track) for name, track in tracks.items()}
+        for segment, tracks in clusters.items()
+    }
+    for segment, markers in means.items():
+        if not spans_a_plane(np.array(list(markers.values()))):
+            raise InputError(
+                f"the {segment} markers {', '.join(markers)} lie on a line or are fewer than three, expected three or "
+                "more that span a plane; name others under `markers` in the configuration"
+            )
+    check_heights(means["foot"], means["shank"])
+    inner, outer = mean_position("medial ankle", medial), mean_position("lateral ankle", lateral)
+    across = inner - outer if side == "right" else outer - inner
+    centre, axis = (inner + outer) / 2, across / np.linalg.norm(across)
+    return StaticCalibration(means["foot"], means["shank"], means["platform"], centre, axis)
+
+
+def check_heights(foot: Vectors, shank: Vectors) -> None:
+    """Refuse a foot whose markers (3,) [m] stand above the shank's: names or labels of the clusters are exchanged."""
+    above = float(np.mean([p[2] for p in foot.values()]) - np.mean([p[2] for p in shank.values()]))
+    if above > HIGHEST_FOOT:
+        raise InputError(
+            f"the foot markers {', '.join(foot)} stand {100 * above:.0f} cm above the shank markers "
+            f"{', '.join(shank)}: exchange them under `markers` or in Nexus; or z does not point up, then state `axes` "
+            "in the source file"
+        )
+
+
+def mean_position(name: str, track: Array) -> Array:
+    """Mean (3,) [m] of a marker's track (n, 3) over the frames in which it was seen."""
+    seen = np.isfinite(track).all(axis=1)
+    if not seen.any():
+        raise InputError(f"marker {name} is never seen in the static trial; label it, or record the trial again")
+    return np.asarray(track[seen].mean(axis=0))
+
+
+def ankle_angle(foot: Poses, shank: Poses, axis: Array) -> Array:
+    """Joint angle theta (n,) [rad]: dorsiflexion positive, zero in the static pose.
+
+    It is minus the twist, about the axis (3,), of the foot's rotation relative to the shank: a positive rotation about
+    the axis, which points to the left, turns the toes down.
+    """
+    relative = np.einsum("nji,njk->nik", shank.rotation, foot.rotation)
+    trace = np.trace(relative, axis1=1, axis2=2)
+    # Quaternion of `relative`, up to a common factor: w ~ 1 + trace, vector part v ~ the axial vector.
+    # Twist = 2 atan2(v.axis, w).
+    return np.asarray(-2 * np.arctan2(axial_vector(relative) @ axis, 1 + trace))
+
+
+def ankle_in_lab(foot: Poses, shank: Poses, calibration: StaticCalibration) -> tuple[Array, Array]:
+    """Ankle centre (n, 3) [m] and axis (n, 3). Each is the mean of the foot's and the shank's."""
+    centres = [body.point(calibration.ankle_centre) for body in (foot, shank)]
+    across = (foot.rotation + shank.rotation) @ calibration.ankle_axis
+    return (centres[0] + centres[1]) / 2, across / np.linalg.norm(across, axis=1, keepdims=True)
+
+
+def foot_torque(foot: BodyMotion, ankle: Array, axis: Array, inertia: FootInertia) -> Array:
+    """Torque (n,) [N*m] of the foot's weight and inertia, to be added to `ankle_torque`.
+
+    `foot` is the motion of the foot with its centre of mass c as the point. The balance of moments about the ankle a
+    gives axis . ((c - a) x m (acceleration - g)) + I alpha . axis.
+    """
+    load = inertia.mass * (foot.acceleration - GRAVITY)
+    lever = np.cross(foot.point - ankle, load)
+    return np.asarray(np.sum(axis * (lever + inertia.inertia * foot.alpha), axis=1))
+
+
+LEAST_EXCURSION = np.deg2rad(5.0)
+"""Smallest RMS rotation [rad] that determines an axis. Below it marker noise determines the direction."""
+FLAT = 0.05
+"""Smallest singular value, as a fraction of the largest, of a direction in which the motion determines the centre. In
+the other directions the anatomical centre is kept."""
+
+
+@dataclass(frozen=True)
+class Hinge:
+    """A functional hinge in the static pose.
+
+    axis: unit vector (3,) to the left.
+    centre: a point (3,) [m] of the axis.
+    excursion: RMS rotation [rad] about the axis.
+    off_axis: RMS rotation [rad] about the two axes across it.
+    gap: RMS distance [m] between the centre that moves with the foot and the centre that moves with the shank.
+    angle: angle [rad] to the anatomical axis.
+    distance: distance [m] of the anatomical centre from the axis.
+    frames: number of frames in which both segments were seen.
+    """
+
+    axis: Array
+    centre: Array
+    excursion: float
+    off_axis: float
+    gap: float
+    angle: float
+    distance: float
+    frames: int
+
+
+def hinge_of_trials(trials: Sequence[Trial], static: StaticCalibration, settings: CalibrationSettings) -> Hinge:
+    """The hinge from all trials together; trials whose markers cannot be read are not used.
+
+    Raises
+    ------
+    InputError
+        No trial can be read, or as `functional_hinge`.
+    """
+    recordings: list[tuple[Poses, Poses]] = []
+    for trial in trials:
+        try:
+            foot = segment_poses(trial, settings.markers.foot, static.foot, settings)[1]
+            shank = segment_poses(trial, settings.markers.shank, static.shank, settings)[1]
+        except InputError:
+            continue
+        recordings.append((foot, shank))
+    if not recordings:
+        raise InputError("no trial in which foot and shank move; add walking trials, or set hinge to anatomical")
+    return functional_hinge(recordings, static)
+
+
+def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: StaticCalibration) -> Hinge:
+    """The hinge from poses of foot and shank in recordings of a joint that moved; poses may be NaN.
+
+    The axis is the principal direction of the relative rotation vectors, so that the smallest rotation remains across
+    it. The centre is the point that has the same path in both segments (Ehrig et al., J. Biomech. 40, 2007). In
+    directions in which the motion does not determine the centre, for example along the axis, the anatomical centre is
+    used.
+
+    Raises
+    ------
+    InputError
+        The joint turned too little to determine an axis.
+    """
+    feet, shanks = [], []
+    for foot_poses, shank_poses in recordings:
+        seen = foot_poses.seen() & shank_poses.seen()
+        feet.append(foot_poses[seen])
+        shanks.append(shank_poses[seen])
+    foot, shank = (np.concatenate([p.rotation for p in poses]) for poses in (feet, shanks))
+    if len(foot) < 3:
+        raise InputError(
+            f"foot and shank are seen together in {len(foot)} frames, expected 3 or more; "
+            "fill the gaps in Nexus, or set hinge to anatomical"
+        )
+    directions, size = principal_rotations(rotation_vectors(foot, shank))
+    axis = directions[0] * np.sign(directions[0] @ calibration.ankle_axis)
+    centre, gap = common_point(feet, shanks, calibration.ankle_centre)
+    aside = np.cross(calibration.ankle_centre - centre, axis)
+    return Hinge(
+        axis=axis,
+        centre=centre,
+        excursion=float(size[0]),
+        off_axis=float(np.hypot(size[1], size[2])),
+        gap=gap,
+        angle=float(np.arccos(np.clip(axis @ calibration.ankle_axis, -1, 1))),
+        distance=float(np.linalg.norm(aside)),
+        frames=len(foot),
+    )
+
+
+def principal_rotations(vectors: Array) -> tuple[Array, Array]:
+    """Principal directions (3, 3), as rows, of rotation vectors (n, 3) [rad], and the RMS rotation (3,) about each.
+
+    Raises
+    ------
+    InputError
+        The largest RMS rotation is too small to determine an axis.
+    """
+    _, size, directions = np.linalg.svd(vectors, full_matrices=False)
+    size = size / np.sqrt(len(vectors))
+    if size[0] < LEAST_EXCURSION:
+        raise InputError(
+            f"the ankle turned by {np.rad2deg(size[0]):.1f} deg RMS, expected {np.rad2deg(LEAST_EXCURSION):.0f} deg or "
+            "more for a functional axis; record a range-of-motion trial, or set hinge to anatomical"
+        )
+    return directions, size
+
+
+def rotation_vectors(foot: Array, shank: Array) -> Array:
+    """Rotation vectors (n, 3) [rad] of the foot relative to the shank, from the mean orientation, in static axes."""
+    relative = Rotation.from_matrix(np.einsum("nji,njk->nik", shank, foot))
+    mean = relative.mean()
+    return np.asarray((relative * mean.inv()).as_rotvec())
+
+
+def common_point(feet: Sequence[Poses], shanks: Sequence[Poses], start: Array) -> tuple[Array, float]:
+    """The point (3,) [m] that moves alike with foot and shank, nearest to `start`, and the RMS distance [m] that
+    remains."""
+    turned = np.concatenate([f.rotation - s.rotation for f, s in zip(feet, shanks, strict=True)])
+    apart = np.concatenate([f.point(start) - s.point(start) for f, s in zip(feet, shanks, strict=True)])
+    shift = np.linalg.lstsq(turned.reshape(-1, 3), -apart.reshape(-1), rcond=FLAT)[0]
+    remaining = apart + turned @ shift
+    return start + shift, float(np.sqrt(np.mean(np.sum(remaining**2, axis=1))))
+
+
+def with_hinge(calibration: StaticCalibration, hinge: Hinge) -> StaticCalibration:
+    """The calibration with the functional axis and centre in place of the anatomical ones."""
+    return replace(calibration, ankle_axis=hinge.axis, ankle_centre=hinge.centre)
+
+
+def hinge_row(hinge: Hinge, axis: str) -> dict[str, object]:
+    """The row of `hinge.csv`. `axis` names the axis that the analysis uses: `anatomical` or `functional`."""
+    return {
+        "axis": axis,
+        **{f"functional_{name}": float(value) for name, value in zip("xyz", hinge.axis, strict=True)},
+        "angle_deg": float(np.rad2deg(hinge.angle)),
+        "distance_mm": 1e3 * hinge.distance,
+        "excursion_deg": float(np.rad2deg(hinge.excursion)),
+        "off_axis_deg": float(np.rad2deg(hinge.off_axis)),
+        "gap_mm": 1e3 * hinge.gap,
+        "frames": hinge.frames,
+    }

@@ -1,0 +1,348 @@
+"""What a crossing must have right: axes and side, labels, encoder, direction, shift of the platform, body mass."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+from scipy.spatial.transform import Rotation
+
+from osl_analysis.columns import AXES
+from osl_analysis.errors import InputError
+from osl_analysis.measured import check_measured
+from osl_analysis.signals import LowPass, sampling_rate
+from osl_analysis.timebase.gaps import GapLimits
+from osl_analysis.trial import Array, Trial
+from osl_analysis.uniform import uniform_signals
+from osl_analysis.walking.bodies import (
+    SEGMENTS,
+    Poses,
+    StaticCalibration,
+    cluster_poses,
+    marker_tracks,
+    reference_positions,
+)
+from osl_analysis.walking.events import Stance
+from osl_analysis.walking.settings import MarkerSettings
+
+LOADED = 0.5
+"""Share of the largest force above which a sample counts as loaded."""
+FIRST, LAST = 0.1, 0.9
+"""Phases of stance between which the shank leans forward."""
+LATE = (0.5, 0.9)
+"""Phases of stance in which the foot pushes: the internal moment is a plantarflexion moment in every gait."""
+SIDE_REMEDY = (
+    "correct `side`, exchange ankle_medial and ankle_lateral, or correct the labels of the static trial's markers"
+)
+
+
+def check_vertical(force: Array) -> None:
+    """Refuse a load (n, 3) [N] that does not act along +z.
+
+    Raises
+    ------
+    InputError
+        Names the axis along which the load acts, and `axes` of the source file that turns it up.
+    """
+    size = np.linalg.norm(force, axis=1)
+    if not size.any():
+        return
+    mean = force[size > LOADED * size.max()].mean(axis=0)
+    axis = int(np.argmax(np.abs(mean)))
+    if axis == 2 and mean[2] > 0:
+        return
+    along = f"{'-' if mean[axis] < 0 else '+'}{AXES[axis]}"
+    remedy = {
+        "+y": "its vertical axis is y; state `axes: [x, -z, y]` in the source file",
+        "-z": "the force is of the other sign; correct `sign` or the plate's corners in the source file",
+    }.get(along, "state `axes` in the source file, so that z points up")
+    raise InputError(f"the load on the plate acts along {along} ({mean[axis]:.0f} N), expected +z: {remedy}")
+
+
+def check_heading(phase: Array, shank_from_ankle: Array, axis: Array) -> None:
+    """Refuse a shank that leans backwards over stance, seen along the ankle's axis: the axis points to the right.
+
+    phase: of stance (n,).
+    shank_from_ankle: a point of the shank minus the ankle (n, 3) [m].
+    axis: the ankle's axis (n, 3), to the left.
+
+    Raises
+    ------
+    InputError
+        The side is wrong, or the malleoli are exchanged.
+    """
+    forward = np.cross(axis, [0.0, 0.0, 1.0])
+    first, last = (int(np.argmin(np.abs(phase - edge))) for edge in (FIRST, LAST))
+    ahead = np.sum(shank_from_ankle * forward, axis=1)
+    if ahead[last] <= ahead[first]:
+        raise InputError(
+            f"the shank moves {100 * (ahead[first] - ahead[last]):.0f} cm backwards over the foot in stance: the "
+            f"ankle's axis points to the wrong side; {SIDE_REMEDY}"
+        )
+
+
+def check_push(phase: Array, torque: Array) -> None:
+    """Refuse an ankle torque (n,) [N*m] that pulls the toes up in late stance.
+
+    Raises
+    ------
+    InputError
+        Side, malleoli, plate or its corners are wrong.
+    """
+    mean = float(torque[(phase >= LATE[0]) & (phase <= LATE[1])].mean())
+    if mean < 0:
+        raise InputError(
+            f"the ankle's moment in late stance is {mean:.0f} N*m, expected a plantarflexion moment above 0: "
+            f"{SIDE_REMEDY}; or correct the plate's corners and channels"
+        )
+
+
+MOST_FRAMES = 40
+"""Frames in which exchanges are tried, spread over those that are not rigid as labelled."""
+FEWEST_FRAMES = 5
+"""Fewest frames that are not rigid: single ones are a matter of noise, not of labels."""
+
+Positions = dict[str, Array]
+"""Positions by label: (n, 3) [m] in n frames, or (3,) [m] in the static trial."""
+
+
+def exchanged_labels(
+    trial: Trial, calibration: StaticCalibration, settings: MarkerSettings, segments: Sequence[str] = SEGMENTS
+) -> str:
+    """Which labels are exchanged, for a message; empty if clusters are rigid as labelled, or no exchange makes them so.
+
+    Two labels of any clusters are exchanged in turn, and those of whole foot and shank in the order of the settings.
+    The exchange must bring the median residual of every cluster below `largest_residual_mm`.
+    """
+    names = {segment: getattr(settings.markers, segment) for segment in segments}
+    try:
+        tracks = {label: marker_tracks(trial, [label])[1][:, 0] for labels in names.values() for label in labels}
+        static = {s: dict(zip(n, reference_positions(getattr(calibration, s), n, trial.name), strict=True))
+                  for s, n in names.items()}  # fmt: skip
+    except InputError:
+        return ""
+    limit = settings.largest_residual_mm * 1e-3
+    labelled = np.max([residuals(static[s], tracks) for s in names], axis=0)
+    wrong = np.flatnonzero(labelled > limit)
+    if len(wrong) < FEWEST_FRAMES:
+        return ""
+    rows = wrong[np.linspace(0, len(wrong) - 1, min(MOST_FRAMES, len(wrong))).astype(int)]
+    some = {label: track[rows] for label, track in tracks.items()}
+    misfits = {how: misfit(static, exchanged(some, pairs)) for how, pairs in exchanges(names)}
+    best = min(misfits, key=lambda how: misfits[how])
+    if not misfits[best] <= limit:
+        return ""
+    before, after = 1e3 * float(np.median(labelled[rows])), 1e3 * misfits[best]
+    return (
+        f"{best} look exchanged in {len(wrong)} frames: markers lie {before:.0f} mm from their rigid bodies as "
+        f"labelled, {after:.1f} mm after the exchange; correct the labels of this trial, or of its static trial"
+    )
+
+
+def exchanges(names: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, list[tuple[str, str]]]]:
+    """The exchanges that are tried: words for a message, and pairs of labels."""
+    for a, b in combinations([label for labels in names.values() for label in labels], 2):
+        yield f"the labels {a} and {b}", [(a, b)]
+    foot, shank = names.get("foot", ()), names.get("shank", ())
+    if foot and len(foot) == len(shank):
+        yield "the labels of foot and shank", list(zip(foot, shank, strict=True))
+
+
+def exchanged(tracks: Positions, pairs: Sequence[tuple[str, str]]) -> Positions:
+    """The tracks with the labels of each pair exchanged."""
+    other = dict(pairs) | {b: a for a, b in pairs}
+    return {label: tracks[other.get(label, label)] for label in tracks}
+
+
+def misfit(static: Mapping[str, Positions], tracks: Positions) -> float:
+    """Largest median residual [m] of the clusters."""
+    return max(float(np.median(residuals(cluster, tracks))) for cluster in static.values())
+
+
+def residuals(cluster: Positions, tracks: Positions) -> Array:
+    """RMS distance (n,) [m] of a cluster's markers from their rigid body; 0 in frames with hidden markers."""
+    observed = np.stack([tracks[label] for label in cluster], axis=1)
+    return np.nan_to_num(cluster_poses(np.array(list(cluster.values())), observed).residual)
+
+
+LARGEST_DELAY_S = 0.05
+"""Largest delay [s] between the clocks; beyond it they are not aligned."""
+NEWTON_STEPS = 8
+FEWEST_SAMPLES = 30
+
+
+@dataclass(frozen=True)
+class EncoderCheck:
+    """The encoder's angle minus the markers'.
+
+    offset: [rad].
+    delay: [s], positive if the encoder's clock is late.
+    rms: RMS [rad] of the difference that remains after both are removed.
+    """
+
+    offset: float
+    delay: float
+    rms: float
+
+
+def compare_encoder(
+    time: Array,
+    theta: Array,
+    encoder_time: Array,
+    encoder: Array,
+    low_pass: LowPass,
+    usable: NDArray[np.bool_] | None = None,
+) -> EncoderCheck | None:
+    """Compare the angle (n,) [rad] at `time` [s] with the encoder's (k,), which passes the angle's low-pass here.
+
+    The encoder's stamps are uniform; only rows at which it is `usable` (k,) are compared.
+
+    Least squares of theta_encoder(t + delay) = theta(t) + offset by Gauss and Newton; None if the two overlap in fewer
+    than 30 samples.
+
+    Raises
+    ------
+    InputError
+        The delay exceeds 50 ms: the clocks are not aligned, or the encoder belongs to another joint. Or a signal is not
+        finite or cannot be measured.
+    """
+    check_measured("the angle from markers", theta)
+    check_measured("the encoder's angle", encoder)
+    spare = LARGEST_DELAY_S + 1 / sampling_rate(time)
+    rows = (time > encoder_time[0] + spare) & (time < encoder_time[-1] - spare) if len(encoder_time) else time < -1
+    if usable is not None and len(encoder_time):
+        rows &= np.interp(time, encoder_time, usable) == 1
+    if rows.sum() < FEWEST_SAMPLES:
+        return None
+    spline = make_interp_spline(encoder_time, low_pass(encoder, sampling_rate(encoder_time)), k=5)
+    offset, delay = 0.0, 0.0
+    for _ in range(NEWTON_STEPS):
+        difference = spline(time[rows] + delay) - theta[rows] - offset
+        columns = np.column_stack([np.ones(len(difference)), -spline(time[rows] + delay, 1)])
+        change = np.linalg.lstsq(columns, difference, rcond=None)[0]
+        offset, delay = offset + float(change[0]), delay + float(change[1])
+        if abs(delay) > LARGEST_DELAY_S:
+            raise InputError(
+                f"the leg's joint encoder does not follow the angle from markers within {LARGEST_DELAY_S * 1e3:g} ms; "
+                "check the sync line, and which encoder and which sign the source file maps to theta"
+            )
+    difference = spline(time[rows] + delay) - theta[rows] - offset
+    return EncoderCheck(offset, delay, float(np.sqrt(np.mean(difference**2))))
+
+
+def encoder_check(trial: Trial, time: Array, theta: Array, low_pass: LowPass) -> EncoderCheck | None:
+    """The leg's joint encoder compared with the angle (n,) [rad] from markers; None in a trial without one."""
+    samples = trial.samples
+    if "theta" not in samples.columns or samples["theta"].count() < FEWEST_SAMPLES:
+        return None
+    own = uniform_signals(trial, ["theta"], GapLimits(cutoff_hz=low_pass.cutoff_hz))
+    return compare_encoder(time, theta, own.time, own["theta"], low_pass, own.usable)
+
+
+UP, DOWN = "up", "down"
+"""Names of the directions in sheet and tables: toes up (dorsiflexion), and toes down."""
+
+
+def platform_turn(time: Array, platform: Poses, axis: Array, window: tuple[float, float]) -> float:
+    """Largest turn [rad] of the platform about the ankle's axis within a `window` [s]; toes up is positive.
+
+    `platform` has n poses at `time` (n,) [s], `axis` (n, 3) is the ankle's in the laboratory, to the person's left: a
+    positive rotation about it turns the toes down. The turn is from the last pose before the window, in the laboratory,
+    so that it does not matter how the platform stood in the static trial or which way the person walks.
+    """
+    start = max(int(np.searchsorted(time, window[0])) - 1, 0)
+    rows = slice(start, int(np.searchsorted(time, window[1], side="right")))
+    since = platform.rotation[rows] @ platform.rotation[start].T
+    turns = -Rotation.from_matrix(since).as_rotvec() @ axis[start]
+    return float(turns[np.argmax(np.abs(turns))])
+
+
+def check_direction(trial: str, stated: str | None, turn: float | None) -> None:
+    """Refuse a direction in the sheet that is not that of the measured `turn` [rad, toes up].
+
+    Raises
+    ------
+    InputError
+        They differ.
+    """
+    if stated is None or turn is None or (turn > 0) == (stated == UP):
+        return
+    measured = UP if turn > 0 else DOWN
+    raise InputError(
+        f"trial {trial}: the platform turned by {np.rad2deg(turn):.1f} deg (positive: toes up), but the sheet says "
+        f"direction '{stated}', expected '{measured}'; correct the sheet, or exclude the trial"
+    )
+
+
+BEFORE_S = 0.1
+"""Length [s] of the interval before heel strike in which the platform rests."""
+
+
+def platform_shift(time: Array, platform: Poses, stance: Stance) -> float:
+    """Largest shift [m] of the platform's markers in stance, from their mean place just before heel strike.
+
+    Where they are hidden before heel strike, from their place at the start of stance. NaN if they are always hidden.
+    """
+    seen, centre = platform.seen(), platform.position
+    inside = seen & (time >= stance.heel_strike) & (time <= stance.toe_off)
+    if not inside.any():
+        return float("nan")
+    before = seen & (time >= stance.heel_strike - BEFORE_S) & (time < stance.heel_strike)
+    rest = centre[before].mean(axis=0) if before.any() else centre[inside][0]
+    return float(np.linalg.norm(centre[inside] - rest, axis=1).max())
+
+
+def check_translation(time: Array, platform: Poses, stance: Stance, largest: float) -> None:
+    """Refuse a platform that does not turn, but shifts by more than `largest` [m] in stance.
+
+    It is no unperturbed crossing. It is not analysed as a perturbed one either: onset, direction and shape of a
+    perturbation are those of the platform's turn, and the ankle turns by what the leg does, late and little, instead of
+    by what the platform does.
+
+    Raises
+    ------
+    InputError
+        Names the shift.
+    """
+    shift = platform_shift(time, platform, stance)
+    if shift > largest:
+        raise InputError(
+            f"the platform shifts by {1e3 * shift:.0f} mm in stance without a turn, expected {1e3 * largest:g} mm or "
+            "less: a translation is neither an unperturbed crossing nor a turn of the ankle, and is not analysed; give "
+            "the trial the experiment ingest_only, or correct largest_shift_mm"
+        )
+
+
+DISAGREE = 0.1
+"""Share by which the masses of sheet and recording may differ: clothes, shoes and the leg weigh something."""
+POSSIBLE_KG = (10.0, 300.0)
+"""Body masses [kg] of people."""
+
+
+def body_mass(trial: Trial, sheet: float | None, configured: float | None = None) -> float | None:
+    """Body mass [kg] of a trial; None if nobody states it.
+
+    The sheet's is used, else the recording's, else the configured one of the campaign. A recording that states 0 states
+    none.
+
+    Raises
+    ------
+    InputError
+        Sheet and recording differ by more than a tenth, or the mass is not one of a person.
+    """
+    recorded = trial.provenance.get("mocap", {}).get("body_mass_kg") or None
+    if sheet and recorded and abs(sheet / recorded - 1) > DISAGREE:
+        raise InputError(
+            f"trial {trial.name}: body_mass_kg is {sheet:g} in the sheet and {recorded:g} in the recording; correct "
+            "the sheet, or leave its cell empty to use the recording's"
+        )
+    mass = sheet or recorded or configured
+    if mass and not POSSIBLE_KG[0] <= mass <= POSSIBLE_KG[1]:
+        where = "sheet" if sheet else "recording" if recorded else "configuration"
+        raise InputError(
+            f"trial {trial.name}: a body mass of {mass:g} kg, from the {where}, is not one of a person; state "
+            "body_mass_kg in the sheet, in kg"
+        )
+    return float(mass) if mass else None

@@ -1,0 +1,251 @@
+"""Unperturbed gait on a common grid of stance phase, and the phase of a crossing on it."""
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from osl_analysis.errors import InputError
+from osl_analysis.measured import rounding_of
+from osl_analysis.trial import Array
+from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.settings import StanceSource
+
+MOST_NAMED = 8
+"""Most crossings that a message names."""
+PHASES = np.linspace(0.0, 1.0, 401)
+"""Phases of stance at which unperturbed crossings are sampled, finer than the markers' frames."""
+
+
+@dataclass(frozen=True)
+class UnperturbedGait:
+    """Unperturbed crossings at `PHASES`: 0 at heel strike, 1 at toe-off.
+
+    names: the crossings.
+    theta: ankle angle (crossings, phases) [rad].
+    torque: ankle torque (crossings, phases) [N*m].
+    stance: duration of stance (crossings,) [s].
+    plate_errors: (m, crossings, phases) [N*m], as in `Crossing`.
+    """
+
+    names: tuple[str, ...]
+    theta: Array
+    torque: Array
+    stance: Array
+    plate_errors: Array
+
+    def mean_plate_errors_at(self, phase: Array) -> Array:
+        """Plate errors (m, k) [N*m] of the mean crossing at phases (k,)."""
+        return at_phases(self.plate_errors.mean(axis=1), phase)
+
+
+def unperturbed_gait(
+    crossings: Sequence[Crossing], fewest: int, lost: Mapping[str, str] | None = None
+) -> UnperturbedGait:
+    """Crossings on the common grid of stance phase. `lost` has the reasons of those that are not used, by trial.
+
+    Raises
+    ------
+    InputError
+        There are fewer than `fewest`.
+    """
+    if len(crossings) < fewest:
+        if lost:
+            raise InputError(
+                f"{len(crossings)} of {len(crossings) + len(lost)} unperturbed crossings can be used"
+                f"{' (' + ', '.join(c.name for c in crossings) + ')' if crossings else ''}, expected {fewest} or more; "
+                + most_frequent(lost)
+            )
+        raise InputError(
+            f"{len(crossings)} unperturbed crossings ({', '.join(c.name for c in crossings) or 'none'}), expected "
+            f"{fewest} or more; record more, or exclude fewer in the sheet"
+        )
+    theta, torque, plate_errors = (
+        np.stack([signal_at(c, getattr(c, signal), stance_times(c)) for c in crossings], axis=-2)
+        for signal in ("theta", "torque", "plate_errors")
+    )
+    stance = np.array([c.stance.duration for c in crossings])
+    return UnperturbedGait(tuple(c.name for c in crossings), theta, torque, stance, plate_errors)
+
+
+def most_frequent(reasons: Mapping[str, str]) -> str:
+    """The most frequent reason by trial, with one trial's words, and how often; for a message.
+
+    Reasons that differ in numbers and in the trial's name alone are one.
+    """
+    said = {trial: why.removeprefix(f"trial {trial}: ") for trial, why in reasons.items()}
+    kinds = {trial: re.sub(r"[-+]?\d+(\.\d+)?", "#", why) for trial, why in said.items()}
+    kind, count = Counter(kinds.values()).most_common(1)[0]
+    trial = next(name for name, of in kinds.items() if of == kind)
+    others = len(reasons) - count
+    more = f" beside {others} for other reasons, which walking_crossings.csv lists" if others else ""
+    alike = ", ".join(name for name, of in kinds.items() if of == kind)
+    times = f"{count} times ({alike})" if 1 < count <= MOST_NAMED else f"{count} times"
+    return f"{times}{more}, as in {trial}: {said[trial]}"
+
+
+def stance_times(crossing: Crossing, phases: Array = PHASES) -> Array:
+    """Times [s] of the phases (k,) of a crossing's stance."""
+    return crossing.stance.heel_strike + phases * crossing.stance.duration
+
+
+def signal_at(crossing: Crossing, signal: Array, time: Array) -> Array:
+    """Signals (..., n) of a crossing at other times (k,) [s], by a cubic spline; constant beyond the recording."""
+    inside = np.clip(time, crossing.time[0], crossing.time[-1])
+    return np.asarray(make_interp_spline(crossing.time, signal, k=3, axis=-1)(inside))
+
+
+def at_phases(curves: Array, phase: Array) -> Array:
+    """Curves (..., `PHASES`) at other phases (k,): (..., k), by a cubic spline."""
+    return np.asarray(make_interp_spline(PHASES, curves, k=3, axis=-1)(phase))
+
+
+ORDERS = tuple(range(1, 9))
+"""Orders of the polynomials among which that of the drift is chosen."""
+STRIDE = 4
+"""Every fourth phase is compared: a low-pass of 20 Hz leaves no more in an angle."""
+SMALLEST, LARGEST = 0.75, 1.33
+"""Bounds of a scale."""
+STEPS, LONGEST_STEP, LAST_STEP = 15, 0.05, 1e-6
+"""Largest number of steps to a scale, the longest step, and the step that ends the search."""
+
+
+def steadiest_scales(phase: Array, curve: Array, curves: Array) -> tuple[float, Array]:
+    """Scales of one curve (k,), and of the unperturbed `curves` (n, m), which are sampled at m uniform phases 0 to 1.
+
+    `phase` (k,) are the first of these phases. The drift has the order at which the scales of the n curves scatter
+    least, among those at which every curve has a scale. All are NaN if there is no such order.
+    """
+    both = np.vstack([curve, curves[:, : len(phase)]])[:, ::STRIDE]
+    found = matched_scales(phase[::STRIDE], both, curves.mean(axis=0), ORDERS)
+    scatters = np.where(np.isfinite(found).all(axis=1), np.std(found[:, 1:], axis=1), np.inf)
+    best = int(np.argmin(scatters))
+    if not np.isfinite(scatters[best]):
+        return float("nan"), np.full(len(curves), np.nan)
+    return float(found[best, 0]), found[best, 1:]
+
+
+def matched_scales(phase: Array, curves: Array, mean: Array, orders: Sequence[int] = ORDERS) -> Array:
+    """The scales r (orders, m) at which curves, as functions of r p, are most like the mean curve; NaN without one.
+
+    phase: phases p (k,), from heel strike on.
+    curves: (m, k), at p.
+    mean: (n,), the mean curve at n uniform phases from 0 to 1.
+    orders: of the drift.
+
+    A curve is like the mean if it is a multiple of it plus a polynomial. The scale solves this nonlinear least-squares
+    problem by the method of Gauss and Newton, from 1 on. There is none if the search ends at a bound or does not end,
+    or if the mean is itself a polynomial, apart from rounding.
+    """
+    spline = make_interp_spline(np.linspace(0.0, 1.0, len(mean)), mean, k=3)
+    slope, drift = spline.derivative(), Drift.of(phase, orders)
+    nothing = len(phase) * rounding_of(mean)
+    scales = np.ones((len(orders), len(curves)))
+    step = np.full_like(scales, np.inf)
+    for _ in range(STEPS):
+        there = np.clip(scales[..., None] * phase, 0.0, 1.0)
+        expected = spline(there)
+        size, change, left = (drift.beside(v) for v in (expected, phase * slope(there), curves - expected))
+        step = np.clip(second_coefficient(size, change, left, nothing), -LONGEST_STEP, LONGEST_STEP)
+        scales = np.clip(scales + step, SMALLEST, LARGEST)
+        if np.all(np.abs(step) < LAST_STEP):
+            break
+    settled = (np.abs(step) < LAST_STEP) & (scales > SMALLEST) & (scales < LARGEST)
+    return np.where(settled, scales, np.nan)
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Polynomials of several orders over k phases.
+
+    columns: orthonormal polynomials (k, p), of order 0, 1, ...
+    used: 1 for those up to each order (orders, 1, p), else 0.
+    """
+
+    columns: Array
+    used: Array
+
+    @classmethod
+    def of(cls, phase: Array, orders: Sequence[int]) -> "Drift":
+        """Drifts of some orders at phases (k,)."""
+        powers = np.vander(phase / phase[-1], max(orders) + 1, increasing=True)
+        columns = np.linalg.qr(powers)[0]
+        return cls(columns, (np.arange(columns.shape[1]) <= np.array(orders)[:, None])[:, None].astype(float))
+
+    def beside(self, curves: Array) -> Array:
+        """What the drift of each order leaves of curves (orders, m, k)."""
+        return np.asarray(curves - ((curves @ self.columns) * self.used) @ self.columns.T)
+
+
+def second_coefficient(first: Array, second: Array, values: Array, smallest: float) -> Array:
+    """Coefficients (...) of `second` in the regressions of `values` on `first` and `second`, (..., k) each.
+
+    NaN where the sum of squares of one of them, beside the other, is `smallest` or less.
+    """
+    ff, fs, ss = (np.sum(a * b, axis=-1) for a, b in ((first, first), (first, second), (second, second)))
+    alone = ss * ff - fs**2
+    some = (ff > smallest) & (ss > smallest) & (alone > smallest * ff)
+    numerator = ff * np.sum(second * values, axis=-1) - fs * np.sum(first * values, axis=-1)
+    return np.where(some, numerator, np.nan) / np.where(some, alone, 1.0)
+
+
+BEFORE_ONSET_S = 0.03
+"""Time [s] before the onset at which the matching ends: the filter spreads the response into it."""
+FEWEST_PHASES = 20
+"""Fewest of the `PHASES` before the onset from which a pace is read: 5 % of stance."""
+
+
+@dataclass(frozen=True)
+class AlignedGait:
+    """How a perturbed crossing and the unperturbed ones lie on the mean gait.
+
+    stance: duration of stance [s] of the perturbed crossing that converts time to phase.
+    scales: phase of the mean gait over own phase (crossings,), of each unperturbed crossing.
+    expected: duration of stance [s] that the gait before the onset leads to expect; NaN if it is like the mean gait at
+        no pace.
+    """
+
+    stance: float
+    scales: Array
+    expected: float
+
+    def curves(self, unperturbed: Array, phase: Array) -> Array:
+        """The unperturbed curves (crossings, `PHASES`) at phases (k,) of the mean gait: (crossings, k)."""
+        if (self.scales == 1).all():
+            return at_phases(unperturbed, phase)
+        own = np.clip(phase / self.scales[:, None], 0.0, 1.0)
+        return np.array([at_phases(curve, there) for curve, there in zip(unperturbed, own, strict=True)])
+
+
+def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource) -> AlignedGait:
+    """The alignment of a perturbed crossing, whose duration of stance comes from `source`.
+
+    Raises
+    ------
+    InputError
+        `matched`, and the gait before the onset is like the mean gait at no pace.
+    """
+    own, usual = crossing.stance.duration, float(np.mean(gait.stance))
+    scale, others = matched_scales_of(crossing, gait)
+    expected = own / scale * float(others.mean())
+    if source != "matched":
+        return AlignedGait(own if source == "own" else usual, np.ones(len(gait.names)), expected)
+    if not np.isfinite(scale):
+        raise InputError(
+            f"trial {crossing.name}: its ankle angle before the onset is like that of the mean unperturbed gait at no "
+            f"pace between {SMALLEST:g} and {LARGEST:g} of its own; exclude the trial, give it another group, or state "
+            "perturbed_stance: own"
+        )
+    return AlignedGait(own / scale, others, expected)
+
+
+def matched_scales_of(crossing: Crossing, gait: UnperturbedGait) -> tuple[float, Array]:
+    """Scales of a perturbed crossing and of the unperturbed ones (crossings,), from heel strike to before the onset."""
+    onset = crossing.stance.toe_off if crossing.onset is None else crossing.onset
+    phase = PHASES[(onset - BEFORE_ONSET_S - crossing.stance.heel_strike) / crossing.stance.duration >= PHASES]
+    if len(phase) < FEWEST_PHASES:
+        return float("nan"), np.full(len(gait.names), np.nan)
+    return steadiest_scales(phase, signal_at(crossing, crossing.theta, stance_times(crossing, phase)), gait.theta)

@@ -1,0 +1,679 @@
+"""One shape of the platform's motion, and how a crossing follows it: start, amplitude, duration."""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import polars as pl
+from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
+from scipy.optimize import OptimizeResult, least_squares
+from scipy.special import betainc, chdtri
+
+from osl_analysis.errors import InputError
+from osl_analysis.signals import runs
+from osl_analysis.trial import Array, Trial
+from osl_analysis.walking.bodies import (
+    BodyMotion,
+    Calibrations,
+    Mask,
+    Poses,
+    StaticCalibration,
+    calibration_of,
+    reference_positions,
+    segment_poses,
+)
+from osl_analysis.walking.plate import rotation_from_rest
+from osl_analysis.walking.platform_motion import PlatformTrack, directions, gate, noise_gain, shared_directions
+from osl_analysis.walking.settings import PlatformMotionSettings, PlatformSettings
+
+LEAD_S = 0.15
+"""Time [s] before the middle of the rise at which the shape begins."""
+KNOT_S = 0.01
+"""Distance [s] between the knots of the shape: 50 Hz, beyond the low-pass of the analysis."""
+GRID_S = 0.002
+"""Step [s] of the shape as it is stored."""
+ROUNDS = 6
+"""Alternations of shape and alignment. A start that is 5 ms off is right to 1e-5 s after four."""
+LARGEST_STEP_S = 0.02
+"""Largest change [s] of a start in one step of Gauss and Newton."""
+UNLIKE = 4.0
+"""A crossing does not follow the shape if its misfit lies this many standard deviations above that of noise."""
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """How one crossing follows the shape.
+
+    name: the trial.
+    start: time [s] at which the motion starts.
+    start_se: its standard error [s] from the marker noise of this crossing. What all share is in `PlatformTemplate`.
+    amplitude: size of the motion, 1 on average, negative in the other direction.
+    duration: time scale of the motion, 1 on average; 1 for all where it does not scatter.
+    duration_se: standard error of a free time scale.
+    shared: covariance [s] of the errors of start and time scale.
+    offset: coordinates (r,) [m] at rest.
+    misfit: mean square of the filtered difference between motion and shape, over that of noise.
+    follows: whether the misfit is that of noise.
+    """
+
+    name: str
+    start: float
+    start_se: float
+    amplitude: float
+    duration: float
+    duration_se: float
+    shared: float
+    offset: Array
+    misfit: float
+    follows: bool
+
+
+@dataclass(frozen=True)
+class PlatformTemplate:
+    """The shape that motions of the platform share.
+
+    axes: directions (r, 6) of the motion, as in `PlatformTrack`.
+    time: grid (g,) [s] from the start of the motion.
+    shape: coordinates (g, r) [m] from rest, of a motion of amplitude 1.
+    noise: standard deviation [m] of the noise in one frame of a crossing.
+    crossings: number of crossings whose mean the shape is.
+    scaled: whether the duration of the motion differs between crossings.
+    start_se: standard error [s] of the start of the shape, which shifts the start of every crossing alike.
+    start_shape: [s], as `shape` of `RiseStart`.
+    """
+
+    axes: Array
+    time: Array
+    shape: Array
+    noise: float
+    crossings: int
+    scaled: bool
+    start_se: float = 0.0
+    start_shape: float = 0.0
+
+    @cached_property
+    def spline(self) -> BSpline:
+        """The spline through the shape."""
+        return make_interp_spline(self.time, self.shape, k=5)
+
+    def at(self, time: Array, derivative: int = 0) -> Array:
+        """Coordinates (n, r) [m], or their derivative, at times [s] from the start; constant beyond the grid."""
+        inside = (time >= self.time[0]) & (time <= self.time[-1])
+        values = self.spline(np.clip(time, self.time[0], self.time[-1]), derivative)
+        return np.asarray(values if derivative == 0 else values * inside[:, None])
+
+    def grid_noise(self, rate: float) -> float:
+        """Standard deviation [m] of the noise in each sample of the shape, as if it were independent of the others, for
+        crossings of `rate` frames per second [Hz]."""
+        return float(self.noise / np.sqrt(self.crossings * rate * GRID_S))
+
+    def curve(self, time: Array, alignment: Alignment) -> Array:
+        """Coordinates (n, r) [m] from rest, at times [s], of a crossing that follows the shape."""
+        return alignment.amplitude * self.at((time - alignment.start) / alignment.duration)
+
+
+def mean_shape(
+    tracks: Sequence[PlatformTrack],
+    alignments: Sequence[Alignment],
+    axes: Array,
+    ends: tuple[float, float],
+    noise: float,
+    scaled: bool,
+) -> PlatformTemplate:
+    """The least-squares spline through all aligned motions. The mean size and duration of its crossings are 1."""
+    size = float(np.mean([abs(a.amplitude) for a in alignments]))
+    duration = float(np.exp(np.mean([np.log(a.duration) for a in alignments])))
+    time, values, weights = [], [], []
+    for track, a in zip(tracks, alignments, strict=True):
+        since, amplitude = (track.time - a.start) / (a.duration / duration), a.amplitude / size
+        near = (since >= ends[0]) & (since <= ends[1])
+        time.append(since[near])
+        values.append((track.measured[near] @ axes.T - a.offset) / amplitude)
+        weights.append(np.full(near.sum(), abs(amplitude)))
+    order = np.argsort(np.concatenate(time), kind="stable")
+    step = max(KNOT_S, 1.5 / tracks[0].rate)
+    inner = np.linspace(*ends, round((ends[1] - ends[0]) / step) + 1)[1:-1]
+    stamps = np.concatenate(time)[order]
+    edges = [stamps[0]] * 4, [stamps[-1]] * 4
+    spline = make_lsq_spline(
+        stamps, np.concatenate(values)[order], np.r_[edges[0], inner, edges[1]], k=3, w=np.concatenate(weights)[order]
+    )
+    grid = np.arange(np.ceil(stamps[0] / GRID_S), np.floor(stamps[-1] / GRID_S) + 1) * GRID_S
+    shape = spline(grid)
+    rest = shape[grid <= grid[0] + LEAD_S / 4].mean(axis=0)
+    return PlatformTemplate(axes, grid, shape - rest, noise, len(tracks), scaled)
+
+
+def aligned(track: PlatformTrack, guess: Alignment, template: PlatformTemplate, scaled: bool) -> Alignment:
+    """The start, amplitude and, if `scaled`, duration with which a motion follows a shape, by Gauss and Newton."""
+    measured, a = track.measured @ template.axes.T, guess if scaled else replace(guess, duration=1.0)
+    r = measured.shape[1]
+    for _ in range(ROUNDS):
+        since = (track.time - a.start) / a.duration
+        near = (since >= template.time[0]) & (since <= template.time[-1])
+        shape, slope = template.at(since[near]), template.at(since[near], 1)
+        amplitude = a.amplitude if abs(a.amplitude) > 0.1 else 1.0
+        columns = [shape, -slope * amplitude / a.duration, -slope * since[near, None] * amplitude / a.duration]
+        moving = np.stack([c.T.ravel() for c in columns[: 3 if scaled else 2]], axis=1)
+        constant = np.repeat(np.eye(r), near.sum(), axis=0)
+        design = np.hstack([moving, constant])
+        linear = (measured[near] - amplitude * shape).T.ravel()
+        change = np.linalg.lstsq(design, linear)[0]
+        a = replace(
+            a,
+            amplitude=amplitude + float(change[0]),
+            start=a.start + float(np.clip(change[1], -LARGEST_STEP_S, LARGEST_STEP_S)),
+            duration=float(np.clip(a.duration + (change[2] if scaled else 0.0), 0.5, 2.0)),
+            offset=change[-r:],
+        )
+    covariance = template.noise**2 * np.linalg.inv(design.T @ design)
+    errors, shared = np.sqrt(np.diag(covariance)), float(covariance[1, 2])
+    misfit, follows = misfit_of(track, a, template)
+    return replace(
+        a,
+        start_se=float(errors[1]),
+        duration_se=float(errors[2]) if scaled else 0.0,
+        shared=shared if scaled else 0.0,
+        misfit=misfit,
+        follows=follows,
+    )
+
+
+def moved_start(a: Alignment, later: float) -> Alignment:
+    """The alignment whose start is a point of the shape `later` [s] than now: more uncertain where durations are."""
+    variance = a.start_se**2 + 2 * later * a.shared + (later * a.duration_se) ** 2
+    return replace(
+        a,
+        start=a.start + later * a.duration,
+        start_se=float(np.sqrt(variance)),
+        shared=a.shared + later * a.duration_se**2,
+    )
+
+
+def misfit_of(track: PlatformTrack, a: Alignment, template: PlatformTemplate) -> tuple[float, bool]:
+    """Mean square of the filtered difference between a motion and its shape over that of noise, and whether it is
+    noise's."""
+    difference = track.measured @ template.axes.T - a.offset - template.curve(track.time, a)
+    since = (track.time - a.start) / a.duration
+    near = (since >= template.time[0]) & (since <= template.time[-1])
+    inside = near & (since <= template.time[-1] - 2 * track.spread)
+    difference[~near] = 0.0
+    filtered = track.low_pass(difference, track.rate)[inside]
+    gain = noise_gain(track.low_pass, track.rate)
+    before = filtered[since[inside] < template.time[0] + LEAD_S / 2]
+    level = max(template.noise**2 * gain, float(np.mean(before**2)) if before.size else 0.0)
+    misfit = float(np.mean(filtered**2)) / level
+    independent = max(filtered.size * gain, 1.0)
+    return misfit, bool(misfit < 1 + UNLIKE * np.sqrt(2 / independent))
+
+
+KINDS = (3, 1, 2, 4)
+"""Smooth steps that a mean rise is compared with: I(x; p, p) is a straight ramp for p = 1, a cubic for 2, minimum jerk
+for 3, of seventh degree for 4."""
+PREFERRED = 30.0
+"""Minimum jerk is used unless another step lowers chi-square by more than this. The starts of two steps that fit alike
+differ by 6 to 10 % of the rise, so that a choice by less would scatter the onset by several ms."""
+EXCLUDED = 9.0
+"""A step is excluded if its chi-square is larger than the least by more than this: 1 in 400 by noise alone."""
+FITTED = 0.7
+"""Share of the rise that is fitted. The half of it tells the start a third less well. The end may overshoot."""
+PLATEAU = 0.95
+"""Share of the largest displacement from which a rise has ended."""
+
+
+@dataclass(frozen=True)
+class RiseStart:
+    """The start of a mean rise.
+
+    time: [s].
+    se: its standard error [s] from noise.
+    shape: largest change [s] of the start by another smooth step that fits as well, 0 if none does. Not in `se`.
+    kind: the smooth step that was fitted, of `KINDS`.
+    """
+
+    time: float
+    se: float
+    shape: float
+    kind: int
+
+
+def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
+    """The start of a mean motion (n, r) [m] from rest, along its largest displacement.
+
+    A smooth step is fitted to `FITTED` of the rise. `noise` [m] is the standard deviation of each sample, as if it
+    were independent of the others. The fitted step is that of minimum jerk, unless another one is far more likely.
+    """
+    size = np.linalg.norm(coordinates, axis=1)
+    largest = int(np.argmax(size))
+    turned = coordinates @ coordinates[largest] / size[largest]
+    height = float(turned[turned > PLATEAU * turned[largest]].mean())
+    half = int(np.argmax(turned >= height / 2))
+    level = int(np.flatnonzero(turned[:half] < height / 10)[-1])
+    quick = 2 * float(time[half] - time[level]) / 0.6
+    guess = np.array([time[half] - quick / 2, quick, 0.0])
+    end = int(np.argmax(turned >= FITTED * height)) + 1
+    near, share = time[:end], turned[:end] / height
+    found = {p: fitted_step(near, share, guess, noise / height, p) for p in KINDS}
+    best = min(found, key=lambda p: found[p].cost)
+    kind = best if 2 * (found[KINDS[0]].cost - found[best].cost) > PREFERRED else KINDS[0]
+    fit = found[kind]
+    alike = [one.x[0] for one in found.values() if 2 * (one.cost - found[best].cost) < EXCLUDED]
+    shape = max((abs(float(start - fit.x[0])) for start in alike), default=0.0)
+    return RiseStart(float(fit.x[0]), float(np.sqrt(np.linalg.inv(fit.jac.T @ fit.jac)[0, 0])), shape, kind)
+
+
+def fitted_step(time: Array, share: Array, guess: Array, noise: float, p: int) -> OptimizeResult:
+    """The step I(x; p, p) of some start [s] and duration [s], from some level, that fits a rise from 0 towards 1.
+
+    `guess` (3,) are the three. Residuals are in units of the `noise` of a sample, so that `cost` is half of
+    chi-square.
+    """
+
+    def difference(step: Array) -> Array:
+        x = np.clip((time - step[0]) / step[1], 0, 1)
+        return np.asarray((betainc(p, p, x) + step[2] - share) / noise)
+
+    return least_squares(difference, guess, x_scale=[0.01, 0.05, 0.01], diff_step=[1e-4, 1e-4, 1e-4])
+
+
+CHANCE = 1e-3
+"""The duration of the motion is free where noise alone would scatter it as much with this probability only;
+a trigger's latency is constant unless the starts' noise would scatter it as much with less."""
+FEWEST = 2
+"""Fewest crossings whose mean is a shape."""
+
+
+def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[PlatformTemplate, list[Alignment]]:
+    """The shape of the motions in two or more crossings, and how each follows it.
+
+    The shape ends 50 ms after a `window` [s] that begins in the middle of its rise. Its zero of time is its own start
+    (`start_of_rise`). A crossing that does not follow it has no part in it.
+
+    Raises
+    ------
+    InputError
+        Fewer than two crossings follow one shape.
+    """
+    if len(tracks) < FEWEST:
+        raise InputError(f"{len(tracks)} motions of the platform, expected {FEWEST} or more to find what they share")
+    ends = -LEAD_S, window + 0.05
+    axes = common_directions(tracks, ends)
+    noise = float(np.sqrt(np.mean([track.noise**2 for track in tracks])))
+    alignments = [first_alignment(track, axes) for track in tracks]
+    template, alignments = alternated(tracks, alignments, axes, ends, noise, False)
+    free = [aligned(track, a, template, True) for track, a in zip(tracks, alignments, strict=True)]
+    scatter = np.array([(a.duration - 1) / a.duration_se for a in free])
+    if np.sum((scatter - scatter.mean()) ** 2) > chdtri(len(tracks) - 1, CHANCE):
+        template, alignments = alternated(tracks, free, axes, ends, noise, True)
+    for _ in range(len(tracks)):
+        following = [a.follows for a in alignments]
+        if all(following) or sum(following) < FEWEST:
+            break
+        kept = [t for t, used in zip(tracks, following, strict=True) if used]
+        known = [a for a in alignments if a.follows]
+        template, _ = alternated(kept, known, axes, ends, noise, template.scaled)
+        alignments = [aligned(track, a, template, template.scaled) for track, a in zip(tracks, alignments, strict=True)]
+        if [a.follows for a in alignments] == following:
+            break
+    if sum(a.follows for a in alignments) < FEWEST:
+        raise InputError("the platform moves in another way in each crossing, so that each keeps its own motion")
+    rise = start_of_rise(template.time, template.shape, template.grid_noise(tracks[0].rate))
+    begun = [moved_start(a, rise.time) for a in alignments]
+    return replace(template, time=template.time - rise.time, start_se=rise.se, start_shape=rise.shape), begun
+
+
+def alternated(
+    tracks: Sequence[PlatformTrack],
+    alignments: Sequence[Alignment],
+    axes: Array,
+    ends: tuple[float, float],
+    noise: float,
+    scaled: bool,
+) -> tuple[PlatformTemplate, list[Alignment]]:
+    """Shape and alignments in turn, until both stand."""
+    found = list(alignments)
+    for _ in range(ROUNDS):
+        template = mean_shape(tracks, found, axes, ends, noise, scaled)
+        found = [aligned(track, a, template, scaled) for track, a in zip(tracks, found, strict=True)]
+    return template, found
+
+
+def middle_of_rise(track: PlatformTrack) -> tuple[float, float]:
+    """Time [s] at which the largest displacement from rest is half reached, and that displacement [m]."""
+    moved = np.linalg.norm(track.filtered - track.rest, axis=1)
+    top = float(moved.max())
+    row = int(np.argmax(moved > top / 2))
+    share = (top / 2 - moved[row - 1]) / (moved[row] - moved[row - 1]) if row else 1.0
+    return float(track.time[max(row - 1, 0)] + share * (track.time[1] - track.time[0])), top
+
+
+def common_directions(tracks: Sequence[PlatformTrack], ends: tuple[float, float]) -> Array:
+    """Directions (r, 6) of the motions about the middle of their rise. Where each rests is not a direction."""
+    moved = []
+    for track in tracks:
+        since = track.time - middle_of_rise(track)[0]
+        near = track.filtered[(since >= ends[0]) & (since <= ends[1])]
+        moved.append(near - near.mean(axis=0))
+    noise = float(np.sqrt(np.mean([track.noise**2 for track in tracks])))
+    return directions(moved, noise, tracks[0].low_pass, tracks[0].rate)
+
+
+def first_alignment(track: PlatformTrack, axes: Array) -> Alignment:
+    """A motion by the middle of its rise, with the sign of its largest displacement along the first direction."""
+    middle, _ = middle_of_rise(track)
+    moved = (track.filtered - track.rest) @ axes.T
+    size = float(moved[np.argmax(np.abs(moved[:, 0])), 0])
+    return Alignment(track.name, middle, 0.0, size, 1.0, 0.0, 0.0, track.rest @ axes.T, 0.0, True)
+
+
+GROUPS = 10
+"""Largest number of groups of crossings that are left out in turn, for the jackknife of the shape."""
+
+
+def without_groups(
+    tracks: Sequence[PlatformTrack], alignments: Sequence[Alignment], template: PlatformTemplate
+) -> tuple[PlatformTemplate, ...]:
+    """The shape without each of up to `GROUPS` groups of the crossings that follow it."""
+    pairs = [(t, a) for t, a in zip(tracks, alignments, strict=True) if a.follows]
+    groups = min(len(pairs), GROUPS)
+    ends, found = (float(template.time[0]), float(template.time[-1])), []
+    for group in range(groups):
+        kept = [pair for index, pair in enumerate(pairs) if index % groups != group]
+        shape = mean_shape([t for t, _ in kept], [a for _, a in kept], template.axes, ends, template.noise, False)
+        size = float(np.mean([abs(a.amplitude) for _, a in kept]))
+        duration = float(np.exp(np.mean([np.log(a.duration) for _, a in kept])))
+        found.append(replace(template, time=shape.time / duration, shape=shape.shape / size))
+    return tuple(found)
+
+
+def jackknife_rows(plate: Sequence[Array], platform: Sequence[Array]) -> Array:
+    """Rows (m, n) [N*m] whose jackknife has the sum of the variances of two independent sources.
+
+    `plate` are the changes without each plate trial, `platform` those without each group of crossings in the shape of
+    the platform's motion. The jackknife's variance of k rows is (k - 1)/k times their sum of squares about the mean.
+    """
+    if not len(platform):
+        return np.array(plate)
+    sources = [np.array(rows) for rows in (plate, platform) if len(rows) > 1]
+    total = sum(len(rows) for rows in sources)
+    scaled = [
+        (rows - rows.mean(axis=0)) * np.sqrt((len(rows) - 1) / len(rows) * total / (total - 1)) for rows in sources
+    ]
+    return np.concatenate(scaled) if scaled else np.array(plate)
+
+
+COLUMN = "trigger"
+SMALLEST_LEVEL_V = 0.5
+"""Smallest difference [V] between the trigger's levels that is an edge."""
+FEWEST_TRIGGERS = 3
+"""Fewest crossings with a trigger from which a latency is judged."""
+
+
+@dataclass(frozen=True)
+class TriggerEdge:
+    """The first rise of a trial's trigger.
+
+    time: [s], halfway between the last low and the first high sample.
+    step: time [s] between them.
+    """
+
+    time: float
+    step: float
+
+
+@dataclass(frozen=True)
+class TriggerLatency:
+    """The latency of the platform's motion behind its trigger.
+
+    mean: [s].
+    sd: scatter [s] over crossings.
+    template_se: standard error [s] with which the shared shape shows the start of one crossing.
+    resolution: standard deviation [s] of an edge that is known to one sample.
+    crossings: number of crossings.
+    used: whether the latency is constant, so that the trigger tells the onset.
+    """
+
+    mean: float
+    sd: float
+    template_se: float
+    resolution: float
+    crossings: int
+    used: bool
+
+
+def trigger_edge(trial: Trial) -> TriggerEdge | None:
+    """The first rise of the trigger through the middle of its levels; None without a trigger that is finite and
+    has an edge."""
+    if COLUMN not in trial.samples.columns:
+        return None
+    rows = trial.sampled(COLUMN)
+    time, level = rows["time"].to_numpy(), rows[COLUMN].to_numpy()
+    if len(level) < 2 or not np.isfinite(level).all() or np.ptp(level) < SMALLEST_LEVEL_V:
+        return None
+    high = level > (level.max() + level.min()) / 2
+    rises = np.flatnonzero(~high[:-1] & high[1:])
+    if not len(rises):
+        return None
+    row = int(rises[0])
+    return TriggerEdge(float(time[row] + time[row + 1]) / 2, float(time[row + 1] - time[row]))
+
+
+def trigger_latency(
+    alignments: Sequence[Alignment], triggers: Mapping[str, float], step: float
+) -> TriggerLatency | None:
+    """Latency [s] of the starts behind the triggers, sampled every `step` [s]; None with fewer than three crossings.
+
+    It is constant if its scatter is that of the starts' standard errors and of the sampling.
+    """
+    both = [(a.start - triggers[a.name], a.start_se) for a in alignments if a.name in triggers]
+    if len(both) < FEWEST_TRIGGERS:
+        return None
+    late, errors = np.array(both).T
+    resolution = step / np.sqrt(12)
+    expected = float(np.mean(errors**2)) + resolution**2
+    constant = np.sum((late - late.mean()) ** 2) / expected < chdtri(len(late) - 1, CHANCE)
+    template_se = float(np.sqrt(np.mean(errors**2)))
+    return TriggerLatency(
+        float(late.mean()), float(late.std(ddof=1)), template_se, float(resolution), len(late), bool(constant)
+    )
+
+
+FADE_S = 0.025
+"""Time [s] over which the shape gives way to a crossing's own motion, at the shape's end."""
+
+NUMBERS = (
+    "onset_s", "template_onset_s", "template_onset_se_s", "shared_onset_se_s", "onset_shape_s", "amplitude", "duration",
+    "misfit",
+)  # fmt: skip
+MORE_NUMBERS = ("trigger_s", "latency_s", "latency_sd_s")
+PLATFORM_COLUMNS = (
+    {"trial": pl.String}
+    | dict.fromkeys(NUMBERS, pl.Float64)
+    | {"follows": pl.Int64, "directions": pl.Int64}
+    | dict.fromkeys(MORE_NUMBERS, pl.Float64)
+    | {"trigger_used": pl.Int64}
+)
+
+
+@dataclass(frozen=True)
+class PlatformModel:
+    """What the platform's motions have in common.
+
+    template: the shape; None if they share none.
+    reason: why there is no shape.
+    alignments: how each perturbed crossing follows it, by trial.
+    triggers: time [s] of the trigger's edge, by trial, where it is recorded.
+    latency: of the motion behind the trigger; None where no trigger is recorded, or no shape shared.
+    leave_out: the shape without each of up to ten groups of crossings.
+    """
+
+    template: PlatformTemplate | None
+    reason: str | None
+    alignments: dict[str, Alignment]
+    triggers: dict[str, float]
+    latency: TriggerLatency | None
+    leave_out: tuple[PlatformTemplate, ...] = ()
+
+    def onset(self, trial: str, own: float) -> float:
+        """Onset [s] of a trial's perturbation. `own` [s] is the one that the trial shows alone.
+
+        From the trigger, where its latency is constant and the trigger is sampled more finely than the shape tells the
+        start, or where the trial does not follow the shape; else from the shape.
+        """
+        a = self.alignments.get(trial)
+        follows = a is not None and a.follows
+        late = self.latency
+        constant = late is not None and late.used and trial in self.triggers
+        if late is not None and constant and (not follows or late.resolution < late.template_se):
+            return self.triggers[trial] + late.mean
+        return a.start if a is not None and follows else own
+
+    def onset_se(self, a: Alignment) -> float:
+        """Standard error [s] of a start by the shape: its crossing's noise, and that of the shape's own start."""
+        return float(np.hypot(a.start_se, self.template.start_se if self.template is not None else 0.0))
+
+    def followed(self, trial: str) -> Alignment | None:
+        """How a trial follows the shape; None if it does not."""
+        a = self.alignments.get(trial)
+        return a if self.template is not None and a is not None and a.follows else None
+
+
+ALONE = PlatformModel(None, "each crossing is analysed alone", {}, {}, None)
+"""No shared motion of the platform."""
+
+
+def identify_platform(
+    trials: Sequence[Trial], calibrations: Calibrations, settings: PlatformMotionSettings
+) -> PlatformModel:
+    """The shape that the platform's motions share in perturbed crossings. Without one, each keeps its own motion.
+
+    A crossing whose platform is hidden, or does not turn by `perturbation_deg`, has no part; its analysis says so.
+    """
+    if moved := differing_clusters([calibration_of(calibrations, trial.name) for trial in trials], settings):
+        warnings.warn(f"each crossing keeps its own motion of the platform: {moved}", stacklevel=2)
+        return PlatformModel(None, moved, {}, {}, None)
+    tracks = []
+    for trial in trials:
+        try:
+            tracks.append(turning_track(trial, calibration_of(calibrations, trial.name), settings))
+        except InputError as error:
+            warnings.warn(f"trial {trial.name}: has no part in the platform's shared motion: {error}", stacklevel=2)
+    try:
+        template, alignments = platform_template(tracks, settings.window_s)
+    except InputError as error:
+        return PlatformModel(None, str(error), {}, {}, None)
+    for a in alignments:
+        if not a.follows:
+            warnings.warn(
+                f"trial {a.name}: the platform does not move as in the other crossings (misfit {a.misfit:.1f} times "
+                "that of marker noise): its own motion is used, which has more noise",
+                stacklevel=2,
+            )
+    edges = {t.name: trigger_edge(t) for t in trials}
+    triggers = {name: edge.time for name, edge in edges.items() if edge is not None}
+    step = max((edge.step for edge in edges.values() if edge is not None), default=0.0)
+    latency = trigger_latency([a for a in alignments if a.follows], triggers, step)
+    left = without_groups(tracks, alignments, template)
+    return PlatformModel(template, None, {a.name: a for a in alignments}, triggers, latency, left)
+
+
+def differing_clusters(calibrations: Sequence[StaticCalibration], settings: PlatformMotionSettings) -> str:
+    """Why motions measured with these calibrations cannot be compared, for a message; empty if they can.
+
+    The coordinates of a motion are those of its cluster: of the place of each platform marker among the others.
+    """
+    labels, limit = settings.markers.platform, settings.largest_residual_mm
+    clusters = [reference_positions(c.platform, labels, "static") for c in calibrations]
+    local = [cluster - cluster.mean(axis=0) for cluster in clusters]
+    apart = [1e3 * float(np.sqrt(np.mean(np.sum((one - local[0]) ** 2, axis=1)))) for one in local]
+    if max(apart, default=0.0) <= limit:
+        return ""
+    return (
+        f"the platform markers {', '.join(labels)} stand {max(apart):.0f} mm (RMS) otherwise in one static trial than "
+        f"in another, expected {limit:g} mm or less; leave them in place between sessions, or analyse sessions apart"
+    )
+
+
+def turning_track(trial: Trial, calibration: StaticCalibration, settings: PlatformMotionSettings) -> PlatformTrack:
+    """The platform's coordinates in the run of frames in which it turns.
+
+    Raises
+    ------
+    InputError
+        It does not turn, or its markers are hidden.
+    """
+    time, poses = segment_poses(trial, settings.markers.platform, calibration.platform, settings)
+    turned = np.nan_to_num(rotation_from_rest(poses))
+    if not len(turned) or turned.max() < np.deg2rad(settings.perturbation_deg):
+        raise InputError(f"the platform does not turn by {settings.perturbation_deg:g} deg")
+    return track_about(trial.name, time, poses, calibration, settings, float(time[np.argmax(turned)]))
+
+
+def track_about(
+    trial: str, time: Array, poses: Poses, calibration: StaticCalibration, settings: PlatformSettings, instant: float
+) -> PlatformTrack:
+    """The platform's coordinates in the run of seen frames about an instant [s], from its poses at times (n,) [s]."""
+    labels = settings.markers.platform
+    reference = reference_positions(calibration.platform, labels, trial)
+    around = [run for run in runs(poses.seen()) if time[run.start] <= instant <= time[run.stop - 1]]
+    if not around:
+        raise InputError(f"the platform markers {', '.join(labels)} are hidden at {instant:.3f} s")
+    return PlatformTrack.of(trial, time[around[0]], poses[around[0]], reference, settings.low_pass)
+
+
+def inertial_motion(
+    track: PlatformTrack, centre: Array, template: PlatformTemplate | None = None, follows: Alignment | None = None
+) -> BodyMotion:
+    """Motion (n,) of the plate's centre, at rest at `centre` (3,) [m], without accelerations where the platform rests.
+
+    Until the shape ends, a crossing that `follows` it moves by the shape. Otherwise, and afterwards, it moves as
+    measured, along its own directions.
+    """
+    if template is None or follows is None:
+        own = shared_directions([track])[0]
+        motion, weights = track.own_motion(own, centre)
+        return motion.weighted(weights)
+    since = (track.time - follows.start) / follows.duration
+    end = float(template.time[-1]) - FADE_S
+    shared = (follows.offset + template.curve(track.time, follows)) @ template.axes
+    rest = track.rest - track.rest @ template.axes.T @ template.axes
+    later = np.clip((since - end) / FADE_S, 0, 1)[:, None]
+    measured = track.measured @ template.axes.T @ template.axes
+    motion = track.motion_of(rest + (1 - later) * shared + later * measured, centre)
+    return motion.weighted(gate(track.time, moves_with(track, template, follows, since, end), track.spread))
+
+
+def moves_with(track: PlatformTrack, template: PlatformTemplate, follows: Alignment, since: Array, end: float) -> Mask:
+    """Frames (n,) in which a platform moves: by the shape, whose noise is that of a mean, and as measured after it."""
+    sharper = float(np.sqrt(template.crossings))
+    curve = track.low_pass(template.curve(track.time, follows), track.rate)
+    shared = replace(track, filtered=curve, noise=track.noise / sharper).moves(np.eye(curve.shape[1]))
+    return np.asarray(np.where(since < end, shared, track.moving))
+
+
+def platform_table(model: PlatformModel) -> pl.DataFrame:
+    """`platform.csv`: one row per perturbed crossing whose platform was seen."""
+    late = model.latency
+    rows = [
+        {
+            "trial": a.name,
+            "onset_s": model.onset(a.name, a.start),
+            "template_onset_s": a.start,
+            "template_onset_se_s": model.onset_se(a),
+            "shared_onset_se_s": model.template and model.template.start_se,
+            "onset_shape_s": model.template and model.template.start_shape,
+            "amplitude": a.amplitude,
+            "duration": a.duration,
+            "misfit": a.misfit,
+            "follows": int(a.follows),
+            "directions": None if model.template is None else len(model.template.axes),
+            "trigger_s": model.triggers.get(a.name),
+            "latency_s": late and late.mean,
+            "latency_sd_s": late and late.sd,
+            "trigger_used": int(late is not None and late.used),
+        }
+        for a in model.alignments.values()
+    ]
+    return pl.DataFrame(rows, schema=PLATFORM_COLUMNS)

@@ -112,7 +112,7 @@ def completion(shell: str) -> None:
 
 def print_first_look(folder: Path) -> None:
     """Print what the first bench trials of a campaign give, or why nothing can be said."""
-    from osl_analysis.commands.first_look import first_look
+    from osl_analysis.commands.inspect import first_look
     from osl_analysis.errors import OslAnalysisError
 
     try:

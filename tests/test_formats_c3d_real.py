@@ -10,7 +10,7 @@ import pytest
 from c3d_builder import REAL_DATA
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.c3d_file import read_c3d
+from osl_analysis.formats.c3d import read_c3d
 
 C3D = REAL_DATA / "c3d"
 needs_real_data = pytest.mark.skipif(not C3D.is_dir(), reason="real data are not here")

@@ -6,9 +6,7 @@ import pytest
 
 from osl_analysis.formats import csv_plain
 from osl_analysis.formats.csv_plain import PlainBody
-from osl_analysis.formats.csv_rows import CsvLayout
-from osl_analysis.formats.csv_table import read_csv_table, table_of
-from osl_analysis.formats.csv_text import read_lines
+from osl_analysis.formats.csv_table import CsvLayout, read_csv_table, read_lines, table_of
 
 HEAD = "# bench 4\ntime [s],torque [N*m],angle [deg]\n"
 ROWS = [

@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.json_numbers import addresses_in_line
+from osl_analysis.formats.json_lines import addresses_in_line
 from osl_analysis.formats.mcap.mcap_file import read_mcap
 from osl_analysis.formats.mcap.topics import Decoded, decode_topics
 from osl_analysis.formats.messages.field_path import last_name, path_to

@@ -19,10 +19,9 @@ from osl_analysis.columns import marker_columns
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.ingest.alignment import marker_angle
-from osl_analysis.ingest.assemble import merged
-from osl_analysis.ingest.clock import ClockFit
+from osl_analysis.ingest.clock import ClockFit, marker_angle
 from osl_analysis.ingest.known_formats import FORMATS
+from osl_analysis.ingest.raw_files import merged
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.trial import Trial, read_trial, write_trial
 

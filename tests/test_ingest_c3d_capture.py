@@ -10,9 +10,8 @@ from c3d_builder import write_c3d
 
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
-from osl_analysis.formats.c3d_file import read_c3d
-from osl_analysis.ingest.c3d_capture import read_c3d_capture
-from osl_analysis.ingest.c3d_source import C3dSource
+from osl_analysis.formats.c3d import read_c3d
+from osl_analysis.ingest.c3d_capture import C3dSource, read_c3d_capture
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.known_formats import read_source
 

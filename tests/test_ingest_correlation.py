@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.correlation import Course, correlate_clocks
+from osl_analysis.ingest.clock import Course, correlate_clocks
 
 DRIFT = 50e-6
 SLAVE_RATE, MASTER_RATE = 500.0, 300.0

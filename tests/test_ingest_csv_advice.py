@@ -12,10 +12,10 @@ from click.testing import CliRunner
 from osl_analysis.cli import main
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
-from osl_analysis.formats.csv_rows import share_above
-from osl_analysis.ingest.column_names import likely_unit
+from osl_analysis.formats.csv_table import share_above
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.known_formats import read_source
+from osl_analysis.ingest.overview import likely_unit
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.trial import Trial
 

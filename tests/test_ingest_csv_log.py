@@ -10,8 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.csv_log import read_csv_log
-from osl_analysis.ingest.csv_source import CsvSource
+from osl_analysis.ingest.csv_log import CsvSource, read_csv_log
 from osl_analysis.ingest.recording import Recording
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"

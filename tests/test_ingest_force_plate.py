@@ -10,11 +10,9 @@ import yaml
 from c3d_builder import REAL_DATA, write_c3d
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.c3d_file import read_c3d
-from osl_analysis.ingest.c3d_capture import read_c3d_capture
-from osl_analysis.ingest.c3d_plates import plates_of
-from osl_analysis.ingest.c3d_source import C3dSource
-from osl_analysis.ingest.force_plate import ForcePlate
+from osl_analysis.formats.c3d import read_c3d
+from osl_analysis.ingest.c3d_capture import C3dSource, plates_of, read_c3d_capture
+from osl_analysis.ingest.plates import ForcePlate
 
 REFERENCE = REAL_DATA / "reference" / "force_plate.csv"
 ROWS = pl.read_csv(REFERENCE) if REFERENCE.exists() else pl.DataFrame({"file": [], "plate": []})

@@ -10,8 +10,8 @@ from osl_analysis.columns import COLUMNS, FAMILIES
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.formats.csv_text import MOST_CELLS
-from osl_analysis.ingest.largest_values import LARGEST
+from osl_analysis.formats.csv_table import MOST_CELLS
+from osl_analysis.ingest.recording import LARGEST
 from osl_analysis.trial import Trial, read_trial
 
 LOG = "format: csv\ntime: {column: t, unit: s}\nchannels:\n  theta: {column: a, unit: UNIT}\n"

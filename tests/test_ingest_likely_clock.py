@@ -11,8 +11,7 @@ from test_ingest_tdms_log import write
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.commands.new_campaign import draft_campaign, left_to_decide, new_campaign
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.draft_places import open_places
-from osl_analysis.ingest.likely_clock import likely_clock
+from osl_analysis.ingest.overview import likely_clock, open_places
 
 TIME = np.arange(50) * 0.004
 SIGNALS = {"ankle_angle_deg": np.sin(TIME), "torque_Nm": np.cos(TIME)}

@@ -11,12 +11,11 @@ from test_formats_mat import RUNS, struct_array
 
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.csv_source import CsvSource
+from osl_analysis.ingest.csv_log import CsvSource
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.draft_places import UNKNOWN
 from osl_analysis.ingest.known_formats import read_source
-from osl_analysis.ingest.mat_log import read_mat_log
-from osl_analysis.ingest.mat_source import MatSource
+from osl_analysis.ingest.mat_log import MatSource, read_mat_log
+from osl_analysis.ingest.overview import UNKNOWN
 from osl_analysis.ingest.raw_files import trial_from_files
 
 TIME = np.arange(40) / 500

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.known_formats import read_source
-from osl_analysis.ingest.nexus_capture import NexusSource, read_nexus_capture
+from osl_analysis.ingest.text_captures import NexusSource, read_nexus_capture
 from osl_analysis.trial import read_trial
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"

@@ -13,7 +13,7 @@ from recognised_files import refusal_of as refused
 
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.alignment import aligned_clock
+from osl_analysis.ingest.clock import aligned_clock
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.ingest.recording import Recording

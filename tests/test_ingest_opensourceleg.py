@@ -9,8 +9,7 @@ import pytest
 
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.csv_log import read_csv_log
-from osl_analysis.ingest.csv_source import CsvSource
+from osl_analysis.ingest.csv_log import CsvSource, read_csv_log
 from osl_analysis.ingest.known_formats import read_source, recognise
 
 osl_logging = pytest.importorskip("opensourceleg.logging", reason="the package opensourceleg is not installed")

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from osl_analysis.ingest.c3d_capture import read_c3d_capture
-from osl_analysis.ingest.c3d_source import C3dSource
+from osl_analysis.ingest.c3d_capture import C3dSource, read_c3d_capture
 from osl_analysis.ingest.known_formats import read_source
 from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 from osl_analysis.simulator import messages

@@ -24,8 +24,7 @@ from osl_analysis.cli import main
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap.walk import CHUNK_HEAD, MAGIC, RECORD
-from osl_analysis.ingest.csv_log import read_csv_log
-from osl_analysis.ingest.csv_source import CsvSource
+from osl_analysis.ingest.csv_log import CsvSource, read_csv_log
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.known_formats import read_source
 from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log

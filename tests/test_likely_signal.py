@@ -3,8 +3,7 @@
 import pytest
 
 from osl_analysis.columns import COLUMNS
-from osl_analysis.ingest.draft import channel_lines
-from osl_analysis.ingest.likely_signal import likely_column
+from osl_analysis.ingest.draft import channel_lines, likely_column
 from osl_analysis.ingest.overview import RecordedChannel
 
 

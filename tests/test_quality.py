@@ -20,8 +20,7 @@ from osl_analysis.campaign_checks import check_quality
 from osl_analysis.config import campaign_config, read_section
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.ingest.c3d_capture import read_c3d_capture
-from osl_analysis.ingest.c3d_source import C3dSource
+from osl_analysis.ingest.c3d_capture import C3dSource, read_c3d_capture
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.plateaus import longest_at_extreme
 from osl_analysis.protocol.runs import Run, find_runs

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from c3d_builder import REAL_DATA, write_c3d
 
-from osl_analysis.ingest.c3d_capture import read_c3d_capture
-from osl_analysis.ingest.c3d_source import C3dSource
+from osl_analysis.ingest.c3d_capture import C3dSource, read_c3d_capture
 from osl_analysis.plateaus import run_at_extreme
 from osl_analysis.quality.checks import CheckResult, Commanded
 from osl_analysis.quality.verdict import examine

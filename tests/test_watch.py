@@ -12,11 +12,10 @@ from any_motion import TRUE, made_trial, noise
 from conftest import ROOT
 from test_new_campaign import DAMPING, INERTIA, STIFFNESS, write_joint
 
-from osl_analysis.commands import first_look
+from osl_analysis.commands import inspect as inspect_command
 from osl_analysis.commands import watch as module
-from osl_analysis.commands.arrivals import QUIET_S, Arrivals, read_notes
-from osl_analysis.commands.first_look import fit_of_row
-from osl_analysis.commands.watch import bench_of, device_of, line_of, quality_text, watch
+from osl_analysis.commands.inspect import fit_of_row
+from osl_analysis.commands.watch import QUIET_S, Arrivals, bench_of, device_of, line_of, quality_text, read_notes, watch
 from osl_analysis.shipped import default_config
 
 
@@ -185,7 +184,7 @@ def test_a_trial_of_the_sheet_is_fitted_in_its_windows_and_against_its_curve(mon
     assert [found[name] for name in TRUE] == pytest.approx(list(TRUE.values()), rel=0.01)
     assert (found["controller"], found["K_d"]) == ("mine", 250.0)
     assert "the configuration names no parameter file" in found["not_checked"]
-    monkeypatch.setattr(first_look, "fit_trial", lambda *given: given[-1].curve)
+    monkeypatch.setattr(inspect_command, "fit_trial", lambda *given: given[-1].curve)
     assert fit_of_row(trial, {"experiment": "torque_angle", "desired": "foot"}, None, default_config()) == "foot"
 
 

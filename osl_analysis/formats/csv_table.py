@@ -1,35 +1,351 @@
-"""A CSV log as a table of text cells: names, units, and rows whose cells are assigned to columns."""
+"""CSV logs: text of any encoding, delimiter and decimal sign to a table of cells, and cells to numbers."""
 
+import csv
+import math
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
+import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats.csv_plain import PlainBody, head_of, plain_lines
-from osl_analysis.formats.csv_rows import (
-    CsvLayout,
-    RowColumns,
-    check_header_place,
-    fitting_rows,
-    unpadded,
-    without_cut_line,
-    without_extra_cells,
-)
-from osl_analysis.formats.csv_text import (
-    SNIFFED,
-    Lines,
-    Rows,
-    delimiter_of,
-    is_number_cell,
-    lines_of,
-    name_and_unit,
-    read_lines,
-    split_rows,
-    without_brackets,
-)
+from osl_analysis.trial import Array
+
+DELIMITERS = {"tab": "\t", "space": " "}
+CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a]")  # bytes that no text has
+UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+SNIFFED = 50  # lines from which the delimiter is inferred
+MOST_CELLS = 16384
+"""Most cells of a line, the most columns of a spreadsheet. A file with more has lost its line breaks."""
+UNIT = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))", re.DOTALL)
+
+Lines = list[tuple[int, str]]  # number in the file, counted from 1, and text
+Rows = list[tuple[int, list[str]]]
+
+
+def read_lines(path: Path) -> Lines:
+    """The lines of a file in UTF-8, UTF-16 with its mark, or else Windows' western code page, without blank ones.
+
+    Raises
+    ------
+    InputError
+        The file holds zero bytes and is therefore not text.
+    """
+    return lines_of(path, path.read_bytes())
+
+
+def lines_of(path: Path, data: bytes) -> Lines:
+    """The lines of a file's bytes; as `read_lines`."""
+    text = decoded_text(data)
+    if "\0" in text:
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise InputError(
+            f"{path}: line {line} holds zero bytes, as a loss of power leaves them; delete the file from there on, or "
+            "name a text file"
+        )
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    return [(number, line) for number, line in enumerate(lines, start=1) if line and not line.isspace()]
+
+
+def decoded_text(data: bytes) -> str:
+    """Text in UTF-8, UTF-16 with its mark, or else Windows' western code page."""
+    if data[:2] in UTF_16_MARKS:
+        return data.decode("utf-16", errors="replace")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")
+
+
+def is_text(begin: bytes) -> bool:
+    """Whether a file that begins with these bytes is text, by its first line: a loss of power leaves zeros behind."""
+    return begin[:2] in UTF_16_MARKS or CONTROL.search(begin.partition(b"\n")[0]) is None
+
+
+def delimiter_of(lines: Lines, given: str) -> str:
+    """The delimiter that is given, or for `auto` the first of tab, `;`, `|`, `,` and blank that every line has.
+
+    The comma comes late because it may be the decimal sign, the blank last because it may stand in names; it is taken
+    only where no line has a comma.
+    """
+    if given != "auto":
+        return DELIMITERS.get(given, given)
+    sample = [text for _, text in lines if text.strip()][:SNIFFED]
+    everywhere = [sign for sign in "\t;|" if sample and all(sign in text for text in sample)]
+    spaced = sample and not any("," in text for text in sample) and all(" " in text.strip() for text in sample)
+    return everywhere[0] if everywhere else " " if spaced else ","
+
+
+def split_rows(path: Path, lines: Lines, delimiter: str) -> Rows:
+    """Cells of every line, stripped; blank lines are omitted.
+
+    Raises
+    ------
+    InputError
+        A quote is not closed on its line, a line has more than `MOST_CELLS` cells, or a cell is longer than any
+        number or name.
+    """
+    reader = csv.reader((text for _, text in lines), delimiter=delimiter, skipinitialspace=True)
+    rows: Rows = []
+    try:
+        for count, cells in enumerate(reader, start=1):
+            if reader.line_num != count:
+                raise InputError(f"{path}: line {lines[count - 1][0]}: a quote is not closed; remove it")
+            if len(cells) > MOST_CELLS:
+                raise InputError(
+                    f"{path}: line {lines[count - 1][0]} has {len(cells)} cells, at most {MOST_CELLS} are read; write "
+                    "a row per sample, each on its own line"
+                )
+            stripped = [cell.strip() for cell in cells]
+            if any(stripped):
+                rows.append((lines[count - 1][0], stripped))
+    except csv.Error as error:
+        raise InputError(f"{path}: line {lines[reader.line_num - 1][0]}: {error}; repair it") from error
+    return rows
+
+
+def name_and_unit(title: str) -> tuple[str, str]:
+    """`torque [Nm]` or `torque (Nm)` as name and unit; the unit is empty where the title has none."""
+    match = UNIT.fullmatch(title)
+    return (match[1], match[2] or match[3] or "") if match else (title, "")
+
+
+def without_brackets(unit: str) -> str:
+    """A unit below a header without the brackets around it: `[deg]` and `(deg)` are `deg`."""
+    return unit[1:-1].strip() if unit[:1] + unit[-1:] in ("[]", "()") else unit
+
+
+def numbers(
+    cells: Sequence[str | None] | pl.Series, missing: Collection[str], decimal: str
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Values (n,), and which are missing, (n,): NaN where a cell is None or one of the words in `missing`.
+
+    Raises
+    ------
+    UnreadableCellError
+        Another cell is not a finite number.
+    """
+    text = pl.Series(cells, dtype=pl.String)
+    absent = (text.is_null() | text.is_in(list(missing))).to_numpy()
+    if decimal == ",":  # a full stop then separates thousands, or the decimal sign is stated wrongly
+        stops = (text.str.contains(".", literal=True).fill_null(False).to_numpy()) & ~absent
+        if stops.any():
+            raise UnreadableCellError(int(np.argmax(stops)))
+    plain = text.str.replace(",", ".", literal=True) if decimal == "," else text
+    values = plain.cast(pl.Float64, strict=False).to_numpy().copy()
+    values[absent] = np.nan
+    for place in np.flatnonzero(~np.isfinite(values) & ~absent):
+        values[place] = number(str(plain[int(place)]), int(place))
+    return values, absent
+
+
+def number(text: str, place: int) -> float:
+    """The number in a cell that polars does not read, such as `+1.5`; `place` is for the error."""
+    if re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?", text, re.ASCII) and np.isfinite(float(text)):
+        return float(text)
+    raise UnreadableCellError(place)
+
+
+class UnreadableCellError(Exception):
+    """A cell, by its place in the column, that is not a number."""
+
+    def __init__(self, place: int) -> None:
+        super().__init__(place)
+        self.place = place
+
+
+def is_number_cell(cell: str) -> bool:
+    """Whether a cell holds a number."""
+    try:
+        number(cell, 0)
+    except UnreadableCellError:
+        return False
+    return True
+
+
+@dataclass(frozen=True)
+class CsvLayout:
+    """How a logger writes its table."""
+
+    delimiter: str = "auto"
+    """Sign between cells: `,`, `;`, `|`, `tab`, `space`, or `auto`, the first that all lines have."""
+    decimal: Literal[".", ","] = "."
+    """Decimal sign of the numbers."""
+    comment: str = "#"
+    """Sign at the beginning of comment lines; empty if there are none."""
+    header: Literal["row", "comment", "none"] = "row"
+    """Place of the columns' names: the first row, the last comment line, or none."""
+    units_row: bool = False
+    """Whether a row of units follows the header."""
+    missing: tuple[str, ...] = ("", "nan", "NaN")
+    """Cells that mean a failed reading."""
+    most_missing: float = 0.01
+    """Largest share of rows that may be skipped, and of a column's cells that may be missing."""
+    extra_cells: Literal["refuse", "first", "last"] = "refuse"
+    """Cells that every row has more than the header, without a name: whether they stand first or last. They are left
+    out."""
+    ragged: Literal["refuse", "skip", "dropped_variable"] = "refuse"
+    """Treatment of rows whose length differs from the header's.
+
+    `refuse`: the file is refused. `skip`: they are skipped and counted. `dropped_variable`: the logger omits a variable
+    after it failed. From such a row on, the columns that were missing in the row before are missing.
+    """
+
+
+@dataclass(frozen=True)
+class RowColumns:
+    """From row `first` on, cell i of a row belongs to column `columns[i]`."""
+
+    first: int
+    columns: list[int]
+
+
+def check_header_place(path: Path, header: tuple[int, list[str]], rows: Rows) -> None:
+    """Refuse a table below lines of other text, whose first line is taken for the names of its columns.
+
+    It is so where most rows have more cells than the header, and the first such row below it holds no number. One cell
+    more in the next row may be a row of units below a header that lacks a name.
+
+    Raises
+    ------
+    InputError
+        The names seem to stand further down.
+    """
+    names = unpadded(header[1], 0)
+    (width, count), *_ = Counter(len(cells) for _, cells in rows).most_common(1) or [(0, 0)]
+    wide = next(((line, cells) for line, cells in rows if len(cells) == width), None)
+    if wide is None or count <= len(rows) / 2 or width <= len(names) or width < 2:
+        return
+    line, cells = wide
+    sign = next((sign for sign in ";|\t," if len(names) == 1 and len(names[0].split(sign)) == width), "")
+    if sign:
+        raise InputError(
+            f"{path}: line {header[0]} separates the names by '{sign}', the rows below it do not; write the same sign "
+            "in all"
+        )
+    far = rows[0][0] != line or width > len(names) + 1
+    if far and not any(is_number_cell(cell.replace(",", ".")) for cell in cells):
+        raise InputError(
+            f"{path}: line {header[0]} has {len(names)} cells and most rows have {width}: the names of the columns "
+            f"seem to stand in line {line}; delete the lines above it, or begin each with `#`"
+        )
+
+
+def share_above(count: int, total: int) -> float:
+    """A share of three decimals that is at least count / total, for the user to write."""
+    return math.ceil(1000 * count / total) / 1000
+
+
+def without_extra_cells(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows, list[str]]:
+    """Rows without the cells that every row has more than the header, and what was left out.
+
+    A log whose rows fit the header is left as it is, so that one source file serves logs with and without such cells.
+
+    Raises
+    ------
+    InputError
+        Every row has the same number of cells more than the header has names, and the layout does not say which.
+    """
+    extra = {len(cells) - width for _, cells in rows}
+    count = extra.pop()
+    if extra or count < 1:
+        return rows, []
+    line, cells = rows[0]
+    if layout.extra_cells == "refuse":
+        raise InputError(
+            f"{path}: every row has {count} more cells than the header has names: line {line} begins with "
+            f"'{cells[0][:40]}' and ends with '{cells[-1][:40]}'; write `extra_cells: first` or `extra_cells: last` in "
+            "the source file to leave out those without a name"
+        )
+    first = layout.extra_cells == "first"
+    kept = [(line, cells[count:] if first else cells[:width]) for line, cells in rows]
+    return kept, [f"{path.name}: the {layout.extra_cells} {count} cells of every row have no name and were left out"]
+
+
+def unpadded(cells: list[str], width: int) -> list[str]:
+    """Cells without the empty ones beyond `width`, with which some writers pad lines."""
+    end = len(cells)
+    while end > width and not cells[end - 1]:
+        end -= 1
+    return cells[:end]
+
+
+def without_cut_line(rows: Rows, width: int) -> Rows:
+    """The rows without the last one if it has too few cells, as where the recorder was interrupted."""
+    cut = len(rows) > 1 and len(rows[-1][1]) < min(width, len(rows[-2][1]))
+    return rows[:-1] if cut else rows
+
+
+def fitting_rows(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows, list[RowColumns], list[str]]:
+    """The rows that fit, the column of each of their cells, and what was repaired."""
+    notes: list[str] = []
+    if layout.ragged == "dropped_variable":
+        rows, unnamed = without_unnamed(path, rows, width, layout)
+        columns_from, dropped = dropped_variables(path, rows, width, layout)
+        return rows, columns_from, notes + unnamed + dropped
+    odd = [(line, len(cells)) for line, cells in rows if len(cells) != width]
+    if odd and (layout.ragged == "refuse" or len(odd) > layout.most_missing * len(rows)):
+        share = share_above(len(odd), len(rows))
+        more = f" and `most_missing: {share:g}`" if share > layout.most_missing else ""
+        raise InputError(
+            f"{path}: line {odd[0][0]} has {odd[0][1]} cells under {width} names, and {len(odd)} of {len(rows)} rows "
+            f"do not fit; repair these lines, or write `ragged: skip`{more} in the source file to leave them out"
+        )
+    if odd:
+        notes.append(f"{path.name}: {len(odd)} of {len(rows)} rows do not fit the header and were skipped")
+    return [row for row in rows if len(row[1]) == width], [RowColumns(0, list(range(width)))], notes
+
+
+def without_unnamed(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows, list[str]]:
+    """Rows without the cells of variables that failed before the logger wrote its header, which lacks their names.
+
+    The logger of `opensourceleg` writes the header with the first thousand rows, after these variables were omitted.
+    They are the ones that were missing in the last row that has them. Rows that this does not explain stay as they are.
+    """
+    first = next((place for place, (_, cells) in enumerate(rows) if len(cells) == width), 0)
+    lengths = {len(cells) for _, cells in rows[:first]}
+    extra = lengths.pop() - width if len(lengths) == 1 else 0
+    if extra < 1:
+        return rows, []
+    unnamed = [place for place, cell in enumerate(rows[first - 1][1]) if cell in layout.missing]
+    if len(unnamed) != extra:
+        return rows, []
+    kept = [(line, [cell for place, cell in enumerate(cells) if place not in unnamed]) for line, cells in rows[:first]]
+    which = ", ".join(str(place + 1) for place in unnamed)
+    note = f"{path.name}: up to line {rows[first - 1][0]}, cells {which} of every row have no name and were left out"
+    return [*kept, *rows[first:]], [note]
+
+
+def dropped_variables(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple[list[RowColumns], list[str]]:
+    """The columns of each row of a logger that omits failed variables: those that were missing in the row before.
+
+    Raises
+    ------
+    InputError
+        A row is longer than the row before it, or the number of omitted cells differs from the number of cells missing
+        before. The columns of its cells are then unknown.
+    """
+    columns_from, notes, columns = [RowColumns(0, list(range(width)))], [], list(range(width))
+    for place, (line, cells) in enumerate(rows):
+        if len(cells) == len(columns):
+            continue
+        before = rows[place - 1][1] if place else []
+        failed = [column for column, cell in zip(columns, before, strict=False) if cell in layout.missing]
+        if len(cells) > len(columns) or len(columns) - len(cells) != len(failed):
+            raise InputError(
+                f"{path}: line {line} has {len(cells)} cells where {len(columns)} were, and {len(failed)} were missing "
+                "in the line before: it is unknown which column was omitted; cut the file off there"
+            )
+        columns = [column for column in columns if column not in failed]
+        columns_from.append(RowColumns(place, columns))
+        notes.append(f"{path.name}: from line {line} on, columns {', '.join(str(c + 1) for c in failed)} are missing")
+    return columns_from, notes
 
 
 @dataclass(frozen=True)

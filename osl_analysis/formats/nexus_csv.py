@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis.errors import InputError, listing
-from osl_analysis.formats.csv_text import (
+from osl_analysis.formats.csv_table import (
     Rows,
     UnreadableCellError,
     decoded_text,

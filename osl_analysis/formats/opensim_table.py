@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from osl_analysis.errors import InputError, listing, nearest
-from osl_analysis.formats.csv_text import Rows, UnreadableCellError, decoded_text, is_text, numbers, read_lines
+from osl_analysis.formats.csv_table import Rows, UnreadableCellError, decoded_text, is_text, numbers, read_lines
 from osl_analysis.trial import Array
 
 END = re.compile(r"^[ \t]*endheader[ \t\r]*$", re.MULTILINE | re.IGNORECASE)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.csv_text import CONTROL, UTF_16_MARKS, decoded_text
+from osl_analysis.formats.csv_table import CONTROL, UTF_16_MARKS, decoded_text
 from osl_analysis.formats.json_lines import is_json_lines
 
 FIRST_BYTES = 1 << 16

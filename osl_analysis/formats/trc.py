@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.csv_rows import unpadded
-from osl_analysis.formats.csv_text import (
+from osl_analysis.formats.csv_table import (
     Rows,
     UnreadableCellError,
     decoded_text,
@@ -16,6 +15,7 @@ from osl_analysis.formats.csv_text import (
     number,
     numbers,
     read_lines,
+    unpadded,
 )
 from osl_analysis.trial import Array
 

@@ -1,20 +1,93 @@
-"""A draft of a source file, from the content of the file that it describes.
+"""Drafts of source files, of the section `walking`, and of a sample sheet, from files and their names.
 
-Texts from files are untrusted and therefore quoted. They are written as JSON strings, which are valid YAML and have
-every control character as an escape.
+Texts from files are untrusted and therefore quoted, as JSON strings, which are valid YAML and have every control
+character as an escape. Nothing is taken as told that is not: a trial that no name describes is `ingest_only`.
 """
 
 import json
+import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
 
 from osl_analysis.columns import COLUMNS
-from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
-from osl_analysis.ingest.draft_walking import draft_walking
 from osl_analysis.ingest.known_formats import FORMATS
-from osl_analysis.ingest.likely_signal import is_certain, likely_column
-from osl_analysis.ingest.overview import Overview, RecordedChannel
-from osl_analysis.ingest.units import base_units, normalised
+from osl_analysis.ingest.overview import NAME_OF_TIME, UNKNOWN, Overview, RecordedChannel
+from osl_analysis.ingest.units import base_units, dimension, normalised
+
+MOTOR = r"\b(motor|actuator|act|output|gear|mot)\b"
+COMMAND = r"\b(command|commanded|cmd|desired|des|ref|reference|target|setpoint|goal)\b"
+ANGLE = r"(angle|position|pos|theta|encoder)"
+SPEED = r"(velocity|vel|speed|omega)"
+EFFORT = r"(torque|moment|tau|effort)"
+PATTERNS = {
+    "sync": (r"\bsync", ""),
+    "trigger": (r"\btrig(ger)?\b", ""),
+    "theta_command": (COMMAND, rf"\b({EFFORT}|{SPEED}|current|stiffness|damping)\b"),
+    "theta_m": (rf"{MOTOR}.*\b{ANGLE}\b|\b{ANGLE} (m\b|{MOTOR})", COMMAND),
+    "omega_m": (rf"{MOTOR}.*\b{SPEED}\b|\bomega m\b", COMMAND),
+    "torque_m": (rf"{MOTOR}.*\b{EFFORT}\b|\b{EFFORT} m\b", COMMAND),
+    "current": (r"\b(current|amps|iq|i q)\b", COMMAND),
+    "torque": (rf"\b({EFFORT}|load ?cell)\b", rf"{COMMAND}|{MOTOR}|ground"),
+    "theta": (rf"\b({ANGLE}|ankle|knee|hip|joint)\b", rf"{COMMAND}|{MOTOR}|\b{SPEED}\b"),
+}
+"""By column: what the words of a name contain, and what they do not. The first that fits is the guess."""
+
+
+BY_UNIT = {dimension("rad"): "theta", dimension("N*m"): "torque", dimension("A"): "current"}
+"""What is guessed of a name that tells nothing, by what its unit measures."""
+OTHER = rf"\b(ground|battery|supply|imu|roll|pitch|yaw|phase|current|{ANGLE}|{SPEED}|{EFFORT})\b"
+"""Words of names of which only a unit does not tell enough."""
+
+
+def likely_column(channel: RecordedChannel) -> str:
+    """The canonical column that a channel may be; empty where name and unit tell none.
+
+    A stated or likely unit must be one of the column's.
+    """
+    words = words_of(" ".join(value for key, value in channel.address.items() if key != "topic"))
+    unit = channel.unit or channel.likely_unit
+    measured = base_units(normalised(unit)) if unit else None
+    for column, (wanted, unwanted) in PATTERNS.items():
+        is_level = column in ("sync", "trigger")
+        fits = is_level or measured is None or measured[1] == dimension(COLUMNS[column].unit)
+        if fits and re.search(wanted, words) and not (unwanted and re.search(unwanted, words)):
+            return column
+    known = BY_UNIT.get(measured[1], "") if measured else ""
+    unwanted = f"{COMMAND}|{OTHER}" if known == "current" else f"{COMMAND}|{OTHER}|{MOTOR}"
+    return "" if re.search(unwanted, words) else known
+
+
+PLAIN = {
+    "theta": "ankle foot joint angle position pos theta encoder measured meas name",
+    "theta_m": "actuator motor output angle position pos theta m encoder measured meas",
+    "torque": "ankle foot joint torque moment tau load cell loadcell measured meas sensor",
+    "current": "motor actuator current iq i q amps measured meas",
+    "sync": "sync", "trigger": "trigger trig",
+}  # fmt: skip
+"""By column: the words of a name that leave no doubt. `theta_d` may be a command, `knee_angle` is another joint's."""
+
+
+def is_certain(channel: RecordedChannel, column: str) -> bool:
+    """Whether the name of a channel has no word that could make it another quantity than `column`.
+
+    The words of its unit do not count.
+    """
+    name = " ".join(value for key, value in channel.address.items() if key != "topic")
+    words, unit = words_of(name).split(), words_of(channel.likely_unit).split()
+    if unit and not channel.unit and words[-len(unit) :] == unit:
+        words = words[: -len(unit)]
+    return bool(words) and set(words) <= set(PLAIN.get(column, "").split())
+
+
+def words_of(name: str) -> str:
+    """The words of a name in small letters: `JointAngle_deg` is `joint angle deg`."""
+    parted = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name)
+    return " ".join(re.findall(r"[a-z]+|\d+", parted.casefold()))
+
 
 HINT = (
     f"# give each signal that you need its canonical name instead of NAME_n, state what is {UNKNOWN}, delete the rest"
@@ -121,3 +194,208 @@ def unit_of(channel: RecordedChannel) -> str:
     """The unit of a channel as the file or its name tells it, where it is a known one."""
     unit = channel.unit or channel.likely_unit
     return unit if unit and base_units(normalised(unit)) is not None else UNKNOWN
+
+
+CLUSTERS = {
+    "foot": r"FOOT|SHOE|HEEL|CALC|TOE|META?\d",
+    "shank": r"SHANK|SHIN|TIB|PYLON|LEG",
+    "platform": r"PLAT|HEXAPOD|STEWART",
+}
+"""What names of markers contain, by cluster."""
+ANKLE = r"ANK|MALL?"
+SIDES = {"ankle_medial": r"MED|(^|_)M(_|MAL|$)", "ankle_lateral": r"LAT|(^|_)L(_|MAL|$)"}
+"""What the names of the malleoli contain, both."""
+FEWEST = 3
+LOADED = 100.0
+"""Range of the force [N] above which somebody stepped on a plate."""
+TITLE = "Draft of the section `walking` of the configuration, guessed from the names of markers. Check every line."
+
+
+def draft_walking(overview: Overview) -> list[str]:
+    """Lines of YAML as comments, so that they can stand below the draft of a source file.
+
+    None unless markers are named as a platform's and as a foot's or shank's. What names do not tell is UNKNOWN.
+    """
+    labels = list(dict.fromkeys(c.address["label"] for c in overview.channels if c.kind == "marker"))
+    malleoli = {key: [n for n in labels if contains(n, ANKLE) and contains(n, word)] for key, word in SIDES.items()}
+    free = [name for name in labels if not any(name in names for names in malleoli.values())]
+    clusters = {key: [name for name in free if contains(name, word)] for key, word in CLUSTERS.items()}
+    if not clusters["platform"] or not (clusters["foot"] or clusters["shank"]):
+        return []
+    lines = [
+        TITLE,
+        "walking:",
+        "  side: UNKNOWN  # left or right: the leg that steps on the platform",
+        f"  plate: {plate_text(overview, clusters['platform'])}",
+        "  markers:",
+        *(f"    {key}: {cluster_text(names)}" for key, names in clusters.items()),
+        *(f"    {key}: {malleolus_text(names)}" for key, names in malleoli.items()),
+    ]
+    return [f"# {line}" for line in lines]
+
+
+def plate_text(overview: Overview, platform: Sequence[str]) -> str:
+    """The number of the plate on the platform in YAML; of several a guess that is said to be one, or UNKNOWN.
+
+    The guess is the plate with load; of several with load the one nearest to the platform's markers.
+    """
+    plates = [channel for channel in overview.channels if channel.kind == "plate"]
+    if len(plates) == 1:
+        return "1"
+    loaded = [plate for plate in plates if (plate.load or 0.0) > LOADED]
+    if not loaded:
+        return f"{UNKNOWN}  # of {len(plates)} force plates in this file: the one on the platform"
+    own = [c for c in overview.channels if c.kind == "marker" and c.address["label"] in platform and c.centre]
+    if own and len(loaded) > 1:
+        place = np.mean([marker.centre for marker in own], axis=0)
+        guess = min(loaded, key=lambda plate: float(np.linalg.norm(np.asarray(plate.centre) - place)))
+        why = "with load the one that is nearest to the platform's markers"
+    else:
+        guess = max(loaded, key=lambda plate: plate.load or 0.0)
+        why = "the one with the load"
+    return f"{guess.address['plate']}  # a guess, to be confirmed: of {len(plates)} force plates {why}"
+
+
+def contains(label: str, word: str) -> bool:
+    """Whether a label contains the pattern; the name of the subject before a colon does not count."""
+    return re.search(word, label.rpartition(":")[2].upper()) is not None
+
+
+def cluster_text(names: Iterable[str]) -> str:
+    """The labels of a cluster in YAML, with a remark if they are too few."""
+    found = [json.dumps(name) for name in names]
+    few = f"  # UNKNOWN: a cluster has {FEWEST} or more" if len(found) < FEWEST else ""
+    return f"[{', '.join(found)}]{few}"
+
+
+def malleolus_text(names: list[str]) -> str:
+    """The label of one malleolus in YAML, or what is to be stated."""
+    if len(names) == 1:
+        return json.dumps(names[0])
+    several = f"one of {', '.join(json.dumps(name) for name in names)}" if names else "named in the static trial"
+    return f"UNKNOWN  # {several}"
+
+
+EXPERIMENTS = {
+    "torque_angle": r"\b(torque angle|quasi ?static)\b",
+    "plate": r"\b(plate|unloaded)\b",
+    "static": r"\b(static|standing|stand|calibration|calib)\b",
+    "walking": r"\b(walk|walking|cross|crossing|perturb|perturbed|perturbation|pert|unperturbed|unpert|gait)\b",
+    "belt": r"\bbelt\b",
+    "transmission": r"\b(transmission|drivetrain)\b",
+    "actuator": r"\b(actuator|motor)\b",
+    "impedance": r"\b(impedance|imp|stiffness|multisine|chirp|sines?)\b",
+}
+"""By experiment: what the words of a file's name contain. A name that tells several tells none."""
+UNPERTURBED = r"\b(unperturbed|unpert|baseline|normal|level|free|no ?pert)\b"
+PERTURBED = r"\b(perturb|perturbed|perturbation|pert)\b"
+BETWEEN, END = "(?<![A-Za-z])", r"(?=$|[_\s-]|[.,](?!\d)|[BbKk]_?d?[_=-]?\d)"
+STIFFNESS = re.compile(rf"{BETWEEN}K_?d?[_=-]?(\d+(?:\.\d+)?){END}", re.IGNORECASE)
+DAMPING = re.compile(rf"{BETWEEN}B_?d?[_=-]?(\d+(?:\.\d+)?){END}", re.IGNORECASE)
+CONTROLLER = re.compile(rf"{BETWEEN}(un|non[-_]?)?comp(?:ensated)?(?![A-Za-z])", re.IGNORECASE)
+SOFTEST = 10.0
+"""Smallest stiffness [N*m/rad] that a name is taken to state: `k1` is a number of a file."""
+UNNAMED = "ingest_only"
+"""The experiment of a trial whose name tells none."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """One recording that can be read."""
+
+    path: Path
+    """Its file or folder, relative to the folder of the recordings."""
+    source: str
+    """Name of the source file that describes it."""
+    is_capture: bool
+    """Whether it comes from motion capture."""
+
+
+@dataclass
+class DraftedTrial:
+    """A row of a drafted sheet, and what of it the user has to decide."""
+
+    cells: dict[str, str]
+    open: list[str] = field(default_factory=list)
+
+
+def draft_trials(recordings: Sequence[Recorded]) -> list[DraftedTrial]:
+    """The trials that recordings are: a log and a capture of the same name are one. Sorted by name."""
+    several: dict[str, list[Recorded]] = {}
+    for one in sorted(recordings, key=lambda recorded: recorded.path.as_posix()):
+        several.setdefault(free_name(trial_name(one.path), one, several), []).append(one)
+    return [drafted(name, files) for name, files in several.items()]
+
+
+def trial_name(path: Path) -> str:
+    """A name for the trial of a file: that of the file without its ending, with `_` for what a name may not have."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", own_name(path)).lstrip("_.-")[:90] or "trial"
+
+
+def own_name(path: Path) -> str:
+    """The name of a file without its ending, or of a folder."""
+    return path.stem if path.suffix else path.name
+
+
+def free_name(name: str, one: Recorded, taken: Mapping[str, list[Recorded]]) -> str:
+    """The name itself where no other file of this kind has it, else with a number."""
+    number, free = 1, name
+    while any(other.is_capture == one.is_capture for other in taken.get(free, ())):
+        number += 1
+        free = f"{name}_{number}"
+    return free
+
+
+def drafted(name: str, files: Sequence[Recorded]) -> DraftedTrial:
+    """The row of one trial."""
+    cells = {"trial": name}
+    for one in files:
+        role = "mocap" if one.is_capture else "log"
+        cells |= {role: one.path.as_posix(), f"{role}_source": one.source}
+    trial, said = DraftedTrial(cells), own_name(files[0].path)
+    told = experiments_in(said)
+    cells["experiment"] = told[0] if len(told) == 1 else UNNAMED
+    if cells["experiment"] == UNNAMED:
+        what = f"the name may tell {' or '.join(told)}" if told else "the name tells none"
+        trial.open.append(f"experiment: {what}; it stands as {UNNAMED}, which is not analysed")
+    if cells["experiment"] == "impedance":
+        state_impedance(said, trial)
+    if cells["experiment"] == "walking":
+        state_perturbed(words_of(said.replace("_", " ")), trial)
+    return trial
+
+
+def experiments_in(name: str) -> list[str]:
+    """The experiments that a name may tell. A stated stiffness tells an impedance trial, but for one who walks."""
+    words = words_of(name.replace("_", " "))
+    told = [known for known, wanted in EXPERIMENTS.items() if re.search(wanted, words)]
+    stiff = "walking" not in told and stated(STIFFNESS, name, SOFTEST) is not None
+    return [*told, *["impedance"] * (stiff and "impedance" not in told)]
+
+
+def stated(pattern: re.Pattern[str], name: str, smallest: float = 0.0) -> str | None:
+    """The one number that a name has behind a letter, as text; None without one, with several, or with a small one."""
+    found = set(pattern.findall(name))
+    return next((text for text in found if float(text) >= smallest), None) if len(found) == 1 else None
+
+
+def state_impedance(name: str, trial: DraftedTrial) -> None:
+    """K_d, B_d and the controller, where the name has them."""
+    for column, number in (("K_d", stated(STIFFNESS, name, SOFTEST)), ("B_d", stated(DAMPING, name))):
+        if number is not None:
+            trial.cells[column] = number
+        else:
+            trial.open.append(f"{column}: the name does not tell; empty, nothing is compared with it")
+    controller = CONTROLLER.search(name)
+    if controller:
+        trial.cells["controller"] = "uncompensated" if controller[1] else "compensated"
+
+
+def state_perturbed(words: str, trial: DraftedTrial) -> None:
+    """Whether a crossing is perturbed, where the name says so."""
+    for pattern, said in ((UNPERTURBED, "false"), (PERTURBED, "true")):
+        if re.search(pattern, words):
+            trial.cells["perturbed"] = said
+            return
+    trial.cells["experiment"] = UNNAMED
+    trial.open.append(f"perturbed: the name does not tell; it stands as {UNNAMED}: write walking, and true or false")

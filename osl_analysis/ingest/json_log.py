@@ -1,6 +1,6 @@
 """A log in JSON lines: its source file, its reader, and what it holds."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar, Literal
 
@@ -8,20 +8,82 @@ import numpy as np
 from pydantic import Field
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.csv_rows import share_above
-from osl_analysis.formats.json_lines import DecodedLines, JsonLines, addresses_of, decode_lines, read_json_lines
-from osl_analysis.formats.json_numbers import MOST_ELEMENTS
+from osl_analysis.formats.csv_table import share_above
+from osl_analysis.formats.json_lines import (
+    MOST_ELEMENTS,
+    DecodedLines,
+    JsonLines,
+    addresses_of,
+    decode_lines,
+    read_json_lines,
+)
 from osl_analysis.formats.messages.field_path import last_name
-from osl_analysis.ingest.column_names import is_clock, likely_unit
-from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
-from osl_analysis.ingest.json_stamp import stamp_column, stamps_among, without_other_lines
-from osl_analysis.ingest.likely_clock import likely_clock
-from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of, unit_of_clock
+from osl_analysis.ingest.overview import (
+    NAME_OF_TIME,
+    UNKNOWN,
+    Overview,
+    RecordedChannel,
+    gaps_text,
+    is_clock,
+    likely_clock,
+    likely_unit,
+    rate_of,
+    unit_of_clock,
+)
 from osl_analysis.ingest.recording import Recording
-from osl_analysis.ingest.table_log import Table, TableColumn, read_table_log
-from osl_analysis.ingest.table_source import TableChannel, TableSource, TableTime
-from osl_analysis.ingest.unit_names import Unit
+from osl_analysis.ingest.stamps import LAST_SECOND, SECOND, stamp_fields
+from osl_analysis.ingest.table_log import Table, TableChannel, TableColumn, TableSource, TableTime, read_table_log
+from osl_analysis.ingest.units import Unit
 from osl_analysis.trial import Array
+
+Parts = tuple[str, str]
+"""Paths of the seconds and of the nanoseconds."""
+
+
+def stamps_among(names: Collection[str]) -> Mapping[str, Parts]:
+    """The stamps among several paths, by the path of the object, the shortest way first."""
+    above = dict.fromkeys(name.rpartition(".")[0] for name in names if "." in name)
+    found = {path: parts for path in above for parts in stamp_fields(path) if path and set(parts) <= set(names)}
+    return dict(sorted(found.items(), key=lambda one: one[0].count(".")))
+
+
+def stamp_column(lines: JsonLines, decoded: DecodedLines, parts: Parts) -> TableColumn:
+    """The stamps [ns] as one column; a line that lacks one of the parts has none.
+
+    Raises
+    ------
+    InputError
+        A part is not a whole number, or too large for one.
+    """
+    for name, most in zip(parts, (LAST_SECOND, SECOND), strict=True):
+        values, there = decoded.values[name], decoded.present[name]
+        numbers = np.where(there, values, 0).astype(np.float64)
+        wrong = there & ((np.abs(numbers) > most) | (numbers != np.rint(numbers)) | (values.dtype == bool))
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise InputError(
+                f"{lines.path}: field '{name}' is {values[row]} in line {lines.numbers[decoded.rows[row]]}, which is "
+                f"no whole number from 0 to {most}; name another time, or state the rate: `time: {{rate: 1000}}`"
+            )
+    there = decoded.present[parts[0]] & decoded.present[parts[1]]
+    seconds, nanoseconds = (np.where(there, decoded.values[name], 0).astype(np.int64) for name in parts)
+    return TableColumn(seconds * SECOND + nanoseconds, there, "ns")
+
+
+def without_other_lines(lines: JsonLines, decoded: DecodedLines, names: Sequence[str]) -> tuple[DecodedLines, str]:
+    """The lines that have one of the fields at least, and a sentence on the others, such as a header; empty if none."""
+    kept = np.any([decoded.present[name] for name in names], axis=0)
+    if kept.all():
+        return decoded, ""
+    first = lines.numbers[decoded.rows[int(np.argmin(kept))]]
+    count = int((~kept).sum())
+    note = (
+        f"{lines.path.name}: {count} of {kept.size} lines have none of the fields and were left out, first line {first}"
+    )
+    values = {name: one[kept] for name, one in decoded.values.items()}
+    present = {name: one[kept] for name, one in decoded.present.items()}
+    return DecodedLines(decoded.rows[kept], values, present, decoded.misfits, decoded.misfit), note
+
 
 MOST_ALONE = 100
 """Largest number of fields that are read one by one to be listed."""

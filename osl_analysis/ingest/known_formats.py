@@ -9,8 +9,8 @@ from pydantic import ConfigDict, field_validator
 
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.formats.bag_folder import folder_format
-from osl_analysis.formats.c3d_header import is_c3d
-from osl_analysis.formats.csv_text import is_text
+from osl_analysis.formats.c3d import is_c3d
+from osl_analysis.formats.csv_table import is_text
 from osl_analysis.formats.json_lines import is_json_lines
 from osl_analysis.formats.mat.mat_file import is_mat
 from osl_analysis.formats.mcap.walk import MAGIC
@@ -21,22 +21,14 @@ from osl_analysis.formats.rosbag1.scan import ANY_VERSION
 from osl_analysis.formats.rosbag2.database import MAGIC as SQLITE
 from osl_analysis.formats.tdms import is_tdms
 from osl_analysis.formats.trc import is_trc
-from osl_analysis.ingest.c3d_capture import read_c3d_capture
-from osl_analysis.ingest.c3d_source import C3dSource
-from osl_analysis.ingest.capture_overview import inspect_c3d, inspect_nexus
-from osl_analysis.ingest.csv_log import read_csv_log
-from osl_analysis.ingest.csv_overview import inspect_csv
-from osl_analysis.ingest.csv_source import CsvSource
-from osl_analysis.ingest.draft_places import refuse_draft
+from osl_analysis.ingest.c3d_capture import C3dSource, inspect_c3d, read_c3d_capture
+from osl_analysis.ingest.csv_log import CsvSource, inspect_csv, read_csv_log
 from osl_analysis.ingest.json_log import JsonSource, inspect_json, read_json_log
 from osl_analysis.ingest.log_overview import inspect_mcap
-from osl_analysis.ingest.mat_log import read_mat_log
-from osl_analysis.ingest.mat_overview import inspect_mat
-from osl_analysis.ingest.mat_source import MatSource
+from osl_analysis.ingest.mat_log import MatSource, inspect_mat, read_mat_log
 from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
-from osl_analysis.ingest.nexus_capture import NexusSource, read_nexus_capture
 from osl_analysis.ingest.opensim_log import OpenSimSource, inspect_opensim, read_opensim_log
-from osl_analysis.ingest.overview import Overview
+from osl_analysis.ingest.overview import Overview, refuse_draft
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.ros_log import (
     Rosbag1Source,
@@ -48,7 +40,14 @@ from osl_analysis.ingest.ros_log import (
 )
 from osl_analysis.ingest.source_fields import CaptureSource, LogSource
 from osl_analysis.ingest.tdms_log import TdmsSource, inspect_tdms, read_tdms_log
-from osl_analysis.ingest.trc_capture import TrcSource, inspect_trc, read_trc_capture
+from osl_analysis.ingest.text_captures import (
+    NexusSource,
+    TrcSource,
+    inspect_nexus,
+    inspect_trc,
+    read_nexus_capture,
+    read_trc_capture,
+)
 from osl_analysis.yaml_settings import Settings, read_yaml
 
 Source = LogSource | CaptureSource

@@ -17,10 +17,9 @@ from osl_analysis.formats.messages.leaves import Indices
 from osl_analysis.ingest.joined_topics import joined_on_stamp
 from osl_analysis.ingest.message_values import absent_values, counts_of, physical_values
 from osl_analysis.ingest.recording import Recording, check_values
-from osl_analysis.ingest.sensor import Stamps
-from osl_analysis.ingest.source_fields import Conversion, LogSource
+from osl_analysis.ingest.source_fields import Conversion, LogSource, Stamps
 from osl_analysis.ingest.stamps import SECOND, Ordering, in_order, log_times_of, stamp_fields, stamps_of
-from osl_analysis.ingest.unit_names import Unit
+from osl_analysis.ingest.units import Unit
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import Settings
 

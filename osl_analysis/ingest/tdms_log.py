@@ -11,15 +11,19 @@ from pydantic import Field
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.tdms import TdmsChannel, TdmsFile, read_tdms
-from osl_analysis.ingest.column_names import clocks_among, likely_unit
-from osl_analysis.ingest.draft_places import NAME_OF_TIME, UNKNOWN
 from osl_analysis.ingest.joined_topics import joined_on_stamp
-from osl_analysis.ingest.likely_clock import likely_clock
-from osl_analysis.ingest.overview import Overview, RecordedChannel
+from osl_analysis.ingest.overview import (
+    NAME_OF_TIME,
+    UNKNOWN,
+    Overview,
+    RecordedChannel,
+    clocks_among,
+    likely_clock,
+    likely_unit,
+)
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.stamps import SECOND
-from osl_analysis.ingest.table_log import Table, TableColumn, read_table_log
-from osl_analysis.ingest.table_source import TableChannel, TableSource, TableTime
+from osl_analysis.ingest.table_log import Table, TableChannel, TableColumn, TableSource, TableTime, read_table_log
 from osl_analysis.trial import Array
 
 

@@ -1,0 +1,455 @@
+"""C3D: header, parameters, points and analog samples of a motion capture recording.
+
+The data section is one table of numbers with a row per frame, which numpy reads. `ezc3d` is not used for reading: it
+misplaces every frame where ANALOG:RATE and the header disagree, drops frames beyond 65535, takes the absolute value of
+a negative OFFSET, returns fewer frames of a truncated file without an error, cannot read MIPS, and crashes on damaged
+headers. Tests compare this reader with `ezc3d` and `c3d`.
+"""
+
+import math
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError
+from osl_analysis.trial import Array
+
+ENDIAN = {"Intel": "<", "DEC": "<", "MIPS": ">"}
+SIZES = (-1, 1, 2, 4)  # type of a parameter: text, byte, integer, real
+
+Parameters = dict[str, "Array | list[str]"]
+
+
+@dataclass(frozen=True)
+class ParameterRecord:
+    """One record of the section: a group (`group` below 0), or a parameter with its value."""
+
+    group: int
+    name: str
+    value: Array | list[str] | None
+    value_end: int
+    """First byte behind its value."""
+    own_end: int
+    """First byte behind its description, which some writers leave out."""
+    following: int
+    """First byte of the next record, as the record says; 0 if it says that it is the last."""
+
+
+def parse_parameters(data: bytes, position: int, end: int, processor: str) -> tuple[Parameters, str]:
+    """The parameters by `GROUP:NAME`, and a remark where the section has no end mark.
+
+    The section begins at `position` and ends before `end`, where the data begin. Some writers leave the mark at its end
+    out: the section then ends where no record follows. Groups may follow their parameters.
+
+    Raises
+    ------
+    InputError
+        A record is damaged, or points to a place that is not the next record although one follows.
+    """
+    records = list(section_records(data, position, end, processor))
+    groups = {-record.group: record.name for record in records if record.group < 0}
+    values = {
+        f"{groups.get(record.group, record.group)}:{record.name}": record.value
+        for record in records
+        if record.value is not None
+    }
+    last = records[-1] if records else None
+    marked = last is None or last.following == 0 or (last.following < end and data[last.following] == 0)
+    return values, "" if marked or last is None else f"its parameter section has no end mark and ends after {last.name}"
+
+
+def section_records(data: bytes, position: int, end: int, processor: str) -> Iterator[ParameterRecord]:
+    """The records from `position` on; raises as `parse_parameters`."""
+    while data[position] != 0:
+        record = parameter_record(data, position, processor)
+        yield record
+        position = record.following
+        if position == 0 or (position == record.own_end and not is_record(data, position)):
+            return
+        if not record.value_end <= position < end:
+            if position < record.value_end or (record.own_end < end and is_record(data, record.own_end)):
+                raise InputError(f"the parameter section is damaged after {record.name!r}")
+            return
+
+
+def is_record(data: bytes, position: int) -> bool:
+    """Whether a record seems to begin at a place: a length, a group, and a name that can be read."""
+    if position + 2 >= len(data):
+        return False
+    length, group = struct.unpack_from("bb", data, position)
+    name = data[position + 2 : position + 2 + abs(length)]
+    return length != 0 and group != 0 and all(32 <= sign < 127 for sign in name)
+
+
+def parameter_record(data: bytes, position: int, processor: str) -> ParameterRecord:
+    """The record at a place."""
+    length, group = struct.unpack_from("bb", data, position)
+    end = position + 2 + abs(length)
+    name = data[position + 2 : end].decode("latin-1").strip().upper()
+    (step,) = struct.unpack_from(f"{ENDIAN[processor]}h", data, end)
+    if step < 0 or group == 0:
+        raise InputError(f"the parameter section is damaged after {name!r}")
+    value, value_end = (None, end + 2) if group < 0 else parameter_value(data, end + 2, processor, name)
+    own_end = value_end + 1 + data[value_end] if value_end < len(data) else value_end
+    return ParameterRecord(group, name, value, value_end, own_end, end + step if step else 0)
+
+
+def parameter_value(data: bytes, position: int, processor: str, name: str) -> tuple[Array | list[str], int]:
+    """One parameter from its type byte on, and the first byte behind it."""
+    kind, dimensions = struct.unpack_from("bB", data, position)
+    if kind not in SIZES or dimensions > 7:
+        raise InputError(f"the parameter '{name}' has type {kind} and {dimensions} dimensions: the section is damaged")
+    shape = tuple(data[position + 2 : position + 2 + dimensions])
+    begin = position + 2 + dimensions
+    content = data[begin : begin + abs(kind) * math.prod(shape)]
+    if len(content) != abs(kind) * math.prod(shape):
+        raise InputError(f"the parameter '{name}' reaches beyond the end of the file")
+    if kind == -1:
+        return text_values(content, shape[0] if shape else 1), begin + len(content)
+    whole = "u1" if kind == 1 else f"{ENDIAN[processor]}i2"
+    values = reals(content, processor) if kind == 4 else np.frombuffer(content, whole)
+    with np.errstate(invalid="ignore"):  # a damaged real may be no number
+        return values.astype(np.float64).reshape(shape, order="F"), begin + len(content)
+
+
+def text_values(content: bytes, length: int) -> list[str]:
+    """Strings of equal length, stripped; in UTF-8, or else in Latin-1."""
+    parts = [content[i : i + length] for i in range(0, len(content), length or 1)]
+    return [text_of(part).strip(" \0") for part in parts]
+
+
+def text_of(text: bytes) -> str:
+    """Text in UTF-8, or else in Latin-1."""
+    try:
+        return text.decode("utf-8")
+    except UnicodeDecodeError:
+        return text.decode("latin-1")
+
+
+def reals(content: bytes, processor: str) -> NDArray[np.float32]:
+    """32-bit reals; DEC stores the two halves swapped, and an exponent that is larger by two."""
+    if processor != "DEC":
+        return np.frombuffer(content, f"{ENDIAN[processor]}f4").astype(np.float32)
+    halves = np.frombuffer(content, "<u2").reshape(-1, 2)[:, ::-1]
+    with np.errstate(invalid="ignore"):
+        return np.ascontiguousarray(halves).view("<f4")[:, 0] * np.float32(0.25)
+
+
+BLOCK = 512
+KEY = 0x50
+MOST_FRAMES = 0xFFFF
+PROCESSORS = {84: "Intel", 85: "DEC", 86: "MIPS"}
+CONTINUATIONS = ("", *map(str, range(2, 10)))  # a parameter holds 255 values; more follow in NAME2, NAME3, ...
+ESSENTIAL = {
+    "POINT": ("USED", "LABELS"),
+    "ANALOG": ("USED", "LABELS", "SCALE", "OFFSET", "GEN_SCALE"),
+}
+"""Parameters without which points or analog samples would be read wrongly."""
+
+Counts = Literal["refuse", "header", "parameters"]
+"""Which counts of points and analog channels hold where header and parameters contradict each other."""
+
+
+class CountsError(InputError):
+    """Header and parameters count points or channels differently. `fitting`: which of them fit the file's size."""
+
+    def __init__(self, message: str, fitting: tuple[Counts, ...]) -> None:
+        super().__init__(message)
+        self.fitting = fitting
+
+
+@dataclass(frozen=True)
+class C3DHeader:
+    """What a file declares."""
+
+    processor: str
+    """Number format of the file: Intel, DEC or MIPS."""
+    points: int
+    """Points per frame, model outputs included."""
+    first_frame: int
+    """Number of the first frame, as the laboratory counts."""
+    frames: int
+    """Number of frames."""
+    rate: float
+    """Frames per second [Hz]."""
+    samples_per_frame: int
+    """Samples of each analog channel per frame."""
+    channels: int
+    """Number of analog channels."""
+    data_start: int
+    """Where the data section begins [bytes]."""
+    scale: float
+    """Units of length per count where positions are stored as 16-bit integers; negative where they are reals."""
+    parameters: Parameters
+    """By `GROUP:NAME` an array of float64 in the file's dimensions (first index fastest) or a list of texts."""
+    remark: str = ""
+    """Oddity of the parameter section; empty if there is none."""
+
+    @property
+    def integers(self) -> bool:
+        """Whether samples are stored as 16-bit integers."""
+        return self.scale > 0
+
+    @property
+    def frame_bytes(self) -> int:
+        """Size of one frame in the data section [bytes]."""
+        return (2 if self.integers else 4) * (4 * self.points + self.channels * self.samples_per_frame)
+
+    def table(self, name: str) -> Array:
+        """A numeric parameter in its own dimensions; empty where the file has none."""
+        value = self.parameters.get(name, [])
+        return np.zeros(0) if isinstance(value, list) else value
+
+    def numbers(self, name: str) -> Array:
+        """A numeric parameter, flat, with its continuations (SCALE, SCALE2, ...); empty where the file has none."""
+        return np.concatenate([self.table(name + suffix).ravel(order="F") for suffix in CONTINUATIONS])
+
+    def texts(self, name: str) -> list[str]:
+        """A text parameter with its continuations (LABELS, LABELS2, ...); empty where the file has none."""
+        values = [self.parameters.get(name + suffix, []) for suffix in CONTINUATIONS]
+        return [text for value in values if isinstance(value, list) for text in value]
+
+
+def is_c3d(begin: bytes) -> bool:
+    """Whether a file that begins with these bytes is a C3D file."""
+    return begin[1:2] == bytes([KEY]) and b"\0" in begin
+
+
+def parse_file(path: Path, data: bytes, counts: Counts = "refuse") -> C3DHeader:
+    """Header and parameters of a file's content.
+
+    Raises
+    ------
+    CountsError
+        Header and parameters count points or channels differently, and `counts` does not say which holds.
+    InputError
+        The file is not C3D, its processor type is unknown, its parameters are damaged, `counts` contradicts its size,
+        or it holds fewer frames than it declares.
+    """
+    if len(data) < 2 * BLOCK or data[1] != KEY:
+        raise InputError(
+            f"{path}: not a C3D file (it begins with {data[:4]!r}); check the path and the source's format"
+        )
+    start = (data[0] - 1) * BLOCK
+    processor = PROCESSORS.get(data[start + 3]) if 0 < start < len(data) - 3 else None
+    if processor is None:
+        raise InputError(
+            f"{path}: written for a processor of an unknown type; {', '.join(ENDIAN)} are read: export the trial again"
+        )
+    try:
+        header = parse_header(data, start, processor)
+        check_section(header)
+    except (struct.error, ValueError, IndexError) as error:
+        raise InputError(f"{path}: damaged C3D file: {error}; export the trial again") from error
+    header = with_counts(path, header, len(data), counts)
+    check_size(path, header, len(data))
+    return header
+
+
+def parse_header(data: bytes, start: int, processor: str) -> C3DHeader:
+    """Header block and parameter section; rate and long frame counts are taken from parameters where they exist."""
+    words = np.frombuffer(data[:24], f"{ENDIAN[processor]}u2").astype(int)
+    data_start = (int(words[8]) - 1) * BLOCK
+    section_end = data_start if data_start > start else start + max(data[start + 2], 1) * BLOCK
+    parameters, remark = parse_parameters(data, start + 4, min(section_end, len(data)), processor)
+    scale, rate = (float(reals(data[begin : begin + 4], processor)[0]) for begin in (12, 20))
+    samples_per_frame = max(int(words[9]), 1)
+    header = C3DHeader(
+        processor=processor,
+        points=int(words[1]),
+        first_frame=int(words[3]),
+        frames=int(words[4] - words[3] + 1),
+        rate=rate,
+        samples_per_frame=samples_per_frame,
+        channels=int(words[2]) // samples_per_frame,
+        data_start=data_start,
+        scale=scale,
+        parameters=parameters,
+        remark=remark,
+    )
+    stated = header.numbers("POINT:RATE")
+    rated = replace(header, rate=float(stated[0])) if stated.size and stated[0] > 0 else header
+    return replace(rated, frames=long_frames(rated) or rated.frames) if words[4] == MOST_FRAMES else rated
+
+
+def long_frames(header: C3DHeader) -> int:
+    """The number of frames where the 16 bits of the header cannot hold it; 0 where no parameter gives it.
+
+    Vicon and Qualisys write the first and last frame as two 16-bit words, low word first, others POINT:LONG_FRAMES.
+    """
+    first, last = (header.numbers(f"TRIAL:ACTUAL_{end}_FIELD") % 65536 for end in ("START", "END"))
+    if first.size == last.size == 2:
+        return int((last - first) @ [1, 65536]) + 1
+    stated = header.numbers("POINT:LONG_FRAMES")
+    return int(stated[0]) if stated.size and np.isfinite(stated[0]) else 0
+
+
+def check_section(header: C3DHeader) -> None:
+    """Refuse a header without a scale or a place for the data, and a parameter section that ends early."""
+    if header.scale == 0 or not math.isfinite(header.scale):
+        raise InputError(f"the scale of the points is {header.scale}")
+    if header.data_start < BLOCK:
+        raise InputError(f"the data begin at byte {header.data_start}, within the header")
+    for group, count in (("POINT", header.points), ("ANALOG", header.channels)):
+        lost = [name for name in ESSENTIAL[group] if count and f"{group}:{name}" not in header.parameters]
+        if header.remark and lost:
+            raise InputError(f"{header.remark}, before {group}:{lost[0]}")
+
+
+def with_counts(path: Path, header: C3DHeader, size: int, counts: Counts) -> C3DHeader:
+    """The header with the counts of points and channels that hold; raises as `parse_file`."""
+    used = {group: header.numbers(f"{group}:USED") for group in ESSENTIAL}
+    stated = {"POINT": header.points, "ANALOG": header.channels}
+    other = {
+        group: int(one[0] % 65536) if one.size and math.isfinite(one[0]) else stated[group]
+        for group, one in used.items()
+    }
+    if other == stated:
+        return header
+    choices: dict[Counts, C3DHeader] = {
+        "header": header,
+        "parameters": replace(header, points=other["POINT"], channels=other["ANALOG"]),
+    }
+    fitting = tuple(name for name, one in choices.items() if fits(one, size))
+    group = next(group for group in stated if stated[group] != other[group])
+    contradiction = f"{path}: the header counts {stated[group]}, {group}:USED is {other[group]}"
+    says = f"the file's size fits {' and '.join(fitting) or 'neither'}"
+    if counts == "refuse":
+        raise CountsError(
+            f"{contradiction}; {says}: write `counts: header` or `counts: parameters` in the source file", fitting
+        )
+    if fitting and counts not in fitting:
+        raise InputError(f"{contradiction}; {says}: write `counts: {fitting[0]}` in the source file")
+    return choices[counts]
+
+
+def fits(header: C3DHeader, size: int) -> bool:
+    """Whether a file of this size [bytes] holds the frames that the header declares, and at most two blocks more."""
+    more = size - header.data_start - header.frames * header.frame_bytes
+    return 0 <= more < 2 * BLOCK
+
+
+def check_size(path: Path, header: C3DHeader, size: int) -> None:
+    """Refuse a file that holds no frames, or more or fewer frames than it declares."""
+    frame = header.frame_bytes
+    if header.frames < 1 or frame == 0 or not 0 < header.rate < math.inf:
+        raise InputError(
+            f"{path}: declares {header.frames} frames of {frame} bytes at {header.rate} Hz: nothing to read; export "
+            "the trial again"
+        )
+    there = max(size - header.data_start, 0) // frame
+    if there < header.frames:
+        raise InputError(
+            f"{path}: truncated: it declares {header.frames} frames and holds {there}; copy or export it again"
+        )
+    if header.first_frame + header.frames > MOST_FRAMES and there > header.frames + BLOCK // frame:
+        raise InputError(
+            f"{path}: holds {there} frames, more than the {MOST_FRAMES} that a C3D header can count; export it in parts"
+        )
+
+
+@dataclass(frozen=True)
+class C3DRecording:
+    """Content of a C3D file, in the file's units. Frame 0 and analog sample 0 are at 0 s."""
+
+    path: Path
+    """Path of the file."""
+    header: C3DHeader
+    """Counts and parameters."""
+    points: Array
+    """Positions and model outputs, (frames, points, 3); NaN where a point was not seen."""
+    analogs: Array
+    """Analog channels, (samples, channels), with `header.samples_per_frame` samples per frame."""
+
+    @property
+    def point_labels(self) -> list[str]:
+        """Labels of the points, in the file's order."""
+        return self.header.texts("POINT:LABELS")[: self.header.points]
+
+    @property
+    def analog_labels(self) -> list[str]:
+        """Labels of the analog channels, in the file's order."""
+        return self.header.texts("ANALOG:LABELS")[: self.header.channels]
+
+    @property
+    def model_outputs(self) -> set[str]:
+        """Labels of the points that hold angles, forces, moments, powers or scalars instead of positions."""
+        groups = self.header.texts("POINT:TYPE_GROUPS")[::2]
+        return {label for group in groups for label in self.header.texts(f"POINT:{group.upper()}")}
+
+    def analog_unit(self, channel: int) -> str:
+        """Unit of a channel counted from 0, as the file spells it; empty where it gives none."""
+        units = self.header.texts("ANALOG:UNITS")
+        return units[channel] if channel < len(units) else ""
+
+    def point_unit(self) -> str:
+        """Unit of positions, as the file spells it; empty where it gives none."""
+        return (self.header.texts("POINT:UNITS") or [""])[0]
+
+
+def read_c3d(path: Path, counts: Counts = "refuse") -> C3DRecording:
+    """Decode a C3D file. `counts` says whose counts hold where header and parameters contradict each other.
+
+    Raises
+    ------
+    CountsError
+        They contradict each other, and `counts` does not say.
+    InputError
+        The file is not C3D, damaged or truncated.
+    """
+    data = path.read_bytes()
+    header = parse_file(path, data, counts)
+    points, analogs = np.split(frames_of(data, header), [4 * header.points], axis=1)
+    with np.errstate(
+        invalid="ignore", over="ignore"
+    ):  # a damaged sample that is not finite is refused where it is used
+        return C3DRecording(
+            path,
+            header,
+            positions(points.reshape(header.frames, header.points, 4), header),
+            physical(analogs.reshape(header.frames * header.samples_per_frame, header.channels), header),
+        )
+
+
+def frames_of(data: bytes, header: C3DHeader) -> NDArray[Any]:
+    """The data section as stored, a row per frame: x, y, z, residual per point, then analog samples."""
+    content = data[header.data_start : header.data_start + header.frames * header.frame_bytes]
+    integer = ">i2" if header.processor == "MIPS" else "<i2"
+    numbers = np.frombuffer(content, integer) if header.integers else reals(content, header.processor)
+    return numbers.reshape(header.frames, -1)
+
+
+def positions(points: NDArray[Any], header: C3DHeader) -> Array:
+    """Positions (frames, points, 3) in the file's unit, NaN where nothing was seen.
+
+    A point was not seen where its residual is negative, its position is exactly the origin, or a value is not finite.
+    """
+    values = points[:, :, :3].astype(np.float64) * (header.scale if header.integers else 1.0)
+    unseen = (points[:, :, 3] < 0) | (values == 0).all(axis=2) | ~np.isfinite(values).all(axis=2)
+    values[unseen] = np.nan
+    return values
+
+
+def physical(analogs: NDArray[Any], header: C3DHeader) -> Array:
+    """Analog values (samples, channels): (raw - OFFSET) * SCALE * GEN_SCALE; without these parameters the raw values.
+
+    NaN where SCALE holds values for some channels only, and everywhere where GEN_SCALE is 0. ANALOG:FORMAT says whether
+    16-bit samples and offsets are signed.
+    """
+    raw = analogs.astype(np.float64)
+    offset, scale, general = (header.numbers(f"ANALOG:{name}") for name in ("OFFSET", "SCALE", "GEN_SCALE"))
+    unsigned = "UNSIGNED" in [text.upper() for text in header.texts("ANALOG:FORMAT")]
+    if unsigned:
+        offset = offset % 65536
+        raw = raw % 65536 if header.integers else raw
+    count = min(header.channels, offset.size)
+    raw[:, :count] -= offset[:count]
+    count = min(header.channels, scale.size)
+    raw[:, :count] *= scale[:count]
+    raw[:, count:] *= np.nan if count else 1.0
+    return raw * ((general[0] or np.nan) if general.size else 1.0)

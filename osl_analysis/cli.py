@@ -198,7 +198,7 @@ def samples(folder: Path, output: Path | None, config_path: Path) -> None:
     """
     from osl_analysis.commands.inspect import samples_table, write_samples
     from osl_analysis.config import read_campaign_section
-    from osl_analysis.quality.settings import QualityRules
+    from osl_analysis.quality.checks import QualityRules
 
     rules = read_campaign_section(config_path, "quality", QualityRules)
     if output is None:

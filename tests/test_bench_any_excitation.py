@@ -34,7 +34,7 @@ from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.parameters import read_parameters
 from osl_analysis.quality.checks import Commanded, Examined
-from osl_analysis.quality.protocol import measure_protocol
+from osl_analysis.quality.recording import measure_protocol
 from osl_analysis.second_order import impedance_columns
 from osl_analysis.shared_choices import PAPER
 from osl_analysis.signals import LowPass

@@ -13,8 +13,7 @@ from osl_analysis.commands.tables import gather
 from osl_analysis.config import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.exclusion import exclusion_report, without_excluded
-from osl_analysis.quality.checks import Commanded
-from osl_analysis.quality.settings import QualityRules
+from osl_analysis.quality.checks import Commanded, QualityRules
 from osl_analysis.refusal import Refusal
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial

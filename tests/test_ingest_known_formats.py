@@ -18,7 +18,7 @@ from osl_analysis.ingest.known_formats import FORMATS, KnownFormat, read_source,
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source_fields import Conversion, LogSource
-from osl_analysis.quality.settings import QualityRules
+from osl_analysis.quality.checks import QualityRules
 from osl_analysis.trial import read_trial
 
 ROOT = Path(__file__).parents[1]

@@ -24,9 +24,8 @@ from osl_analysis.ingest.c3d_capture import C3dSource, read_c3d_capture
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.plateaus import longest_at_extreme
 from osl_analysis.protocol.runs import Run, find_runs
-from osl_analysis.quality.checks import CheckResult, Commanded, length_of_longest
-from osl_analysis.quality.protocol import differences
-from osl_analysis.quality.settings import QualityRules
+from osl_analysis.quality.checks import CheckResult, Commanded, QualityRules, length_of_longest
+from osl_analysis.quality.recording import differences
 from osl_analysis.quality.verdict import CHECKS, examine, fails, quality_table, validate_rules
 from osl_analysis.trial import Array, Trial
 

@@ -27,8 +27,7 @@ from osl_analysis.ingest.known_formats import FORMATS, NOT_READ, SUFFIXES, recog
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import check_file
 from osl_analysis.ingest.recording import Recording
-from osl_analysis.quality.checks import Commanded
-from osl_analysis.quality.settings import QualityRules
+from osl_analysis.quality.checks import Commanded, QualityRules
 from osl_analysis.quality.verdict import CHECKS, examine, fails, validate_rules
 from osl_analysis.shipped import CAMPAIGN
 from osl_analysis.trial import Trial

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import polars as pl
 
-from osl_analysis.quality.checks import Commanded
-from osl_analysis.quality.settings import QualityRules
+from osl_analysis.quality.checks import Commanded, QualityRules
 from osl_analysis.quality.verdict import examine, quality_table
 from osl_analysis.refusal import Refusal, refused_trials
 from osl_analysis.table import Places, read_table, with_places, write_table

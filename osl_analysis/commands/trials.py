@@ -8,8 +8,7 @@ from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.quality import check_trial
 from osl_analysis.errors import PartialResultError
 from osl_analysis.memory import return_memory
-from osl_analysis.quality.checks import Commanded
-from osl_analysis.quality.settings import QualityRules
+from osl_analysis.quality.checks import Commanded, QualityRules
 
 
 def ingest_and_check(

@@ -1,18 +1,50 @@
-"""A check of quality control: its name, what it measures, and the trials to which it applies."""
+"""A check of quality control: its name, what it measures, the trials to which it applies, and its rule."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
+from pydantic import ConfigDict, Field
 
 from osl_analysis.experiments import EXPERIMENTS, Experiment
 from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.signals import longest_run
 from osl_analysis.trial import Array, Trial
+from osl_analysis.yaml_settings import Settings
+
+
+class Rule(Settings):
+    """The threshold of one check, and what happens to a trial beyond it."""
+
+    threshold: str
+    """Number and unit, as in `20 N`."""
+    on_failure: Literal["flag", "exclude"]
+    """`flag` says so in the table of quality; `exclude` keeps the trial out of every other table and figure, too."""
+
+    @property
+    def limit(self) -> float:
+        """The threshold without its unit."""
+        return float(self.threshold.split(maxsplit=1)[0])
+
+
+class QualityRules(Settings):
+    """A rule per check, under the check's name; `verdict.validate_rules` compares them with the table of checks."""
+
+    model_config = ConfigDict(extra="allow")
+    RENAMED: ClassVar[Mapping[str, str]] = {"unfinished": "truncated"}
+    __pydantic_extra__: dict[str, Rule] = Field(init=False)
+
+    def rule(self, check: str) -> Rule:
+        return self.by_check[check]
+
+    @property
+    def by_check(self) -> dict[str, Rule]:
+        return self.__pydantic_extra__
+
 
 NOISY = {"current"} | {facts.torque for facts in EXPERIMENTS.values() if facts.torque}
 """Columns that a sensor's noise keeps changing."""
@@ -36,13 +68,11 @@ class Commanded:
     """The stepped sine that the configuration commands: each amplitude at every frequency."""
 
     amplitudes_deg: Sequence[float]
-    """Amplitudes [deg]."""
     frequencies_hz: Sequence[float]
-    """Frequencies [Hz]."""
     cycles: int | Sequence[int]
-    """Cycles at each frequency: one number for all, or one for each."""
+    """One number for all frequencies, or one for each."""
     seconds_per_frequency: float | None = None
-    """Time [s] at each frequency in place of `cycles`."""
+    """In place of `cycles`."""
     excitation: str = "auto"
     """What moves the joint in impedance trials: `stepped_sine`, `any` other motion, or `auto`, what they show."""
 
@@ -60,13 +90,10 @@ class Examined:
 
     trial: Trial
     experiment: Experiment
-    """The facts of the trial's experiment."""
     commanded: Commanded
-    """What the joint was told to do, in an experiment with stepped sines."""
 
     @property
     def samples(self) -> pl.DataFrame:
-        """The samples of the trial."""
         return self.trial.samples
 
     @cached_property
@@ -83,7 +110,6 @@ class Examined:
 
 
 def every_experiment(experiment: Experiment) -> bool:
-    """Whether a check applies to this experiment: to all."""
     return True
 
 
@@ -98,13 +124,10 @@ class Check:
     fails: Literal["above", "below"]
     """The side of the threshold on which a value fails."""
     meaning: str
-    """What its value is."""
     measure: Callable[[Examined], CheckResult]
-    """The function that measures it."""
     applies_to: Callable[[Experiment], bool] = every_experiment
-    """Whether it is measured on the trials of an experiment."""
     otherwise: str = ""
-    """Remark on the trials of the other experiments."""
+    """Remark on the trials of experiments to which it does not apply."""
 
     def result(self, examined: Examined) -> CheckResult:
         """What the check measures on a trial."""
@@ -112,7 +135,6 @@ class Check:
 
 
 def not_applicable(reason: str) -> CheckResult:
-    """The result of a check that does not apply to a trial."""
     return CheckResult(None, f"not applicable: {reason}")
 
 
@@ -132,7 +154,7 @@ def channel(samples: pl.DataFrame, column: str) -> tuple[Array, Array]:
 
 
 def raw_channels(trial: Trial) -> dict[str, Mapping[str, Any]]:
-    """Facts of every raw channel of the trial's plates by name, as `ingest.raw_channels` found them."""
+    """Facts of every raw channel of the trial's plates by name, as ingest found them."""
     return {
         f"plate{plate['plate']} channel {facts['label']}": facts
         for plate in trial.provenance.get("plates", [])
@@ -154,7 +176,7 @@ def noisy_channels(samples: pl.DataFrame) -> dict[str, tuple[Array, Array]]:
 
 
 def length_of_longest(true: NDArray[np.bool_]) -> int:
-    """Number of samples in the longest run of true ones, (n,)."""
+    """Samples in the longest run of true ones."""
     run = longest_run(true)
     return int(run.stop - run.start)
 
@@ -165,5 +187,4 @@ def median_step(time: Array) -> float:
 
 
 def duration(time: Array) -> float:
-    """From the first to the last sample [s]; 0 without samples."""
     return float(np.ptp(time)) if time.size else 0.0

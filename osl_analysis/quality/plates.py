@@ -43,7 +43,7 @@ class PlateRecord:
         return np.asarray(point @ axes[:, :2])
 
     def outside(self, pressure_centre: Array) -> float:
-        """Distance [m] by which points (k, 2) lie outside the plate in the 5 % that lie furthest out; 0 inside."""
+        """Distance [m] of the 5 % of points (k, 2) that lie furthest outside the plate; 0 inside."""
         return float(np.percentile(beside(pressure_centre, self.corners), OFTEN))
 
 

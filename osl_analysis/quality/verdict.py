@@ -1,4 +1,7 @@
-"""The table of checks, and a trial's quality as rows of a table: what each check measured, and what follows."""
+"""The table of checks, what they measured on a trial, and the verdict that follows from the configured rules.
+
+Measuring needs the samples and no limit, judging needs a few numbers and no samples: a changed limit judges again.
+"""
 
 from collections.abc import Collection, Mapping
 
@@ -6,9 +9,8 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.quality import channels, plates, protocol, recording
-from osl_analysis.quality.checks import Check, CheckResult, Commanded, Examined
-from osl_analysis.quality.settings import QualityRules, Rule
+from osl_analysis.quality import channels, plates, recording
+from osl_analysis.quality.checks import Check, CheckResult, Commanded, Examined, QualityRules
 from osl_analysis.trial import Trial
 
 CHECKS: dict[str, Check] = {
@@ -18,7 +20,7 @@ CHECKS: dict[str, Check] = {
         *channels.CHANNEL_CHECKS,
         *plates.PLATE_CHECKS,
         *recording.LOG_CHECKS,
-        *protocol.PROTOCOL_CHECKS,
+        *recording.PROTOCOL_CHECKS,
     )
 }
 """Every check by name. A new one is its function with its entry in one of these modules, its rule under `quality` in
@@ -71,35 +73,42 @@ def examine(trial: Trial, experiment: str, commanded: Commanded) -> dict[str, Ch
     return {name: check.result(examined) for name, check in CHECKS.items()}
 
 
+def measured_table(trial: str, results: Mapping[str, CheckResult]) -> pl.DataFrame:
+    """What `examine` measured, a row per check: trial, check, value, unit, remark."""
+    rows = [
+        {"trial": trial, "check": name, "value": result.value, "unit": CHECKS[name].unit, "remark": result.remark}
+        for name, result in results.items()
+    ]
+    return pl.DataFrame(rows, schema_overrides={"value": pl.Float64})
+
+
+def judged_table(measured: pl.DataFrame, rules: QualityRules, accept: Mapping[str, Collection[str]]) -> pl.DataFrame:
+    """`measured_table` of one trial or several with each check's threshold and verdict (pass, flag, exclude).
+
+    `accept` has by trial the checks whose failure the sample sheet accepts.
+    """
+    judged = []
+    for row in measured.iter_rows(named=True):
+        name, rule = row["check"], rules.rule(row["check"])
+        failed, accepted = fails(name, row["value"], rule.limit), name in accept.get(row["trial"], ())
+        verdict = rule.on_failure if failed and not accepted else "pass"
+        remark = "; ".join(filter(None, [ACCEPTED if failed and accepted else "", row["remark"]]))
+        judged.append({**row, "threshold": rule.limit, "verdict": verdict, "remark": remark})
+    types = dict.fromkeys(("value", "threshold"), pl.Float64)
+    order = ("trial", "check", "value", "unit", "threshold", "verdict", "remark")
+    return pl.DataFrame(judged, schema={name: types.get(name, pl.String()) for name in order})
+
+
+def quality_table(
+    trial: str, results: Mapping[str, CheckResult], rules: QualityRules, accept: Collection[str]
+) -> pl.DataFrame:
+    """`judged_table` of the results of one trial."""
+    return judged_table(measured_table(trial, results), rules, {trial: accept})
+
+
 def fails(name: str, value: float | None, limit: float) -> bool:
     """Whether a value is beyond its threshold by more than rounding; NaN fails, None (not applicable) does not."""
     if value is None:
         return False
     slack = ROUNDING * limit
     return not (value >= limit - slack if CHECKS[name].fails == "below" else value <= limit + slack)
-
-
-def quality_table(
-    trial: str, results: Mapping[str, CheckResult], rules: QualityRules, accept: Collection[str]
-) -> pl.DataFrame:
-    """A row per check: trial, check, value, unit, threshold, verdict (pass, flag, exclude), remark.
-
-    `accept` names checks whose failure the sample sheet accepts.
-    """
-    rows = [
-        {"trial": trial, "check": name, **judged(name, result, rules.rule(name), name in accept)}
-        for name, result in results.items()
-    ]
-    return pl.DataFrame(rows, schema_overrides={"value": pl.Float64, "threshold": pl.Float64})
-
-
-def judged(name: str, result: CheckResult, rule: Rule, accepted: bool) -> dict[str, float | str | None]:
-    """The result of one check with its unit, threshold, verdict and remark."""
-    failed = fails(name, result.value, rule.limit)
-    return {
-        "value": result.value,
-        "unit": CHECKS[name].unit,
-        "threshold": rule.limit,
-        "verdict": rule.on_failure if failed and not accepted else "pass",
-        "remark": "; ".join(filter(None, [ACCEPTED if failed and accepted else "", result.remark])),
-    }

@@ -33,7 +33,7 @@ PRELOADED = [
     "osl_analysis.simulator.dynamometer",
     "osl_analysis.simulator.walking",
     "osl_analysis.simulator.preloaded",
-    "osl_analysis.figures.footer",
+    "osl_analysis.figures.names",
     "matplotlib.backends.backend_pdf",
     "matplotlib.backends.backend_svg",
     "matplotlib.backends.backend_agg",
@@ -44,7 +44,7 @@ OF_GAINS = {"osl_analysis.model.preloaded"}
 """What only jobs with a parameter file use, or a simulator. In a new clone it compiles for 3 s."""
 OF_SIMULATOR = {"osl_analysis.commands.simulate"} | {name for name in PRELOADED if ".simulator." in name}
 """What only simulating jobs use. In a new clone it compiles for 2 s."""
-OF_DRAWINGS = {"osl_analysis.figures.footer", "fontTools.subset"} | {name for name in PRELOADED if "matplotlib" in name}
+OF_DRAWINGS = {"osl_analysis.figures.names", "fontTools.subset"} | {name for name in PRELOADED if "matplotlib" in name}
 """What only jobs use that draw: half a second."""
 NO_JOBS = {"--lint", "--dag", "--rulegraph", "--filegraph", "--d3dag", "--summary", "--unlock", "--report", "--list"}
 NO_JOBS |= {"-n", "--dry-run", "--dryrun", "--touch", "--delete-all-output", "--archive", "--print-compilation"}

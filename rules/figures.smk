@@ -184,7 +184,7 @@ rule draw_figure:
     group:
         "figures"
     params:
-        code=lambda wildcards: jobs.code("commands.figure", "figures.footer", f"figures.{wildcards.figure}"),
+        code=lambda wildcards: jobs.code("commands.figure", "figures.names", f"figures.{wildcards.figure}"),
         name="{figure}",
         footer=ABOUT.sentence(),
     run:
@@ -200,9 +200,9 @@ rule captions:
     log:
         RESULTS / "logs/figures/captions.log",
     params:
-        code=lambda wildcards: jobs.code("commands.captions", *(f"figures.{name}" for name in drawn_names())),
+        code=lambda wildcards: jobs.code("commands.figure", *(f"figures.{name}" for name in drawn_names())),
         tables=lambda wildcards: {name: str(RESULTS / f"figures/{name}.csv") for name in drawn_names()},
         footer=ABOUT.sentence(),
     run:
         read = {"shown": {name: shown_rows(name) for name in drawn_names()}}
-        jobs.run_job(log, "captions.write_captions", input, output, params, read=read)
+        jobs.run_job(log, "figure.write_captions", input, output, params, read=read)

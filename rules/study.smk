@@ -102,7 +102,7 @@ rule study_figure:
     log:
         RESULTS / "logs/study/figure.log",
     params:
-        code=jobs.code("commands.figure", "figures.study"),
+        code=jobs.code("commands.figure", "figures.others"),
         name="study",
         footer=f"Simulated data: Monte Carlo study with seed {STUDY.seed}, osl-analysis {ABOUT.version}, configuration "
         f"{ABOUT.configuration}",

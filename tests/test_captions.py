@@ -8,10 +8,10 @@ import pytest
 from test_figures import plotted
 
 from osl_analysis.about import About
-from osl_analysis.commands.captions import caption_of, write_captions
+from osl_analysis.commands.figure import caption_of, write_captions
 from osl_analysis.commands.summarise import write_table_metadata
 from osl_analysis.figures import FIGURES, fig3
-from osl_analysis.figures.captions import as_text, doubtful_fits, listed, number, with_interval, with_sd
+from osl_analysis.figures.names import as_text, doubtful_fits, listed, number, with_interval, with_sd
 from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import write_table
 

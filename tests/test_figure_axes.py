@@ -9,8 +9,15 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from osl_analysis.figures.axes import apart, label_log_axis, label_phase_axis, log_ticks, name_ends, widened
-from osl_analysis.figures.style import paper_style
+from osl_analysis.figures.style import (
+    apart,
+    label_log_axis,
+    label_phase_axis,
+    log_ticks,
+    name_ends,
+    paper_style,
+    widened,
+)
 
 
 @pytest.mark.parametrize(

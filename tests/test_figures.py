@@ -31,15 +31,22 @@ from osl_analysis.figures import (
     fig9,
     impedance_over_stance,
     model_comparison,
-    not_drawn,
+    others,
     response,
-    study,
     torque_angle,
     walking_page,
 )
-from osl_analysis.figures.footer import write_footer
-from osl_analysis.figures.style import LOOKS, MAGENTA, ORANGE, PURPLE, SINGLE_COLUMN, paper_style
-from osl_analysis.figures.swarm import squeezed, swarm_positions
+from osl_analysis.figures.names import write_footer
+from osl_analysis.figures.style import (
+    LOOKS,
+    MAGENTA,
+    ORANGE,
+    PURPLE,
+    SINGLE_COLUMN,
+    paper_style,
+    squeezed,
+    swarm_positions,
+)
 from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table
 
@@ -891,9 +898,9 @@ def test_the_study_marks_values_beyond_a_panel_by_arrows_and_covers_no_more_than
         {**shared, "quantity": "K", "bias": 0.1, "coverage": 0.99},
         {**shared, "quantity": "B", "bias": 12.0, "coverage": 0.5},
     ])  # fmt: skip
-    bias, _, coverage = study.draw(table).axes
+    bias, _, coverage = others.draw_study(table).axes
     shown = {(line.get_marker(), float(line.get_xdata()[0])) for line in bias.lines if len(line.get_xdata()) == 1}
-    assert shown == {("o", 0.1), (">", study.LIMITS["bias"][1])}
+    assert shown == {("o", 0.1), (">", others.LIMITS["bias"][1])}
     assert {line.get_marker() for line in coverage.lines} >= {"o", "<"}
     ends = [segment[:, 0].tolist() for c in coverage.collections for segment in c.get_segments()]
     assert ends == [[97.0, 100.0]]
@@ -1075,7 +1082,7 @@ def test_a_figure_without_numbers_says_so_with_trial_and_reason_and_equal_files_
     first = [path.read_bytes() for path in outputs]
     draw_figure("fig4", tmp_path / "fig4.csv", outputs, [lost])
     assert [path.read_bytes() for path in outputs] == first
-    said = not_drawn.draw(pl.DataFrame([{"figure": "fig4", "trial": "i_1", "file": "", "reason": lost.reason}]))
+    said = others.draw_reasons(pl.DataFrame([{"figure": "fig4", "trial": "i_1", "file": "", "reason": lost.reason}]))
     assert [text.get_text() for text in said.texts] == [
         "Fig. 4 is not drawn",
         "trial i_1: raw/i_1.mcap: $no$ such_file^",
@@ -1112,7 +1119,7 @@ def test_a_figure_that_no_trial_has_numbers_for_is_a_page_that_says_so(tmp_path,
     draw_figure("fig7", tmp_path / "empty.csv", [tmp_path / "f.png"])
     ((name, table),) = drawn
     assert name == "not_drawn"
-    assert "no trial of the campaign has the numbers" in " ".join(texts(not_drawn.draw(table)).split())
+    assert "no trial of the campaign has the numbers" in " ".join(texts(others.draw_reasons(table)).split())
 
 
 def test_unknown_figures_and_formats_are_refused(tmp_path):
@@ -1139,9 +1146,10 @@ def test_plotted_numbers_are_written_from_the_result_table_that_the_list_names(n
 
 def test_every_module_that_draws_is_in_the_list_of_figures_and_no_other_is():
     folder = Path(osl_analysis.figures.__file__).parent
-    helpers = {"__init__", "axes", "captions", "footer", "names", "on_screen", "style", "swarm"}
+    helpers = {"__init__", "names", "others", "style"}
     modules = {path.stem for path in folder.glob("*.py")} - helpers
-    assert modules == {*FIGURES, *OTHER_DRAWINGS}
+    assert modules == {*FIGURES}
+    assert tuple(others.DRAWINGS) == OTHER_DRAWINGS
 
 
 def test_a_figure_is_drawn_where_its_table_is_there():

@@ -14,7 +14,7 @@ from osl_analysis.commands.figure import draw_figure
 from osl_analysis.commands.study import run_batch, summarise
 from osl_analysis.config import StudySettings
 from osl_analysis.errors import InputError
-from osl_analysis.figures import study as study_figure
+from osl_analysis.figures import others
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.recorder_settings import RecorderSettings
@@ -213,7 +213,7 @@ def test_batches_become_a_table_and_a_figure(tmp_path):
     assert table.filter(pl.col("experiment") == "belt")["n"].to_list() == [4]
     assert table.filter(pl.col("experiment") == "walking")["n"].to_list() == [2] * 9
     draw_figure("study", tmp_path / "study.csv", [tmp_path / "study.png"])
-    figure = study_figure.draw(table)
+    figure = others.draw_study(table)
     names = [text.get_text() for text in figure.axes[0].get_yticklabels()]
     assert names[:2] == ["belt", "filtered, noise + drift"]
     assert [name for name in names if name in set(table["experiment"])] == ["belt", "walking", "actuator"]

@@ -636,7 +636,7 @@ def test_the_modules_that_jobs_fork_with_exist(module):
     assert find_spec(module) is not None
 
 
-SIMULATOR, DRAWINGS = {"commands.simulate", "simulator."}, {"matplotlib", "figures.footer", "fontTools"}
+SIMULATOR, DRAWINGS = {"commands.simulate", "simulator."}, {"matplotlib", "figures.names", "fontTools"}
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
-"""Figures: the numbers to be plotted from the result tables, and the drawn page from those numbers."""
+"""Figures: the numbers to be plotted from result tables, the drawn page from those numbers, and the captions."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
 from io import BytesIO
 from pathlib import Path
@@ -20,6 +20,31 @@ METADATA: dict[str, dict[str, Any]] = {".pdf": {"CreationDate": None}, ".svg": {
 
 SUBJECT = {".pdf": "Subject", ".svg": "Description", ".png": "Description"}
 """By format, the entry of the metadata that says what the data are."""
+DOUBTS = "Why a fit is doubtful stands in the column `doubtful` of the figure's CSV file."
+
+
+def figure_module(name: str) -> Any:
+    """The module of one drawing, imported only when it is needed: importing matplotlib takes half a second."""
+    if name in OTHER_DRAWINGS:
+        return import_module("osl_analysis.figures.others").DRAWINGS[name]
+    if name not in FIGURES:
+        raise InputError(f"no figure '{name}'; there are {', '.join((*FIGURES, *OTHER_DRAWINGS))}")
+    return import_module(f"osl_analysis.figures.{name}")
+
+
+def plot_numbers(name: str, table: Path, option: Any, output: Path) -> None:
+    """Write what figure `name` plots, from the one result table that it shows.
+
+    `option` is the value of the setting that the list of figures names; None: not set.
+
+    Raises
+    ------
+    InputError
+        The result table is missing, lacks a column, or holds nothing that the figure draws.
+    """
+    module = figure_module(name)
+    rows = read_table(table, required=module.TABLE_COLUMNS)
+    write_table(module.points(rows) if option is None else module.points(rows, option), output)
 
 
 def draw_figure(
@@ -68,11 +93,10 @@ def draw_table(
     for path in outputs:
         if path.suffix not in METADATA:
             raise InputError(f"{path}: figures are written as {', '.join(METADATA)}; choose one of these suffixes")
+    names, style = (import_module(f"osl_analysis.figures.{module}") for module in ("names", "style"))
     figure = figure_module(name).draw(table)
-    footer_module = import_module("osl_analysis.figures.footer")
-    footer = ". ".join(filter(None, [footer, footer_module.said_of_missing(missing)]))
-    page_box = footer_module.write_footer(figure, footer) if footer else None
-    style = import_module("osl_analysis.figures.style")
+    footer = ". ".join(filter(None, [footer, names.said_of_missing(missing)]))
+    page_box = names.write_footer(figure, footer) if footer else None
     style.lay_out(figure)
     for path in outputs:
         said = {SUBJECT[path.suffix]: footer} if footer else {}
@@ -85,24 +109,45 @@ def draw_table(
             temporary.write_bytes(page.getvalue())
 
 
-def figure_module(name: str) -> Any:
-    """The module of one drawing, imported only when it is needed: importing matplotlib takes half a second."""
-    known = (*FIGURES, *OTHER_DRAWINGS)
-    if name not in known:
-        raise InputError(f"no figure '{name}'; there are {', '.join(known)}")
-    return import_module(f"osl_analysis.figures.{name}")
+def write_captions(
+    *, tables: Mapping[str, Path], shown: Mapping[str, Sequence[Path]], footer: str, output: Path
+) -> None:
+    """Write a section per figure: its title, and its caption or why it is not drawn.
 
-
-def plot_numbers(name: str, table: Path, option: Any, output: Path) -> None:
-    """Write what figure `name` plots, from the one result table that it shows.
-
-    `option` is the value of the setting that the list of figures names; None: not set.
+    `tables` are the plotted numbers by the name of the figure, `shown` the results of single trials that it shows; of
+    these, the refused ones are named. `footer` says once, above all sections, what the data are.
 
     Raises
     ------
     InputError
-        The result table is missing, lacks a column, or holds nothing that the figure draws.
+        A table is missing or lacks a column.
     """
+    names = import_module("osl_analysis.figures.names")
+    sections = [
+        f"## {names.figure_title(name)}\n\n{caption_of(name, table, refused_trials(shown.get(name, ())))}\n"
+        for name, table in tables.items()
+    ]
+    with atomic_path(output) as path:
+        said = f"# Captions\n\n{names.as_text(footer)}. {DOUBTS}\n"
+        path.write_text("\n".join([said, *sections]), encoding="utf-8")
+
+
+def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
+    """The caption of one figure from its plotted numbers, with the trials that it lacks; or why it is not drawn."""
+    names = import_module("osl_analysis.figures.names")
+    if is_refused(table_csv):
+        causes = (f"{cause.trial or cause.file}: {cause.reason}" for cause in read_refusals(table_csv))
+        return f"This figure is not drawn. {names.listed(causes)}."
     module = figure_module(name)
-    rows = read_table(table, required=module.TABLE_COLUMNS)
-    write_table(module.points(rows) if option is None else module.points(rows, option), output)
+    table = read_table(table_csv, required=module.COLUMNS)
+    if table.is_empty():
+        why = nothing_to_draw(module)
+        return f"This figure is not drawn. {names.as_text(why[:1].upper() + why[1:])}."
+    said: str = module.caption(table)
+    lacks = f"Without {names.counted(len(missing), 'trial')} whose recordings or fits were refused: "
+    return f"{said} {lacks}{names.listed(missing)}." if missing else said
+
+
+def refused_trials(files: Iterable[Path]) -> list[str]:
+    """The trials to blame for the refusal records among these results."""
+    return list(dict.fromkeys(cause.trial for file in files for cause in read_refusals(file) if cause.trial))

@@ -2,7 +2,7 @@
 
 A new figure is a module here, an entry in `figures.yaml`, and its test. Its module has `COLUMNS` (the columns of the
 plotted numbers), `draw` (plotted numbers -> page) and `caption` (plotted numbers -> a paragraph of Markdown, by the
-words of `captions.py`). Where the numbers come from one result table, the module has `TABLE_COLUMNS` (what it needs of
+words of `names.py`). Where the numbers come from one result table, the module has `TABLE_COLUMNS` (what it needs of
 that table) and `points` (result table -> plotted numbers) too.
 """
 
@@ -42,8 +42,7 @@ FIGURES = read_figures(Path(__file__).with_name("figures.yaml"))
 """The figures of a campaign by name."""
 
 OTHER_DRAWINGS = ("torque", "gain_grid", "gain_map", "study", "not_drawn")
-"""Modules with drawings that are not figures of a campaign: a single fit, requested gains, the Monte Carlo study, and
-the page in place of a figure that cannot be drawn."""
+"""Drawings in `others.py` that are no figures of a campaign."""
 
 
 def drawn_figures(tables: Collection[str], setting: Callable[[str], Any]) -> list[CampaignFigure]:

@@ -5,21 +5,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from osl_analysis.figures.axes import name_ends
-from osl_analysis.figures.captions import as_text, counted, doubtful_fits, with_interval
-from osl_analysis.figures.names import drawn_name, placed_rows
-from osl_analysis.figures.style import (
-    BLACK,
-    DOTTED,
-    DOUBLE_COLUMN,
-    IS_DOUBTFUL,
-    MAGENTA,
-    SINGLE_COLUMN,
-    Dash,
-    link_to_trials,
-    panels,
-    paper_style,
-)
+from osl_analysis.figures import style
+from osl_analysis.figures.names import as_text, counted, doubtful_fits, drawn_name, placed_rows, with_interval
 
 COLUMNS = (
     "joint", "side", "trial", "branch", "theta_s_deg", "torque", "deviation", "K_s", "K_s_low", "K_s_high",
@@ -33,9 +20,9 @@ LONGEST = 12
 """Characters of such a name."""
 MEAN_SLOPE = "mean slope"
 """Name that takes the place of the trial in the two rows that carry the mean slope."""
-DASHES: dict[str, Dash] = {"loading": "-", "unloading": (0, (6, 3))}
+DASHES: dict[str, style.Dash] = {"loading": "-", "unloading": (0, (6, 3))}
 """Line styles of the branches of sound trials."""
-COLOURS = (BLACK, "#3F8FBF", "#6B3A0A")
+COLOURS = (style.BLACK, "#3F8FBF", "#6B3A0A")
 """Colours of loops with ends beside one another, which differ in lightness: 0, 57 and 30 of 100."""
 PALE = "#B4B4B4"
 """Grey of the trials behind the mean slope."""
@@ -65,7 +52,7 @@ def caption(table: pl.DataFrame) -> str:
     return " ".join([*said, doubtful_fits(fits, "drawn dotted")])
 
 
-@paper_style()
+@style.paper_style()
 def draw(table: pl.DataFrame) -> Figure:
     """Above, torque over deflection: trials grey, those with a doubtful fit dotted black, the mean slope dashed
     magenta. Below, torque minus that of the mean slope, which tells the trials and their two branches apart. Joints and
@@ -78,9 +65,11 @@ def draw(table: pl.DataFrame) -> Figure:
     parts = placed_rows(table)
     across = min(len(parts), MOST_ACROSS)
     rows = -(-len(parts) // across)
-    width = SINGLE_COLUMN if across == 1 else DOUBLE_COLUMN
+    width = style.SINGLE_COLUMN if across == 1 else style.DOUBLE_COLUMN
     above = [2 * across * (number // across) + number % across for number in range(len(parts))]
-    figure, axes = panels(width, 0.4 + 3.6 * rows, rows=2 * rows, columns=across, names=[""] * (2 * rows * across))
+    figure, axes = style.panels(
+        width, 0.4 + 3.6 * rows, rows=2 * rows, columns=across, names=[""] * (2 * rows * across)
+    )
     for number, (name, part) in zip(above, parts, strict=True):
         belts, loops = axes[number], axes[number + across]
         draw_belts(belts, part)
@@ -99,14 +88,16 @@ def draw(table: pl.DataFrame) -> Figure:
 def legend(figure: Figure, table: pl.DataFrame) -> None:
     """Legend above all panels, with the numbers of trials and of doubtful fits."""
     trials = trials_of(table)
-    doubtful = [trial for trial in trials if len(trial.filter(IS_DOUBTFUL))]
+    doubtful = [trial for trial in trials if len(trial.filter(style.IS_DOUBTFUL))]
     entries = [Line2D([], [], color=PALE, label=f"Trials ($n$ = {len(trials)})")]
     if doubtful:
         label = f"Doubtful fit ($n$ = {len(doubtful)})"
-        entries.append(Line2D([], [], color=BLACK, linestyle=DOTTED, linewidth=0.9, label=label))
-    entries.append(Line2D([], [], color=MAGENTA, linestyle=DASHED, linewidth=1.3, label="Mean slope while loading"))
+        entries.append(Line2D([], [], color=style.BLACK, linestyle=style.DOTTED, linewidth=0.9, label=label))
+    entries.append(
+        Line2D([], [], color=style.MAGENTA, linestyle=DASHED, linewidth=1.3, label="Mean slope while loading")
+    )
     for branch, dash in DASHES.items():
-        entries.append(Line2D([], [], color=BLACK, linestyle=dash, linewidth=0.5, label=branch.capitalize()))
+        entries.append(Line2D([], [], color=style.BLACK, linestyle=dash, linewidth=0.5, label=branch.capitalize()))
     figure.legend(handles=entries, loc="outside upper center", ncols=2 if len(figure.axes) == 2 else len(entries))
 
 
@@ -120,9 +111,9 @@ def draw_belts(ax: Axes, table: pl.DataFrame) -> None:
     mean, trials = table.filter(pl.col("trial") == MEAN_SLOPE), trials_of(table)
     for trial in trials:
         ax.plot(trial["theta_s_deg"], trial["torque"], color=PALE, linewidth=0.9)
-    for trial in (trial for trial in trials if len(trial.filter(IS_DOUBTFUL))):
-        ax.plot(trial["theta_s_deg"], trial["torque"], color=BLACK, linestyle=DOTTED, linewidth=0.9)
-    ax.plot(mean["theta_s_deg"], mean["torque"], color=MAGENTA, linestyle=DASHED, linewidth=1.3)
+    for trial in (trial for trial in trials if len(trial.filter(style.IS_DOUBTFUL))):
+        ax.plot(trial["theta_s_deg"], trial["torque"], color=style.BLACK, linestyle=style.DOTTED, linewidth=0.9)
+    ax.plot(mean["theta_s_deg"], mean["torque"], color=style.MAGENTA, linestyle=DASHED, linewidth=1.3)
     ax.tick_params(labelbottom=False)
     ax.set_ylabel("Joint torque (N·m)")
     ax.text(0.99, 0.04, stiffness_text(mean), transform=ax.transAxes, ha="right", va="bottom", linespacing=1.4)
@@ -130,13 +121,13 @@ def draw_belts(ax: Axes, table: pl.DataFrame) -> None:
 
 def draw_loops(ax: Axes, table: pl.DataFrame) -> None:
     """What each trial differs by from the mean slope, by branch: the width of a loop is its hysteresis."""
-    ax.axhline(0, color=MAGENTA, linestyle=DASHED, linewidth=1.3)
+    ax.axhline(0, color=style.MAGENTA, linestyle=DASHED, linewidth=1.3)
     for trial, colour in coloured(table):
-        doubtful = len(trial.filter(IS_DOUBTFUL)) > 0
+        doubtful = len(trial.filter(style.IS_DOUBTFUL)) > 0
         for branch, dash in DASHES.items():
             rows = trial.filter(pl.col("branch") == branch)
-            style = DOTTED if doubtful else dash
-            ax.plot(rows["theta_s_deg"], rows["deviation"], color=colour, linestyle=style, linewidth=0.5)
+            line = style.DOTTED if doubtful else dash
+            ax.plot(rows["theta_s_deg"], rows["deviation"], color=colour, linestyle=line, linewidth=0.5)
     area = table["hysteresis_area"].drop_nulls()
     if len(area):
         ax.text(0.02, 0.04, f"Mean loop area {area[0]:.3g} J", transform=ax.transAxes, va="bottom")
@@ -161,7 +152,7 @@ def name_loops(ax: Axes, table: pl.DataFrame) -> None:
     if len(trials) <= MOST_NAMED:
         names = [trial["trial"][0] for trial, _ in trials]
         ends, drawn = [end_of(trial) for trial, _ in trials], [drawn_name(name, LONGEST) for name in names]
-        link_to_trials(name_ends(ax, ends, drawn, [colour for _, colour in trials]), names)
+        style.link_to_trials(style.name_ends(ax, ends, drawn, [colour for _, colour in trials]), names)
 
 
 def stiffness_text(mean: pl.DataFrame) -> str:

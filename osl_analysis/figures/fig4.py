@@ -5,8 +5,7 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from osl_analysis.figures.captions import as_text, doubtful_fits
-from osl_analysis.figures.names import drawn_name, place_name
+from osl_analysis.figures.names import as_text, doubtful_fits, drawn_name, place_name
 from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, IS_DOUBTFUL, MAGENTA, panels, paper_style
 
 COLUMNS = ("joint", "side", "trial", "chosen", "time", "theta_deg", "torque", "torque_model", "doubtful")

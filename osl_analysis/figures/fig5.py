@@ -10,22 +10,19 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures.captions import UNIT_OF, as_text, counted, decimals_of, doubtful_fits, number, with_sd
-from osl_analysis.figures.names import look_numbers, looks_in, of_place, placed_rows
-from osl_analysis.figures.style import (
-    BLACK,
-    DOUBLE_COLUMN,
-    GREY,
-    IS_DOUBTFUL,
-    OPEN_MARKER,
-    WHITE,
-    Look,
-    draw_spread,
-    legend_columns,
-    link_to_trials,
-    panels,
-    paper_style,
-    width_of,
+from osl_analysis.figures import style
+from osl_analysis.figures.names import (
+    UNIT_OF,
+    as_text,
+    counted,
+    decimals_of,
+    doubtful_fits,
+    look_numbers,
+    looks_in,
+    number,
+    of_place,
+    placed_rows,
+    with_sd,
 )
 
 TABLE_COLUMNS = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "K", "K_low", "K_high", "B", "B_low", "B_high")
@@ -75,7 +72,7 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
     return of_place(table).with_columns(look_numbers(table["controller"])).select(COLUMNS)
 
 
-@paper_style()
+@style.paper_style()
 def draw(table: pl.DataFrame) -> Figure:
     """(a) stiffness, (b) damping: a marker per trial's fit to all amplitudes, a black line at the desired value.
 
@@ -87,7 +84,7 @@ def draw(table: pl.DataFrame) -> Figure:
     """
     parts, looks = placed_rows(table), looks_in(table)
     names = [name for name, _ in parts for _ in range(2)]
-    figure, axes = panels(DOUBLE_COLUMN, 0.5 + 3.2 * len(parts), rows=2 * len(parts), names=names)
+    figure, axes = style.panels(style.DOUBLE_COLUMN, 0.5 + 3.2 * len(parts), rows=2 * len(parts), names=names)
     for (_, part), stiffness, damping in zip(parts, axes[::2], axes[1::2], strict=True):
         rows = side_by_side(part, looks)
         for ax, symbol in ((stiffness, "K"), (damping, "B")):
@@ -98,13 +95,13 @@ def draw(table: pl.DataFrame) -> Figure:
         stiffness.set_ylabel(r"Stiffness $\hat{K}$ (N·m/rad)")
         damping.set_ylabel(r"Damping $\hat{B}$ (N·m·s/rad)")
     handles = entries(table, looks)
-    columns = legend_columns([str(handle.get_label()) for handle in handles], 0.9 * DOUBLE_COLUMN, most=6)
+    columns = style.legend_columns([str(handle.get_label()) for handle in handles], 0.9 * style.DOUBLE_COLUMN, most=6)
     figure.legend(handles=handles, loc="outside upper center", ncols=columns, columnspacing=1.4)
     figure.align_ylabels()
     return figure
 
 
-def side_by_side(table: pl.DataFrame, looks: dict[str | None, Look]) -> pl.DataFrame:
+def side_by_side(table: pl.DataFrame, looks: dict[str | None, style.Look]) -> pl.DataFrame:
     """The rows of one joint and side in the order of K_d, B_d and controller, with their place `x` on the axis.
 
     Desired values that are not stated come last.
@@ -118,22 +115,22 @@ def side_by_side(table: pl.DataFrame, looks: dict[str | None, Look]) -> pl.DataF
     return rows.with_columns(x=pl.Series(np.cumsum(steps)))
 
 
-def draw_quantity(ax: Axes, rows: pl.DataFrame, symbol: str, looks: dict[str | None, Look]) -> None:
+def draw_quantity(ax: Axes, rows: pl.DataFrame, symbol: str, looks: dict[str | None, style.Look]) -> None:
     """One quantity, `K` or `B`, of the trials at their places `x`."""
     for wanted in rows.drop_nulls(f"{symbol}_d").partition_by("K_d", "B_d", maintain_order=True):
         reach = float(wanted["x"].min()) - 0.6, float(wanted["x"].max()) + 0.6  # type: ignore[arg-type]
-        ax.hlines(wanted[f"{symbol}_d"][0], *reach, color=BLACK, linewidth=0.8)
+        ax.hlines(wanted[f"{symbol}_d"][0], *reach, color=style.BLACK, linewidth=0.8)
     share = size_share(ax, rows)
     for controller, look in looks.items():
         fits = rows.filter(pl.col("controller").eq_missing(pl.lit(controller)))
-        draw_spread(ax, fits, "x", symbol, look.colour)
+        style.draw_spread(ax, fits, "x", symbol, look.colour)
         ax.plot(fits["x"], fits[f"{symbol}_predicted"], "_", color=look.colour, markersize=7 * share, mew=0.7)
-        fill = [WHITE if doubtful else look.colour for doubtful in fits.select(IS_DOUBTFUL).to_series()]
+        fill = [style.WHITE if doubtful else look.colour for doubtful in fits.select(style.IS_DOUBTFUL).to_series()]
         drawn = ax.scatter(
             fits["x"], fits[symbol], (share * look.size) ** 2, marker=look.marker, facecolors=fill,
             edgecolors=look.colour, linewidths=0.8, label=look.label, zorder=3,
         )  # fmt: skip
-        link_to_trials(drawn, fits["trial"])
+        style.link_to_trials(drawn, fits["trial"])
     ax.ticklabel_format(axis="y", useOffset=False)
     last = float(rows["x"].max())  # type: ignore[arg-type]
     edge = max(1.0, (FEWEST - last) / 2)
@@ -162,7 +159,7 @@ def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
         words = [name + (NOT_STATED if value is None else f"{equals}{value:g}") for value in places[keys[-1]]]
         shown, end = [], -np.inf
         for place, word in zip(places["x"], words, strict=True):
-            half = width_of(word) / inches / 2
+            half = style.width_of(word) / inches / 2
             if place - half > end:
                 shown.append((place, word))
                 end = place + half + 0.06 / inches
@@ -226,7 +223,7 @@ def errors_said(fits: pl.DataFrame) -> str:
     return ", ".join(said) + (" (mean ± SD, range)" if len(fits) > 1 else "")
 
 
-def entries(table: pl.DataFrame, looks: dict[str | None, Look]) -> list[Line2D]:
+def entries(table: pl.DataFrame, looks: dict[str | None, style.Look]) -> list[Line2D]:
     """Legend of the markers, of the desired values and of linear theory, as far as the table has them."""
 
     def entry(marker: str, label: str, **look: Any) -> Line2D:
@@ -234,10 +231,10 @@ def entries(table: pl.DataFrame, looks: dict[str | None, Look]) -> list[Line2D]:
         return Line2D([], [], linestyle="", marker=marker, label=label, **look)
 
     found = [entry(look.marker, look.label, color=look.colour, markersize=look.size) for look in looks.values()]
-    if len(table.filter(IS_DOUBTFUL)):
-        found.append(OPEN_MARKER)
+    if len(table.filter(style.IS_DOUBTFUL)):
+        found.append(style.OPEN_MARKER)
     if table["K_d"].count() or table["B_d"].count():
-        found.append(Line2D([], [], color=BLACK, linewidth=0.8, label="Desired"))
+        found.append(Line2D([], [], color=style.BLACK, linewidth=0.8, label="Desired"))
     if table["K_predicted"].count() or table["B_predicted"].count():
-        found.append(entry("_", "Linear model", color=GREY, markersize=7, mew=0.7))
+        found.append(entry("_", "Linear model", color=style.GREY, markersize=7, mew=0.7))
     return found

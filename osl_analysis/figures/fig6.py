@@ -8,20 +8,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures.captions import as_text, counted, decimals_of, doubtful_fits, number
-from osl_analysis.figures.names import NO_CONTROLLER, PLACE, look_numbers, looks_in, of_place, place_name
-from osl_analysis.figures.style import (
-    BLACK,
-    DOUBLE_COLUMN,
-    IS_DOUBTFUL,
-    OPEN_MARKER,
-    SINGLE_COLUMN,
-    WHITE,
-    Look,
-    link_to_trials,
-    paper_style,
+from osl_analysis.figures import style
+from osl_analysis.figures.names import (
+    NO_CONTROLLER,
+    PLACE,
+    as_text,
+    counted,
+    decimals_of,
+    doubtful_fits,
+    look_numbers,
+    looks_in,
+    number,
+    of_place,
+    place_name,
 )
-from osl_analysis.figures.swarm import squeezed, swarm_positions
 from osl_analysis.trial import Array
 
 TABLE_COLUMNS = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "VAF")
@@ -109,11 +109,13 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
     swarms = []
     for place, rows in enumerate(groups):
         inches = (vaf_scale(drawn_vaf(rows)) - low) / (high - low) * PANEL_HEIGHT
-        offsets = swarm_positions(inches, DIAMETER) / width
+        offsets = style.swarm_positions(inches, DIAMETER) / width
         centre = pitch * (0.92 * place + 0.46 if len(groups) <= BESIDE else place + 0.5)
         swarms.append(
             rows.with_columns(
-                x=centre + squeezed(offsets, 0.4 * pitch), x_centre=pl.lit(centre), median_VAF=pl.col("VAF").median()
+                x=centre + style.squeezed(offsets, 0.4 * pitch),
+                x_centre=pl.lit(centre),
+                median_VAF=pl.col("VAF").median(),
             )
         )
     return pl.concat(swarms)
@@ -131,10 +133,10 @@ def swarms_of(table: pl.DataFrame) -> list[pl.DataFrame]:
 
 def panel_width(swarms: int) -> float:
     """Width [in] of the panel with so many swarms."""
-    return (SINGLE_COLUMN if swarms <= BESIDE else DOUBLE_COLUMN) - LEFT - RIGHT
+    return (style.SINGLE_COLUMN if swarms <= BESIDE else style.DOUBLE_COLUMN) - LEFT - RIGHT
 
 
-@paper_style()
+@style.paper_style()
 def draw(table: pl.DataFrame) -> Figure:
     """A swarm per controller, of each joint and side, with its median as a black bar.
 
@@ -151,8 +153,8 @@ def draw(table: pl.DataFrame) -> Figure:
     ax.set_yscale("function", functions=(vaf_scale, vaf_from_scale))
     for rows in swarms:
         draw_swarm(ax, rows, looks[rows["controller"][0]], len(swarms))
-    if len(table.filter(IS_DOUBTFUL)):
-        ax.legend(handles=[OPEN_MARKER], loc="lower left")
+    if len(table.filter(style.IS_DOUBTFUL)):
+        ax.legend(handles=[style.OPEN_MARKER], loc="lower left")
     low, high = axis_limits(table["VAF"].to_numpy())
     ax.set_ylim(float(vaf_from_scale(np.array(low))), float(vaf_from_scale(np.array(high))))
     ax.set_yticks(axis_ticks(low, high), minor=False)
@@ -164,16 +166,16 @@ def draw(table: pl.DataFrame) -> Figure:
     return figure
 
 
-def draw_swarm(ax: Axes, rows: pl.DataFrame, look: Look, swarms: int) -> None:
+def draw_swarm(ax: Axes, rows: pl.DataFrame, look: style.Look, swarms: int) -> None:
     """The fits of one controller, joint and side, as one of so many swarms, with their median."""
-    fill = [WHITE if doubtful else look.colour for doubtful in rows.select(IS_DOUBTFUL).to_series()]
+    fill = [style.WHITE if doubtful else look.colour for doubtful in rows.select(style.IS_DOUBTFUL).to_series()]
     drawn = ax.scatter(
         rows["x"], drawn_vaf(rows), look.size**2, marker=look.marker, facecolors=fill, edgecolors=look.colour,
         linewidths=0.8, label=look.label,
     )  # fmt: skip
-    link_to_trials(drawn, rows["trial"])
+    style.link_to_trials(drawn, rows["trial"])
     centre, median, half = rows["x_centre"][0], min(rows["median_VAF"][0], LARGEST_VAF), 0.3 / swarms
-    ax.hlines(median, centre - half, centre + half, color=BLACK, linewidth=1.2, zorder=0.5)
+    ax.hlines(median, centre - half, centre + half, color=style.BLACK, linewidth=1.2, zorder=0.5)
     if swarms <= BESIDE:
         ax.annotate(f"median\n{said_vaf(rows['median_VAF'][0])}", (centre + half + 0.02 / swarms, median), va="center")
 

@@ -8,24 +8,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures.axes import label_log_axis, label_phase_axis, widened
-from osl_analysis.figures.captions import UNIT_OF, as_text, counted, doubtful_fits
-from osl_analysis.figures.names import NO_CONTROLLER, look_numbers, looks_in, of_place, placed_rows
-from osl_analysis.figures.style import (
-    BLACK,
-    DOUBLE_COLUMN,
-    IS_DOUBTFUL,
-    LOOKS,
-    OPEN_MARKER,
-    SINGLE_COLUMN,
-    WHITE,
-    Look,
-    draw_spread,
-    legend_columns,
-    link_to_trials,
-    panels,
-    paper_style,
-    spread_entries,
+from osl_analysis.figures import style
+from osl_analysis.figures.names import (
+    NO_CONTROLLER,
+    UNIT_OF,
+    as_text,
+    counted,
+    doubtful_fits,
+    look_numbers,
+    looks_in,
+    of_place,
+    placed_rows,
 )
 
 RESPONSE = (
@@ -123,7 +116,7 @@ def caption(table: pl.DataFrame) -> str:
     return " ".join([*said, doubtful_fits(observed, "drawn open", fit="phasor")])
 
 
-@paper_style()
+@style.paper_style()
 def draw(table: pl.DataFrame) -> Figure:
     """(a) magnitude, (b) phase over the logarithm of frequency: markers observed, black line desired, broken lines
     predicted, each controller's with a line style of its own.
@@ -133,8 +126,8 @@ def draw(table: pl.DataFrame) -> Figure:
     """
     parts, looks = placed_rows(table), looks_in(table.filter(pl.col("curve") != DESIRED))
     names = [name for name, _ in parts]
-    width = SINGLE_COLUMN if len(parts) == 1 else DOUBLE_COLUMN
-    figure, axes = panels(width, 3.7, rows=2, columns=len(parts), names=names + [""] * len(parts))
+    width = style.SINGLE_COLUMN if len(parts) == 1 else style.DOUBLE_COLUMN
+    figure, axes = style.panels(width, 3.7, rows=2, columns=len(parts), names=names + [""] * len(parts))
     shown: dict[Axes, str] = {}
     for number, (_, part) in enumerate(parts):
         magnitude, phase = axes[number], axes[number + len(parts)]
@@ -145,7 +138,13 @@ def draw(table: pl.DataFrame) -> Figure:
                 draw_controller(ax, rows, look, column, bounds)
             curve = part.filter(pl.col("curve") == DESIRED)
             if len(curve):
-                ax.plot(curve["frequency_hz"], curve[column], color=BLACK, label=LOOKS["desired"].label, zorder=1)
+                ax.plot(
+                    curve["frequency_hz"],
+                    curve[column],
+                    color=style.BLACK,
+                    label=style.LOOKS["desired"].label,
+                    zorder=1,
+                )
         label_axes(magnitude, phase, part["frequency_hz"].to_numpy(), MOST_TICKS[len(parts) > 1])
     axes[0].set_ylabel("Magnitude\n" r"(10$^{-3}$ rad/(N·m))")
     axes[len(parts)].set_ylabel("Phase (deg)")
@@ -157,12 +156,12 @@ def draw(table: pl.DataFrame) -> Figure:
 def label_axes(magnitude: Axes, phase: Axes, frequency_hz: np.ndarray, most: int) -> None:
     """Logarithmic axes of frequencies (n,) and magnitude, phases with 0; `most` ticks of frequency at most."""
     magnitude.set_yscale("log")
-    label_log_axis(magnitude.yaxis, magnitude.get_ylim(), most=6, scale=1e3)
-    label_phase_axis(phase)
-    limits = widened(float(frequency_hz.min()), float(frequency_hz.max()))
+    style.label_log_axis(magnitude.yaxis, magnitude.get_ylim(), most=6, scale=1e3)
+    style.label_phase_axis(phase)
+    limits = style.widened(float(frequency_hz.min()), float(frequency_hz.max()))
     for ax in (magnitude, phase):
         ax.set_xscale("log")
-        label_log_axis(ax.xaxis, limits, most)
+        style.label_log_axis(ax.xaxis, limits, most)
     magnitude.tick_params(labelbottom=False)
     phase.set_xlabel("Frequency (Hz)")
 
@@ -170,24 +169,24 @@ def label_axes(magnitude: Axes, phase: Axes, frequency_hz: np.ndarray, most: int
 def legend(figure: Figure, table: pl.DataFrame, shown: Mapping[Axes, str]) -> None:
     """Legend above all panels; `shown` are the panels with the quantity of each."""
     named = {label: handle for ax in shown for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    handles = [*named.values(), *spread_entries(shown, table)[0]]
-    handles += [OPEN_MARKER] * len(table.filter(IS_DOUBTFUL).head(1))
+    handles = [*named.values(), *style.spread_entries(shown, table)[0]]
+    handles += [style.OPEN_MARKER] * len(table.filter(style.IS_DOUBTFUL).head(1))
     labels = [*named, *(str(handle.get_label()) for handle in handles[len(named) :])]
-    columns = legend_columns(labels, figure.get_figwidth(), most=2 if len(shown) == 2 else 4)
+    columns = style.legend_columns(labels, figure.get_figwidth(), most=2 if len(shown) == 2 else 4)
     figure.legend(handles, labels, loc="outside upper center", ncols=columns, columnspacing=1.5)
 
 
-def draw_controller(ax: Axes, rows: pl.DataFrame, look: Look, column: str, bounds: str) -> None:
+def draw_controller(ax: Axes, rows: pl.DataFrame, look: style.Look, column: str, bounds: str) -> None:
     """One controller in one panel: markers with intervals, and the curve of the linear model where there is one."""
     observed, curve = (rows.filter(pl.col("curve") == kind) for kind in (OBSERVED, LINEAR_MODEL))
     if len(observed):
-        draw_spread(ax, observed, "frequency_hz", bounds, look.colour)
-        fill = [WHITE if doubtful else look.colour for doubtful in observed.select(IS_DOUBTFUL).to_series()]
+        style.draw_spread(ax, observed, "frequency_hz", bounds, look.colour)
+        fill = [style.WHITE if doubtful else look.colour for doubtful in observed.select(style.IS_DOUBTFUL).to_series()]
         drawn = ax.scatter(
             observed["frequency_hz"], observed[column], look.size**2, marker=look.marker, facecolors=fill,
             edgecolors=look.colour, linewidths=0.8, label=look.label, zorder=2.5,
         )  # fmt: skip
-        link_to_trials(drawn, observed["trial"])
+        style.link_to_trials(drawn, observed["trial"])
     if len(curve):
         x, y = curve["frequency_hz"], curve[column]
         ax.plot(x, y, color=look.colour, linewidth=0.9, linestyle=look.dash, label=f"{look.label}, {LINEAR_MODEL}")

@@ -4,8 +4,7 @@ import polars as pl
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator, PercentFormatter
 
-from osl_analysis.figures.captions import as_text
-from osl_analysis.figures.names import drawn_name
+from osl_analysis.figures.names import as_text, drawn_name
 from osl_analysis.figures.style import BLACK, ORANGE, SINGLE_COLUMN, panels, paper_style
 
 GAINS = ("K_1_joint", "B_1_joint")

@@ -10,22 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures.captions import UNIT_OF, as_text, counted, doubtful_fits, with_interval, with_sd
-from osl_analysis.figures.names import drawn_name
-from osl_analysis.figures.style import (
-    BLACK,
-    DOUBLE_COLUMN,
-    GREY,
-    IS_DOUBTFUL,
-    OPEN_MARKER,
-    PURPLE,
-    SINGLE_COLUMN,
-    WHITE,
-    link_to_trials,
-    panels,
-    paper_style,
-)
-from osl_analysis.figures.swarm import squeezed, swarm_positions
+from osl_analysis.figures import style
+from osl_analysis.figures.names import UNIT_OF, as_text, counted, doubtful_fits, drawn_name, with_interval, with_sd
 
 SUMMARY_COLUMNS = ("group", "quantity", "estimator", "n", "mean", "sd", "low", "high", "n_doubtful", "commanded")
 """Columns that `points` needs of `walking_summary.csv`."""
@@ -109,7 +95,7 @@ def group_row(rows: dict[tuple[str, str, str], dict[str, Any]], group: str, quan
     )
 
 
-@paper_style()
+@style.paper_style()
 def draw(table: pl.DataFrame) -> Figure:
     """(a) K, (b) B, (c) I: a point per perturbation, open where its fit is doubtful, beside them their mean with one SD
     on either side and the fit to the mean response with its 95 % interval, commanded values dashed.
@@ -120,11 +106,11 @@ def draw(table: pl.DataFrame) -> Figure:
     groups = table["group"].unique(maintain_order=True).to_list()
     single = len(groups) == 1
     if single:
-        figure, axes = panels(SINGLE_COLUMN, 2.6, columns=3)
+        figure, axes = style.panels(style.SINGLE_COLUMN, 2.6, columns=3)
     else:
-        figure, axes = panels(DOUBLE_COLUMN, 4.8, rows=3)
+        figure, axes = style.panels(style.DOUBLE_COLUMN, 4.8, rows=3)
     span = (len(groups) - 1) * GROUP_WIDTH + 1.6
-    width = SINGLE_COLUMN / 3 - LETTERED if single else DOUBLE_COLUMN - LETTERED
+    width = style.SINGLE_COLUMN / 3 - LETTERED if single else style.DOUBLE_COLUMN - LETTERED
     for ax, quantity in zip(axes, QUANTITIES, strict=True):
         rows = table.filter(pl.col("quantity") == quantity)
         for place, group in enumerate(groups):
@@ -132,7 +118,7 @@ def draw(table: pl.DataFrame) -> Figure:
             draw_single(ax, at, of_group.drop_nulls("trial"), rows["estimate"].drop_nulls(), width / span)
             draw_group(ax, at, of_group.filter(pl.col("trial").is_null()).row(0, named=True))
         if quantity == "I" or ax.dataLim.y0 < 0:
-            ax.axhline(0, color=BLACK, linewidth=0.5, zorder=0)
+            ax.axhline(0, color=style.BLACK, linewidth=0.5, zorder=0)
         ax.set_xlim(-0.5, span - 0.5)
         ax.set_xticks([] if single else [n * GROUP_WIDTH + MEAN_AT / 2 for n in range(len(groups))])
         if not single:
@@ -141,8 +127,8 @@ def draw(table: pl.DataFrame) -> Figure:
         ax.set_ylabel(LABELS[quantity])
     found = dict(zip(*reversed(axes[0].get_legend_handles_labels()), strict=True))
     labels = {name: found[name] for name in LEGEND if name in found}
-    if len(table.filter(IS_DOUBTFUL)):
-        labels[str(OPEN_MARKER.get_label())] = OPEN_MARKER
+    if len(table.filter(style.IS_DOUBTFUL)):
+        labels[str(style.OPEN_MARKER.get_label())] = style.OPEN_MARKER
     figure.legend(list(labels.values()), list(labels), loc="outside upper center", ncols=2 if single else 5)
     return figure
 
@@ -159,10 +145,12 @@ def draw_single(ax: Axes, at: float, fits: pl.DataFrame, shown: pl.Series, inche
     `shown` are the estimates (n,) that the panel shows, `inches` the length of a unit of its horizontal axis.
     """
     heights = (fits["estimate"] / max(float(np.ptp(shown.to_numpy())), 1e-9) * PANEL_HEIGHT).to_numpy()
-    x = at + squeezed(swarm_positions(heights, DIAMETER) / inches, REACH)
-    fill = [WHITE if doubtful else GREY for doubtful in fits.select(IS_DOUBTFUL).to_series()]
-    drawn = ax.scatter(x, fits["estimate"], SIZE**2, facecolors=fill, edgecolors=GREY, linewidths=0.6, label=LEGEND[0])
-    link_to_trials(drawn, fits["trial"])
+    x = at + style.squeezed(style.swarm_positions(heights, DIAMETER) / inches, REACH)
+    fill = [style.WHITE if doubtful else style.GREY for doubtful in fits.select(style.IS_DOUBTFUL).to_series()]
+    drawn = ax.scatter(
+        x, fits["estimate"], SIZE**2, facecolors=fill, edgecolors=style.GREY, linewidths=0.6, label=LEGEND[0]
+    )
+    style.link_to_trials(drawn, fits["trial"])
 
 
 def draw_group(ax: Axes, at: float, row: dict[str, Any]) -> None:
@@ -171,20 +159,26 @@ def draw_group(ax: Axes, at: float, row: dict[str, Any]) -> None:
     if row["commanded"] is not None:
         ends = [at - REACH - 0.1, at + ENSEMBLE_AT + 0.15]
         ax.plot(
-            ends, [row["commanded"]] * 2, color=BLACK, linestyle=(0, (3, 2)), linewidth=0.8, zorder=0, label=LEGEND[3]
+            ends,
+            [row["commanded"]] * 2,
+            color=style.BLACK,
+            linestyle=(0, (3, 2)),
+            linewidth=0.8,
+            zorder=0,
+            label=LEGEND[3],
         )
     if row["mean"] is None:
         return
     sd = None if row["sd"] is None else [row["sd"]]
     ax.errorbar(
-        [at + MEAN_AT], [row["mean"]], yerr=sd, fmt="s", color=BLACK, markersize=3, linewidth=0.8, capsize=2.5,
+        [at + MEAN_AT], [row["mean"]], yerr=sd, fmt="s", color=style.BLACK, markersize=3, linewidth=0.8, capsize=2.5,
         label=LEGEND[1],
     )  # fmt: skip
     low, high, place = row["ensemble_low"], row["ensemble_high"], [at + ENSEMBLE_AT]
     ax.errorbar(
-        place, [(low + high) / 2], yerr=[(high - low) / 2], fmt="none", color=PURPLE, linewidth=1.2, capsize=2.5
+        place, [(low + high) / 2], yerr=[(high - low) / 2], fmt="none", color=style.PURPLE, linewidth=1.2, capsize=2.5
     )
-    ax.plot(place, [row["ensemble"]], "D", color=PURPLE, markersize=3.2, label=LEGEND[2])
+    ax.plot(place, [row["ensemble"]], "D", color=style.PURPLE, markersize=3.2, label=LEGEND[2])
 
 
 def caption(table: pl.DataFrame) -> str:

@@ -6,9 +6,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from osl_analysis.figures.captions import UNIT_OF, as_text, counted, with_interval
 from osl_analysis.figures.fig9 import LABELS, QUANTITIES
-from osl_analysis.figures.names import drawn_name
+from osl_analysis.figures.names import UNIT_OF, as_text, counted, drawn_name, with_interval
 from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, ORANGE, PURPLE, legend_columns, panels, paper_style
 
 COLUMNS = (

@@ -9,21 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures.axes import label_log_axis
-from osl_analysis.figures.captions import as_text, counted
-from osl_analysis.figures.names import MARKERS, PLACE, of_place, place_name
-from osl_analysis.figures.style import (
-    BLACK,
-    DOUBLE_COLUMN,
-    GREY,
-    LOOKS,
-    SINGLE_COLUMN,
-    Look,
-    legend_columns,
-    link_to_trials,
-    panels,
-    paper_style,
-)
+from osl_analysis.figures import style
+from osl_analysis.figures.names import MARKERS, PLACE, as_text, counted, of_place, place_name
 from osl_analysis.trial import Array
 
 TABLE_COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out")
@@ -37,7 +24,7 @@ MODELS = {
     ),
 }
 """Names of each experiment and of its models, the draft's model first."""
-REPEATS = Look(GREY, "o", 2.6, "Repeat")
+REPEATS = style.Look(style.GREY, "o", 2.6, "Repeat")
 FEW = 2
 """Models of which a panel would show no more than a sentence says."""
 MOST_TICKS = 8
@@ -99,7 +86,7 @@ def drawn_experiments(table: pl.DataFrame) -> list[str]:
     return [experiment for experiment in present if len(MODELS[experiment][1]) > FEW] or present
 
 
-@paper_style()
+@style.paper_style()
 def draw(table: pl.DataFrame) -> Figure:
     """A panel per experiment with three models or more, the draft's model on the left: each line is a trial, each bar
     the geometric mean. Joints and sides stand side by side, each with a marker and a mean of its own.
@@ -109,15 +96,15 @@ def draw(table: pl.DataFrame) -> Figure:
     several = len(table.select(PLACE).unique()) > 1
     present = drawn_experiments(table)
     shares = [len(MODELS[experiment][1]) for experiment in present]
-    width = SINGLE_COLUMN if len(present) == 1 else DOUBLE_COLUMN
-    figure, axes = panels(width, 2.8, columns=len(present), shares=shares)
+    width = style.SINGLE_COLUMN if len(present) == 1 else style.DOUBLE_COLUMN
+    figure, axes = style.panels(width, 2.8, columns=len(present), shares=shares)
     for ax, experiment in zip(axes, present, strict=True):
         name, models = MODELS[experiment]
         rows = table.filter(pl.col("experiment") == experiment)
         conditions = rows.partition_by(*PLACE, "controller", maintain_order=True)
         for k, trials in enumerate(conditions):
             shift = min(0.36, 0.72 / len(conditions)) * (k - (len(conditions) - 1) / 2)
-            look = LOOKS.get(trials["controller"][0], REPEATS)
+            look = style.LOOKS.get(trials["controller"][0], REPEATS)
             if several:
                 place = place_name(trials["joint"][0], trials["side"][0])
                 looks = [*dict.fromkeys(rows.select(PLACE).rows())]
@@ -129,15 +116,15 @@ def draw(table: pl.DataFrame) -> Figure:
         ax.set_xticks(range(len(models)), list(models.values()))
         ax.tick_params(axis="x", length=0)
         ax.set_xlim(-0.5, len(models) - 0.5)
-    label_log_axis(axes[0].yaxis, axes[0].get_ylim(), MOST_TICKS)
+    style.label_log_axis(axes[0].yaxis, axes[0].get_ylim(), MOST_TICKS)
     axes[0].set_ylabel("Held-out variance\nnot accounted for (%)")
     handles = {label: h for ax in axes for h, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    columns = legend_columns(list(handles), width, most=4)
+    columns = style.legend_columns(list(handles), width, most=4)
     figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=columns)
     return figure
 
 
-def draw_trials(ax: Axes, rows: pl.DataFrame, models: list[str], shift: float, look: Look) -> None:
+def draw_trials(ax: Axes, rows: pl.DataFrame, models: list[str], shift: float, look: style.Look) -> None:
     """The trials of one condition, shifted by `shift` from the ticks of the models."""
     x = np.arange(len(models)) + shift
     trials, left = shares_left(rows, models)
@@ -146,9 +133,9 @@ def draw_trials(ax: Axes, rows: pl.DataFrame, models: list[str], shift: float, l
         np.tile(x, len(trials)), left.ravel(), look.size**2, marker=look.marker, facecolors="none",
         edgecolors=look.colour, linewidths=0.6, label=look.label,
     )  # fmt: skip
-    link_to_trials(drawn, np.repeat(trials, len(models)))
+    style.link_to_trials(drawn, np.repeat(trials, len(models)))
     mean = geometric_means(rows, models)
-    ax.hlines(mean, x - 0.11, x + 0.11, color=BLACK, linewidth=1.4, zorder=3, label="Geometric mean")
+    ax.hlines(mean, x - 0.11, x + 0.11, color=style.BLACK, linewidth=1.4, zorder=3, label="Geometric mean")
 
 
 def shares_left(rows: pl.DataFrame, models: list[str]) -> tuple[list[str], Array]:

@@ -1,14 +1,19 @@
-"""Names of a campaign on paper: letters that the fonts have, looks of its controllers, its joints and sides."""
+"""Words on paper: names of a campaign as the fonts can draw them, captions, and the small line below every figure."""
 
+import math
+import re
+import textwrap
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cache
 
 import polars as pl
+from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
+from matplotlib.transforms import Bbox
 
-from osl_analysis.figures.style import LOOKS, PAPER, Dash, Look, width_of
+from osl_analysis.figures.style import GREY, IS_DOUBTFUL, LOOKS, PAPER, Dash, Look, paper_style, width_of
 
 DRAFT = ("compensated", "uncompensated")
 """The controllers of the draft, whose looks are fixed."""
@@ -123,3 +128,111 @@ def other_look(controller: str, number: int | None) -> Look:
     number = number or 0
     colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
     return Look(colour, marker, SIZE, drawn_name(controller), DASHES[number % len(DASHES)])
+
+
+UNIT_OF = {"K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²"}
+"""Units of stiffness, damping and inertia as they are printed."""
+MOST_NAMED = 6
+"""Trials that a caption names; the tables have all of them."""
+DIGITS = 2
+"""Significant digits of half the width of an interval, and of a standard deviation."""
+MOST_DIGITS = 5
+"""Significant digits of an estimate, whatever its interval."""
+SPECIAL = re.compile(r"[\\`*_{}\[\]<>#|~$&!^@\"']|:(?=//)|(?<=-)-|(?<=\.)\.|(?<=www)\.")
+"""Signs that mean something in Markdown, as its dialects have it: repeated hyphens and dots are joined by some."""
+
+
+def as_text(name: str) -> str:
+    """A name from a file, of which Markdown shows every sign: no HTML, link, mathematics, emphasis or line break."""
+    return SPECIAL.sub(lambda sign: f"\\{sign[0]}", " ".join(re.sub(r"[\x00-\x1f\x7f\u2028\u2029]", " ", name).split()))
+
+
+def listed(names: Iterable[str], most: int = MOST_NAMED) -> str:
+    """Names from files one after the other, each once; of more than `most` the first ones and how many more."""
+    found = [as_text(name) for name in dict.fromkeys(names)]
+    return ", ".join(found[:most]) + (f" and {len(found) - most} more" if len(found) > most else "")
+
+
+def decimals_of(spread: float, largest: float = 0.0) -> int:
+    """Digits behind the point at which a half width or standard deviation has `DIGITS` significant ones.
+
+    A number of the size `largest` has no more than `MOST_DIGITS`: rounding leaves a spread where there is none.
+    """
+    sizes = ((spread, DIGITS), (largest, MOST_DIGITS))
+    digits = [most - 1 - math.floor(math.log10(abs(size))) for size, most in sizes if size and math.isfinite(size)]
+    return max(min(digits, default=0), 0)
+
+
+def number(value: float, decimals: int) -> str:
+    """A number with so many digits behind the point, with a minus sign; never minus zero."""
+    return f"{value:.{decimals}f}".replace("-", "−") if round(value, decimals) else f"{0:.{decimals}f}"
+
+
+def with_interval(value: float, low: float | None, high: float | None, unit: str) -> str:
+    """An estimate with its 95 % interval, as `299.1 N·m/rad (95 % interval 298.2 to 300.0)`; alone without one."""
+    if low is None or high is None:
+        return f"{value:.4g} {unit}".replace("-", "−")
+    digits = decimals_of((high - low) / 2, value)
+    ends = f"{number(low, digits)} to {number(high, digits)}"
+    return f"{number(value, digits)} {unit} (95 % interval {ends})"
+
+
+def with_sd(mean: float, sd: float | None, unit: str) -> str:
+    """A mean with its standard deviation, as `338 ± 20 N·m/rad`; alone without one."""
+    if sd is None:
+        return f"{mean:.3g} {unit}".replace("-", "−")
+    digits = decimals_of(sd, mean)
+    return f"{number(mean, digits)} ± {number(sd, digits)} {unit}"
+
+
+def counted(n: int, one: str, several: str = "") -> str:
+    """A number of things, as `1 trial` or `32 trials`."""
+    return f"{n} {one if n == 1 else several or one + 's'}"
+
+
+def doubtful_fits(table: pl.DataFrame, look: str, fit: str = "fit") -> str:
+    """Which of the drawn fits are doubtful and how they `look`, as `Doubtful, drawn open: 2 of 32 fits (a, b).`
+
+    `table` has a row per fit, with `trial` and `doubtful`; the reasons stand there.
+    """
+    found = table.filter(IS_DOUBTFUL)
+    if found.is_empty():
+        return f"No {fit} is doubtful."
+    return f"Doubtful, {look}: {len(found)} of {counted(len(table), fit)} ({listed(found['trial'])})."
+
+
+SMALL, LINE, LETTERS_PER_INCH = 5.5, 0.1, 28
+"""Size [pt], height of a line [in] and letters per inch."""
+EDGE = 0.02
+"""Distance [in] of the line from the figure above it and from the edge of the page."""
+MOST_MISSING = 4
+"""Missing trials that are named; the caption names more, the table `excluded.csv` all of them."""
+
+
+def said_of_missing(trials: Sequence[str]) -> str:
+    """Which trials a figure lacks; empty if none."""
+    more = f" and {len(trials) - MOST_MISSING} more" if len(trials) > MOST_MISSING else ""
+    return f"Without {len(trials)} refused: {', '.join(trials[:MOST_MISSING])}{more}" if trials else ""
+
+
+@paper_style()
+def write_footer(figure: Figure, text: str) -> Bbox:
+    """A small line below a drawn figure; the part of the plane [in] to be saved, which is as much taller.
+
+    The figure itself keeps its size and its layout: the line stands below its lower edge.
+    """
+    width, height = figure.get_size_inches()
+    lines = textwrap.wrap(text, int(width * LETTERS_PER_INCH))
+    words = figure.text(
+        0.5,
+        -EDGE / height,
+        with_glyphs("\n".join(lines)),
+        fontsize=SMALL,
+        color=GREY,
+        ha="center",
+        va="top",
+        linespacing=1.1,
+        parse_math=False,
+    )
+    words.set_in_layout(False)
+    return Bbox.from_extents(0.0, -(LINE * len(lines) + 2 * EDGE), width, height)

@@ -11,22 +11,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
-from osl_analysis.figures.captions import UNIT_OF, counted, doubtful_fits
-from osl_analysis.figures.names import drawn_name, lines_of, place_name
-from osl_analysis.figures.style import (
-    BLACK,
-    DOUBLE_COLUMN,
-    GREY,
-    IS_DOUBTFUL,
-    MAGENTA,
-    OPEN_MARKER,
-    ORANGE,
-    PURPLE,
-    SINGLE_COLUMN,
-    WHITE,
-    legend_columns,
-    paper_style,
-)
+from osl_analysis.figures import style
+from osl_analysis.figures.names import UNIT_OF, counted, doubtful_fits, drawn_name, lines_of, place_name
 
 CURVES = ("magnitude", "phase_deg", "magnitude_eq15", "phase_deg_eq15", "magnitude_eq9", "phase_deg_eq9")
 LEVELS = ("noise_level", "odd_level", "even_level", "total_level")
@@ -46,12 +32,15 @@ LONGEST, SHORTER = 28, 18
 AXIS = 0.42
 """Width [in] beside a panel that its title cannot take."""
 LOOKS = {
-    "odd_level": (ORANGE, "^", "Odd distortion"),
-    "even_level": (PURPLE, "s", "Even distortion"),
-    "noise_level": (GREY, "x", "Noise"),
+    "odd_level": (style.ORANGE, "^", "Odd distortion"),
+    "even_level": (style.PURPLE, "s", "Even distortion"),
+    "noise_level": (style.GREY, "x", "Noise"),
 }
 """Colour, marker and name of each level."""
-MODELS = {"eq15": (MAGENTA, "-", r"Eq. 15: $K + sB + s^2I$"), "eq9": (BLACK, (0, (4, 1.5)), "Eq. 9: drivetrain")}
+MODELS = {
+    "eq15": (style.MAGENTA, "-", r"Eq. 15: $K + sB + s^2I$"),
+    "eq9": (style.BLACK, (0, (4, 1.5)), "Eq. 9: drivetrain"),
+}
 
 
 def points(single: pl.DataFrame, pooled: pl.DataFrame) -> pl.DataFrame:
@@ -105,7 +94,7 @@ def deviation(rows: pl.DataFrame, short: str) -> NDArray[np.float64]:
     return np.asarray(missed[np.isfinite(missed)])
 
 
-@paper_style()
+@style.paper_style()
 def draw(table: pl.DataFrame) -> Figure:
     """Per condition, one above the other, magnitude and phase with 95 % intervals, and the structures' deviation,
     distortion and noise. Conditions stand side by side, as many as a page takes.
@@ -133,7 +122,7 @@ def draw(table: pl.DataFrame) -> Figure:
                 ax.set_ylabel(label)
     for unused in axes[-3:, len(shown) - across * (down - 1) :].ravel():
         unused.remove()
-    columns = legend_columns(list(entries), width, most=6)
+    columns = style.legend_columns(list(entries), width, most=6)
     figure.legend(entries.values(), entries.keys(), loc="outside upper center", ncols=columns, columnspacing=1.2)
     figure.align_ylabels()
     if len(conditions) > MOST:
@@ -149,7 +138,7 @@ def grid_of(conditions: int) -> tuple[int, int]:
 
 def size_of(down: int, across: int) -> tuple[float, float]:
     """Width and height [in] of the page of a grid of conditions."""
-    return SINGLE_COLUMN if across == 1 else DOUBLE_COLUMN, 0.5 + down * (3 * PANEL_HEIGHT + HEADING)
+    return style.SINGLE_COLUMN if across == 1 else style.DOUBLE_COLUMN, 0.5 + down * (3 * PANEL_HEIGHT + HEADING)
 
 
 def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Line2D]:
@@ -188,17 +177,17 @@ def draw_curves(ax: Axes, rows: pl.DataFrame, quantity: str) -> dict[str, Line2D
     """Measured points and the lines of the structures; the entries of the legend."""
     f = rows["frequency_hz"]
     half = intervals(rows, quantity)
-    ax.vlines(f, rows[quantity] - half, rows[quantity] + half, color=BLACK, linewidth=0.6)
-    doubtful = len(rows.filter(IS_DOUBTFUL)) > 0
-    fill = WHITE if doubtful else BLACK
-    ax.plot(f, rows[quantity], "o", color=BLACK, markersize=SIZE, mew=0.5, mfc=fill)
-    entries = {"Measured Z": Line2D([], [], linestyle="", marker="o", color=BLACK, markersize=SIZE)}
+    ax.vlines(f, rows[quantity] - half, rows[quantity] + half, color=style.BLACK, linewidth=0.6)
+    doubtful = len(rows.filter(style.IS_DOUBTFUL)) > 0
+    fill = style.WHITE if doubtful else style.BLACK
+    ax.plot(f, rows[quantity], "o", color=style.BLACK, markersize=SIZE, mew=0.5, mfc=fill)
+    entries = {"Measured Z": Line2D([], [], linestyle="", marker="o", color=style.BLACK, markersize=SIZE)}
     if doubtful:
-        entries[str(OPEN_MARKER.get_label())] = OPEN_MARKER
-    for short, (colour, style, label) in MODELS.items():
+        entries[str(style.OPEN_MARKER.get_label())] = style.OPEN_MARKER
+    for short, (colour, dash, label) in MODELS.items():
         curve = rows[f"{quantity}_{short}"].cast(pl.Float64)
         if curve.count():
-            (line,) = ax.plot(f, curve, color=colour, linestyle=style, linewidth=0.9)
+            (line,) = ax.plot(f, curve, color=colour, linestyle=dash, linewidth=0.9)
             entries[label] = line
     return entries
 
@@ -215,10 +204,10 @@ def draw_levels(ax: Axes, rows: pl.DataFrame) -> dict[str, Line2D]:
     """Deviation of the structures from Z, distortion and noise, on a logarithmic axis; the entries of the legend."""
     f, entries = rows["frequency_hz"].to_numpy(), {}
     measured = complex_number(rows, "")
-    for short, (colour, style, _) in MODELS.items():
+    for short, (colour, dash, _) in MODELS.items():
         if rows[f"magnitude_{short}"].count():
             ax.plot(
-                f, np.abs(measured - complex_number(rows, f"_{short}")), color=colour, linestyle=style, linewidth=0.9
+                f, np.abs(measured - complex_number(rows, f"_{short}")), color=colour, linestyle=dash, linewidth=0.9
             )
     for name, (colour, marker, label) in LOOKS.items():
         level = rows[name].cast(pl.Float64).to_numpy()

@@ -10,20 +10,16 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from osl_analysis.figures.axes import name_ends
-from osl_analysis.figures.captions import UNIT_OF, as_text, counted, doubtful_fits
-from osl_analysis.figures.names import PLACE, drawn_name, of_place, placed_rows
-from osl_analysis.figures.style import (
-    BLACK,
-    DOTTED,
-    DOUBLE_COLUMN,
-    IS_DOUBTFUL,
-    MAGENTA,
-    ORANGE,
-    PURPLE,
-    link_to_trials,
-    panels,
-    paper_style,
+from osl_analysis.figures import style
+from osl_analysis.figures.names import (
+    PLACE,
+    UNIT_OF,
+    as_text,
+    counted,
+    doubtful_fits,
+    drawn_name,
+    of_place,
+    placed_rows,
 )
 
 TABLE_COLUMNS = (
@@ -32,7 +28,7 @@ TABLE_COLUMNS = (
 )  # fmt: skip
 """Columns of `torque_angle_curves.csv` that are drawn."""
 COLUMNS = (*PLACE, *TABLE_COLUMNS, "doubtful")
-WITH_DESIRED = (MAGENTA, ORANGE, PURPLE, "#6B3A0A")
+WITH_DESIRED = (style.MAGENTA, style.ORANGE, style.PURPLE, "#6B3A0A")
 """Colours of the desired curves and of the trials that should follow them."""
 LIGHTEST = 0.6
 """Part of the colour map that is used: what is lighter stands out from white by less than three to one."""
@@ -73,7 +69,7 @@ def ends_of(branch: pl.DataFrame, column: str) -> tuple[float, float]:
     return float(ordered[0]), float(ordered[-1])
 
 
-@paper_style()
+@style.paper_style()
 def draw(table: pl.DataFrame) -> Figure:
     """(a) Torque against angle: loading thick, unloading thin, desired curves dashed. (b) Stiffness while loading, with
     its 95 % interval as a band. Doubtful trials are dotted. Every joint and side has panels of its own. The names of
@@ -81,7 +77,7 @@ def draw(table: pl.DataFrame) -> Figure:
     """
     parts, colours = placed_rows(table), colours_of(table)
     names = [name for name, _ in parts for _ in range(2)]
-    figure, axes = panels(DOUBLE_COLUMN, 3.0 * len(parts) + 0.3, rows=len(parts), columns=2, names=names)
+    figure, axes = style.panels(style.DOUBLE_COLUMN, 3.0 * len(parts) + 0.3, rows=len(parts), columns=2, names=names)
     for number, (_, part) in enumerate(parts):
         draw_place(axes[2 * number], axes[2 * number + 1], part, colours)
     figure.legend(handles=line_entries(table), loc="outside upper center", ncols=4)
@@ -98,7 +94,7 @@ def name_curves(ax: Axes, table: pl.DataFrame, column: str, colours: Mapping[str
     if len(last) <= MOST_NAMED:
         names = [drawn_name(name.replace("_", " "), LONGEST) for name in last["trial"]]
         ends = last.select("angle_deg", column).rows()
-        link_to_trials(name_ends(ax, ends, names, [colours[name] for name in last["trial"]]), last["trial"])
+        style.link_to_trials(style.name_ends(ax, ends, names, [colours[name] for name in last["trial"]]), last["trial"])
 
 
 def draw_place(left: Axes, right: Axes, table: pl.DataFrame, colours: Mapping[str, str]) -> None:
@@ -111,8 +107,8 @@ def draw_place(left: Axes, right: Axes, table: pl.DataFrame, colours: Mapping[st
         colour = colours[curve["trial"][0]]
         left.plot(line["angle_deg"], line["desired_torque"], color=colour, linestyle=DASHED, linewidth=THICK)
     for ax in (left, right):
-        ax.axhline(0, color=BLACK, linewidth=0.4)
-        ax.axvline(0, color=BLACK, linewidth=0.4)
+        ax.axhline(0, color=style.BLACK, linewidth=0.4)
+        ax.axvline(0, color=style.BLACK, linewidth=0.4)
         ax.set_xlabel("Joint angle (deg)")
     left.set_ylabel("Resisting torque (N·m)")
     right.set_ylabel("Stiffness while loading (N·m/rad)")
@@ -133,12 +129,12 @@ def colours_of(table: pl.DataFrame) -> Mapping[str, str]:
 
 def draw_trial(left: Axes, right: Axes, trial: pl.DataFrame, colour: str) -> None:
     """The two branches of one trial and its stiffness while loading."""
-    style = DOTTED if len(trial.filter(IS_DOUBTFUL)) else "-"
+    dash = style.DOTTED if len(trial.filter(style.IS_DOUBTFUL)) else "-"
     for branch, width in (("loading", THICK), ("unloading", THIN)):
         rows = trial.filter(pl.col("branch") == branch)
-        left.plot(rows["angle_deg"], rows["torque"], color=colour, linewidth=width, linestyle=style)
+        left.plot(rows["angle_deg"], rows["torque"], color=colour, linewidth=width, linestyle=dash)
     rows = trial.filter(pl.col("branch") == "loading").drop_nulls("stiffness")
-    right.plot(rows["angle_deg"], rows["stiffness"], color=colour, linewidth=THICK, linestyle=style)
+    right.plot(rows["angle_deg"], rows["stiffness"], color=colour, linewidth=THICK, linestyle=dash)
     band = rows.drop_nulls(["stiffness_low", "stiffness_high"])
     right.fill_between(
         band["angle_deg"], band["stiffness_low"], band["stiffness_high"], color=colour, alpha=0.25, linewidth=0
@@ -148,11 +144,13 @@ def draw_trial(left: Axes, right: Axes, trial: pl.DataFrame, colour: str) -> Non
 def line_entries(table: pl.DataFrame) -> list[Line2D]:
     """Legend of the kinds of lines that the table gives."""
     entries = [
-        Line2D([], [], color=BLACK, linewidth=THICK, label="Loading"),
-        Line2D([], [], color=BLACK, linewidth=THIN, label="Unloading"),
+        Line2D([], [], color=style.BLACK, linewidth=THICK, label="Loading"),
+        Line2D([], [], color=style.BLACK, linewidth=THIN, label="Unloading"),
     ]
     if table["desired_torque"].count():
-        entries.append(Line2D([], [], color=BLACK, linewidth=THICK, linestyle=DASHED, label="Desired"))
-    if len(table.filter(IS_DOUBTFUL)):
-        entries.append(Line2D([], [], color=BLACK, linewidth=THICK, linestyle=DOTTED, label="Doubtful trial"))
+        entries.append(Line2D([], [], color=style.BLACK, linewidth=THICK, linestyle=DASHED, label="Desired"))
+    if len(table.filter(style.IS_DOUBTFUL)):
+        entries.append(
+            Line2D([], [], color=style.BLACK, linewidth=THICK, linestyle=style.DOTTED, label="Doubtful trial")
+        )
     return entries

@@ -8,23 +8,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from osl_analysis.figures.captions import as_text, counted, decimals_of, doubtful_fits, number
-from osl_analysis.figures.names import drawn_name
-from osl_analysis.figures.style import (
-    BLACK,
-    DOTTED,
-    DOUBLE_COLUMN,
-    GREY,
-    IS_DOUBTFUL,
-    ORANGE,
-    PALE_ORANGE,
-    PURPLE,
-    paper_style,
-    place_in_report,
-)
+from osl_analysis.figures import style
+from osl_analysis.figures.names import as_text, counted, decimals_of, doubtful_fits, drawn_name, number
 
 COLUMNS = ("group", "panel", "curve", "trial", "x", "mean", "sd", "doubtful")
-GAIT = {"unperturbed": (PURPLE, "-", "Unperturbed"), "perturbed": (ORANGE, (0, (5, 1.5)), "Perturbed")}
+GAIT = {"unperturbed": (style.PURPLE, "-", "Unperturbed"), "perturbed": (style.ORANGE, (0, (5, 1.5)), "Perturbed")}
 STANCE = "Stance (%)"
 AFTER_ONSET = "Time from the platform’s onset (ms)"
 RESPONSES = {"response angle": "deg", "response torque": "N·m"}
@@ -34,7 +22,7 @@ MOST_GROUPS = 4
 """Groups whose numbers stand in the caption."""
 
 
-@paper_style()
+@style.paper_style()
 def draw(table: pl.DataFrame) -> Figure:
     """Over stance (a) angle and (b) torque, over time (c) isolated angle and (d) isolated torque, for each group.
 
@@ -43,7 +31,7 @@ def draw(table: pl.DataFrame) -> Figure:
     average, is hatched. Perturbations with a doubtful fit are dotted.
     """
     groups = table.partition_by("group", maintain_order=True)
-    figure = Figure(figsize=(DOUBLE_COLUMN, 4.4 * len(groups)), layout="constrained")
+    figure = Figure(figsize=(style.DOUBLE_COLUMN, 4.4 * len(groups)), layout="constrained")
     parts = figure.subfigures(len(groups), 1, squeeze=False)[:, 0]
     for part, rows in zip(parts, groups, strict=True):
         if len(groups) > 1:
@@ -84,7 +72,7 @@ def draw_intervals(ax: Axes, table: pl.DataFrame, panel: str) -> None:
     """The baseline hatched and the fitted window shaded, as far as the panel's numbers have them."""
     looks: dict[str, dict[str, Any]] = {
         "baseline": {"facecolor": "none", "edgecolor": HATCHED, "hatch": "////", "label": "Baseline"},
-        "window": {"color": PALE_ORANGE, "alpha": 0.5, "label": "Fitted window"},
+        "window": {"color": style.PALE_ORANGE, "alpha": 0.5, "label": "Fitted window"},
     }
     for name, look in looks.items():
         ends = curve(table, panel, name)["x"]
@@ -107,22 +95,26 @@ def draw_response(ax: Axes, table: pl.DataFrame, panel: str) -> None:
     """Every perturbation thin, their mean, and where the table has one its fit. Each leads to its trial."""
     every = curve(table, panel, "each")
     trials = every.partition_by("trial", maintain_order=True)
-    doubtful = [one for one in trials if len(one.filter(IS_DOUBTFUL))]
+    doubtful = [one for one in trials if len(one.filter(style.IS_DOUBTFUL))]
     looks: list[tuple[list[pl.DataFrame], str, dict[str, Any]]] = [
-        (trials, "Each perturbation", {"color": GREY, "alpha": 0.45, "linewidth": 0.5}),
-        (doubtful, f"Doubtful fit ($n$ = {len(doubtful)})", {"color": BLACK, "linewidth": 0.7, "linestyle": DOTTED}),
+        (trials, "Each perturbation", {"color": style.GREY, "alpha": 0.45, "linewidth": 0.5}),
+        (
+            doubtful,
+            f"Doubtful fit ($n$ = {len(doubtful)})",
+            {"color": style.BLACK, "linewidth": 0.7, "linestyle": style.DOTTED},
+        ),
     ]
     for drawn, label, look in looks:
         for place, one in enumerate(drawn):
             (line,) = ax.plot(one["x"], one["mean"], label=None if place else label, **look)
-            line.set_url(place_in_report(one["trial"][0]))
+            line.set_url(style.place_in_report(one["trial"][0]))
     mean, fit = curve(table, panel, "mean"), curve(table, panel, "fit")
-    ax.plot(mean["x"], mean["mean"], color=BLACK, linewidth=1.4, label="Mean")
+    ax.plot(mean["x"], mean["mean"], color=style.BLACK, linewidth=1.4, label="Mean")
     if not fit.is_empty():
         label = r"Fit of $K\theta + B\dot\theta + I\ddot\theta$"
-        ax.plot(fit["x"], fit["mean"], color=ORANGE, linewidth=1.4, linestyle=(0, (3, 2)), label=label)
-    ax.axhline(0, color=BLACK, linewidth=0.4)
-    ax.axvline(0, color=BLACK, linewidth=0.4)
+        ax.plot(fit["x"], fit["mean"], color=style.ORANGE, linewidth=1.4, linestyle=(0, (3, 2)), label=label)
+    ax.axhline(0, color=style.BLACK, linewidth=0.4)
+    ax.axvline(0, color=style.BLACK, linewidth=0.4)
     ax.set_xlim(float(every["x"].min()), float(every["x"].max()))  # type: ignore[arg-type]
     ax.set_xlabel(AFTER_ONSET)
 

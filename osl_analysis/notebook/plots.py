@@ -6,7 +6,7 @@ import polars as pl
 
 from osl_analysis.commands.figure import figure_module
 from osl_analysis.errors import InputError, listing
-from osl_analysis.figures.on_screen import NotebookFigure, on_screen
+from osl_analysis.figures.style import NotebookFigure, on_screen
 from osl_analysis.notebook.fit import Fit
 
 if TYPE_CHECKING:

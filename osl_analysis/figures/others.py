@@ -1,0 +1,218 @@
+"""Drawings that are no figures of a campaign: a single fit, requested gains, the study, and why a figure is missing."""
+
+import textwrap
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from osl_analysis.figures import style
+from osl_analysis.figures.names import figure_title, with_glyphs
+
+GRID_DASHES = ("-", "--", ":", "-.")
+GRID_MARKERS = ("o", "s", "^", "D", "v")
+GRID_SHADES = (style.BLACK, style.GREY, "#A8A8A8")
+"""A line style, a marker and a shade each: 60 lines differ in one of them."""
+CONTOURS = (1, 3, 10, 30, 100, 300, 1000)
+PALE = "#C8C8C8"
+"""Grey of the requests with one minimum, behind the contours."""
+CHARACTERS_PER_INCH = 17
+"""Of the text of a page in place of a figure."""
+
+
+@style.paper_style()
+def draw_torque(table: pl.DataFrame) -> Figure:
+    """Torque [N*m] over time [s], measured and modelled, above the residual: `time`, `torque`, `torque_model`."""
+    figure, (torque, residual) = style.panels(style.DOUBLE_COLUMN, 3.4, rows=2)
+    torque.plot(table["time"], table["torque"], color=style.BLACK, linewidth=0.8, label="Measured")
+    torque.plot(table["time"], table["torque_model"], "--", color="#0072B2", linewidth=0.8, label="Fitted model")
+    residual.plot(table["time"], table["torque"] - table["torque_model"], color=style.BLACK, linewidth=0.5)
+    torque.set_ylabel("Torque (N·m)")
+    torque.legend(loc="upper left", ncols=2)
+    residual.set_ylabel("Residual (N·m)")
+    residual.set_xlabel("Time (s)")
+    return figure
+
+
+@style.paper_style()
+def draw_gain_grid(table: pl.DataFrame) -> Figure:
+    """B_1 n_T^2 over K_d, a line per B_d: `K_d`, `B_d`, `B_1_joint`."""
+    figure, (ax,) = style.panels(style.SINGLE_COLUMN, 2.7)
+    for i, (B_d, rows) in enumerate(table.group_by("B_d", maintain_order=True)):
+        marker, colour = GRID_MARKERS[i % len(GRID_MARKERS)], GRID_SHADES[i // len(GRID_DASHES) % len(GRID_SHADES)]
+        ax.plot(
+            rows["K_d"], rows["B_1_joint"], GRID_DASHES[i % len(GRID_DASHES)], color=colour, marker=marker,
+            markersize=2.8, linewidth=0.8, label=f"{B_d[0]:g}",
+        )  # fmt: skip
+    ax.set_xlabel("Desired stiffness $K_d$ (N·m/rad)")
+    ax.set_ylabel("Gain $B_1 n_T^2$ (N·m·s/rad)")
+    figure.legend(title="Desired damping $B_d$ (N·m·s/rad)", loc="outside upper center", ncols=5, columnspacing=1.2)
+    return figure
+
+
+@style.paper_style()
+def draw_gain_map(table: pl.DataFrame) -> Figure:
+    """A pale dot per request with exactly one minimum of Eq. 14, a cross per request with none; contours of B_1 n_T^2.
+
+    `table` holds a full grid of `K_d` and `B_d` with `B_1_joint` and the number of `minima`.
+    """
+    figure, (ax,) = style.panels(style.SINGLE_COLUMN, 3.1)
+    K_d, B_d = (np.unique(table[name].to_numpy()) for name in ("K_d", "B_d"))
+    gains = table.sort("K_d", "B_d")["B_1_joint"].to_numpy().reshape(len(K_d), len(B_d)).T
+    one, none = table.filter(pl.col("minima") == 1), table.filter(pl.col("minima") == 0)
+    ax.plot(one["K_d"], one["B_d"], ".", color=PALE, markersize=1.8, mew=0)
+    ax.plot([], [], "o", color=PALE, markersize=3, mew=0, label="One minimum")
+    ax.plot(
+        none["K_d"], none["B_d"], "x", color=style.MAGENTA, markersize=4, mew=1, clip_on=False, zorder=3, label="None"
+    )
+    contours = ax.contour(K_d, B_d, gains, levels=CONTOURS, colors=style.BLACK, linewidths=0.7)
+    for text in ax.clabel(contours, fmt=lambda level: f"{level:g}", fontsize=style.SIZE_OF_TEXT):
+        text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
+    ax.plot([], [], color=style.BLACK, linewidth=0.7, label="Gain $B_1 n_T^2$ (N·m·s/rad)")
+    ax.set_xlim(0, float(K_d.max()))
+    ax.set_ylim(0, 1.02 * float(B_d.max()))
+    ax.set_xlabel("Desired stiffness $K_d$ (N·m/rad)")
+    ax.set_ylabel("Desired damping $B_d$ (N·m·s/rad)")
+    figure.legend(loc="outside upper center", ncols=3, columnspacing=1.0, handletextpad=0.4)
+    return figure
+
+
+@style.paper_style()
+def draw_reasons(table: pl.DataFrame) -> Figure:
+    """Which figure is missing, and because of which trials and files: `figure`, `trial`, `file`, `reason` per cause."""
+    causes = [f"trial {row['trial']}: {row['reason']}" if row["trial"] else f"{row['file']}: {row['reason']}"
+              for row in table.iter_rows(named=True)]  # fmt: skip
+    lines = [line for cause in causes for line in textwrap.wrap(cause, int(style.DOUBLE_COLUMN * CHARACTERS_PER_INCH))]
+    figure = Figure(figsize=(style.DOUBLE_COLUMN, 0.6 + 0.16 * len(lines)))
+    figure.text(
+        0.02, 0.95, f"{figure_title(table['figure'][0])} is not drawn", color=style.BLACK, fontsize=11, va="top"
+    )
+    below = 1 - 0.4 / figure.get_figheight()
+    figure.text(0.02, below, with_glyphs("\n".join(lines)), color=style.GREY, va="top", parse_math=False)
+    return figure
+
+
+STUDY_COLUMNS = (
+    "experiment", "estimator", "interval_method", "quantity", "bias", "bias_mc", "rmse_over_bound",
+    "rmse_over_bound_mc", "coverage", "coverage_mc",
+)  # fmt: skip
+LOOKS = {
+    "K": (style.ORANGE, "o"),
+    "B": (style.PURPLE, "D"),
+    "I": (style.BLACK, "s"),
+    "f_C": (style.GREY, "^"),
+    "f_G": (style.GREY, "v"),
+}
+SAME_AS = {"K_s": "K", "B_j": "B", "J_j": "I", "k_tau_n_m": "K", "B_m": "B", "J_m": "I"}
+SAME_AS |= {"magnitude": "K", "phase": "B"}
+PLACES = {"K": -0.22, "B": 0.0, "I": 0.22, "f_C": -0.11, "f_G": 0.11}
+"""Distance of each marker below the line of its row."""
+SYMBOLS = {
+    "K": r"$K$, $K_s$, $|Y|$, $k_\tau n_m$", "B": r"$B$, $B_j$, $B_m$, arg $Y$", "I": "$I$, $J_j$, $J_m$",
+    "f_C": "$f_C$", "f_G": "$f_G$",
+}  # fmt: skip
+"""What each marker stands for."""
+LIMITS = {"bias": (-1.2, 1.2), "rmse_over_bound": (0.8, 1.6), "coverage": (80.0, 101.0)}
+BEYOND = (">", "<")
+"""Arrows for values above and below the limits."""
+MOST = {"bias": np.inf, "rmse_over_bound": np.inf, "coverage": 100.0}
+"""Values beyond which nothing can be."""
+AIMS = {"bias": (-0.2, 0.2), "rmse_over_bound": (0.0, 1.15), "coverage": (93.0, 97.0)}
+LABELS = {
+    "bias": "Bias (standard deviations)",
+    "rmse_over_bound": "RMSE / Cramér–Rao bound",
+    "coverage": "Coverage of 95 % intervals (%)",
+}
+SHORT = {"unperturbed crossings": "gait", "unperturbed crossings + plate trials": "gait + plate"}
+"""Short names of long kinds of interval, for the margin."""
+Key = tuple[str, ...]
+
+
+@style.paper_style()
+def draw_study(table: pl.DataFrame) -> Figure:
+    """A row per experiment, estimator and interval, a marker per quantity with two Monte Carlo errors on either side.
+
+    All stiffnesses have one marker, and so have dampings and inertias. The torque constant and the magnitude of a
+    response have that of a stiffness, the phase that of a damping. The aim is shaded. An arrow at the edge of a panel
+    stands for a value beyond it.
+    """
+    keys = headed(table.select("experiment", "estimator", "interval_method").unique(maintain_order=True))
+    figure, axes = style.panels(style.DOUBLE_COLUMN, 0.9 + 0.155 * len(keys), columns=3)
+    table = table.with_columns(pl.col("coverage") * 100, pl.col("coverage_mc") * 100)
+    for ax, column in zip(axes, LABELS, strict=True):
+        draw_measure(ax, table, keys, column)
+        ax.set_yticks(range(len(keys)), [])
+    axes[0].set_yticklabels([label(key) for key in keys])
+    for text, key in zip(axes[0].get_yticklabels(), keys, strict=True):
+        text.set_fontweight("bold" if len(key) == 1 else "normal")
+    seen = {SAME_AS.get(name, name) for name in (q.partition(",")[0] for q in table["quantity"])}
+    handles = [
+        Line2D([], [], color=c, marker=m, linestyle="", label=SYMBOLS[q]) for q, (c, m) in LOOKS.items() if q in seen
+    ]
+    handles.append(
+        Line2D([], [], color=style.GREY, marker=BEYOND[0], markersize=3, linestyle="", label="Beyond the panel")
+    )
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
+    return figure
+
+
+def headed(rows: pl.DataFrame) -> list[Key]:
+    """Experiment, estimator and interval of each row. Before the first row of an experiment there is a row with its
+    name."""
+    keys: list[Key] = []
+    for key in rows.rows():
+        if not keys or keys[-1][0] != key[0]:
+            keys.append(key[:1])
+        keys.append(key)
+    return keys
+
+
+def label(key: Key) -> str:
+    """Text in the margin beside a row."""
+    return key[0].replace(" us", " µs") if len(key) == 1 else f"{key[1]}, {SHORT.get(key[2], key[2])}"
+
+
+def draw_measure(ax: Axes, table: pl.DataFrame, keys: Sequence[Key], column: str) -> None:
+    """One measure, for all rows."""
+    low, high = LIMITS[column]
+    ax.axvspan(max(AIMS[column][0], low), AIMS[column][1], color="#E8E8E8", linewidth=0)
+    places = {key: place for place, key in enumerate(keys)}
+    for row in table.drop_nulls(column).iter_rows(named=True):
+        quantity = row["quantity"].partition(",")[0]
+        quantity = SAME_AS.get(quantity, quantity)
+        colour, marker = LOOKS[quantity]
+        place = places[row["experiment"], row["estimator"], row["interval_method"]] + PLACES[quantity]
+        value, half = float(np.clip(row[column], low, high)), 2 * row[f"{column}_mc"]
+        if value == row[column]:
+            ends = max(value - half, low), min(value + half, high, MOST[column])
+            ax.hlines(place, *ends, color=colour, linewidth=0.6)
+        else:
+            marker = BEYOND[value > row[column]]
+        ax.plot(value, place, marker, color=colour, markersize=2.6, mew=0.6, clip_on=False)
+    for place in (place for place, key in enumerate(keys) if len(key) == 1 and place):
+        ax.axhline(place - 0.5, color=style.GREY, linewidth=0.4)
+    ax.set_xlim(low, high)
+    ax.set_ylim(len(keys) - 0.5, -0.5)
+    ax.tick_params(axis="y", length=0)
+    ax.set_xlabel(LABELS[column])
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What stands in for the module of a figure: the columns that it needs, and the function that draws them."""
+
+    COLUMNS: Sequence[str]
+    draw: Callable[[pl.DataFrame], Figure]
+
+
+DRAWINGS = {
+    "torque": Drawing(("time", "torque", "torque_model"), draw_torque),
+    "gain_grid": Drawing(("K_d", "B_d", "B_1_joint"), draw_gain_grid),
+    "gain_map": Drawing(("K_d", "B_d", "minima", "B_1_joint"), draw_gain_map),
+    "study": Drawing(STUDY_COLUMNS, draw_study),
+    "not_drawn": Drawing(("figure", "trial", "file", "reason"), draw_reasons),
+}

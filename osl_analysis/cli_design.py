@@ -85,7 +85,7 @@ def gains(
         command.write_gains(table, output)
     if plot is not None:
         command.plot_gains(request, table, parameters, plot)
-    say(command.gains_json(table) if as_json else command.gains_text(request, table, parameters))
+    say(command.gains_json(table) if as_json else command.gains_text(request, table))
 
 
 @click.command(

@@ -1,23 +1,27 @@
 """Functions that numba compiles on their first call and keeps on disk. A cache that is broken or read-only harms not.
 
-Numba itself ends with a traceback if the file of its cache is damaged, as after a full disk or a power failure.
+Numba is installed with the extra `simulator`. Without it the same functions run as plain Python.
 """
 
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, ParamSpec, TypeVar, cast
 
-import numba
-from numba.core import caching
-from numba.core.registry import cpu_target
+from osl_analysis.errors import InputError
+
+try:
+    import numba
+    from numba.core import caching
+except ImportError:
+    numba = caching = None
 
 P = ParamSpec("P")
 R = TypeVar("R")
-FunctionCache: Any = caching.FunctionCache
+FunctionCache: Any = caching.FunctionCache if caching else object
 
 
 class HealingCache(FunctionCache):  # type: ignore[misc]
-    """Numba's cache of one function; what cannot be read is deleted, and the function compiled anew."""
+    """Numba's cache of one function. A damaged file, as after a full disk, would end numba with a traceback."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled function for a signature; None if it is not in the cache, or cannot be read from it."""
@@ -34,12 +38,17 @@ class HealingCache(FunctionCache):  # type: ignore[misc]
             super().save_overload(sig, data)
 
 
-def compiled(function: Callable[P, R]) -> Callable[P, R]:
+def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
     """The function, compiled on its first call. The result is kept on disk where a folder can be written.
 
     Numba looks for changes in the function's own file only: compiled functions that call one another share a file.
     """
-    return kept_on_disk(function, numba.njit(error_model="numpy")(function))
+    if numba is None:
+        return function
+    fast = numba.njit(error_model="numpy", **options)(function)
+    with suppress(RuntimeError, OSError):  # no folder can be written: each process compiles anew
+        fast._cache = HealingCache(function)
+    return cast(Callable[P, R], fast)
 
 
 def fused(function: Callable[P, R]) -> Callable[P, R]:
@@ -47,17 +56,16 @@ def fused(function: Callable[P, R]) -> Callable[P, R]:
 
     A long chain of operations takes an eighth less time. On other processors results differ in the last bit.
     """
-    return kept_on_disk(function, numba.njit(error_model="numpy", fastmath={"contract"})(function))
+    return compiled(function, fastmath={"contract"})
 
 
-def kept_on_disk(function: Callable[P, R], fast: Any) -> Callable[P, R]:
-    """The compiled function `fast` of a function, with a cache that heals."""
-    with suppress(RuntimeError, OSError):  # no folder can be written: each process compiles anew
-        fast._cache = HealingCache(function)
-    return cast(Callable[P, R], fast)
+def require_compiler() -> None:
+    """Refuse to simulate without numba, which takes a hundredth of the time of plain Python.
 
-
-def load_numba() -> None:
-    """Load what numba needs for the first call of a compiled function, 0.4 s, before processes are forked."""
-    cpu_target.typing_context.refresh()
-    cpu_target.target_context.refresh()
+    Raises
+    ------
+    InputError
+        It is not installed.
+    """
+    if numba is None:
+        raise InputError("the simulator needs numba, which is not installed; pip install 'osl-analysis[simulator]'")

@@ -29,7 +29,6 @@ PRELOADED = [
     "osl_analysis.commands.walking",
     "osl_analysis.commands.tables",
     "osl_analysis.commands.figure",
-    "osl_analysis.model.preloaded",
     "osl_analysis.simulator.dynamometer",
     "osl_analysis.simulator.walking",
     "osl_analysis.simulator.preloaded",
@@ -40,8 +39,6 @@ PRELOADED = [
     "fontTools.subset",
     "osl_analysis.frozen",  # the last: it keeps what the others have made
 ]
-OF_GAINS = {"osl_analysis.model.preloaded"}
-"""What only jobs with a parameter file use, or a simulator. In a new clone it compiles for 3 s."""
 OF_SIMULATOR = {"osl_analysis.commands.simulate"} | {name for name in PRELOADED if ".simulator." in name}
 """What only simulating jobs use. In a new clone it compiles for 2 s."""
 OF_DRAWINGS = {"osl_analysis.figures.names", "fontTools.subset"} | {name for name in PRELOADED if "matplotlib" in name}
@@ -83,9 +80,8 @@ def rarely_used(config: Mapping[str, Any], arguments: Sequence[str]) -> frozense
     Snakemake. Who asks for a table has none drawn.
     """
     simulates = config.get("simulation", True) is not None or not STUDY.isdisjoint(arguments)
-    selects_gains = simulates or config.get("parameters", True) is not None
     draws = not any(Path(one).suffix in TABLES and "=" not in one for one in arguments)
-    unused = [(simulates, OF_SIMULATOR), (selects_gains, OF_GAINS), (draws, OF_DRAWINGS)]
+    unused = [(simulates, OF_SIMULATOR), (draws, OF_DRAWINGS)]
     return frozenset(name for used, names in unused if not used for name in names)
 
 

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from osl_analysis.model.admittance_error import FASTEST_HZ, HIGHEST_ORDER, SLOWEST_HZ, Weight
+from osl_analysis.model.gain_selection import FASTEST_HZ, HIGHEST_ORDER, SLOWEST_HZ, Weight
 from osl_analysis.yaml_settings import Positive, Settings
 
 FOLLOWED = {

@@ -33,8 +33,8 @@ from osl_analysis.commands.bench import (
 )
 from osl_analysis.commands.simulate import row_of_trial
 from osl_analysis.errors import InputError
-from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import select_gains
+from osl_analysis.model.gain_selection import Weight
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial

@@ -1,6 +1,7 @@
-"""Eq. 14: the norm by three independent formulas, its minimum by search and by proof, and what the joint then does."""
+"""Eqs. 12-14: the norm by three independent formulas, its minimum, the limits of the possible, what the joint does."""
 
-from fractions import Fraction
+import warnings
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,31 +15,67 @@ from scipy.signal import butter, tf2ss
 
 from osl_analysis.commands.gains import gain_table
 from osl_analysis.errors import UnreachableImpedanceError
-from osl_analysis.model import certificate
-from osl_analysis.model.admittance_error import Weight, admittance_error
-from osl_analysis.model.certificate import certify, interpolated, isolating_intervals, primitive, sturm_chain
-from osl_analysis.model.compensator import PAPER_WEIGHT, compensated_gains, stiffness_gain
+from osl_analysis.model.compensator import (
+    PAPER_WEIGHT,
+    compensated_gains,
+    predicted_impedance,
+    rendering,
+    stiffness_gain,
+    uncompensated_gains,
+)
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
-from osl_analysis.model.gain_selection import optimal_damping
-from osl_analysis.model.rendering import rendering
+from osl_analysis.model.gain_selection import Weight, admittance_error, optimal_damping, squared_norm
 from osl_analysis.parameters import read_parameters
 
+TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)
 PAIRS = [(300, 5), (100, 0), (400, 7.5), (20, 2.5), (31.4159265358979, 5.0), (340, 1e-7)]
 WEIGHTS = [PAPER_WEIGHT, Weight(0.1, 5), Weight(50, 1), Weight(7, 3), Weight(1, 1)]
-FILES = ("default", "table1-as-printed", "osl-v2-published")
+PROVED = {
+    "default": [
+        (300, 5, PAPER_WEIGHT, False, [0.664686846657257]),
+        (31.4159265358979, 5.0, PAPER_WEIGHT, True, [0.2336021263447045]),
+        (250, 1e-7, Weight(7, 3), False, [0.7027444066679175]),
+        (1, 0, Weight(50, 1), False, [16.83962680009294]),
+        (0.99 * 685.6, 20, Weight(0.1, 5), True, [4699.7192679253]),
+        (641, 7.4, Weight(1, 1), True, [2.5755454822996087, 11.0603951499571]),
+        (600, 0, PAPER_WEIGHT, False, []),
+    ],
+    "table1-as-printed": [
+        (31.4159265358979, 5.0, PAPER_WEIGHT, True, [0.09799421436099018]),
+        (250, 1e-7, Weight(7, 3), False, [0.9006560221805429]),
+        (641, 7.4, Weight(1, 1), True, [4.624167266398583]),
+        (600, 0, PAPER_WEIGHT, False, [0.00979501325701109]),
+    ],
+    "osl-v2-published": [
+        (300, 5, PAPER_WEIGHT, False, [0.433152825671552]),
+        (1, 0, Weight(50, 1), False, [14.147894383008166]),
+        (867.24, 20, Weight(0.1, 5), True, [5403.355154281666]),
+        (600, 0, PAPER_WEIGHT, False, [-0.04323734210346929]),
+    ],
+}
+"""All minima B_1 by Sturm's theorem in rational arithmetic (release 0.2.0): K_d, B_d, W, whether J_j counts."""
 
 
-@pytest.fixture(scope="module", params=FILES)
-def device(request):
-    if request.param == "table1-as-printed":
-        with pytest.warns(UserWarning, match="83/11"):
-            return read_parameters(ROOT / f"config/parameters/{request.param}.yaml")
-    return read_parameters(ROOT / f"config/parameters/{request.param}.yaml")
+@pytest.fixture(scope="module", params=PROVED)
+def device_name(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def device(device_name):
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*83/11")  # as printed
+        return read_parameters(ROOT / f"config/parameters/{device_name}.yaml")
+
+
+def squared(K_d, B_d, x, p, weight, J_j=0.0):
+    """The squared norm of the product's own recursion and its slope; K_d, B_d and x are arrays of one shape."""
+    a, b = admittance_error(np.asarray(K_d, float), np.asarray(B_d, float), p, weight, J_j)
+    return squared_norm(np.asarray(x), *a, *b)
 
 
 def norm(K_d, B_d, B_1, p, weight=PAPER_WEIGHT, J_j=0.0):
-    """The norm of the product's own recursion."""
-    return float(np.sqrt(admittance_error([K_d], [B_d], p, weight, J_j).squared(np.array([p.B_m + B_1])).value[0]))
+    return float(np.sqrt(squared([K_d], [B_d], [p.B_m + B_1], p, weight, J_j)[0][0]))
 
 
 def norm_by_quadrature(K_d, B_d, B_1, p, weight, J_j=0.0):
@@ -80,14 +117,6 @@ def test_norm_is_that_of_the_lyapunov_equation(parameters, K_d, B_d):
         assert norm(K_d, B_d, B_1, parameters) == pytest.approx(by_lyapunov, rel=1e-6)
 
 
-def test_slope_and_curvature_are_those_of_the_norm(parameters):
-    error = admittance_error([300, 100], [5, 0], parameters, PAPER_WEIGHT, parameters.J_j)
-    x, h = np.array([0.5, 0.05]), 1e-3
-    here, up, down = (error.squared(x * (1 + d)) for d in (0, h, -h))
-    assert here.slope == pytest.approx((up.value - down.value) / (2 * h * x), rel=1e-4)
-    assert here.curvature == pytest.approx((up.slope - down.slope) / (2 * h * x), rel=1e-4)
-
-
 @pytest.mark.parametrize("weight", WEIGHTS, ids=str)
 def test_no_gain_of_a_dense_search_does_better(device, weight):
     pairs = np.array([(K_d, B_d) for K_d in (1.0, 50.0, 300.0, 0.99 * device.K_s) for B_d in (0.0, 0.4, 5.0, 20.0)])
@@ -95,69 +124,41 @@ def test_no_gain_of_a_dense_search_does_better(device, weight):
     finite = ~found.unbounded
     assert finite.any()
     K_d, B_d, x = (grid.ravel() for grid in np.broadcast_arrays(*pairs.T[:, :, None], np.geomspace(1e-7, 1e6, 800)))
-    tried = admittance_error(K_d, B_d, device, weight).squared(x).value.reshape(len(pairs), -1)
+    tried = squared(K_d, B_d, x, device, weight)[0].reshape(len(pairs), -1)
     assert (found.error[finite] <= np.sqrt(tried.min(axis=1))[finite] * (1 + 1e-9)).all()
 
 
-@pytest.mark.parametrize("weight", [PAPER_WEIGHT, Weight(50, 1), Weight(7, 3)], ids=str)
-@pytest.mark.parametrize("with_inertia", [False, True])
-def test_the_proof_in_rational_arithmetic_finds_the_same_minima(device, weight, with_inertia):
-    J_j = device.J_j if with_inertia else 0.0
-    K_d, B_d = np.array([1.0, 31.4159265358979, 0.99 * device.K_s, 250.0]), np.array([0.0, 5.0, 20.0, 1e-7])
-    found = optimal_damping(K_d, B_d, device, weight, J_j)
-    for i, (k, b) in enumerate(zip(K_d, B_d, strict=True)):
-        proof = certify(k, b, device, weight, J_j)
-        assert len(proof.minima) == found.minima[i]
-        if not (found.at_lower_bound[i] or found.unbounded[i]):
-            closest = min(proof.minima, key=lambda m: abs(m - found.B_1[i]))
-            assert found.B_1[i] + device.B_m == pytest.approx(closest + device.B_m, rel=1e-8)
+def test_the_slope_is_that_of_the_norm(parameters):
+    x, h = np.array([0.5, 0.05]), 1e-3
+    _, slope = squared([300, 100], [5, 0], x, parameters, PAPER_WEIGHT, parameters.J_j)
+    up, down = (squared([300, 100], [5, 0], x * (1 + d), parameters, PAPER_WEIGHT, parameters.J_j)[0] for d in (h, -h))
+    assert slope == pytest.approx((up - down) / (2 * h * x), rel=1e-4)
 
 
-def test_a_steep_and_slow_weight_keeps_eight_digits(device):
-    weight = Weight(0.1, 5)
-    found = optimal_damping([0.99 * device.K_s], [20.0], device, weight, device.J_j)
-    (exact,) = certify(0.99 * device.K_s, 20.0, device, weight, device.J_j).minima
-    assert found.B_1[0] == pytest.approx(exact, rel=1e-8)
+def test_the_minima_are_those_that_were_proved_in_rational_arithmetic(device_name, device):
+    """The lowest of two; none where the error falls towards no damping at all."""
+    p = device
+    for K_d, B_d, weight, with_inertia, minima in PROVED[device_name]:
+        J_j = p.J_j if with_inertia else 0.0
+        found = optimal_damping([K_d], [B_d], p, weight, J_j)
+        assert found.minima[0] == len(minima)
+        if minima:
+            best = min(minima, key=lambda B_1: norm(K_d, B_d, B_1, p, weight, J_j))
+            assert found.B_1[0] + p.B_m == pytest.approx(best + p.B_m, rel=1e-8)
 
 
-def test_the_paper_s_weight_never_leaves_a_second_minimum(parameters):
-    """Proved for each of these requests, not for those between; docs/gain_selection.md has the map."""
-    requests = [(K_d, B_d) for K_d in (1.0, 150.0, 450.0, 678.0) for B_d in (0.0, 0.5, 20.0)]
-    proofs = [certify(K_d, B_d, parameters, PAPER_WEIGHT) for K_d, B_d in requests]
-    assert {(len(proof.minima), len(proof.maxima)) for proof in proofs} == {(0, 0), (1, 0)}
-
-
-def test_another_weight_and_the_joint_s_inertia_leave_two_minima(parameters):
-    weight = Weight(cutoff_hz=1, order=1)
-    proof = certify(641.0, 7.4, parameters, weight, parameters.J_j)
-    assert (len(proof.minima), len(proof.maxima)) == (2, 1)
-    best = optimal_damping([641.0], [7.4], parameters, weight, parameters.J_j)
-    errors = [norm(641.0, 7.4, B_1, parameters, weight, parameters.J_j) for B_1 in proof.minima]
-    assert best.minima[0] == 2
-    assert best.error[0] == pytest.approx(min(errors), rel=1e-12)
-
-
-def test_the_squared_norm_levels_off_so_it_is_never_convex_where_a_minimum_is_inside(parameters):
-    error = admittance_error([300], [5], parameters, PAPER_WEIGHT)
-    far, farther = (error.squared(np.array([x])) for x in (1e6, 1e9))
-    assert farther.value == pytest.approx(far.value, rel=1e-4)
-    assert error.squared(np.array([50.0])).curvature[0] < 0
-
-
-def test_a_root_of_even_multiplicity_is_neither_minimum_nor_maximum(parameters, monkeypatch):
-    """The slope (x - 1) (x - 2)^2 touches zero at 2 and goes on rising."""
-    slope = np.array([Fraction(c) for c in (-4, 8, -5, 1)], dtype=object)
-    monkeypatch.setattr(certificate, "slope_numerator", lambda *_: slope)
-    proof = certify(300.0, 5.0, parameters, PAPER_WEIGHT)
-    assert proof.minima == pytest.approx([1 - parameters.B_m])
-    assert proof.maxima == ()
+def test_the_squared_norm_levels_off_so_it_is_not_convex_where_a_minimum_is_inside(parameters):
+    (far, farther), _ = squared([300, 300], [5, 5], [1e6, 1e9], parameters, PAPER_WEIGHT)
+    assert farther == pytest.approx(far, rel=1e-4)
+    _, slope = squared([300] * 2, [5] * 2, [50.0, 60.0], parameters, PAPER_WEIGHT)
+    assert slope[1] < slope[0]
 
 
 def test_too_little_damping_asked_for_ends_at_the_edge_of_stability(parameters):
     found = optimal_damping([600.0], [0.0], parameters, PAPER_WEIGHT)
     assert found.at_lower_bound[0]
     assert found.B_1[0] + parameters.B_m > 0
-    assert certify(600.0, 0.0, parameters, PAPER_WEIGHT).minima == ()
+    assert found.minima[0] == 0
 
 
 def test_a_locked_motor_is_refused_by_name(parameters):
@@ -182,7 +183,6 @@ def test_every_request_within_the_limits_has_an_answer(parameters, K_d, B_d):
         row = gain_table([K_d], [B_d], parameters, weight, (1.0, 5.0)).to_dicts()[0]
         assert np.isfinite(row["error"])
         assert row["unbounded"] or np.isfinite([row["B_1"], row["K_predicted"]]).all()
-        certify(K_d, B_d, parameters, weight)
 
 
 @pytest.mark.parametrize(
@@ -192,27 +192,6 @@ def test_every_request_within_the_limits_has_an_answer(parameters, K_d, B_d):
 def test_a_weight_that_weighs_nothing_is_refused(cutoff, order):
     with pytest.raises(UnreachableImpedanceError, match="W "):
         Weight(cutoff, order)
-
-
-@given(roots=st.lists(st.fractions(-50, 50, max_denominator=20), min_size=1, max_size=5, unique=True))
-def test_sturm_isolates_every_positive_root(roots):
-    coefficients = np.array([Fraction(1)], dtype=object)
-    for root in roots:
-        coefficients = np.convolve(coefficients, np.array([-root, Fraction(1)], dtype=object))  # lowest power first
-    positive = sorted(root for root in roots if root > 0)
-    chain = sturm_chain(primitive(coefficients))
-    intervals = isolating_intervals(chain)
-    assert len(intervals) == len(positive)
-    assert all(low < root <= high for (low, high), root in zip(intervals, positive, strict=True))
-
-
-@given(st.lists(st.fractions(-9, 9, max_denominator=9), min_size=1, max_size=6))
-def test_interpolation_through_enough_points_returns_the_polynomial(coefficients):
-    nodes = [Fraction(k + 1) for k in range(8)]
-    values = [sum((c * x**k for k, c in enumerate(coefficients)), Fraction(0)) for x in nodes]
-    found = interpolated(nodes, values)
-    assert found.tolist() == coefficients[: len(found)]
-    assert not any(coefficients[len(found) :])
 
 
 def stiffness_at(f, gains, p, J_j=0.0):
@@ -255,3 +234,66 @@ def test_delay_margin_is_where_a_pole_reaches_the_axis(parameters):
     assert np.abs(1 + loop * np.exp(-1j * w * delay)).min() < 1e-3
     for shorter in (0.5, 0.9, 0.98):
         assert np.abs(1 + loop * np.exp(-1j * w * delay * shorter)).min() > 5e-3
+
+
+@given(K_d=st.floats(1, 680))
+def test_stiffness_gain_in_series_with_the_belt_gives_the_desired_stiffness(parameters, K_d):
+    K_1 = stiffness_gain(K_d, parameters)
+    assert 1 / abs(joint_admittance(float(K_1), 0.1, parameters)(0)) == pytest.approx(K_d)
+
+
+@settings(max_examples=25, deadline=None)
+@given(K_d=st.floats(5, 650), B_d=st.just(0) | st.floats(1e-9, 20))
+def test_the_loop_is_stable_for_every_reachable_impedance(parameters, K_d, B_d):
+    gains = compensated_gains(K_d, B_d, parameters)
+    assert parameters.B_m + gains.B_1 > 0
+    assert (joint_admittance(gains.K_1, gains.B_1, parameters).poles().real < 0).all()
+
+
+@pytest.mark.parametrize(
+    ("K_d", "B_d", "message"),
+    [
+        (685.6, 5, r"K_d = 685\.6 .* less than 685\.6"),
+        (900, 5, r"99 % of it: 678\.7"),
+        (0, 5, "more than 0"),
+        (-10, 5, "more than 0"),
+        (float("nan"), 5, "K_d = nan"),
+        (300, -1, r"B_d = -1 .* ask for 0 or more"),
+        (300, float("inf"), "B_d = inf"),
+        (300, 1e300, r"B_d = 1e\+300 N\*m\*s/rad is outside the accepted range; ask for 1e-09 to 1e\+06 N"),
+        (300, 2e6, r"B_d = 2e\+06 .* outside the accepted range"),
+        (300, 1e-300, "B_d = 1e-300 .* outside the accepted range"),
+        (1e-300, 5, "K_d = 1e-300 N.* outside the accepted range"),
+    ],
+)
+def test_an_impossible_request_is_refused_with_the_reason(parameters, K_d, B_d, message):
+    with pytest.raises(UnreachableImpedanceError, match=message):
+        compensated_gains(K_d, B_d, parameters)
+
+
+def test_uncompensated_gains_are_reflected_through_the_belt(parameters):
+    gains = uncompensated_gains(300, 5, parameters)
+    n2 = parameters.n_T**2
+    assert (gains.K_1 * n2, gains.B_1 * n2, gains.cancels_friction) == pytest.approx((300, 5, False))
+
+
+def test_prediction_reproduces_the_design_page_without_joint_inertia(parameters):
+    """design.md, section 3: the paper's model, J_j dropped."""
+    p = replace(parameters, J_j=0.0)
+    compensated = predicted_impedance(compensated_gains(300, 5, p), p, TESTED_HZ)
+    uncompensated = predicted_impedance(uncompensated_gains(300, 5, p), p, TESTED_HZ)
+    assert compensated == pytest.approx((299.1, 5.46, 0.000), abs=0.05)
+    assert uncompensated == pytest.approx((209.7, 3.61, 0.093), abs=0.05)
+
+
+def test_prediction_is_the_regression_of_the_linear_response_in_time(parameters):
+    """The same numbers from time series: equal cycles per frequency, one sample per millisecond."""
+    gains = compensated_gains(200, 7.5, parameters)
+    Z = 1 / joint_admittance(gains.K_1, gains.B_1, parameters, parameters.J_j)(2j * np.pi * np.array(TESTED_HZ))
+    rows, torque = [], []
+    for f, z in zip(TESTED_HZ, Z, strict=True):
+        t, w = np.arange(0, 20 / f, 1e-3), 2 * np.pi * f
+        rows.append(np.column_stack([np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)]))
+        torque.append(abs(z) * np.sin(w * t + np.angle(z)))
+    found, *_ = np.linalg.lstsq(np.vstack(rows), np.concatenate(torque), rcond=None)
+    assert predicted_impedance(gains, parameters, TESTED_HZ) == pytest.approx(found, rel=2e-4, abs=1e-5)

@@ -11,8 +11,8 @@ from osl_analysis.commands.simulate import read_laboratory, read_simulation, set
 from osl_analysis.config import read_config
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import select_gains
+from osl_analysis.model.gain_selection import Weight
 from osl_analysis.parameters import read_parameters
 from osl_analysis.shared_choices import FOLLOWED, SharedChoices
 from osl_analysis.simulator.leg_controller import compensated_damping

@@ -10,8 +10,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.commands.simulate import row_of_trial, simulate_campaign, simulate_trial
-from osl_analysis.model.compensator import Gains
-from osl_analysis.model.rendering import predicted_impedance
+from osl_analysis.model.compensator import Gains, predicted_impedance
 from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
 from osl_analysis.simulator.joint_motion import JointMotion, position_loop, stepped_sine, there_and_back

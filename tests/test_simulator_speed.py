@@ -11,8 +11,6 @@ from walking_setup import load_setup
 
 from osl_analysis.commands.simulate import row_of_trial
 from osl_analysis.errors import InputError
-from osl_analysis.model import gain_kernel
-from osl_analysis.model.preloaded import warm_up_gains
 from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator import drivetrain_sim, even_spline, joint_motion
 from osl_analysis.simulator.actuator_bench import simulate_actuator_trial
@@ -28,7 +26,6 @@ KERNELS = [
     (joint_motion, "propagate"),
     (even_spline, "slopes"),
     (even_spline, "evaluated"),
-    (gain_kernel, "lowest_minima"),
 ]
 
 
@@ -59,7 +56,6 @@ def test_jobs_find_the_compiled_functions_loaded(monkeypatch):
 
     for module, name in KERNELS:
         monkeypatch.setattr(module, name, noting(name, getattr(module, name)))
-    warm_up_gains()
     warm_up()
     warmed = {name: set(types) for name, types in called.items()}
     path, setup = ROOT / "tests/tiny_simulation.yaml", load_setup()

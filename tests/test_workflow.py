@@ -646,7 +646,7 @@ SIMULATOR, DRAWINGS = {"commands.simulate", "simulator."}, {"matplotlib", "figur
         ({"simulation": "mine.yaml"}, [], set()),
         ({"simulation": "mine.yaml", "parameters": None}, [], set()),
         ({"simulation": None}, [], SIMULATOR),
-        ({"simulation": None, "parameters": None}, [], SIMULATOR | {"model.preloaded"}),
+        ({"simulation": None, "parameters": None}, [], SIMULATOR),
         ({"simulation": None}, ["snakemake", "study"], set()),
         ({}, ["snakemake", "results/tables/impedance.csv"], DRAWINGS),
         ({"simulation": None}, ["snakemake", "results/tables/impedance.csv"], SIMULATOR | DRAWINGS),

@@ -11,10 +11,9 @@ from osl_analysis.bench.impedance import DesiredImpedance, prediction_columns
 from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.plausibility import Saturated, not_checked, plausible_impedance
 from osl_analysis.bench.rendered import RenderedTrial, rendered_table
-from osl_analysis.model.admittance_error import Weight
-from osl_analysis.model.compensator import Gains
+from osl_analysis.model.compensator import Gains, predicted_impedance
 from osl_analysis.model.drivetrain import joint_admittance
-from osl_analysis.model.rendering import predicted_impedance
+from osl_analysis.model.gain_selection import Weight
 from osl_analysis.parameters import DrivetrainParameters
 
 OF_GAINS, OF_LAG = (

@@ -18,8 +18,8 @@ from osl_analysis.bench.series import Series
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.bench.stiffness_drift import OF_DRIFT, stiffness_drift_row, stiffness_of_cycles
 from osl_analysis.errors import InputError, nearest
-from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import CONTROLLERS, Gains, select_gains
+from osl_analysis.model.gain_selection import Weight
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import fit_impedance, impedance_columns
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row

@@ -54,7 +54,7 @@ from osl_analysis.bench.transmission import (
 )
 from osl_analysis.errors import InputError
 from osl_analysis.memory import return_memory
-from osl_analysis.model.admittance_error import Weight
+from osl_analysis.model.gain_selection import Weight
 from osl_analysis.parameters import FileOrNone, known_parameters, read_parameters
 from osl_analysis.stored_trial import open_trial
 from osl_analysis.table import read_table, write_table

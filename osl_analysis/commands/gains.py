@@ -4,6 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -16,12 +17,16 @@ from osl_analysis.figures.fig7 import DESIRED, LINEAR_MODEL, response_curve
 from osl_analysis.figures.fig8 import GAINS as FIG8_GAINS
 from osl_analysis.figures.fig8 import points as fig8_points
 from osl_analysis.files import atomic_path
-from osl_analysis.model.admittance_error import Weight
-from osl_analysis.model.certificate import Certificate, certify
-from osl_analysis.model.compensator import PAPER_WEIGHT, Gains, check_request, stiffness_gain
+from osl_analysis.model.compensator import (
+    PAPER_WEIGHT,
+    Gains,
+    check_request,
+    predicted_impedance,
+    rendering,
+    stiffness_gain,
+)
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
-from osl_analysis.model.gain_selection import optimal_damping
-from osl_analysis.model.rendering import predicted_impedance, rendering
+from osl_analysis.model.gain_selection import Weight, optimal_damping
 from osl_analysis.parameters import DrivetrainParameters, FileOrNone, known_parameters, read_parameters
 from osl_analysis.table import finite_or_null, write_table
 from osl_analysis.trajectory import read_impedance_trajectory
@@ -62,29 +67,22 @@ def gain_table(
 def behaviour(
     table: pl.DataFrame, finite: NDArray[np.bool_], p: DrivetrainParameters, frequencies_hz: Sequence[float]
 ) -> dict[str, pl.Series]:
-    """Columns with the behaviour that theory predicts for the gains of each row; null if no finite B_1 minimises Eq.
-    14."""
-    rows = table.filter(pl.Series(finite))
-    K_1, B_1, K_d, B_d = (rows[name].to_numpy() for name in ("K_1", "B_1", "K_d", "B_d"))
+    """Columns with the behaviour that theory predicts for the gains of each row; null where none is `finite`."""
+    K_1, B_1, K_d, B_d = (table.filter(finite)[name].to_numpy() for name in ("K_1", "B_1", "K_d", "B_d"))
     fits = [predicted_impedance(Gains(k, b, True), p, frequencies_hz) for k, b in zip(K_1, B_1, strict=True)]
     rendered = rendering(K_1, B_1, K_d, B_d, p)
-    columns = {
+    columns: dict[str, list[Any]] = {
         "K_predicted": [K for K, _, _ in fits],
         "B_predicted": [B for _, B, _ in fits],
         "I_predicted": [I for _, _, I in fits],
         "decay_rate": rendered.decay_rate.tolist(),
         "delay_margin": rendered.delay_margin.tolist(),
-        "passive": [True] * len(rows),
+        "passive": [True] * len(fits),
         "positive_real": rendered.positive_real.tolist(),
         "faithful_to_hz": rendered.faithful_to_hz.tolist(),
     }
-    return {name: pl.Series(at_finite(values, finite)) for name, values in columns.items()}
-
-
-def at_finite(values: Sequence[float | bool], finite: NDArray[np.bool_]) -> list[float | bool | None]:
-    """One value per row: the next of `values` in the finite rows, None in the others."""
-    rest = iter(values)
-    return [next(rest) if known else None for known in finite]
+    rest = {name: iter(values) for name, values in columns.items()}
+    return {name: pl.Series([next(rest[name]) if known else None for known in finite]) for name in columns}
 
 
 @dataclass(frozen=True)
@@ -98,9 +96,7 @@ class Request:
     trajectory: Path | None
     """File with K_d and B_d over the gait cycle; None: every combination of `stiffness` and `damping`."""
     weight_hz: float = PAPER_WEIGHT.cutoff_hz
-    """Cut-off of W [Hz]."""
     weight_order: int = PAPER_WEIGHT.order
-    """Order of W."""
 
     @property
     def weight(self) -> Weight:
@@ -109,7 +105,7 @@ class Request:
 
     @property
     def single(self) -> bool:
-        """Whether it is one pair. The minimum of one pair is certified."""
+        """Whether it is one pair."""
         return self.trajectory is None and len(self.stiffness) == len(self.damping) == 1
 
 
@@ -168,37 +164,35 @@ def gains_json(table: pl.DataFrame) -> str:
     return json.dumps([finite_or_null(row) for row in table.to_dicts()], indent=2)
 
 
-def gains_text(request: Request, table: pl.DataFrame, parameters: Path) -> str:
-    """The table as text: one pair in words, with the proof of its minimum; several pairs in columns."""
+def gains_text(request: Request, table: pl.DataFrame) -> str:
+    """The table as text: one pair in words, several pairs in columns."""
     if request.single:
-        proof = certify(request.stiffness[0], request.damping[0], read_parameters(parameters), request.weight)
-        return pair_text(table.to_dicts()[0], proof)
+        return pair_text(table.to_dicts()[0])
     printed = ("phase", "K_d", "B_d", "K_1", "B_1", "error", "K_predicted", "B_predicted", "faithful_to_hz")
     columns = [c for c in printed if c in table.columns]
     rows = [columns, *([f"{v:.5g}" for v in row] for row in table.select(columns).rows())]
     return "\n".join("".join(f"{cell:>14}" for cell in row) for row in rows)
 
 
-def pair_text(row: dict[str, float], proof: Certificate) -> str:
+def pair_text(row: dict[str, float]) -> str:
     """One pair in words."""
-    minima = "exactly one local minimum" if proof.unique else f"{len(proof.minima)} local minima"
+    minima = "exactly one local minimum" if row["minima"] == 1 else f"{row['minima']} local minima"
     lines = [
         f"K_1 = {row['K_1']:.6g} N·m/rad ({row['K_1_joint']:.6g} at the joint)",
         f"B_1 = {row['B_1']:.6g} N·m·s/rad ({row['B_1_joint']:.6g} at the joint)",
-        f"||W (Y - Y_d)||_2 = {row['error']:.4g} rad/(N·m)·s^-1/2; proved: {minima} among the stable gains",
+        f"||W (Y - Y_d)||_2 = {row['error']:.4g} rad/(N·m)·s^-1/2; {minima} among the stable gains",
     ]
     if row["at_lower_bound"]:
         lines.append("warning: the joint alone damps more than desired; B_1 is the smallest stable gain")
     if row["unbounded"]:
-        lines.append("warning: no finite B_1 minimises Eq. 14, a locked motor would be best; lower --weight-hz")
-        return "\n".join(lines)
-    prediction = (
-        f"K {row['K_predicted']:.4g} N·m/rad, B {row['B_predicted']:.4g} N·m·s/rad, I {row['I_predicted']:.3g} kg·m²"
-    )
+        return "\n".join(
+            [*lines, "warning: no finite B_1 minimises Eq. 14, a locked motor would be best; lower --weight-hz"]
+        )
     return "\n".join(
         [
             *lines,
-            f"predicted fit over 1 to 5 Hz: {prediction} (friction cancelled)",
+            f"predicted fit over 1 to 5 Hz: K {row['K_predicted']:.4g} N·m/rad, B {row['B_predicted']:.4g} N·m·s/rad, "
+            f"I {row['I_predicted']:.3g} kg·m² (friction cancelled)",
             f"within 10 % of the desired impedance up to {row['faithful_to_hz']:.3g} Hz; passive",
             f"the slowest mode decays with {row['decay_rate']:.3g} 1/s; with the joint held, "
             f"{1e3 * row['delay_margin']:.3g} ms of delay in the loop make it unstable",

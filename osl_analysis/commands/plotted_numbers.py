@@ -18,8 +18,8 @@ from osl_analysis.figures.fig7 import CURVE_TYPES, DESIRED, LINEAR_MODEL, RESPON
 from osl_analysis.figures.fig9 import FIT_COLUMNS, SUMMARY_COLUMNS
 from osl_analysis.figures.fig9 import points as fig9_points
 from osl_analysis.figures.names import look_numbers, of_place
-from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
+from osl_analysis.model.gain_selection import Weight
 from osl_analysis.parameters import FileOrNone, joint_of, read_parameters
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial

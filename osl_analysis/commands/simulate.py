@@ -6,6 +6,7 @@ from typing import Any
 
 import pandas as pd
 
+from osl_analysis.compiled import require_compiler
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.files import atomic_path, check_output, check_target
@@ -185,6 +186,7 @@ def record_trial(
     row: Mapping[str, Any], settings: SimulationSettings, laboratory: WalkingSettings | None, campaign_folder: Path
 ) -> None:
     """Simulate the trial of one row and let its recorders write. Without a gait laboratory it is one of a bench."""
+    require_compiler()
     p = read_parameters(settings.parameters)
     if EXPERIMENTS[row["experiment"]].log == "dynamometer":
         record_bench_trial(row, settings, p, campaign_folder)

@@ -9,6 +9,7 @@ from pathlib import Path
 import polars as pl
 
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.compiled import require_compiler
 from osl_analysis.config import StudySettings
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
@@ -37,6 +38,7 @@ def run_batch(
     output: Path,
 ) -> None:
     """Estimates of trials (or campaigns of walking) number `first` to `first + number - 1` of one experiment."""
+    require_compiler()
     simulation = read_yaml(study.simulation, SimulationSettings).model_copy(update={"seed": study.seed})
     gait = None if simulation.walking is None else read_yaml(simulation.walking, WalkingSettings)
     p = read_parameters(simulation.parameters)

@@ -41,7 +41,7 @@ def read_figures(path: Path) -> dict[str, CampaignFigure]:
 FIGURES = read_figures(Path(__file__).with_name("figures.yaml"))
 """The figures of a campaign by name."""
 
-OTHER_DRAWINGS = ("torque", "gain_grid", "gain_map", "study", "not_drawn")
+OTHER_DRAWINGS = ("torque", "gain_grid", "study", "not_drawn")
 """Drawings in `others.py` that are no figures of a campaign."""
 
 

@@ -17,9 +17,6 @@ GRID_DASHES = ("-", "--", ":", "-.")
 GRID_MARKERS = ("o", "s", "^", "D", "v")
 GRID_SHADES = (style.BLACK, style.GREY, "#A8A8A8")
 """A line style, a marker and a shade each: 60 lines differ in one of them."""
-CONTOURS = (1, 3, 10, 30, 100, 300, 1000)
-PALE = "#C8C8C8"
-"""Grey of the requests with one minimum, behind the contours."""
 CHARACTERS_PER_INCH = 17
 """Of the text of a page in place of a figure."""
 
@@ -51,33 +48,6 @@ def draw_gain_grid(table: pl.DataFrame) -> Figure:
     ax.set_xlabel("Desired stiffness $K_d$ (N·m/rad)")
     ax.set_ylabel("Gain $B_1 n_T^2$ (N·m·s/rad)")
     figure.legend(title="Desired damping $B_d$ (N·m·s/rad)", loc="outside upper center", ncols=5, columnspacing=1.2)
-    return figure
-
-
-@style.paper_style()
-def draw_gain_map(table: pl.DataFrame) -> Figure:
-    """A pale dot per request with exactly one minimum of Eq. 14, a cross per request with none; contours of B_1 n_T^2.
-
-    `table` holds a full grid of `K_d` and `B_d` with `B_1_joint` and the number of `minima`.
-    """
-    figure, (ax,) = style.panels(style.SINGLE_COLUMN, 3.1)
-    K_d, B_d = (np.unique(table[name].to_numpy()) for name in ("K_d", "B_d"))
-    gains = table.sort("K_d", "B_d")["B_1_joint"].to_numpy().reshape(len(K_d), len(B_d)).T
-    one, none = table.filter(pl.col("minima") == 1), table.filter(pl.col("minima") == 0)
-    ax.plot(one["K_d"], one["B_d"], ".", color=PALE, markersize=1.8, mew=0)
-    ax.plot([], [], "o", color=PALE, markersize=3, mew=0, label="One minimum")
-    ax.plot(
-        none["K_d"], none["B_d"], "x", color=style.MAGENTA, markersize=4, mew=1, clip_on=False, zorder=3, label="None"
-    )
-    contours = ax.contour(K_d, B_d, gains, levels=CONTOURS, colors=style.BLACK, linewidths=0.7)
-    for text in ax.clabel(contours, fmt=lambda level: f"{level:g}", fontsize=style.SIZE_OF_TEXT):
-        text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
-    ax.plot([], [], color=style.BLACK, linewidth=0.7, label="Gain $B_1 n_T^2$ (N·m·s/rad)")
-    ax.set_xlim(0, float(K_d.max()))
-    ax.set_ylim(0, 1.02 * float(B_d.max()))
-    ax.set_xlabel("Desired stiffness $K_d$ (N·m/rad)")
-    ax.set_ylabel("Desired damping $B_d$ (N·m·s/rad)")
-    figure.legend(loc="outside upper center", ncols=3, columnspacing=1.0, handletextpad=0.4)
     return figure
 
 
@@ -212,7 +182,6 @@ class Drawing:
 DRAWINGS = {
     "torque": Drawing(("time", "torque", "torque_model"), draw_torque),
     "gain_grid": Drawing(("K_d", "B_d", "B_1_joint"), draw_gain_grid),
-    "gain_map": Drawing(("K_d", "B_d", "minima", "B_1_joint"), draw_gain_map),
     "study": Drawing(STUDY_COLUMNS, draw_study),
     "not_drawn": Drawing(("figure", "trial", "file", "reason"), draw_reasons),
 }

@@ -2,17 +2,17 @@
 
 The linear part is N(s) theta_m = K_s/n_T theta with N of `drivetrain.joint_admittance`. Between samples it is solved
 exactly for an angle that is linear there. Friction is constant over a step: the torque that would stop the actuator,
-limited to the largest friction. numba's cache does not notice changes in other files. Therefore all compiled functions
-are in this file, and Eq. 5 is repeated here for scalars (`compensator.motor_current` computes it for arrays).
+limited to the largest friction.
 """
 
+import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
 
-from osl_analysis.compiled import compiled
+from osl_analysis.compiled import compiled, numba
 from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain import belt_deflection, belt_torque
 from osl_analysis.parameters import DrivetrainParameters
@@ -21,53 +21,16 @@ from osl_analysis.trial import Array
 
 @dataclass(frozen=True)
 class Friction:
-    """The actuator's true friction, and the controller's smoothing of the velocity's sign.
-
-    Attributes
-    ----------
-    scale
-        Ratio of the true friction to the friction in the parameter file.
-    sign_width
-        Velocity [rad/s] over which the controller smooths the sign.
-    """
+    """The actuator's true friction, and the controller's smoothing of the velocity's sign."""
 
     scale: float
+    """Ratio of the true friction to the friction in the parameter file."""
     sign_width: float
+    """Velocity [rad/s] over which the controller smooths the sign."""
 
 
-class Loop(NamedTuple):
-    """Gains, motor and friction in SI units, as arguments of the compiled functions.
-
-    Attributes
-    ----------
-    K_1, B_1
-        Control gains [N*m/rad], [N*m*s/rad] at the actuator's output.
-    torque_constant
-        k_tau n_m [N*m/A].
-    f_C, f_G
-        Coulomb friction [N*m] and gear friction [N*m/A] in the controller's model.
-    limit
-        Ratio of the true friction to the friction in the controller's model.
-    cancels
-        Whether the controller cancels friction.
-    sign_width
-        Velocity [rad/s] over which the controller smooths the sign.
-    n_T
-        Ratio of the belt.
-    K_s2
-        Quadratic stiffness [N*m/rad^2] of the belt.
-    """
-
-    K_1: float
-    B_1: float
-    torque_constant: float
-    f_C: float
-    f_G: float
-    limit: float
-    cancels: bool
-    sign_width: float
-    n_T: float
-    K_s2: float
+Loop = tuple[float, float, float, float, float, float, bool, float, float, float]
+"""K_1, B_1, k_tau n_m, f_C, f_G, the scale of friction, whether it is cancelled, sign_width, n_T, K_s2 in SI units."""
 
 
 def belt_response(theta: Array, rate_hz: float, gains: Gains, p: DrivetrainParameters, friction: Friction) -> Array:
@@ -78,12 +41,19 @@ def belt_response(theta: Array, rate_hz: float, gains: Gains, p: DrivetrainParam
     sign.
     """
     transition, push = discretised(gains, p, rate_hz)
-    loop = Loop(
+    loop = (
         gains.K_1, gains.B_1, p.k_tau * p.n_m, p.f_C, p.f_G, friction.scale, gains.cancels_friction,
         friction.sign_width, p.n_T, p.K_s2,
     )  # fmt: skip
     start = p.K_s / p.n_T * theta[0] / (gains.K_1 + p.K_s / p.n_T**2)
-    theta_m = actuator_path(np.ascontiguousarray(theta, dtype=float), float(start), transition, push, loop)
+    theta = np.ascontiguousarray(theta, dtype=float)
+    theta_m = np.empty_like(theta)
+    if numba is None:  # Python takes a fifth of the time with its own numbers: 0.1 s for 140 s at 1 kHz
+        path = theta_m.tolist()
+        actuator_path(theta.tolist(), path, float(start), transition.tolist(), push.tolist(), loop)
+        theta_m[:] = path
+    else:
+        actuator_path(theta, theta_m, float(start), transition, push, loop)
     return belt_torque(belt_deflection(theta, theta_m, p), p)
 
 
@@ -102,32 +72,27 @@ def discretised(gains: Gains, p: DrivetrainParameters, rate_hz: float) -> tuple[
 
 
 @compiled
-def feedforward(u: float, direction: float, loop: Loop) -> float:
-    """Current [A] for an actuator torque u [N*m] (Eq. 5 in closed form). A direction of 0 ignores friction."""
-    r = u + direction * loop.f_C
-    side = direction if r >= 0.0 else -direction
-    return r / (loop.torque_constant - side * loop.f_G)
+def actuator_path(theta: Any, path: Any, start: float, transition: Any, push: Any, loop: Loop) -> None:
+    """Fill `path`, (n,), with the angle theta_m [rad] of the actuator that starts at rest at `start` [rad].
 
-
-@compiled
-def actuator_path(theta: Array, start: float, transition: Array, push: Array, loop: Loop) -> Array:
-    """Angle theta_m [rad], shape (n,), of the actuator that starts at rest at `start` [rad]."""
+    theta and path are arrays or lists, (n,). Eq. 5 is written out for numbers; `motor_current` has it for arrays.
+    """
     (a, b, c, d), (e, f, g, h) = transition
     drift, kick = push
-    path = np.empty_like(theta)
+    K_1, B_1, torque_constant, f_C, f_G, scale, cancels, sign_width, n_T, K_s2 = loop
     theta_m, omega_m = start, 0.0
     path[0] = theta_m
     for i in range(len(theta) - 1):
         now, then = theta[i], theta[i + 1]
-        u = -loop.K_1 * theta_m - loop.B_1 * omega_m
-        direction = float(np.tanh(omega_m / loop.sign_width)) if loop.cancels else 0.0
-        current = feedforward(u, direction, loop)
-        theta_s = now - theta_m / loop.n_T
-        torque = loop.torque_constant * current - u + loop.K_s2 * theta_s * abs(theta_s) / loop.n_T
+        u = -K_1 * theta_m - B_1 * omega_m
+        direction = math.tanh(omega_m / sign_width) if cancels else 0.0
+        r = u + direction * f_C
+        current = r / (torque_constant - (direction if r >= 0.0 else -direction) * f_G)
+        theta_s = now - theta_m / n_T
+        torque = torque_constant * current - u + K_s2 * theta_s * abs(theta_s) / n_T
         free = e * theta_m + f * omega_m + g * now + h * then + kick * torque
-        limit = loop.limit * (loop.f_C + loop.f_G * abs(current))
+        limit = scale * (f_C + f_G * abs(current))
         friction = min(max(free / kick, -limit), limit)
         theta_m = a * theta_m + b * omega_m + c * now + d * then + drift * (torque - friction)
         omega_m = free - kick * friction
         path[i + 1] = theta_m
-    return path

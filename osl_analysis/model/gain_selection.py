@@ -1,44 +1,79 @@
-"""The damping gain that minimises Eq. 14, for many pairs at once: all local minima are found, the lowest is taken."""
+"""The damping gain that minimises Eq. 14, for many pairs of a desired stiffness and damping at once.
 
+In the letters of `drivetrain.joint_admittance`, with Q = B_d s + K_d and K_1 from Eq. 13,
+
+    W (Y - Y_d) = b(s; x)/a(s; x),   a = W_den D Q,   b = W_num (N Q - D).
+
+Both a and b are affine in x = B_m + B_1. Astrom's recursion (Introduction to Stochastic Control Theory, 1970, ch. 5)
+turns the squared norm into a sum over the rows of a's Routh table, so that its slope in x is exact. The slope's changes
+of sign on a logarithmic grid bracket the minima. docs/gain_selection.md shows that the norm is not convex and how many
+minima it has.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from osl_analysis.model.admittance_error import Weight, admittance_error
+from osl_analysis.errors import UnreachableImpedanceError
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
 
+HIGHEST_ORDER = 10
+SLOWEST_HZ, FASTEST_HZ = 1e-3, 1e4
+"""Lowest and highest accepted cut-off of W [Hz]. Both lie far outside the frequencies at which a leg moves."""
 LOWEST, HIGHEST = 1e-9, 1e9
 """Ends of the search for x = B_m + B_1, as multiples of (K_1 J_m)^1/2, the scale of the actuator's damping."""
 POINTS = 73
-"""Points of the search, a factor of 1.8 apart. `certificate.py` counts the minima without a grid."""
+"""Points of the search, a factor of 1.8 apart. The closest two minima that were found are a factor of 4 apart."""
+AT_ONCE = 10_000
+"""Pairs whose grids are in memory at once, 6 MB for each of some 50 arrays."""
+
+Affine = tuple[Sequence[Array], Sequence[Array]]
+"""Coefficients c = c0 + x c1 of a polynomial in s, highest power first; those of all pairs in one array each."""
+
+
+@dataclass(frozen=True)
+class Weight:
+    """W of Eq. 14: a Butterworth low-pass of the given cut-off [Hz] and order (the paper's: 1 Hz = 2 pi rad/s, 3).
+
+    Raises
+    ------
+    UnreachableImpedanceError
+        The order is not a whole number from 1 to 10, or the cut-off not from 0.001 to 10000 Hz.
+    """
+
+    cutoff_hz: float
+    order: int
+
+    def __post_init__(self) -> None:
+        if self.order not in range(1, HIGHEST_ORDER + 1):
+            raise UnreachableImpedanceError(
+                f"the weight W of Eq. 14 has order {self.order}; use a whole number from 1 to {HIGHEST_ORDER}"
+            )
+        if not SLOWEST_HZ <= self.cutoff_hz <= FASTEST_HZ:
+            raise UnreachableImpedanceError(
+                f"the weight W has its cut-off at {self.cutoff_hz:g} Hz; use {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
+            )
 
 
 @dataclass(frozen=True)
 class OptimalDamping:
-    """The best damping gain of each pair, shape (pairs,) each.
-
-    Attributes
-    ----------
-    B_1
-        Damping gain [N*m*s/rad] at the global minimum of Eq. 14.
-    error
-        The norm of Eq. 14 there [rad/(N*m)/s^1/2].
-    minima
-        Number of stable local minima.
-    at_lower_bound
-        The error falls towards B_m + B_1 = 0: the joint alone damps more than was asked for. `B_1` is then the last
-        stable value of the search.
-    unbounded
-        The error decreases for every increase of B_1: a locked motor would be best. `B_1` is then infinite.
-    """
+    """The best damping gain of each pair, shape (pairs,) each."""
 
     B_1: Array
+    """Damping gain [N*m*s/rad] at the global minimum of Eq. 14."""
     error: Array
+    """The norm of Eq. 14 there [rad/(N*m)/s^1/2]."""
     minima: NDArray[np.int64]
+    """Number of stable local minima."""
     at_lower_bound: NDArray[np.bool_]
+    """The error falls towards B_m + B_1 = 0: the joint alone damps more than was asked for. `B_1` is then the last
+    stable value of the search."""
     unbounded: NDArray[np.bool_]
+    """The error decreases for every increase of B_1: a locked motor would be best. `B_1` is then infinite."""
 
 
 def optimal_damping(
@@ -46,16 +81,109 @@ def optimal_damping(
 ) -> OptimalDamping:
     """Minimise ||W (Y - Y_d)||_2 over B_1 with B_m + B_1 > 0 (Eq. 14), for K_d, B_d of shape (pairs,).
 
-    The slope of the squared norm is exact (`admittance_error`). Its changes of sign on a logarithmic grid bracket the
-    stationary points. Newton's method within each bracket refines them to rounding. The function does not check the
-    requests; `compensator.check_request` refuses impossible ones.
+    The paper neglects the joint's inertia; `J_j` [kg*m^2] includes it. The requests are not checked;
+    `compensator.check_request` refuses impossible ones.
     """
-    from osl_analysis.model.gain_kernel import lowest_minima  # numba, which few of those that import this module need
-
     K_d, B_d = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (K_d, B_d)))
-    error = admittance_error(K_d, B_d, p, weight, J_j)
-    scale = np.sqrt(K_d * p.K_s / (p.n_T**2 * (p.K_s - K_d)) * p.J_m)
-    points = scale[:, None] * np.geomspace(LOWEST, HIGHEST, POINTS)
-    x, J, minima, end = lowest_minima(*error.by_pair(), points)
+    parts = [slice(first, first + AT_ONCE) for first in range(0, len(K_d), AT_ONCE)]
+    found = [lowest_minima(K_d[part], B_d[part], p, weight, J_j) for part in parts]
+    x, J, minima, end = (np.concatenate(each) for each in zip(*found, strict=True))
     unbounded = end > 0
     return OptimalDamping(np.where(unbounded, np.inf, x - p.B_m), np.sqrt(J), minima, end < 0, unbounded)
+
+
+def lowest_minima(
+    K_d: Array, B_d: Array, p: DrivetrainParameters, weight: Weight, J_j: float
+) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.int64]]:
+    """For each pair the x of the lowest squared norm, the squared norm there, the number of minima, and the end at x.
+
+    The last result is -1 if x is the first point of the search, 1 if it is the last one, and 0 otherwise.
+    """
+    from scipy.optimize.elementwise import find_root  # 0.2 s, for the few that select gains
+
+    a, b = admittance_error(K_d, B_d, p, weight, J_j)
+    scale = np.sqrt(K_d * p.K_s / (p.n_T**2 * (p.K_s - K_d)) * p.J_m)
+    x = scale[:, None] * np.geomspace(LOWEST, HIGHEST, POINTS)
+    J, slope = squared_norm(x, *([c[:, None] for c in each] for each in (*a, *b)))
+    falls = (slope[:, :-1] < 0) & (slope[:, 1:] >= 0)
+    pair, k = np.nonzero(falls)
+    own = [[c[pair] for c in each] for each in (*a, *b)]
+    sizes = np.cumsum([len(each) for each in own])[:-1]
+
+    def slope_at(at: Array, *coefficients: Array) -> Array:
+        """The slope by pair; scipy leaves out the pairs that have converged."""
+        parts = [[coefficients[i] for i in part] for part in np.split(np.arange(len(coefficients)), sizes)]
+        return squared_norm(at, *parts)[1]
+
+    ends = x[pair, k], x[pair, k + 1]
+    candidates, norms = np.full((2, len(x), POINTS + 1), np.inf)
+    candidates[pair, k] = find_root(slope_at, ends, args=tuple(c for each in own for c in each)).x
+    norms[pair, k] = squared_norm(candidates[pair, k], *own)[0]
+    candidates[:, -2:], norms[:, -2:] = x[:, [0, -1]], J[:, [0, -1]]
+    best = np.argmin(norms, axis=1)
+    own_best = np.arange(len(x)), best
+    end = np.select([best == POINTS - 1, best == POINTS], [-1, 1], 0)
+    return candidates[own_best], norms[own_best], falls.sum(axis=1), end
+
+
+def admittance_error(
+    K_d: Array, B_d: Array, p: DrivetrainParameters, weight: Weight, J_j: float = 0.0
+) -> tuple[Affine, Affine]:
+    """The polynomials a and b of every pair K_d [N*m/rad], B_d [N*m*s/rad], shape (pairs,), s in rad/s.
+
+    N Q - D is computed as N (Q - P) + c, so that no nearly equal numbers are subtracted. Its constant term is 0 by Eq.
+    12 and is set to exactly 0. With B_d = 0 the leading coefficient of a is 0; the same formulas hold.
+    """
+    K_1 = K_d * p.K_s / (p.n_T**2 * (p.K_s - K_d))
+    gain, W = scipy.signal.butter(weight.order, 2 * np.pi * weight.cutoff_hz, analog=True)
+    zero, one = np.zeros_like(K_d), np.ones_like(K_d)
+    N0, N1 = [p.J_m * one, zero, K_1 + p.K_s / p.n_T**2], [one, zero]  # N = N0 + x N1
+    P = [J_j * one] * bool(J_j) + [p.B_j * one, p.K_s * one]
+    Q = [zero] * bool(J_j) + [B_d, K_d]
+    difference = [q - j for q, j in zip(Q, P, strict=True)]
+    D0, b0 = polynomial_product(N0, P), polynomial_product(N0, difference)
+    D0[-1], b0[-1] = K_1 * p.K_s, zero  # kappa K_s - c, and kappa (K_d - K_s) + c = 0 (Eq. 12)
+    fixed = polynomial_product([B_d, K_d], [w * one for w in W])
+    a0 = polynomial_product(D0, fixed)
+    a1 = polynomial_product(polynomial_product(N1, P), fixed)
+    b1 = polynomial_product(N1, difference)
+
+    def of_length(n: int, c: list[Array], factor: float = 1.0) -> list[Array]:
+        """The polynomial times a factor, with zeros as its missing higher powers."""
+        return [zero] * (n - len(c)) + [factor * each for each in c]
+
+    n = len(a0) - 1
+    return (a0, of_length(n + 1, a1)), (of_length(n, b0, gain[-1]), of_length(n, b1, gain[-1]))
+
+
+def polynomial_product(u: Sequence[Array], v: Sequence[Array]) -> list[Array]:
+    """Product of two polynomials whose coefficients are arrays."""
+    out = [np.zeros_like(u[0])] * (len(u) + len(v) - 1)
+    for i, ui in enumerate(u):
+        for j, vj in enumerate(v):
+            out[i + j] = out[i + j] + ui * vj
+    return out
+
+
+def squared_norm(
+    x: Array, a0: Sequence[Array], a1: Sequence[Array], b0: Sequence[Array], b1: Sequence[Array]
+) -> tuple[Array, Array]:
+    """||b/a||^2 [(rad/(N*m))^2/s] at x [N*m*s/rad], and its derivative in x; coefficients broadcast with x.
+
+    Each row of the recursion loses its first coefficient, and every second one of those that stay is reduced. A row's
+    part of the sum is beta^2/(2 alpha); it is 0 where beta is 0, even if alpha is 0 too (B_d = 0).
+    """
+    a, da = [c + x * d for c, d in zip(a0, a1, strict=True)], list(a1)
+    b, db = [c + x * d for c, d in zip(b0, b1, strict=True)], list(b1)
+    n, total, slope = len(b), np.zeros_like(x), np.zeros_like(x)
+    for r in range(n):
+        alpha, beta = a[r] / a[r + 1], b[r] / a[r + 1]
+        dalpha, dbeta = (da[r] - alpha * da[r + 1]) / a[r + 1], (db[r] - beta * da[r + 1]) / a[r + 1]
+        twice = 2 * np.where(beta == 0, 1.0, alpha)
+        part = beta * beta / twice
+        total, slope = total + part, slope + 2 * (beta * dbeta - part * dalpha) / twice
+        for i in range(r + 2, n, 2):
+            c, dc = a[i + 1], da[i + 1]
+            a[i], da[i] = a[i] - alpha * c, da[i] - (dalpha * c + alpha * dc)
+            b[i], db[i] = b[i] - beta * c, db[i] - (dbeta * c + beta * dc)
+    return total, slope

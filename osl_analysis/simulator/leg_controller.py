@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.model.admittance_error import Weight
 from osl_analysis.model.compensator import check_request, stiffness_gain
-from osl_analysis.model.gain_selection import optimal_damping
+from osl_analysis.model.gain_selection import Weight, optimal_damping
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.simulator import gait
 from osl_analysis.simulator.conditions import Condition

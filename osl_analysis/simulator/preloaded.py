@@ -6,7 +6,8 @@ find them on disk, and all jobs in memory.
 
 import numpy as np
 
-from osl_analysis.model.preloaded import DEVICE, GAINS
+from osl_analysis.compiled import numba
+from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.simulator import actuator_bench, bench_files, dynamometer, walking
 from osl_analysis.simulator.drivetrain_sim import IDEAL, ControlCommands, simulate_belt_torque, simulate_drivetrain
 from osl_analysis.simulator.even_spline import spline_at
@@ -17,12 +18,15 @@ __all__ = ["actuator_bench", "bench_files", "dynamometer", "walking", "warm_up"]
 
 def warm_up() -> None:
     """Call the compiled functions of a bench trial and a crossing, with arguments of the same types as theirs."""
+    device = DrivetrainParameters(
+        k_tau=0.1, n_m=9.0, B_m=0.1, J_m=0.1, f_C=0.1, f_G=0.01, n_T=5.0, K_s=700.0, B_j=1.0, J_j=0.01
+    )
     rate, still = 1000.0, np.zeros(4)
-    commands = ControlCommands(GAINS.K_1 + still, GAINS.B_1 + still, still, GAINS.cancels_friction)
-    simulate_drivetrain(rate, still, still, commands, IDEAL, DEVICE)
-    simulate_belt_torque(still, IDEAL, DEVICE)
+    simulate_drivetrain(rate, still, still, ControlCommands(still, still, still, True), IDEAL, device)
+    simulate_belt_torque(still, IDEAL, device)
     position_loop(JointMotion(still, still, still), rate, 30.0, 0.9)
     spline_at(still, rate, still)
 
 
-warm_up()
+if numba is not None:
+    warm_up()

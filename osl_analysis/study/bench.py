@@ -13,8 +13,7 @@ from osl_analysis.bench.segments import rows_of
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.settled_signals import RawSignals
 from osl_analysis.bench.transmission import fit_transmission
-from osl_analysis.model.compensator import compensated_gains
-from osl_analysis.model.rendering import predicted_impedance
+from osl_analysis.model.compensator import compensated_gains, predicted_impedance
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import impedance_columns, impedance_torque
 from osl_analysis.signals import LowPass, Motion

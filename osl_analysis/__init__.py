@@ -19,12 +19,25 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from osl_analysis.bench.impedance import DesiredImpedance
     from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError, UnreachableImpedanceError
-    from osl_analysis.notebook.fit import Fit
-    from osl_analysis.notebook.fits import fit_actuator, fit_belt, fit_impedance, fit_torque_angle, fit_transmission
-    from osl_analysis.notebook.plots import plot_frequency_response, plot_torque, plot_torque_angle
+    from osl_analysis.notebook.fits import (
+        Fit,
+        Response,
+        fit_actuator,
+        fit_belt,
+        fit_impedance,
+        fit_torque_angle,
+        fit_transmission,
+        frequency_response,
+    )
     from osl_analysis.notebook.recordings import check, read_recording, read_trial, simulate_trial
-    from osl_analysis.notebook.response import Response, frequency_response
-    from osl_analysis.notebook.results import gains, read_summary, read_table
+    from osl_analysis.notebook.results import (
+        gains,
+        plot_frequency_response,
+        plot_torque,
+        plot_torque_angle,
+        read_summary,
+        read_table,
+    )
     from osl_analysis.trial import Trial
 
 __all__ = [
@@ -56,14 +69,16 @@ __all__ = [
 _NAMES = {
     "bench.impedance": ("DesiredImpedance",),
     "errors": ("IdentifiabilityError", "InputError", "OslAnalysisError", "UnreachableImpedanceError"),
-    "notebook.fit": ("Fit",),
-    "notebook.fits": ("fit_actuator", "fit_belt", "fit_impedance", "fit_torque_angle", "fit_transmission"),
-    "notebook.plots": ("plot_frequency_response", "plot_torque", "plot_torque_angle"),
+    "notebook.fits": (
+        "Fit", "Response", "fit_actuator", "fit_belt", "fit_impedance", "fit_torque_angle", "fit_transmission",
+        "frequency_response",
+    ),
     "notebook.recordings": ("check", "read_recording", "read_trial", "simulate_trial"),
-    "notebook.response": ("Response", "frequency_response"),
-    "notebook.results": ("gains", "read_summary", "read_table"),
+    "notebook.results": (
+        "gains", "plot_frequency_response", "plot_torque", "plot_torque_angle", "read_summary", "read_table",
+    ),
     "trial": ("Trial",),
-}
+}  # fmt: skip
 _MODULE_OF = {name: module for module, names in _NAMES.items() for name in names}
 
 

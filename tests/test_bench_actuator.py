@@ -28,8 +28,7 @@ from osl_analysis.simulator.actuator_bench import current_schedule, simulate_act
 from osl_analysis.simulator.recorder_settings import RecorderSettings
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.study.recorded import recorded_trial
-from osl_analysis.summary.headlines import headline_numbers
-from osl_analysis.summary.labels import ACTUATOR_LABELS
+from osl_analysis.summary.headlines import ACTUATOR_LABELS, headline_numbers
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, read_trial, write_trial
 from osl_analysis.yaml_settings import read_yaml

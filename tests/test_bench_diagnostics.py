@@ -17,9 +17,8 @@ from osl_analysis.bench.rendered import rendered_table
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.bench.stiffness_drift import stiffness_of_cycles
 from osl_analysis.bench.torque_lag import ImpedancePoints, TorqueLag, torque_lag
-from osl_analysis.causes import REMEDIES
 from osl_analysis.config import read_section
-from osl_analysis.doubtful import DoubtfulFits, marked
+from osl_analysis.doubtful import REMEDIES, DoubtfulFits, marked
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain import joint_admittance

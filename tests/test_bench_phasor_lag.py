@@ -23,9 +23,8 @@ from osl_analysis.bench.phasor_lag import (
 )
 from osl_analysis.bench.plausibility import Saturated
 from osl_analysis.bench.torque_lag import TorqueLag
-from osl_analysis.causes import REMEDIES
 from osl_analysis.config import read_section
-from osl_analysis.doubtful import DoubtfulFits, marked
+from osl_analysis.doubtful import REMEDIES, DoubtfulFits, marked
 from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.parameters import read_parameters

@@ -12,11 +12,10 @@ from osl_analysis.bench.asked_impedance import AskedImpedance
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.plausibility import check_unit_of_time
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
-from osl_analysis.causes import wrong_scale
 from osl_analysis.commands.bench import fit_actuator_trial, fit_belt_trial, fit_impedance_trial, fit_transmission_trial
 from osl_analysis.commands.fit import FitRequest, fit_one_trial
 from osl_analysis.config import read_section
-from osl_analysis.doubtful import DoubtfulFits, marked
+from osl_analysis.doubtful import DoubtfulFits, marked, wrong_scale
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.model.compensator import PAPER_WEIGHT

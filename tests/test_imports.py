@@ -22,7 +22,7 @@ MAY_IMPORT = {
     "timebase": COMMON | {"timebase", "signals"},
     "bench": COMMON
     | {"bench", "protocol", "spectral", "stats", "second_order", "rails", "signals", "uniform", "timebase"}
-    | {"model", "parameters", "columns", "yaml_settings", "doubtful", "causes"},
+    | {"model", "parameters", "columns", "yaml_settings", "doubtful"},
     "walking": COMMON
     | {"walking", "stats", "second_order", "signals", "uniform", "timebase", "columns", "yaml_settings"}
     | {"plate_surface"},

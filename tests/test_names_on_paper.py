@@ -25,9 +25,7 @@ from osl_analysis.figures import fig5, fig6, fig8
 from osl_analysis.figures.names import look_numbers, looks_in, place_name
 from osl_analysis.figures.style import LOOKS
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.summary.headlines import headline_numbers
-from osl_analysis.summary.labels import Example, letters
-from osl_analysis.summary.number import ENDINGS, Headline, with_own_names
+from osl_analysis.summary.headlines import ENDINGS, Example, Headline, headline_numbers, letters, with_own_names
 from osl_analysis.table import read_table, tables_of, with_places, write_table
 from osl_analysis.trajectory import read_impedance_trajectory
 

@@ -28,12 +28,16 @@ from osl_analysis.bench.transmission import transmission_series, transmission_ta
 from osl_analysis.commands.report import lacks_result
 from osl_analysis.dictionary import described_tables
 from osl_analysis.report import overview
-from osl_analysis.report.captions import caption_html, captions_by_title
-from osl_analysis.report.doubts import doubts_of, split
-from osl_analysis.report.left_out import left_out_trials, without_result
-from osl_analysis.report.numbers import estimates_of
-from osl_analysis.report.pack import packed_table
-from osl_analysis.report.page import PageTrial, every_kth, written_page
+from osl_analysis.report.page import (
+    PageTrial,
+    caption_html,
+    captions_by_title,
+    every_kth,
+    inline_png,
+    inline_svg,
+    packed_table,
+    written_page,
+)
 from osl_analysis.report.panels import (
     bench_pictures,
     crossing_pictures,
@@ -41,9 +45,16 @@ from osl_analysis.report.panels import (
     phasor_pictures,
     second_order_admittance,
 )
-from osl_analysis.report.provenance import provenance_of
-from osl_analysis.report.svg import inline_png, inline_svg
-from osl_analysis.report.trial_page import ReportedTrial, trial_content
+from osl_analysis.report.trial_page import (
+    ReportedTrial,
+    doubts_of,
+    estimates_of,
+    left_out_trials,
+    provenance_of,
+    split,
+    trial_content,
+    without_result,
+)
 
 HOSTILE = '<img src=x onerror="alert(1)"></script><b>&amp;'
 IMPEDANCE = next(table for table in described_tables() if table.place == "tables/impedance")

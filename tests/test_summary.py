@@ -14,9 +14,17 @@ from osl_analysis.errors import InputError
 from osl_analysis.figures import fig9
 from osl_analysis.job_log import JobLog, write_log
 from osl_analysis.refusal import Refusal
-from osl_analysis.summary.headlines import ENSEMBLE, headline_numbers
-from osl_analysis.summary.labels import all_labels
-from osl_analysis.summary.number import BOOTSTRAP, FIT, PAIRED, RANGE, STUDENT, Headline
+from osl_analysis.summary.headlines import (
+    BOOTSTRAP,
+    ENSEMBLE,
+    FIT,
+    PAIRED,
+    RANGE,
+    STUDENT,
+    Headline,
+    all_labels,
+    headline_numbers,
+)
 from osl_analysis.summary.text import decimals, to_json, to_tex, told_apart
 from osl_analysis.table import write_table
 from osl_analysis.walking import tables as walking

@@ -27,7 +27,7 @@ from osl_analysis.fingerprint import code_of, imported_names, job_sources, sourc
 from osl_analysis.fork_server import PRELOADED, fork_server, start_early
 from osl_analysis.job_log import read_log
 from osl_analysis.refusal import is_refused
-from osl_analysis.summary.labels import all_labels
+from osl_analysis.summary.headlines import all_labels
 from osl_analysis.workflow import flat
 
 TRIAL = "impedance_K300_B5.0_compensated"

@@ -11,7 +11,7 @@ import polars as pl
 
 from osl_analysis.bench.diagnostics import check_resists
 from osl_analysis.bench.settings import BenchAnalysis
-from osl_analysis.causes import wrong_scale
+from osl_analysis.doubtful import wrong_scale
 from osl_analysis.errors import InputError
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.rails import sampled, samples_at_rail

@@ -6,7 +6,7 @@ from pathlib import Path
 from osl_analysis.dictionary import DescribedTable, described_tables
 from osl_analysis.files import atomic_path
 from osl_analysis.quality.verdict import CHECKS
-from osl_analysis.summary.labels import all_labels
+from osl_analysis.summary.headlines import all_labels
 
 INTRODUCTION = """\
 # Tables

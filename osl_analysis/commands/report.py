@@ -17,11 +17,8 @@ from osl_analysis.files import atomic_path
 from osl_analysis.quality.verdict import CHECKS
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import overview, panels
-from osl_analysis.report.captions import captions_by_title
-from osl_analysis.report.left_out import LeftOut, left_out_trials, without_result
-from osl_analysis.report.page import PageTrial, written_page
-from osl_analysis.report.svg import inline_png, inline_svg
-from osl_analysis.report.trial_page import ReportedTrial, trial_content
+from osl_analysis.report.page import PageTrial, captions_by_title, inline_png, inline_svg, written_page
+from osl_analysis.report.trial_page import LeftOut, ReportedTrial, left_out_trials, trial_content, without_result
 from osl_analysis.table import read_table
 from osl_analysis.trial import read_provenance, read_trial
 

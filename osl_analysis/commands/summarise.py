@@ -13,10 +13,17 @@ from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.job_log import read_log
 from osl_analysis.refusal import Refusal, check_not_refused
-from osl_analysis.summary.headlines import headline_numbers, needed_columns
-from osl_analysis.summary.labels import DRAFT_EXAMPLE, Example
-from osl_analysis.summary.text import to_columns, to_json, to_markdown, to_tex
-from osl_analysis.summary.trials import missing_lines, missing_results, trials_content, trials_used
+from osl_analysis.summary.headlines import DRAFT_EXAMPLE, Example, headline_numbers, needed_columns
+from osl_analysis.summary.text import (
+    missing_lines,
+    missing_results,
+    to_columns,
+    to_json,
+    to_markdown,
+    to_tex,
+    trials_content,
+    trials_used,
+)
 from osl_analysis.table import read_table
 from osl_analysis.yaml_settings import Settings, validated
 

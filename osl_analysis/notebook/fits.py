@@ -1,13 +1,189 @@
-"""For notebooks: the fits of single bench trials, as the jobs of a campaign make them."""
+"""For notebooks: the fits of single bench trials, as the jobs of a campaign make them, and frequency responses."""
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from html import escape
 from pathlib import Path
+from typing import Any
 
+import polars as pl
+
+from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
+from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.commands.fit import FitRequest, fit_request, fit_trial
-from osl_analysis.notebook.fit import Fit
-from osl_analysis.notebook.inputs import OF_CONFIG, File, config_of, desired_of, device_of, trial_of
+from osl_analysis.bench.moving_record import MovingRecord
+from osl_analysis.bench.plausibility import Saturated, check_recording, saturated
+from osl_analysis.bench.rendered import RenderedTrial, rendered_phasors, rendered_response, rendered_trial, sines_of
+from osl_analysis.commands.fit import (
+    FitRequest,
+    FittedTrial,
+    asked_impedance,
+    campaign_parameters,
+    fit_request,
+    fit_trial,
+    said_not_checked,
+)
+from osl_analysis.commands.fit_text import UNITS, estimated, estimates_text
+from osl_analysis.doubtful import IS_DOUBTFUL, DoubtfulFits, marked, with_doubts_of
+from osl_analysis.errors import InputError, nearest, printable, printable_lines
+from osl_analysis.parameters import joint_of, known_parameters
+from osl_analysis.shipped import config_here
 from osl_analysis.trial import Trial
+from osl_analysis.trial import read_trial as read_trial_file
+
+File = str | Path
+OF_CONFIG = "of the configuration"
+"""In place of a parameter file: the one that the configuration names."""
+NOT_KNOWN = DesiredImpedance(None, None, None)
+"""Nothing is known of what the leg was asked to render."""
+
+
+def path_of(value: File, what: str) -> Path:
+    """A path.
+
+    Raises
+    ------
+    InputError
+        It is neither a path nor text; `what` is the argument.
+    """
+    if not isinstance(value, str | Path) or not str(value):
+        raise InputError(f"{what}: a path is needed, not {value!r}")
+    return Path(value)
+
+
+def desired_of(desired: DesiredImpedance | None) -> DesiredImpedance:
+    """A desired impedance as it is, or one of which nothing is known.
+
+    Raises
+    ------
+    InputError
+        It is another thing.
+    """
+    if desired is None:
+        return NOT_KNOWN
+    if not isinstance(desired, DesiredImpedance):
+        raise InputError(f"desired: {desired!r} is none; write DesiredImpedance(controller, K_d, B_d)")
+    return desired
+
+
+def trial_of(trial: Trial | File) -> Trial:
+    """A trial as it is, or read from its file.
+
+    Raises
+    ------
+    InputError
+        As `trial.read_trial`; it is neither a trial nor a path; or a column holds no numbers.
+    """
+    if isinstance(trial, Path | str):
+        return read_trial_file(Path(trial))
+    if not isinstance(trial, Trial):
+        raise InputError(
+            f"a trial is needed, not {type(trial).__name__}; give what `read_trial` or `read_recording` returned, a "
+            "path, or `Trial(name, samples)` with a data frame in SI units"
+        )
+    for name, dtype in trial.samples.schema.items():
+        if not (dtype.is_numeric() or dtype.is_(bool)):
+            raise InputError(f"trial {trial.name}: column '{name}' holds {dtype}, expected numbers; convert or drop it")
+    return trial
+
+
+def config_of(config: File | None) -> Path:
+    """A configuration file; without one that of the campaign in the working folder, else the shipped one."""
+    return config_here() if config is None else path_of(config, "config")
+
+
+def device_of(parameters: File | None, config: Path) -> Path | None:
+    """A parameter file; None for a device without one. Raises as `campaign_parameters`."""
+    if parameters == OF_CONFIG:
+        return campaign_parameters(config)
+    return None if parameters is None else path_of(parameters, "parameters")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit:
+    """A fitted trial. Nothing of it can be changed: its data frames are copies.
+
+    Every column of its table is an attribute, with the value of the fit to all data: `fit.K`, `fit.K_se`, `fit.VAF`;
+    `fit.K_interval` is (low, high), the 95 % interval. docs/tables.md has meaning and unit of each.
+    """
+
+    experiment: str
+    """Experiment, which names the table that the fit has rows of in a campaign."""
+    _fitted: FittedTrial
+
+    @property
+    def table(self) -> pl.DataFrame:
+        """The rows of the result table: one per amplitude, if there are several, and last the fit to all data."""
+        return self._fitted.estimates.clone()
+
+    @property
+    def series(self) -> pl.DataFrame:
+        """`time` [s] from the start, `torque` and `torque_model` [N*m] of all samples that the fit explains."""
+        return self._fitted.series.clone()
+
+    @property
+    def curves(self) -> pl.DataFrame | None:
+        """Torque over angle: rows of `belt_curves` or `torque_angle_curves`; None for another experiment."""
+        return None if self._fitted.curves is None else self._fitted.curves.clone()
+
+    @property
+    def row(self) -> Mapping[str, Any]:
+        """The row of the fit to all data."""
+        return self._fitted.estimates.row(-1, named=True)
+
+    @property
+    def doubtful(self) -> str:
+        """Why the fit to all data is not to be trusted: what is beyond which limit, and what to do. Empty: nothing."""
+        return self.row.get("doubtful") or ""
+
+    @property
+    def not_checked(self) -> str:
+        """What could not be checked, and why; empty if everything was."""
+        return said_not_checked(self._fitted)
+
+    def __getattr__(self, name: str) -> Any:
+        """A column of the table by name, of the fit to all data, or `NAME_interval`."""
+        if name.startswith("_"):  # also while a copy is made, which has no fields yet
+            raise AttributeError(name)
+        row, of = self.row, name.removesuffix("_interval")
+        if of != name and f"{of}_low" in row:
+            return row[f"{of}_low"], row[f"{of}_high"]
+        if name not in row:
+            known = ", ".join(estimated(row))
+            raise AttributeError(f"a fit of {self.experiment} has no '{name}'{nearest(name, row)}; it has {known}")
+        return row[name]
+
+    def __dir__(self) -> list[str]:
+        """Attributes for completion."""
+        return sorted({*super().__dir__(), *self.row, *(f"{name}_interval" for name in estimated(self.row))})
+
+    def __repr__(self) -> str:
+        lines = [
+            f"{self.experiment}, {estimates_text(self._fitted.estimates.tail(1))}",
+            self.not_checked,
+        ]
+        return printable_lines("\n".join(filter(None, lines)))
+
+    def _repr_html_(self) -> str:
+        """The fit to all data as an HTML table, for a notebook. Text of the recording is escaped."""
+        row = self.row
+        rows = [
+            f"<tr><td>{name}</td><td>{number(row[name])}</td>"
+            f"<td>{number(row[f'{name}_low'])} to {number(row[f'{name}_high'])}</td><td>{UNITS[name]}</td></tr>"
+            for name in estimated(self.row)
+        ]
+        said = [f"Doubtful: {self.doubtful}"] * bool(self.doubtful) + self.not_checked.splitlines()
+        title = f"{self.experiment}, {row['trial']}: VAF {row['VAF']:.2f} %"
+        head = "<tr><th></th><th>estimate</th><th>95 % interval</th><th>unit</th></tr>"
+        return (
+            f"<table><caption>{escape(printable(title))}</caption>{head}{''.join(rows)}</table>"
+            f"{''.join(f'<p>{escape(printable(line))}</p>' for line in said)}"
+        )
+
+
+def number(value: float | None) -> str:
+    """A number with five digits; a dash where there is none."""
+    return "–" if value is None else f"{value:.5g}"
 
 
 def fit_impedance(
@@ -99,3 +275,92 @@ def fitted_alone(experiment: str, trial: Trial | File, config: File | None, para
 def fitted(experiment: str, trial: Trial | File, request: FitRequest, parameters: Path | None) -> Fit:
     """The fit of an experiment; `parameters` is the file of the device."""
     return Fit(experiment, fit_trial(experiment, trial_of(trial), parameters, request))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Response:
+    """The frequency response of one trial. Nothing of it can be changed: its data frames are copies."""
+
+    trial: str
+    """Name of the trial."""
+    figure: str
+    """The figure that shows it: `fig7` of a stepped sine, `response` of any other motion."""
+    _table: pl.DataFrame
+    _models: pl.DataFrame
+    _plotted: pl.DataFrame
+
+    @property
+    def table(self) -> pl.DataFrame:
+        """A row per frequency. Of a stepped sine those of `frequency_response.csv`, the admittance Y, angle over torque
+        [rad/(N*m)], averaged over amplitudes. Of any other motion those of `response.csv`, the impedance Z, torque over
+        angle [N*m/rad], with noise and distortion."""
+        return self._table.clone()
+
+    @property
+    def models(self) -> pl.DataFrame:
+        """Eqs. 15 and 9 fitted to the response, the rows of `response_models.csv`; none of a stepped sine."""
+        return self._models.clone()
+
+    @property
+    def plotted(self) -> pl.DataFrame:
+        """The numbers that `plot_frequency_response` draws."""
+        return self._plotted.clone()
+
+    def __repr__(self) -> str:
+        doubts = len(self._table.filter(IS_DOUBTFUL))
+        counted = f"{len(self._table)} frequencies" + (f", doubtful at {doubts} of them" if doubts else "")
+        return f"frequency response, {self.trial}: {counted}; `table`, `models` and `plotted` are data frames"
+
+
+def frequency_response(
+    trial: Trial | File,
+    desired: DesiredImpedance | None = None,
+    windows: str | None = None,
+    config: File | None = None,
+    parameters: File | None = OF_CONFIG,
+) -> Response:
+    """The frequency response of an impedance trial, with 95 % intervals of noise; arguments and errors as in
+    `fit_impedance`.
+
+    With `desired` the numbers to be plotted have the desired response (Eq. 11), and with the gains of a controller of
+    the draft that of the drivetrain without friction (Eq. 9) too.
+    """
+    from osl_analysis.commands.plotted_numbers import beside_theory
+    from osl_analysis.commands.response import pooled_schema
+    from osl_analysis.figures.names import of_place
+    from osl_analysis.figures.response import points as any_motion_points
+
+    path, read = config_of(config), trial_of(trial)
+    device = device_of(parameters, path)
+    request = fit_request("impedance", path)
+    asked = asked_impedance(desired_of(desired), path, request.settings)
+    check_recording(read, request.settings)
+    rails = saturated(read, "torque", "theta")
+    rendered = rendered_trial(read, request.settings, windows)
+    found = responses(rendered, rails, device, asked, request.limits)
+    if isinstance(rendered, MovingRecord):
+        plotted = any_motion_points(found["response"], pl.DataFrame(schema=pooled_schema()))
+        return Response(read.name, "response", found["response"], found["response_models"], plotted)
+    table = frequency_response_table(found["phasors"])
+    joint = pl.lit(joint_of(device) if device else None, pl.String)
+    plotted = beside_theory(of_place(table.with_columns(joint=joint)), device, asked.weight)
+    return Response(read.name, "fig7", table, found["response_models"], plotted)
+
+
+def responses(
+    rendered: RenderedTrial, rails: Saturated, device: Path | None, asked: AskedImpedance, limits: DoubtfulFits
+) -> dict[str, pl.DataFrame]:
+    """The rows of `phasors`, `response` and `response_models` of one trial, with their doubts and those of its fit."""
+    p, phasors = known_parameters(device), sines_of(rendered)
+    fits = judged_impedance(rendered, rails, p, asked, phasors)
+    of_motion = rendered_response(rendered, p)
+    tables = {
+        "phasors": rendered_phasors(rendered, phasors),
+        "response": of_motion.response,
+        "response_models": of_motion.models,
+    }
+    judged = {}
+    for name, table in tables.items():
+        own = marked(table.with_columns(**asked.desired.columns()), limits.of(name), name)
+        judged[name] = with_doubts_of(own, fits, limits.of("impedance"), "impedance")
+    return judged

@@ -5,8 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.report.numbers import UNKNOWN, number_cell, printed, shown
-from osl_analysis.report.trial_page import ReportedTrial
+from osl_analysis.report.trial_page import UNKNOWN, ReportedTrial, number_cell, printed, shown
 from osl_analysis.summary.text import AMPLITUDES, decimals, fixed, rounded_by, told_apart, trials_text
 
 QUANTITIES = ["VAF", "K", "B", "I"]

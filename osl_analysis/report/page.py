@@ -1,22 +1,28 @@
-"""The page itself: one HTML file that needs no other file and no network."""
+"""The page itself: one HTML file that needs no other file and no network, with packed signals, figures and captions."""
 
 import hashlib
 import json
 import math
+import re
 import warnings
+import zlib
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import Any
+from urllib.parse import unquote
+from xml.etree import ElementTree
 
 import bokeh
+import numpy as np
 import polars as pl
 from bokeh.resources import Resources
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from osl_analysis.report import TEMPLATES
-from osl_analysis.report.pack import FEWEST_PACKED, deflated_json, packed_table
+from osl_analysis.trial import Array
 
 MEGABYTE = 1_000_000
 
@@ -119,3 +125,168 @@ def policy(*scripts: str) -> str:
         f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; font-src data:; "
         "base-uri 'none'; form-action 'none'"
     )
+
+
+NO_VALUE = -32768
+"""Count of a sample that has no value."""
+LARGEST = 8191
+"""Largest count: two more bits would make the page a quarter larger, and show nothing more."""
+FEWEST_PACKED = 200
+"""Rows from which on a table is packed; a shorter one is written as numbers."""
+DIGITS = 7
+"""Significant digits of a number that is written."""
+EVEN = 1e-6
+"""Relative departure from even steps up to which a column is written as its first value and its step."""
+
+Packed = dict[str, Any]
+
+
+def packed_table(table: pl.DataFrame) -> Packed:
+    """A table of numbers for the page: `rows`, `plain` columns as lists, `even` ones as start and step, and `counts`.
+
+    `counts` has, per column, the value of count 0 and that of one count. `data` holds, one column after the other, the
+    differences of its counts modulo 2^16: all low bytes, then all high bytes, which deflates better than pairs.
+    Rounding to counts costs at most 1/32 000 of a column's range.
+    """
+    if len(table) < FEWEST_PACKED:
+        return {"rows": len(table), "plain": {name: plain(table[name]) for name in table.columns}}
+    even: dict[str, list[float]] = {}
+    counts: dict[str, list[float]] = {}
+    data = []
+    for name in table.columns:
+        values = table[name].cast(pl.Float64).fill_null(np.nan).to_numpy()
+        step = even_step(values)
+        if step is None:
+            numbers, centre, unit = counted(values)
+            differences = np.diff(numbers, prepend=np.int16(0)).astype("<i2").tobytes()
+            data += [differences[0::2], differences[1::2]]
+            counts[name] = [centre, unit]
+        else:
+            even[name] = [float(values[0]), step]
+    return {"rows": len(table), "even": even, "counts": counts, "data": deflated(b"".join(data))}
+
+
+def plain(values: pl.Series) -> list[Any]:
+    """The values of a short column; null for what is not finite."""
+    if not values.dtype.is_numeric():
+        return values.to_list()
+    return [rounded(value) for value in values.cast(pl.Float64).to_list()]
+
+
+def rounded(value: float | None) -> float | None:
+    """A number with as many digits as the page has; None for what is not finite."""
+    return None if value is None or not np.isfinite(value) else float(f"{value:.{DIGITS}g}")
+
+
+def even_step(values: Array) -> float | None:
+    """Step of values (n,) that are even; None if they are not."""
+    steps = np.diff(values)
+    step = float((values[-1] - values[0]) / len(steps))
+    return step if step > 0 and np.abs(steps - step).max() <= EVEN * len(steps) * step else None
+
+
+def counted(values: Array) -> tuple[np.ndarray[Any, np.dtype[np.int16]], float, float]:
+    """Counts (n,) of values, `NO_VALUE` where they are not finite, the value of count 0, and that of one count."""
+    known = np.isfinite(values)
+    low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 0.0)
+    centre, unit = (low + high) / 2, (high - low) / (2 * LARGEST) or 1.0
+    counts = np.full(len(values), NO_VALUE, dtype=np.int16)
+    counts[known] = np.round((values[known] - centre) / unit).clip(-LARGEST, LARGEST).astype(np.int16)
+    return counts, centre, unit
+
+
+def deflated(content: bytes) -> str:
+    """Bytes as the page's `DecompressionStream("deflate")` reads them, in base64."""
+    return b64encode(zlib.compress(content, 9)).decode("ascii")
+
+
+def deflated_json(content: Mapping[str, Any]) -> str:
+    """A mapping of text, numbers, lists and mappings, deflated."""
+    return deflated(json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode())
+
+
+SVG, XLINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}"
+TRIAL = "#trial="
+"""Link to a trial, in the figures' files behind the name of the report."""
+REFERENCE = re.compile(r"url\(#([^)]+)\)")
+
+
+def inline_svg(text: str, name: str, label: str) -> Markup:
+    """The SVG of a figure for the page: identifiers begin with `name`, links lead to trials, `label` says what it is.
+
+    Links are not stops of the keyboard: the table of trials has the same, and a figure hundreds.
+    """
+    for prefix, space in (("", SVG), ("xlink", XLINK)):
+        ElementTree.register_namespace(prefix, space.strip("{}"))
+    root = ElementTree.fromstring(text)
+    for metadata in root.findall(f"{SVG}metadata"):
+        root.remove(metadata)
+    for element in root.iter():
+        for key, value in list(element.attrib.items()):
+            if key == "id":
+                element.set(key, f"{name}-{value}")
+            elif key == f"{XLINK}href" and value.startswith("#"):
+                element.set(key, f"#{name}-{value[1:]}")
+            elif "url(#" in value:
+                element.set(key, REFERENCE.sub(rf"url(#{name}-\1)", value))
+        if element.tag == f"{SVG}a":
+            link(element)
+    width, height = (float(root.get(key, "0").removesuffix("pt")) for key in ("width", "height"))
+    root.set("viewBox", root.get("viewBox") or f"0 0 {width:g} {height:g}")
+    root.set("style", f"width: min(100vw - 4rem, {1.9 * width:.0f}px)")
+    for key in ("width", "height"):
+        root.attrib.pop(key, None)
+    root.set("role", "img")
+    root.set("aria-label", label)
+    return Markup(ElementTree.tostring(root, encoding="unicode"))
+
+
+def inline_png(content: bytes, label: str) -> Markup:
+    """The PNG of a figure for the page; `label` says what it is."""
+    picture = Markup('<img src="data:image/png;base64,{}" alt="{}" style="max-width: 100%">')
+    return picture.format(b64encode(content).decode("ascii"), label)
+
+
+def link(element: ElementTree.Element) -> None:
+    """Let a link lead to its trial on this page, and say which one under the pointer."""
+    trial = element.get(f"{XLINK}href", "").rpartition(TRIAL)[2]
+    element.set(f"{XLINK}href", f"{TRIAL}{trial}")
+    element.attrib.pop("target", None)
+    element.set("tabindex", "-1")
+    title = ElementTree.Element(f"{SVG}title")
+    title.text = unquote(trial)
+    element.insert(0, title)
+
+
+PARTS = re.compile(r"\\(?P<sign>[^A-Za-z0-9\s])|\$(?P<mathematics>[^$]+)\$|(?P<text>[^\\$]+|[\\$])")
+INDEX = re.compile(r"_(?:\{([^}]*)\}|(\w))")
+POWER = re.compile(r"\^(?:\{([^}]*)\}|(\w))")
+ACCENT = re.compile(r"\\hat\{?(\w)\}?")
+LETTERS = {"theta": "θ", "tau": "τ", "omega": "ω", "alpha": "α", "pm": "±", "cdot": "·", "dot": "", "mathrm": ""}
+"""Commands of LaTeX, and what stands for them."""
+
+
+def captions_by_title(text: str) -> dict[str, Markup]:
+    """The captions of `captions.md` by the title of their figure."""
+    sections = (section.partition("\n") for section in f"\n{text}".split("\n## ")[1:])
+    return {title.strip(): caption_html(body.strip()) for title, _, body in sections}
+
+
+def caption_html(text: str) -> Markup:
+    """A caption as HTML: signs that Markdown escapes are themselves, mathematics has its indices, all else is text."""
+    return Markup("".join(part_html(part) for part in PARTS.finditer(text)))
+
+
+def part_html(part: re.Match[str]) -> str:
+    """One part of a caption."""
+    if part["mathematics"]:
+        return mathematics_html(part["mathematics"])
+    return escape(part["sign"] or part["text"])
+
+
+def mathematics_html(text: str) -> str:
+    """A symbol of the paper, such as `\\hat{K}` or `K_d`."""
+    plain = re.sub(r"\\(\w+)", lambda word: LETTERS.get(word[1], word[1]), ACCENT.sub("\\1\u0302", text))
+    with_index = INDEX.sub(lambda found: f"<sub>{found[1] or found[2]}</sub>", escape(plain))
+    raised = POWER.sub(lambda found: f"<sup>{found[1] or found[2]}</sup>", with_index)
+    return f"<i>{raised.replace('{', '').replace('}', '')}</i>"

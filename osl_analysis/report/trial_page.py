@@ -1,5 +1,7 @@
-"""What the page shows of one trial."""
+"""What the page shows of one trial: conditions, verdict, estimates, doubts, and where its samples come from."""
 
+import math
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -8,10 +10,239 @@ import polars as pl
 
 from osl_analysis.dictionary import DescribedTable
 from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.report.doubts import doubts_of
-from osl_analysis.report.numbers import estimates_of, every_column, printed, said_of, shown
 from osl_analysis.report.panels import Pictures
-from osl_analysis.report.provenance import provenance_of
+from osl_analysis.summary.text import decimals, fixed
+
+OUTCOMES = ("refused", "failed", "died")
+"""Entries of the column `check` of `excluded.csv` that are no checks: outcomes of a job."""
+MOST_NAMED = 3
+"""Trials that a reason names."""
+
+
+@dataclass
+class LeftOut:
+    """Why one trial is left out."""
+
+    refused: bool
+    """Whether it is missing because a job refused or failed; False: it was excluded."""
+    reasons: list[str] = field(default_factory=list)
+
+    def say(self, reason: str) -> None:
+        """Add a reason, once."""
+        if reason not in self.reasons:
+            self.reasons.append(reason)
+
+
+def left_out_trials(
+    excluded: pl.DataFrame, crossings: pl.DataFrame | None, refused: Mapping[str, str]
+) -> dict[str, LeftOut]:
+    """The trials that are left out, by name.
+
+    `excluded` is `excluded.csv`, `crossings` is `walking_excluded.csv`, `refused` has the reason of each refused trial.
+    """
+    found: dict[str, LeftOut] = {}
+    for row in excluded.iter_rows(named=True):
+        by_job = row["check"] in OUTCOMES
+        numbers = "" if row["value"] is None else f" {row['value']:.4g} {row['unit']}, threshold {row['threshold']}"
+        reason = row["remark"] if by_job else f"{row['check']}{numbers}: {row['remark']}"
+        found.setdefault(row["trial"], LeftOut(by_job)).say(reason)
+    for trial, reason in refused.items():
+        if trial not in found:
+            found[trial] = LeftOut(True, [reason])
+    for row in crossings.iter_rows(named=True) if crossings is not None else ():
+        found.setdefault(row["trial"], LeftOut(False)).say(row["reason"])
+    return found
+
+
+def without_result(causes: list[str]) -> LeftOut:
+    """A trial whose result is missing for want of other trials, which were left out."""
+    named = ", ".join(causes[:MOST_NAMED]) + (f" and {len(causes) - MOST_NAMED} more" if causes[MOST_NAMED:] else "")
+    because = f"{named} was refused or excluded" if len(causes) == 1 else f"{named} were refused or excluded"
+    return LeftOut(True, [f"it has no result, because {because}" if causes else "it has no result"])
+
+
+QUALITY_OF_FIT = ("VAF", "R2")
+"""Numbers of a fit without an interval that stand beside its estimates."""
+UNKNOWN = "–"
+
+
+def shown(value: Any) -> str:
+    """A cell of a table as the page has it: numbers with six digits, text as it is."""
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return UNKNOWN
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def estimate(value: float | None, low: float | None = None, high: float | None = None) -> tuple[str, str]:
+    """A value with as many digits as its interval allows, and the interval; empty where it has none."""
+    if value is None or not math.isfinite(value):
+        return UNKNOWN, ""
+    if low is None or high is None:
+        return f"{value:.4g}", ""
+    digits = decimals(value, low, high, None)
+    return fixed(value, digits), f"[{fixed(low, digits)}, {fixed(high, digits)}]"
+
+
+def estimated(table: pl.DataFrame) -> list[str]:
+    """The columns of a table that are estimates with an interval."""
+    return [name for name in table.columns if {f"{name}_low", f"{name}_high"} <= set(table.columns)]
+
+
+def estimates_of(table: pl.DataFrame, described: DescribedTable | None) -> dict[str, Any]:
+    """The estimates of one trial: `columns` with name, unit and meaning, and a row of texts per fit."""
+    with_interval = estimated(table)
+    names = [*with_interval, *(name for name in QUALITY_OF_FIT if name in table.columns)]
+    columns = [{"name": name, **said_of(name, described)} for name in names]
+    first = ["amplitude_deg"] * ("amplitude_deg" in table.columns)
+    rows = []
+    for row in table.iter_rows(named=True):
+        head = ["all" if row[name] is None else f"{row[name]:g}" for name in first]
+        ends = [(row[name], row.get(f"{name}_low"), row.get(f"{name}_high")) for name in names]
+        rows.append([*head, *(" ".join(estimate(*number)).strip() for number in ends)])
+    return {"columns": [{"name": name, **said_of(name, described)} for name in first] + columns, "rows": rows}
+
+
+def every_column(table: pl.DataFrame, described: DescribedTable | None) -> list[list[str]]:
+    """Every filled column of the last row of a trial, which is the fit to all of it: name, value, unit, meaning."""
+    row = table.row(-1, named=True) if len(table) else {}
+    return [
+        [name, shown(value), *said_of(name, described).values()]
+        for name, value in row.items()
+        if value not in (None, "")
+    ]
+
+
+def said_of(column: str, described: DescribedTable | None) -> dict[str, str]:
+    """Unit and meaning of a column; empty where nobody describes it."""
+    known = described.columns.get(column) if described else None
+    return {"unit": printed(known.unit) if known else "", "meaning": known.meaning if known else ""}
+
+
+def printed(unit: str) -> str:
+    """A unit as it is printed; empty for 1."""
+    return "" if unit == "1" else unit.replace("*", "·").replace("^2", "²")
+
+
+def number_cell(row: Mapping[str, Any], column: str) -> dict[str, str]:
+    """An estimate of a row as a cell: `column`, the value by which it is sorted, its `text` and `interval`."""
+    value = row.get(column)
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        return {"column": column, "sort": "", "text": UNKNOWN, "interval": ""}
+    text, interval = estimate(float(value), row.get(f"{column}_low"), row.get(f"{column}_high"))
+    return {"column": column, "sort": repr(value), "text": text, "interval": interval}
+
+
+BEGINNING = re.compile(r"(?:^|; )(?=(?:\w+\.csv: )?\w+ (?:\S+ is (?:above|below) |is not a number))")
+"""Where the next doubt of a cell begins, as `doubtful.doubts` writes it."""
+PARTS = {"amplitude_deg": "deg", "frequency_hz": "Hz"}
+"""Columns that say which part of a trial a row is of, and their units."""
+REPEATED = re.compile(r"\w+\.csv: ")
+"""Beginning of a doubt that another table has."""
+COLUMN = re.compile(r"(?:\w+\.csv: )?(\w+) ")
+
+
+def doubts_of(tables: Mapping[str, pl.DataFrame], described: Mapping[str, DescribedTable]) -> list[dict[str, Any]]:
+    """Each doubt about one trial: `where` in it, `of` all of its fit, a part, or an other table, `text`, `meaning`.
+
+    `tables` has its rows of each table, that of its fit first. Doubts that other tables only repeat are left out.
+    """
+    found = []
+    for number, (name, table) in enumerate(tables.items()):
+        for row in table.iter_rows(named=True):
+            part = "part" if row.get("amplitude_deg") is not None else "all"
+            place = where(row) if number == 0 else f"{name}.csv, {where(row)}"
+            for text in split(row.get("doubtful") or ""):
+                if number and REPEATED.match(text):
+                    break  # the rest of the cell is the other table's
+                said = meaning(text, described.get(name))
+                found.append({"where": place, "of": "other" if number else part, "text": text, "meaning": said})
+    return found
+
+
+def split(cell: str) -> list[str]:
+    """The single doubts of a cell of the column `doubtful`."""
+    return [part for part in BEGINNING.split(cell) if part]
+
+
+def where(row: Mapping[str, Any]) -> str:
+    """The part of a trial that a row is of."""
+    at = [f"{row[column]:g} {unit}" for column, unit in PARTS.items() if row.get(column) is not None]
+    return ", ".join(at) or ("all amplitudes" if "amplitude_deg" in row else "whole trial")
+
+
+def meaning(text: str, described: DescribedTable | None) -> str:
+    """What the value is that a doubt names; empty if nobody knows."""
+    named = COLUMN.match(text)
+    column = described.columns.get(named[1]) if named and described else None
+    return column.meaning if column else ""
+
+
+Lines = list[list[str]]
+"""Rows of text."""
+
+
+def provenance_of(provenance: Mapping[str, Any]) -> dict[str, Any]:
+    """What ingest wrote about a trial (`Trial.provenance`), as `files`, `signals` and further `facts`."""
+    return {
+        "files": [
+            [
+                role,
+                str(file.get("path", "")),
+                shown(file.get("bytes")),
+                str(file.get("sha256", "")),
+                str(file.get("source")),
+            ]
+            for role, file in provenance.get("files", {}).items()
+        ],
+        "signals": signals(provenance.get("columns", {})),
+        "facts": facts({name: provenance[name] for name in provenance if name not in ("files", "columns")}),
+    }
+
+
+def signals(columns: Mapping[str, Mapping[str, Any]]) -> Lines:
+    """Each signal with its channel in the file, and how it was converted; the axes of a marker or plate in one row."""
+    found: dict[str, list[str]] = {}
+    for name, origin in columns.items():
+        vector = name.rpartition("_")[0] if "component" in origin or "plate" in origin else name
+        found.setdefault(vector, [vector, str(origin.get("file", "")), channel(origin), conversion(origin)])
+    return list(found.values())
+
+
+def channel(origin: Mapping[str, Any]) -> str:
+    """The name of a signal in its file."""
+    if "plate" in origin:
+        return f"force plate {origin['plate']}, type {origin.get('type')}, analogue channels {origin.get('analogs')}"
+    named = (origin.get(key) for key in ("topic", "field", "label", "channel", "column"))
+    return " ".join(str(part) for part in named if part)
+
+
+def conversion(origin: Mapping[str, Any]) -> str:
+    """From the unit of the file to that of the trial, with sign, scale, offset and what else was taken off."""
+    unit = origin.get("unit") or ", ".join(dict.fromkeys(origin.get("units", ())))
+    steps = [f"{unit} → {origin.get('si_unit', '')}"]
+    usual = {"sign": 1, "scale": 1, "offset": 0}
+    steps += [f"{key} {shown(origin[key])}" for key in usual if origin.get(key, usual[key]) != usual[key]]
+    steps += [f"{key} {origin[key]}" for key in ("delay", "low_pass", "resolution", "counter") if origin.get(key)]
+    return ", ".join(steps)
+
+
+def facts(content: Mapping[str, Any], place: str = "") -> Lines:
+    """Every other fact with its place: clocks, stamps, rates, damage, versions, warnings."""
+    found: Lines = []
+    for name, value in content.items():
+        if isinstance(value, Mapping):
+            found += facts(value, f"{place}{name} ")
+        elif value not in (None, "", []):
+            found.append([f"{place}{name}", listed(value)])
+    return found
+
+
+def listed(value: Any) -> str:
+    """A fact as text."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {listed(part)}" for name, part in value.items())
+    return "; ".join(map(listed, value)) if isinstance(value, list) else shown(value)
+
 
 Verdict = Literal["used", "doubtful", "excluded", "refused"]
 NOT_CONDITIONS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source", "log_part", "exclude", "accept")

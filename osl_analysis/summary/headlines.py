@@ -1,48 +1,327 @@
-"""Headline numbers of a campaign, computed from its result tables, each with its interval."""
+"""Headline numbers of a campaign, computed from its result tables, each with its label and its interval."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, replace
+import math
+import re
+import unicodedata
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from itertools import count
 
 import numpy as np
 import polars as pl
 
+from osl_analysis.about import ABOUT_MACROS
 from osl_analysis.doubtful import DOUBTFUL, counted, doubtful_count
+from osl_analysis.errors import InputError
 from osl_analysis.experiments import judged_tables
-from osl_analysis.summary.labels import (
-    ACTUATOR_LABELS,
-    BELT_LABELS,
-    CONTROLLERS,
-    DRAFT_EXAMPLE,
-    SYMMETRY_LABELS,
-    TORQUE_ANGLE_LABELS,
-    TRANSMISSION_LABELS,
-    TRANSMISSION_VAF,
-    WALKING_LABELS,
-    WALKING_VAF,
-    Example,
-    Label,
-    doubtful_label,
-    impedance_labels,
-    model_gain_label,
-    of_group,
-    of_place,
+from osl_analysis.trial import Array
+
+CONTROLLERS = ("compensated", "uncompensated")
+"""The controllers of the draft."""
+DRAFT_JOINT = "ankle"
+"""The joint whose numbers the draft prints."""
+LONGEST = 32
+"""Letters of a controller's name in a macro."""
+NO_CONTROLLER = "no controller"
+DIGITS = ("Zero", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
+ONE_GROUP = "all"
+"""Name of the group of crossings of a campaign that is not split."""
+
+
+@dataclass(frozen=True)
+class Label:
+    """Label of a headline number."""
+
+    name: str
+    """Its key in the summary."""
+    unit: str
+    draft: float | None
+    """The value that the paper's draft prints; None if it prints none."""
+    macro: str
+    """Its LaTeX macro without the prefix, letters only."""
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Example:
+    """The desired impedance of Fig. 4, whose estimates are headline numbers."""
+
+    K_d: float | None = 300.0
+    """Desired stiffness [N*m/rad]; None: not stated."""
+    B_d: float | None = 5.0
+    """Desired damping [N*m*s/rad]; None: not stated."""
+    chosen: str = ""
+    """Why this one, where the configuration does not name it."""
+
+    def meaning(self) -> str:
+        """Which trials they are, in words."""
+        stated = [f"{name} = {value:g}" for name, value in (("K_d", self.K_d), ("B_d", self.B_d)) if value is not None]
+        words = f"for {', '.join(stated)}" if stated else "of trials without K_d and B_d"
+        return f"{words} (that of {self.chosen})" if self.chosen else words
+
+
+BELT_LABELS = {"K_s": Label("K_s", "N*m/rad", 685.6, "BeltStiffness", "belt stiffness while loading, mean of trials")}
+TRANSMISSION_LABELS = {
+    "B_j": Label("B_j", "N*m*s/rad", 0.452, "JointDamping", "damping of the transmission, mean of trials"),
+    "J_j": Label("J_j", "kg*m^2", 5.0e-3, "JointInertia", "inertia of the transmission, mean of trials"),
+}
+TRANSMISSION_VAF = Label(
+    "transmission_VAF", "%", 99.1, "TransmissionVAF", "VAF of the transmission model, mean of trials"
 )
-from osl_analysis.summary.number import (
-    BOOTSTRAP,
-    COUNT,
-    CYCLES,
-    FIT,
-    PAIRED,
-    Headline,
-    Interval,
-    headline,
-    label_of,
-    over_all_amplitudes,
-    over_fits,
-    said_of,
-    summary_means,
-    with_own_names,
-)
+ACTUATOR_LABELS = {
+    "k_tau_n_m": Label("k_tau_n_m", "N*m/A", 113.3e-3 * 9, "TorqueConstant", "torque per current, mean of trials"),
+    "f_C": Label("f_C", "N*m", 0.377, "CoulombFriction", "Coulomb friction of the actuator, mean of trials"),
+    "f_G": Label("f_G", "N*m/A", 89.6e-3, "GearFriction", "gear friction of the actuator, mean of trials"),
+    "B_m": Label("B_m", "N*m*s/rad", 5.6e-3, "MotorDamping", "damping of the actuator, mean of trials"),
+    "J_m": Label("J_m", "kg*m^2", 9.211e-3, "MotorInertia", "inertia of the actuator, mean of trials"),
+}
+TORQUE_ANGLE_LABELS = {
+    "K": Label("torque_angle_K", "N*m/rad", None, "TorqueAngleStiffness", "stiffness while loading, mean of cycles"),
+    "energy_stored": Label("energy_stored", "J", None, "EnergyStored", "energy taken up in a cycle, mean of cycles"),
+    "energy_returned": Label("energy_returned", "J", None, "EnergyReturned", "energy given back, mean of cycles"),
+    "energy_lost": Label("energy_lost", "J", None, "EnergyLost", "energy lost in a cycle, mean of cycles"),
+}
+DRAFT_EXAMPLE = Example()
+"""That of the draft."""
+DRAFT_GAINS = (("belt", None, "M4"), ("transmission", None, "M2"), *(("impedance", c, "M3") for c in CONTROLLERS))
+"""Experiment, controller and model of the draft's rival models."""
+SYMMETRY = "of the ankle while walking, turns up minus turns down"
+WALKING_LABELS = {
+    "K": Label(
+        "walking_K", "N*m/rad", 340.0, "WalkingStiffness", "ankle stiffness while walking, fit to the mean response"
+    ),
+    "B": Label(
+        "walking_B", "N*m*s/rad", None, "WalkingDamping", "ankle damping while walking, fit to the mean response"
+    ),
+    "I": Label("walking_I", "kg*m^2", None, "WalkingInertia", "ankle inertia while walking, fit to the mean response"),
+}
+SYMMETRY_LABELS = {
+    quantity: Label(f"{label.name}_up_minus_down", label.unit, None, f"{label.macro}UpMinusDown", f"{word} {SYMMETRY}")
+    for (quantity, label), word in zip(WALKING_LABELS.items(), ("stiffness", "damping", "inertia"), strict=True)
+}
+WALKING_VAF = Label("walking_VAF", "%", None, "WalkingVAF", "VAF of the walking fits, mean of perturbations")
+BELT_GAIN = "held-out VAF of the quadratic belt with hysteresis less the linear belt's, mean of trials"
+COULOMB_GAIN = "held-out VAF of the transmission with Coulomb friction less that without, mean of trials"
+DRIVETRAIN_GAIN = "held-out VAF of Eq. 9 with friction less Eq. 15's, mean of trials"
+
+
+def controller_label(controller: str | None, name: str, unit: str, macro: str, meaning: str) -> Label:
+    """The label of a number that each controller has; None: trials without a controller."""
+    known = controller or NO_CONTROLLER
+    return Label(
+        f"{name}_{known.replace(' ', '_')}", unit, None, letters(known)[:LONGEST] + macro, f"{meaning}, {known}"
+    )
+
+
+def impedance_labels(controller: str | None, example: Example = DRAFT_EXAMPLE) -> dict[str, Label]:
+    """The numbers of the rendered impedance with one controller."""
+    rows = (
+        ("VAF_median", "%", "VAFMedian", "median VAF of trials and amplitudes"),
+        ("VAF_mean", "%", "VAFMean", "mean VAF of trials and amplitudes"),
+        ("K_error", "%", "StiffnessError", "mean |K/K_d - 1| of trials"),
+        ("B_error", "N*m*s/rad", "DampingError", "mean |B - B_d| of trials"),
+        ("K_example", "N*m/rad", "ExampleStiffness", f"K {example.meaning()}"),
+        ("B_example", "N*m*s/rad", "ExampleDamping", f"B {example.meaning()}"),
+    )
+    return {name: controller_label(controller, name, *rest) for name, *rest in rows}
+
+
+def model_gain_label(experiment: str, controller: str | None, model: str) -> Label | None:
+    """The difference between a rival model and the draft's; None for a model whose difference is no headline."""
+    if (experiment, model) == ("impedance", "M3"):
+        return controller_label(controller, "drivetrain_VAF_gain", "%", "DrivetrainVAFGain", DRIVETRAIN_GAIN)
+    return {
+        ("belt", "M4"): Label("belt_VAF_gain", "%", None, "BeltVAFGain", BELT_GAIN),
+        ("transmission", "M2"): Label("coulomb_VAF_gain", "%", None, "CoulombVAFGain", COULOMB_GAIN),
+    }.get((experiment, model))
+
+
+def of_place(label: Label, joint: str | None, side: str | None, several: bool) -> Label:
+    """The label of one joint and side. The draft's values are those of an ankle.
+
+    Where a campaign has `several`, its names and macros tell them apart.
+    """
+    where = ", ".join(filter(None, [joint or DRAFT_JOINT, side]))
+    draft = label.draft if (joint or DRAFT_JOINT) == DRAFT_JOINT else None
+    if not several:
+        named = label.meaning if where == DRAFT_JOINT else f"{label.meaning}, {where}"
+        return replace(label, draft=draft, meaning=named)
+    name, macro = f"{label.name} ({where})", label.macro + letters(where)
+    return replace(label, name=name, draft=draft, macro=macro, meaning=f"{label.meaning}, {where}")
+
+
+def of_group(label: Label, group: str) -> Label:
+    """The label of one group of crossings; unchanged for a campaign of one group.
+
+    The draft's value is of one group. The macro has the group's name in letters, digits as words.
+    """
+    if group == ONE_GROUP:
+        return label
+    named = f"{label.meaning}, {group}"
+    return replace(label, name=f"{label.name} ({group})", draft=None, macro=label.macro + letters(group), meaning=named)
+
+
+def letters(text: str) -> str:
+    """Text as letters only, for the name of a macro: `K_d 200, timing 41 %` gives `KdTwoZeroZeroTimingFourOne`.
+
+    A sign beyond the Latin letters gives the last word of its name: `PD α` gives `PDAlpha`.
+    """
+    spelled = "".join(latin(sign) for sign in unicodedata.normalize("NFKD", text))
+    words = re.findall(r"[A-Za-z]+|[0-9]", spelled.replace("_", ""))
+    return "".join(DIGITS[int(word)] if word.isdigit() else word[0].upper() + word[1:] for word in words) or "Unnamed"
+
+
+def latin(sign: str) -> str:
+    """A sign of ASCII, or for another letter or number the last word of its name; nothing for an accent."""
+    if sign.isascii():
+        return sign
+    if not sign.isalnum():
+        return "" if unicodedata.combining(sign) else " "
+    return f" {unicodedata.name(sign, '').rpartition(' ')[2].capitalize()} "
+
+
+def doubtful_label(table: str) -> Label:
+    """The number of doubtful fits of a table."""
+    meaning = f"doubtful fits in {table}.csv, whose column says why"
+    return Label(f"doubtful_{table}", "fits", None, f"Doubtful{letters(table)}", meaning)
+
+
+def all_labels() -> list[Label]:
+    """Every number that the summary of the draft's campaign can have, and those of a trial of torque against angle."""
+    return [
+        *BELT_LABELS.values(),
+        *TRANSMISSION_LABELS.values(),
+        TRANSMISSION_VAF,
+        *ACTUATOR_LABELS.values(),
+        *(label for controller in CONTROLLERS for label in impedance_labels(controller).values()),
+        *(label for key in DRAFT_GAINS if (label := model_gain_label(*key)) is not None),
+        *TORQUE_ANGLE_LABELS.values(),
+        *WALKING_LABELS.values(),
+        *SYMMETRY_LABELS.values(),
+        WALKING_VAF,
+        *map(doubtful_label, judged_tables()),
+    ]
+
+
+STUDENT = "95 % of the mean (Student)"
+FIT = "95 % of the fit (its noise; without errors of the model)"
+BOOTSTRAP = "95 % (bootstrap over crossings and trials of the unloaded plate)"
+CYCLES = "95 % of the mean of cycles (Student)"
+PAIRED = "95 % of the mean difference of the same trials (Student)"
+RANGE = "lowest to highest"
+COUNT = "count"
+RESERVED = ABOUT_MACROS.values()
+"""Macros that are no numbers."""
+ENDINGS = ("", "Low", "High", "AmplitudesLow", "AmplitudesHigh")
+"""Endings of the macros of a number and its bounds."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Bounds of a number, in its unit."""
+
+    low: float | None
+    high: float | None
+    kind: str
+
+
+@dataclass(frozen=True)
+class Headline(Label):
+    """A headline number."""
+
+    value: float
+    """In `unit`."""
+    low: float | None
+    high: float | None
+    interval: str | None
+    """Kind of the interval; None if there is none."""
+    n: int
+    """Number of trials or fits that the number is computed from."""
+    n_doubtful: int = 0
+    """Number of doubtful trials or fits among those that could be in the number."""
+    n_left_out: int = 0
+    """Number of these that are not in it."""
+    doubt: str | None = None
+    """Why the number itself is doubtful; None if it is not, or not judged."""
+    amplitudes_low: float | None = None
+    """Lowest result of the fits to single amplitudes; None if there are none."""
+    amplitudes_high: float | None = None
+    """Highest result of the fits to single amplitudes; None if there are none."""
+
+
+def said_of(numbers: Iterable[Headline], candidates: pl.DataFrame, used: pl.DataFrame | None = None) -> list[Headline]:
+    """The numbers with the count of doubtful rows among their candidates, and of those that are not in `used`.
+
+    A VAF uses all rows: to leave out fits that are doubtful for a low VAF would raise it.
+    """
+    left_out = 0 if used is None else len(candidates) - len(used)
+    return [replace(n, n_doubtful=doubtful_count(candidates)[0], n_left_out=left_out) for n in numbers]
+
+
+def over_fits(label: Label, values: pl.Series, middle: Callable[[Array], np.floating]) -> list[Headline]:
+    """Mean or median of the finite values, with their range if there are several. Empty without finite values."""
+    finite = values.filter(values.is_finite()).to_numpy()
+    if not len(finite):
+        return []
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) > 1 else (None, None)
+    return [headline(label, float(middle(finite)), len(finite), Interval(low, high, RANGE))]
+
+
+def headline(label: Label, value: float, n: int, interval: Interval) -> Headline:
+    """A number, without an interval where a bound is missing (a single trial has no scatter)."""
+    if interval.low is None or interval.high is None or not np.isfinite([interval.low, interval.high]).all():
+        return Headline(**asdict(label), value=value, low=None, high=None, interval=None, n=n)
+    return Headline(**asdict(label), value=value, low=interval.low, high=interval.high, interval=interval.kind, n=n)
+
+
+def summary_means(table: pl.DataFrame, labels: Mapping[str, Label], interval: str = STUDENT) -> list[Headline]:
+    """The labelled quantities that a summary table lists, with their intervals."""
+    rows = {row["quantity"]: row for row in table.iter_rows(named=True)}
+    numbers = []
+    for quantity, label in labels.items():
+        if quantity not in rows:
+            continue
+        n, mean, low, high = (rows[quantity][column] for column in ("n", "mean", "low", "high"))
+        if mean is None or not math.isfinite(mean):
+            raise InputError(
+                f"summary table: the mean of '{quantity}' is {mean}; look for a fit without a result in its trials"
+            )
+        found = headline(label, mean, int(n), Interval(low, high, interval))
+        doubtful, left_out = (int(rows[quantity].get(column) or 0) for column in ("n_doubtful", "n_left_out"))
+        doubt = rows[quantity].get("doubt") or None
+        numbers.append(replace(found, n_doubtful=doubtful, n_left_out=left_out, doubt=doubt))
+    return numbers
+
+
+def label_of(number: Headline) -> Label:
+    """The label of a number."""
+    return Label(**{field.name: getattr(number, field.name) for field in fields(Label)})
+
+
+def with_own_names(numbers: Sequence[Headline]) -> list[Headline]:
+    """The numbers with names and macros that no other one has, with its endings; the first one keeps its own.
+
+    Different names of a campaign may have the same letters: the second `PD 1` and `PD-1` becomes `PDOneB`.
+    """
+    names, macros, found = set[str](), set[str](RESERVED), []
+    for number in numbers:
+        name = next(free for k in count(1) if (free := number.name + (f" ({k})" if k > 1 else "")) not in names)
+        macro = next(free for k in count() if not macros & with_endings(free := number.macro + "B" * k))
+        names.add(name)
+        macros |= with_endings(macro)
+        found.append(replace(number, name=name, macro=macro))
+    return found
+
+
+def with_endings(macro: str) -> set[str]:
+    """A macro and those of its bounds."""
+    return {macro + ending for ending in ENDINGS}
+
+
+def over_all_amplitudes(table: pl.DataFrame) -> pl.DataFrame:
+    """The rows that were fitted to all amplitudes of their trial together."""
+    return table.filter(pl.col("amplitude_deg").is_null())
+
 
 ENSEMBLE = "ensemble"
 """Estimator of the walking summary that is the headline. Its bias decreases with the number of crossings; the bias of

@@ -173,7 +173,7 @@ def test_no_recordings_are_refused() -> None:
 def test_a_wrench_is_brought_to_the_markers_frames_without_delay() -> None:
     fast, slow = np.arange(4500) / PLATE_RATE, np.arange(900) / RATE
     tone = np.sin(2 * np.pi * 15 * fast)[:, None] * [1.0, 2.0, 3.0]
-    sampled = RecordedWrench(fast, PlateWrench(tone, tone)).at(slow)
+    sampled = RecordedWrench(fast, PlateWrench(tone, tone)).at_frames(slow).late_by(0)
     expected = np.sin(2 * np.pi * 15 * slow)[:, None] * [1.0, 2.0, 3.0]
     np.testing.assert_allclose(sampled.force[60:-60], expected[60:-60], atol=1e-4)
 
@@ -182,13 +182,13 @@ def test_what_is_faster_than_the_markers_does_not_fold_into_the_signal() -> None
     """290 Hz seen at 300 Hz would be 10 Hz, full size."""
     fast, slow = np.arange(4500) / PLATE_RATE, np.arange(900) / RATE
     tone = np.sin(2 * np.pi * 290 * fast)[:, None] * np.ones(3)
-    assert np.abs(RecordedWrench(fast, PlateWrench(tone, tone)).at(slow).force[60:-60]).max() < 1e-3
+    assert np.abs(RecordedWrench(fast, PlateWrench(tone, tone)).at_frames(slow).late_by(0).force[60:-60]).max() < 1e-3
 
 
 def test_a_late_plate_is_read_later() -> None:
     fast, slow = np.arange(4500) / PLATE_RATE, np.arange(900) / RATE
     late = np.sin(2 * np.pi * 8 * (fast - 0.0021))[:, None] * np.ones(3)
-    sampled = RecordedWrench(fast, PlateWrench(late, late)).at(slow, lag=0.0021)
+    sampled = RecordedWrench(fast, PlateWrench(late, late)).at_frames(slow).late_by(0.0021)
     np.testing.assert_allclose(sampled.moment[60:-60, 0], np.sin(2 * np.pi * 8 * slow)[60:-60], atol=1e-5)
 
 

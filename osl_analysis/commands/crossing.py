@@ -21,7 +21,7 @@ from osl_analysis.commands.walking_files import (
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.table import Places, write_table
 from osl_analysis.trial import read_trial
-from osl_analysis.walking.bodies import StaticCalibration, hinge_of_trials, hinge_row, static_calibration, with_hinge
+from osl_analysis.walking.bodies import StaticCalibration, hinge_of_trials, hinge_row, static_calibration
 from osl_analysis.walking.checks import body_mass, check_direction
 from osl_analysis.walking.crossing import RefusedCrossing, analyse_crossing
 from osl_analysis.walking.plate_model import NO_CORRECTION, NOT_REMOVED, identify_plate_model, plate_table
@@ -53,7 +53,8 @@ def calibrate(
         row = {"axis": settings.hinge, "reason": str(error)}
     else:
         row = hinge_row(hinge, settings.hinge)
-        static = with_hinge(static, hinge) if settings.hinge == "functional" else static
+        if settings.hinge == "functional":
+            static = replace(static, ankle_axis=hinge.axis, ankle_centre=hinge.centre)
     write_table(pl.DataFrame([{"trial": standing.name} | row]), comparison)
     write_calibration(static, standing.name, output)
 

@@ -163,11 +163,6 @@ def average_unperturbed(
 
     Crossings that the table `selection`, `walking_crossings.csv`, excludes are not used. A gait with too few of them is
     left out with a warning.
-
-    Raises
-    ------
-    InputError
-        Every gait has too few.
     """
     unperturbed = [crossing for crossing in selected_crossings(crossings, selection) if crossing.onset is None]
     names_of = {path.stem for path in crossings}
@@ -232,11 +227,6 @@ def summarise_perturbations(
     `table` is `walking.csv`, `crossings` are the perturbed ones, `selection` is `walking_crossings.csv`. A group
     without a result has rows with the reason. A group beyond one of the `limits` is doubtful, and so is its ensemble.
     `places` has joint and side of each crossing.
-
-    Raises
-    ------
-    InputError
-        No group has a result.
     """
     fits, chosen = read_table(table, ["trial"]), read_table(selection, ["trial", "reason", "gait", "group"])
     reasons = fits.select("trial", pl.col(EXCLUDED).alias("reason"))

@@ -100,13 +100,7 @@ def write_json(content: Mapping[str, Any], path: Path) -> None:
 
 
 def read_json(path: Path, step: str, *required: str) -> dict[str, Any]:
-    """Read a JSON file that `step` wrote.
-
-    Raises
-    ------
-    InputError
-        The file is missing or damaged, or a required field is absent.
-    """
+    """Read a JSON file that `step` wrote."""
     check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such file; run the step '{step}' first")
@@ -148,13 +142,7 @@ def write_refusal(refused: RefusedCrossing, path: Path) -> None:
 
 
 def read_crossing(path: Path) -> Crossing:
-    """Read a crossing.
-
-    Raises
-    ------
-    InputError
-        As `read_crossing_file`, or the crossing was refused.
-    """
+    """Read a crossing."""
     crossing = read_crossing_file(path)
     if isinstance(crossing, RefusedCrossing):
         raise InputError(f"{path}: the crossing was refused: {crossing.reason}")
@@ -169,13 +157,7 @@ def read_crossing_files(paths: Sequence[Path]) -> tuple[list[Crossing], list[Ref
 
 
 def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
-    """Read what `write_crossing` or `write_refusal` wrote.
-
-    Raises
-    ------
-    InputError
-        The file is missing, or neither of them wrote it.
-    """
+    """Read what `write_crossing` or `write_refusal` wrote."""
     refused = refused_crossing(path) if path.is_file() else None
     if refused is not None:
         return refused

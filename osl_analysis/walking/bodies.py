@@ -28,8 +28,8 @@ GRAVITY = np.array([0.0, 0.0, -9.80665])
 class Poses:
     """Pose of a cluster in n frames: a point that was at x_ref [m] is now at R (x_ref - origin) + position.
 
-    rotation: R (n, 3, 3); NaN where the cluster was not seen.
-    position: position (n, 3) [m] of the cluster's centroid; NaN where the cluster was not seen.
+    rotation: R (n, 3, 3); as the position, NaN where the cluster was not seen.
+    position: (n, 3) [m] of the cluster's centroid.
     origin: centroid (3,) [m] in the reference pose. An error of R does not move it, but moves distant points.
     residual: RMS distance (n,) [m] between the markers and the rigid body.
     bridged: frames (n,) that were interpolated.
@@ -91,22 +91,13 @@ def segment_poses(
 def cluster_poses(reference: Array, observed: Array, largest_residual: float = np.inf) -> Poses:
     """Least-squares pose of markers (n, m, 3) [m] against their reference positions (m, 3) [m].
 
-    A frame uses the markers that were seen, if there are at least three and they do not lie on a line. Otherwise it is
-    NaN. It is also NaN where the residual exceeds `largest_residual` [m], as with swapped or displaced markers.
+    A frame is NaN where fewer than three markers that span a plane were seen, or where the residual exceeds
+    `largest_residual` [m], as with swapped or displaced markers.
     """
     n = len(observed)
-    poses = Poses(
-        np.full((n, 3, 3), np.nan),
-        np.full((n, 3), np.nan),
-        reference.mean(axis=0),
-        np.full(n, np.nan),
-        np.zeros(n, dtype=bool),
-    )
-    seen = np.isfinite(observed).all(axis=2)
-    if seen.all():
-        patterns, member = np.ones((1, len(reference)), dtype=bool), np.zeros(n, dtype=int)
-    else:
-        patterns, member = np.unique(seen, axis=0, return_inverse=True)
+    rotation, position, residual = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan), np.full(n, np.nan)
+    poses = Poses(rotation, position, reference.mean(axis=0), residual, np.zeros(n, dtype=bool))
+    patterns, member = np.unique(np.isfinite(observed).all(axis=2), axis=0, return_inverse=True)
     for index, pattern in enumerate(patterns):
         if spans_a_plane(reference[pattern]):
             rows = np.flatnonzero(member == index)
@@ -144,11 +135,6 @@ def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
     By the cubic of least squares through the frames of `BESIDE_S` on either side. A spline through all frames has the
     slope of two noisy ones, and leaves a motion of stance by 1 to 10 deg over gaps of 60 to 190 ms; this cubic by 0.1
     to 3 deg. The ends of the recording and longer gaps stay NaN.
-
-    Raises
-    ------
-    InputError
-        A stamp is not later than the one before.
     """
     if len(time) < 2:
         return poses
@@ -190,10 +176,8 @@ def gap_duration(time: Array, gap: slice) -> float:
 
 
 def filtered_poses(poses: Poses, reference: Array, low_pass: LowPass, rate: float) -> Poses:
-    """Poses (n,) from the marker positions after each coordinate passed the low-pass; no frame may be NaN.
-
-    Positions are filtered instead of angles: their filter is linear and the same as the wrench's.
-    """
+    """Poses (n,), none NaN, from marker positions that passed the low-pass: their filter is linear and the wrench's
+    too."""
     filtered = cluster_poses(reference, low_pass(poses.points(reference), rate))
     return replace(filtered, residual=poses.residual, bridged=poses.bridged)
 
@@ -202,11 +186,8 @@ def filtered_poses(poses: Poses, reference: Array, low_pass: LowPass, rate: floa
 class BodyMotion:
     """Motion of a body and of one of its points in laboratory axes, n frames.
 
-    rotation: (n, 3, 3).
-    omega: angular velocity (n, 3) [rad/s].
-    alpha: angular acceleration (n, 3) [rad/s^2].
-    point: position (n, 3) [m] of the point.
-    acceleration: acceleration (n, 3) [m/s^2] of the point.
+    rotation (n, 3, 3); angular velocity omega (n, 3) [rad/s] and acceleration alpha (n, 3) [rad/s^2]; position (n, 3)
+    [m] and acceleration (n, 3) [m/s^2] of the point.
     """
 
     rotation: Array
@@ -226,9 +207,9 @@ class BodyMotion:
 
 
 def body_motion(time: Array, poses: Poses, point: Array) -> BodyMotion:
-    """Motion at times (n,) [s] of a body and of its point with the reference position `point` (3,) [m].
+    """Motion at times (n,) [s] of a body, low-passed and without NaN, and of its point that rests at `point` (3,) [m].
 
-    Angular velocity is the axial vector of (dR/dt) R^T. Poses must be low-passed and without NaN.
+    Angular velocity is the axial vector of (dR/dt) R^T.
     """
     turning = differentiate(time, poses.rotation.reshape(-1, 9)).omega.reshape(-1, 3, 3)
     spin = np.einsum("nij,nkj->nik", turning, poses.rotation)
@@ -237,16 +218,9 @@ def body_motion(time: Array, poses: Poses, point: Array) -> BodyMotion:
     return BodyMotion(poses.rotation, omega, differentiate(time, omega).omega, path.theta, path.alpha)
 
 
-def axial_vector(matrices: Array) -> Array:
+def axial_vector(m: Array) -> Array:
     """Vectors (n, 3) of the antisymmetric part of matrices (n, 3, 3), times two."""
-    return np.stack(
-        [
-            matrices[:, 2, 1] - matrices[:, 1, 2],
-            matrices[:, 0, 2] - matrices[:, 2, 0],
-            matrices[:, 1, 0] - matrices[:, 0, 1],
-        ],
-        axis=1,
-    )
+    return np.stack([m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]], axis=1)
 
 
 Side = Literal["left", "right"]
@@ -261,9 +235,8 @@ lower by 0.1 m and more."""
 class StaticCalibration:
     """Result of the static trial, in laboratory axes. In the static pose every segment's axes are the laboratory's.
 
-    foot, shank, platform: marker positions (3,) [m] by name.
-    ankle_centre: point (3,) [m] that belongs to the foot and to the shank.
-    ankle_axis: unit vector (3,) to the subject's left, the same for foot and shank.
+    foot, shank, platform: marker positions (3,) [m] by name. ankle_centre (3,) [m] belongs to foot and shank;
+        ankle_axis (3,) is a unit vector to the subject's left, the same for both.
     """
 
     foot: Vectors
@@ -284,12 +257,8 @@ def calibration_of(calibrations: Calibrations, trial: str) -> StaticCalibration:
 
 @dataclass(frozen=True)
 class FootInertia:
-    """Inertial parameters of all that moves with the foot.
-
-    mass: [kg].
-    centre_of_mass: (3,) [m] from the ankle centre in the static pose.
-    inertia: [kg*m^2] about the axis through the centre of mass that is parallel to the ankle's.
-    """
+    """Inertia of all that moves with the foot: mass [kg], centre of mass (3,) [m] from the ankle centre in the static
+    pose, and inertia [kg*m^2] about the axis through it that is parallel to the ankle's."""
 
     mass: float
     centre_of_mass: Array
@@ -298,50 +267,32 @@ class FootInertia:
 
 def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCalibration:
     """Calibration from the static trial, with the markers that the settings name."""
+
+    def named_tracks(names: Sequence[str]) -> Vectors:
+        return dict(zip(names, np.moveaxis(marker_tracks(trial, names)[1], 1, 0), strict=True))
+
     markers = settings.markers
-    clusters = {segment: named_tracks(trial, getattr(markers, segment)) for segment in SEGMENTS}
-    medial, lateral = named_tracks(trial, (markers.ankle_medial, markers.ankle_lateral)).values()
+    clusters = {segment: named_tracks(getattr(markers, segment)) for segment in SEGMENTS}
+    medial, lateral = named_tracks((markers.ankle_medial, markers.ankle_lateral)).values()
     try:
         return calibrate_static(clusters, medial, lateral, settings.side)
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
 
 
-def named_tracks(trial: Trial, names: Sequence[str]) -> Vectors:
-    """Tracks (n, 3) [m] by marker."""
-    tracks = marker_tracks(trial, names)[1]
-    return {name: tracks[:, index] for index, name in enumerate(names)}
-
-
 def calibrate_static(clusters: dict[str, Vectors], medial: Array, lateral: Array, side: Side) -> StaticCalibration:
-    """Calibration from marker tracks (n, 3) [m] by name, for `foot`, `shank` and `platform`.
+    """Calibration from marker tracks (n, 3) [m] by name, for `foot`, `shank` and `platform`, and of the malleoli.
 
-    `medial` and `lateral` (n, 3) [m] are the malleoli of the `side` that wears the prosthesis.
-
-    Raises
-    ------
-    InputError
-        A marker was never seen, a cluster's markers lie on a line, or the foot's are above the shank's.
+    `medial` and `lateral` are those of the `side` that wears the prosthesis.
     """
-    means = {
-        segment: {name: mean_position(name, track) for name, track in tracks.items()}
-        for segment, tracks in clusters.items()
-    }
+    means = {of: {name: mean_position(name, track) for name, track in some.items()} for of, some in clusters.items()}
     for segment, markers in means.items():
         if not spans_a_plane(np.array(list(markers.values()))):
             raise InputError(
                 f"the {segment} markers {', '.join(markers)} lie on a line or are fewer than three, expected three or "
                 "more that span a plane; name others under `markers` in the configuration"
             )
-    check_heights(means["foot"], means["shank"])
-    inner, outer = mean_position("medial ankle", medial), mean_position("lateral ankle", lateral)
-    across = inner - outer if side == "right" else outer - inner
-    centre, axis = (inner + outer) / 2, across / np.linalg.norm(across)
-    return StaticCalibration(means["foot"], means["shank"], means["platform"], centre, axis)
-
-
-def check_heights(foot: Vectors, shank: Vectors) -> None:
-    """Refuse a foot whose markers (3,) [m] stand above the shank's: names or labels of the clusters are exchanged."""
+    foot, shank = means["foot"], means["shank"]
     above = float(np.mean([p[2] for p in foot.values()]) - np.mean([p[2] for p in shank.values()]))
     if above > HIGHEST_FOOT:
         raise InputError(
@@ -349,6 +300,10 @@ def check_heights(foot: Vectors, shank: Vectors) -> None:
             f"{', '.join(shank)}: exchange them under `markers` or in Nexus; or z does not point up, then state `axes` "
             "in the source file"
         )
+    inner, outer = mean_position("medial ankle", medial), mean_position("lateral ankle", lateral)
+    across = inner - outer if side == "right" else outer - inner
+    centre, axis = (inner + outer) / 2, across / np.linalg.norm(across)
+    return StaticCalibration(foot, shank, means["platform"], centre, axis)
 
 
 def mean_position(name: str, track: Array) -> Array:
@@ -362,8 +317,8 @@ def mean_position(name: str, track: Array) -> Array:
 def ankle_angle(foot: Poses, shank: Poses, axis: Array) -> Array:
     """Joint angle theta (n,) [rad]: dorsiflexion positive, zero in the static pose.
 
-    It is minus the twist, about the axis (3,), of the foot's rotation relative to the shank: a positive rotation about
-    the axis, which points to the left, turns the toes down.
+    Minus the twist of the foot relative to the shank about the axis (3,), which points to the left: a positive rotation
+    about it turns the toes down.
     """
     relative = np.einsum("nji,njk->nik", shank.rotation, foot.rotation)
     trace = np.trace(relative, axis1=1, axis2=2)
@@ -382,8 +337,8 @@ def ankle_in_lab(foot: Poses, shank: Poses, calibration: StaticCalibration) -> t
 def foot_torque(foot: BodyMotion, ankle: Array, axis: Array, inertia: FootInertia) -> Array:
     """Torque (n,) [N*m] of the foot's weight and inertia, to be added to `ankle_torque`.
 
-    `foot` is the motion of the foot with its centre of mass c as the point. The balance of moments about the ankle a
-    gives axis . ((c - a) x m (acceleration - g)) + I alpha . axis.
+    `foot` is the foot's motion with its centre of mass c as the point. The balance of moments about the ankle a gives
+    axis . ((c - a) x m (acceleration - g)) + I alpha . axis.
     """
     load = inertia.mass * (foot.acceleration - GRAVITY)
     lever = np.cross(foot.point - ankle, load)
@@ -393,21 +348,17 @@ def foot_torque(foot: BodyMotion, ankle: Array, axis: Array, inertia: FootInerti
 LEAST_EXCURSION = np.deg2rad(5.0)
 """Smallest RMS rotation [rad] that determines an axis. Below it marker noise determines the direction."""
 FLAT = 0.05
-"""Smallest singular value, as a fraction of the largest, of a direction in which the motion determines the centre. In
-the other directions the anatomical centre is kept."""
+"""Smallest singular value, over the largest, of a direction in which the motion determines the centre. In the others
+the anatomical centre is kept."""
 
 
 @dataclass(frozen=True)
 class Hinge:
-    """A functional hinge in the static pose.
+    """A functional hinge in the static pose: a unit vector to the left, and a point (3,) [m] of the axis.
 
-    axis: unit vector (3,) to the left.
-    centre: a point (3,) [m] of the axis.
-    excursion: RMS rotation [rad] about the axis.
-    off_axis: RMS rotation [rad] about the two axes across it.
-    gap: RMS distance [m] between the centre that moves with the foot and the centre that moves with the shank.
-    angle: angle [rad] to the anatomical axis.
-    distance: distance [m] of the anatomical centre from the axis.
+    excursion, off_axis: RMS rotation [rad] about the axis, and about the two axes across it.
+    gap: RMS distance [m] between the centre that moves with the foot and the one that moves with the shank.
+    angle [rad], distance [m]: to the anatomical axis, and of the anatomical centre from the axis.
     frames: number of frames in which both segments were seen.
     """
 
@@ -422,13 +373,7 @@ class Hinge:
 
 
 def hinge_of_trials(trials: Sequence[Trial], static: StaticCalibration, settings: CalibrationSettings) -> Hinge:
-    """The hinge from all trials together; trials whose markers cannot be read are not used.
-
-    Raises
-    ------
-    InputError
-        No trial can be read, or as `functional_hinge`.
-    """
+    """The hinge from all trials together; trials whose markers cannot be read are not used."""
     recordings: list[tuple[Poses, Poses]] = []
     for trial in trials:
         try:
@@ -446,14 +391,8 @@ def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: Sta
     """The hinge from poses of foot and shank in recordings of a joint that moved; poses may be NaN.
 
     The axis is the principal direction of the relative rotation vectors, so that the smallest rotation remains across
-    it. The centre is the point that has the same path in both segments (Ehrig et al., J. Biomech. 40, 2007). In
-    directions in which the motion does not determine the centre, for example along the axis, the anatomical centre is
-    used.
-
-    Raises
-    ------
-    InputError
-        The joint turned too little to determine an axis.
+    it. The centre is the point that has the same path in both segments (Ehrig et al., J. Biomech. 40, 2007); in
+    directions in which the motion does not determine it, for example along the axis, the anatomical one.
     """
     feet, shanks = [], []
     for foot_poses, shank_poses in recordings:
@@ -466,30 +405,8 @@ def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: Sta
             f"foot and shank are seen together in {len(foot)} frames, expected 3 or more; "
             "fill the gaps in Nexus, or set hinge to anatomical"
         )
-    directions, size = principal_rotations(rotation_vectors(foot, shank))
-    axis = directions[0] * np.sign(directions[0] @ calibration.ankle_axis)
-    centre, gap = common_point(feet, shanks, calibration.ankle_centre)
-    aside = np.cross(calibration.ankle_centre - centre, axis)
-    return Hinge(
-        axis=axis,
-        centre=centre,
-        excursion=float(size[0]),
-        off_axis=float(np.hypot(size[1], size[2])),
-        gap=gap,
-        angle=float(np.arccos(np.clip(axis @ calibration.ankle_axis, -1, 1))),
-        distance=float(np.linalg.norm(aside)),
-        frames=len(foot),
-    )
-
-
-def principal_rotations(vectors: Array) -> tuple[Array, Array]:
-    """Principal directions (3, 3), as rows, of rotation vectors (n, 3) [rad], and the RMS rotation (3,) about each.
-
-    Raises
-    ------
-    InputError
-        The largest RMS rotation is too small to determine an axis.
-    """
+    relative = Rotation.from_matrix(np.einsum("nji,njk->nik", shank, foot))
+    vectors = (relative * relative.mean().inv()).as_rotvec()
     _, size, directions = np.linalg.svd(vectors, full_matrices=False)
     size = size / np.sqrt(len(vectors))
     if size[0] < LEAST_EXCURSION:
@@ -497,14 +414,11 @@ def principal_rotations(vectors: Array) -> tuple[Array, Array]:
             f"the ankle turned by {np.rad2deg(size[0]):.1f} deg RMS, expected {np.rad2deg(LEAST_EXCURSION):.0f} deg or "
             "more for a functional axis; record a range-of-motion trial, or set hinge to anatomical"
         )
-    return directions, size
-
-
-def rotation_vectors(foot: Array, shank: Array) -> Array:
-    """Rotation vectors (n, 3) [rad] of the foot relative to the shank, from the mean orientation, in static axes."""
-    relative = Rotation.from_matrix(np.einsum("nji,njk->nik", shank, foot))
-    mean = relative.mean()
-    return np.asarray((relative * mean.inv()).as_rotvec())
+    axis = directions[0] * np.sign(directions[0] @ calibration.ankle_axis)
+    centre, gap = common_point(feet, shanks, calibration.ankle_centre)
+    angle = float(np.arccos(np.clip(axis @ calibration.ankle_axis, -1, 1)))
+    distance = float(np.linalg.norm(np.cross(calibration.ankle_centre - centre, axis)))
+    return Hinge(axis, centre, float(size[0]), float(np.hypot(size[1], size[2])), gap, angle, distance, len(foot))
 
 
 def common_point(feet: Sequence[Poses], shanks: Sequence[Poses], start: Array) -> tuple[Array, float]:
@@ -515,11 +429,6 @@ def common_point(feet: Sequence[Poses], shanks: Sequence[Poses], start: Array) -
     shift = np.linalg.lstsq(turned.reshape(-1, 3), -apart.reshape(-1), rcond=FLAT)[0]
     remaining = apart + turned @ shift
     return start + shift, float(np.sqrt(np.mean(np.sum(remaining**2, axis=1))))
-
-
-def with_hinge(calibration: StaticCalibration, hinge: Hinge) -> StaticCalibration:
-    """The calibration with the functional axis and centre in place of the anatomical ones."""
-    return replace(calibration, ankle_axis=hinge.axis, ankle_centre=hinge.centre)
 
 
 def hinge_row(hinge: Hinge, axis: str) -> dict[str, object]:

@@ -39,13 +39,7 @@ SIDE_REMEDY = (
 
 
 def check_vertical(force: Array) -> None:
-    """Refuse a load (n, 3) [N] that does not act along +z.
-
-    Raises
-    ------
-    InputError
-        Names the axis along which the load acts, and `axes` of the source file that turns it up.
-    """
+    """Refuse a load (n, 3) [N] that does not act along +z."""
     size = np.linalg.norm(force, axis=1)
     if not size.any():
         return
@@ -64,14 +58,8 @@ def check_vertical(force: Array) -> None:
 def check_heading(phase: Array, shank_from_ankle: Array, axis: Array) -> None:
     """Refuse a shank that leans backwards over stance, seen along the ankle's axis: the axis points to the right.
 
-    phase: of stance (n,).
-    shank_from_ankle: a point of the shank minus the ankle (n, 3) [m].
-    axis: the ankle's axis (n, 3), to the left.
-
-    Raises
-    ------
-    InputError
-        The side is wrong, or the malleoli are exchanged.
+    `phase` (n,) is of stance, `shank_from_ankle` (n, 3) [m] a point of the shank minus the ankle, `axis` (n, 3) to the
+    left.
     """
     forward = np.cross(axis, [0.0, 0.0, 1.0])
     first, last = (int(np.argmin(np.abs(phase - edge))) for edge in (FIRST, LAST))
@@ -84,13 +72,7 @@ def check_heading(phase: Array, shank_from_ankle: Array, axis: Array) -> None:
 
 
 def check_push(phase: Array, torque: Array) -> None:
-    """Refuse an ankle torque (n,) [N*m] that pulls the toes up in late stance.
-
-    Raises
-    ------
-    InputError
-        Side, malleoli, plate or its corners are wrong.
-    """
+    """Refuse an ankle torque (n,) [N*m] that pulls the toes up in late stance."""
     mean = float(torque[(phase >= LATE[0]) & (phase <= LATE[1])].mean())
     if mean < 0:
         raise InputError(
@@ -130,7 +112,11 @@ def exchanged_labels(
         return ""
     rows = wrong[np.linspace(0, len(wrong) - 1, min(MOST_FRAMES, len(wrong))).astype(int)]
     some = {label: track[rows] for label, track in tracks.items()}
-    misfits = {how: misfit(static, exchanged(some, pairs)) for how, pairs in exchanges(names)}
+    misfits = {}
+    for how, pairs in exchanges(names):
+        other = dict(pairs) | {b: a for a, b in pairs}
+        swapped = {label: some[other.get(label, label)] for label in some}
+        misfits[how] = max(float(np.median(residuals(cluster, swapped))) for cluster in static.values())
     best = min(misfits, key=lambda how: misfits[how])
     if not misfits[best] <= limit:
         return ""
@@ -150,17 +136,6 @@ def exchanges(names: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, list[tu
         yield "the labels of foot and shank", list(zip(foot, shank, strict=True))
 
 
-def exchanged(tracks: Positions, pairs: Sequence[tuple[str, str]]) -> Positions:
-    """The tracks with the labels of each pair exchanged."""
-    other = dict(pairs) | {b: a for a, b in pairs}
-    return {label: tracks[other.get(label, label)] for label in tracks}
-
-
-def misfit(static: Mapping[str, Positions], tracks: Positions) -> float:
-    """Largest median residual [m] of the clusters."""
-    return max(float(np.median(residuals(cluster, tracks))) for cluster in static.values())
-
-
 def residuals(cluster: Positions, tracks: Positions) -> Array:
     """RMS distance (n,) [m] of a cluster's markers from their rigid body; 0 in frames with hidden markers."""
     observed = np.stack([tracks[label] for label in cluster], axis=1)
@@ -175,12 +150,8 @@ FEWEST_SAMPLES = 30
 
 @dataclass(frozen=True)
 class EncoderCheck:
-    """The encoder's angle minus the markers'.
-
-    offset: [rad].
-    delay: [s], positive if the encoder's clock is late.
-    rms: RMS [rad] of the difference that remains after both are removed.
-    """
+    """The encoder's angle minus the markers': offset [rad], delay [s] (positive if the encoder's clock is late), and
+    RMS [rad] of the difference that remains."""
 
     offset: float
     delay: float
@@ -197,16 +168,8 @@ def compare_encoder(
 ) -> EncoderCheck | None:
     """Compare the angle (n,) [rad] at `time` [s] with the encoder's (k,), which passes the angle's low-pass here.
 
-    The encoder's stamps are uniform; only rows at which it is `usable` (k,) are compared.
-
-    Least squares of theta_encoder(t + delay) = theta(t) + offset by Gauss and Newton; None if the two overlap in fewer
-    than 30 samples.
-
-    Raises
-    ------
-    InputError
-        The delay exceeds 50 ms: the clocks are not aligned, or the encoder belongs to another joint. Or a signal is not
-        finite or cannot be measured.
+    The encoder's stamps are uniform; only rows at which it is `usable` (k,) are compared. Least squares of
+    theta_encoder(t + delay) = theta(t) + offset by Gauss and Newton; None if they overlap in fewer than 30 samples.
     """
     check_measured("the angle from markers", theta)
     check_measured("the encoder's angle", encoder)
@@ -248,9 +211,9 @@ UP, DOWN = "up", "down"
 def platform_turn(time: Array, platform: Poses, axis: Array, window: tuple[float, float]) -> float:
     """Largest turn [rad] of the platform about the ankle's axis within a `window` [s]; toes up is positive.
 
-    `platform` has n poses at `time` (n,) [s], `axis` (n, 3) is the ankle's in the laboratory, to the person's left: a
-    positive rotation about it turns the toes down. The turn is from the last pose before the window, in the laboratory,
-    so that it does not matter how the platform stood in the static trial or which way the person walks.
+    `platform` has n poses at `time` (n,) [s], `axis` (n, 3) is the ankle's, to the person's left: a positive rotation
+    about it turns the toes down. The turn is from the last pose before the window, in the laboratory, so that it does
+    not matter how the platform stood in the static trial or which way the person walks.
     """
     start = max(int(np.searchsorted(time, window[0])) - 1, 0)
     rows = slice(start, int(np.searchsorted(time, window[1], side="right")))
@@ -260,13 +223,7 @@ def platform_turn(time: Array, platform: Poses, axis: Array, window: tuple[float
 
 
 def check_direction(trial: str, stated: str | None, turn: float | None) -> None:
-    """Refuse a direction in the sheet that is not that of the measured `turn` [rad, toes up].
-
-    Raises
-    ------
-    InputError
-        They differ.
-    """
+    """Refuse a direction in the sheet that is not that of the measured `turn` [rad, toes up]."""
     if stated is None or turn is None or (turn > 0) == (stated == UP):
         return
     measured = UP if turn > 0 else DOWN
@@ -280,33 +237,20 @@ BEFORE_S = 0.1
 """Length [s] of the interval before heel strike in which the platform rests."""
 
 
-def platform_shift(time: Array, platform: Poses, stance: Stance) -> float:
-    """Largest shift [m] of the platform's markers in stance, from their mean place just before heel strike.
+def check_translation(time: Array, platform: Poses, stance: Stance, largest: float) -> None:
+    """Refuse a platform that does not turn, but shifts by more than `largest` [m] in stance, from its mean place just
+    before heel strike, or, hidden there, from its place at the start of stance.
 
-    Where they are hidden before heel strike, from their place at the start of stance. NaN if they are always hidden.
+    It is no unperturbed crossing. It is not analysed as a perturbed one either: onset, direction and shape of a
+    perturbation are those of the platform's turn, and the ankle turns by what the leg does, late and little.
     """
     seen, centre = platform.seen(), platform.position
     inside = seen & (time >= stance.heel_strike) & (time <= stance.toe_off)
     if not inside.any():
-        return float("nan")
+        return
     before = seen & (time >= stance.heel_strike - BEFORE_S) & (time < stance.heel_strike)
     rest = centre[before].mean(axis=0) if before.any() else centre[inside][0]
-    return float(np.linalg.norm(centre[inside] - rest, axis=1).max())
-
-
-def check_translation(time: Array, platform: Poses, stance: Stance, largest: float) -> None:
-    """Refuse a platform that does not turn, but shifts by more than `largest` [m] in stance.
-
-    It is no unperturbed crossing. It is not analysed as a perturbed one either: onset, direction and shape of a
-    perturbation are those of the platform's turn, and the ankle turns by what the leg does, late and little, instead of
-    by what the platform does.
-
-    Raises
-    ------
-    InputError
-        Names the shift.
-    """
-    shift = platform_shift(time, platform, stance)
+    shift = float(np.linalg.norm(centre[inside] - rest, axis=1).max())
     if shift > largest:
         raise InputError(
             f"the platform shifts by {1e3 * shift:.0f} mm in stance without a turn, expected {1e3 * largest:g} mm or "
@@ -322,15 +266,10 @@ POSSIBLE_KG = (10.0, 300.0)
 
 
 def body_mass(trial: Trial, sheet: float | None, configured: float | None = None) -> float | None:
-    """Body mass [kg] of a trial; None if nobody states it.
+    """Body mass [kg] of a trial: the sheet's, else the recording's, else the campaign's configured one; None without
+    any.
 
-    The sheet's is used, else the recording's, else the configured one of the campaign. A recording that states 0 states
-    none.
-
-    Raises
-    ------
-    InputError
-        Sheet and recording differ by more than a tenth, or the mass is not one of a person.
+    A recording that states 0 states none.
     """
     recorded = trial.provenance.get("mocap", {}).get("body_mass_kg") or None
     if sheet and recorded and abs(sheet / recorded - 1) > DISAGREE:

@@ -50,11 +50,7 @@ def split_keys(sheet: Sheet, settings: GroupSettings) -> list[str]:
     """Columns of the sheet by which a campaign is split, in the order of `STATED`.
 
     A column that `group_by` names splits; one that `pool` names does not. Any other one splits if crossings differ.
-
-    Raises
-    ------
-    InputError
-        A column that splits is empty in a crossing, or everywhere.
+    Refused if a column that splits is empty in a crossing, or everywhere.
     """
     keys = []
     for key in STATED:
@@ -96,16 +92,9 @@ def label(parts: Mapping[str, object]) -> str:
     return ", ".join(named) or ALL
 
 
-def gait_of(cells: Cells, keys: Sequence[str]) -> str:
-    """Name of the gait of a crossing whose cells are all filled in."""
-    return label({key: cells[key] for key in keys})
-
-
 def gaits_served(cells: Cells, gaits: Mapping[str, Cells], keys: Sequence[str]) -> list[str]:
-    """Names of the `gaits` (name to cells) to whose mean an unperturbed crossing belongs.
-
-    An empty cell matches every value.
-    """
+    """Names of the `gaits` (name to cells) to whose mean an unperturbed crossing belongs; an empty cell matches every
+    value."""
     return [
         name
         for name, wanted in gaits.items()
@@ -115,7 +104,8 @@ def gaits_served(cells: Cells, gaits: Mapping[str, Cells], keys: Sequence[str]) 
 
 def gaits_of(sheet: Sheet, keys: Sequence[str]) -> dict[str, Cells]:
     """The conditions of each gait, by its name: one for each combination among perturbed crossings."""
-    return {gait_of(cells, keys): {key: cells[key] for key in keys} for cells in sheet.values() if cells[PERTURBED]}
+    found = [{key: cells[key] for key in keys} for cells in sheet.values() if cells[PERTURBED]]
+    return {label(cells): cells for cells in found}
 
 
 def statements(sheet: Sheet, settings: GroupSettings) -> list[str]:
@@ -146,12 +136,7 @@ def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
 
     The row's column `static` decides. Without it, the static trials that contradict no stated subject, session or side
     are candidates, and of these the one that agrees in the most. The only candidate of a sheet is taken even if nothing
-    is stated.
-
-    Raises
-    ------
-    InputError
-        The named trial is not a static trial that is used, or the candidates are none or several.
+    is stated. Refused if the named trial is no static trial that is used, or the candidates are none or several.
     """
     named = cells.get(STATIC)
     if named is not None:
@@ -190,10 +175,7 @@ def side_of(static: str, cells: Cells, served: Mapping[str, Cells], otherwise: s
     """Side of the leg that a static trial calibrates: of its own row, else of the trials that it serves, else
     `otherwise`.
 
-    Raises
-    ------
-    InputError
-        It serves trials of both sides, or of another side than its own.
+    Refused if it serves trials of both sides, or of another side than its own.
     """
     sides = {row["side"]: name for name, row in served.items() if row.get("side") is not None}
     own = cells.get("side")

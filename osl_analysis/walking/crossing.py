@@ -1,4 +1,4 @@
-"""One analysed crossing of the walkway: ankle angle and torque over stance, with events and quality."""
+"""One crossing of the walkway: from markers and plate to ankle angle and torque, with events and quality."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +15,6 @@ from osl_analysis.walking.bodies import (
     SEGMENTS,
     BodyMotion,
     FootInertia,
-    Mask,
     Poses,
     StaticCalibration,
     ankle_angle,
@@ -47,7 +46,6 @@ from osl_analysis.walking.plate import (
     check_type_on_platform,
     in_laboratory,
     load_on_foot,
-    plate_centre,
     recorded_corners,
     rotation_from_rest,
     zeroed_wrench,
@@ -69,19 +67,8 @@ EDGE_S = 0.1
 """Length [s] of the recording before and after a stance that the low-pass needs, where it is available."""
 
 
-def rms_residual(poses: Poses) -> float:
-    """RMS distance [m] of the markers from their rigid body, over the frames in which they were seen."""
-    return float(np.sqrt(np.nanmean(poses.residual**2))) if np.isfinite(poses.residual).any() else float("nan")
-
-
 def rows_of_stance(time: Array, poses: Mapping[str, Poses], stance: Stance) -> slice:
-    """Frames of the stance and up to 0.1 s before and after it. Every cluster is seen in all of these frames.
-
-    Raises
-    ------
-    InputError
-        A cluster is hidden within the stance for longer than gaps are interpolated.
-    """
+    """Frames of the stance and up to 0.1 s before and after it. Every cluster is seen in all of these frames."""
     inside = (time >= stance.heel_strike) & (time <= stance.toe_off)
     for name, pose in poses.items():
         hidden = np.flatnonzero(inside & ~pose.seen())
@@ -101,11 +88,8 @@ def rows_of_stance(time: Array, poses: Mapping[str, Poses], stance: Stance) -> s
 
 
 def check_gaps(name: str, time: Array, poses: Poses, window: tuple[float, float], longest: float) -> None:
-    """Refuse a cluster that is interpolated for more than `longest` [s] within the fitted `window` [s].
-
-    The rest of stance is slow enough to be interpolated. In the fitted window Eq. 15 would be fitted to the
-    interpolation.
-    """
+    """Refuse a cluster that is interpolated for more than `longest` [s] within the fitted `window` [s]: Eq. 15 would be
+    fitted to the interpolation. The rest of stance is slow enough."""
     inside = (time >= window[0]) & (time <= window[1])
     gap = longest_run(poses.bridged & inside)
     if gap_duration(time, gap) > longest:
@@ -143,27 +127,16 @@ class CrossingQuality:
 class Crossing:
     """Ankle angle and torque of one crossing, n samples at the marker rate.
 
-    name: the trial.
-    time: (n,) [s].
-    theta: joint angle (n,) [rad].
-    torque: internal plantarflexion moment (n,) [N*m].
+    theta, torque: joint angle (n,) [rad], and internal plantarflexion moment (n,) [N*m].
     platform: rotation (n,) [rad] of the platform, not filtered.
-    stance: heel strike and toe-off.
-    onset: onset [s] of the perturbation; None without one.
+    onset: of the perturbation [s]; None without one.
     bridged: fraction of the frames in stance in which a hidden cluster was interpolated.
-    quality: numbers that show the quality of the crossing.
-    plate_errors: changes (m, n) [N*m] of the torque. Row i is the change if the plate's model is identified without the
-        i-th of m plate trials. With a single plate trial m = 0.
+    plate_errors: changes (m, n) [N*m] of the torque if the plate's model is identified without the i-th of m plate
+        trials. With a single plate trial m = 0.
     load: ground reaction on the foot; None if it is not known.
-    turn: largest turn [rad] of the platform about the ankle's axis in the window, toes up positive; None if
-        unperturbed or unknown.
+    turn: largest turn [rad] of the platform about the ankle's axis in the window, toes up positive; None if unperturbed
+        or unknown.
     body_mass: [kg]; None if nobody states it.
-
-    Raises
-    ------
-    InputError
-        Fewer than six samples, time that does not go forward, a stance without duration, or a signal that is not finite
-        or cannot be measured. The message names the trial.
     """
 
     name: str
@@ -199,12 +172,7 @@ class Crossing:
 
 @dataclass(frozen=True)
 class RefusedCrossing:
-    """A crossing that cannot be analysed.
-
-    name: the trial.
-    perturbed: whether the sheet says that the crossing is perturbed.
-    reason: why it is refused.
-    """
+    """A crossing that cannot be analysed, whether the sheet says that it is perturbed, and why it is refused."""
 
     name: str
     perturbed: bool
@@ -218,13 +186,10 @@ class FilteredCrossing:
     What the plate's model and the platform's motion do not change is computed once: a crossing asks for its torque with
     each of some fifteen models, whose scatter is the torque's error.
 
-    rows: the n rows.
     poses: filtered poses by segment, in these rows.
     plate: the plate's wrench at all frames, not filtered.
     track: the platform's own coordinates in the run of seen frames about the first row.
     centre: the plate's centre (3,) [m] at rest.
-    calibration: the static calibration.
-    settings: choices of the analysis.
     """
 
     rows: slice
@@ -300,9 +265,8 @@ def analyse_crossing(
 ) -> Crossing:
     """Angle and torque of a crossing. `perturbed` comes from the sheet and is checked against the platform's motion.
 
-    `platform` is what the platform's motions share; without it each crossing has its own motion and onset.
-
-    Markers and wrench first pass the same low-pass at the same rate. Angle and torque are not filtered again.
+    `platform` is what the platform's motions share; without it each crossing has its own motion and onset. Markers and
+    wrench first pass the same low-pass at the same rate. Angle and torque are not filtered again.
 
     Raises
     ------
@@ -321,16 +285,10 @@ def analyse_crossing(
 
 @dataclass(frozen=True)
 class RecordedCrossing:
-    """A crossing before it is filtered.
+    """A crossing before it is filtered, at the marker frames (k,) [s].
 
-    trial: the ingested trial.
-    calibration: the static calibration.
-    settings: choices of the analysis.
-    time: the marker frames (k,) [s].
-    poses: poses by segment, in all frames.
-    plate: the plate's wrench at the marker frames, without its zero.
-    zero: vertical force [N] of the zero; None if no zero was removed.
-    stance: heel strike and toe-off.
+    poses: by segment, in all frames.
+    plate, zero: the plate's wrench without its zero, and the zero's vertical force [N]; None if none was removed.
     """
 
     trial: Trial
@@ -356,9 +314,8 @@ class RecordedCrossing:
         at_frames = plate.at_frames(time)
         force = at_frames.late_by(lag).force
         check_vertical(force)
-        vertical = force[:, 2]
-        stance = only_stance(find_stances(time, vertical, *limits))
-        check_plate(trial, settings.plate, stance, vertical)
+        stance = only_stance(find_stances(time, force[:, 2], *limits))
+        check_plate(trial, settings.plate, stance, force[:, 2])
         return cls(trial, calibration, settings, time, poses, at_frames, zero, stance)
 
     def onset(self, perturbed: bool, platform: PlatformModel) -> float | None:
@@ -399,13 +356,11 @@ class RecordedCrossing:
             check_push(phase, torque)
         inside = (time >= self.stance.heel_strike) & (time <= self.stance.toe_off)
         bridged = np.any([pose.bridged for pose in poses.values()], axis=0)
-        quality = CrossingQuality(
-            {name: rms_residual(pose[inside]) for name, pose in poses.items()},
-            self.zero,
-            self.placement(time, poses["foot"]),
-            encoder_check(self.trial, time, crossing.theta, self.settings.low_pass),
-            self.outside(time, poses["foot"]),
-        )
+        left = {name: pose.residual[inside & np.isfinite(pose.residual)] for name, pose in poses.items()}
+        residuals = {name: float(np.sqrt(np.mean(r**2))) if len(r) else float("nan") for name, r in left.items()}
+        placement, outside = self.foot_on_plate(phase, poses["foot"])
+        encoder = encoder_check(self.trial, time, crossing.theta, self.settings.low_pass)
+        window = None if onset is None else (onset, onset + self.settings.window_s)
         return Crossing(
             name=self.trial.name,
             time=time,
@@ -415,45 +370,31 @@ class RecordedCrossing:
             stance=self.stance,
             onset=onset,
             bridged=float(np.mean(bridged[inside])),
-            quality=quality,
+            quality=CrossingQuality(residuals, self.zero, placement, encoder, outside),
             plate_errors=np.reshape(jackknife_rows(without_plate, without_crossings), (-1, len(torque))),
             load=load,
-            turn=None if onset is None else self.turn(crossing, onset),
+            turn=None if window is None else platform_turn(time, poses["platform"], axis, window),
         )
-
-    def turn(self, crossing: FilteredCrossing, onset: float) -> float:
-        """Turn [rad] of the platform in the window, toes up positive."""
-        window = onset, onset + self.settings.window_s
-        return platform_turn(crossing.time, crossing.poses["platform"], crossing.ankle[1], window)
 
     def filtered_crossing(self) -> FilteredCrossing:
         """The crossing through the low-pass, over its stance."""
-        rows = rows_of_stance(self.time, self.poses, self.stance)
-        poses, begins = {name: self.filtered(name, rows) for name in SEGMENTS}, float(self.time[rows][0])
-        centre = plate_centre(self.trial, self.settings.plate)
-        seen = self.trial.name, self.time, self.poses["platform"]
-        track = track_about(*seen, self.calibration, self.settings, begins)
-        return FilteredCrossing(rows, poses, self.plate, track, centre, self.calibration, self.settings)
+        settings, name = self.settings, self.trial.name
+        rows, rate = rows_of_stance(self.time, self.poses, self.stance), sampling_rate(self.time)
+        poses = {}
+        for segment in SEGMENTS:
+            labels, cluster = getattr(settings.markers, segment), getattr(self.calibration, segment)
+            reference = reference_positions(cluster, labels, name)
+            poses[segment] = filtered_poses(self.poses[segment][rows], reference, settings.low_pass, rate)
+        begins, moving = float(self.time[rows][0]), self.poses["platform"]
+        track = track_about(name, self.time, moving, self.calibration, settings, begins)
+        centre = recorded_corners(self.trial, settings.plate).mean(axis=0)
+        return FilteredCrossing(rows, poses, self.plate, track, centre, self.calibration, settings)
 
-    def filtered(self, name: str, rows: slice) -> Poses:
-        """Filtered poses of a segment in some rows."""
-        cluster, labels = getattr(self.calibration, name), getattr(self.settings.markers, name)
-        reference = reference_positions(cluster, labels, self.trial.name)
-        return filtered_poses(self.poses[name][rows], reference, self.settings.low_pass, sampling_rate(self.time))
-
-    def outside(self, time: Array, foot: Poses) -> float:
-        """Largest distance [m] by which a foot marker lies outside the plate while the foot is flat."""
+    def foot_on_plate(self, phase: Array, foot: Poses) -> tuple[tuple[float, float], float]:
+        """Position [m] of the ankle, forward and to the left of the plate's centre, while the foot is flat, and the
+        largest distance [m] by which a foot marker then lies outside the plate; at phases of stance (n,)."""
+        flat = foot[(phase >= FOOT_FLAT[0]) & (phase <= FOOT_FLAT[1])]
+        corners = recorded_corners(self.trial, self.settings.plate)
+        ankle = flat.point(self.calibration.ankle_centre).mean(axis=0) - corners.mean(axis=0)
         reference = reference_positions(self.calibration.foot, self.settings.markers.foot, self.trial.name)
-        markers = foot[self.flat(time)].points(reference).reshape(-1, 3)
-        return furthest_outside(markers, recorded_corners(self.trial, self.settings.plate))
-
-    def flat(self, time: Array) -> Mask:
-        """Samples (n,) in which the foot is flat on the plate."""
-        phase = (time - self.stance.heel_strike) / self.stance.duration
-        return np.asarray((phase >= FOOT_FLAT[0]) & (phase <= FOOT_FLAT[1]))
-
-    def placement(self, time: Array, foot: Poses) -> tuple[float, float]:
-        """Position [m] of the ankle, forward and to the left of the plate's centre, while the foot is flat."""
-        centre = plate_centre(self.trial, self.settings.plate)
-        ankle = foot[self.flat(time)].point(self.calibration.ankle_centre).mean(axis=0) - centre
-        return float(ankle[0]), float(ankle[1])
+        return (float(ankle[0]), float(ankle[1])), furthest_outside(flat.points(reference).reshape(-1, 3), corners)

@@ -1,7 +1,11 @@
-"""The mean response of all perturbations, its fit, and the bootstrap of that fit.
+"""The result of one group of crossings: the mean response of its perturbations, its fit and bootstrap, both directions.
 
 Responses to turns in both directions are joined by half their difference, mean up minus mean down over 2. What a person
 does after either turn, whichever its direction, and the error of the mean unperturbed gait cancel in it.
+
+The draft subtracts the mean unperturbed gait. A crossing that is unlike the mean before the onset stays so for a while.
+The unperturbed crossings tell how: their deviations in the window are regressed on their level and slope of angle and
+torque before the onset. Which of these count, or none, is decided by cross-validation over the unperturbed crossings.
 """
 
 from collections.abc import Mapping, Sequence
@@ -42,9 +46,8 @@ CROSSINGS_PER_PREDICTOR, CROSSINGS_BESIDE = 3, 4
 
 @dataclass(frozen=True)
 class Prediction:
-    """What was chosen.
+    """The predictors that were chosen, names in `BEHAVIOUR`; none: the mean is at least as good.
 
-    predictors: names in `BEHAVIOUR`; none: the mean is at least as good.
     share: share of the unperturbed crossings' deviations in the window, as a mean square of the torque that they add to
         the residual of Eq. 15, that is predicted for crossings without which the regression was computed.
     """
@@ -55,12 +58,8 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Stacked:
-    """The n responses of an ensemble to c unperturbed crossings, k samples.
-
-    theta, torque: (n, c, k).
-    behaviour: (n, 4, c), as in `PerturbationResponse`.
-    signs: direction of each response (n,).
-    """
+    """The n responses of an ensemble to c unperturbed crossings, k samples: theta and torque (n, c, k), behaviour (n,
+    4, c) as in `PerturbationResponse`, and the direction of each response, signs (n,)."""
 
     theta: Array
     torque: Array
@@ -95,11 +94,10 @@ class Stacked:
 def predicting_weights(behaviour: Array, weights: Array) -> Array:
     """Weights (c,) of c unperturbed crossings in what a perturbed one would have done.
 
-    behaviour: what the perturbed one did before the onset minus what each unperturbed one did, (q, c).
-    weights: of the unperturbed crossings (c,) in the regression, not negative.
-
-    The weighted regression of the crossings' curves on `behaviour`, with an intercept, at a difference of 0: the
-    weights nearest to `weights` whose sum is 1 and whose mean difference is 0. `weights` where too few are not 0.
+    `behaviour` (q, c) is what the perturbed one did before the onset minus what each unperturbed one did, `weights`
+    (c,) are those of the unperturbed crossings in the regression, not negative. It is the weighted regression of the
+    crossings' curves on `behaviour`, with an intercept, at a difference of 0: the weights nearest to `weights` whose
+    sum is 1 and whose mean difference is 0. `weights` where too few are not 0.
     """
     used = weights > 0
     if not len(behaviour) or used.sum() < len(behaviour) + 2:
@@ -111,9 +109,10 @@ def predicting_weights(behaviour: Array, weights: Array) -> Array:
 
 
 def cross_validated(responses: Sequence[PerturbationResponse], impedance: ImpedanceFit) -> Prediction:
-    """The predictors that predict best what each unperturbed crossing adds to the residual, from the others.
+    """The predictors that predict best what each unperturbed crossing adds to the residual, from the others; none is
+    the mean.
 
-    `impedance` is the fit to the mean response. The mean counts as a prediction too.
+    `impedance` is the fit to the mean response.
     """
     rows = responses[0].window
     left = np.mean([gait_torque(r, impedance)[:, rows] for r in responses], axis=0)
@@ -143,14 +142,8 @@ SEED = 20
 
 @dataclass(frozen=True)
 class EnsembleResponse:
-    """Mean over perturbations, k samples.
-
-    n: number of perturbations.
-    time: time (k,) [s] from the onset.
-    motion: mean angle [rad] and its derivatives, (k,) each.
-    torque: mean torque (k,) [N*m].
-    fit: Eq. 15 in the window.
-    """
+    """Mean over n perturbations, k samples from the onset [s]: angle [rad] with its derivatives, torque [N*m], and Eq.
+    15 in the window."""
 
     n: int
     time: Array
@@ -161,11 +154,8 @@ class EnsembleResponse:
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """Estimates of resampled ensembles, one entry per sample.
-
-    K, B, I, VAF: units as in `ImpedanceFit`, VAF in percent.
-    degrees_of_freedom: the smaller of those of the perturbations (`freedom_of`) and of the unperturbed crossings.
-    """
+    """Estimates of resampled ensembles, one entry per sample, VAF in percent, and the degrees of freedom: the smaller
+    of those of the perturbations (`freedom_of`) and of the unperturbed crossings."""
 
     K: Array
     B: Array
@@ -204,11 +194,6 @@ def ensemble_response(responses: Sequence[PerturbationResponse], predictors: Pre
     """Mean response, or half the difference of two directions, and its fit in the common window.
 
     With predictors, what the crossings would have done is predicted from their behaviour before the onset.
-
-    Raises
-    ------
-    InputError
-        Fewer than two responses of a direction, or their time grids or numbers of unperturbed crossings differ.
     """
     check_alike(responses)
     signs, first, crossings = signs_of(responses), responses[0], len(responses[0].thetas)
@@ -255,10 +240,10 @@ def check_alike(responses: Sequence[PerturbationResponse]) -> None:
 def bootstrap(responses: Sequence[PerturbationResponse], samples: int, predictors: Predictors = ()) -> Bootstrap:
     """Refit the ensemble with perturbations, unperturbed crossings and plate trials resampled with replacement.
 
-    All three are resampled. The mean unperturbed gait is subtracted from every response, and the plate's model is part
-    of every torque: their errors are common to all responses and do not show in the scatter between perturbations. The
-    plate's model is resampled to first order, by the influence of each trial on the torque. Perturbations are drawn
-    within their direction. With predictors, the regression is computed anew in each sample.
+    The mean unperturbed gait is subtracted from every response, and the plate's model is part of every torque: their
+    errors are common to all responses and do not show in the scatter between perturbations. The plate's model is
+    resampled to first order, by the influence of each trial on the torque. Perturbations are drawn within their
+    direction. With predictors, the regression is computed anew in each sample.
     """
     check_alike(responses)
     signs = signs_of(responses)
@@ -268,13 +253,8 @@ def bootstrap(responses: Sequence[PerturbationResponse], samples: int, predictor
 
 @dataclass(frozen=True)
 class Draws:
-    """Resampled perturbations, unperturbed crossings and plate trials of a bootstrap.
-
-    responses: the n responses.
-    perturbed: (samples, n) weights with a sum of 1 within each direction.
-    unperturbed: (samples, crossings).
-    unloaded: (samples, m).
-    """
+    """Resampled perturbations (samples, n), unperturbed crossings (samples, crossings) and plate trials (samples, m) of
+    a bootstrap; the weights of perturbations have a sum of 1 within each direction."""
 
     responses: Sequence[PerturbationResponse]
     perturbed: Array
@@ -307,10 +287,8 @@ class Draws:
 
 
 def fits_of_samples(motion: Motion, torques: Array) -> tuple[Array, Array, Array, Array]:
-    """K, B, I and VAF, (samples,) each, of motions and torques (k, samples): `fit_without_offset` of all at once.
-
-    VAF is that of `variance_accounted_for`.
-    """
+    """K, B, I and VAF (`variance_accounted_for`), (samples,) each, of motions and torques (k, samples):
+    `fit_without_offset` of all at once."""
     columns = np.stack([motion.theta.T, motion.omega.T, motion.alpha.T], axis=-1)
     sizes = np.linalg.norm(columns, axis=1, keepdims=True)
     estimates = np.linalg.pinv(columns / sizes) @ torques.T[..., None] / sizes.swapaxes(1, 2)
@@ -341,8 +319,8 @@ def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[C
 def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Array:
     """Weights (samples, n) of n items in the mean of n - 1 items drawn with replacement.
 
-    The mean of n draws has a variance that is too small by the factor (n - 1)/n. The mean of n - 1 draws has the
-    correct variance (Hesterberg, The American Statistician 69, 2015). A single item always has the weight 1.
+    The mean of n draws has a variance that is too small by the factor (n - 1)/n, that of n - 1 draws the correct one
+    (Hesterberg, The American Statistician 69, 2015). A single item always has the weight 1.
     """
     if n < 2:
         return np.ones((samples, n))
@@ -351,13 +329,8 @@ def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Arr
 
 @dataclass(frozen=True)
 class Symmetry:
-    """Both directions of one group, each fitted alone.
-
-    up, down: fits to the mean responses.
-    up_draws, down_draws: the same of the resampled responses.
-    difference: up minus down, of the resampled responses.
-    counts: number of perturbations up, and down.
-    """
+    """Both directions of one group, each fitted alone: fits to the mean responses, the same of the resampled ones and
+    of up minus down, and the numbers of perturbations up and down."""
 
     up: ImpedanceFit
     down: ImpedanceFit
@@ -374,7 +347,6 @@ Result = tuple[EnsembleResponse, Bootstrap]
 class Headline:
     """Result of one group.
 
-    responses: the isolated responses, each with the sign of its direction.
     common: errors that all single fits share, by quantity.
     symmetry: comparison of the directions; None if there is one only.
     baseline: `mean` or `predicted`: which of both the settings name.
@@ -407,14 +379,7 @@ class Headline:
 
 
 def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, settings: EnsembleSettings) -> Headline:
-    """The result of the perturbed crossings of one group, whose mean unperturbed gait is `gait`.
-
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        As `isolate_response`, `ensemble_response` and `fit_without_offset`: for example fewer than two crossings, or
-        only one that turns up among others that turn down.
-    """
+    """The result of the perturbed crossings of one group, whose mean unperturbed gait is `gait`."""
     responses = [isolate_response(c, gait, settings.timing, settings.perturbed_stance) for c in perturbed]
     samples = settings.bootstrap_samples
     mean_gait = ensemble_response(responses), bootstrap(responses, samples)

@@ -25,11 +25,7 @@ START_STEP_S = 0.0002
 
 @dataclass(frozen=True)
 class Stance:
-    """One contact of the foot with the plate.
-
-    heel_strike: [s].
-    toe_off: [s].
-    """
+    """One contact of the foot with the plate, from heel strike to toe-off [s]."""
 
     heel_strike: float
     toe_off: float
@@ -44,8 +40,7 @@ def find_stances(time: Array, force: Array, on: float, off: float, shortest: flo
     """Complete stances of at least `shortest` [s] in a vertical force (n,) [N].
 
     A stance begins where the force rises through `on` [N] and ends where it falls through `off` [N], off <= on, both
-    interpolated between samples. Where the force is NaN, the last known state (loaded or unloaded) is kept. A stance
-    that begins before the recording or ends after it is not returned.
+    interpolated between samples. Where the force is NaN, the last known state (loaded or unloaded) is kept.
     """
     level = np.where(force > on, 1, np.where(force < off, -1, 0))
     known = np.maximum.accumulate(np.where(level != 0, np.arange(len(level)), -1))
@@ -61,8 +56,7 @@ def find_stances(time: Array, force: Array, on: float, off: float, shortest: flo
 
 
 def time_of_level(time: Array, values: Array, row: int, level: float) -> float:
-    """Time [s] between rows `row` and `row + 1` at which the values pass `level`. If one is NaN, the later row's
-    time."""
+    """Time [s] between rows `row` and `row + 1` at which the values pass `level`; the later row's if one is NaN."""
     before, after = values[row], values[row + 1]
     if not np.isfinite(before + after) or before == after:
         return float(time[row + 1])
@@ -71,13 +65,7 @@ def time_of_level(time: Array, values: Array, row: int, level: float) -> float:
 
 
 def only_stance(stances: list[Stance]) -> Stance:
-    """The one stance of a crossing.
-
-    Raises
-    ------
-    InputError
-        There is none, or more than one.
-    """
+    """The one stance of a crossing."""
     if len(stances) != 1:
         times = ", ".join(f"{s.heel_strike:.3f}-{s.toe_off:.3f} s" for s in stances) or "none"
         raise InputError(
@@ -94,11 +82,6 @@ def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
     analysis, which spreads the start to earlier times. The first part of the rotation is fitted as c (t - onset)^p, p
     from 1 (a straight ramp) to 4. A straight line extrapolated back to the rest position gives an onset that is too
     late by a fifth of the ramp if the start is smooth.
-
-    Raises
-    ------
-    InputError
-        The platform rotates so early that there is no rest before it.
     """
     seen = np.isfinite(rotation)
     time, rotation = time[seen], rotation[seen]
@@ -119,10 +102,8 @@ def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
 
 
 def end_of_start(turned: Array, noise: float, height: float) -> int:
-    """The last frame of the fitted start, in a rotation `turned` (n,) [rad] that ends above the threshold.
-
-    `noise` is the standard deviation [rad] at rest, `height` the whole rotation [rad].
-    """
+    """The last frame of the fitted start, in a rotation `turned` (n,) [rad] of the whole `height`, with `noise` (SD) at
+    rest."""
     level = height * np.clip(FITTED_NOISE * noise / height, SMALLEST_PART, LARGEST_PART)
     visible = max(0.2 * level, 3 * noise)
     end, start = (int(np.flatnonzero(turned[:-1] < limit)[-1]) + 1 for limit in (level, visible))
@@ -142,15 +123,7 @@ def power_law_start(time: Array, turned: Array) -> float:
 
 
 def check_onset(onset: float | None, stance: Stance, perturbed: bool, timing: Timing) -> None:
-    """Refuse an onset [s] that disagrees with the sheet, or whose baseline or window leave the stance.
-
-    `perturbed` is what the sheet says.
-
-    Raises
-    ------
-    InputError
-        Names the onset, the stance and the remedy.
-    """
+    """Refuse an onset [s] that disagrees with what the sheet says, or whose baseline or window leave the stance."""
     if (onset is not None) != perturbed:
         motion = "does not turn" if onset is None else f"turns at {onset:.3f} s"
         raise InputError(

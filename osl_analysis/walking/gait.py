@@ -1,4 +1,15 @@
-"""Unperturbed gait on a common grid of stance phase, and the phase of a crossing on it."""
+"""Unperturbed gait on a common grid of stance phase, and the phase of a perturbed crossing on it.
+
+A crossing's own duration of stance is a good scale of its phase, unless the perturbation changes it: then the window
+lies at a wrong phase of the mean gait. What the person did before the onset knows nothing of the perturbation, and
+tells the duration that was to be expected.
+
+People differ from step to step in the size of a motion, and in its level, which drifts. Both look like pace. What they
+cannot imitate is sharp: the ankle's turn from plantarflexion to dorsiflexion after heel strike. So size and drift are
+fitted too, and the drift is the polynomial with which the unperturbed crossings' scales scatter least. Torque and load
+are no help: the low-pass and the heel's impact act in time and not in phase, so that both misread a slower crossing by
+a few per cent (docs/stance_phase.md).
+"""
 
 import re
 from collections import Counter
@@ -24,9 +35,7 @@ PHASES = np.linspace(0.0, 1.0, 401)
 class UnperturbedGait:
     """Unperturbed crossings at `PHASES`: 0 at heel strike, 1 at toe-off.
 
-    names: the crossings.
-    theta: ankle angle (crossings, phases) [rad].
-    torque: ankle torque (crossings, phases) [N*m].
+    theta, torque: angle [rad] and torque [N*m] of the ankle (crossings, phases).
     stance: duration of stance (crossings,) [s].
     plate_errors: (m, crossings, phases) [N*m], as in `Crossing`.
     """
@@ -37,21 +46,12 @@ class UnperturbedGait:
     stance: Array
     plate_errors: Array
 
-    def mean_plate_errors_at(self, phase: Array) -> Array:
-        """Plate errors (m, k) [N*m] of the mean crossing at phases (k,)."""
-        return at_phases(self.plate_errors.mean(axis=1), phase)
-
 
 def unperturbed_gait(
     crossings: Sequence[Crossing], fewest: int, lost: Mapping[str, str] | None = None
 ) -> UnperturbedGait:
-    """Crossings on the common grid of stance phase. `lost` has the reasons of those that are not used, by trial.
-
-    Raises
-    ------
-    InputError
-        There are fewer than `fewest`.
-    """
+    """Crossings on the common grid of stance phase; refused if fewer than `fewest`. `lost` has the reasons of those
+    that are not used, by trial."""
     if len(crossings) < fewest:
         if lost:
             raise InputError(
@@ -129,16 +129,12 @@ def steadiest_scales(phase: Array, curve: Array, curves: Array) -> tuple[float, 
 
 
 def matched_scales(phase: Array, curves: Array, mean: Array, orders: Sequence[int] = ORDERS) -> Array:
-    """The scales r (orders, m) at which curves, as functions of r p, are most like the mean curve; NaN without one.
+    """The scales r (orders, m) at which curves (m, k) at phases p (k,), as functions of r p, are most like the mean
+    curve (n,), which is at uniform phases from 0 to 1; NaN without one.
 
-    phase: phases p (k,), from heel strike on.
-    curves: (m, k), at p.
-    mean: (n,), the mean curve at n uniform phases from 0 to 1.
-    orders: of the drift.
-
-    A curve is like the mean if it is a multiple of it plus a polynomial. The scale solves this nonlinear least-squares
-    problem by the method of Gauss and Newton, from 1 on. There is none if the search ends at a bound or does not end,
-    or if the mean is itself a polynomial, apart from rounding.
+    A curve is like the mean if it is a multiple of it plus a polynomial, of one of the `orders`. The scale solves this
+    nonlinear least-squares problem by the method of Gauss and Newton, from 1 on. There is none if the search ends at a
+    bound or does not end, or if the mean is itself a polynomial, apart from rounding.
     """
     spline = make_interp_spline(np.linspace(0.0, 1.0, len(mean)), mean, k=3)
     slope, drift = spline.derivative(), Drift.of(phase, orders)
@@ -159,11 +155,8 @@ def matched_scales(phase: Array, curves: Array, mean: Array, orders: Sequence[in
 
 @dataclass(frozen=True)
 class Drift:
-    """Polynomials of several orders over k phases.
-
-    columns: orthonormal polynomials (k, p), of order 0, 1, ...
-    used: 1 for those up to each order (orders, 1, p), else 0.
-    """
+    """Polynomials of several orders over k phases: orthonormal columns (k, p), of order 0, 1, ..., and 1 for those that
+    are used up to each order (orders, 1, p), else 0."""
 
     columns: Array
     used: Array
@@ -181,10 +174,8 @@ class Drift:
 
 
 def second_coefficient(first: Array, second: Array, values: Array, smallest: float) -> Array:
-    """Coefficients (...) of `second` in the regressions of `values` on `first` and `second`, (..., k) each.
-
-    NaN where the sum of squares of one of them, beside the other, is `smallest` or less.
-    """
+    """Coefficients (...) of `second` in the regressions of `values` on `first` and `second`, (..., k) each; NaN where
+    the sum of squares of one of them, beside the other, is `smallest` or less."""
     ff, fs, ss = (np.sum(a * b, axis=-1) for a, b in ((first, first), (first, second), (second, second)))
     alone = ss * ff - fs**2
     some = (ff > smallest) & (ss > smallest) & (alone > smallest * ff)
@@ -204,8 +195,7 @@ class AlignedGait:
 
     stance: duration of stance [s] of the perturbed crossing that converts time to phase.
     scales: phase of the mean gait over own phase (crossings,), of each unperturbed crossing.
-    expected: duration of stance [s] that the gait before the onset leads to expect; NaN if it is like the mean gait at
-        no pace.
+    expected: stance [s] that the gait before the onset leads to expect; NaN if it is like the mean gait at no pace.
     """
 
     stance: float
@@ -221,13 +211,7 @@ class AlignedGait:
 
 
 def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource) -> AlignedGait:
-    """The alignment of a perturbed crossing, whose duration of stance comes from `source`.
-
-    Raises
-    ------
-    InputError
-        `matched`, and the gait before the onset is like the mean gait at no pace.
-    """
+    """The alignment of a perturbed crossing, whose duration of stance comes from `source`."""
     own, usual = crossing.stance.duration, float(np.mean(gait.stance))
     scale, others = matched_scales_of(crossing, gait)
     expected = own / scale * float(others.mean())

@@ -15,7 +15,7 @@ from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import Side, marker_tracks
 from osl_analysis.walking.checks import body_mass
 from osl_analysis.walking.events import Stance, find_stances
-from osl_analysis.walking.plate import PlateWrench, ankle_torque, recorded_corners, recorded_wrench
+from osl_analysis.walking.plate import ankle_torque, recorded_corners, recorded_wrench
 from osl_analysis.walking.settings import OvergroundAnalysis
 
 SIDES: dict[Side, str] = {"left": "L", "right": "R"}
@@ -26,15 +26,8 @@ ON_PLATE = 0.5
 
 @dataclass(frozen=True)
 class MomentComparison:
-    """One stance on one plate: this package's ankle moment and the laboratory's, in n frames in which both are known.
-
-    side: the foot.
-    plate: number of the plate.
-    stance: heel strike and toe-off.
-    time: (n,) [s].
-    moment: this package's moment (n,) [N*m/kg], plantarflexion positive.
-    reference: the laboratory's moment (n,) [N*m/kg], plantarflexion positive.
-    """
+    """One stance on one plate: this package's ankle moment and the laboratory's reference (n,) [N*m/kg], plantarflexion
+    positive, in n frames (n,) [s] in which both are known."""
 
     side: Side
     plate: int
@@ -65,14 +58,14 @@ def overground_rows(
     """Rows of `ankle_moment.csv`, one per stance and plate; moments in N*m/kg, plantarflexion positive.
 
     `sheet_mass` is the body mass [kg] in the trial's row of the sheet.
-
-    Raises
-    ------
-    InputError
-        A plate was not zeroed, the body mass is unknown, or as `compare_moments`.
     """
     check_no_downward_force(trial, settings.largest_zero_n)
-    mass = known_mass(trial, sheet_mass, settings.body_mass_kg)
+    mass = body_mass(trial, sheet_mass, settings.body_mass_kg)
+    if mass is None:
+        raise InputError(
+            f"trial {trial.name}: the recording states no body mass; state body_mass_kg in the sheet, or "
+            "overground.body_mass_kg in the configuration"
+        )
     return [
         {
             "trial": trial.name,
@@ -91,32 +84,10 @@ def overground_rows(
     ]
 
 
-def known_mass(trial: Trial, sheet: float | None, configured: float | None) -> float:
-    """Body mass [kg] of a trial, as `body_mass`.
-
-    Raises
-    ------
-    InputError
-        Nobody states it.
-    """
-    mass = body_mass(trial, sheet, configured)
-    if mass is None:
-        raise InputError(
-            f"trial {trial.name}: the recording states no body mass; state body_mass_kg in the sheet, or "
-            "overground.body_mass_kg in the configuration"
-        )
-    return mass
-
-
 def compare_moments(trial: Trial, body_mass: float, load: float) -> list[MomentComparison]:
     """Every stance of the trial in which exactly one foot is over a plate, in order of side and plate.
 
     This package's moment is divided by `body_mass` [kg]. Frames count while the plate carries more than `load` [N].
-
-    Raises
-    ------
-    InputError
-        The trial has no reference moment or no ankle points, or no foot is ever over a plate.
     """
     plates = [int(plate["plate"]) for plate in trial.provenance.get("plates", [])]
     sides = [side for side in SIDES if reference_column(side) in trial.samples.columns]
@@ -135,14 +106,10 @@ def compare_moments(trial: Trial, body_mass: float, load: float) -> list[MomentC
 
 
 def check_no_downward_force(trial: Trial, largest_zero: float) -> None:
-    """Refuse a plate whose vertical force is below minus `largest_zero` [N] in most of the recording.
+    """Refuse a plate whose vertical force is below minus `largest_zero` [N] in most of the recording: a foot cannot
+    pull.
 
-    A foot cannot pull. An offset of the other sign is not detected: it looks like a standing person.
-
-    Raises
-    ------
-    InputError
-        Names the plate and what it reads.
+    An offset of the other sign is not detected: it looks like a standing person.
     """
     for plate in trial.provenance.get("plates", []):
         number = int(plate["plate"])
@@ -164,9 +131,10 @@ def stances_on_plate(trial: Trial, side: Side, plate: int, body_mass: float, loa
     """The stances of one foot on one plate."""
     time, points = marker_tracks(trial, [f"{SIDES[side]}TIO", f"{SIDES[side]}TIL"])
     ankle, axis = points[:, 0], points[:, 1] - points[:, 0]
-    wrench = recorded_wrench(trial, plate).at(time)
+    wrench = recorded_wrench(trial, plate).at_frames(time).late_by(0.0)
     corners = recorded_corners(trial, plate)
-    moment = moment_per_mass(wrench, corners.mean(axis=0), ankle, axis, body_mass)
+    unit = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+    moment = ankle_torque(wrench, corners.mean(axis=0), ankle, unit) / body_mass
     reference = trial.sampled(reference_column(side))[reference_column(side)].to_numpy()
     known = np.isfinite(moment) & np.isfinite(reference) & (wrench.force[:, 2] > load)
     over = over_plate(ankle, corners)
@@ -175,12 +143,6 @@ def stances_on_plate(trial: Trial, side: Side, plate: int, body_mass: float, loa
         rows = known & inside
         if over[inside].mean() > ON_PLATE and rows.sum() > 2:
             yield MomentComparison(side, plate, stance, time[rows], moment[rows], reference[rows])
-
-
-def moment_per_mass(wrench: PlateWrench, centre: Array, ankle: Array, axis: Array, body_mass: float) -> Array:
-    """Ankle moment (n,) [N*m/kg] about an `axis` (n, 3) of any length that points to the left."""
-    unit = axis / np.linalg.norm(axis, axis=1, keepdims=True)
-    return ankle_torque(wrench, centre, ankle, unit) / body_mass
 
 
 def over_plate(points: Array, corners: Array) -> np.ndarray:

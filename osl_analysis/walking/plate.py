@@ -27,11 +27,8 @@ CLIPPED_S = 0.02
 
 @dataclass(frozen=True)
 class PlateWrench:
-    """Ground reaction on the foot, n samples.
-
-    force: (n, 3) [N].
-    moment: (n, 3) [N*m] about the centre of the plate's surface.
-    """
+    """Ground reaction on the foot, n samples: force (n, 3) [N], and moment (n, 3) [N*m] about the centre of the plate's
+    surface."""
 
     force: Array
     moment: Array
@@ -48,17 +45,14 @@ class PlateWrench:
         return PlateWrench(smooth[:, :3], smooth[:, 3:])
 
     def components(self) -> Array:
-        """Force and moment side by side (n, 6) [N, N*m]."""
+        """Force and moment side by side (n, 6)."""
         return np.hstack([self.force, self.moment])
 
 
 @dataclass(frozen=True)
 class RecordedWrench:
-    """A plate's wrench as sampled.
-
-    time: the plate's own stamps (k,) [s].
-    wrench: k samples in axes that are fixed to the plate and parallel to the laboratory's at rest.
-    """
+    """A plate's wrench at its own stamps (k,) [s], in axes that are fixed to the plate and parallel to the laboratory's
+    at rest."""
 
     time: Array
     wrench: PlateWrench
@@ -74,19 +68,11 @@ class RecordedWrench:
         ends = float(self.time[0]), float(self.time[-1])
         return WrenchAtFrames(marker_time, make_interp_spline(self.time, smooth, k=3), ends)
 
-    def at(self, marker_time: Array, lag: float = 0.0) -> PlateWrench:
-        """The wrench at the marker frames (n,) [s], read `lag` [s] later to remove the delay of a late plate."""
-        return self.at_frames(marker_time).late_by(lag)
-
 
 @dataclass(frozen=True)
 class WrenchAtFrames:
-    """A plate's wrench without what would alias at the marker frames.
-
-    time: the marker frames (n,) [s].
-    spline: the six components (6,) [N, N*m] at any time.
-    ends: first and last stamp [s] of the plate, between which it is read.
-    """
+    """A plate's wrench without what would alias at the marker frames (n,) [s]: a spline of its six components [N, N*m]
+    at any time between its first and last stamp [s], the ends."""
 
     time: Array
     spline: BSpline
@@ -106,14 +92,7 @@ def recorded_wrench(trial: Trial, plate: int) -> RecordedWrench:
 
 
 def zeroed_wrench(trial: Trial, settings: CrossingSettings) -> tuple[RecordedWrench, float | None]:
-    """The plate's wrench minus its zero, and the vertical force [N] of the zero. The force is None if no zero is
-    removed.
-
-    Raises
-    ------
-    InputError
-        The plate was not zeroed, its zero cannot be read, or it reached its limit.
-    """
+    """The plate's wrench minus its zero, and the vertical force [N] of the zero; None if no zero is removed."""
     recorded, zero_force = recorded_wrench(trial, settings.plate), None
     if settings.unloaded_s is not None:
         zero = unloaded_zero(recorded, settings.unloaded_s, settings.largest_zero_n)
@@ -129,11 +108,6 @@ def unloaded_zero(recorded: RecordedWrench, duration: float, largest: float) -> 
     It is the mean over the interval of `duration` [s], before the largest vertical force, in which that force varies
     least. The load during gait is never as constant. The time after the step is not used: the platform may be tilted,
     and the plate's weight then appears in the wrench.
-
-    Raises
-    ------
-    InputError
-        There is no such interval, or the vertical force in it is more than `largest` [N].
     """
     length, vertical = round(duration * sampling_rate(recorded.time)), recorded.wrench.force[:, 2]
     before = vertical[: int(np.argmax(vertical)) + 1]
@@ -155,14 +129,9 @@ def unloaded_zero(recorded: RecordedWrench, duration: float, largest: float) -> 
 
 
 def check_range(time: Array, force: Array, axes: Array, load: float) -> None:
-    """Refuse a force (n, 3) [N] that stays at its extreme in one of the plate's `axes` (3, 3), given as columns.
+    """Refuse a force (n, 3) [N] that stays at its extreme, above `load`, in one of the plate's `axes` (3, 3), columns.
 
     It is for recordings without raw channels, as CSV files of Nexus: `check_plate` sees those of a C3D file.
-
-    Raises
-    ------
-    InputError
-        A component above `load` [N] keeps its largest or smallest value for 20 ms.
     """
     rate = sampling_rate(time)
     longest = max(round(CLIPPED_S * rate), 3)
@@ -178,43 +147,24 @@ def check_range(time: Array, force: Array, axes: Array, load: float) -> None:
 
 
 def recorded_corners(trial: Trial, plate: int) -> Array:
-    """Corners (4, 3) [m] of a plate at rest.
-
-    Raises
-    ------
-    InputError
-        The recording describes no such plate, or the plate stands on edge: z does not point up.
-    """
-    plates = trial.provenance.get("plates", [])
-    corners = [p["corners"] for p in plates if p["plate"] == plate]
+    """Corners (4, 3) [m] of a plate at rest; refused if the plate stands on edge, so that z does not point up."""
+    corners = recorded_plate(trial, plate).get("corners")
     if not corners:
-        numbers = ", ".join(str(p["plate"]) for p in plates) or "none"
+        numbers = ", ".join(str(p["plate"]) for p in trial.provenance.get("plates", [])) or "none"
         raise InputError(
             f"trial {trial.name}: no corners of force plate {plate}; the recording has those of {numbers}. Correct "
             "`plate` in the configuration"
         )
-    found = np.asarray(corners[0], dtype=float)
-    check_level(trial.name, plate, found)
+    found = np.asarray(corners, dtype=float)
+    across = np.abs(plate_axes(found)[:, 2])
+    if across[2] < LEVEL:
+        axis = AXES[int(np.argmax(across))]
+        remedy = "`axes: [x, -z, y]`" if axis == "y" else "`axes`"
+        raise InputError(
+            f"trial {trial.name}: the corners of force plate {plate} stand on edge, across the {axis} axis: z does not "
+            f"point up; state {remedy} in the source file"
+        )
     return found
-
-
-def check_level(name: str, plate: int, corners: Array) -> None:
-    """Refuse a plate whose corners (4, 3) [m] stand on edge.
-
-    Raises
-    ------
-    InputError
-        Names the axis across the plate, and `axes` of the source file that turns it up.
-    """
-    across = np.abs(plate_axes(corners)[:, 2])
-    if across[2] >= LEVEL:
-        return
-    axis = AXES[int(np.argmax(across))]
-    remedy = "`axes: [x, -z, y]`" if axis == "y" else "`axes`"
-    raise InputError(
-        f"trial {name}: the corners of force plate {plate} stand on edge, across the {axis} axis: z does not point up; "
-        f"state {remedy} in the source file"
-    )
 
 
 def plate_centre(trial: Trial, plate: int) -> Array:
@@ -225,8 +175,8 @@ def plate_centre(trial: Trial, plate: int) -> Array:
 def in_laboratory(wrench: PlateWrench, platform: Poses, centre: Array) -> tuple[PlateWrench, Array]:
     """The wrench in laboratory axes, and the plate's centre (n, 3) [m], about which its moment acts.
 
-    `wrench` is in axes that are fixed to the plate and parallel to the laboratory's in the resting pose, to which the
-    platform's poses refer. `centre` (3,) [m] is the centre of the surface at rest.
+    `wrench` is in the plate's own axes, which are the laboratory's in the resting pose, to which the platform's poses
+    refer. `centre` (3,) [m] is that of the surface at rest.
     """
     force = np.einsum("nij,nj->ni", platform.rotation, wrench.force)
     moment = np.einsum("nij,nj->ni", platform.rotation, wrench.moment)
@@ -236,8 +186,7 @@ def in_laboratory(wrench: PlateWrench, platform: Poses, centre: Array) -> tuple[
 def rotation_from_rest(platform: Poses) -> Array:
     """Angle (n,) [rad] by which the platform is turned from its pose in the static trial; NaN where not seen.
 
-    The angle is about the axis of the largest rotation, which counts as positive. It is signed, so that marker noise
-    has zero mean.
+    About the axis of the largest rotation, which counts as positive. It is signed, so that marker noise has zero mean.
     """
     seen = np.flatnonzero(platform.seen())
     angle = np.full(len(platform.position), np.nan)
@@ -254,8 +203,8 @@ def ankle_torque(reaction: PlateWrench, plate_centre: Array, ankle: Array, axis:
     """Internal plantarflexion moment tau (n,) [N*m] from the ground reaction on the foot.
 
     tau = -(M + (c - a) x F) . axis, with the force F and the moment M about the plate's centre c (n, 3) or (3,) [m],
-    ankle a (n, 3) [m], and axis (n, 3) pointing to the left, all in laboratory axes. The centre of pressure is not
-    used: it is undefined when the plate is unloaded.
+    the ankle a (n, 3) [m], and the axis (n, 3) to the left, in laboratory axes. The centre of pressure is not used: it
+    is undefined when the plate is unloaded.
     """
     about_ankle = reaction.moment + np.cross(plate_centre - ankle, reaction.force)
     return np.asarray(-np.sum(about_ankle * axis, axis=1))
@@ -268,13 +217,7 @@ LARGEST_FORCE = 8000.0
 
 
 def check_plate(trial: Trial, plate: int, stance: Stance, vertical: Array) -> None:
-    """Refuse a plate whose raw channels fail in a stance, or whose vertical force (n,) [N] is not one of a person.
-
-    Raises
-    ------
-    InputError
-        Names the channel, the value, the time and the remedy.
-    """
+    """Refuse a plate whose raw channels fail in a stance, or whose vertical force (n,) [N] is not one of a person."""
     for facts in recorded_plate(trial, plate).get("channels", []):
         check_channel(plate, facts, stance)
     peak = float(vertical.max())
@@ -310,15 +253,8 @@ def shared_time(facts: Mapping[str, Any], run: str, stance: Stance) -> float:
 
 
 def check_type_on_platform(trial: Trial, plate: int) -> None:
-    """Refuse a plate of type 1 on a platform that moves.
-
-    It records the centre of pressure instead of the moment, and the plate's own inertia cannot be taken from it.
-
-    Raises
-    ------
-    InputError
-        The plate is of type 1.
-    """
+    """Refuse a plate of type 1 on a platform that moves: it records the centre of pressure instead of the moment, and
+    the plate's own inertia cannot be taken from it."""
     if recorded_plate(trial, plate).get("type") == 1:
         raise InputError(
             f"trial {trial.name}: force plate {plate} is of type 1 (centre of pressure) on a moving platform: "
@@ -340,11 +276,8 @@ SINGLE_SUPPORT = (0.2, 0.8)
 
 @dataclass(frozen=True)
 class Load:
-    """Ground reaction on the foot in a crossing, n samples.
-
-    force: vertical force (n,) [N].
-    left: centre of pressure (n,) [m] to the left of the ankle, along its axis; 0 while the force is below 100 N.
-    """
+    """Ground reaction on the foot in a crossing, n samples: vertical force (n,) [N], and the centre of pressure (n,)
+    [m] to the left of the ankle along its axis, 0 while the force is below 100 N."""
 
     force: Array
     left: Array

@@ -1,4 +1,15 @@
-"""The plate's model from plate trials (unloaded platform): its inertia, and its lag behind the markers."""
+"""The plate's model from trials of the unloaded, moving platform: its inertia, and its lag behind the markers.
+
+The wrench that the plate itself causes in its sensors is linear in the plate's inertial parameters. In axes that turn
+with the plate, after the zero has removed the weight at rest,
+
+    F = m a' + z x mc + w x (w x mc),    M = mc x a' + I z + w x I w,    a' = R^T (a - g) + g,
+
+where m is the mass, mc mass times centre of mass, I the inertia about the plate's centre, a the acceleration of that
+centre, w the angular velocity and z the angular acceleration.
+
+A lag d of the torque behind the angle changes the damping by -K d. It does not change the VAF, so that walking data do
+not show it. The unloaded plate shows it: its inertial force and its acceleration must peak at the same time."""
 
 import warnings
 from collections.abc import Callable, Sequence
@@ -53,12 +64,11 @@ LARGEST_NOISE_SHARE = 0.5
 
 @dataclass(frozen=True)
 class PlateInertia:
-    """Inertial parameters of the plate.
+    """Inertial parameters of the plate, (10,) in the order of `PARAMETERS` [kg, kg*m, kg*m^2], with standard errors;
+    both 0 where they were not excited.
 
-    parameters: (10,) in the order of `PARAMETERS` [kg, kg*m, kg*m^2]; 0 where they were not excited.
-    standard_errors: (10,) in the same units; 0 where they were not excited.
-    rms_before: RMS wrench (6,) [N, N*m] of the unloaded plate as read, minus its mean.
-    rms_after: the same after the plate's own wrench is removed.
+    rms_before, rms_after: RMS wrench (6,) [N, N*m] of the unloaded plate, minus its mean, as read, and without the
+    plate's own.
     """
 
     parameters: Array
@@ -109,14 +119,9 @@ def inertia_matrix(v: Array) -> Array:
     return np.moveaxis(np.array(rows), 2, 0)
 
 
-def unfiltered(values: Array) -> Array:
-    """The values unchanged: the default of `smooth`, without a low-pass."""
-    return values
-
-
 def identify_plate_inertia(
     recordings: Sequence[tuple[BodyMotion, PlateWrench]],
-    smooth: Callable[[Array], Array] = unfiltered,
+    smooth: Callable[[Array], Array] = np.asarray,
     names: tuple[str, ...] | None = None,
     noise: Array | None = None,
     known: Array | None = None,
@@ -124,20 +129,15 @@ def identify_plate_inertia(
     """Parameters from unloaded recordings: motion of the plate's centre, and wrench in the plate's axes.
 
     `smooth` is the low-pass that the wrench passed and the motion did not. It is applied to the columns, which are
-    products of motions, because the low-pass of a product is not the product of low-passes. With filtered motions
-    instead, a filter of 8 Hz would make the plate's lag 0.05 ms too small. The mean of each recording is removed,
-    because each has its own zero. Moments of inertia about axes that are not excited are 0. If the remaining parameters
-    cannot be told apart, or some are seen with more noise than motion, only the four planar ones are identified.
-    `names` are those that may be identified, all if None or empty (as an exact fit, without errors, names).
-    The others are as in `known` (10,), 0 if None.
+    products of motions, because the low-pass of a product is not the product of low-passes: with filtered motions, a
+    filter of 8 Hz would make the plate's lag 0.05 ms too small. The mean of each recording is removed, because each has
+    its own zero. Inertias about axes that are not excited are 0. If the remaining parameters cannot be told apart, or
+    some are seen with more noise than motion, only the four planar ones are identified. `names` are those that may be
+    identified, all if None or empty (as an exact fit, without errors, names); the others are as in `known` (10,), 0 if
+    None.
 
-    `noise` (10, 10) is the sum of squares that marker noise alone causes in the columns. It is
-    subtracted from theirs, because least squares with noise in its columns makes every estimate too small.
-
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        No recordings, or not even the planar parameters can be told apart.
+    `noise` (10, 10) is the sum of squares that marker noise alone causes in the columns. It is subtracted from theirs,
+    because least squares with noise in its columns makes every estimate too small.
     """
     if not recordings:
         raise InputError("no recordings of the unloaded plate; add trials of experiment 'plate' to the sheet")
@@ -176,7 +176,7 @@ def fit_parameters(
 def noise_squares(motion: BodyMotion, resting: Sequence[slice]) -> Array:
     """Mean weighted square (10, 10), per frame, that marker noise causes in the columns before `smooth`.
 
-    `motion` is that of a platform as measured. It shows nothing but noise in the runs of frames in which it is
+    `motion` is that of a platform as measured, which shows nothing but noise in the runs of frames in which it is
     `resting`. After `smooth`, which is far slower, the columns of such frames would hold the motions beside them too.
     """
     columns = regressors(motion)
@@ -189,11 +189,6 @@ def noise_correction(columns: Array, noise: Array, names: Sequence[str]) -> Arra
     """The matrix (p, p) that turns least-squares estimates into those without the bias from noise in the columns.
 
     With the columns' squares G, of which N are noise, it is (G - N)^-1 G (Fuller, Measurement Error Models, 1987, 1.4).
-
-    Raises
-    ------
-    IdentifiabilityError
-        Some combination of the parameters is seen with more noise than motion.
     """
     chosen = [PARAMETERS.index(name) for name in names]
     stacked, own = stacked_columns(columns, names), noise[np.ix_(chosen, chosen)]
@@ -208,31 +203,25 @@ def noise_correction(columns: Array, noise: Array, names: Sequence[str]) -> Arra
 
 
 def stacked_columns(columns: Array, names: Sequence[str]) -> Array:
-    """Weighted columns (6 n, p) of the named parameters out of (n, 6, 10).
-
-    Component after component: residuals stay correlated in time, as the regression assumes.
-    """
+    """Weighted columns (6 n, p) of the named parameters out of (n, 6, 10), component after component: residuals stay
+    correlated in time, as the regression assumes."""
     chosen = columns[:, :, [PARAMETERS.index(name) for name in names]] * WEIGHT[:, None]
     return np.asarray(chosen.transpose(1, 0, 2).reshape(-1, len(names)))
 
 
 def excited_parameters(motions: Sequence[BodyMotion]) -> tuple[str, ...]:
-    """Parameters that motions excite: mass, its moments, and the inertias of axes that turn by more than noise.
-
-    An axis counts if its RMS angular acceleration is above a fiftieth of the largest.
-    """
+    """Parameters that motions excite: mass, its moments, and the inertias of axes whose RMS acceleration is `EXCITED`
+    of the largest."""
     size = rms(np.concatenate([motion.alpha for motion in motions]))
     excited = {axis for axis, one in zip("xyz", size, strict=True) if one > EXCITED * size.max()}
     return tuple(name for name in PARAMETERS if not name.startswith("I_") or excited & set(name[2:]))
 
 
 def centred(values: Array) -> Array:
-    """Values (n, ...) minus their mean over n."""
     return np.asarray(values - values.mean(axis=0))
 
 
 def rms(values: Array) -> Array:
-    """Root mean square over the first axis."""
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 
@@ -244,16 +233,11 @@ LIGHT = 0.1
 
 
 def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], PlateWrench], smooth: Callable[[Array], Array]) -> float:
-    """Lag [s] of the plate behind the markers in one unloaded recording, positive if the plate is late.
+    """Lag [s] of the plate behind the markers in one unloaded recording, positive if the plate is late; NaN if it is
+    too light.
 
     `wrench_at` returns the wrench read a lag [s] later, filtered with `smooth`. The motion has not passed this filter.
-    The estimated lag minimises the misfit of `identify_plate_inertia`. It is NaN if the plate is too light to show a
-    lag.
-
-    Raises
-    ------
-    InputError
-        No lag within the search explains the wrench: the recorders are not synchronised.
+    The estimated lag minimises the misfit of `identify_plate_inertia`.
     """
     lags = np.arange(-LARGEST_PLATE_LAG_S, LARGEST_PLATE_LAG_S + PLATE_LAG_STEP_S / 2, PLATE_LAG_STEP_S)
     readings = [wrench_at(float(lag)) for lag in lags]
@@ -261,9 +245,10 @@ def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], PlateWrench], smo
     names = identify_plate_inertia([(motion, readings[len(lags) // 2])], smooth).identified
     names = names or excited_parameters([motion])  # an exact fit has standard errors of 0
     basis = np.linalg.qr(stacked_columns(columns, names))[0]
-    misfit = [least_misfit(basis, (centred(w.components()) * WEIGHT).T.ravel()) for w in readings]
+    stacked = [(centred(w.components()) * WEIGHT).T.ravel() for w in readings]
+    misfit = [float(6 * np.mean((w - basis @ (basis.T @ w)) ** 2)) for w in stacked]
     best = int(np.argmin(misfit))
-    size = weighted_square(rms(centred(readings[best].components())))
+    size = float(np.sum((rms(centred(readings[best].components())) * WEIGHT) ** 2))
     if size < LIGHT**2:
         return float("nan")
     if misfit[best] > 0.5 * size or best in (0, len(lags) - 1):
@@ -274,16 +259,6 @@ def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], PlateWrench], smo
         )
     before, least, after = misfit[best - 1 : best + 2]
     return float(lags[best] + 0.5 * PLATE_LAG_STEP_S * (before - after) / (before - 2 * least + after))
-
-
-def least_misfit(basis: Array, wrench: Array) -> float:
-    """Mean over n of the squared residual [N^2*m^2] of a weighted wrench (6 n,) on orthonormal columns (6 n, p)."""
-    return float(6 * np.mean((wrench - basis @ (basis.T @ wrench)) ** 2))
-
-
-def weighted_square(size: Array) -> float:
-    """Sum of squares [N^2*m^2] of RMS forces and moments (6,), forces with the lever of the identification."""
-    return float(np.sum((size[:3] * LEVER) ** 2) + np.sum(size[3:] ** 2))
 
 
 FEWEST_FRAMES = 10
@@ -302,15 +277,13 @@ STILL = 7.0
 class UnloadedRecording:
     """A trial of an unloaded, moving plate.
 
-    name: the trial.
     time: the marker frames (n,) [s].
     rows: the longest run of frames in which the platform was seen, without a motion that the recording cuts.
     track: the platform's coordinates in these rows.
     motion: motion of the plate's centre in these rows, through the low-pass of the crossings.
     centre: the plate's centre (3,) [m] at rest.
     recorded: the plate's wrench as sampled.
-    low_pass: the filter of the crossings.
-    plate_low_pass: the further filter of the identification.
+    low_pass, plate_low_pass: the filter of the crossings, and the further one of the identification.
     unusable: why the trial shows nothing of the plate, for a message; empty if it does.
     noise: weighted squares (10, 10) of the marker noise in the columns of the regression.
     """
@@ -419,13 +392,8 @@ def check_unloaded(name: str, recorded: RecordedWrench, largest: float) -> None:
 
 
 def turned_while_hidden(name: str, time: Array, poses: Poses, settings: PlateModelSettings) -> bool:
-    """Whether the platform turned while its markers were hidden.
-
-    Raises
-    ------
-    InputError
-        The markers were always seen, and the platform did not turn.
-    """
+    """Whether the platform turned while its markers were hidden; refused if they were always seen and it did not
+    turn."""
     turned = float(np.rad2deg(np.max(rotation_from_rest(poses[longest_run(poses.seen())]))))
     if turned >= settings.perturbation_deg:
         return bool(hidden_turn(time, poses, settings.longest_fitted_gap_s) > HIDDEN_TURN)
@@ -454,12 +422,10 @@ NOT_REMOVED = "walking.plate_inertia is none"
 
 @dataclass(frozen=True)
 class PlateModel:
-    """The plate's inertia and lag.
+    """The plate's inertia, and its lag [s] behind the markers: the mean of the `lags` (k,) of the trials that show one,
+    None where it is unknown, and then not corrected.
 
-    inertia: inertial parameters.
-    lag: lag [s] behind the markers, the mean of `lags`; None where it is unknown, and then not corrected.
     lag_se: standard error [s] of the lag; None with fewer than two lags.
-    lags: lags (k,) [s] of the trials that show one.
     leave_one_out: the model without each trial in turn, for the jackknife; empty with a single trial.
     lag_reason: why the lag is unknown.
     """
@@ -492,10 +458,7 @@ def identify_plate_model(
 ) -> PlateModel:
     """Lag and inertia from unloaded trials: first the lag of each trial, then one inertia from all at the mean lag.
 
-    Raises
-    ------
-    InputError
-        There are no trials, a foot is on the plate, or the platform did not move or was hidden while it moved.
+    Refused without trials, with a foot on the plate, or if the platform did not move or was hidden while it moved.
     """
     if not trials:
         raise InputError("no trials of the unloaded plate; add trials of experiment 'plate' to the sheet")
@@ -536,17 +499,15 @@ def with_jackknife(model: PlateModel) -> PlateModel:
 def plate_model(
     recordings: Sequence[UnloadedRecording], lags: Sequence[float], whole: PlateInertia | None = None
 ) -> PlateModel:
-    """The mean of the recordings' lags [s], and one inertia from all recordings at that lag.
+    """The mean of the recordings' lags [s], NaN where one shows none, and one inertia from all recordings at that lag.
 
-    A lag is NaN if its recording shows none. `whole` is the inertia from more recordings: only what they identified is
-    identified, and what these recordings do not show stays as it is there.
+    `whole` is the inertia from more recordings: only what they identified is identified, and the rest stays as it is
+    there.
     """
     known = np.array([lag for lag in lags if np.isfinite(lag)])
     lag = float(np.mean(known)) if len(known) else None
-    pairs, noise = (
-        [(r.motion, r.wrench_at(lag or 0.0)) for r in recordings],
-        np.sum([r.noise for r in recordings], axis=0),
-    )
+    pairs = [(r.motion, r.wrench_at(lag or 0.0)) for r in recordings]
+    noise = np.sum([r.noise for r in recordings], axis=0)
     limits = (None, noise, None) if whole is None else (whole.identified, noise, whole.parameters)
     inertia = identify_plate_inertia(pairs, recordings[0].smooth, *limits)
     error = float(np.std(known, ddof=1) / np.sqrt(len(known))) if len(known) > 1 else None
@@ -554,13 +515,7 @@ def plate_model(
 
 
 def usable(recordings: Sequence[UnloadedRecording]) -> list[UnloadedRecording]:
-    """The recordings that show a whole motion of the platform. A warning names each of the others.
-
-    Raises
-    ------
-    InputError
-        There is no such recording.
-    """
+    """The recordings that show a whole motion of the platform. A warning names each of the others."""
     bad = [r for r in recordings if r.unusable]
     if len(bad) == len(recordings):
         raise InputError(
@@ -572,7 +527,7 @@ def usable(recordings: Sequence[UnloadedRecording]) -> list[UnloadedRecording]:
 
 
 def trial_lag(recording: UnloadedRecording) -> float:
-    """Lag [s] of the plate in one trial; NaN if the plate is too light to show it."""
+    """`plate_lag` of one trial."""
     try:
         return plate_lag(recording.motion, recording.wrench_at, recording.smooth)
     except InputError as error:

@@ -1,4 +1,8 @@
-"""One shape of the platform's motion, and how a crossing follows it: start, amplitude, duration."""
+"""The motion of the platform that crossings share: one shape, with a start and an amplitude for each, and the trigger.
+
+A platform repeats its command. The motion measured in one crossing has the noise of its markers, whose accelerations
+shake a heavy plate by more than a newton metre; the mean over crossings has little of it, and shows when each of them
+started to a fraction of a millisecond. A crossing that does not follow the shape keeps its own motion."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -17,7 +21,6 @@ from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import (
     BodyMotion,
     Calibrations,
-    Mask,
     Poses,
     StaticCalibration,
     calibration_of,
@@ -46,16 +49,14 @@ UNLIKE = 4.0
 class Alignment:
     """How one crossing follows the shape.
 
-    name: the trial.
-    start: time [s] at which the motion starts.
-    start_se: its standard error [s] from the marker noise of this crossing. What all share is in `PlatformTemplate`.
+    start, start_se: when the motion starts [s], and the standard error from the marker noise of this crossing. What all
+        share is in `PlatformTemplate`.
     amplitude: size of the motion, 1 on average, negative in the other direction.
-    duration: time scale of the motion, 1 on average; 1 for all where it does not scatter.
-    duration_se: standard error of a free time scale.
+    duration, duration_se: time scale of the motion, 1 on average, and for all where it does not scatter.
     shared: covariance [s] of the errors of start and time scale.
     offset: coordinates (r,) [m] at rest.
-    misfit: mean square of the filtered difference between motion and shape, over that of noise.
-    follows: whether the misfit is that of noise.
+    misfit, follows: mean square of the filtered difference between motion and shape over that of noise; whether it is
+        noise's.
     """
 
     name: str
@@ -68,6 +69,10 @@ class Alignment:
     offset: Array
     misfit: float
     follows: bool
+
+
+Pairs = Sequence[tuple[PlatformTrack, Alignment]]
+"""Motions with their alignments."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +100,6 @@ class PlatformTemplate:
 
     @cached_property
     def spline(self) -> BSpline:
-        """The spline through the shape."""
         return make_interp_spline(self.time, self.shape, k=5)
 
     def at(self, time: Array, derivative: int = 0) -> Array:
@@ -105,8 +109,8 @@ class PlatformTemplate:
         return np.asarray(values if derivative == 0 else values * inside[:, None])
 
     def grid_noise(self, rate: float) -> float:
-        """Standard deviation [m] of the noise in each sample of the shape, as if it were independent of the others, for
-        crossings of `rate` frames per second [Hz]."""
+        """Standard deviation [m] of the noise in each sample of the shape, as if independent, for crossings of `rate`
+        [Hz]."""
         return float(self.noise / np.sqrt(self.crossings * rate * GRID_S))
 
     def curve(self, time: Array, alignment: Alignment) -> Array:
@@ -114,26 +118,18 @@ class PlatformTemplate:
         return alignment.amplitude * self.at((time - alignment.start) / alignment.duration)
 
 
-def mean_shape(
-    tracks: Sequence[PlatformTrack],
-    alignments: Sequence[Alignment],
-    axes: Array,
-    ends: tuple[float, float],
-    noise: float,
-    scaled: bool,
-) -> PlatformTemplate:
+def mean_shape(pairs: Pairs, axes: Array, ends: tuple[float, float], noise: float, scaled: bool) -> PlatformTemplate:
     """The least-squares spline through all aligned motions. The mean size and duration of its crossings are 1."""
-    size = float(np.mean([abs(a.amplitude) for a in alignments]))
-    duration = float(np.exp(np.mean([np.log(a.duration) for a in alignments])))
+    size, duration = mean_scales(pairs)
     time, values, weights = [], [], []
-    for track, a in zip(tracks, alignments, strict=True):
+    for track, a in pairs:
         since, amplitude = (track.time - a.start) / (a.duration / duration), a.amplitude / size
         near = (since >= ends[0]) & (since <= ends[1])
         time.append(since[near])
         values.append((track.measured[near] @ axes.T - a.offset) / amplitude)
         weights.append(np.full(near.sum(), abs(amplitude)))
     order = np.argsort(np.concatenate(time), kind="stable")
-    step = max(KNOT_S, 1.5 / tracks[0].rate)
+    step = max(KNOT_S, 1.5 / pairs[0][0].rate)
     inner = np.linspace(*ends, round((ends[1] - ends[0]) / step) + 1)[1:-1]
     stamps = np.concatenate(time)[order]
     edges = [stamps[0]] * 4, [stamps[-1]] * 4
@@ -143,7 +139,13 @@ def mean_shape(
     grid = np.arange(np.ceil(stamps[0] / GRID_S), np.floor(stamps[-1] / GRID_S) + 1) * GRID_S
     shape = spline(grid)
     rest = shape[grid <= grid[0] + LEAD_S / 4].mean(axis=0)
-    return PlatformTemplate(axes, grid, shape - rest, noise, len(tracks), scaled)
+    return PlatformTemplate(axes, grid, shape - rest, noise, len(pairs), scaled)
+
+
+def mean_scales(pairs: Pairs) -> tuple[float, float]:
+    """Mean size, and geometric mean of the durations, of aligned motions."""
+    durations = [np.log(a.duration) for _, a in pairs]
+    return float(np.mean([abs(a.amplitude) for _, a in pairs])), float(np.exp(np.mean(durations)))
 
 
 def aligned(track: PlatformTrack, guess: Alignment, template: PlatformTemplate, scaled: bool) -> Alignment:
@@ -169,27 +171,18 @@ def aligned(track: PlatformTrack, guess: Alignment, template: PlatformTemplate, 
             offset=change[-r:],
         )
     covariance = template.noise**2 * np.linalg.inv(design.T @ design)
-    errors, shared = np.sqrt(np.diag(covariance)), float(covariance[1, 2])
     misfit, follows = misfit_of(track, a, template)
-    return replace(
-        a,
-        start_se=float(errors[1]),
-        duration_se=float(errors[2]) if scaled else 0.0,
-        shared=shared if scaled else 0.0,
-        misfit=misfit,
-        follows=follows,
-    )
+    a = replace(a, start_se=float(np.sqrt(covariance[1, 1])), misfit=misfit, follows=follows)
+    if not scaled:
+        return replace(a, duration_se=0.0, shared=0.0)
+    return replace(a, duration_se=float(np.sqrt(covariance[2, 2])), shared=float(covariance[1, 2]))
 
 
 def moved_start(a: Alignment, later: float) -> Alignment:
     """The alignment whose start is a point of the shape `later` [s] than now: more uncertain where durations are."""
-    variance = a.start_se**2 + 2 * later * a.shared + (later * a.duration_se) ** 2
-    return replace(
-        a,
-        start=a.start + later * a.duration,
-        start_se=float(np.sqrt(variance)),
-        shared=a.shared + later * a.duration_se**2,
-    )
+    error = float(np.sqrt(a.start_se**2 + 2 * later * a.shared + (later * a.duration_se) ** 2))
+    shared = a.shared + later * a.duration_se**2
+    return replace(a, start=a.start + later * a.duration, start_se=error, shared=shared)
 
 
 def misfit_of(track: PlatformTrack, a: Alignment, template: PlatformTemplate) -> tuple[float, bool]:
@@ -225,10 +218,8 @@ PLATEAU = 0.95
 
 @dataclass(frozen=True)
 class RiseStart:
-    """The start of a mean rise.
+    """The start [s] of a mean rise, and its standard error [s] from noise.
 
-    time: [s].
-    se: its standard error [s] from noise.
     shape: largest change [s] of the start by another smooth step that fits as well, 0 if none does. Not in `se`.
     kind: the smooth step that was fitted, of `KINDS`.
     """
@@ -242,8 +233,8 @@ class RiseStart:
 def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
     """The start of a mean motion (n, r) [m] from rest, along its largest displacement.
 
-    A smooth step is fitted to `FITTED` of the rise. `noise` [m] is the standard deviation of each sample, as if it
-    were independent of the others. The fitted step is that of minimum jerk, unless another one is far more likely.
+    A smooth step is fitted to `FITTED` of the rise: that of minimum jerk, unless another one is far more likely.
+    `noise` [m] is the standard deviation of each sample, as if it were independent of the others.
     """
     size = np.linalg.norm(coordinates, axis=1)
     largest = int(np.argmax(size))
@@ -267,8 +258,7 @@ def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
 def fitted_step(time: Array, share: Array, guess: Array, noise: float, p: int) -> OptimizeResult:
     """The step I(x; p, p) of some start [s] and duration [s], from some level, that fits a rise from 0 towards 1.
 
-    `guess` (3,) are the three. Residuals are in units of the `noise` of a sample, so that `cost` is half of
-    chi-square.
+    Residuals are in units of the `noise` of a sample, so that `cost` is half of chi-square.
     """
 
     def difference(step: Array) -> Array:
@@ -290,30 +280,31 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
 
     The shape ends 50 ms after a `window` [s] that begins in the middle of its rise. Its zero of time is its own start
     (`start_of_rise`). A crossing that does not follow it has no part in it.
-
-    Raises
-    ------
-    InputError
-        Fewer than two crossings follow one shape.
     """
     if len(tracks) < FEWEST:
         raise InputError(f"{len(tracks)} motions of the platform, expected {FEWEST} or more to find what they share")
     ends = -LEAD_S, window + 0.05
-    axes = common_directions(tracks, ends)
     noise = float(np.sqrt(np.mean([track.noise**2 for track in tracks])))
-    alignments = [first_alignment(track, axes) for track in tracks]
-    template, alignments = alternated(tracks, alignments, axes, ends, noise, False)
+    axes = common_directions(tracks, ends, noise)
+
+    def alternated(pairs: Pairs, scaled: bool) -> tuple[PlatformTemplate, list[Alignment]]:
+        """Shape and alignments in turn, until both stand."""
+        for _ in range(ROUNDS):
+            template = mean_shape(pairs, axes, ends, noise, scaled)
+            pairs = [(track, aligned(track, a, template, scaled)) for track, a in pairs]
+        return template, [a for _, a in pairs]
+
+    template, alignments = alternated([(track, first_alignment(track, axes)) for track in tracks], False)
     free = [aligned(track, a, template, True) for track, a in zip(tracks, alignments, strict=True)]
     scatter = np.array([(a.duration - 1) / a.duration_se for a in free])
     if np.sum((scatter - scatter.mean()) ** 2) > chdtri(len(tracks) - 1, CHANCE):
-        template, alignments = alternated(tracks, free, axes, ends, noise, True)
+        template, alignments = alternated(list(zip(tracks, free, strict=True)), True)
     for _ in range(len(tracks)):
         following = [a.follows for a in alignments]
         if all(following) or sum(following) < FEWEST:
             break
-        kept = [t for t, used in zip(tracks, following, strict=True) if used]
-        known = [a for a in alignments if a.follows]
-        template, _ = alternated(kept, known, axes, ends, noise, template.scaled)
+        known = [pair for pair in zip(tracks, alignments, strict=True) if pair[1].follows]
+        template, _ = alternated(known, template.scaled)
         alignments = [aligned(track, a, template, template.scaled) for track, a in zip(tracks, alignments, strict=True)]
         if [a.follows for a in alignments] == following:
             break
@@ -322,22 +313,6 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
     rise = start_of_rise(template.time, template.shape, template.grid_noise(tracks[0].rate))
     begun = [moved_start(a, rise.time) for a in alignments]
     return replace(template, time=template.time - rise.time, start_se=rise.se, start_shape=rise.shape), begun
-
-
-def alternated(
-    tracks: Sequence[PlatformTrack],
-    alignments: Sequence[Alignment],
-    axes: Array,
-    ends: tuple[float, float],
-    noise: float,
-    scaled: bool,
-) -> tuple[PlatformTemplate, list[Alignment]]:
-    """Shape and alignments in turn, until both stand."""
-    found = list(alignments)
-    for _ in range(ROUNDS):
-        template = mean_shape(tracks, found, axes, ends, noise, scaled)
-        found = [aligned(track, a, template, scaled) for track, a in zip(tracks, found, strict=True)]
-    return template, found
 
 
 def middle_of_rise(track: PlatformTrack) -> tuple[float, float]:
@@ -349,14 +324,13 @@ def middle_of_rise(track: PlatformTrack) -> tuple[float, float]:
     return float(track.time[max(row - 1, 0)] + share * (track.time[1] - track.time[0])), top
 
 
-def common_directions(tracks: Sequence[PlatformTrack], ends: tuple[float, float]) -> Array:
+def common_directions(tracks: Sequence[PlatformTrack], ends: tuple[float, float], noise: float) -> Array:
     """Directions (r, 6) of the motions about the middle of their rise. Where each rests is not a direction."""
     moved = []
     for track in tracks:
         since = track.time - middle_of_rise(track)[0]
         near = track.filtered[(since >= ends[0]) & (since <= ends[1])]
         moved.append(near - near.mean(axis=0))
-    noise = float(np.sqrt(np.mean([track.noise**2 for track in tracks])))
     return directions(moved, noise, tracks[0].low_pass, tracks[0].rate)
 
 
@@ -377,13 +351,10 @@ def without_groups(
 ) -> tuple[PlatformTemplate, ...]:
     """The shape without each of up to `GROUPS` groups of the crossings that follow it."""
     pairs = [(t, a) for t, a in zip(tracks, alignments, strict=True) if a.follows]
-    groups = min(len(pairs), GROUPS)
-    ends, found = (float(template.time[0]), float(template.time[-1])), []
+    groups, ends, found = min(len(pairs), GROUPS), (float(template.time[0]), float(template.time[-1])), []
     for group in range(groups):
         kept = [pair for index, pair in enumerate(pairs) if index % groups != group]
-        shape = mean_shape([t for t, _ in kept], [a for _, a in kept], template.axes, ends, template.noise, False)
-        size = float(np.mean([abs(a.amplitude) for _, a in kept]))
-        duration = float(np.exp(np.mean([np.log(a.duration) for _, a in kept])))
+        shape, (size, duration) = mean_shape(kept, template.axes, ends, template.noise, False), mean_scales(kept)
         found.append(replace(template, time=shape.time / duration, shape=shape.shape / size))
     return tuple(found)
 
@@ -391,8 +362,8 @@ def without_groups(
 def jackknife_rows(plate: Sequence[Array], platform: Sequence[Array]) -> Array:
     """Rows (m, n) [N*m] whose jackknife has the sum of the variances of two independent sources.
 
-    `plate` are the changes without each plate trial, `platform` those without each group of crossings in the shape of
-    the platform's motion. The jackknife's variance of k rows is (k - 1)/k times their sum of squares about the mean.
+    `plate` are the changes without each plate trial, `platform` those without each group of crossings in the shape. The
+    jackknife's variance of k rows is (k - 1)/k times their sum of squares about the mean.
     """
     if not len(platform):
         return np.array(plate)
@@ -413,11 +384,8 @@ FEWEST_TRIGGERS = 3
 
 @dataclass(frozen=True)
 class TriggerEdge:
-    """The first rise of a trial's trigger.
-
-    time: [s], halfway between the last low and the first high sample.
-    step: time [s] between them.
-    """
+    """The first rise of a trial's trigger: its time [s], halfway between the last low and the first high sample, and
+    the step [s] between them."""
 
     time: float
     step: float
@@ -425,13 +393,10 @@ class TriggerEdge:
 
 @dataclass(frozen=True)
 class TriggerLatency:
-    """The latency of the platform's motion behind its trigger.
+    """Mean and scatter [s] over crossings of the platform's motion behind its trigger.
 
-    mean: [s].
-    sd: scatter [s] over crossings.
     template_se: standard error [s] with which the shared shape shows the start of one crossing.
     resolution: standard deviation [s] of an edge that is known to one sample.
-    crossings: number of crossings.
     used: whether the latency is constant, so that the trigger tells the onset.
     """
 
@@ -444,8 +409,8 @@ class TriggerLatency:
 
 
 def trigger_edge(trial: Trial) -> TriggerEdge | None:
-    """The first rise of the trigger through the middle of its levels; None without a trigger that is finite and
-    has an edge."""
+    """The first rise of the trigger through the middle of its levels; None without a finite trigger that has an
+    edge."""
     if COLUMN not in trial.samples.columns:
         return None
     rows = trial.sampled(COLUMN)
@@ -474,10 +439,8 @@ def trigger_latency(
     resolution = step / np.sqrt(12)
     expected = float(np.mean(errors**2)) + resolution**2
     constant = np.sum((late - late.mean()) ** 2) / expected < chdtri(len(late) - 1, CHANCE)
-    template_se = float(np.sqrt(np.mean(errors**2)))
-    return TriggerLatency(
-        float(late.mean()), float(late.std(ddof=1)), template_se, float(resolution), len(late), bool(constant)
-    )
+    mean, sd, template_se = float(late.mean()), float(late.std(ddof=1)), float(np.sqrt(np.mean(errors**2)))
+    return TriggerLatency(mean, sd, template_se, float(resolution), len(late), bool(constant))
 
 
 FADE_S = 0.025
@@ -487,12 +450,11 @@ NUMBERS = (
     "onset_s", "template_onset_s", "template_onset_se_s", "shared_onset_se_s", "onset_shape_s", "amplitude", "duration",
     "misfit",
 )  # fmt: skip
-MORE_NUMBERS = ("trigger_s", "latency_s", "latency_sd_s")
 PLATFORM_COLUMNS = (
     {"trial": pl.String}
     | dict.fromkeys(NUMBERS, pl.Float64)
     | {"follows": pl.Int64, "directions": pl.Int64}
-    | dict.fromkeys(MORE_NUMBERS, pl.Float64)
+    | dict.fromkeys(("trigger_s", "latency_s", "latency_sd_s"), pl.Float64)
     | {"trigger_used": pl.Int64}
 )
 
@@ -501,8 +463,7 @@ PLATFORM_COLUMNS = (
 class PlatformModel:
     """What the platform's motions have in common.
 
-    template: the shape; None if they share none.
-    reason: why there is no shape.
+    template, reason: the shape, or why there is none.
     alignments: how each perturbed crossing follows it, by trial.
     triggers: time [s] of the trigger's edge, by trial, where it is recorded.
     latency: of the motion behind the trigger; None where no trigger is recorded, or no shape shared.
@@ -529,10 +490,6 @@ class PlatformModel:
         if late is not None and constant and (not follows or late.resolution < late.template_se):
             return self.triggers[trial] + late.mean
         return a.start if a is not None and follows else own
-
-    def onset_se(self, a: Alignment) -> float:
-        """Standard error [s] of a start by the shape: its crossing's noise, and that of the shape's own start."""
-        return float(np.hypot(a.start_se, self.template.start_se if self.template is not None else 0.0))
 
     def followed(self, trial: str) -> Alignment | None:
         """How a trial follows the shape; None if it does not."""
@@ -597,13 +554,7 @@ def differing_clusters(calibrations: Sequence[StaticCalibration], settings: Plat
 
 
 def turning_track(trial: Trial, calibration: StaticCalibration, settings: PlatformMotionSettings) -> PlatformTrack:
-    """The platform's coordinates in the run of frames in which it turns.
-
-    Raises
-    ------
-    InputError
-        It does not turn, or its markers are hidden.
-    """
+    """The platform's coordinates in the run of frames in which it turns; refused if it does not turn, or is hidden."""
     time, poses = segment_poses(trial, settings.markers.platform, calibration.platform, settings)
     turned = np.nan_to_num(rotation_from_rest(poses))
     if not len(turned) or turned.max() < np.deg2rad(settings.perturbation_deg):
@@ -628,8 +579,8 @@ def inertial_motion(
 ) -> BodyMotion:
     """Motion (n,) of the plate's centre, at rest at `centre` (3,) [m], without accelerations where the platform rests.
 
-    Until the shape ends, a crossing that `follows` it moves by the shape. Otherwise, and afterwards, it moves as
-    measured, along its own directions.
+    Until the shape ends, a crossing that `follows` it moves by the shape. Otherwise it moves as measured, along its own
+    directions.
     """
     if template is None or follows is None:
         own = shared_directions([track])[0]
@@ -642,38 +593,18 @@ def inertial_motion(
     later = np.clip((since - end) / FADE_S, 0, 1)[:, None]
     measured = track.measured @ template.axes.T @ template.axes
     motion = track.motion_of(rest + (1 - later) * shared + later * measured, centre)
-    return motion.weighted(gate(track.time, moves_with(track, template, follows, since, end), track.spread))
-
-
-def moves_with(track: PlatformTrack, template: PlatformTemplate, follows: Alignment, since: Array, end: float) -> Mask:
-    """Frames (n,) in which a platform moves: by the shape, whose noise is that of a mean, and as measured after it."""
-    sharper = float(np.sqrt(template.crossings))
-    curve = track.low_pass(template.curve(track.time, follows), track.rate)
-    shared = replace(track, filtered=curve, noise=track.noise / sharper).moves(np.eye(curve.shape[1]))
-    return np.asarray(np.where(since < end, shared, track.moving))
+    curve = track.low_pass(template.curve(track.time, follows), track.rate)  # its noise is that of a mean
+    mean = replace(track, filtered=curve, noise=track.noise / float(np.sqrt(template.crossings)))
+    moves = np.where(since < end, mean.moves(np.eye(curve.shape[1])), track.moving)
+    return motion.weighted(gate(track.time, moves, track.spread))
 
 
 def platform_table(model: PlatformModel) -> pl.DataFrame:
-    """`platform.csv`: one row per perturbed crossing whose platform was seen."""
-    late = model.latency
-    rows = [
-        {
-            "trial": a.name,
-            "onset_s": model.onset(a.name, a.start),
-            "template_onset_s": a.start,
-            "template_onset_se_s": model.onset_se(a),
-            "shared_onset_se_s": model.template and model.template.start_se,
-            "onset_shape_s": model.template and model.template.start_shape,
-            "amplitude": a.amplitude,
-            "duration": a.duration,
-            "misfit": a.misfit,
-            "follows": int(a.follows),
-            "directions": None if model.template is None else len(model.template.axes),
-            "trigger_s": model.triggers.get(a.name),
-            "latency_s": late and late.mean,
-            "latency_sd_s": late and late.sd,
-            "trigger_used": int(late is not None and late.used),
-        }
-        for a in model.alignments.values()
-    ]
-    return pl.DataFrame(rows, schema=PLATFORM_COLUMNS)
+    """`platform.csv`: one row per perturbed crossing whose platform was seen; none without a shape."""
+    late, shape, rows = model.latency, model.template, []
+    for a in model.alignments.values() if shape is not None else ():
+        starts = (model.onset(a.name, a.start), a.start, float(np.hypot(a.start_se, shape.start_se)), shape.start_se)
+        follows = (shape.start_shape, a.amplitude, a.duration, a.misfit, int(a.follows), len(shape.axes))
+        trigger = (model.triggers.get(a.name), late and late.mean, late and late.sd, int(bool(late and late.used)))
+        rows.append((a.name, *starts, *follows, *trigger))
+    return pl.DataFrame(rows, schema=PLATFORM_COLUMNS, orient="row")

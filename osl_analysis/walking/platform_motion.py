@@ -1,4 +1,10 @@
-"""The motion of a platform in one trial: in its few directions, and without noise while it rests."""
+"""The motion of a platform in one trial: in its few directions, so that noise in all others stays out, and none at
+rest.
+
+A pose has six coordinates: the screw (logarithm in SE(3)) that carries the cluster from its place in the static trial.
+A rotation about a fixed axis, however large, is a straight line in them. They are scaled so that marker noise is the
+same in each direction: their length is the root of the sum of squared displacements of the markers [m].
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,11 +34,8 @@ PLAIN = 2.0
 
 @dataclass(frozen=True)
 class Screws:
-    """The scaled coordinates of one marker cluster.
-
-    origin: centroid (3,) [m] of the markers in the static trial.
-    scale: (6, 6) [m/rad, 1]; scaled coordinates are its product with rotation vector and translation.
-    """
+    """The scaled coordinates of one marker cluster: the product of scale (6, 6) [m/rad, 1] with rotation vector and
+    translation, from the centroid (3,) [m] of the markers in the static trial, the origin."""
 
     origin: Array
     scale: Array
@@ -123,15 +126,8 @@ def gated_noise(weights: Array, rate: float, low_pass: LowPass, further: LowPass
 
 
 def moving(time: Array, coordinates: Array, noise: float, low_pass: LowPass) -> Mask:
-    """Frames (n,) in which a platform moves: filtered coordinates (n, k) [m] whose speed stands out of noise.
-
-    `noise` [m] is that of one frame before the low-pass.
-
-    Raises
-    ------
-    InputError
-        Fewer than two frames, a stamp that is not later than the one before, or a coordinate that is not finite.
-    """
+    """Frames (n,) in which a platform moves: filtered coordinates (n, k) [m] whose speed stands out of the `noise` [m]
+    that one frame had before the low-pass."""
     check_finite("the platform's position", coordinates)
     check_finite("time", time)
     if len(time) < 2 or not (np.diff(time) > 0).all():
@@ -167,11 +163,6 @@ def directions(coordinates: Sequence[Array], noise: float, low_pass: LowPass, ra
 
     A direction counts if its mean square is above the largest that filtered noise alone would show in so many frames.
     At least one counts. `noise` [m] is that of one frame before the low-pass.
-
-    Raises
-    ------
-    InputError
-        No frames, or a coordinate that is not finite.
     """
     stacked = np.concatenate(list(coordinates))
     check_finite("the platform's motion", stacked)
@@ -199,14 +190,10 @@ FEWEST_FRAMES = 10
 
 @dataclass(frozen=True)
 class PlatformTrack:
-    """The platform's scaled coordinates in n consecutive frames of one trial.
+    """The platform's scaled coordinates in n consecutive frames of one trial, at uniform time (n,) [s].
 
-    name: the trial.
-    time: (n,) [s], uniform.
     reference: positions (m, 3) [m] of the cluster's markers in the static trial.
-    measured: coordinates (n, 6) [m], each frame with its noise.
-    filtered: the same through the low-pass of the crossings.
-    low_pass: that low-pass.
+    measured, filtered: coordinates (n, 6) [m], each frame with its noise, and through the low-pass of the crossings.
     noise: standard deviation [m] of the noise in one frame of `measured`.
     """
 
@@ -236,10 +223,8 @@ class PlatformTrack:
         return SPREAD_S * SPREAD_CUTOFF_HZ / self.low_pass.cutoff_hz
 
     def moves(self, axes: Array) -> Mask:
-        """Frames (n,) in which the platform moves along some of the directions (r, 6).
-
-        The ends of a recording do not count: a low-pass passes more noise there.
-        """
+        """Frames (n,) in which the platform moves along some of the directions (r, 6). The ends of a recording do not
+        count: a low-pass passes more noise there."""
         inside = (self.time > self.time[0] + self.spread) & (self.time < self.time[-1] - self.spread)
         return np.asarray(inside & moving(self.time, self.filtered @ axes.T, self.noise, self.low_pass))
 
@@ -279,8 +264,7 @@ class PlatformTrack:
 
 
 def straight_over_gaps(coordinates: Array, bridged: Mask, rate: float) -> Array:
-    """Coordinates (n, 6) [m] with straight lines in place of the curves that bridge longer gaps, between the means of
-    the frames beside them.
+    """Coordinates (n, 6) [m] with straight lines, between the means of the frames beside them, over longer gaps.
 
     A cubic over 50 ms carries the noise of the frames beside it to several times its size: a motion that never was.
     """

@@ -12,7 +12,7 @@ from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.gait import BEFORE_ONSET_S, UnperturbedGait, aligned_gait, signal_at
+from osl_analysis.walking.gait import BEFORE_ONSET_S, UnperturbedGait, aligned_gait, at_phases, signal_at
 from osl_analysis.walking.settings import StanceSource, Timing
 
 MARGIN = 8
@@ -25,20 +25,16 @@ BEHAVIOUR = ("angle", "torque", "angle_slope", "torque_slope")
 class PerturbationResponse:
     """Isolated response to one perturbation, k samples; angle and torque are zero on average over the baseline.
 
-    name: the perturbed crossing.
     time: time (k,) [s] from the onset.
-    motion: angle [rad] of the ankle and its derivatives, (k,) each.
-    torque: torque (k,) [N*m].
-    thetas: angles (crossings, k) [rad]; row i is the response with the i-th unperturbed crossing subtracted instead of
-        the mean. Their scatter shows how gait varies.
-    torques: the same for the torque [N*m].
+    motion, torque: angle [rad] of the ankle with its derivatives, and torque [N*m], (k,) each.
+    thetas, torques: (crossings, k); row i is the response with the i-th unperturbed crossing subtracted instead of the
+        mean. Their scatter shows how gait varies.
     plate_errors: changes (m, k) [N*m] of the torque if the plate's model is identified without each of m plate trials.
     behaviour: (4, crossings), `BEHAVIOUR` before the onset, minus that of the i-th unperturbed crossing.
-    timing: window, baseline and guard.
     sign: -1 if the platform turned the toes down, else 1.
     stance: duration of stance [s] that converts time to phase.
-    stance_change: own duration over the one that the gait before the onset leads to expect, minus 1.
-    stance_error: `stance` over the one that the gait before the onset leads to expect, minus 1; 0 if it is this one.
+    stance_change, stance_error: own duration, and `stance`, over the one that the gait before the onset leads to
+        expect, minus 1; the error is 0 if `stance` is this one.
     """
 
     name: str
@@ -85,13 +81,8 @@ def isolate_response(
     Phase is the time since heel strike divided by a duration of stance. With `own` this is the crossing's own duration,
     with `unperturbed` the mean of the unperturbed crossings. With `matched` it is the duration at which the crossing's
     angle before the onset is most like the mean unperturbed angle; the unperturbed crossings are matched in the same
-    way. The baseline ends before the onset, because the filter spreads the response to earlier times. A
-    response zeroed at the onset itself gives K = 321 N*m/rad for a true 340.
-
-    Raises
-    ------
-    InputError
-        The crossing has no onset, baseline or window leave the stance, or no duration matches.
+    way. The baseline ends before the onset, because the filter spreads the response to earlier times. A response zeroed
+    at the onset itself gives K = 321 N*m/rad for a true 340.
     """
     if crossing.onset is None:
         raise InputError(
@@ -100,14 +91,19 @@ def isolate_response(
     aligned = aligned_gait(crossing, gait, perturbed_stance)
     time = response_times(sampling_rate(crossing.time), timing)
     phase = (crossing.onset + time - crossing.stance.heel_strike) / aligned.stance
-    check_phase(crossing.name, phase[MARGIN:-MARGIN])
+    first, last = phase[MARGIN], phase[-MARGIN - 1]
+    if first < 0 or last > 1:
+        raise InputError(
+            f"trial {crossing.name}: baseline and window span {first:.2f}-{last:.2f} of stance, expected 0-1; "
+            "shorten window_s, baseline_s or guard_s, or exclude the trial"
+        )
     own_time, phase = crossing.onset + time, np.clip(phase, 0.0, 1.0)
     thetas = signal_at(crossing, crossing.theta, own_time) - aligned.curves(gait.theta, phase)
     torques = signal_at(crossing, crossing.torque, own_time) - aligned.curves(gait.torque, phase)
-    errors = signal_at(crossing, crossing.plate_errors, own_time) - gait.mean_plate_errors_at(phase)
+    errors = signal_at(crossing, crossing.plate_errors, own_time) - at_phases(gait.plate_errors.mean(axis=1), phase)
     behaviour = behaviour_before(time, thetas, torques)
     baseline = slice(MARGIN, MARGIN + round(timing.baseline * sampling_rate(time)))
-    thetas, torques, errors = (without_baseline(curves, baseline) for curves in (thetas, torques, errors))
+    thetas, torques, errors = (c - c[..., baseline].mean(axis=-1, keepdims=True) for c in (thetas, torques, errors))
     return PerturbationResponse(
         name=crossing.name,
         time=time,
@@ -126,21 +122,11 @@ def isolate_response(
 
 
 def behaviour_before(time: Array, thetas: Array, torques: Array) -> Array:
-    """`BEHAVIOUR` (4, crossings) of angles [rad] and torques [N*m] (crossings, k) at times (k,) from the onset: means,
-    and slopes per s."""
+    """`BEHAVIOUR` (4, crossings) of angles [rad] and torques [N*m] (crossings, k) at times (k,) from the onset."""
     rows = time <= -BEFORE_ONSET_S
     x = time[rows] - time[rows].mean()
     curves = np.array([thetas, torques])[..., rows]
     return np.concatenate([curves.mean(axis=-1), curves @ x / max(float(x @ x), np.finfo(float).tiny)])
-
-
-def check_phase(name: str, phase: Array) -> None:
-    """Refuse baseline and window whose phases (k,) leave the stance."""
-    if phase[0] < 0 or phase[-1] > 1:
-        raise InputError(
-            f"trial {name}: baseline and window span {phase[0]:.2f}-{phase[-1]:.2f} of stance, expected 0-1; "
-            "shorten window_s, baseline_s or guard_s, or exclude the trial"
-        )
 
 
 def response_times(rate: float, timing: Timing) -> Array:
@@ -148,11 +134,6 @@ def response_times(rate: float, timing: Timing) -> Array:
     first = -round((timing.baseline + timing.guard) * rate) - MARGIN
     last = round(timing.window * rate) + MARGIN
     return np.arange(first, last + 1) / rate
-
-
-def without_baseline(curves: Array, baseline: slice) -> Array:
-    """Curves (..., k) minus their means over the samples of the baseline."""
-    return np.asarray(curves - curves[..., baseline].mean(axis=-1, keepdims=True))
 
 
 FROM_GAIT, FROM_GAIT_AND_PLATE = "unperturbed crossings", "unperturbed crossings + plate trials"
@@ -167,12 +148,8 @@ def fit_response(response: PerturbationResponse) -> ImpedanceFit:
     An offset would absorb the part of the response that is not of second order. On the exact response of the simulated
     drivetrain, a fit with an offset gives K = 321 N*m/rad instead of 334, and 308 if the onset is 20 ms late. The
     covariance comes from the variation of gait (`gait_errors`) and from the plate trials (`plate_errors`). The residual
-    of the fit, a few correlated samples, shows neither of these errors.
-
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        As `linear_fit`, naming the trial. K and I cannot be told apart if the ramp is longer than the window.
+    of the fit, a few correlated samples, shows neither. K and I cannot be told apart if the ramp is longer than the
+    window.
     """
     try:
         impedance = fit_without_offset(response.fitted_motion, response.fitted_torque)
@@ -202,18 +179,15 @@ def fit_without_offset(motion: Motion, torque: Array) -> ImpedanceFit:
 def gait_errors(response: PerturbationResponse, impedance: ImpedanceFit) -> Array:
     """Errors (crossings, 3) of K, B, I if each unperturbed crossing's deviation from their mean were in the response.
 
-    The perturbed crossing deviates as the unperturbed ones do. The mean of n crossings has 1/n of their variance. To
-    first order, the error of an estimate is the regression of d_torque - K d_theta - B d_omega - I d_alpha on the
-    response's motion.
+    The perturbed crossing deviates as the unperturbed ones do; the mean of n crossings has 1/n of their variance. To
+    first order, the error of an estimate is the regression of `gait_torque` on the response's motion.
     """
     return estimate_changes(gait_torque(response, impedance), response)
 
 
 def gait_torque(response: PerturbationResponse, impedance: ImpedanceFit) -> Array:
-    """Torque (crossings, k) [N*m] that each unperturbed crossing's deviation from their mean adds to a residual.
-
-    It is d_torque - K d_theta - B d_omega - I d_alpha.
-    """
+    """Torque (crossings, k) [N*m] that each unperturbed crossing's deviation from their mean adds to a residual:
+    d_torque - K d_theta - B d_omega - I d_alpha."""
     deviation = differentiate(response.time, (response.motion.theta - response.thetas).T)
     explained = impedance_torque(impedance.K, impedance.B, impedance.I, deviation)
     return np.asarray(((response.torque - response.torques).T - explained).T)
@@ -232,18 +206,15 @@ def estimate_changes(torques: Array, response: PerturbationResponse) -> Array:
 
 
 def jackknife_covariance(changes: Array) -> Array:
-    """Tukey's covariance (p, p) from the changes (m, p) of estimates when each of m trials is omitted.
-
-    It is (m - 1)/m times the sum of squares about the mean; 0 with fewer than two trials.
-    """
+    """Tukey's covariance (p, p) from the changes (m, p) of estimates when each of m trials is omitted: (m - 1)/m times
+    the sum of squares about the mean; 0 with fewer than two trials."""
     m, p = changes.shape
     return (m - 1) ** 2 / m * np.cov(changes, rowvar=False) if m > 1 else np.zeros((p, p))
 
 
 def offset_comparison(motion: Motion, torque: Array, K: float) -> dict[str, float | None]:
-    """A fit to a motion and torque (n,) with an offset [N*m], for comparison.
-
-    A large difference shows that the response is not of second order.
+    """A fit to a motion and torque (n,) with an offset [N*m]: a large difference shows that the response is not of
+    second order.
 
     `offset_share` is the relative decrease of K [N*m/rad] in the fit with an offset, null where K is 0. All are null if
     that fit is impossible.
@@ -257,11 +228,7 @@ def offset_comparison(motion: Motion, torque: Array, K: float) -> dict[str, floa
 
 @dataclass(frozen=True)
 class ResponseLag:
-    """Lag of the torque behind the angle.
-
-    lag: [s], positive if the torque is late.
-    se: standard error [s].
-    """
+    """Lag [s] of the torque behind the angle, positive if the torque is late, with its standard error."""
 
     lag: float
     se: float
@@ -270,9 +237,9 @@ class ResponseLag:
 def response_lag(response: PerturbationResponse) -> ResponseLag | None:
     """The lag at which the residual of Eq. 15 is smallest; None if it is smallest at 10 ms or beyond.
 
-    A lag changes the damping by -K times the lag. Otherwise it shows only in the residual. The standard error includes
-    the residual's correlation in time. A response that is not of second order also shifts this lag. Use the lag to
-    compare crossings and sessions, and do not correct the torque with it.
+    A lag changes the damping by -K times the lag. Otherwise it shows only in the residual, whose correlation in time is
+    in the standard error. A response that is not of second order also shifts this lag: use it to compare crossings and
+    sessions, and do not correct the torque with it.
     """
     lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + LAG_STEP_S / 2, LAG_STEP_S)
     try:

@@ -241,13 +241,7 @@ class Place:
 
 
 def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings) -> dict[str, Place]:
-    """Gait and group of every row of the sheet, by name; the groups of the `crossings`, which are those that are used.
-
-    Raises
-    ------
-    InputError
-        As `split_keys`.
-    """
+    """Gait and group of every row of the sheet, by name; groups are those of the `crossings`, which are used."""
     keys = split_keys(sheet, settings)
     gaits = gaits_of(sheet, keys)
     found = {name: Place(tuple(gaits_served(cells, gaits, keys))) for name, cells in sheet.items()}
@@ -290,11 +284,6 @@ def timings(phases: Array, scatter: float) -> NDArray[np.intp]:
 
     Phases are cut at their largest gap, then each part again, while `clear_gap` finds one. A part whose SD is still
     above `scatter` is cut into equal bins of at most twice `scatter`.
-
-    Raises
-    ------
-    InputError
-        A phase is not finite, or far beyond 1.
     """
     check_finite("the phase of an onset", phases)
     numbers, count = np.empty(len(phases), dtype=np.intp), 0

@@ -140,13 +140,7 @@ PHASE_STEP = 4
 
 
 def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: ResponseSettings) -> dict[str, object]:
-    """One row of `walking.csv`: the fit of Eq. 15 to the isolated response of one crossing.
-
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        As `isolate_response` and `fit_response`.
-    """
+    """One row of `walking.csv`: the fit of Eq. 15 to the isolated response of one crossing."""
     response = isolate_response(crossing, gait, settings.timing, settings.perturbed_stance)
     impedance = fit_response(response)
     fit = impedance.fit

@@ -19,7 +19,7 @@ from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.config import read_section
 from osl_analysis.parameters import read_parameters
 from osl_analysis.shipped import default_config
-from osl_analysis.simulator.dynamometer import commanded, moved, simulate_dynamometer_trial
+from osl_analysis.simulator.bench import commanded, moved, simulate_dynamometer_trial
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array, Trial

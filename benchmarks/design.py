@@ -23,7 +23,7 @@ from osl_analysis.design.sensors import Sensors
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
-from osl_analysis.simulator.dynamometer import drivetrain_effects, simulate_impedance
+from osl_analysis.simulator.bench import drivetrain_effects, simulate_impedance
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.spectral.equation_error import fit_periodic

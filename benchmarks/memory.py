@@ -24,10 +24,9 @@ from scipy.signal import butter, sosfilt
 from osl_analysis.commands.simulate import row_of_trial
 from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator import messages
-from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
-from osl_analysis.simulator.mcap_recorder import write_mcap, write_topics
+from osl_analysis.simulator.bench import simulate_dynamometer_trial
+from osl_analysis.simulator.mcap_writer import joint_states, wrenches, write_mcap, write_topics
 from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.simulator.standard_messages import joint_states, wrenches
 from osl_analysis.trial import Trial, write_trial
 from osl_analysis.yaml_settings import read_yaml
 

@@ -29,8 +29,7 @@ from osl_analysis.commands.simulate import row_of_trial, simulate_trial
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.parameters import read_parameters
-from osl_analysis.simulator.actuator_bench import simulate_actuator_trial
-from osl_analysis.simulator.dynamometer import commanded, moved, simulate_dynamometer_trial
+from osl_analysis.simulator.bench import commanded, moved, simulate_actuator_trial, simulate_dynamometer_trial
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.yaml_settings import read_yaml

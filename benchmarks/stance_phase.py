@@ -13,7 +13,7 @@ import numpy as np
 from gait_of_phase import TRUTH, Change, crossing
 from impedance_over_stance import laboratory
 
-from osl_analysis.simulator.gait_changes import StepChange
+from osl_analysis.simulator.walking_settings import StepChange
 from osl_analysis.study.laboratory import StudyLaboratory
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing

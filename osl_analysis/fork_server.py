@@ -29,7 +29,7 @@ PRELOADED = [
     "osl_analysis.commands.walking",
     "osl_analysis.commands.tables",
     "osl_analysis.commands.figure",
-    "osl_analysis.simulator.dynamometer",
+    "osl_analysis.simulator.bench",
     "osl_analysis.simulator.walking",
     "osl_analysis.simulator.preloaded",
     "osl_analysis.figures.names",

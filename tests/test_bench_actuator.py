@@ -24,9 +24,8 @@ from osl_analysis.doubtful import DoubtfulFits
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
-from osl_analysis.simulator.actuator_bench import current_schedule, simulate_actuator_trial, turning
-from osl_analysis.simulator.recorder_settings import RecorderSettings
-from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.bench import current_schedule, simulate_actuator_trial, turning
+from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
 from osl_analysis.study.recorded import recorded_trial
 from osl_analysis.summary.headlines import ACTUATOR_LABELS, headline_numbers
 from osl_analysis.table import read_table

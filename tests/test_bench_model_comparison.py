@@ -37,9 +37,8 @@ from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.gain_selection import Weight
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass, Motion, filtered_motion
-from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
-from osl_analysis.simulator.schedules import SteppedSineSchedule
-from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.bench import simulate_dynamometer_trial
+from osl_analysis.simulator.settings import SimulationSettings, SteppedSineSchedule
 from osl_analysis.stats.comparison import score_models
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial

@@ -8,7 +8,7 @@ import ezc3d
 import numpy as np
 import pytest
 
-from osl_analysis.simulator.c3d_recorder import C3dRecording, RecordedPlate, write_c3d
+from osl_analysis.simulator.vicon import C3dRecording, RecordedPlate, write_c3d
 
 FLOAT32 = 1.2e-7
 REAL = Path(__file__).parents[2] / "shared" / "real_data" / "c3d" / "btk_PiG_Motion3_FF.c3d"

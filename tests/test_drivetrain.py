@@ -24,7 +24,7 @@ from osl_analysis.model.drivetrain import (
 )
 from osl_analysis.model.drivetrain_response import Friction, belt_response
 from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.simulator.drivetrain_sim import IDEAL, ControlCommands, simulate_drivetrain
+from osl_analysis.simulator.drivetrain import IDEAL, ControlCommands, simulate_drivetrain
 
 FREQUENCIES = np.array([0.0, 0.3, 1.0, 5.0, 40.0])
 RATE = 1000.0

@@ -8,9 +8,8 @@ import pytest
 from osl_analysis.ingest.c3d_capture import C3dSource, read_c3d_capture
 from osl_analysis.ingest.known_formats import read_source
 from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
-from osl_analysis.simulator import messages
-from osl_analysis.simulator.c3d_recorder import C3dRecording, RecordedPlate, write_c3d
-from osl_analysis.simulator.mcap_recorder import write_mcap
+from osl_analysis.simulator.mcap_writer import DYNAMOMETER, LEG, write_mcap
+from osl_analysis.simulator.vicon import C3dRecording, RecordedPlate, write_c3d
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
 TIME = 5.0 + np.arange(200) / 500
@@ -27,7 +26,7 @@ def test_the_dynamometers_log_gives_the_resisting_torque(tmp_path: Path) -> None
     columns = {field: np.float32(np.sin(TIME + i)) for i, field in enumerate(fields)}
     write_mcap(
         tmp_path / "log.mcap",
-        messages.DYNAMOMETER,
+        DYNAMOMETER,
         TIME,
         columns,
     )
@@ -53,7 +52,7 @@ def test_the_legs_log_gives_its_signals_gains_and_sync(tmp_path: Path) -> None:
     columns["sync"] = np.arange(TIME.size) % 3 == 0
     write_mcap(
         tmp_path / "log.mcap",
-        messages.LEG,
+        LEG,
         TIME,
         columns,
     )

@@ -14,8 +14,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.sheet import COLUMNS, read_sheet
 from osl_analysis.simulator.joint_motion import stepped_sine, there_and_back
 from osl_analysis.simulator.plan import plan_trials
-from osl_analysis.simulator.schedules import BeltMotion, SteppedSineSchedule
-from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.settings import BeltMotion, SimulationSettings, SteppedSineSchedule
 from osl_analysis.yaml_settings import read_yaml
 
 ROOT = Path(__file__).parents[1]

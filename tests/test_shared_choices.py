@@ -15,7 +15,7 @@ from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.gain_selection import Weight
 from osl_analysis.parameters import read_parameters
 from osl_analysis.shared_choices import FOLLOWED, SharedChoices
-from osl_analysis.simulator.leg_controller import compensated_damping
+from osl_analysis.simulator.crossing import compensated_damping
 
 TINY = Path("tests/tiny_simulation.yaml")
 TRIAL = "impedance_K300_B5.0_compensated"

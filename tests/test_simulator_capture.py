@@ -10,10 +10,8 @@ import pytest
 from decoded_capture import DecodedCrossing, decoded_crossing
 from walking_setup import PERTURBED, STATIC, UNPERTURBED, Setup, load_setup
 
-from osl_analysis.simulator.capture_settings import CaptureSettings
-from osl_analysis.simulator.condition_settings import Conditions
-from osl_analysis.simulator.effect import Effect
-from osl_analysis.simulator.gait_changes import StepChange
+from osl_analysis.simulator.settings import Conditions, Effect
+from osl_analysis.simulator.walking_settings import CaptureSettings, StepChange
 from osl_analysis.trial import Array
 
 G = 9.81

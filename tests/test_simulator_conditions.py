@@ -9,9 +9,8 @@ import pytest
 from decoded_capture import DecodedCrossing, decoded_crossing
 from walking_setup import PERTURBED, UNPERTURBED, Setup, leg_log, load_setup
 
-from osl_analysis.simulator.condition_settings import Conditions, Subject
-from osl_analysis.simulator.conditions import condition_of
-from osl_analysis.simulator.plan import plan_trials
+from osl_analysis.simulator.plan import condition_of, plan_trials
+from osl_analysis.simulator.settings import Conditions, Subject
 
 CROSSINGS = 24
 

@@ -13,20 +13,14 @@ from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import compensated_gains, motor_current, uncompensated_gains
 from osl_analysis.model.drivetrain import belt_torque, joint_admittance, motor_friction
 from osl_analysis.parameters import read_parameters
-from osl_analysis.simulator.drivetrain_kernel import (
-    SHORT,
-    feedforward_current,
-    friction_level,
-    hysteresis_step,
-    smoothed_sign,
-)
-from osl_analysis.simulator.drivetrain_sim import (
+from osl_analysis.simulator.drivetrain import (
     IDEAL,
     ControlCommands,
     DrivetrainEffects,
     simulate_belt_torque,
     simulate_drivetrain,
 )
+from osl_analysis.simulator.kernel import SHORT, feedforward_current, friction_level, hysteresis_step, smoothed_sign
 
 P = read_parameters(Path(__file__).parents[1] / "config" / "parameters" / "default.yaml")
 RATE = 1000.0

@@ -12,11 +12,9 @@ from mcap_ros2.decoder import DecoderFactory
 from osl_analysis.commands.simulate import row_of_trial, simulate_campaign, simulate_trial
 from osl_analysis.model.compensator import Gains, predicted_impedance
 from osl_analysis.parameters import read_parameters
-from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
+from osl_analysis.simulator.bench import simulate_dynamometer_trial
 from osl_analysis.simulator.joint_motion import JointMotion, position_loop, stepped_sine, there_and_back
-from osl_analysis.simulator.recorder_settings import RecorderSettings
-from osl_analysis.simulator.schedules import BeltMotion, SteppedSineSchedule
-from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.settings import BeltMotion, RecorderSettings, SimulationSettings, SteppedSineSchedule
 from osl_analysis.yaml_settings import read_yaml
 
 ROOT = Path(__file__).parents[1]

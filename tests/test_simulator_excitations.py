@@ -8,8 +8,9 @@ from conftest import ROOT
 
 from osl_analysis.commands.simulate import read_simulation
 from osl_analysis.config import read_config
-from osl_analysis.simulator.excitations import Excitation, excitation_motion
+from osl_analysis.simulator.joint_motion import excitation_motion
 from osl_analysis.simulator.plan import plan_trials
+from osl_analysis.simulator.settings import Excitation
 
 RATE = 1000.0
 SMOOTH = ("multisine", "chirp", "noise", "hand")

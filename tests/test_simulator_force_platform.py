@@ -9,8 +9,8 @@ import pytest
 from decoded_capture import decoded_crossing, decoded_wrench
 from walking_setup import PERTURBED, STATIC, Setup, load_setup
 
-from osl_analysis.simulator.force_platform import sensor_reading
-from osl_analysis.simulator.platform_motion import turned_about, unloaded_platform
+from osl_analysis.simulator.plate import sensor_reading
+from osl_analysis.simulator.platform import turned_about, unloaded_platform
 from osl_analysis.simulator.rigid_body import TrueWrench
 from osl_analysis.simulator.walking import motion_grid
 

@@ -8,10 +8,10 @@ from decoded_capture import DecodedCrossing, decoded_crossing
 from walking_setup import PERTURBED, UNPERTURBED, Setup, load_setup
 
 from osl_analysis.errors import InputError
-from osl_analysis.simulator.effect import Effect
-from osl_analysis.simulator.gait_changes import StepChange, change_of
-from osl_analysis.simulator.step import draw_step
+from osl_analysis.simulator.settings import Effect
+from osl_analysis.simulator.step import change_of, draw_step
 from osl_analysis.simulator.walking import motion_grid
+from osl_analysis.simulator.walking_settings import StepChange
 
 
 @pytest.fixture(scope="module")

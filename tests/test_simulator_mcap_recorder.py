@@ -8,12 +8,20 @@ from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.errors import InputError
-from osl_analysis.simulator import messages
-from osl_analysis.simulator.mcap_recorder import write_mcap
-from osl_analysis.simulator.mcap_writer import LATENCY_NS, LIBRARY, write_recording
-from osl_analysis.simulator.standard_messages import joint_states, wrenches
+from osl_analysis.simulator.mcap_writer import (
+    DEPENDENCIES,
+    DYNAMOMETER,
+    LATENCY_NS,
+    LEG,
+    LIBRARY,
+    LogTopic,
+    joint_states,
+    wrenches,
+    write_mcap,
+    write_recording,
+)
 
-MIXED = "std_msgs/Header header\nbool flag\nfloat64 wide\nuint8 level\nfloat32 narrow # unit\n" + messages.DEPENDENCIES
+MIXED = "std_msgs/Header header\nbool flag\nfloat64 wide\nuint8 level\nfloat32 narrow # unit\n" + DEPENDENCIES
 
 
 def mixed_columns(n):
@@ -32,7 +40,7 @@ def decoded(path):
 @pytest.mark.parametrize("frame_id", ["", "a", "ab", "abc", "abcd", "abcde", "abcdef", "abcdefg"])
 def test_every_field_is_aligned_whatever_the_length_of_the_frame_id(tmp_path, frame_id):
     columns = mixed_columns(5)
-    write_mcap(tmp_path / "a.mcap", messages.LogTopic("/t", "p/msg/M", MIXED, frame_id), 3.0 + np.arange(5), columns)
+    write_mcap(tmp_path / "a.mcap", LogTopic("/t", "p/msg/M", MIXED, frame_id), 3.0 + np.arange(5), columns)
     _, ros = decoded(tmp_path / "a.mcap")
     assert [m.header.frame_id for m in ros] == [frame_id] * 5
     assert [m.wide for m in ros] == columns["wide"].tolist()
@@ -48,7 +56,7 @@ def test_a_dynamometer_log_of_many_chunks_comes_back_sample_by_sample(tmp_path):
     columns = {name: np.rint(rng.normal(0, 1000, n)) * 2.397e-5 for name in names}
     write_mcap(
         tmp_path / "d.mcap",
-        messages.DYNAMOMETER,
+        DYNAMOMETER,
         100.0 + np.arange(n) / 1000,
         columns,
     )
@@ -73,7 +81,7 @@ def test_a_leg_log_is_read_with_its_sync_level(tmp_path):
     }
     write_mcap(
         tmp_path / "l.mcap",
-        messages.LEG,
+        LEG,
         np.array([1.0, 1.002]),
         columns,
     )
@@ -84,7 +92,7 @@ def test_a_leg_log_is_read_with_its_sync_level(tmp_path):
 
 def test_the_file_is_a_ros2_recording_with_metadata_before_data_and_crcs(tmp_path):
     path = tmp_path / "a.mcap"
-    write_mcap(path, messages.LogTopic("/t", "p/msg/M", MIXED, "f"), np.arange(5.0), mixed_columns(5))
+    write_mcap(path, LogTopic("/t", "p/msg/M", MIXED, "f"), np.arange(5.0), mixed_columns(5))
     with path.open("rb") as file:
         reader = make_reader(file)
         summary = reader.get_summary()
@@ -100,7 +108,7 @@ def test_the_file_is_a_ros2_recording_with_metadata_before_data_and_crcs(tmp_pat
 
 
 def test_a_sample_arrives_a_little_after_its_stamp(tmp_path):
-    write_mcap(tmp_path / "a.mcap", messages.LogTopic("/t", "p/msg/M", MIXED, "f"), np.array([0.25]), mixed_columns(1))
+    write_mcap(tmp_path / "a.mcap", LogTopic("/t", "p/msg/M", MIXED, "f"), np.array([0.25]), mixed_columns(1))
     (record,), _ = decoded(tmp_path / "a.mcap")
     assert (record.publish_time, record.log_time) == (250_000_000, 250_000_000 + LATENCY_NS)
 
@@ -149,15 +157,13 @@ def test_a_file_is_the_one_that_the_mcap_package_writes_of_the_same_messages(tmp
 )
 def test_a_schema_that_does_not_fit_is_refused_and_leaves_no_file(tmp_path, schema, match):
     with pytest.raises(InputError, match=match):
-        write_mcap(
-            tmp_path / "a.mcap", messages.LogTopic("/t", "p/msg/M", schema, "f"), np.arange(5.0), mixed_columns(5)
-        )
+        write_mcap(tmp_path / "a.mcap", LogTopic("/t", "p/msg/M", schema, "f"), np.arange(5.0), mixed_columns(5))
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_recording_that_breaks_off_leaves_the_older_file(tmp_path, monkeypatch):
     path = tmp_path / "a.mcap"
-    write_mcap(path, messages.LogTopic("/t", "p/msg/M", MIXED, "f"), np.arange(5.0), mixed_columns(5))
+    write_mcap(path, LogTopic("/t", "p/msg/M", MIXED, "f"), np.arange(5.0), mixed_columns(5))
     before = path.read_bytes()
 
     def fail(*_):
@@ -165,6 +171,6 @@ def test_a_recording_that_breaks_off_leaves_the_older_file(tmp_path, monkeypatch
 
     monkeypatch.setattr("osl_analysis.simulator.mcap_writer.summary", fail)
     with pytest.raises(InputError, match=r"a\.mcap: cannot be written \(no space left on device\); make room"):
-        write_mcap(path, messages.LogTopic("/t", "p/msg/M", MIXED, "f"), np.arange(9.0), mixed_columns(9))
+        write_mcap(path, LogTopic("/t", "p/msg/M", MIXED, "f"), np.arange(9.0), mixed_columns(9))
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]

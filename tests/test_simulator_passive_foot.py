@@ -9,10 +9,11 @@ from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.bench.torque_angle_tables import cycle_table, torque_angle_table
 from osl_analysis.config import read_config
 from osl_analysis.parameters import read_parameters
-from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
-from osl_analysis.simulator.passive_foot import PassiveFoot, SlippingSpring, SlowCycles, slipping_torque
+from osl_analysis.simulator.bench import simulate_dynamometer_trial
+from osl_analysis.simulator.drivetrain import slipping_torque
+from osl_analysis.simulator.joint_motion import slow_cycles
 from osl_analysis.simulator.plan import plan_trials
-from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.settings import PassiveFoot, SimulationSettings, SlippingSpring, SlowCycles
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import read_yaml
 
@@ -31,7 +32,7 @@ def test_a_slipping_spring_is_that_of_its_increments():
 
 def test_the_motion_goes_to_both_ends_at_each_speed_and_comes_back_to_rest():
     cycles = SlowCycles.model_validate(CYCLES)
-    motion = cycles.motion(500)
+    motion = slow_cycles(cycles, 500)
     degrees, speed = np.rad2deg(motion.theta), np.rad2deg(np.abs(motion.omega))
     assert motion.theta.size / 500 == pytest.approx(cycles.total_s) == pytest.approx(2 + 40 / 4 + 40 / 8)
     assert (degrees.min(), degrees.max()) == pytest.approx((-10, 10), abs=0.25)  # a tenth of a second at 4 deg/s

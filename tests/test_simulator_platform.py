@@ -7,8 +7,8 @@ import pytest
 from decoded_capture import DecodedCrossing, decoded_crossing
 from walking_setup import PERTURBED, UNPERTURBED, Setup, load_setup
 
-from osl_analysis.simulator.effect import Effect
-from osl_analysis.simulator.platform_motion import unloaded_platform
+from osl_analysis.simulator.platform import unloaded_platform
+from osl_analysis.simulator.settings import Effect
 from osl_analysis.simulator.walking import motion_grid
 from osl_analysis.trial import Array
 

@@ -11,9 +11,8 @@ from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.errors import InputError
-from osl_analysis.simulator.bench_recorder import Bench
-from osl_analysis.simulator.schedules import SteppedSineSchedule
-from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.recorder import Bench
+from osl_analysis.simulator.settings import SimulationSettings, SteppedSineSchedule
 from osl_analysis.yaml_settings import read_yaml
 
 TRIAL = "impedance_K300_B5.0_compensated"

@@ -12,20 +12,19 @@ from walking_setup import load_setup
 from osl_analysis.commands.simulate import row_of_trial
 from osl_analysis.errors import InputError
 from osl_analysis.parameters import read_parameters
-from osl_analysis.simulator import drivetrain_sim, even_spline, joint_motion
-from osl_analysis.simulator.actuator_bench import simulate_actuator_trial
-from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
-from osl_analysis.simulator.even_spline import SETTLED, spline_at
+from osl_analysis.simulator import drivetrain, joint_motion, kernel
+from osl_analysis.simulator.bench import simulate_actuator_trial, simulate_dynamometer_trial
+from osl_analysis.simulator.kernel import SETTLED, spline_at
 from osl_analysis.simulator.preloaded import warm_up
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
 
 KERNELS = [
-    (drivetrain_sim, "integrate"),
-    (drivetrain_sim, "belt_path"),
+    (drivetrain, "integrate"),
+    (drivetrain, "belt_path"),
     (joint_motion, "propagate"),
-    (even_spline, "slopes"),
-    (even_spline, "evaluated"),
+    (kernel, "slopes"),
+    (kernel, "evaluated"),
 ]
 
 

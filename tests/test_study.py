@@ -17,8 +17,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.figures import others
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
-from osl_analysis.simulator.recorder_settings import RecorderSettings
-from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.study import WALKING
 from osl_analysis.study import walking as study_of_walking

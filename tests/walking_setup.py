@@ -11,8 +11,8 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
+from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.crossing import SimulatedCrossing, simulate_crossing
-from osl_analysis.simulator.dynamometer import drivetrain_effects
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.step import draw_step
 from osl_analysis.simulator.walking import motion_grid, simulate_walking_trial

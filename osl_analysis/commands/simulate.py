@@ -204,9 +204,8 @@ def record_bench_trial(
     row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, campaign_folder: Path
 ) -> None:
     """A trial of the dynamometer. The truth is written first, so that every log has a truth."""
-    from osl_analysis.simulator.bench_files import write_dynamometer_log
-    from osl_analysis.simulator.dynamometer import simulate_dynamometer_trial
-    from osl_analysis.simulator.truth_recorder import write_truth
+    from osl_analysis.simulator.bench import simulate_dynamometer_trial, write_dynamometer_log
+    from osl_analysis.simulator.recorder import write_truth
 
     log, truth = simulate_dynamometer_trial(row, settings, p)
     write_truth(campaign_folder, row["trial"], truth)
@@ -217,9 +216,8 @@ def record_actuator_trial(
     row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, campaign_folder: Path
 ) -> None:
     """A trial of the actuator's own bench, in the same order."""
-    from osl_analysis.simulator.actuator_bench import simulate_actuator_trial
-    from osl_analysis.simulator.bench_files import write_actuator_log
-    from osl_analysis.simulator.truth_recorder import write_truth
+    from osl_analysis.simulator.bench import simulate_actuator_trial, write_actuator_log
+    from osl_analysis.simulator.recorder import write_truth
 
     log, truth = simulate_actuator_trial(row["trial"], settings, p)
     write_truth(campaign_folder, row["trial"], truth)

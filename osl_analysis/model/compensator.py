@@ -17,25 +17,20 @@ from osl_analysis.model.gain_selection import Weight, optimal_damping
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
 
-CONTROLLERS = ("compensated", "uncompensated")
-"""The controllers whose gains the draft states."""
+CONTROLLERS = ("compensated", "uncompensated")  # The controllers whose gains the draft states
 PAPER_WEIGHT = Weight(cutoff_hz=1.0, order=3)
 SMALLEST, LARGEST = 1e-9, 1e6
 """Limits of a desired stiffness [N*m/rad], and of a desired damping [N*m*s/rad] that is not 0."""
-TOLERANCE = 0.1
-"""Largest |Z - Z_d|/|Z_d| at which the rendered impedance counts as the desired one."""
+TOLERANCE = 0.1  # Largest |Z - Z_d|/|Z_d| at which the rendered impedance counts as the desired one
 
 
 @dataclass(frozen=True)
 class Gains:
     """Control gains at the actuator's output."""
 
-    K_1: float
-    """Stiffness gain [N*m/rad]."""
-    B_1: float
-    """Damping gain [N*m*s/rad]."""
-    cancels_friction: bool
-    """Whether the controller adds the friction term of Eq. 5."""
+    K_1: float  # Stiffness gain [N*m/rad]
+    B_1: float  # Damping gain [N*m*s/rad]
+    cancels_friction: bool  # Whether the controller adds the friction term of Eq. 5
 
 
 def motor_current(u: ArrayLike, direction: ArrayLike, p: DrivetrainParameters) -> Array:

@@ -23,10 +23,8 @@ from osl_analysis.trial import Array
 class Friction:
     """The actuator's true friction, and the controller's smoothing of the velocity's sign."""
 
-    scale: float
-    """Ratio of the true friction to the friction in the parameter file."""
-    sign_width: float
-    """Velocity [rad/s] over which the controller smooths the sign."""
+    scale: float  # Ratio of the true friction to the friction in the parameter file
+    sign_width: float  # Velocity [rad/s] over which the controller smooths the sign
 
 
 Loop = tuple[float, float, float, float, float, float, bool, float, float, float]

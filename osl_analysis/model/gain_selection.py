@@ -28,8 +28,7 @@ LOWEST, HIGHEST = 1e-9, 1e9
 """Ends of the search for x = B_m + B_1, as multiples of (K_1 J_m)^1/2, the scale of the actuator's damping."""
 POINTS = 73
 """Points of the search, a factor of 1.8 apart. The closest two minima that were found are a factor of 4 apart."""
-AT_ONCE = 10_000
-"""Pairs whose grids are in memory at once, 6 MB for each of some 50 arrays."""
+AT_ONCE = 10_000  # Pairs whose grids are in memory at once, 6 MB for each of some 50 arrays
 
 Affine = tuple[Sequence[Array], Sequence[Array]]
 """Coefficients c = c0 + x c1 of a polynomial in s, highest power first; those of all pairs in one array each."""
@@ -63,12 +62,9 @@ class Weight:
 class OptimalDamping:
     """The best damping gain of each pair, shape (pairs,) each."""
 
-    B_1: Array
-    """Damping gain [N*m*s/rad] at the global minimum of Eq. 14."""
-    error: Array
-    """The norm of Eq. 14 there [rad/(N*m)/s^1/2]."""
-    minima: NDArray[np.int64]
-    """Number of stable local minima."""
+    B_1: Array  # Damping gain [N*m*s/rad] at the global minimum of Eq. 14
+    error: Array  # The norm of Eq. 14 there [rad/(N*m)/s^1/2]
+    minima: NDArray[np.int64]  # Number of stable local minima
     at_lower_bound: NDArray[np.bool_]
     """The error falls towards B_m + B_1 = 0: the joint alone damps more than was asked for. `B_1` is then the last
     stable value of the search."""

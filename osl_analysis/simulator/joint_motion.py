@@ -1,13 +1,15 @@
 """Motion of the joint on the dynamometer: commands, and the motor that follows them with finite bandwidth."""
 
 import math
+import zlib
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
-from osl_analysis.compiled import compiled
-from osl_analysis.simulator.schedules import BeltMotion, SteppedSineSchedule
+from osl_analysis.multisine import odd_multisine
+from osl_analysis.simulator.kernel import propagate
+from osl_analysis.simulator.settings import BeltMotion, Excitation, SlowCycles, SteppedSineSchedule
 from osl_analysis.trial import Array
 
 
@@ -28,14 +30,10 @@ class JointMotion:
 class Piece:
     """A rest (w = 0) or a frequency of a stepped sine."""
 
-    start: float
-    """[s], on the clock of the log."""
-    duration: float
-    """[s], as of its start."""
-    w: float
-    """Angular frequency [rad/s]."""
-    amplitude: float
-    """[rad]."""
+    start: float  # [s], on the clock of the log
+    duration: float  # [s], as of its start
+    w: float  # Angular frequency [rad/s]
+    amplitude: float  # [rad]
 
     @property
     def end(self) -> float:
@@ -157,20 +155,126 @@ def position_loop(command: JointMotion, rate_hz: float, bandwidth_hz: float, dam
     return JointMotion(theta, omega, w**2 * (command.theta - theta) - 2 * damping_ratio * w * omega)
 
 
-@compiled
-def propagate(transition: Array, commanded: Array, speed: Array, step: float) -> Array:
-    """Angle and velocity, shape (2, n), from rest at the first of the commanded angles [rad], (n,), with their speeds.
+SMOOTHING_ORDER = 4  # Order of the Butterworth low-pass that smooths a binary command
+HAND_WANDERS_S = 4.0  # Time [s] over which a hand changes how far it moves
 
-    `transition` (2, 6) takes both, and the command with its three derivatives, over a step [s].
-    """
-    states = np.zeros((2, len(commanded)))
-    states[0, 0] = commanded[0]
-    for i in range(len(commanded) - 1):
-        mean = (commanded[i + 1] - commanded[i]) / step
-        curvature = 2.0 * (3.0 * mean - 2.0 * speed[i] - speed[i + 1]) / step
-        jerk = 6.0 * (speed[i] + speed[i + 1] - 2.0 * mean) / step**2
-        for row in range(2):
-            t = transition[row]
-            forced = t[2] * commanded[i] + t[3] * speed[i] + t[4] * curvature + t[5] * jerk
-            states[row, i + 1] = t[0] * states[0, i] + t[1] * states[1, i] + forced
-    return states
+
+def excitation_motion(excitation: Excitation, trial: str, seed: int, rate_hz: float) -> JointMotion:
+    """The commanded motion of one trial, from rest to rest, sampled at `rate_hz` [Hz]."""
+    rest = np.zeros(round(excitation.rest_s * rate_hz))
+    parts = [(rest, rest, rest)]
+    for number in range(excitation.realisations):
+        one = realisation(excitation, trial, seed, number, rate_hz)
+        parts += [(one.theta, one.omega, one.alpha), (rest, rest, rest)]
+    return JointMotion(*(np.concatenate(signal) for signal in zip(*parts, strict=True)))
+
+
+def realisation(excitation: Excitation, trial: str, seed: int, number: int, rate_hz: float) -> JointMotion:
+    """One realisation with its fades."""
+    whole = excitation.full_s + 2 * excitation.fade_s
+    time = np.arange(round(whole * rate_hz)) / rate_hz
+    draws = np.random.default_rng([seed, zlib.crc32(trial.encode()), zlib.crc32(b"excitation"), number])
+    made = {
+        "multisine": multisine_motion,
+        "chirp": chirp_motion,
+        "noise": noise_motion,
+        "prbs": prbs_motion,
+        "ramps": ramps_motion,
+        "hand": hand_motion,
+    }[excitation.kind](excitation, time, draws)
+    envelope = ramped(np.ones_like(time), time, whole, excitation.fade_s)
+    return shaped(envelope, made)
+
+
+def shaped(envelope: Envelope, motion: JointMotion) -> JointMotion:
+    """The motion times an envelope (n,), with the derivatives of the product."""
+    e, x = envelope, motion
+    return JointMotion(
+        e.size * x.theta,
+        e.rate * x.theta + e.size * x.omega,
+        e.curvature * x.theta + 2 * e.rate * x.omega + e.size * x.alpha,
+    )
+
+
+def multisine_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
+    """An odd random-phase multisine, which goes on through the fades; a trial's realisations have the same lines."""
+    number = int(draws.integers(2**31))
+    rms = float(np.deg2rad(excitation.rms_deg))
+    one = odd_multisine(excitation.period_s, excitation.band_hz, rms, zlib.crc32(excitation.name.encode()), number)
+    return JointMotion(*(one.angle(time, derivative) for derivative in range(3)))
+
+
+def chirp_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
+    """A linear sweep over the band, as long as the motion at full size; beyond it goes on at its last frequency."""
+    low, high = excitation.band_hz
+    rate = 2 * np.pi * (high - low) / excitation.full_s
+    t = time - excitation.fade_s
+    inside = np.clip(t, 0, excitation.full_s)
+    w = 2 * np.pi * low + rate * inside
+    phase = 2 * np.pi * low * np.minimum(t, 0) + 2 * np.pi * low * inside + rate * inside**2 / 2
+    phase = phase + 2 * np.pi * high * np.maximum(t - excitation.full_s, 0) + draws.uniform(0, 2 * np.pi)
+    size, sweeps = np.sqrt(2) * np.deg2rad(excitation.rms_deg), (t > 0) & (t < excitation.full_s)
+    sine, cosine = np.sin(phase), np.cos(phase)
+    return JointMotion(size * sine, size * w * cosine, size * (rate * sweeps * cosine - w**2 * sine))
+
+
+def noise_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
+    """Gaussian noise, flat within the band and nothing beyond."""
+    low, high = excitation.band_hz
+    f = np.fft.rfftfreq(len(time), time[1])
+    return spectrum_motion(excitation, time, draws, ((f >= low) & (f <= high)).astype(float))
+
+
+def hand_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
+    """As a person moves a joint by hand: slow motions are the larger, and the size of the motion wanders."""
+    low, high = excitation.band_hz
+    f = np.fft.rfftfreq(len(time), time[1])
+    steady = spectrum_motion(excitation, time, draws, ((f >= low) & (f <= high)) / np.maximum(f, low) ** 1.5)
+    turn = 2 * np.pi / HAND_WANDERS_S
+    phase = turn * time + draws.uniform(0, 2 * np.pi)
+    return shaped(Envelope(1 + 0.4 * np.sin(phase), 0.4 * turn * np.cos(phase), -0.4 * turn**2 * np.sin(phase)), steady)
+
+
+def spectrum_motion(excitation: Excitation, time: Array, draws: np.random.Generator, gain: Array) -> JointMotion:
+    """Gaussian noise with a gain (n // 2 + 1,) over frequency, and its derivatives by its lines."""
+    n, w = len(time), 2 * np.pi * np.fft.rfftfreq(len(time), time[1])
+    lines = gain * (draws.standard_normal(len(gain)) + 1j * draws.standard_normal(len(gain)))
+    lines *= np.deg2rad(excitation.rms_deg) / np.std(np.fft.irfft(lines, n))
+    return JointMotion(*(np.fft.irfft((1j * w) ** derivative * lines, n) for derivative in range(3)))
+
+
+def prbs_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
+    """A random binary sequence. It jumps between samples, with no velocity at them, unless it is smoothed."""
+    held = np.floor(time / excitation.clock_s).astype(np.intp)
+    theta = np.deg2rad(excitation.rms_deg) * draws.choice([-1.0, 1.0], held[-1] + 1)[held]
+    if excitation.smoothing_hz is None:
+        return JointMotion(theta, np.zeros_like(theta), np.zeros_like(theta))
+    rate = 1 / time[1]
+    smooth = scipy.signal.sosfilt(
+        scipy.signal.butter(SMOOTHING_ORDER, excitation.smoothing_hz, fs=rate, output="sos"), theta
+    )
+    omega = np.gradient(smooth, time)
+    return JointMotion(smooth, omega, np.gradient(omega, time))
+
+
+def ramps_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
+    """Constant velocities from one random angle to the next; the velocity jumps at these angles."""
+    corners = np.arange(0, time[-1] + 2 * excitation.clock_s, excitation.clock_s)
+    angles = np.sqrt(3) * np.deg2rad(excitation.rms_deg) * draws.uniform(-1, 1, len(corners))
+    slope = np.diff(angles) / excitation.clock_s
+    own = np.minimum((time / excitation.clock_s).astype(np.intp), len(slope) - 1)
+    return JointMotion(np.interp(time, corners, angles), slope[own], np.zeros_like(time))
+
+
+def slow_cycles(cycles: SlowCycles, rate_hz: float) -> JointMotion:
+    """The command of torque-angle trials; ramps blend into each other at a constant acceleration."""
+    pieces = [(0.0, cycles.rest_s)]
+    for speed in cycles.speed_deg_s:
+        for way in (cycles.lowest_deg, cycles.highest_deg - cycles.lowest_deg, -cycles.highest_deg):
+            pieces += [(np.sign(way) * speed, abs(way) / speed)] if way else []
+    pieces.append((0.0, cycles.rest_s))
+    steps = [np.full(round(duration * rate_hz), velocity) for velocity, duration in pieces]
+    turn = max(round(cycles.turn_s * rate_hz), 1)
+    omega = np.deg2rad(np.convolve(np.concatenate(steps), np.full(turn, 1 / turn), mode="same"))
+    theta = np.concatenate([[0.0], np.cumsum((omega[1:] + omega[:-1]) / 2)]) / rate_hz
+    return JointMotion(theta, omega, np.gradient(omega) * rate_hz)

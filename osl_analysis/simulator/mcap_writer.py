@@ -1,7 +1,7 @@
-"""An MCAP file whose messages are all known beforehand: it is made chunk by chunk, not message by message.
+"""An MCAP recorder like those of laboratories: ROS 2 messages in CDR, zstd chunks with CRCs.
 
-The file equals the one that `mcap.writer.Writer` writes for the same messages: zstd chunks with CRCs, message indexes
-and a summary.
+All messages are known beforehand, so that the file is made chunk by chunk, not message by message. It equals the one
+that `mcap.writer.Writer` writes for the same messages.
 """
 
 import struct
@@ -30,15 +30,81 @@ from mcap.records import (
     SummaryOffset,
 )
 from mcap.writer import MCAP0_MAGIC
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from osl_analysis.errors import InputError
+from osl_analysis.files import atomic_path
+from osl_analysis.trial import Array
+
+
+@dataclass(frozen=True)
+class LogTopic:
+    """A topic that a recorder writes."""
+
+    name: str  # Name of the topic
+    schema_name: str  # Name of the message's type
+    schema_text: str  # Definition of the type, with those that it depends on. It begins with `std_msgs/Header header`
+    frame_id: str  # Frame in the header of every message
+
+
+SAMPLE_HEADER = "std_msgs/Header header"
+DEPENDENCIES = """\
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+DYNAMOMETER = LogTopic(
+    "/dynamometer",
+    "osl_interfaces/msg/DynamometerSample",
+    SAMPLE_HEADER
+    + """
+float32 joint_angle       # rad, joint encoder of the dynamometer
+float32 load_cell_torque  # N*m, exerted by the joint on the dynamometer
+float32 actuator_angle    # rad, at the actuator's output
+float32 motor_current     # A, q-axis
+float32 commanded_angle   # rad, in counts of the joint encoder
+"""
+    + DEPENDENCIES,
+    "dynamometer",
+)
+ACTUATOR = LogTopic(
+    "/actuator",
+    "osl_interfaces/msg/ActuatorSample",
+    SAMPLE_HEADER
+    + """
+float32 actuator_angle  # rad, at the actuator's output
+float32 motor_current   # A, q-axis
+float32 output_torque   # N*m, exerted by the actuator's output on the bench
+"""
+    + DEPENDENCIES,
+    "actuator_bench",
+)
+LEG = LogTopic(
+    "/leg",
+    "osl_interfaces/msg/LegSample",
+    SAMPLE_HEADER
+    + """
+float32 joint_angle     # rad
+float32 actuator_angle  # rad, at the actuator's output
+float32 motor_current   # A, q-axis
+float32 stiffness_gain  # N*m/rad, K_1 at the actuator's output
+float32 damping_gain    # N*m*s/rad, B_1 at the actuator's output
+bool sync               # level of the synchronisation line
+"""
+    + DEPENDENCIES,
+    "leg",
+)
+
 
 PROFILE, LIBRARY, COMPRESSION = "ros2", "osl-analysis", "zstd"
-CHUNK_SIZE = 1 << 20
-"""A chunk ends with the message that takes it beyond this size [bytes]."""
-LATENCY_NS = 150_000
-"""Time [ns] from a sample's stamp to its arrival at the recorder."""
-OVERHEAD = 9
-"""Bytes of a record before its content: the opcode and the length."""
+CHUNK_SIZE = 1 << 20  # A chunk ends with the message that takes it beyond this size [bytes]
+LATENCY_NS = 150_000  # Time [ns] from a sample's stamp to its arrival at the recorder
+OVERHEAD = 9  # Bytes of a record before its content: the opcode and the length
 MESSAGE = {"opcode": "u1", "length": "<u8", "channel": "<u2", "sequence": "<u4", "log": "<u8", "publish": "<u8"}
 """Members of a message's record before its data."""
 
@@ -216,3 +282,133 @@ def summary(groups: Mapping[Opcode, Sequence[McapRecord]], start: int) -> bytes:
     data += encoded(offsets)
     crc = zlib.crc32(data + struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start))
     return data + encoded([Footer(start, offsets_start, crc)])
+
+
+ENCAPSULATION = b"\x00\x01\x00\x00"  # CDR, little endian. Everything after it is aligned as if the message began there
+CDR_TYPES = {"bool": "u1", "uint8": "u1", "int32": "<i4", "uint32": "<u4", "float32": "<f4", "float64": "<f8"}
+
+
+def write_mcap(path: Path, topic: LogTopic, time: Array, columns: Mapping[str, ArrayLike]) -> None:
+    """Write one topic with a message for each time stamp [s], from 0 to 2^31 s in whole nanoseconds.
+
+    The columns have shape (n,) each. They are cast to the types of the topic's schema. The schema lists them, in any
+    order, after `std_msgs/Header header`. The file appears whole or not at all.
+
+    Raises
+    ------
+    InputError
+        The schema and the columns do not name the same fields, or a field's type is not a plain scalar.
+    """
+    write_topics(path, [topic_of(topic, nanoseconds(time), columns)])
+
+
+def write_topics(path: Path, topics: Sequence[Topic]) -> None:
+    """Write several topics, their messages in the order in which they arrive. The file appears whole or not at all."""
+    names = ", ".join(topic.name for topic in topics)
+    metadata = Metadata("recording", {"origin": "simulated", "topic": names, "time": "header stamp"})
+    with atomic_path(path) as temporary:
+        write_recording(temporary, topics, metadata)
+
+
+def nanoseconds(time: Array) -> NDArray[np.int64]:
+    """Time stamps [s] as whole nanoseconds."""
+    return np.rint(np.asarray(time) * 1e9).astype(np.int64)
+
+
+def topic_of(topic: LogTopic, stamps: NDArray[np.int64], columns: Mapping[str, ArrayLike]) -> Topic:
+    """The messages of a logger."""
+    types = field_types(topic.schema_text, topic.schema_name)
+    if set(types) != set(columns):
+        raise InputError(
+            f"{topic.schema_name}: the schema has {', '.join(types)} and the columns are {', '.join(columns)}; "
+            "give both the same fields"
+        )
+    constants = header(topic.frame_id)
+    layout = cdr_layout(types, len(constants["frame_id"]))
+    own = {f"field.{field}": np.asarray(values) for field, values in columns.items()}
+    return Topic(topic.name, topic.schema_name, topic.schema_text, stamps, layout, constants, own)
+
+
+def field_types(schema_text: str, schema_name: str) -> dict[str, str]:
+    """numpy type of each field after the header, in the order of the message."""
+    own = schema_text.split("===", maxsplit=1)[0]
+    declared = [line.split("#")[0].split() for line in own.splitlines() if line.split("#")[0].strip()]
+    if not declared or declared[0] != ["std_msgs/Header", "header"]:
+        raise InputError(f"{schema_name}: the first field must be 'std_msgs/Header header'; put it there")
+    for kind, field in declared[1:]:
+        if kind not in CDR_TYPES:
+            raise InputError(f"{schema_name}: field '{field}' is a {kind}; use one of {', '.join(CDR_TYPES)}")
+    return {field: CDR_TYPES[kind] for kind, field in declared[1:]}
+
+
+def cdr_layout(types: Mapping[str, str], frame_id_size: int) -> "np.dtype[np.void]":
+    """Record of a message with a header and scalars."""
+    return aligned(header_members(frame_id_size) | {f"field.{name}": kind for name, kind in types.items()})
+
+
+def header_members(frame_id_size: int) -> dict[str, str]:
+    """Members of a record up to the end of its header, with their numpy types."""
+    return {
+        "encapsulation": "V4", "sec": "<i4", "nanosec": "<u4", "frame_id_length": "<u4", "frame_id": f"S{frame_id_size}"
+    }  # fmt: skip
+
+
+def header(frame_id: str) -> dict[str, Any]:
+    """The members of a header that are the same in all messages of a topic."""
+    name = frame_id.encode() + b"\0"
+    return {"encapsulation": ENCAPSULATION, "frame_id_length": len(name), "frame_id": name}
+
+
+def aligned(members: Mapping[str, str]) -> "np.dtype[np.void]":
+    """Record with each member aligned to its own size, counted from after the encapsulation; text is not aligned."""
+    offsets, end = [], 0
+    for kind in members.values():
+        size = np.dtype(kind).itemsize
+        alignment = 1 if np.dtype(kind).kind in "SV" else size
+        start = end if end == 0 else 4 + -(-(end - 4) // alignment) * alignment
+        offsets.append(start)
+        end = start + size
+    return np.dtype({"names": list(members), "formats": list(members.values()), "offsets": offsets, "itemsize": end})
+
+
+RULE = "=" * 80 + "\n"
+JOINT_STATE = "sensor_msgs/msg/JointState"
+JOINT_STATE_TEXT = (
+    f"{SAMPLE_HEADER}\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n" + DEPENDENCIES
+)
+WRENCH = "geometry_msgs/msg/WrenchStamped"
+VECTOR = "float64 x\nfloat64 y\nfloat64 z\n"
+WRENCH_TEXT = (
+    f"{SAMPLE_HEADER}\ngeometry_msgs/Wrench wrench\n{RULE}MSG: geometry_msgs/Wrench\n"
+    f"geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n{RULE}MSG: geometry_msgs/Vector3\n{VECTOR}"
+    + DEPENDENCIES
+)
+
+
+def joint_states(
+    topic: str, frame_id: str, time: Array, position: Mapping[str, Array], effort: Mapping[str, Array]
+) -> Topic:
+    """JointState messages: positions [rad] by joint, (n,) each, and the effort of some joints; the other efforts are
+    0."""
+    names = [name.encode() + b"\0" for name in position]
+    members = header_members(len(frame_id) + 1) | {"names": "<u4"}
+    for k, name in enumerate(names):
+        members |= {f"name_length.{k}": "<u4", f"name.{k}": f"S{len(name)}"}
+    for field in ("position", "effort"):
+        # effort comes after the empty list of velocities
+        members |= ({} if field == "position" else {"velocities": "<u4"}) | {f"{field}s": "<u4"}
+        members |= {f"{field}.{joint}": "<f8" for joint in position}
+    constants = header(frame_id) | dict.fromkeys(("names", "positions", "efforts"), len(names))
+    for k, name in enumerate(names):
+        constants |= {f"name_length.{k}": len(name), f"name.{k}": name}
+    columns = {f"position.{joint}": values for joint, values in position.items()}
+    columns |= {f"effort.{joint}": values for joint, values in effort.items()}
+    return Topic(topic, JOINT_STATE, JOINT_STATE_TEXT, nanoseconds(time), aligned(members), constants, columns)
+
+
+def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> Topic:
+    """WrenchStamped messages with a torque [N*m] about z, (n,). All other components are 0."""
+    axes = [f"{vector}.{axis}" for vector in ("force", "torque") for axis in "xyz"]
+    layout = aligned(header_members(len(frame_id) + 1) | dict.fromkeys(axes, "<f8"))
+    columns = {"torque.z": torque}
+    return Topic(topic, WRENCH, WRENCH_TEXT, nanoseconds(time), layout, header(frame_id), columns)

@@ -1,26 +1,465 @@
-"""The simulated campaign as a validated file, such as `config/simulation/default.yaml`.
+"""The simulated campaign as a validated file, such as `config/simulation/default.yaml`: choices only.
 
-It contains choices only. The device's physical parameters are in the file that `parameters` names.
+The device's physical parameters are in the file that `parameters` names. An imperfection is an `Effect`: a switch, a
+size and the unit of the size. All effects of recorders and sensors are off unless they are switched on.
 """
 
+import math
+import zlib
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+import numpy as np
+from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from osl_analysis.shared_choices import PAPER, WeightSettings
-from osl_analysis.simulator.condition_settings import Conditions
-from osl_analysis.simulator.effect import NotNegative, Positive
-from osl_analysis.simulator.effect_settings import Effects, SecondOrderJoint
-from osl_analysis.simulator.excitations import Excitation
-from osl_analysis.simulator.passive_foot import PassiveFoot
-from osl_analysis.simulator.recorder_settings import RecorderSettings
-from osl_analysis.simulator.schedules import ActuatorBench, BeltMotion, SteppedSineSchedule
-from osl_analysis.yaml_settings import Settings, ShippedPath
+from osl_analysis.yaml_settings import Degrees, Positive, Settings, ShippedPath
+
+NotNegative = Annotated[float, Field(ge=0)]
+
+
+class Effect(Settings):
+    """One imperfection. (The key is not `on`, which is a truth value in YAML.)"""
+
+    enabled: bool
+    size: NotNegative  # in `unit`, which must be one that the settings expect
+    unit: str
+
+    @property
+    def value(self) -> float:
+        """The size, or 0 where the effect is off."""
+        return self.size if self.enabled else 0.0
+
+
+class SignedEffect(Effect):
+    """An imperfection whose size may be negative."""
+
+    size: float
+
+
+class Scatter(Effect):
+    """A random imperfection, drawn for each sample.
+
+    The size is the standard deviation of a `normal` distribution, that of the normal one whose absolute value is taken
+    (`half_normal`), or the mean (`exponential`).
+    """
+
+    distribution: Literal["normal", "half_normal", "exponential"] = "normal"
+
+
+class RegularGaps(Effect):
+    """Gaps at nearly regular intervals, whose mean is the size."""
+
+    scatter: Annotated[int, Field(ge=0)] = 0  # largest deviation of an interval from the mean [samples]
+
+
+class Hum(Effect):
+    """A sine whose amplitude is the size."""
+
+    frequency_hz: Positive = 50.0
+
+
+class SensorLowPass(Effect):
+    """A causal Butterworth low-pass, whose cut-off is the size."""
+
+    order: Annotated[int, Field(ge=1, le=4)] = 1
+
+
+class Encoder(Effect):
+    """The step of an encoder, in rad or as bits per turn."""
+
+    @property
+    def value(self) -> float:
+        """The step [rad], or 0 where the encoder is ideal."""
+        return 2 * math.pi / 2**self.size if self.enabled and self.unit == "bit" else super().value
+
+
+def off(unit: str, size: float = 0.0) -> Effect:
+    """An effect that is switched off."""
+    return Effect(enabled=False, size=size, unit=unit)
+
+
+def in_unit(*units: str) -> AfterValidator:
+    """A check that an effect's size is given in one of these units."""
+
+    def check(effect: Effect) -> Effect:
+        if effect.unit not in units:
+            raise ValueError(f"its unit must be {' or '.join(repr(unit) for unit in units)}, not '{effect.unit}'")
+        return effect
+
+    return AfterValidator(check)
+
+
+def whole_number(effect: Effect) -> Effect:
+    """Refuse a size that is not a whole number."""
+    if effect.size != int(effect.size):
+        raise ValueError(f"its size is {effect.size:g}; give a whole number")
+    return effect
+
+
+def positive(effect: Effect) -> Effect:
+    """Refuse a size of 0. Only `enabled: false` switches the effect off."""
+    if effect.size == 0:
+        raise ValueError("its size must be positive; set enabled: false to switch it off")
+    return effect
+
+
+def share(effect: Effect) -> Effect:
+    """Refuse a share that is not below 1."""
+    if effect.size >= 1:
+        raise ValueError("its size is a share and must be less than 1")
+    return effect
+
+
+Seconds = Annotated[Effect, in_unit("s")]
+Amperes = Annotated[Effect, in_unit("A")]
+Torque = Annotated[Effect, in_unit("N*m")]
+Ratio = Annotated[Effect, in_unit("1")]
+Share = Annotated[Effect, in_unit("1"), AfterValidator(share)]
+Hertz = Annotated[Effect, in_unit("Hz"), AfterValidator(positive)]
+WholeSamples = Annotated[Effect, in_unit("sample"), AfterValidator(whole_number), AfterValidator(positive)]
+SignedSeconds = Annotated[SignedEffect, in_unit("s")]
+PartsPerMillion = Annotated[SignedEffect, in_unit("ppm")]
+NO_SCATTER = Scatter(enabled=False, size=0, unit="s")
+NO_SECONDS = SignedEffect(enabled=False, size=0, unit="s")
+NO_PPM = SignedEffect(enabled=False, size=0, unit="ppm")
+Direction = Literal["up", "down"]
+StatedColumn = Literal["K_d", "B_d", "direction", "subject", "session", "side", "group", "body_mass_kg"]
+
+
+class Subject(Settings):
+    """A person, by the name in sample sheet and capture. What is left out is that of the gait laboratory's settings."""
+
+    name: str
+    body_mass_kg: Positive | None = None
+    stance_s: Positive | None = None
+
+
+class Conditions(Settings):
+    """Lists of which each crossing gets one entry. An empty list leaves the settings of the gait laboratory.
+
+    In n successive crossings, n being the number of combinations, each combination of direction, K_d, B_d and
+    stance_phase occurs once, in a random order. Subjects and sessions follow each other in equal blocks.
+    """
+
+    directions: Annotated[tuple[Direction, ...], Field(min_length=1)] = ("up",)  # up: toes up, dorsiflexion
+    K_d: tuple[Positive, ...] = ()  # largest desired stiffness [N*m/rad]; the whole trajectory is scaled
+    B_d: tuple[NotNegative, ...] = ()  # largest desired damping [N*m*s/rad]; the whole trajectory is scaled
+    stance_phases: tuple[Annotated[float, Field(ge=0, lt=1)], ...] = ()
+    """Mean phase of stance at which the ramp is commanded. It scatters as `perturbation.stance_phase` does."""
+    subjects: tuple[Subject, ...] = ()
+    sessions: Annotated[int, Field(ge=1)] = 1
+    """Number of sessions of each person. In each the markers of the leg are attached anew (`marker_placement`)."""
+    side: Literal["left", "right"] = "right"
+    """Side that the sheet states if `stated` has it. The simulated leg is the right one, whatever is stated."""
+    stated: tuple[StatedColumn, ...] = ()
+    """Columns of the sample sheet that state the condition of a crossing. Without them the sheet leaves it unsaid."""
+
+
+class SwitchedEffects(Settings):
+    """Effects by name, each with its switch."""
+
+    def without(self, *names: str) -> Self:
+        """These effects with the named ones off, or with all off if none is named."""
+        names = names or tuple(type(self).model_fields)
+        return self.model_copy(update={n: getattr(self, n).model_copy(update={"enabled": False}) for n in names})
+
+
+class Effects(SwitchedEffects):
+    """Every imperfection of bench, drivetrain and controller. Noise is white at the rate of the log, sizes are SDs."""
+
+    friction: Ratio  # true friction over the parameter file's, which the controller cancels; off: none at all
+    control_delay: Annotated[Effect, in_unit("update"), AfterValidator(whole_number)]
+    """Delay from a measurement to the current computed from it [updates of the controller]. With size 0 the current is
+    still held between two updates. Off: a continuous controller."""
+    velocity_filter: Hertz  # low-pass over the differentiated encoder; off: the controller gets the true velocity
+    actuator_encoder: Annotated[Encoder, in_unit("rad", "bit")]  # resolution, at the actuator's output
+    joint_encoder: Annotated[Encoder, in_unit("rad", "bit")]  # resolution
+    load_cell_noise: Torque
+    load_cell_offset: Torque  # constant over a trial
+    load_cell_drift: Annotated[Effect, in_unit("N*m/min")]  # constant over a trial
+    load_cell_quantisation: Torque  # resolution
+    current_noise: Amperes
+    current_quantisation: Amperes  # resolution
+    belt_hysteresis: Torque  # largest torque by which loading and unloading differ from the elastic belt
+    belt_scatter: Ratio  # of K_s from trial to trial in the belt experiment
+    dynamometer_bandwidth: Hertz  # natural frequency of the position loop; off: the command is followed exactly
+    mount_stiffness: Annotated[Effect, in_unit("N*m/rad"), AfterValidator(positive)] = off("N*m/rad", 1.0)
+    """Stiffness of the bench's frame. The joint's encoder also measures the frame's deflection. Off: a rigid frame."""
+    load_cell_hum: Annotated[Hum, in_unit("N*m")] = Hum(enabled=False, size=0, unit="N*m")  # of the mains
+    load_cell_flicker: Torque = off("N*m")  # 1/f noise within each decade of frequency
+    encoder_zero: Annotated[Effect, in_unit("step")] = off("step")
+    """Largest distance of the zero of the joint's encoder, drawn for each trial, in steps of the encoder."""
+
+
+class SecondOrderJoint(Settings):
+    """A joint with the torque of Eq. 15, in place of the drivetrain, and deviations from Eq. 15.
+
+    Backlash is between bench and joint. Inside the gap the joint moves freely. The contact at an end is plastic.
+    """
+
+    K: Positive
+    B: NotNegative
+    I: NotNegative
+    stiffening: Annotated[Effect, in_unit("1/rad^2")] = off("1/rad^2")  # the spring has K theta (1 + size theta^2)
+    coulomb: Torque = off("N*m")  # Coulomb friction of the joint
+    backlash: Annotated[Effect, in_unit("rad")] = off("rad")  # width of the gap, from end to end
+
+    @model_validator(mode="after")
+    def _gap_is_computed_for_a_linear_joint(self) -> Self:
+        if self.backlash.value and not self.I:
+            raise ValueError("backlash needs an inertia I above 0")
+        return self
+
+
+Cycles = Annotated[int, Field(ge=1, le=10_000)]
+
+
+class SteppedSineSchedule(Settings):
+    """`lead_s` of rest, then a block per amplitude: each frequency in the given order, then `rest_s` of rest.
+
+    The fields from `rest_between_s` on describe other protocols and imperfections of the motion.
+    """
+
+    frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    cycles: Cycles | tuple[Cycles, ...] | None = None  # at each frequency: one number, or one for each
+    seconds: Positive | None = None  # duration of each frequency in place of `cycles`
+    amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]
+    rest_s: NotNegative  # after each amplitude
+    lead_s: NotNegative  # rest before the first amplitude
+    rest_between_s: NotNegative = 0.0  # after each frequency
+    ramp_s: NotNegative = 0.0  # in which each frequency grows from 0, and falls to 0, in addition to its cycles
+    start: Literal["sine", "cosine"] = "sine"  # at the angle 0, or with a jump of the command to the amplitude
+    second_harmonic: Share = off("1")  # of the motion, as a share of the first
+    third_harmonic: Share = off("1")
+    decay: Annotated[Effect, in_unit("1/s")] = off("1/s")  # of the amplitude from the start of each frequency
+    clock_error: PartsPerMillion = NO_PPM
+    """Rate error of the clock that generates the motion. A positive error raises frequencies and shortens durations."""
+
+    @model_validator(mode="after")
+    def _duration_is_stated_once(self) -> Self:
+        if (self.cycles is None) == (self.seconds is None):
+            raise ValueError("state either cycles or seconds at each frequency")
+        if isinstance(self.cycles, tuple) and len(self.cycles) != len(self.frequencies_hz):
+            raise ValueError(
+                f"{len(self.cycles)} numbers of cycles for {len(self.frequencies_hz)} frequencies; give one for each"
+            )
+        return self
+
+    @property
+    def durations(self) -> tuple[float, ...]:
+        """Time [s] at full amplitude of each frequency, by the clock that generates the motion."""
+        if self.seconds is not None:
+            return (self.seconds,) * len(self.frequencies_hz)
+        assert self.cycles is not None  # as was checked
+        cycles = self.cycles if isinstance(self.cycles, tuple) else (self.cycles,) * len(self.frequencies_hz)
+        return tuple(n / f for n, f in zip(cycles, self.frequencies_hz, strict=True))
+
+    @property
+    def total_s(self) -> float:
+        """Duration [s] of a trial."""
+        beside = self.rest_between_s + 2 * self.ramp_s
+        block = sum(self.durations) + beside * len(self.frequencies_hz) + self.rest_s
+        return self.lead_s + block * len(self.amplitudes_deg)
+
+
+class BeltMotion(Settings):
+    """The motion of the belt experiment: a rest, a turn and back, and a rest."""
+
+    amplitude_deg: Degrees
+    ramp_s: Positive  # of the turn, and of the return
+    rest_s: NotNegative
+
+    @property
+    def total_s(self) -> float:
+        """Duration [s] of a trial."""
+        return 2 * (self.ramp_s + self.rest_s)
+
+
+class Tone(Settings):
+    """One sine of a schedule, in the unit of the schedule. It starts at phase 0."""
+
+    frequency_hz: Positive
+    size: Positive
+
+
+class ActuatorBench(Settings):
+    """The schedule of the actuator's own bench, which turns the output while the current is commanded.
+
+    Velocity and current are sums of sines. Their frequencies must differ, so that the current both drives and brakes.
+    Otherwise gear friction and torque constant cannot be told apart.
+    """
+
+    duration_s: Positive
+    fade_s: Positive  # in which velocity and current fade in and out
+    velocity: Annotated[tuple[Tone, ...], Field(min_length=1)]  # of the output [rad/s]
+    current: Annotated[tuple[Tone, ...], Field(min_length=1)]  # q-axis [A]
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.duration_s < 4 * self.fade_s:
+            raise ValueError("duration_s must be at least four times fade_s")
+        return self
+
+
+Channel = Literal[
+    "joint_angle", "actuator_angle", "commanded_angle", "motor_current", "load_cell_torque", "output_torque"
+]
+
+
+class NodeSettings(Settings):
+    """How one node samples its channels, and what stamps it writes."""
+
+    rate: Hertz = off("Hz", 1.0)  # off: dynamometer.rate_hz
+    phase: Seconds = off("s")  # how much later than the other node it takes each sample; the stamps say so
+    jitter: Annotated[Scatter, in_unit("s")] = NO_SCATTER
+    """True jitter: each sample is taken so much off the even instant. The stamps are those of the samples."""
+    latency: Annotated[Scatter, in_unit("s")] = NO_SCATTER
+    """False jitter: samples are taken at even instants, and the host stamps each so much later."""
+    clock_offset: SignedSeconds = NO_SECONDS  # what the node's clock shows when the bench's shows 0
+    clock_drift: PartsPerMillion = NO_PPM  # how much faster than the bench's the node's clock runs
+    decimals: Annotated[Effect, in_unit("decimal"), AfterValidator(whole_number)] = off("decimal")  # of stamps in s
+    dropped: Share = off("1")  # share of the samples that are missing, at drawn places; at least one gap
+    burst: WholeSamples = off("sample", 1.0)  # missing samples in a row; off: one
+    lost_every: Annotated[RegularGaps, in_unit("sample"), AfterValidator(whole_number), AfterValidator(positive)] = (
+        RegularGaps(enabled=False, size=100, unit="sample")
+    )
+    """Interval between regular gaps of `burst` missing samples, from the beginning of one to that of the next."""
+    duplicated: Share = off("1")  # share of the samples that are written twice, with the same stamp
+
+    @model_validator(mode="after")
+    def _is_never_early(self) -> Self:
+        if self.latency.enabled and self.latency.distribution == "normal":
+            raise ValueError("latency is never negative; choose distribution: half_normal or exponential")
+        return self
+
+
+class SensorSettings(Settings):
+    """What one sensor makes of its true signal, in the order in which it happens."""
+
+    low_pass: Annotated[SensorLowPass, in_unit("Hz"), AfterValidator(positive)] = SensorLowPass(
+        enabled=False, size=1, unit="Hz"
+    )
+    delay: Seconds = off("s")  # how old a value is at the instant at which it is sampled
+    clipping: Annotated[Effect, in_unit("N*m", "rad", "A"), AfterValidator(positive)] = off("N*m", 1.0)
+    """Largest value in size that the sensor gives, noise and offset included."""
+    adc: Annotated[Effect, in_unit("bit"), AfterValidator(whole_number)] = off("bit")  # from minus to plus `clipping`
+    failed: Share = off("1")  # share of the readings that fail, at drawn places: the log has NaN there
+    gain: Annotated[SignedEffect, in_unit("1")] = SignedEffect(enabled=False, size=1, unit="1")
+    """What the recorder multiplies a value with by mistake: a wrong unit or sign."""
+
+    @model_validator(mode="after")
+    def _converter_has_a_range(self) -> Self:
+        if self.adc.enabled and not self.clipping.enabled:
+            raise ValueError("adc needs the range of the converter; enable clipping and give it")
+        return self
+
+
+class RecorderSettings(Settings):
+    """Who writes the log of a bench: one node, or two, of which the second has the torque alone."""
+
+    node: NodeSettings = NodeSettings()
+    torque_node: NodeSettings | None = None
+    sensors: dict[Channel, SensorSettings] = Field(default_factory=dict)
+
+    def sensor(self, channel: str) -> SensorSettings:
+        """What the sensor of a channel does."""
+        return next((sensor for name, sensor in self.sensors.items() if name == channel), SensorSettings())
+
+
+class Excitation(Settings):
+    """One motion of the joint, and how many trials of each impedance have it. Each trial has random numbers of its own.
+
+    multisine: odd lines of a period with random phases, one in four left out; chirp: a linear sweep; noise: Gaussian,
+    flat within the band; prbs: a random binary sequence; ramps: constant velocities between random angles; hand: slow
+    noise that wanders in size.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9]{0,30}$")]  # a part of the names of its trials
+    kind: Literal["multisine", "chirp", "noise", "prbs", "ramps", "hand"]
+    rms_deg: Degrees  # of a binary sequence half its step, of ramps a third of their range
+    band_hz: tuple[Positive, Positive] = (0.5, 6.0)  # a binary sequence and ramps have none
+    duration_s: Positive = 60.0  # at full size; of a multisine see `periods`
+    period_s: Positive = 8.0  # of a multisine
+    periods: Annotated[int, Field(ge=1, le=1000)] = 5  # of each realisation of a multisine
+    realisations: Annotated[int, Field(ge=1, le=100)] = 1
+    """Motions in one recording, one after the other with a rest between, each of other random numbers."""
+    trials: Annotated[int, Field(ge=1, le=1000)] = 1
+    clock_s: Positive = 0.1  # between two changes of a binary sequence, or of the velocity of ramps
+    smoothing_hz: Positive | None = None  # cut-off of the low-pass over a binary sequence; null: it jumps
+    fade_s: Positive = 1.0  # in which the motion grows, and goes back to rest, in addition to its duration
+    rest_s: NotNegative = 1.5  # before and after each motion
+
+    @model_validator(mode="after")
+    def _band_rises(self) -> Self:
+        if self.band_hz[0] >= self.band_hz[1]:
+            raise ValueError(
+                f"band_hz goes from {self.band_hz[0]:g} to {self.band_hz[1]:g} Hz; write the lower one first"
+            )
+        return self
+
+    @property
+    def full_s(self) -> float:
+        """Duration [s] of one realisation at full size."""
+        return self.period_s * self.periods if self.kind == "multisine" else self.duration_s
+
+    @property
+    def total_s(self) -> float:
+        """Duration [s] of a trial."""
+        return self.rest_s + self.realisations * (self.full_s + 2 * self.fade_s + self.rest_s)
+
+    @property
+    def trial_endings(self) -> list[str]:
+        """Endings of the names of its trials."""
+        return [f"{self.name}_{number + 1}" for number in range(self.trials)]
+
+
+class SlippingSpring(Settings):
+    """A spring in series with dry friction. Cycles of amplitude A lose 4 limit (A - limit/stiffness)."""
+
+    stiffness: Positive  # [N*m/rad], until it slips
+    limit: Positive  # torque [N*m] at which it slips
+
+
+class SlowCycles(Settings):
+    """Ramps at one speed from rest at 0 to the lowest angle, to the highest, and so on, and back to rest at 0."""
+
+    lowest_deg: Annotated[float, Field(ge=-60, le=0)]
+    highest_deg: Annotated[float, Field(gt=0, le=60)]
+    speed_deg_s: Annotated[tuple[Positive, ...], Field(min_length=1)]  # of each cycle
+    turn_s: Positive  # in which the motion turns at the end of a ramp
+    rest_s: Positive  # before and after
+
+    @property
+    def total_s(self) -> float:
+        """Duration [s] of a trial."""
+        way = 2 * (self.highest_deg - self.lowest_deg)
+        return 2 * self.rest_s + sum(way / speed for speed in self.speed_deg_s)
+
+
+class PassiveFoot(Settings):
+    """The foot of torque-angle trials, a spring K theta (1 + stiffening theta^2), and how it is moved."""
+
+    K: Positive
+    stiffening: NotNegative = 0.0  # [1/rad^2]
+    B: NotNegative = 0.0
+    slipping: tuple[SlippingSpring, ...] = ()  # parallel to it
+    cycles: SlowCycles
+
+    @model_validator(mode="after")
+    def _slips_on_the_way(self) -> Self:
+        half = np.deg2rad(self.cycles.highest_deg - self.cycles.lowest_deg) / 2
+        for spring in self.slipping:
+            if spring.limit / spring.stiffness >= half:
+                raise ValueError(
+                    f"a spring of {spring.stiffness:g} N*m/rad does not reach its limit of {spring.limit:g} N*m on the "
+                    "way from the lowest to the highest angle; lower the limit, or leave it out"
+                )
+        return self
+
 
 Count = Annotated[int, Field(ge=0, le=100_000)]
-SAMPLES_PER_CYCLE = 10
-"""Smallest number of samples of the bench's log in one cycle of the fastest sine."""
+SAMPLES_PER_CYCLE = 10  # smallest number of samples of the bench's log in one cycle of the fastest sine
 MOST_SAMPLES = 10_000_000
 """Largest number of samples in a trial: nearly three hours at 1 kHz. More does not fit into memory, or is a slip."""
 LONGEST_DELAY_S = 0.03
@@ -29,13 +468,7 @@ LONGEST_DELAY_S = 0.03
 
 
 def check_length(place: str, duration_s: float, rate_hz: float) -> None:
-    """Refuse a trial that lasts [s] for too many samples at a rate [Hz]; `place` is the field that decides it.
-
-    Raises
-    ------
-    PydanticCustomError
-        It has more than `MOST_SAMPLES`.
-    """
+    """Refuse a trial that lasts [s] for too many samples at a rate [Hz]; `place` is the field that decides it."""
     samples = duration_s * rate_hz
     if samples > MOST_SAMPLES:
         text = f"{duration_s:g} s at {rate_hz:g} Hz are {samples:.3g} samples; shorten it to {MOST_SAMPLES:g} samples"
@@ -43,35 +476,20 @@ def check_length(place: str, duration_s: float, rate_hz: float) -> None:
 
 
 class Experiments(Settings):
-    """How many trials of each experiment are simulated.
-
-    There is one impedance trial for each stiffness, damping and controller.
-    """
+    """How many trials of each experiment are simulated; of impedance one for each stiffness, damping and controller."""
 
     belt: Count
-    """Number of belt trials."""
     transmission: Count
-    """Number of transmission trials."""
     actuator: Count = 0
-    """Number of trials of the actuator's own bench."""
-    torque_angle: Count = 0
-    """Number of trials of a passive foot."""
+    torque_angle: Count = 0  # of a passive foot
     K_d: tuple[Positive, ...]
-    """Desired stiffnesses [N*m/rad] of the impedance trials."""
     B_d: tuple[NotNegative, ...]
-    """Desired dampings [N*m*s/rad] of the impedance trials."""
     controllers: tuple[Literal["compensated", "uncompensated"], ...]
-    """Controllers of the impedance trials."""
     static: Count = 0
-    """Number of static trials."""
-    plate: Count = 0
-    """Number of plate trials: a perturbation of the unloaded platform."""
-    walking: Count = 0
-    """Number of crossings."""
-    perturbed_share: Annotated[float, Field(ge=0, le=1)] = 0.5
-    """Probability that a crossing is perturbed."""
+    plate: Count = 0  # a perturbation of the unloaded platform
+    walking: Count = 0  # crossings
+    perturbed_share: Annotated[float, Field(ge=0, le=1)] = 0.5  # probability that a crossing is perturbed
     conditions: Conditions = Conditions()
-    """What crossings differ in by plan."""
 
     @model_validator(mode="after")
     def _some(self) -> Self:
@@ -86,22 +504,16 @@ class Dynamometer(Settings):
     """The dynamometer, and the log of every bench."""
 
     rate_hz: Positive
-    """Rate [Hz] of the log."""
-    damping_ratio: Positive
-    """Damping ratio of the position loop."""
+    damping_ratio: Positive  # of the position loop
 
 
 class Drivetrain(Settings):
     """How the drivetrain is integrated and controlled."""
 
-    substeps: Annotated[int, Field(ge=1, le=1000)]
-    """Integration steps per sample of the log."""
-    control_updates: Annotated[int, Field(ge=1)]
-    """Updates of the controller per sample of the log."""
-    sign_width: Positive
-    """Velocity [rad/s] of the actuator over which the controller smooths its sign."""
-    hysteresis_width: Positive
-    """Deflection [rad] over which the belt's hysteresis torque changes sign after a reversal."""
+    substeps: Annotated[int, Field(ge=1, le=1000)]  # integration steps per sample of the log
+    control_updates: Annotated[int, Field(ge=1)]  # updates of the controller per sample of the log
+    sign_width: Positive  # velocity [rad/s] of the actuator over which the controller smooths its sign
+    hysteresis_width: Positive  # deflection [rad] over which the belt's hysteresis changes sign after a reversal
 
     @model_validator(mode="after")
     def _even(self) -> Self:
@@ -111,40 +523,27 @@ class Drivetrain(Settings):
 
 
 class SimulationSettings(Settings):
-    """A simulated campaign. Files are relative to the working directory."""
+    """A simulated campaign. Files are relative to the working directory.
+
+    A campaign's configuration replaces `parameters`, `gain_weight`, the gait laboratory's `impedance_trajectory`, and
+    the frequencies, amplitudes and cycles of `protocol`.
+    """
 
     seed: Annotated[int, Field(ge=0)]
-    """Seed of every random number."""
-    parameters: ShippedPath
-    """Parameter file of the simulated device."""
+    parameters: ShippedPath  # of the simulated device
     experiments: Experiments
-    """How many trials of each experiment."""
-    protocol: SteppedSineSchedule
-    """The stepped sine of transmission and impedance trials."""
+    protocol: SteppedSineSchedule  # of transmission and impedance trials
     belt: BeltMotion
-    """The motion of belt trials."""
     dynamometer: Dynamometer
-    """The dynamometer."""
     drivetrain: Drivetrain
-    """Integration and control of the drivetrain."""
     effects: Effects
-    """Every imperfection of bench, drivetrain and controller."""
     recorder: RecorderSettings = RecorderSettings()
-    """Imperfections of recorders and sensors."""
-    joint: SecondOrderJoint | None = None
-    """A second-order joint that replaces the drivetrain in every impedance trial; null: the drivetrain."""
-    excitations: tuple[Excitation, ...] = ()
-    """Motions of the impedance trials in place of the stepped sine; none: the stepped sine of `protocol`."""
+    joint: SecondOrderJoint | None = None  # replaces the drivetrain in every impedance trial
+    excitations: tuple[Excitation, ...] = ()  # motions of the impedance trials in place of `protocol`
     actuator: ActuatorBench | None = None
-    """The schedule of actuator trials."""
-    foot: PassiveFoot | None = None
-    """The passive foot of torque-angle trials, and its motion."""
-    walking: ShippedPath | None = None
-    """Settings file of the gait laboratory."""
-    gain_weight: WeightSettings = PAPER
-    """W of Eq. 14, with which the leg's gains are selected. That of a campaign's configuration replaces it.
-
-    So do its `parameters`, its `impedance_trajectory`, and the frequencies, amplitudes and cycles of `dynamometer`."""
+    foot: PassiveFoot | None = None  # of torque-angle trials, and its motion
+    walking: ShippedPath | None = None  # settings file of the gait laboratory
+    gain_weight: WeightSettings = PAPER  # W of Eq. 14, with which the leg's gains are selected
 
     @model_validator(mode="after")
     def _excitations_have_names(self) -> Self:
@@ -224,3 +623,12 @@ class SimulationSettings(Settings):
         if wanted and self.walking is None:
             raise ValueError(f"{wanted} gait-laboratory trials are planned but 'walking' names no settings file")
         return self
+
+
+def stream(seed: int, trial: str, effect: str) -> np.random.Generator:
+    """Random generator of one effect in one trial. It depends on the seed and these two names, and on nothing else.
+
+    A trial that is simulated alone therefore equals the same trial in a campaign. Switching one effect off leaves
+    the random numbers of the others as they were.
+    """
+    return np.random.default_rng([seed, zlib.crc32(trial.encode()), zlib.crc32(effect.encode())])

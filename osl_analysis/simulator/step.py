@@ -1,62 +1,179 @@
-"""One step on the platform: its timing, and all that is random in it, the same with and without the perturbation."""
+"""One step on the platform: the nominal curves of gait, and all that is random in it, with its timing.
 
+What is random is the same with and without the perturbation. The nominal curves resemble published ones of level
+walking with a prosthetic ankle. They have three or more continuous derivatives, so that every body has an acceleration.
+Cycle phase c: 0 at heel strike, 1 at the next one, any real number; stance phase p: 0 at heel strike, 1 at toe-off.
+"""
+
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from osl_analysis.errors import InputError
-from osl_analysis.simulator import gait
-from osl_analysis.simulator.conditions import Condition
-from osl_analysis.simulator.gait_changes import StepChange, change_of
-from osl_analysis.simulator.sensors import stream
-from osl_analysis.simulator.servo import Servo, draw_servo
-from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.simulator.plan import Condition
+from osl_analysis.simulator.settings import stream
+from osl_analysis.simulator.walking_settings import StepChange, WalkingSettings
 from osl_analysis.trial import Array
 
-WINDOW_S = 0.1
-"""Time [s] after the onset in which the rendered impedance is fitted."""
+STANCE_FRACTION = 0.62
+FLAT_FROM, FLAT_TO = 0.12, 0.60
+ANKLE_HEIGHT = 0.08
+HEEL = np.array([-0.06, 0.0, -ANKLE_HEIGHT])
+BALL = np.array([0.13, 0.0, -ANKLE_HEIGHT])
+FOOT_WIDTH = 0.09  # Width [m] of the foot, whose middle is below the ankle
+# (size, cycle phase of the peak, sharpness) of periodic bumps; sizes in degrees and N*m/kg
+ANKLE_ANGLE = ((-7.0, 0.06, 20.0), (12.0, 0.40, 3.5), (-18.0, 0.63, 11.0))
+ANKLE_MOMENT = ((0.45, 0.28, 6.0), (0.35, 0.37, 14.0), (1.35, 0.475, 11.0), (-0.15, 0.05, 30.0))
+HEEL_STRIKE_PITCH = np.radians(18.0)
+TOE_OFF_PITCH = np.radians(-58.0)
+CLEARANCE = 0.04
+
+
+def smooth_step(x: Array) -> Array:
+    """0 for x <= 0, 1 for x >= 1; 35 x^4 - 84 x^5 + 70 x^6 - 20 x^7 between: three derivatives vanish at both ends."""
+    x = np.clip(x, 0.0, 1.0)
+    return np.asarray(x**4 * (35.0 + x * (-84.0 + x * (70.0 - 20.0 * x))))
+
+
+def periodic_bumps(c: Array, bumps: tuple[tuple[float, float, float], ...]) -> Array:
+    """Sum of size * exp(sharpness (cos 2 pi (c - peak) - 1)) over (size, peak, sharpness)."""
+    waves = [a * np.exp(k * (np.cos(2 * np.pi * (c - peak)) - 1.0)) for a, peak, k in bumps]
+    return np.asarray(np.sum(waves, axis=0))
+
+
+def nominal_ankle_angle(c: Array) -> Array:
+    """Ankle angle [rad], dorsiflexion positive, against cycle phase."""
+    return np.radians(periodic_bumps(c, ANKLE_ANGLE))
+
+
+def nominal_ankle_moment(c: Array) -> Array:
+    """Internal plantarflexion moment [N*m/kg] against cycle phase: 0.5 at midstance, 1.4 at push-off, 0 in swing."""
+    inside = np.mod(c, 1.0) / STANCE_FRACTION
+    return periodic_bumps(c, ANKLE_MOMENT) * stance_window(inside)
+
+
+def stance_window(p: Array) -> Array:
+    """1 from 8 % to 92 % of stance, 0 outside stance, smooth between."""
+    return smooth_step(p / 0.08) * smooth_step((1.0 - p) / 0.08)
+
+
+def ground_reaction(p: Array) -> Array:
+    """Ground reaction on a right foot in multiples of body weight, laboratory axes, shape (n, 3)."""
+
+    def hump(peak: float, width: float) -> Array:
+        """A Gaussian bump of stance phase."""
+        return np.exp(-(((p - peak) / width) ** 2))
+
+    forward = -0.16 * hump(0.18, 0.10) + 0.18 * hump(0.85, 0.09)
+    inward = 0.045 * hump(0.22, 0.14) + 0.04 * hump(0.75, 0.14)
+    upward = 0.74 + 0.36 * hump(0.22, 0.13) + 0.40 * hump(0.76, 0.13)
+    return np.asarray(np.stack([forward, inward, upward], axis=-1) * stance_window(p)[:, None])
+
+
+def foot_pitch(c: Array) -> Array:
+    """Pitch [rad] of the foot against the floor, toes up positive; exactly 0 from 12 % to 60 % of stance."""
+    c = np.mod(c, 1.0)
+    heel_rocker = HEEL_STRIKE_PITCH * (1.0 - smooth_step(c / (FLAT_FROM * STANCE_FRACTION)))
+    heel_off = TOE_OFF_PITCH * smooth_step((c - FLAT_TO * STANCE_FRACTION) / 0.29)
+    swing = (HEEL_STRIKE_PITCH - TOE_OFF_PITCH) * smooth_step((c - 0.67) / 0.33)
+    return np.asarray(heel_rocker + heel_off + swing)
+
+
+def ankle_path(c: Array, stride: float) -> Array:
+    """Ankle centre [m], shape (n, 3), relative to its place with the foot flat in cycle 0. `stride` [m] is along x.
+
+    In stance the foot rolls over its heel, lies flat, and rolls over its ball. Both pivots give the same path while the
+    foot is flat. In swing the path changes smoothly from one to the other.
+    """
+    pitch, inside = foot_pitch(c), np.mod(c, 1.0)
+    on_ball = smooth_step((inside - 0.15) / 0.20) - smooth_step((inside - 0.72) / 0.22)
+    path = (1.0 - on_ball)[:, None] * rolled_over(HEEL, pitch) + on_ball[:, None] * rolled_over(BALL, pitch)
+    swung = np.clip((inside - STANCE_FRACTION) / (1.0 - STANCE_FRACTION), 0.0, 1.0)
+    path[:, 0] += stride * (np.floor(c) + smooth_step(swung))
+    path[:, 2] += CLEARANCE * 256.0 * (swung * (1.0 - swung)) ** 4
+    return np.asarray(path)
+
+
+def rolled_over(pivot: Array, pitch: Array) -> Array:
+    """Ankle [m], shape (n, 3), of a foot pitched [rad, toes up] about a pivot that stays where it is when flat."""
+    cos, sin = np.cos(pitch), np.sin(pitch)
+    x, z = pivot[0], pivot[2]
+    # the pivot as seen from the ankle turns by -pitch about y
+    return np.stack([x - (cos * x - sin * z), np.zeros_like(pitch), z - (sin * x + cos * z)], axis=-1)
+
+
+SHIVER_HZ = (8.0, 20.0)
+SHIVER_WAVES = 6
+SETTLES_S = 0.1  # Time [s] after the ramp at which the shiver begins to fade
+FADE_S = 0.05
+
+
+@dataclass(frozen=True)
+class Servo:
+    """What is random in a motion of the platform."""
+
+    slowness: float  # Factor of the duration of the ramp
+    shiver: Array  # Deviation [rad] of the angle, shape (n,), before it is limited to the motion
+
+    def shivering(self, time: Array, onset: float, rise: float) -> Array:
+        """Deviation [rad] of the angle, shape (n,): from the onset [s] until shortly after the rise [s]."""
+        ends = onset + rise + SETTLES_S
+        return np.asarray(self.shiver * (smooth_step((time - onset) / FADE_S) - smooth_step((time - ends) / FADE_S)))
+
+
+def draw_servo(trial: str, seed: int, time: Array, walking: WalkingSettings) -> Servo:
+    """Draw the servo of a trial."""
+    effects = walking.effects
+    slower = 0.01 * effects.rise_scatter.value * stream(seed, trial, "rise_scatter").standard_normal()
+    random = stream(seed, trial, "servo_shiver")
+    sizes = random.standard_normal(SHIVER_WAVES) * np.sqrt(2 / SHIVER_WAVES)
+    pitches, phases = random.uniform(*SHIVER_HZ, SHIVER_WAVES), random.uniform(0, 2 * np.pi, SHIVER_WAVES)
+    shiver = np.cos(2 * np.pi * np.outer(time, pitches) + phases) @ sizes
+    return Servo(float(1 + slower), np.radians(effects.servo_shiver.value) * shiver)
+
+
+def change_of(trial: str, seed: int, perturbed: bool, changes: Iterable[StepChange]) -> StepChange:
+    """All changes of one crossing in one: factors multiply, the rest adds up."""
+    found = [
+        change
+        for i, change in enumerate(changes)
+        if change.concerns(trial, perturbed) and stream(seed, trial, f"change{i}").random() < change.share
+    ]
+    factors = {name: math.prod(c.factors[name] for c in found) for name in ("load", "amplitude")}
+    terms = ("slower_percent", "after_window_percent", "second_foot_percent", "overhang_mm")
+    sums = {name: sum(getattr(c, name) for c in found) for name in terms}
+    return StepChange(of=(trial,), **factors, **sums)
+
+
+WINDOW_S = 0.1  # Time [s] after the onset in which the rendered impedance is fitted
 WANDER_HZ = (0.3, 4.0)
 WANDER_WAVES = 6
-STEEPEST = 35 / 16
-"""Largest slope of `gait.smooth_step`."""
+STEEPEST = 35 / 16  # Largest slope of `smooth_step`
 
 
 @dataclass(frozen=True)
 class Step:
     """Random quantities of one crossing, the same with and without the perturbation."""
 
-    heel_strike: float
-    """Time [s] of heel strike."""
-    stance: float
-    """Duration [s] of stance, without the change after the window."""
-    onset: float
-    """Time [s] at which the platform starts to move."""
-    command: float
-    """Time [s] at which the perturbation is commanded."""
-    angle_factor: float
-    """Factor of the ankle's angle."""
-    wander: Array
-    """Smooth deviation [rad] of the ankle's angle, shape (n,)."""
-    torque_wander: Array
-    """Smooth deviation [N*m] of the ankle's torque, shape (n,). The leg's equilibrium follows it."""
-    force_factor: Array
-    """Factor of each component of the ground reaction, shape (3,)."""
-    placement: Array
-    """Deviation [m] of the foot's place forward, to the left and up, shape (3,)."""
-    yaw: float
-    """Direction [rad] of the foot, to the left."""
-    hurry: float
-    """Time [s] by which stance is longer after the window."""
+    heel_strike: float  # Time [s] of heel strike
+    stance: float  # Duration [s] of stance, without the change after the window
+    onset: float  # Time [s] at which the platform starts to move
+    command: float  # Time [s] at which the perturbation is commanded
+    angle_factor: float  # Factor of the ankle's angle
+    wander: Array  # Smooth deviation [rad] of the ankle's angle, shape (n,)
+    torque_wander: Array  # Smooth deviation [N*m] of the ankle's torque, shape (n,). The leg's equilibrium follows it
+    force_factor: Array  # Factor of each component of the ground reaction, shape (3,)
+    placement: Array  # Deviation [m] of the foot's place forward, to the left and up, shape (3,)
+    yaw: float  # Direction [rad] of the foot, to the left
+    hurry: float  # Time [s] by which stance is longer after the window
     timing: tuple[float, float]
     """Deviation of the phase of stance in its middle, and of one half of it against the other."""
-    body_mass: float
-    """Body mass [kg]."""
-    servo: Servo
-    """What is random in the platform's motion."""
-    change: StepChange
-    """What makes this crossing differ from others."""
-    condition: Condition
-    """What the crossing is by plan."""
+    body_mass: float  # Body mass [kg]
+    servo: Servo  # What is random in the platform's motion
+    change: StepChange  # What makes this crossing differ from others
+    condition: Condition  # What the crossing is by plan
 
     @property
     def toe_off(self) -> float:
@@ -74,7 +191,7 @@ class Step:
         if self.hurry:
             begins = self.onset + WINDOW_S - self.heel_strike
             left = self.stance + self.hurry - begins
-            elapsed = elapsed - self.hurry * gait.smooth_step((elapsed - begins) / left)
+            elapsed = elapsed - self.hurry * smooth_step((elapsed - begins) / left)
         phase = elapsed / self.stance
         if not any(self.timing):
             return phase
@@ -84,7 +201,7 @@ class Step:
 
     def cycle_phase(self, time: Array) -> Array:
         """Phase of the gait cycle at times [s]: 0 at the heel strike on the platform, 1 at the next."""
-        return gait.STANCE_FRACTION * self.stance_phase(time)
+        return STANCE_FRACTION * self.stance_phase(time)
 
     def as_walked(self, perturbed: bool) -> "Step":
         """This step with or without the perturbation, which alone changes stance after the window."""
@@ -157,7 +274,7 @@ def overhanging(change: StepChange, walking: WalkingSettings) -> float:
     """Deviation [m] of a foot's place to the left, whose outer side is `overhang_mm` beyond the plate's right edge."""
     plate = walking.plate
     outer = -0.5 * plate.size_m[1] - 1e-3 * change.overhang_mm
-    return outer + 0.5 * gait.FOOT_WIDTH - plate.nominal_ankle_m[1]
+    return outer + 0.5 * FOOT_WIDTH - plate.nominal_ankle_m[1]
 
 
 def with_a_stance_that_can_be(step: Step, trial: str) -> Step:

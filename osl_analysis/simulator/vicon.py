@@ -1,21 +1,137 @@
-"""The simulated Vicon recording: markers with noise and gaps, force plate, sync and trigger channels."""
+"""The simulated Vicon recording: markers with noise and gaps, force plate, sync and trigger, as a C3D file of Nexus."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
+import ezc3d
 import numpy as np
 
-from osl_analysis.simulator.c3d_recorder import C3dRecording, RecordedPlate
-from osl_analysis.simulator.capture_settings import CaptureSettings
-from osl_analysis.simulator.force_platform import SensorReading, plate_corners, sensor_reading
-from osl_analysis.simulator.plate_channels import plate_channels
+from osl_analysis.files import atomic_path
+from osl_analysis.simulator.plate import SensorReading, plate_channels, plate_corners, sensor_reading
 from osl_analysis.simulator.rigid_body import Pose, TrueWrench, interpolated_at
-from osl_analysis.simulator.sensors import stream
-from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.simulator.settings import stream
+from osl_analysis.simulator.walking_settings import CaptureSettings, WalkingSettings
 from osl_analysis.trial import Array
 
-Place = tuple[float, float, float]
+MM = 1e3
+RESIDUAL_SEEN, RESIDUAL_HIDDEN = 0.0, -1.0
+"""Residuals of seen and hidden markers. 0, because readers disagree about the byte that holds a positive residual."""
+TEXT, WHOLE_NUMBER, FLOAT = -1, 2, 4
+"""C3D's parameter types: bytes per element, -1 for characters."""
+CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}  # Channels of a force plate, by its type
 
+
+@dataclass(frozen=True)
+class RecordedPlate:
+    """Corners [m], shape (4, 3), in laboratory axes and C3D's order, and ORIGIN [m] in the plate's axes, shape (3,).
+
+    Its channels are the recording's first ones: six, or eight of type 3. Type 4 has a calibration matrix, (6, 6).
+    """
+
+    corners: Array
+    origin: Array
+    type: int = 2
+    calibration: Array | None = None
+
+
+@dataclass(frozen=True)
+class C3dRecording:
+    """Markers [m], shape (frames, labels, 3), NaN where hidden, and analogs, shape (samples, channels).
+
+    Analogs are in `units` already; their rate [Hz] is a whole multiple of the markers'.
+    """
+
+    labels: tuple[str, ...]
+    points: Array
+    point_rate_hz: int
+    channels: tuple[str, ...]
+    units: tuple[str, ...]
+    analogs: Array
+    analog_rate_hz: int
+    plate: RecordedPlate
+    screen: tuple[str, str] | None = ("+X", "+Z")
+    """Axes of the file to the right and upward on a screen (POINT:X_SCREEN, Y_SCREEN). None: they are not stated."""
+    body_mass_kg: float | None = None  # Body mass [kg] that the file states. None: it states none
+    subject: str | None = None  # Name of the person that the file states. None: it states none
+
+
+def write_c3d(path: Path, recording: C3dRecording) -> None:
+    """Write a recording; the file, whose name must end in .c3d, appears whole or not at all.
+
+    A hidden marker is stored as Nexus does it: coordinates 0 and residual -1.
+    """
+    file = ezc3d.c3d()
+    seen = np.isfinite(recording.points).all(axis=2).T
+    points = np.ones((4, *seen.shape))
+    points[:3] = np.where(seen, recording.points.transpose(2, 1, 0) * MM, 0.0)
+    file["data"]["points"] = points
+    file["data"]["meta_points"] = {
+        "residuals": np.where(seen, RESIDUAL_SEEN, RESIDUAL_HIDDEN)[None],
+        "camera_masks": np.zeros((7, *seen.shape), dtype=bool),
+    }
+    file["data"]["analogs"] = recording.analogs.T[None]
+    describe(file, recording)
+    with atomic_path(path) as temporary:
+        file.write(str(temporary))
+
+
+def describe(file: Any, recording: C3dRecording) -> None:
+    """Fill the parameter groups of an open file."""
+    set_parameters(
+        file,
+        "POINT",
+        LABELS=list(recording.labels),
+        DESCRIPTIONS=[""] * len(recording.labels),
+        UNITS=["mm"],
+        RATE=np.array([float(recording.point_rate_hz)]),
+        **({"X_SCREEN": [recording.screen[0]], "Y_SCREEN": [recording.screen[1]]} if recording.screen else {}),
+        FORCE_UNITS=["N"],
+        MOMENT_UNITS=["Nmm"],
+    )
+    set_parameters(
+        file,
+        "ANALOG",
+        LABELS=list(recording.channels),
+        DESCRIPTIONS=[""] * len(recording.channels),
+        UNITS=list(recording.units),
+        RATE=np.array([float(recording.analog_rate_hz)]),
+        FORMAT=["SIGNED"],
+    )
+    set_parameters(
+        file,
+        "FORCE_PLATFORM",
+        USED=np.array([1]),
+        TYPE=np.array([recording.plate.type]),
+        ZERO=np.array([1, 0]),
+        CORNERS=recording.plate.corners.T[:, :, None] * MM,
+        ORIGIN=recording.plate.origin[:, None] * MM,
+        CHANNEL=np.arange(1, CHANNELS[recording.plate.type] + 1)[:, None],
+        CAL_MATRIX=np.zeros(0) if recording.plate.calibration is None else recording.plate.calibration[:, :, None],
+    )
+    set_parameters(file, "TRIAL", CAMERA_RATE=np.array([float(recording.point_rate_hz)]))
+    if recording.body_mass_kg is not None:
+        set_parameters(file, "PROCESSING", BODYMASS=np.array([recording.body_mass_kg]))
+    if recording.subject is not None:
+        set_parameters(file, "SUBJECTS", NAMES=[recording.subject])
+    set_parameters(file, "MANUFACTURER", COMPANY=["osl-analysis"], SOFTWARE=["simulator"])
+
+
+def set_parameters(file: Any, group: str, **values: list[str] | np.ndarray[Any, Any]) -> None:
+    """Set parameters of one group, typed by their values: strings, whole numbers or floats.
+
+    ezc3d's own `add_parameter` makes floats of whole numbers, which other readers refuse in CHANNEL and TYPE.
+    """
+    parameters = file["parameters"]
+    parameters.create_group_if_needed(group)
+    for name, value in values.items():
+        kind = TEXT if isinstance(value, list) else WHOLE_NUMBER if value.dtype.kind == "i" else FLOAT
+        known = parameters[group].get(name, {"description": "", "is_locked": False})
+        parameters[group][name] = {**known, "type": kind, "value": value}
+
+
+Place = tuple[float, float, float]
 # from the ankle's centre, in the axes of foot and shank when standing [m]; the right leg's outer side is -y
 FOOT = {
     "FOOT1": (-0.075, 0.012, -0.030),
@@ -37,11 +153,9 @@ PLATFORM = {
     "PLAT4": (0.285, -0.230, 0.004),
 }
 ANKLE_AXIS = {"ANKLE_MED": (0.0, 0.042, 0.0), "ANKLE_LAT": (0.0, -0.042, 0.0)}
-
 HIGH_V = 5.0
 TRIGGER_S = 0.02
 SYNC_INTERVAL_S = (0.06, 0.25)
-
 LONG_GAP_SHARE = 0.25
 SHORT_GAP_S, LONG_GAP_S = (0.007, 0.04), (0.05, 0.2)
 
@@ -50,11 +164,9 @@ SHORT_GAP_S, LONG_GAP_S = (0.007, 0.04), (0.05, 0.2)
 class Session:
     """Where the markers of the leg are in one session of one person, from where they are in the first one."""
 
-    scatter: float = 0.0
-    """Standard deviation [m] of each marker's place, each axis."""
+    scatter: float = 0.0  # Standard deviation [m] of each marker's place, each axis
     seed: int = 0
-    name: str = ""
-    """Name of person and session; empty: the first session of the first person."""
+    name: str = ""  # Name of person and session; empty: the first session of the first person
 
     def places(self, nominal: Mapping[str, Place]) -> dict[str, Place]:
         """The places [m] of markers on their body."""
@@ -90,18 +202,12 @@ def draw_sync(trial: str, seed: int, duration: float) -> SyncLine:
 class Scene:
     """The exact quantities that Vicon records, at the motion's rate."""
 
-    markers: dict[str, Array]
-    """Path [m] of each marker, shape (n, 3)."""
-    platform: Pose
-    """Pose of the platform."""
-    reaction: TrueWrench
-    """Ground reaction on the plate."""
-    command: float | None
-    """Time [s] at which the trigger fires. None if it does not."""
-    body_mass: float | None = None
-    """Body mass [kg] of the person. None if nobody is there."""
-    subject: str | None = None
-    """Name of the person. None if it has none."""
+    markers: dict[str, Array]  # Path [m] of each marker, shape (n, 3)
+    platform: Pose  # Pose of the platform
+    reaction: TrueWrench  # Ground reaction on the plate
+    command: float | None  # Time [s] at which the trigger fires. None if it does not
+    body_mass: float | None = None  # Body mass [kg] of the person. None if nobody is there
+    subject: str | None = None  # Name of the person. None if it has none
 
 
 def platform_markers(platform: Pose, walking: WalkingSettings) -> dict[str, Array]:

@@ -1,21 +1,127 @@
-"""The gait laboratory of a simulated campaign as a validated file, such as `config/simulation/walking.yaml`.
+"""The gait laboratory of a simulated campaign as a validated file, such as `config/simulation/walking.yaml`: choices.
 
-It contains choices only. The parameters of the leg's drivetrain are in the parameter file. The imperfections of its
-controller are in the campaign's simulation settings.
+The parameters of the leg's drivetrain are in the parameter file. The imperfections of its controller are in the
+campaign's simulation settings.
 """
 
 import math
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from osl_analysis.shared_choices import PAPER, WeightSettings
-from osl_analysis.simulator.capture_settings import CaptureSettings
-from osl_analysis.simulator.effect import NotNegative, Positive
-from osl_analysis.simulator.gait_changes import StepChange
-from osl_analysis.simulator.settings import Count, check_length
-from osl_analysis.simulator.walking_effects import WalkingEffects
-from osl_analysis.yaml_settings import Degrees, Settings, ShippedPath
+from osl_analysis.simulator.settings import (
+    Count,
+    Effect,
+    NotNegative,
+    Seconds,
+    SwitchedEffects,
+    Torque,
+    check_length,
+    in_unit,
+    off,
+    positive,
+)
+from osl_analysis.yaml_settings import Degrees, Positive, Settings, ShippedPath
+
+
+class CaptureSettings(Settings):
+    """The C3D file. The defaults are what Vicon Nexus writes."""
+
+    plate_type: Literal[1, 2, 3, 4] = 2
+    """1 (force, centre of pressure, free moment), 2 (force and moment), 3 (eight sensors of Kistler) or 4 (six voltages
+    with a calibration matrix)."""
+    sensor_span_m: tuple[Positive, Positive] = (0.21, 0.26)  # of type 3 from the centre, along the plate's x and y
+    dead_channels: dict[str, float] = Field(default_factory=dict)  # what they show, by label, such as `Mx1`
+    moment_label: str | None = None  # unit that the file states for the plate's moments; null: the true one, Nmm
+    swapped_labels: tuple[tuple[str, str], ...] = ()  # pairs of markers
+    swapped_in: tuple[str, ...] | None = None  # trials whose labels are exchanged; null: all
+    up_axis: Literal["z", "y"] = "z"  # with `y`, z points to the right
+    states_axes: bool = True  # POINT:X_SCREEN and Y_SCREEN
+    states_body_mass: bool = False  # PROCESSING:BODYMASS
+
+
+Percent = Annotated[float, Field(gt=-50, lt=100)]
+
+
+class StepChange(Settings):
+    """A change of some crossings, by name or by chance. What is left out stays as it is."""
+
+    of: Literal["all", "perturbed", "unperturbed"] | tuple[str, ...] = "all"  # a kind, or a list of names
+    share: Annotated[float, Field(ge=0, le=1)] = 1.0  # of these, drawn for each crossing
+    load: Positive = 1.0
+    """Factor of the ground reaction and of the ankle's torque, at the same angle: the leg's equilibrium follows."""
+    amplitude: Positive = 1.0  # factor of the ankle's angle, its torque and the ground reaction
+    slower_percent: Percent = 0.0  # extension of the whole gait cycle
+    after_window_percent: Percent = 0.0  # extension of stance 100 ms after the onset, if perturbed
+    second_foot_percent: NotNegative = 0.0  # largest load [% of body weight] of the other foot, at mid-stance
+    overhang_mm: Annotated[float, Field(ge=0, lt=90)] = 0.0  # of the foot's 90 mm, carried by the floor beside
+
+    @property
+    def factors(self) -> dict[str, float]:
+        """The factors by name."""
+        return {"load": self.load, "amplitude": self.amplitude}
+
+    def concerns(self, trial: str, perturbed: bool) -> bool:
+        """Whether a crossing can have the change."""
+        if isinstance(self.of, tuple):
+            return trial in self.of
+        return self.of == "all" or (self.of == "perturbed") == perturbed
+
+
+Percentage = Annotated[Effect, in_unit("%")]
+Millimetres = Annotated[Effect, in_unit("mm")]
+Milliseconds = Annotated[Effect, in_unit("ms")]
+Angle = Annotated[Effect, in_unit("deg")]
+Newtons = Annotated[Effect, in_unit("N")]
+Kilograms = Annotated[Effect, in_unit("kg")]
+
+
+class WalkingEffects(SwitchedEffects):
+    """Every imperfection of gait and gait laboratory.
+
+    The size of a scatter, an offset or a noise is its standard deviation. The actuator's encoder and current have the
+    imperfections of the campaign. Rails of channels that are off are none.
+    """
+
+    heel_strike_scatter: Seconds  # of the time of heel strike on the platform
+    stance_scatter: Percentage  # of the duration of stance on the platform
+    angle_scale: Percentage  # of a factor of the ankle's angle
+    angle_wander: Angle  # smooth deviation of the ankle's angle, below 4 Hz
+    force_scale: Percentage  # of a factor of each component of the ground reaction
+    placement_forward: Millimetres  # of the foot's place on the platform
+    placement_sideways: Millimetres
+    foot_yaw: Angle  # of the foot's direction on the platform; the ankle's axis turns with it
+    shank_yield: Percentage  # share of the platform's rotation by which the shank rotates within 0.2 s
+    foot_slip: Millimetres  # by which the foot slides back during the perturbation
+    amplitude_scatter: Percentage = off("%")  # of a factor of the ankle's angle, its torque and the ground reaction
+    load_scatter: Percentage = off("%")  # of a factor of ground reaction and ankle's torque, at the same angle
+    timing_wander: Percentage = off("%")  # of the phase in the middle of stance; heel strike and toe-off stay
+    torque_wander: Torque = off("N*m")
+    """Smooth deviation of the ankle's torque, below 4 Hz. The leg's equilibrium follows it."""
+    trigger_scatter: Milliseconds = off("ms")  # of the time from the command, which the trigger shows, to the ramp
+    rise_scatter: Percentage = off("%")  # of the duration of the platform's ramp, over crossings and plate trials
+    servo_shiver: Angle = off("deg")
+    """Vibration of the platform's angle at 8 to 20 Hz, while it moves and 0.1 s longer, another one in each trial."""
+    platform_heave: Millimetres = off("mm")  # height in the middle of the ramp, as of a hexapod
+    foot_inertia: Kilograms  # of foot and shoe below the ankle
+    plate_inertia: Kilograms  # of the plate above its sensors; off: the reading is the ground reaction
+    marker_noise: Millimetres  # white, each axis
+    marker_gaps: Annotated[Effect, in_unit("1/trial")]  # mean number of gaps in which a marker is hidden
+    force_noise: Newtons  # white, each axis
+    moment_noise: Torque
+    force_offset: Newtons  # constant over a trial
+    moment_offset: Torque
+    plate_lag: Milliseconds  # of the plate's channels behind markers, trigger and sync
+    moment_clip: Annotated[Torque, AfterValidator(positive)] = off("N*m", 60.0)  # rails of a plate of type 1 or 2
+    force_clip: Annotated[Newtons, AfterValidator(positive)] = off("N", 500.0)
+    sensor_clip: Annotated[Newtons, AfterValidator(positive)] = off("N", 250.0)  # rails of type 3
+    marker_placement: Millimetres = off("mm")
+    """Scatter of the place of each marker on foot and shank from session to session, each axis."""
+    leg_clock_offset: Seconds  # mean offset of the leg's clock from that of the recording
+    leg_clock_drift: Annotated[Effect, in_unit("ppm")]  # scatter of the rate of the leg's clock
+    leg_joint_encoder: Annotated[Effect, in_unit("bit")]  # bits per turn
+
 
 Rate = Annotated[int, Field(ge=1, le=1_000_000)]
 Vector = tuple[float, float, float]
@@ -24,20 +130,13 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class Rates(Settings):
-    """Sampling rates.
+    """Motion is computed at the least common multiple of three rates, so that markers, analogs and controller sample it
+    exactly. The leg's log runs on its own clock and is interpolated."""
 
-    Motion is computed at the least common multiple of three of them, so that markers, analogs and controller sample it
-    exactly. The leg's log runs on its own clock and is interpolated.
-    """
-
-    points_hz: Rate
-    """Rate [Hz] of the markers."""
+    points_hz: Rate  # of the markers
     analogs_hz: Rate
-    """Rate [Hz] of the analog channels."""
-    leg_hz: Rate
-    """Rate [Hz] of the leg's log."""
-    controller_hz: Rate
-    """Rate [Hz] of the leg's controller."""
+    leg_hz: Rate  # of the leg's log
+    controller_hz: Rate  # of the leg's controller
 
     @model_validator(mode="after")
     def _c3d_can_hold_them(self) -> Self:
@@ -57,15 +156,10 @@ class Gait(Settings):
     """The nominal crossing."""
 
     body_mass_kg: Positive
-    """Body mass [kg]."""
-    recording_s: Positive
-    """Duration [s] of the recording."""
-    heel_strike_s: Positive
-    """Time [s] of the heel strike on the platform."""
-    stance_s: Positive
-    """Duration [s] of stance on the platform."""
+    recording_s: Positive  # duration
+    heel_strike_s: Positive  # time of the heel strike on the platform
+    stance_s: Positive  # duration of stance on the platform
     stride_m: Positive
-    """Length [m] of a stride."""
 
     @model_validator(mode="after")
     def _step_is_recorded(self) -> Self:
@@ -80,50 +174,34 @@ class Perturbation(Settings):
     """Ramp of the platform about a mediolateral axis; toes up, if the conditions of the campaign do not say more."""
 
     angle_deg: Degrees
-    """Angle [deg] of the ramp."""
     rise_s: Positive
-    """Duration [s] of the ramp."""
-    latency_s: NotNegative
-    """Time [s] from the command to the start of the ramp."""
-    stance_phase: tuple[Share, Share]
-    """First and last phase of stance at which the ramp is commanded. The phase is drawn evenly from between them."""
-    hold_s: NotNegative
-    """Time [s] after toe-off at which the platform starts to return."""
+    latency_s: NotNegative  # from the command to the start of the ramp
+    stance_phase: tuple[Share, Share]  # first and last at which the ramp is commanded, drawn evenly
+    hold_s: NotNegative  # after toe-off, when the platform starts to return
     return_s: Positive
-    """Duration [s] of the return."""
-    axis_depth_m: float | None = None
-    """Depth [m] of the axis below the plate's surface. Null: the axis passes through the nominal ankle."""
+    axis_depth_m: float | None = None  # below the plate's surface; null: the axis passes through the nominal ankle
     shift_mm: Positive | None = None
-    """Distance [mm] by which the platform shifts in place of a turn: backward for `up`, which dorsiflexes the ankle, as
-    the hip stays where it is. Null: it turns."""
-    leg_length_m: Positive = 0.9
-    """Distance [m] from ankle to hip, which converts a shift of the platform to an angle of the shank."""
-    same_unloaded: bool = False
-    """Whether plate trials have the ramp of the crossings. Else its size and duration vary by 15 and 30 %."""
+    """Distance by which the platform shifts in place of a turn: backward for `up`, which dorsiflexes the ankle, as the
+    hip stays where it is. Null: it turns."""
+    leg_length_m: Positive = 0.9  # ankle to hip, which converts a shift of the platform to an angle of the shank
+    same_unloaded: bool = False  # else size and duration of the ramp in plate trials vary by 15 and 30 %
 
 
 class Body(Settings):
     """The inertia of a body. Its mass is the size of an effect (`foot_inertia` or `plate_inertia`)."""
 
-    centre_of_mass_m: Vector
-    """Centre of mass [m] in the body's axes."""
-    gyration_m: PositiveVector
-    """Principal radii of gyration [m] about the centre of mass."""
+    centre_of_mass_m: Vector  # in the body's axes
+    gyration_m: PositiveVector  # principal radii about the centre of mass
 
 
 class Plate(Body):
     """The force plate. Its centre of mass is given from the centre of its surface."""
 
-    centre_m: Vector
-    """Centre [m] of the surface at rest, in laboratory axes."""
-    size_m: tuple[Positive, Positive]
-    """Size [m] of the surface along the plate's x and y."""
-    sensor_depth_m: Positive
-    """Depth [m] of the sensor origin below the surface."""
-    sensor_offset_m: tuple[float, float]
-    """Sensor origin [m] from the surface's centre, along laboratory x and y."""
-    nominal_ankle_m: tuple[float, float]
-    """Point [m] of the surface above which participants put the ankle. The platform turns about an axis through it."""
+    centre_m: Vector  # of the surface at rest, in laboratory axes
+    size_m: tuple[Positive, Positive]  # of the surface along the plate's x and y
+    sensor_depth_m: Positive  # of the sensor origin below the surface
+    sensor_offset_m: tuple[float, float]  # sensor origin from the surface's centre, along laboratory x and y
+    nominal_ankle_m: tuple[float, float]  # point of the surface above which participants put the ankle
     full_motion_every: Count
     """Interval, in plate trials, at which the platform also shifts and tilts about another axis, so that all its
     inertial parameters can be identified. 0: never."""
@@ -132,26 +210,16 @@ class Plate(Body):
 class WalkingSettings(Settings):
     """A simulated gait laboratory."""
 
-    impedance: ShippedPath
-    """File of the desired impedance over the gait cycle, relative to the working directory."""
+    impedance: ShippedPath  # file of the desired impedance over the gait cycle
     rates: Rates
-    """Sampling rates."""
     gait: Gait
-    """The nominal crossing."""
     perturbation: Perturbation
-    """The ramp of the platform."""
     foot: Body
-    """Inertia of the foot."""
     plate: Plate
-    """The force plate."""
     effects: WalkingEffects
-    """Every imperfection of gait and gait laboratory."""
-    changes: tuple[StepChange, ...] = ()
-    """What makes some crossings differ from the others."""
-    gain_weight: WeightSettings = PAPER
-    """W of Eq. 14 with which the leg's gains are selected; that of the simulated campaign replaces it."""
+    changes: tuple[StepChange, ...] = ()  # what makes some crossings differ from the others
+    gain_weight: WeightSettings = PAPER  # that of the simulated campaign replaces it
     capture: CaptureSettings = CaptureSettings()
-    """How the C3D file is recorded."""
 
     @model_validator(mode="after")
     def _ends(self) -> Self:

@@ -11,11 +11,9 @@ from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
-from osl_analysis.simulator.actuator_bench import current_schedule, recorded_actuator, turning
-from osl_analysis.simulator.dynamometer import moved
+from osl_analysis.simulator.bench import current_schedule, moved, recorded_actuator, turning
 from osl_analysis.simulator.joint_motion import JointMotion
-from osl_analysis.simulator.sensors import stream
-from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.settings import SimulationSettings, stream
 from osl_analysis.study.performance import regression_bound
 from osl_analysis.study.recorded import at_any_phase, ideal_sensors, recorded_trial
 from osl_analysis.study.trials import Estimates, StudyInputs, estimates_of, torque_noise

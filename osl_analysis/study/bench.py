@@ -17,7 +17,7 @@ from osl_analysis.model.compensator import compensated_gains, predicted_impedanc
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import impedance_columns, impedance_torque
 from osl_analysis.signals import LowPass, Motion
-from osl_analysis.simulator.dynamometer import (
+from osl_analysis.simulator.bench import (
     BenchResponse,
     drivetrain_effects,
     moved,
@@ -27,8 +27,7 @@ from osl_analysis.simulator.dynamometer import (
     simulate_transmission,
 )
 from osl_analysis.simulator.joint_motion import JointMotion, stepped_sine, there_and_back
-from osl_analysis.simulator.sensors import stream
-from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.settings import SimulationSettings, stream
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.study.performance import regression_bound
 from osl_analysis.study.recorded import at_any_phase, ideal_sensors, recorded_trial

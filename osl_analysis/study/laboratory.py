@@ -11,16 +11,13 @@ from osl_analysis.errors import OslAnalysisError
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import ImpedanceFit
-from osl_analysis.simulator.c3d_recorder import write_c3d
-from osl_analysis.simulator.crossing import SimulatedCrossing, simulate_crossing
-from osl_analysis.simulator.dynamometer import drivetrain_effects
-from osl_analysis.simulator.sensors import stream
-from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.bench import drivetrain_effects
+from osl_analysis.simulator.crossing import SimulatedCrossing, rendered_impedance, simulate_crossing
+from osl_analysis.simulator.settings import SimulationSettings, stream
 from osl_analysis.simulator.step import draw_step
-from osl_analysis.simulator.vicon import vicon_recording
+from osl_analysis.simulator.vicon import vicon_recording, write_c3d
 from osl_analysis.simulator.walking import motion_grid, scene_of, simulate_walking_trial
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.simulator.walking_truth import rendered_impedance
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import StaticCalibration, static_calibration
 from osl_analysis.walking.crossing import Crossing, CrossingQuality, analyse_crossing

@@ -6,10 +6,7 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 
-from osl_analysis.simulator.effect import Effect, Encoder
-from osl_analysis.simulator.recorder_settings import RecorderSettings
-from osl_analysis.simulator.sensors import stream
-from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.settings import Effect, Encoder, RecorderSettings, SimulationSettings, stream
 from osl_analysis.study import Recording
 from osl_analysis.study.trials import StudyInputs
 from osl_analysis.trial import Array, Trial

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from osl_analysis.signals import LowPass
-from osl_analysis.simulator.dynamometer import drivetrain_effects, scatter, simulate_belt
+from osl_analysis.simulator.bench import drivetrain_effects, scatter, simulate_belt
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.study.bench import StudyBench, belt, transmission
 from osl_analysis.study.trials import Estimate, Estimates, StudyInputs

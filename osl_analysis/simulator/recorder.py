@@ -1,21 +1,58 @@
 """What recorders do to true signals: when each channel is sampled, what its sensor makes of it, what stamps it gets.
 
-With everything off a channel is sampled at the even instants of the simulation, and the stamps are those.
+With everything off a channel is sampled at the even instants of the simulation, and the stamps are those. The truth
+goes to the folder `truth`, which ingest never reads.
 """
 
+import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 from scipy.signal import butter, cont2discrete, lfilter, lfilter_zi
 
-from osl_analysis.simulator.effect import Scatter, SensorLowPass
-from osl_analysis.simulator.even_spline import spline_at
-from osl_analysis.simulator.recorder_settings import NodeSettings
-from osl_analysis.simulator.sensors import bench_errors, flicker, rounded_to, stream
-from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.files import atomic_path
+from osl_analysis.model.compensator import Gains
+from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.simulator.kernel import spline_at
+from osl_analysis.simulator.settings import NodeSettings, Scatter, SensorLowPass, SimulationSettings, stream
 from osl_analysis.trial import Array
+
+
+def bench_errors(trial: str, settings: SimulationSettings) -> dict[str, float]:
+    """The errors that are constant in one bench trial: clock start [s], load-cell offset [N*m] and drift [N*m/min].
+
+    If `encoder_zero` is enabled, also the zero of the joint's encoder [rad].
+    """
+    effects, seed = settings.effects, settings.seed
+    zero = effects.encoder_zero.value * effects.joint_encoder.value * stream(seed, trial, "encoder_zero").uniform(-1, 1)
+    return {
+        "clock_start_s": float(stream(seed, trial, "clock_start").integers(20, 2000)),
+        "load_cell_offset": effects.load_cell_offset.value * stream(seed, trial, "load_cell_offset").standard_normal(),
+        "load_cell_drift": effects.load_cell_drift.value * stream(seed, trial, "load_cell_drift").standard_normal(),
+        **({"encoder_zero": float(zero)} if effects.encoder_zero.enabled else {}),
+    }
+
+
+def rounded_to(signal: Array, step: float) -> Array:
+    """The signal rounded to the nearest multiple of `step` [unit of the signal]. With step 0 it is not rounded."""
+    return np.rint(signal / step) * step if step else signal
+
+
+def flicker(size: float, n: int, draws: np.random.Generator) -> Array:
+    """1/f noise (n,), even in time, whose standard deviation in a decade of frequency is `size`.
+
+    A power density of size^2/(ln 10 f) has the variance size^2 in each decade, for any sampling rate.
+    """
+    line = np.arange(n // 2 + 1)
+    white = draws.standard_normal((2, len(line)))
+    spectrum = size * n / 2 * (white[0] + 1j * white[1]) / np.sqrt(np.log(10) * np.maximum(line, 1))
+    spectrum[0] = 0
+    return np.fft.irfft(spectrum, n)
+
 
 TORQUES = ("load_cell_torque", "output_torque")
 NOISES = {"motor_current": "current_noise", **dict.fromkeys(TORQUES, "load_cell_noise")}
@@ -28,10 +65,8 @@ STEPS = {
     **dict.fromkeys(TORQUES, "load_cell_quantisation"),
 }
 """Effect with the resolution of a channel."""
-QUEUE_S = 5e-6
-"""Time [s] in which a host stamps one message of several that wait."""
-FINER = 8
-"""Steps per sample with which a sensor's own low-pass is computed, its input being straight between them."""
+QUEUE_S = 5e-6  # Time [s] in which a host stamps one message of several that wait
+FINER = 8  # Steps per sample with which a sensor's own low-pass is computed, its input being straight between them
 
 
 @dataclass(frozen=True)
@@ -214,3 +249,36 @@ def low_passed(signal: Array, rate_hz: float, low_pass: SensorLowPass) -> Array:
     above = np.ravel(numerator)
     slow, _ = lfilter(above, below, finer, zi=lfilter_zi(above, below) * finer[0])
     return np.asarray(slow[::FINER])
+
+
+def bench_truth(
+    trial: str,
+    settings: SimulationSettings,
+    p: DrivetrainParameters,
+    gains: Gains | None,
+    drawn: Mapping[str, float],
+) -> dict[str, object]:
+    """The truth of a bench trial: parameters (with this trial's K_s), gains, effects, recorder and `drawn` errors."""
+    return {
+        "trial": trial,
+        "seed": settings.seed,
+        "parameters": asdict(p),
+        "gains": asdict(gains) if gains else None,
+        "joint": settings.joint.model_dump() if settings.joint else None,
+        **({"foot": settings.foot.model_dump()} if settings.foot else {}),
+        "effects": settings.effects.model_dump(),
+        "recorder": settings.recorder.model_dump(),
+        "drawn": dict(drawn),
+    }
+
+
+def write_truth(folder: Path, trial: str, truth: Mapping[str, object]) -> None:
+    """Write the truth of a trial to `truth/<trial>.json` in the campaign's raw folder."""
+    with atomic_path(folder / "truth" / f"{trial}.json") as path:
+        path.write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
+
+
+def write_curves(folder: Path, trial: str, curves: dict[str, Array], every: int) -> None:
+    """Write every `every`-th sample of the exact curves to `truth/<trial>.parquet` in the campaign's raw folder."""
+    with atomic_path(folder / "truth" / f"{trial}.parquet") as path:
+        pl.DataFrame({name: values[::every] for name, values in curves.items()}).write_parquet(path)

@@ -4,33 +4,33 @@ Between two samples of the controller the actuator is integrated in `substeps` f
 Stoermer-Verlet scheme (half drift, kick, half drift): J_m domega_m/dt = k_tau n_m I_q - f - B_m omega_m + tau_s/n_T,
 where tau_s is the belt's torque at theta_s = theta - theta_m/n_T. Friction enters the kick implicitly with the true
 sign of the velocity. The actuator therefore sticks exactly, for any step.
+
+In its place a trial may have a joint of Eq. 15, or a passive foot.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from osl_analysis.errors import InputError
 from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.simulator.drivetrain_kernel import Controller, Plant, belt_path, integrate
+from osl_analysis.simulator.joint_motion import JointMotion
+from osl_analysis.simulator.kernel import Controller, Plant, belt_path, integrate, torque_through_gap
+from osl_analysis.simulator.settings import PassiveFoot, SecondOrderJoint, SlippingSpring
 from osl_analysis.trial import Array
 
-LARGEST_ANGLE = 100.0
-"""Largest angle [rad] of the actuator's output, 16 turns. Beyond it the control loop is unstable."""
+LARGEST_ANGLE = 100.0  # Largest angle [rad] of the actuator's output, 16 turns. Beyond it the control loop is unstable
 
 
 @dataclass(frozen=True)
 class ControlCommands:
     """Commands to the controller at each of its n samples, at the *actuator's* output, or for all of them: (1,)."""
 
-    K_1: Array
-    """Stiffness gain [N*m/rad], shape (n,) or (1,)."""
-    B_1: Array
-    """Damping gain [N*m*s/rad], shape as of K_1."""
-    theta_eq: Array
-    """Equilibrium angle [rad], shape as of K_1."""
-    cancels_friction: bool
-    """Whether the controller adds the friction term of Eq. 5."""
+    K_1: Array  # Stiffness gain [N*m/rad], shape (n,) or (1,)
+    B_1: Array  # Damping gain [N*m*s/rad], shape as of K_1
+    theta_eq: Array  # Equilibrium angle [rad], shape as of K_1
+    cancels_friction: bool  # Whether the controller adds the friction term of Eq. 5
 
 
 @dataclass(frozen=True)
@@ -43,24 +43,17 @@ class DrivetrainEffects:
         The updates do not fit evenly into the fine steps.
     """
 
-    friction: bool
-    """Whether there is friction. Without it the controller cancels none, and the loop is linear."""
-    control_delay: int
-    """Delay from a measurement to the current computed from it [updates of the controller]."""
-    encoder_resolution: float
-    """Resolution [rad] of the encoder at the actuator's output. 0: an ideal encoder."""
+    friction: bool  # Whether there is friction. Without it the controller cancels none, and the loop is linear
+    control_delay: int  # Delay from a measurement to the current computed from it [updates of the controller]
+    encoder_resolution: float  # Resolution [rad] of the encoder at the actuator's output. 0: an ideal encoder
     velocity_cutoff_hz: float | None
     """Cut-off [Hz] of the one-pole low-pass over the differentiated encoder. None: the true velocity."""
-    sign_width: float
-    """Velocity [rad/s] over which the controller smooths its sign."""
-    hysteresis_torque: float
-    """Largest rate-independent torque [N*m] of the belt."""
-    hysteresis_width: float
-    """Deflection [rad] over which the hysteresis torque changes sign after a reversal."""
+    sign_width: float  # Velocity [rad/s] over which the controller smooths its sign
+    hysteresis_torque: float  # Largest rate-independent torque [N*m] of the belt
+    hysteresis_width: float  # Deflection [rad] over which the hysteresis torque changes sign after a reversal
     friction_scale: float = 1.0
     """Ratio of the true friction to the friction of the parameters, which the controller cancels."""
-    substeps: int = 20
-    """Integration steps per sample."""
+    substeps: int = 20  # Integration steps per sample
     control_updates: int = 1
     """Updates of the controller per sample. The current is held between updates. A value equal to `substeps` gives the
     continuous controller of linear theory."""
@@ -172,3 +165,36 @@ def build_controller(
         f_C=p.f_C if effects.friction else 0.0,
         f_G=p.f_G if effects.friction else 0.0,
     )
+
+
+SIGN_WIDTH = 1e-3  # Velocity [rad/s] over which Coulomb friction changes its sign, a hundredth of a slow sine's largest
+GAP_SUBSTEPS = 20  # Integration steps per sample for a joint with backlash
+
+
+def second_order_torque(joint: SecondOrderJoint, motion: JointMotion, rate_hz: float) -> Array:
+    """Resisting torque [N*m] of the joint, shape (n,), where the bench makes `motion`."""
+    theta, omega, alpha = motion.theta, motion.omega, motion.alpha
+    if joint.backlash.value:
+        angle, velocity, acceleration = (np.ascontiguousarray(x, dtype=float) for x in (theta, omega, alpha))
+        K_B_I, gap = (joint.K, joint.B, joint.I), joint.backlash.value
+        linear = torque_through_gap(angle, velocity, acceleration, K_B_I, gap, 1 / rate_hz, GAP_SUBSTEPS)
+    else:
+        linear = joint.K * theta + joint.B * omega + joint.I * alpha
+    return linear + joint.K * joint.stiffening.value * theta**3 + joint.coulomb.value * np.tanh(omega / SIGN_WIDTH)
+
+
+def foot_torque(foot: PassiveFoot, motion: JointMotion) -> Array:
+    """Resisting torque [N*m] of a passive foot on a motion from rest, shape (n,)."""
+    theta = motion.theta
+    elastic = foot.K * theta * (1 + foot.stiffening * theta**2) + foot.B * motion.omega
+    return np.asarray(elastic + sum(slipping_torque(theta, spring) for spring in foot.slipping))
+
+
+def slipping_torque(theta: Array, spring: SlippingSpring) -> Array:
+    """Torque (n,) [N*m] of a slipping spring, 0 at the first angle; exact on each way between two turns."""
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(theta)))) + 1
+    torque = np.zeros_like(theta)
+    for a, b in pairwise([0, *turns.tolist(), len(theta) - 1]):
+        way = slice(a, b + 1)
+        torque[way] = np.clip(torque[a] + spring.stiffness * (theta[way] - theta[a]), -spring.limit, spring.limit)
+    return torque

@@ -5,36 +5,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from osl_analysis.simulator.conditions import Condition
-from osl_analysis.simulator.gait import ANKLE_HEIGHT, smooth_step
+from osl_analysis.simulator.plan import Condition
 from osl_analysis.simulator.rigid_body import Pose, rotation_about
-from osl_analysis.simulator.sensors import stream
-from osl_analysis.simulator.servo import draw_servo
-from osl_analysis.simulator.step import Step
+from osl_analysis.simulator.settings import stream
+from osl_analysis.simulator.step import ANKLE_HEIGHT, Step, draw_servo, smooth_step
 from osl_analysis.simulator.walking_settings import Perturbation, WalkingSettings
 from osl_analysis.trial import Array
 
 UNLOADED_COMMAND_S = 0.5
 SHIFT_M = np.array([0.012, 0.008, 0.006])
 TILT_RAD = np.radians(2.0)
-UNLOADED_RANGE = ([0.85, 0.9], [1.15, 1.3])
-"""Lowest and highest factors of size and duration of an unloaded ramp."""
+UNLOADED_RANGE = ([0.85, 0.9], [1.15, 1.3])  # Lowest and highest factors of size and duration of an unloaded ramp
 
 
 @dataclass(frozen=True)
 class PlatformMotion:
     """True motion of the platform."""
 
-    angle: Array
-    """Dorsiflexion (toes-up) angle [rad], shape (n,)."""
-    shift: Array
-    """Displacement [m] of the axis of rotation, laboratory axes, shape (n, 3)."""
-    pose: Pose
-    """Displacement of the platform from where it is at rest."""
-    command: float | None
-    """Time [s] at which the trigger fires. None if the platform stays at rest."""
-    onset: float | None
-    """Time [s] at which the platform starts to move. None if it stays at rest."""
+    angle: Array  # Dorsiflexion (toes-up) angle [rad], shape (n,)
+    shift: Array  # Displacement [m] of the axis of rotation, laboratory axes, shape (n, 3)
+    pose: Pose  # Displacement of the platform from where it is at rest
+    command: float | None  # Time [s] at which the trigger fires. None if the platform stays at rest
+    onset: float | None  # Time [s] at which the platform starts to move. None if it stays at rest
 
 
 def pulse(time: Array, start: float, rise: float, back: float, fall: float) -> Array:

@@ -1,14 +1,15 @@
-"""The compiled inner loop of `drivetrain_sim`: Eqs. 1-5 and 7 for scalars, and their integration over a trial.
+"""The compiled loops of the simulator: the drivetrain of Eqs. 1-5 and 7, the position loop, and even splines.
 
 All compiled functions are in this file, because numba's disk cache does not notice changes of functions in other files.
-They are `fused`: the last bit of a motion depends on the processor, as that of numpy's sines does.
+Those of the drivetrain are `fused`: the last bit of a motion depends on the processor, as that of numpy's sines does.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from osl_analysis.compiled import fused
+from osl_analysis.compiled import compiled, fused
+from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
 SHORT = 1 / 16
@@ -249,3 +250,79 @@ def torque_through_gap(
                 velocity += -step * (K * angle + B * velocity) / I
                 angle += step * velocity
     return torque
+
+
+FEWEST = 4  # Fewest samples of a spline without knots beside its ends
+SETTLED = 20  # Rows of the elimination after which its factor is 2 - sqrt(3) to rounding: each comes 14 times closer
+
+
+def spline_at(samples: Array, rate_hz: float, instants: Array) -> Array:
+    """The cubic spline through samples (n,) that begin at 0 and have a rate [Hz], at instants (m,) [s].
+
+    It is the not-a-knot spline of `scipy.interpolate.CubicSpline`, to rounding, also beyond the last sample.
+
+    Raises
+    ------
+    InputError
+        There are fewer than four samples.
+    """
+    if len(samples) < FEWEST:
+        raise InputError(
+            f"a recording of {len(samples)} samples at {rate_hz:g} Hz is too short for a sensor that samples in "
+            f"between, expected {FEWEST} or more; simulate a longer motion"
+        )
+    values = np.ascontiguousarray(samples, dtype=float)
+    return evaluated(values, slopes(values), float(rate_hz), np.ascontiguousarray(instants, dtype=float))
+
+
+@compiled
+def slopes(y: Array) -> Array:
+    """Slopes of the spline at its samples (n,), per step: s[i-1] + 4 s[i] + s[i+1] = 3 (y[i+1] - y[i-1]).
+
+    The first two and the last two pieces are one cubic each: s[0] + 2 s[1] = (5 (y[1] - y[0]) + y[2] - y[1])/2.
+    Gauss's elimination divides row i by 4 - factor[i-1], and so does a constant number after `SETTLED` rows.
+    """
+    n = len(y)
+    s, factor = np.empty(n), np.full(SETTLED, 2.0)
+    s[0] = 0.5 * (5.0 * (y[1] - y[0]) + (y[2] - y[1]))
+    for i in range(1, SETTLED):
+        factor[i] = 1.0 / (4.0 - factor[i - 1])
+    for i in range(1, n - 1):
+        s[i] = (3.0 * (y[i + 1] - y[i - 1]) - s[i - 1]) * factor[min(i, SETTLED - 1)]
+    end = 0.5 * (5.0 * (y[n - 1] - y[n - 2]) + (y[n - 2] - y[n - 3]))
+    s[n - 1] = (end - 2.0 * s[n - 2]) / (1.0 - 2.0 * factor[min(n - 2, SETTLED - 1)])
+    for i in range(n - 2, -1, -1):
+        s[i] -= factor[min(i, SETTLED - 1)] * s[i + 1]
+    return s
+
+
+@compiled
+def evaluated(y: Array, s: Array, rate_hz: float, instants: Array) -> Array:
+    """The piecewise cubic with values y and slopes s per step, (n,) each, at instants (m,) [s]."""
+    values, last = np.empty(len(instants)), len(y) - 2
+    for k in range(len(instants)):
+        place = instants[k] * rate_hz
+        i = min(max(int(place), 0), last)
+        t, rise = place - i, y[i + 1] - y[i]
+        cubic = s[i] + s[i + 1] - 2.0 * rise
+        values[k] = y[i] + t * (s[i] + t * (rise - s[i] - cubic + t * cubic))
+    return values
+
+
+@compiled
+def propagate(transition: Array, commanded: Array, speed: Array, step: float) -> Array:
+    """Angle and velocity, shape (2, n), from rest at the first of the commanded angles [rad], (n,), with their speeds.
+
+    `transition` (2, 6) takes both, and the command with its three derivatives, over a step [s].
+    """
+    states = np.zeros((2, len(commanded)))
+    states[0, 0] = commanded[0]
+    for i in range(len(commanded) - 1):
+        mean = (commanded[i + 1] - commanded[i]) / step
+        curvature = 2.0 * (3.0 * mean - 2.0 * speed[i] - speed[i + 1]) / step
+        jerk = 6.0 * (speed[i] + speed[i + 1] - 2.0 * mean) / step**2
+        for row in range(2):
+            t = transition[row]
+            forced = t[2] * commanded[i] + t[3] * speed[i] + t[4] * curvature + t[5] * jerk
+            states[row, i + 1] = t[0] * states[0, i] + t[1] * states[1, i] + forced
+    return states

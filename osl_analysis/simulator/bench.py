@@ -1,0 +1,311 @@
+"""One trial of a bench, the dynamometer's or the actuator's own: true motion and torque, recorded log, truth."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from osl_analysis.model.compensator import Gains, select_gains
+from osl_analysis.model.drivetrain import actuator_torque
+from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.simulator.drivetrain import (
+    ControlCommands,
+    DrivetrainEffects,
+    foot_torque,
+    second_order_torque,
+    simulate_belt_torque,
+    simulate_drivetrain,
+)
+from osl_analysis.simulator.joint_motion import (
+    JointMotion,
+    excitation_motion,
+    position_loop,
+    slow_cycles,
+    stepped_sine,
+    there_and_back,
+)
+from osl_analysis.simulator.kernel import spline_at
+from osl_analysis.simulator.mcap_writer import ACTUATOR, DYNAMOMETER, joint_states, wrenches, write_mcap, write_topics
+from osl_analysis.simulator.recorder import Jumping, TrueSignal, bench_truth, recorded
+from osl_analysis.simulator.settings import ActuatorBench, SimulationSettings, Tone, stream
+from osl_analysis.trial import Array
+
+
+@dataclass(frozen=True)
+class DynamometerLog:
+    """Signals that the dynamometer's recorder writes, with the recorder's units and signs.
+
+    time [s] of the recorder's clock has shape (n,), as every channel except the torque. torque_time [s] has shape (m,),
+    as the torque; it equals `time` if one node records all signals. joint_angle, actuator_angle, commanded_angle [rad];
+    motor_current [A]; load_cell_torque [N*m] is the torque of the joint on the bench, the paper's tau_j: *minus* the
+    canonical torque.
+    """
+
+    time: Array
+    joint_angle: Array
+    load_cell_torque: Array
+    actuator_angle: Array
+    motor_current: Array
+    commanded_angle: Array
+    torque_time: Array
+
+
+@dataclass(frozen=True)
+class BenchResponse:
+    """True theta_m [rad], current [A] and resisting torque [N*m] of the joint, shape (n,) each."""
+
+    theta_m: Array
+    current: Array
+    torque: Array
+
+
+def simulate_dynamometer_trial(
+    row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters
+) -> tuple[DynamometerLog, dict[str, object]]:
+    """The log of one trial of the sample sheet, and the truth about it.
+
+    `row` has the sheet's trial, experiment (belt, transmission, torque_angle or impedance), controller, K_d and B_d.
+    """
+    trial, gains = str(row["trial"]), None
+    if row["experiment"] == "belt":
+        p = replace(p, K_s=p.K_s * scatter(trial, settings))
+        command, motion = moved(there_and_back(settings.belt, settings.dynamometer.rate_hz), settings)
+        response = simulate_belt(motion, drivetrain_effects(settings), p)
+    elif row["experiment"] == "torque_angle" and settings.foot is not None:
+        command, motion = moved(slow_cycles(settings.foot.cycles, settings.dynamometer.rate_hz), settings)
+        still = np.zeros_like(motion.theta)
+        response = BenchResponse(still, still, foot_torque(settings.foot, motion))
+    else:
+        command, motion = moved(commanded(row, settings), settings)
+        if row["experiment"] == "transmission":
+            response = simulate_transmission(motion, p)
+        elif settings.joint is not None:
+            still = np.zeros_like(motion.theta)
+            torque = second_order_torque(settings.joint, motion, settings.dynamometer.rate_hz)
+            response = BenchResponse(still, still, torque)
+        else:
+            weight = settings.gain_weight.weight
+            gains = select_gains(str(row["controller"]), float(row["K_d"]), float(row["B_d"]), p, weight)
+            response = simulate_impedance(settings.dynamometer.rate_hz, motion, gains, drivetrain_effects(settings), p)
+    log, drawn = recorded_dynamometer(trial, command, motion, response, settings)
+    return log, bench_truth(trial, settings, p, gains, drawn)
+
+
+def commanded(row: Mapping[str, Any], settings: SimulationSettings) -> JointMotion:
+    """The motion that the dynamometer is told to make in a transmission or impedance trial."""
+    trial, rate = str(row["trial"]), settings.dynamometer.rate_hz
+    excitation = settings.excitation_of(trial) if row["experiment"] == "impedance" else None
+    if excitation is None:
+        return stepped_sine(settings.protocol, rate)
+    return excitation_motion(excitation, trial, settings.seed, rate)
+
+
+def moved(command: JointMotion, settings: SimulationSettings) -> tuple[Array, JointMotion]:
+    """The commanded angle [rad], and the resulting motion of the dynamometer."""
+    bandwidth = settings.effects.dynamometer_bandwidth
+    if not bandwidth.enabled:
+        return command.theta, command
+    bench = settings.dynamometer
+    return command.theta, position_loop(command, bench.rate_hz, bandwidth.size, bench.damping_ratio)
+
+
+def simulate_belt(motion: JointMotion, effects: DrivetrainEffects, p: DrivetrainParameters) -> BenchResponse:
+    """The actuator is locked at theta_m = 0: all of the joint's angle deflects the belt."""
+    still = np.zeros_like(motion.theta)
+    elastic = simulate_belt_torque(motion.theta, effects, p)
+    return BenchResponse(still, still, elastic + p.B_j * motion.omega + p.J_j * motion.alpha)
+
+
+def simulate_transmission(motion: JointMotion, p: DrivetrainParameters) -> BenchResponse:
+    """The motor is detached: the belt stays slack (theta_s = 0), the idle actuator's encoder and current read 0."""
+    still = np.zeros_like(motion.theta)
+    return BenchResponse(still, still, p.B_j * motion.omega + p.J_j * motion.alpha)
+
+
+def simulate_impedance(
+    rate_hz: float, motion: JointMotion, gains: Gains, effects: DrivetrainEffects, p: DrivetrainParameters
+) -> BenchResponse:
+    """The controller renders its impedance about theta_eq = 0, from rest at theta_m = 0."""
+    K_1, B_1, theta_eq = np.array([[gains.K_1], [gains.B_1], [0.0]])
+    commands = ControlCommands(K_1, B_1, theta_eq, gains.cancels_friction)
+    leg = simulate_drivetrain(rate_hz, motion.theta, motion.omega, commands, effects, p)
+    return BenchResponse(leg.theta_m, leg.current, leg.belt_torque + p.B_j * motion.omega + p.J_j * motion.alpha)
+
+
+def drivetrain_effects(settings: SimulationSettings) -> DrivetrainEffects:
+    """The effects of the settings, as arguments of the drivetrain's simulation."""
+    effects, drivetrain = settings.effects, settings.drivetrain
+    return DrivetrainEffects(
+        friction=effects.friction.enabled,
+        friction_scale=effects.friction.size,
+        control_delay=int(effects.control_delay.value),
+        control_updates=drivetrain.control_updates if effects.control_delay.enabled else drivetrain.substeps,
+        encoder_resolution=effects.actuator_encoder.value,
+        velocity_cutoff_hz=effects.velocity_filter.size if effects.velocity_filter.enabled else None,
+        sign_width=drivetrain.sign_width,
+        hysteresis_torque=effects.belt_hysteresis.value,
+        hysteresis_width=drivetrain.hysteresis_width,
+        substeps=drivetrain.substeps,
+    )
+
+
+def scatter(trial: str, settings: SimulationSettings) -> float:
+    """Ratio of the trial's K_s to that of the parameter file."""
+    draw = stream(settings.seed, trial, "belt_scatter").standard_normal()
+    return float(1 + settings.effects.belt_scatter.value * draw)
+
+
+def recorded_dynamometer(
+    trial: str, command: Array, motion: JointMotion, response: BenchResponse, settings: SimulationSettings
+) -> tuple[DynamometerLog, dict[str, float]]:
+    """The recorded log, and the errors that were drawn for this trial."""
+    mount = settings.effects.mount_stiffness
+    nodes, drawn = recorded(
+        trial,
+        {
+            "joint_angle": motion.theta + response.torque / mount.size if mount.enabled else motion.theta,
+            "actuator_angle": response.theta_m,
+            "motor_current": response.current,
+            "commanded_angle": command,
+            "load_cell_torque": -response.torque,
+        },
+        settings,
+    )
+    channels = {name: values for node in nodes for name, values in node.channels.items()}
+    return DynamometerLog(time=nodes[0].time, torque_time=nodes[-1].time, **channels), drawn
+
+
+@dataclass(frozen=True)
+class ActuatorLog:
+    """Signals that the bench's recorder writes: time [s], actuator_angle [rad] and motor_current [A], shape (n,) each.
+
+    output_torque [N*m], shape (m,), is the torque of the actuator on the bench, the paper's tau_m. torque_time [s],
+    shape (m,), are its stamps. They equal `time` if one node records all signals.
+    """
+
+    time: Array
+    actuator_angle: Array
+    motor_current: Array
+    output_torque: Array
+    torque_time: Array
+
+
+def simulate_actuator_trial(
+    trial: str, settings: SimulationSettings, p: DrivetrainParameters
+) -> tuple[ActuatorLog, dict[str, object]]:
+    """The log of one trial, and its truth. `settings.actuator` must not be None.
+
+    The bench follows its commanded angle with `dynamometer_bandwidth`, as the dynamometer does. Its torque transducer
+    has the imperfections of the load cell.
+    """
+    assert settings.actuator is not None  # as SimulationSettings checked
+    _, motion = moved(turning(settings.actuator, settings.dynamometer.rate_hz), settings)
+    current = current_schedule(settings.actuator, settings.dynamometer.rate_hz)
+    friction = settings.effects.friction.value
+    actuator = replace(p, f_C=friction * p.f_C, f_G=friction * p.f_G)
+    log, drawn = recorded_actuator(trial, motion, current, actuator, settings)
+    return log, bench_truth(trial, settings, actuator, None, drawn)
+
+
+def turning(bench: ActuatorBench, rate_hz: float) -> JointMotion:
+    """The commanded angle [rad] with its derivatives: tones of the velocity, faded in and out."""
+    time = np.arange(round(bench.duration_s * rate_hz)) / rate_hz
+    w = 2 * np.pi * np.array([[tone.frequency_hz] for tone in bench.velocity])
+    size = np.array([[tone.size] for tone in bench.velocity])
+    angle, velocity, acceleration = (
+        x.sum(axis=0) for x in (size / w * (1 - np.cos(w * time)), size * np.sin(w * time), size * w * np.cos(w * time))
+    )
+    fade, rate, curvature = fading(time, bench.duration_s, bench.fade_s)
+    return JointMotion(
+        fade * angle,
+        rate * angle + fade * velocity,
+        curvature * angle + 2 * rate * velocity + fade * acceleration,
+    )
+
+
+def fading(time: Array, duration: float, fade: float) -> tuple[Array, Array, Array]:
+    """A window (n,) that rises from 0 to 1 and falls to 0 within `fade` [s], and its first two derivatives
+    (continuous)."""
+    u = np.clip(np.minimum(time, duration - time) / fade, 0.0, 1.0)
+    side = np.where(time < duration / 2, 1.0, -1.0) / fade
+    return (
+        u**3 * (10 - 15 * u + 6 * u**2),
+        30 * u**2 * (1 - u) ** 2 * side,
+        60 * u * (1 - u) * (1 - 2 * u) * side**2,
+    )
+
+
+def current_schedule(bench: ActuatorBench, rate_hz: float) -> Array:
+    """Commanded I_q [A], which the current loop follows: the sum of the tones, faded in and out."""
+    time = np.arange(round(bench.duration_s * rate_hz)) / rate_hz
+    return tones(bench.current, time) * fading(time, bench.duration_s, bench.fade_s)[0]
+
+
+def tones(schedule: Sequence[Tone], time: Array) -> Array:
+    """Sum of sines from phase 0, in the unit of their sizes."""
+    return np.asarray(sum(tone.size * np.sin(2 * np.pi * tone.frequency_hz * time) for tone in schedule))
+
+
+def recorded_actuator(
+    trial: str, motion: JointMotion, current: Array, p: DrivetrainParameters, settings: SimulationSettings
+) -> tuple[ActuatorLog, dict[str, float]]:
+    """The recorded log of an actuator with these parameters, and the errors that were drawn for this trial."""
+    torque = torque_of(motion, current, p, settings.dynamometer.rate_hz)
+    signals: dict[str, TrueSignal] = {"actuator_angle": motion.theta, "motor_current": current, "output_torque": torque}
+    nodes, drawn = recorded(trial, signals, settings)
+    channels = {name: values for node in nodes for name, values in node.channels.items()}
+    return ActuatorLog(time=nodes[0].time, torque_time=nodes[-1].time, **channels), drawn
+
+
+def torque_of(motion: JointMotion, current: Array, p: DrivetrainParameters, rate_hz: float) -> Jumping:
+    """True torque [N*m] of the actuator. Its friction jumps where the velocity is zero, and not at the next sample.
+
+    A curve through the samples has every jump half a step after a sample. A torque transducer that samples later than
+    the encoder would read all of them late, which looks like inertia.
+    """
+
+    def at(instants: Array) -> Array:
+        """The torque at any instants [s]."""
+        signals = (current, motion.omega, motion.alpha)
+        amperes, omega, alpha = (spline_at(signal, rate_hz, instants) for signal in signals)
+        return actuator_torque(amperes, omega, alpha, p)
+
+    return Jumping(actuator_torque(current, motion.omega, motion.alpha, p), at)
+
+
+JOINT_STATES_TOPIC, WRENCH_TOPIC = "/joint_states", "/wrench"
+
+
+def write_dynamometer_log(path: Path, log: DynamometerLog, two_nodes: bool) -> None:
+    """Write the dynamometer's log. With two nodes, the second one is the load cell's."""
+    columns = {
+        "joint_angle": log.joint_angle,
+        "load_cell_torque": log.load_cell_torque,
+        "actuator_angle": log.actuator_angle,
+        "motor_current": log.motor_current,
+        "commanded_angle": log.commanded_angle,
+    }
+    if not two_nodes:
+        write_mcap(path, DYNAMOMETER, log.time, columns)
+        return
+    position = {"joint": log.joint_angle, "actuator": log.actuator_angle, "command": log.commanded_angle}
+    joints = joint_states(JOINT_STATES_TOPIC, "bench", log.time, position, {"actuator": log.motor_current})
+    write_topics(path, [joints, wrenches(WRENCH_TOPIC, "load_cell", log.torque_time, log.load_cell_torque)])
+
+
+def write_actuator_log(path: Path, log: ActuatorLog, two_nodes: bool) -> None:
+    """Write the log of the actuator's bench. With two nodes, the second one is the transducer's."""
+    columns = {
+        "actuator_angle": log.actuator_angle,
+        "motor_current": log.motor_current,
+        "output_torque": log.output_torque,
+    }
+    if not two_nodes:
+        write_mcap(path, ACTUATOR, log.time, columns)
+        return
+    joints = joint_states(
+        JOINT_STATES_TOPIC, "bench", log.time, {"actuator": log.actuator_angle}, {"actuator": log.motor_current}
+    )
+    write_topics(path, [joints, wrenches(WRENCH_TOPIC, "transducer", log.torque_time, log.output_torque)])

@@ -1,7 +1,6 @@
 """For notebooks: control gains, the results that a campaign has written, and figures of results."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
@@ -11,12 +10,10 @@ from osl_analysis.commands.gains import Request, requested_gains
 from osl_analysis.commands.summarise import read_summary as read_summary_file
 from osl_analysis.config import read_campaign_section
 from osl_analysis.errors import InputError, listing
+from osl_analysis.figures.style import NotebookFigure, on_screen
 from osl_analysis.notebook.fits import OF_CONFIG, File, Fit, Response, config_of, device_of, path_of
 from osl_analysis.shared_choices import WeightSettings
 from osl_analysis.table import read_table as read_table_file
-
-if TYPE_CHECKING:  # it loads matplotlib
-    from osl_analysis.figures.style import NotebookFigure
 
 Numbers = float | Sequence[float]
 
@@ -87,7 +84,7 @@ def read_table(path: File) -> pl.DataFrame:
     return read_table_file(path_of(path, "path"))
 
 
-def plot_torque(fit: Fit) -> "NotebookFigure":
+def plot_torque(fit: Fit) -> NotebookFigure:
     """Measured and modelled torque [N*m] of a fit over time [s], and below the residual.
 
     Returns
@@ -102,7 +99,7 @@ def plot_torque(fit: Fit) -> "NotebookFigure":
     return drawn("torque", checked(fit).series)
 
 
-def plot_frequency_response(response: Response) -> "NotebookFigure":
+def plot_frequency_response(response: Response) -> NotebookFigure:
     """Magnitude and phase over frequency [Hz] with 95 % intervals: Fig. 7, or the figure `response`, with noise and
     distortion, of any other motion than a stepped sine. Returns as `plot_torque`.
 
@@ -119,7 +116,7 @@ def plot_frequency_response(response: Response) -> "NotebookFigure":
     return drawn(response.figure, response.plotted)
 
 
-def plot_torque_angle(*fits: Fit) -> "NotebookFigure":
+def plot_torque_angle(*fits: Fit) -> NotebookFigure:
     """Torque [N*m] over angle [deg], loading and unloading, and stiffness [N*m/rad] over angle, of one trial or
     several. Returns as `plot_torque`.
 
@@ -156,8 +153,6 @@ def checked(fit: Fit) -> Fit:
     return fit
 
 
-def drawn(name: str, table: pl.DataFrame) -> "NotebookFigure":
+def drawn(name: str, table: pl.DataFrame) -> NotebookFigure:
     """The figure of this name with the numbers of a table."""
-    from osl_analysis.figures.style import on_screen
-
     return on_screen(figure_module(name).draw(table))

@@ -54,8 +54,7 @@ def far_from_gains(ratio: float, row: Mapping[str, object]) -> str:
     return words + (frame if SOFT_FRAME < ratio < 1 else "")
 
 
-SOFT_FRAME = 0.5
-"""Smallest K, as a share of what the gains should give, that a frame is a likely cause of."""
+SOFT_FRAME = 0.5  # smallest K, as a share of what the gains should give, that a frame is a likely cause of
 FROM_FILE = "that of the parameter file"
 SAME_K = 0.03
 """Largest relative distance of K from what the gains should give that counts as agreement, without much friction."""
@@ -196,8 +195,7 @@ def remedy(column: str, value: float, row: Mapping[str, object]) -> str:
     return f" ({text})" if text else ""
 
 
-DOUBTFUL = "doubtful"
-"""Column with the reasons: empty text if the fit is not doubtful, null in a row without a fit."""
+DOUBTFUL = "doubtful"  # column with the reasons: empty text if the fit is not doubtful, null in a row without a fit
 IS_DOUBTFUL = pl.col(DOUBTFUL).fill_null("") != ""
 FEWEST_SOUND = 0.5
 """Share of sound trials from which on a mean over trials leaves out the doubtful ones. With fewer, all trials count:

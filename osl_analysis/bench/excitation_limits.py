@@ -17,33 +17,25 @@ from osl_analysis.stats.condensed import condensed
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.trial import Array
 
-TORQUE_ERROR = 1e-3
-"""Error of the torque, as a share of its RMS, that calibrations and models leave."""
-LARGEST_STIFFNESS_ERROR = 0.1
-"""Change of K by such an error, as a share of K, from which a motion cannot tell K from I."""
+TORQUE_ERROR = 1e-3  # error of the torque, as a share of its RMS, that calibrations and models leave
+LARGEST_STIFFNESS_ERROR = 0.1  # change of K by such an error, as a share of K, from which a motion cannot tell K from I
 MUCH_AMPLIFIED = 3.0
 """The same, as a multiple of what the error is of torque over angle: without stiffness there is no share of K. It
 is 1.6 from 0.5 to 6 Hz."""
-SPIKE = 8.0
-"""Robust standard deviations of third differences that noise does not reach."""
-ROUNDING_REACHES = 4.5
-"""Steps of an encoder that its rounding does not reach in a third difference; four is the most."""
+SPIKE = 8.0  # robust standard deviations of third differences that noise does not reach
+ROUNDING_REACHES = 4.5  # steps of an encoder that its rounding does not reach in a third difference; four is the most
 LARGEST_ALIAS = 0.01
 """Change of B, and of I, by jumps of the acceleration at an unknown instant within a sample, that is refused."""
-BESIDE_JUMP = 3
-"""Samples on each side of a jump from which its size is read."""
+BESIDE_JUMP = 3  # samples on each side of a jump from which its size is read
 
 
 @dataclass(frozen=True)
 class Tellable:
     """What a small error of the torque in its most harmful shape does to the estimates."""
 
-    stiffness: float
-    """Change of K [N*m/rad]."""
-    inertia: float
-    """Change of I [kg*m^2]."""
-    amplified: float
-    """Change of K over that of torque over angle: 1 where angle and acceleration are not alike."""
+    stiffness: float  # change of K [N*m/rad]
+    inertia: float  # change of I [kg*m^2]
+    amplified: float  # change of K over that of torque over angle: 1 where angle and acceleration are not alike
 
 
 def tellable(record: MovingRecord) -> Tellable:

@@ -21,8 +21,7 @@ SAME_AS_BELT = 1.1
 """Largest K over the belt's K_s. The joint and the motor act through the belt, in series with it, so that the motor can
 render no K above K_s; a tenth allows for the belt at hand."""
 
-SHORTEST_STEP_S = 1e-5
-"""Smallest mean time between two samples [s]; no recorder of a joint is faster than 100 kHz."""
+SHORTEST_STEP_S = 1e-5  # smallest mean time between two samples [s]; no recorder of a joint is faster than 100 kHz
 NO_PARAMETERS = "estimates against those of a parameter file: the configuration names none"
 
 
@@ -86,10 +85,8 @@ def recorded_values(trial: Trial, column: str | None) -> Array:
 class Saturated:
     """How long a sensor of a trial stood at an end of its range: found before the fit, which has no room for it."""
 
-    trial: str
-    """Name of the trial."""
-    samples: int
-    """Longest run of the torque, or of another column, at an end."""
+    trial: str  # name of the trial
+    samples: int  # longest run of the torque, or of another column, at an end
 
     def beside(self, table: pl.DataFrame) -> pl.DataFrame:
         """The table of the trial with `saturated_samples`."""

@@ -22,11 +22,9 @@ from osl_analysis.report.trial_page import LeftOut, ReportedTrial, left_out_tria
 from osl_analysis.table import read_table
 from osl_analysis.trial import read_provenance, read_trial
 
-MOTIONS = {"belt": "Belt deflection", "actuator": "Motor motion"}
-"""What moves on a bench, where it is not the joint."""
+MOTIONS = {"belt": "Belt deflection", "actuator": "Motor motion"}  # what moves on a bench, where it is not the joint
 JOINT = "Joint angle"
-LARGEST_SVG = 1_500_000
-"""Size [bytes] of the largest SVG that the page has. That of a hundred belts has some 2 MB."""
+LARGEST_SVG = 1_500_000  # size [bytes] of the largest SVG that the page has. That of a hundred belts has some 2 MB.
 
 
 def write_report(

@@ -27,12 +27,10 @@ from osl_analysis.summary.text import (
 from osl_analysis.table import read_table
 from osl_analysis.yaml_settings import Settings, validated
 
-NEEDED = ("trial", "check", "value", "unit", "threshold", "remark")
-"""Columns of `excluded.csv`."""
+NEEDED = ("trial", "check", "value", "unit", "threshold", "remark")  # columns of `excluded.csv`
 SHOW = {"figure", "plotted_numbers", "walking_page", "captions", "report"}
 """Modules of jobs that show numbers and make none: they run beside the summary's own, and after it."""
-CAPTIONS = "figures/captions.md"
-"""What the tables of plotted numbers show, in words; beside the metadata of the tables."""
+CAPTIONS = "figures/captions.md"  # what the tables of plotted numbers show, in words; beside the metadata of the tables
 REMEDY = "delete it and run `snakemake reproduce-all`"
 
 

@@ -18,8 +18,7 @@ import yaml
 class CampaignFigure:
     """A figure of a campaign, drawn if the campaign has what it needs; the fields are explained in `figures.yaml`."""
 
-    name: str
-    """Name of its module and of its files."""
+    name: str  # name of its module and of its files
     table: str
     setting: str | None = None
     option: str | None = None
@@ -38,8 +37,7 @@ def read_figures(path: Path) -> dict[str, CampaignFigure]:
     }
 
 
-FIGURES = read_figures(Path(__file__).with_name("figures.yaml"))
-"""The figures of a campaign by name."""
+FIGURES = read_figures(Path(__file__).with_name("figures.yaml"))  # the figures of a campaign by name
 
 OTHER_DRAWINGS = ("torque", "gain_grid", "study", "not_drawn")
 """Drawings in `others.py` that are no figures of a campaign."""

@@ -12,14 +12,10 @@ COLUMNS = (
     "joint", "side", "trial", "branch", "theta_s_deg", "torque", "deviation", "K_s", "K_s_low", "K_s_high",
     "hysteresis_area", "hysteresis_area_low", "hysteresis_area_high", "doubtful",
 )  # fmt: skip
-MOST_ACROSS = 2
-"""Joints and sides side by side."""
-MOST_NAMED = 12
-"""Trials of a panel that have their names at the ends of their loops."""
-LONGEST = 12
-"""Characters of such a name."""
-MEAN_SLOPE = "mean slope"
-"""Name that takes the place of the trial in the two rows that carry the mean slope."""
+MOST_ACROSS = 2  # joints and sides side by side
+MOST_NAMED = 12  # trials of a panel that have their names at the ends of their loops
+LONGEST = 12  # characters of such a name
+MEAN_SLOPE = "mean slope"  # name that takes the place of the trial in the two rows that carry the mean slope
 DASHES: dict[str, style.Dash] = {"loading": "-", "unloading": (0, (6, 3))}
 """Line styles of the branches of sound trials."""
 COLOURS = (style.BLACK, "#3F8FBF", "#6B3A0A")

@@ -10,8 +10,7 @@ from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, IS_DOUBTFUL, MAGENT
 
 COLUMNS = ("joint", "side", "trial", "chosen", "time", "theta_deg", "torque", "torque_model", "doubtful")
 SIGNALS = ("theta_deg", "torque", "torque_model")
-LONGEST = 60
-"""Characters of the trial's name above the figure."""
+LONGEST = 60  # characters of the trial's name above the figure
 MEASURED, LEFT_OUT = "#B4B4B4", "#E8E8E8"
 """Greys of the measured torque, and behind samples that the fit leaves out."""
 

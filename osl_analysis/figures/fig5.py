@@ -39,12 +39,10 @@ COLUMNS = (
 NOT_STATED = "not stated"
 GAPS = (0.7, 1.6)
 """Distances between two trials of different B_d, and of different K_d, beyond the 1 between trials of one condition."""
-FEWEST = 8
-"""Trials side by side for which an axis has room at least."""
+FEWEST = 8  # trials side by side for which an axis has room at least
 LIGHT = "#B8B8B8"
 """Colour of the lines between desired stiffnesses."""
-BELOW = 13
-"""Distance [pt] of the desired stiffnesses below the desired dampings."""
+BELOW = 13  # distance [pt] of the desired stiffnesses below the desired dampings
 LARGEST, SMALLEST = 1.0, 0.3
 """Sizes of the markers, as shares of those of the controllers: where trials have room, and where they have none."""
 

@@ -31,20 +31,15 @@ HEIGHT = 2.4
 LEFT, RIGHT, BOTTOM, PANEL_HEIGHT = 0.66, 0.06, 0.26, 2.08
 """Margins and height [in] of the panel: fixed, because the swarm's positions depend on its size."""
 LETTERS_PER_INCH = 17
-LINE = 0.17
-"""Height [in] of a further line of the names below the panel."""
-DIAMETER = 4.9 / 72
-"""Diameter [in] of each point in the swarm: the marker and a small gap."""
-BESIDE = 2
-"""Swarms up to which the median stands beside each, in a single column; of more it stands below each."""
-LARGEST_VAF = 99.9999
-"""Larger ones [percent] are drawn here."""
+LINE = 0.17  # height [in] of a further line of the names below the panel
+DIAMETER = 4.9 / 72  # diameter [in] of each point in the swarm: the marker and a small gap
+BESIDE = 2  # swarms up to which the median stands beside each, in a single column; of more it stands below each
+LARGEST_VAF = 99.9999  # larger ones [percent] are drawn here
 TICKS = (
     -900, -400, -100, 0, 50, 80, 90, 95, 98, 99, 99.5, 99.8, 99.9, 99.95, 99.98, 99.99, 99.995, 99.998, 99.999, 99.9995,
     99.9998, 99.9999,
 )  # fmt: skip
-MOST_TICKS = 12
-"""Of more ticks, those stay at which the unexplained share is a power of ten."""
+MOST_TICKS = 12  # of more ticks, those stay at which the unexplained share is a power of ten
 
 
 def vaf_scale(vaf: Array) -> Array:

@@ -36,10 +36,8 @@ CURVE_TYPES = {
     "magnitude": pl.Float64, "phase_deg": pl.Float64,
 }  # fmt: skip
 """Columns, with their types, of the curves that `points` takes."""
-OBSERVED, DESIRED, LINEAR_MODEL = "observed", "desired", "linear model"
-"""Kinds of `curve`."""
-MOST_TICKS = (8, 5)
-"""Ticks of frequency at most, of a single panel and of several side by side."""
+OBSERVED, DESIRED, LINEAR_MODEL = "observed", "desired", "linear model"  # kinds of `curve`
+MOST_TICKS = (8, 5)  # ticks of frequency at most, of a single panel and of several side by side
 
 
 def points(response: pl.DataFrame, curves: pl.DataFrame) -> pl.DataFrame:

@@ -9,8 +9,7 @@ from osl_analysis.figures.style import BLACK, ORANGE, SINGLE_COLUMN, panels, pap
 
 GAINS = ("K_1_joint", "B_1_joint")
 TABLE_COLUMNS = COLUMNS = ("phase", "trajectory", "K_d", "B_d", *GAINS)
-STANCE_SHARE = 0.62
-"""End of stance, as a share of the gait cycle, where it is not stated."""
+STANCE_SHARE = 0.62  # end of stance, as a share of the gait cycle, where it is not stated
 SYNTHETIC = "synthetic"
 NO_GAINS = "There are no gains, because the configuration names no parameter file."
 

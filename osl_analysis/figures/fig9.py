@@ -16,8 +16,7 @@ from osl_analysis.figures.names import UNIT_OF, as_text, counted, doubtful_fits,
 SUMMARY_COLUMNS = ("group", "quantity", "estimator", "n", "mean", "sd", "low", "high", "n_doubtful", "commanded")
 """Columns that `points` needs of `walking_summary.csv`."""
 QUANTITIES = ("K", "B", "I")
-FIT_COLUMNS = ("trial", "group", *QUANTITIES, "doubtful")
-"""Columns that `points` needs of `walking.csv`."""
+FIT_COLUMNS = ("trial", "group", *QUANTITIES, "doubtful")  # columns that `points` needs of `walking.csv`
 COLUMNS = (
     "group", "quantity", "trial", "estimate", "n", "mean", "sd", "n_doubtful", "ensemble", "ensemble_low",
     "ensemble_high", "commanded", "doubtful",
@@ -36,10 +35,8 @@ and from group to group."""
 LETTERED, PANEL_HEIGHT = 0.45, 1.2
 """Width [in] of what is written beside a panel, and the height [in] of a panel over which single estimates spread."""
 LETTERS_PER_INCH = 17
-SIZE, DIAMETER = 2.6, 3.4 / 72
-"""Size [pt] of the points of single estimates, and the diameter [in] that each takes."""
-MOST_GROUPS = 6
-"""Groups whose numbers stand in the caption."""
+SIZE, DIAMETER = 2.6, 3.4 / 72  # size [pt] of the points of single estimates, and the diameter [in] that each takes
+MOST_GROUPS = 6  # groups whose numbers stand in the caption
 
 
 def points(

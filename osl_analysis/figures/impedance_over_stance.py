@@ -15,11 +15,9 @@ COLUMNS = (
 )  # fmt: skip
 LOOKS = ((PURPLE, "o"), (ORANGE, "D"), ("#3F8FBF", "s"), ("#6B3A0A", "^"))
 """Colours and markers of the series."""
-COMMANDED = "commanded"
-"""Series of the curve that the controller commands; all other series are estimates."""
+COMMANDED = "commanded"  # series of the curve that the controller commands; all other series are estimates
 DASHED = (0, (3, 2))
-THICK, THIN = 1.2, 0.6
-"""Widths [pt] of intervals and of fitted windows."""
+THICK, THIN = 1.2, 0.6  # widths [pt] of intervals and of fitted windows
 
 
 def caption(table: pl.DataFrame) -> str:

@@ -25,11 +25,9 @@ MODELS = {
 }
 """Names of each experiment and of its models, the draft's model first."""
 REPEATS = style.Look(style.GREY, "o", 2.6, "Repeat")
-FEW = 2
-"""Models of which a panel would show no more than a sentence says."""
+FEW = 2  # models of which a panel would show no more than a sentence says
 MOST_TICKS = 8
-SMALLEST = 1e-6
-"""Smallest share [percent] of the variance on the axis. Smaller shares are drawn at this value."""
+SMALLEST = 1e-6  # smallest share [percent] of the variance on the axis. Smaller shares are drawn at this value.
 
 
 def points(scores: pl.DataFrame) -> pl.DataFrame:

@@ -15,12 +15,9 @@ from matplotlib.transforms import Bbox
 
 from osl_analysis.figures.style import GREY, IS_DOUBTFUL, LOOKS, PAPER, Dash, Look, paper_style, width_of
 
-DRAFT = ("compensated", "uncompensated")
-"""The controllers of the draft, whose looks are fixed."""
-LONGEST = 28
-"""Characters of a name in a figure; a longer one is shortened in its middle."""
-MISSING = "\ufffd"
-"""Sign in place of a letter that no font of the figures has."""
+DRAFT = ("compensated", "uncompensated")  # the controllers of the draft, whose looks are fixed
+LONGEST = 28  # characters of a name in a figure; a longer one is shortened in its middle
+MISSING = "\ufffd"  # sign in place of a letter that no font of the figures has
 COLOURS = ("#3F8FBF", "#6B3A0A", "#2F5555", "#B98860", "#2B46F0")
 """Colours of controllers other than those of the draft: with these two and black 20 or more apart (CIE 1976) for
 readers without long- or medium-wavelength cones."""
@@ -29,8 +26,7 @@ DASHES: tuple[Dash, ...] = (
     (0, (2, 1.2)), (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (6, 1, 2, 1)), (0, (12, 1.5, 1.5, 1.5)),
 )  # fmt: skip
 """Line styles of their models."""
-SIZE = 3.6
-"""Size [pt] of their markers."""
+SIZE = 3.6  # size [pt] of their markers
 NO_CONTROLLER = Look("#757575", ">", SIZE, "No controller", (0, (1, 0.8)))
 PLACE = ("joint", "side")
 
@@ -132,12 +128,9 @@ def other_look(controller: str, number: int | None) -> Look:
 
 UNIT_OF = {"K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²"}
 """Units of stiffness, damping and inertia as they are printed."""
-MOST_NAMED = 6
-"""Trials that a caption names; the tables have all of them."""
-DIGITS = 2
-"""Significant digits of half the width of an interval, and of a standard deviation."""
-MOST_DIGITS = 5
-"""Significant digits of an estimate, whatever its interval."""
+MOST_NAMED = 6  # trials that a caption names; the tables have all of them
+DIGITS = 2  # significant digits of half the width of an interval, and of a standard deviation
+MOST_DIGITS = 5  # significant digits of an estimate, whatever its interval
 SPECIAL = re.compile(r"[\\`*_{}\[\]<>#|~$&!^@\"']|:(?=//)|(?<=-)-|(?<=\.)\.|(?<=www)\.")
 """Signs that mean something in Markdown, as its dialects have it: repeated hyphens and dots are joined by some."""
 
@@ -201,12 +194,9 @@ def doubtful_fits(table: pl.DataFrame, look: str, fit: str = "fit") -> str:
     return f"Doubtful, {look}: {len(found)} of {counted(len(table), fit)} ({listed(found['trial'])})."
 
 
-SMALL, LINE, LETTERS_PER_INCH = 5.5, 0.1, 28
-"""Size [pt], height of a line [in] and letters per inch."""
-EDGE = 0.02
-"""Distance [in] of the line from the figure above it and from the edge of the page."""
-MOST_MISSING = 4
-"""Missing trials that are named; the caption names more, the table `excluded.csv` all of them."""
+SMALL, LINE, LETTERS_PER_INCH = 5.5, 0.1, 28  # size [pt], height of a line [in] and letters per inch
+EDGE = 0.02  # distance [in] of the line from the figure above it and from the edge of the page
+MOST_MISSING = 4  # missing trials that are named; the caption names more, the table `excluded.csv` all of them
 
 
 def said_of_missing(trials: Sequence[str]) -> str:

@@ -17,8 +17,7 @@ GRID_DASHES = ("-", "--", ":", "-.")
 GRID_MARKERS = ("o", "s", "^", "D", "v")
 GRID_SHADES = (style.BLACK, style.GREY, "#A8A8A8")
 """A line style, a marker and a shade each: 60 lines differ in one of them."""
-CHARACTERS_PER_INCH = 17
-"""Of the text of a page in place of a figure."""
+CHARACTERS_PER_INCH = 17  # of the text of a page in place of a figure
 
 
 @style.paper_style()
@@ -87,10 +86,8 @@ SYMBOLS = {
 }  # fmt: skip
 """What each marker stands for."""
 LIMITS = {"bias": (-1.2, 1.2), "rmse_over_bound": (0.8, 1.6), "coverage": (80.0, 101.0)}
-BEYOND = (">", "<")
-"""Arrows for values above and below the limits."""
-MOST = {"bias": np.inf, "rmse_over_bound": np.inf, "coverage": 100.0}
-"""Values beyond which nothing can be."""
+BEYOND = (">", "<")  # arrows for values above and below the limits
+MOST = {"bias": np.inf, "rmse_over_bound": np.inf, "coverage": 100.0}  # values beyond which nothing can be
 AIMS = {"bias": (-0.2, 0.2), "rmse_over_bound": (0.0, 1.15), "coverage": (93.0, 97.0)}
 LABELS = {
     "bias": "Bias (standard deviations)",

@@ -23,14 +23,11 @@ NOTHING = "every impedance trial follows the stepped sine; its frequency respons
 """Why there is nothing to draw where the table has no rows."""
 MOST, MOST_ACROSS = 12, 3
 """Conditions that one page shows at most (the table has all), and those side by side; one more if they are `MOST`."""
-SIZE = 2.2
-"""Size [pt] of the markers."""
-PANEL_HEIGHT, HEADING = 0.84, 0.3
-"""Heights [in] of a panel with its axis, and of the lines above a condition."""
+SIZE = 2.2  # size [pt] of the markers
+PANEL_HEIGHT, HEADING = 0.84, 0.3  # heights [in] of a panel with its axis, and of the lines above a condition
 LONGEST, SHORTER = 28, 18
 """Letters of a trial's name above its panels, with up to `MOST_ACROSS` conditions side by side, and with more."""
-AXIS = 0.42
-"""Width [in] beside a panel that its title cannot take."""
+AXIS = 0.42  # width [in] beside a panel that its title cannot take
 LOOKS = {
     "odd_level": (style.ORANGE, "^", "Odd distortion"),
     "even_level": (style.PURPLE, "s", "Even distortion"),

@@ -23,8 +23,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from osl_analysis.trial import Array
 
-SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.16
-"""Widths [in] of one column and of the text block of an IEEE two-column page."""
+SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.16  # widths [in] of one column and of the text block of an IEEE two-column page
 
 BLACK, WHITE, GREY, MAGENTA = "#000000", "#FFFFFF", "#6E6E6E", "#C2127F"
 ORANGE, PALE_ORANGE, PURPLE = "#E66100", "#F5C09A", "#5D3A9B"
@@ -34,18 +33,12 @@ OPEN_MARKER = Line2D(
     [], [], linestyle="", marker="o", color=GREY, mfc=WHITE, markersize=3.8, mew=0.8, label="Open: doubtful"
 )
 """For the legend of markers that are open where the fit is doubtful."""
-HANDLE = 0.45
-"""Width [in] of the handle of a legend's entry with its spaces."""
-REPORT = "../report.html"
-"""The report of a run as its figures' SVG files reach it."""
-SIZE_OF_TEXT = 8
-"""Size [pt] of all lettering."""
-LETTERS = 26
-"""Panels that have letters."""
-THIN, THICK = 0.7, 1.8
-"""Widths [pt] of bars over amplitudes, and of intervals."""
-DOTTED = (0, (1, 1.5))
-"""Line style of doubtful fits."""
+HANDLE = 0.45  # width [in] of the handle of a legend's entry with its spaces
+REPORT = "../report.html"  # the report of a run as its figures' SVG files reach it
+SIZE_OF_TEXT = 8  # size [pt] of all lettering
+LETTERS = 26  # panels that have letters
+THIN, THICK = 0.7, 1.8  # widths [pt] of bars over amplitudes, and of intervals
+DOTTED = (0, (1, 1.5))  # line style of doubtful fits
 
 IS_DOUBTFUL = pl.col("doubtful").fill_null("") != ""
 """Rows whose fit is doubtful: a number is beyond a limit of the configuration."""
@@ -91,8 +84,7 @@ PAPER: dict[Any, Any] = {
 }
 
 
-Dash = Literal["-", ""] | tuple[float, tuple[float, ...]]
-"""A line style as matplotlib takes it."""
+Dash = Literal["-", ""] | tuple[float, tuple[float, ...]]  # A line style as matplotlib takes it
 
 
 @dataclass(frozen=True)
@@ -240,10 +232,8 @@ STEPS = ((1,), (1, 2, 5), (1, 2, 3, 5), (1, 2, 3, 4, 5, 6, 8), (1, 1.5, 2, 2.5, 
 """Ticks within a decade, from few to many."""
 FEWEST, ENOUGH = 3, 5
 """Ticks of a decade's steps that an axis has at least; the fewest steps that give enough are taken."""
-DEGREES = (0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 45, 90, 180)
-"""Steps between ticks of an axis in degrees."""
-ROOM = 1.1
-"""Distance of names at the ends of curves, in heights of a letter."""
+DEGREES = (0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 45, 90, 180)  # steps between ticks of an axis in degrees
+ROOM = 1.1  # distance of names at the ends of curves, in heights of a letter
 
 
 def log_ticks(low: float, high: float, most: int) -> list[float]:
@@ -362,8 +352,7 @@ def squeezed(offsets: Array, reach: float) -> Array:
     return np.asarray(offsets * min(1.0, reach / max(float(np.max(np.abs(offsets), initial=0)), 1e-9)))
 
 
-SHARPNESS = 150
-"""Resolution on the screen [dots per inch]."""
+SHARPNESS = 150  # resolution on the screen [dots per inch]
 
 
 class NotebookFigure(Figure):

@@ -30,13 +30,10 @@ TABLE_COLUMNS = (
 COLUMNS = (*PLACE, *TABLE_COLUMNS, "doubtful")
 WITH_DESIRED = (style.MAGENTA, style.ORANGE, style.PURPLE, "#6B3A0A")
 """Colours of the desired curves and of the trials that should follow them."""
-LIGHTEST = 0.6
-"""Part of the colour map that is used: what is lighter stands out from white by less than three to one."""
+LIGHTEST = 0.6  # part of the colour map that is used: what is lighter stands out from white by less than three to one
 THICK, THIN, DASHED = 1.1, 0.6, (0, (3, 2))
-MOST_NAMED = 16
-"""Largest number of trials of a panel that are named."""
-LONGEST = 18
-"""Letters of such a name."""
+MOST_NAMED = 16  # largest number of trials of a panel that are named
+LONGEST = 18  # letters of such a name
 
 
 def points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:

@@ -18,8 +18,7 @@ AFTER_ONSET = "Time from the platform’s onset (ms)"
 RESPONSES = {"response angle": "deg", "response torque": "N·m"}
 HATCHED = "#C4C4C4"
 """Colour of the baseline's hatching."""
-MOST_GROUPS = 4
-"""Groups whose numbers stand in the caption."""
+MOST_GROUPS = 4  # groups whose numbers stand in the caption
 
 
 @style.paper_style()

@@ -32,10 +32,8 @@ from osl_analysis.trial import Trial
 from osl_analysis.trial import read_trial as read_trial_file
 
 File = str | Path
-OF_CONFIG = "of the configuration"
-"""In place of a parameter file: the one that the configuration names."""
-NOT_KNOWN = DesiredImpedance(None, None, None)
-"""Nothing is known of what the leg was asked to render."""
+OF_CONFIG = "of the configuration"  # in place of a parameter file: the one that the configuration names
+NOT_KNOWN = DesiredImpedance(None, None, None)  # nothing is known of what the leg was asked to render
 
 
 def path_of(value: File, what: str) -> Path:
@@ -107,8 +105,7 @@ class Fit:
     `fit.K_interval` is (low, high), the 95 % interval. docs/tables.md has meaning and unit of each.
     """
 
-    experiment: str
-    """Experiment, which names the table that the fit has rows of in a campaign."""
+    experiment: str  # Experiment, which names the table that the fit has rows of in a campaign
     _fitted: FittedTrial
 
     @property
@@ -281,10 +278,8 @@ def fitted(experiment: str, trial: Trial | File, request: FitRequest, parameters
 class Response:
     """The frequency response of one trial. Nothing of it can be changed: its data frames are copies."""
 
-    trial: str
-    """Name of the trial."""
-    figure: str
-    """The figure that shows it: `fig7` of a stepped sine, `response` of any other motion."""
+    trial: str  # name of the trial
+    figure: str  # the figure that shows it: `fig7` of a stepped sine, `response` of any other motion
     _table: pl.DataFrame
     _models: pl.DataFrame
     _plotted: pl.DataFrame

@@ -48,8 +48,7 @@ class QualityRules(Settings):
 
 NOISY = {"current"} | {facts.torque for facts in EXPERIMENTS.values() if facts.torque}
 """Columns that a sensor's noise keeps changing."""
-AT_REST = 0.02
-"""Share of the angle's range by which a joint at rest may creep."""
+AT_REST = 0.02  # share of the angle's range by which a joint at rest may creep
 NO_ANALOG = "no torque, current or plate"
 
 
@@ -57,10 +56,8 @@ NO_ANALOG = "no torque, current or plate"
 class CheckResult:
     """What a check measured on one trial."""
 
-    value: float | None
-    """In the check's unit; None where the check does not apply."""
-    remark: str = ""
-    """Which channel it was, or why the check does not apply."""
+    value: float | None  # in the check's unit; None where the check does not apply
+    remark: str = ""  # which channel it was, or why the check does not apply
 
 
 @dataclass(frozen=True)
@@ -69,10 +66,8 @@ class Commanded:
 
     amplitudes_deg: Sequence[float]
     frequencies_hz: Sequence[float]
-    cycles: int | Sequence[int]
-    """One number for all frequencies, or one for each."""
-    seconds_per_frequency: float | None = None
-    """In place of `cycles`."""
+    cycles: int | Sequence[int]  # one number for all frequencies, or one for each
+    seconds_per_frequency: float | None = None  # in place of `cycles`
     excitation: str = "auto"
     """What moves the joint in impedance trials: `stepped_sine`, `any` other motion, or `auto`, what they show."""
 
@@ -117,17 +112,13 @@ def every_experiment(experiment: Experiment) -> bool:
 class Check:
     """One check of quality control."""
 
-    name: str
-    """Its key under `quality` in the configuration, and under `accept` in the sample sheet."""
-    unit: str
-    """Unit of its value and of its threshold."""
-    fails: Literal["above", "below"]
-    """The side of the threshold on which a value fails."""
+    name: str  # its key under `quality` in the configuration, and under `accept` in the sample sheet
+    unit: str  # unit of its value and of its threshold
+    fails: Literal["above", "below"]  # the side of the threshold on which a value fails
     meaning: str
     measure: Callable[[Examined], CheckResult]
     applies_to: Callable[[Experiment], bool] = every_experiment
-    otherwise: str = ""
-    """Remark on the trials of experiments to which it does not apply."""
+    otherwise: str = ""  # remark on the trials of experiments to which it does not apply
 
     def result(self, examined: Examined) -> CheckResult:
         """What the check measures on a trial."""

@@ -13,12 +13,9 @@ from osl_analysis.trial import Array, Trial
 
 PRESSED = 100.0
 """Vertical force [N] from which a plate has a centre of pressure; below, noise and a moving platform shift it."""
-FEWEST_PRESSED = 10
-"""Fewest samples under load from which a plate is judged."""
-OFTEN = 95.0
-"""Percentile of the distances that is judged: the first and last samples of a stance are inexact."""
-ROLLS = 0.02
-"""Way [m] of the centre of pressure under a rolling foot, at least."""
+FEWEST_PRESSED = 10  # fewest samples under load from which a plate is judged
+OFTEN = 95.0  # percentile of the distances that is judged: the first and last samples of a stance are inexact
+ROLLS = 0.02  # way [m] of the centre of pressure under a rolling foot, at least
 NO_LOAD = "no plate is stood on"
 NO_WALKER = "nobody stands on a plate"
 

@@ -123,14 +123,12 @@ LOG_CHECKS = (
 
 SAME_COUNT = 0.05
 """Relative difference of numbers of cycles that are the same, but half a cycle at least: a ramp has no sharp end."""
-CLOCK = 1e-3
-"""Relative deviation of the frequencies from the commanded ones that is mentioned."""
+CLOCK = 1e-3  # relative deviation of the frequencies from the commanded ones that is mentioned
 MOST_REMARKS, MOST_RUNS = 20, 3
 """Largest numbers of differences, and of runs of one amplitude at one frequency, that are said one by one."""
 NO_STEPPED_SINE = "no stepped sine"
 
-Pair = tuple[float, float]
-"""Commanded amplitude [rad] and frequency [Hz]."""
+Pair = tuple[float, float]  # commanded amplitude [rad] and frequency [Hz]
 
 
 def measure_protocol(examined: Examined) -> CheckResult:

@@ -6,5 +6,4 @@ draws a trial when the reader asks for it (`templates/report.js`), with the Java
 
 from pathlib import Path
 
-TEMPLATES = Path(__file__).with_name("templates")
-"""The folder with the page's template, style and script."""
+TEMPLATES = Path(__file__).with_name("templates")  # the folder with the page's template, style and script

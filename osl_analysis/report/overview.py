@@ -8,8 +8,7 @@ from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.report.trial_page import UNKNOWN, ReportedTrial, number_cell, printed, shown
 from osl_analysis.summary.text import AMPLITUDES, decimals, fixed, rounded_by, told_apart, trials_text
 
-QUANTITIES = ["VAF", "K", "B", "I"]
-"""Numbers of the table of trials."""
+QUANTITIES = ["VAF", "K", "B", "I"]  # numbers of the table of trials
 
 
 def trial_rows(trials: Sequence[ReportedTrial]) -> list[dict[str, Any]]:

@@ -127,16 +127,11 @@ def policy(*scripts: str) -> str:
     )
 
 
-NO_VALUE = -32768
-"""Count of a sample that has no value."""
-LARGEST = 8191
-"""Largest count: two more bits would make the page a quarter larger, and show nothing more."""
-FEWEST_PACKED = 200
-"""Rows from which on a table is packed; a shorter one is written as numbers."""
-DIGITS = 7
-"""Significant digits of a number that is written."""
-EVEN = 1e-6
-"""Relative departure from even steps up to which a column is written as its first value and its step."""
+NO_VALUE = -32768  # count of a sample that has no value
+LARGEST = 8191  # largest count: two more bits would make the page a quarter larger, and show nothing more
+FEWEST_PACKED = 200  # rows from which on a table is packed; a shorter one is written as numbers
+DIGITS = 7  # significant digits of a number that is written
+EVEN = 1e-6  # relative departure from even steps up to which a column is written as its first value and its step
 
 Packed = dict[str, Any]
 

@@ -8,10 +8,8 @@ import numpy as np
 import polars as pl
 
 Look = Literal["measured", "model", "residual", "second", "third"]
-MOST_ROWS = 3000
-"""Rows of a recording that are drawn where there is no fit."""
-LOOKS: tuple[Look, ...] = ("measured", "model", "second", "third")
-"""Looks of several lines of one panel."""
+MOST_ROWS = 3000  # rows of a recording that are drawn where there is no fit
+LOOKS: tuple[Look, ...] = ("measured", "model", "second", "third")  # looks of several lines of one panel
 TIME, FREQUENCY, ANGLE, TORQUE = "Time (s)", "Frequency (Hz)", "Angle (deg)", "Torque (N·m)"
 
 

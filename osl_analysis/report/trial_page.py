@@ -15,16 +15,14 @@ from osl_analysis.summary.text import decimals, fixed
 
 OUTCOMES = ("refused", "failed", "died")
 """Entries of the column `check` of `excluded.csv` that are no checks: outcomes of a job."""
-MOST_NAMED = 3
-"""Trials that a reason names."""
+MOST_NAMED = 3  # trials that a reason names
 
 
 @dataclass
 class LeftOut:
     """Why one trial is left out."""
 
-    refused: bool
-    """Whether it is missing because a job refused or failed; False: it was excluded."""
+    refused: bool  # whether it is missing because a job refused or failed; False: it was excluded
     reasons: list[str] = field(default_factory=list)
 
     def say(self, reason: str) -> None:
@@ -61,8 +59,7 @@ def without_result(causes: list[str]) -> LeftOut:
     return LeftOut(True, [f"it has no result, because {because}" if causes else "it has no result"])
 
 
-QUALITY_OF_FIT = ("VAF", "R2")
-"""Numbers of a fit without an interval that stand beside its estimates."""
+QUALITY_OF_FIT = ("VAF", "R2")  # numbers of a fit without an interval that stand beside its estimates
 UNKNOWN = "–"
 
 
@@ -136,8 +133,7 @@ BEGINNING = re.compile(r"(?:^|; )(?=(?:\w+\.csv: )?\w+ (?:\S+ is (?:above|below)
 """Where the next doubt of a cell begins, as `doubtful.doubts` writes it."""
 PARTS = {"amplitude_deg": "deg", "frequency_hz": "Hz"}
 """Columns that say which part of a trial a row is of, and their units."""
-REPEATED = re.compile(r"\w+\.csv: ")
-"""Beginning of a doubt that another table has."""
+REPEATED = re.compile(r"\w+\.csv: ")  # beginning of a doubt that another table has
 COLUMN = re.compile(r"(?:\w+\.csv: )?(\w+) ")
 
 
@@ -177,8 +173,7 @@ def meaning(text: str, described: DescribedTable | None) -> str:
     return column.meaning if column else ""
 
 
-Lines = list[list[str]]
-"""Rows of text."""
+Lines = list[list[str]]  # rows of text
 
 
 def provenance_of(provenance: Mapping[str, Any]) -> dict[str, Any]:

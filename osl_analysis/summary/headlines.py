@@ -16,29 +16,22 @@ from osl_analysis.errors import InputError
 from osl_analysis.experiments import judged_tables
 from osl_analysis.trial import Array
 
-CONTROLLERS = ("compensated", "uncompensated")
-"""The controllers of the draft."""
-DRAFT_JOINT = "ankle"
-"""The joint whose numbers the draft prints."""
-LONGEST = 32
-"""Letters of a controller's name in a macro."""
+CONTROLLERS = ("compensated", "uncompensated")  # the controllers of the draft
+DRAFT_JOINT = "ankle"  # the joint whose numbers the draft prints
+LONGEST = 32  # letters of a controller's name in a macro
 NO_CONTROLLER = "no controller"
 DIGITS = ("Zero", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
-ONE_GROUP = "all"
-"""Name of the group of crossings of a campaign that is not split."""
+ONE_GROUP = "all"  # name of the group of crossings of a campaign that is not split
 
 
 @dataclass(frozen=True)
 class Label:
     """Label of a headline number."""
 
-    name: str
-    """Its key in the summary."""
+    name: str  # its key in the summary
     unit: str
-    draft: float | None
-    """The value that the paper's draft prints; None if it prints none."""
-    macro: str
-    """Its LaTeX macro without the prefix, letters only."""
+    draft: float | None  # the value that the paper's draft prints; None if it prints none
+    macro: str  # its LaTeX macro without the prefix, letters only
     meaning: str
 
 
@@ -46,12 +39,9 @@ class Label:
 class Example:
     """The desired impedance of Fig. 4, whose estimates are headline numbers."""
 
-    K_d: float | None = 300.0
-    """Desired stiffness [N*m/rad]; None: not stated."""
-    B_d: float | None = 5.0
-    """Desired damping [N*m*s/rad]; None: not stated."""
-    chosen: str = ""
-    """Why this one, where the configuration does not name it."""
+    K_d: float | None = 300.0  # desired stiffness [N*m/rad]; None: not stated
+    B_d: float | None = 5.0  # desired damping [N*m*s/rad]; None: not stated
+    chosen: str = ""  # why this one, where the configuration does not name it
 
     def meaning(self) -> str:
         """Which trials they are, in words."""
@@ -81,8 +71,7 @@ TORQUE_ANGLE_LABELS = {
     "energy_returned": Label("energy_returned", "J", None, "EnergyReturned", "energy given back, mean of cycles"),
     "energy_lost": Label("energy_lost", "J", None, "EnergyLost", "energy lost in a cycle, mean of cycles"),
 }
-DRAFT_EXAMPLE = Example()
-"""That of the draft."""
+DRAFT_EXAMPLE = Example()  # that of the draft
 DRAFT_GAINS = (("belt", None, "M4"), ("transmission", None, "M2"), *(("impedance", c, "M3") for c in CONTROLLERS))
 """Experiment, controller and model of the draft's rival models."""
 SYMMETRY = "of the ankle while walking, turns up minus turns down"
@@ -210,10 +199,8 @@ CYCLES = "95 % of the mean of cycles (Student)"
 PAIRED = "95 % of the mean difference of the same trials (Student)"
 RANGE = "lowest to highest"
 COUNT = "count"
-RESERVED = ABOUT_MACROS.values()
-"""Macros that are no numbers."""
-ENDINGS = ("", "Low", "High", "AmplitudesLow", "AmplitudesHigh")
-"""Endings of the macros of a number and its bounds."""
+RESERVED = ABOUT_MACROS.values()  # macros that are no numbers
+ENDINGS = ("", "Low", "High", "AmplitudesLow", "AmplitudesHigh")  # endings of the macros of a number and its bounds
 
 
 @dataclass(frozen=True)
@@ -229,24 +216,16 @@ class Interval:
 class Headline(Label):
     """A headline number."""
 
-    value: float
-    """In `unit`."""
+    value: float  # in `unit`
     low: float | None
     high: float | None
-    interval: str | None
-    """Kind of the interval; None if there is none."""
-    n: int
-    """Number of trials or fits that the number is computed from."""
-    n_doubtful: int = 0
-    """Number of doubtful trials or fits among those that could be in the number."""
-    n_left_out: int = 0
-    """Number of these that are not in it."""
-    doubt: str | None = None
-    """Why the number itself is doubtful; None if it is not, or not judged."""
-    amplitudes_low: float | None = None
-    """Lowest result of the fits to single amplitudes; None if there are none."""
-    amplitudes_high: float | None = None
-    """Highest result of the fits to single amplitudes; None if there are none."""
+    interval: str | None  # kind of the interval; None if there is none
+    n: int  # number of trials or fits that the number is computed from
+    n_doubtful: int = 0  # number of doubtful trials or fits among those that could be in the number
+    n_left_out: int = 0  # number of these that are not in it
+    doubt: str | None = None  # why the number itself is doubtful; None if it is not, or not judged
+    amplitudes_low: float | None = None  # lowest result of the fits to single amplitudes; None if there are none
+    amplitudes_high: float | None = None  # highest result of the fits to single amplitudes; None if there are none
 
 
 def said_of(numbers: Iterable[Headline], candidates: pl.DataFrame, used: pl.DataFrame | None = None) -> list[Headline]:
@@ -327,8 +306,7 @@ ENSEMBLE = "ensemble"
 """Estimator of the walking summary that is the headline. Its bias decreases with the number of crossings; the bias of
 the mean over perturbations does not."""
 
-UP_MINUS_DOWN = "up minus down"
-"""Estimator of the walking summary that compares the directions of the platform."""
+UP_MINUS_DOWN = "up minus down"  # estimator of the walking summary that compares the directions of the platform
 
 PLACE = ("joint", "side")
 SUMMARY_COLUMNS = ("quantity", "n", "mean", "low", "high")

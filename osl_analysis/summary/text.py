@@ -83,10 +83,8 @@ SPECIAL = {sign: f"\\{sign}" for sign in "#$%&_{}"} | {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"
 }  # fmt: skip
 """Letters with a meaning of their own in LaTeX, and what sets them."""
-ROUNDING = 1e-9
-"""Relative width of an interval that counts as rounding."""
-SMALLEST_PLAIN = 1e-4
-"""Numbers smaller than this are written with a power of ten."""
+ROUNDING = 1e-9  # relative width of an interval that counts as rounding
+SMALLEST_PLAIN = 1e-4  # numbers smaller than this are written with a power of ten
 
 
 def to_json(about: About, headlines: Sequence[Headline], missing: Mapping[str, Any] | None = None) -> str:

@@ -15,16 +15,11 @@ from osl_analysis.trial import Array
 from osl_analysis.walking.ensemble import Headline, signs_of
 from osl_analysis.walking.response import PerturbationResponse, fit_response, gait_torque, offset_comparison
 
-SMALL_RESIDUAL = 0.03
-"""Share of the torque's RMS below which a residual does not count."""
-SMALL_OFFSET = 0.15
-"""Relative change of K by an offset below which the offset does not count."""
-SMALL_DIFFERENCE = 0.03
-"""Share of the mean stiffness by which single ones may differ."""
-ROUNDING_SHARE = 1e-9
-"""Width of an interval, as a share of the estimate, from which on it is more than rounding."""
-CERTAIN_T = 3.0
-"""Value of t from which a change of stance is certain."""
+SMALL_RESIDUAL = 0.03  # share of the torque's RMS below which a residual does not count
+SMALL_OFFSET = 0.15  # relative change of K by an offset below which the offset does not count
+SMALL_DIFFERENCE = 0.03  # share of the mean stiffness by which single ones may differ
+ROUNDING_SHARE = 1e-9  # width of an interval, as a share of the estimate, from which on it is more than rounding
+CERTAIN_T = 3.0  # value of t from which a change of stance is certain
 QUANTITIES = ("K", "B", "I")
 Facts = dict[str, float | None]
 

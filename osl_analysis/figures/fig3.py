@@ -26,7 +26,6 @@ DASHED = (0, (3, 2))
 
 
 def caption(table: pl.DataFrame) -> str:
-    """What the figure shows, in a paragraph of Markdown, with the stiffness and the loop of each joint and side."""
     fits = table.filter(pl.col("trial") != MEAN_SLOPE).unique("trial", maintain_order=True)
     said = [
         "Torque against deflection of the transmission, with the actuator locked. Above, the trials in grey and the "
@@ -50,14 +49,7 @@ def caption(table: pl.DataFrame) -> str:
 
 @style.paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """Above, torque over deflection: trials grey, those with a doubtful fit dotted black, the mean slope dashed
-    magenta. Below, torque minus that of the mean slope, which tells the trials and their two branches apart. Joints and
-    sides stand side by side.
-
-    Rows per trial in order of time: `branch` (loading or unloading), `theta_s_deg` [deg], `torque` and `deviation` from
-    the mean slope [N*m], and why the trial's fit is `doubtful`. The two rows of trial `MEAN_SLOPE` are its ends and
-    carry the stiffness `K_s` [N*m/rad] and the `hysteresis_area` [J] with the bounds of their 95 % intervals.
-    """
+    """Above, torque over deflection, the mean slope dashed; below, torque minus that of the mean slope."""
     parts = placed_rows(table)
     across = min(len(parts), MOST_ACROSS)
     rows = -(-len(parts) // across)
@@ -82,7 +74,6 @@ def draw(table: pl.DataFrame) -> Figure:
 
 
 def legend(figure: Figure, table: pl.DataFrame) -> None:
-    """Legend above all panels, with the numbers of trials and of doubtful fits."""
     trials = trials_of(table)
     doubtful = [trial for trial in trials if len(trial.filter(style.IS_DOUBTFUL))]
     entries = [Line2D([], [], color=PALE, label=f"Trials ($n$ = {len(trials)})")]
@@ -98,12 +89,10 @@ def legend(figure: Figure, table: pl.DataFrame) -> None:
 
 
 def trials_of(table: pl.DataFrame) -> list[pl.DataFrame]:
-    """The rows of each trial."""
     return table.filter(pl.col("trial") != MEAN_SLOPE).partition_by("trial", maintain_order=True)
 
 
 def draw_belts(ax: Axes, table: pl.DataFrame) -> None:
-    """The trials and the mean slope of one joint and side."""
     mean, trials = table.filter(pl.col("trial") == MEAN_SLOPE), trials_of(table)
     for trial in trials:
         ax.plot(trial["theta_s_deg"], trial["torque"], color=PALE, linewidth=0.9)
@@ -116,7 +105,6 @@ def draw_belts(ax: Axes, table: pl.DataFrame) -> None:
 
 
 def draw_loops(ax: Axes, table: pl.DataFrame) -> None:
-    """What each trial differs by from the mean slope, by branch: the width of a loop is its hysteresis."""
     ax.axhline(0, color=style.MAGENTA, linestyle=DASHED, linewidth=1.3)
     for trial, colour in coloured(table):
         doubtful = len(trial.filter(style.IS_DOUBTFUL)) > 0
@@ -138,12 +126,11 @@ def coloured(table: pl.DataFrame) -> list[tuple[pl.DataFrame, str]]:
 
 
 def end_of(trial: pl.DataFrame) -> tuple[float, float]:
-    """Deflection [deg] and deviation [N*m] at the far end of a trial's loop."""
+    """Deflection [deg] and deviation [N*m] at the far end of a loop."""
     return trial.select("theta_s_deg", "deviation").row(int(trial["theta_s_deg"].abs().arg_max() or 0))
 
 
 def name_loops(ax: Axes, table: pl.DataFrame) -> None:
-    """Names of the trials at the far ends of their loops, where they are not too many."""
     trials = coloured(table)
     if len(trials) <= MOST_NAMED:
         names = [trial["trial"][0] for trial, _ in trials]
@@ -152,7 +139,6 @@ def name_loops(ax: Axes, table: pl.DataFrame) -> None:
 
 
 def stiffness_text(mean: pl.DataFrame) -> str:
-    """The mean stiffness with its interval, as lettered in the figure; empty where the table gives none."""
     if mean.is_empty():
         return ""
     K_s, low, high = (mean[column][0] for column in ("K_s", "K_s_low", "K_s_high"))

@@ -16,7 +16,6 @@ MEASURED, LEFT_OUT = "#B4B4B4", "#E8E8E8"
 
 
 def caption(table: pl.DataFrame) -> str:
-    """What the figure shows, in a paragraph of Markdown, and how well the model accounts for the torque."""
     joint, side, trial, chosen = table.select("joint", "side", "trial", "chosen").row(0)
     fitted = table.drop_nulls("torque_model")
     place, time, angle = place_name(joint, side), table["time"].to_numpy(), table["theta_deg"].to_numpy()
@@ -40,13 +39,7 @@ def caption(table: pl.DataFrame) -> str:
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """(a) Angle, with the name of the trial; (b) torque with the fit dashed magenta, as in Fig. 3; (c) its residual.
-
-    The draft calls this line blue in its caption and magenta in its text. Rows in order of time: `time` [s] from
-    0, `theta_deg` [deg], `torque` and `torque_model` [N*m], and `doubtful`. The legend says if the fit is doubtful.
-    Lines end where the time steps over rows that are not of this amplitude. Samples that the fit leaves out, without
-    `torque_model`, have a grey ground, no line of the model and no residual.
-    """
+    """(a) Angle; (b) torque, the fit dashed magenta (blue in the draft's caption, magenta in its text); (c) residual."""
     joint, side, trial = table.select("joint", "side", "trial").row(0)
     place = f"{place_name(joint, side)}, trial {drawn_name(trial, LONGEST)}"
     figure, (angle, torque, residual) = panels(DOUBLE_COLUMN, 3.9, rows=3, names=[place, "", ""])
@@ -74,7 +67,6 @@ def draw(table: pl.DataFrame) -> Figure:
 
 
 def shade_left_out(ax: Axes, table: pl.DataFrame) -> None:
-    """A grey ground behind each run of samples that the fit leaves out."""
     runs = table.with_columns(run=pl.col("torque_model").is_null().rle_id())
     left_out = runs.filter(pl.col("torque_model").is_null()).group_by("run", maintain_order=True)
     spans = left_out.agg(first=pl.col("time").first(), last=pl.col("time").last())

@@ -48,15 +48,7 @@ LARGEST, SMALLEST = 1.0, 0.3
 
 
 def points(impedance: pl.DataFrame) -> pl.DataFrame:
-    """One row per trial: its fit to all amplitudes, with 95 % intervals and the range over single amplitudes.
-
-    `doubtful` says why the fit is doubtful.
-
-    Raises
-    ------
-    InputError
-        No trial has a fit over all amplitudes (a row without `amplitude_deg`).
-    """
+    """One row per trial: its fit to all amplitudes, with 95 % intervals and the range over single amplitudes."""
     table = impedance.filter(pl.col("amplitude_deg").is_null())
     if table.is_empty():
         raise InputError(
@@ -100,10 +92,7 @@ def draw(table: pl.DataFrame) -> Figure:
 
 
 def side_by_side(table: pl.DataFrame, looks: dict[str | None, style.Look]) -> pl.DataFrame:
-    """The rows of one joint and side in the order of K_d, B_d and controller, with their place `x` on the axis.
-
-    Desired values that are not stated come last.
-    """
+    """Rows in the order of K_d, B_d and controller, with their place `x`; values that are not stated come last."""
     order = {controller: number for number, controller in enumerate(looks)}
     ranks = pl.Series("rank", [order[controller] for controller in table["controller"]])
     rows = table.with_columns(ranks).sort("K_d", "B_d", "rank", nulls_last=True, maintain_order=True)
@@ -114,7 +103,6 @@ def side_by_side(table: pl.DataFrame, looks: dict[str | None, style.Look]) -> pl
 
 
 def draw_quantity(ax: Axes, rows: pl.DataFrame, symbol: str, looks: dict[str | None, style.Look]) -> None:
-    """One quantity, `K` or `B`, of the trials at their places `x`."""
     for wanted in rows.drop_nulls(f"{symbol}_d").partition_by("K_d", "B_d", maintain_order=True):
         reach = float(wanted["x"].min()) - 0.6, float(wanted["x"].max()) + 0.6  # type: ignore[arg-type]
         ax.hlines(wanted[f"{symbol}_d"][0], *reach, color=style.BLACK, linewidth=0.8)
@@ -136,20 +124,19 @@ def draw_quantity(ax: Axes, rows: pl.DataFrame, symbol: str, looks: dict[str | N
 
 
 def size_share(ax: Axes, rows: pl.DataFrame) -> float:
-    """Size of the markers, as a share of the usual one, at which neighbours do not touch: 1 for up to 60 trials."""
+    """Size of the markers, as a share of the usual one, at which neighbours do not touch."""
     points = 72 * ax.figure.figure.get_figwidth() / (float(rows["x"].max()) + 8)  # type: ignore[arg-type]
     return float(np.clip(points / 4.5, SMALLEST, LARGEST))
 
 
 def part_by_stiffness(ax: Axes, rows: pl.DataFrame) -> None:
-    """A thin line between the trials of two desired stiffnesses."""
     parts = rows.partition_by("K_d", maintain_order=True)
     for left, right in pairwise(parts):
         ax.axvline((left["x"][-1] + right["x"][0]) / 2, color=LIGHT, linewidth=0.5, zorder=0)
 
 
 def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
-    """Below the axis the desired dampings, and below these the desired stiffnesses; as many as there is room for."""
+    """Below the axis the desired dampings, and below these the stiffnesses; as many as there is room for."""
     inches = (ax.figure.figure.get_figwidth() - 0.6) / float(np.ptp(ax.get_xlim()))
     for minor, keys in ((False, ["K_d", "B_d"]), (True, ["K_d"])):
         places = rows.group_by(keys, maintain_order=True).agg(pl.col("x").mean())
@@ -169,7 +156,6 @@ def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
 
 
 def caption(table: pl.DataFrame) -> str:
-    """What markers and bars mean, by how much each controller misses what was desired, and which fits are doubtful."""
     said = [
         r"Estimated stiffness $\hat{K}$ (a) and damping $\hat{B}$ (b) of the joint for every desired impedance $K_d$, "
         "$B_d$. A marker is the fit of Eq. 15 to all amplitudes of one trial, a black line the desired value. Places "
@@ -194,16 +180,12 @@ def caption(table: pl.DataFrame) -> str:
 
 
 def largest_half_width(table: pl.DataFrame, symbol: str) -> float | None:
-    """Half the width of the widest interval of noise, in the unit of the quantity; None without any."""
     widths = (table[f"{symbol}_high"] - table[f"{symbol}_low"]).drop_nulls()
     return float(widths.max()) / 2 if len(widths) else None  # type: ignore[arg-type]
 
 
 def errors_said(fits: pl.DataFrame) -> str:
-    """Mean and SD over trials of estimate minus desired value, and their range; without desired values the estimates'.
-
-    Both of stiffness and of damping.
-    """
+    """Mean and SD over trials of estimate minus desired value, and their range; else those of the estimates."""
     said = []
     for symbol in "KB":
         errors = (fits[symbol] - fits[f"{symbol}_d"]).drop_nulls()
@@ -222,10 +204,8 @@ def errors_said(fits: pl.DataFrame) -> str:
 
 
 def entries(table: pl.DataFrame, looks: dict[str | None, style.Look]) -> list[Line2D]:
-    """Legend of the markers, of the desired values and of linear theory, as far as the table has them."""
 
     def entry(marker: str, label: str, **look: Any) -> Line2D:
-        """A marker of the legend."""
         return Line2D([], [], linestyle="", marker=marker, label=label, **look)
 
     found = [entry(look.marker, look.label, color=look.colour, markersize=look.size) for look in looks.values()]

@@ -48,24 +48,21 @@ def vaf_scale(vaf: Array) -> Array:
 
 
 def vaf_from_scale(height: Array) -> Array:
-    """The VAF [percent] at a height; inverse of `vaf_scale`."""
     return np.asarray(100 - 10.0 ** -np.asarray(height))
 
 
 def drawn_vaf(rows: pl.DataFrame) -> Array:
-    """The VAFs (n,) [percent] as they are drawn."""
     return np.asarray(np.minimum(rows["VAF"].to_numpy(), LARGEST_VAF))
 
 
 def axis_ticks(low: float, high: float) -> list[float]:
-    """VAFs [percent] to be lettered between two heights of `vaf_scale`."""
     ticks = [tick for tick in TICKS if low <= vaf_scale(np.array(tick)) <= high]
     decades = [tick for tick in ticks if abs(np.log10(100 - tick) % 1 - 0.5) > 0.499]
     return decades if len(ticks) > MOST_TICKS else ticks
 
 
 def said_vaf(vaf: float) -> str:
-    """A VAF [percent] with two or more digits behind the point, and two significant ones of the unexplained share."""
+    """A VAF [percent] with two or more digits behind the point, and two of the unexplained share."""
     return f"{number(vaf, min(max(decimals_of(100 - vaf), 2), 6))} %"
 
 
@@ -117,7 +114,6 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
 
 
 def swarms_of(table: pl.DataFrame) -> list[pl.DataFrame]:
-    """The rows of each joint, side and controller."""
     return [
         rows
         for part in table.partition_by(PLACE, maintain_order=True)
@@ -127,16 +123,12 @@ def swarms_of(table: pl.DataFrame) -> list[pl.DataFrame]:
 
 
 def panel_width(swarms: int) -> float:
-    """Width [in] of the panel with so many swarms."""
     return (style.SINGLE_COLUMN if swarms <= BESIDE else style.DOUBLE_COLUMN) - LEFT - RIGHT
 
 
 @style.paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """A swarm per controller, of each joint and side, with its median as a black bar.
-
-    The axis is logarithmic in the variance that the fit does not explain. An open marker is a doubtful fit.
-    """
+    """A swarm per controller of each joint and side, over an axis that is logarithmic in the unexplained variance."""
     swarms, looks = swarms_of(table), looks_in(table)
     several = len(table.select(PLACE).unique()) > 1
     lines = [swarm_name(rows, looks[rows["controller"][0]].label, several, len(swarms)) for rows in swarms]
@@ -162,7 +154,6 @@ def draw(table: pl.DataFrame) -> Figure:
 
 
 def draw_swarm(ax: Axes, rows: pl.DataFrame, look: style.Look, swarms: int) -> None:
-    """The fits of one controller, joint and side, as one of so many swarms, with their median."""
     fill = [style.WHITE if doubtful else look.colour for doubtful in rows.select(style.IS_DOUBTFUL).to_series()]
     drawn = ax.scatter(
         rows["x"], drawn_vaf(rows), look.size**2, marker=look.marker, facecolors=fill, edgecolors=look.colour,
@@ -176,9 +167,7 @@ def draw_swarm(ax: Axes, rows: pl.DataFrame, look: style.Look, swarms: int) -> N
 
 
 def swarm_name(rows: pl.DataFrame, controller: str, several: bool, swarms: int) -> str:
-    """What stands below a swarm: its controller, its joint and side where there are `several`, its numbers of fits and
-    trials, its median where this does not stand beside it. Long lines are broken to the width that each of so many
-    swarms has."""
+    """What stands below a swarm, in lines of the width that each of so many `swarms` has."""
     place = place_name(rows["joint"][0], rows["side"][0]) if several or swarms > BESIDE else ""
     median = f"median {said_vaf(rows['median_VAF'][0])}" if swarms > BESIDE else ""
     letters = max(int(LETTERS_PER_INCH * panel_width(swarms) / swarms), 6)
@@ -187,13 +176,11 @@ def swarm_name(rows: pl.DataFrame, controller: str, several: bool, swarms: int) 
 
 
 def fits_and_trials(rows: pl.DataFrame) -> str:
-    """Numbers of fits and of trials, as `48 fits of 16 trials`; one number where each trial has one fit."""
     trials = counted(rows["trial"].n_unique(), "trial")
     return trials if len(rows) == rows["trial"].n_unique() else f"{counted(len(rows), 'fit')} of {trials}"
 
 
 def caption(table: pl.DataFrame) -> str:
-    """What the axis is, n, median and range of every swarm, and which fits are doubtful."""
     said = [
         "Variance accounted for (VAF) by the best second-order system, Eq. 15: a marker per trial and amplitude. The "
         "axis is logarithmic in 100 − VAF, the share of the variance that the system leaves unexplained. Black bars "

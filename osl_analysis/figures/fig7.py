@@ -76,14 +76,13 @@ def points(response: pl.DataFrame, curves: pl.DataFrame) -> pl.DataFrame:
 
 
 def response_curve(curve: str, controller: str | None, frequency_hz: np.ndarray, Y: np.ndarray) -> pl.DataFrame:
-    """An integral admittance Y [rad/(N*m)], complex, of shape (n,), as rows; `curve` is `DESIRED` or `LINEAR_MODEL`."""
+    """An integral admittance Y [rad/(N*m)], complex (n,), as rows."""
     columns = {"frequency_hz": frequency_hz, "magnitude": np.abs(Y), "phase_deg": np.rad2deg(np.angle(Y))}
     named = {"curve": curve, "controller": controller}
     return pl.DataFrame(columns).with_columns(pl.lit(v, pl.String).alias(name) for name, v in named.items())
 
 
 def caption(table: pl.DataFrame) -> str:
-    """What the figure shows, in a paragraph of Markdown, with the intervals and the misfits of every controller."""
     observed = table.filter(pl.col("curve") == OBSERVED)
     K_d, B_d = observed.select("K_d", "B_d").row(0)
     stated = [
@@ -152,7 +151,6 @@ def draw(table: pl.DataFrame) -> Figure:
 
 
 def label_axes(magnitude: Axes, phase: Axes, frequency_hz: np.ndarray, most: int) -> None:
-    """Logarithmic axes of frequencies (n,) and magnitude, phases with 0; `most` ticks of frequency at most."""
     magnitude.set_yscale("log")
     style.label_log_axis(magnitude.yaxis, magnitude.get_ylim(), most=6, scale=1e3)
     style.label_phase_axis(phase)
@@ -165,7 +163,6 @@ def label_axes(magnitude: Axes, phase: Axes, frequency_hz: np.ndarray, most: int
 
 
 def legend(figure: Figure, table: pl.DataFrame, shown: Mapping[Axes, str]) -> None:
-    """Legend above all panels; `shown` are the panels with the quantity of each."""
     named = {label: handle for ax in shown for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     handles = [*named.values(), *style.spread_entries(shown, table)[0]]
     handles += [style.OPEN_MARKER] * len(table.filter(style.IS_DOUBTFUL).head(1))
@@ -175,7 +172,6 @@ def legend(figure: Figure, table: pl.DataFrame, shown: Mapping[Axes, str]) -> No
 
 
 def draw_controller(ax: Axes, rows: pl.DataFrame, look: style.Look, column: str, bounds: str) -> None:
-    """One controller in one panel: markers with intervals, and the curve of the linear model where there is one."""
     observed, curve = (rows.filter(pl.col("curve") == kind) for kind in (OBSERVED, LINEAR_MODEL))
     if len(observed):
         style.draw_spread(ax, observed, "frequency_hz", bounds, look.colour)

@@ -25,8 +25,7 @@ def points(gains: pl.DataFrame, stance_share: float = STANCE_SHARE) -> pl.DataFr
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """(a) stiffness, (b) damping: desired black, gain dashed orange. What the file of the trajectory says of itself, as
-    synthetic, stands above."""
+    """(a) stiffness, (b) damping: desired black, gain dashed; above, what the trajectory says of itself."""
     figure, axes = panels(SINGLE_COLUMN, 3.0, rows=2)
     kind = table["trajectory"][0]
     if kind is not None:
@@ -51,7 +50,6 @@ def draw(table: pl.DataFrame) -> Figure:
 
 
 def caption(table: pl.DataFrame) -> str:
-    """What the trajectory is and where it is defined, with the ranges of desired impedance and gains."""
     kind, end = table["trajectory"][0], 100 * float(table["phase"].max())  # type: ignore[arg-type]
     whose = {
         None: "The trajectory's file does not say of what kind it is.",
@@ -71,6 +69,5 @@ def caption(table: pl.DataFrame) -> str:
 
 
 def reach(table: pl.DataFrame, column: str) -> str:
-    """Smallest and largest value of a column, as `80 to 340`."""
     values = table[column].drop_nulls()
     return f"{values.min():.3g} to {values.max():.3g}".replace("-", "−")  # type: ignore[str-bytes-safe]

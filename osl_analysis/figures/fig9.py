@@ -78,7 +78,6 @@ def points(
 
 
 def group_row(rows: dict[tuple[str, str, str], dict[str, Any]], group: str, quantity: str) -> dict[str, Any]:
-    """Mean and SD, and the ensemble's estimate, of one quantity of one group."""
     for estimator in (PER_PERTURBATION, ENSEMBLE):
         if (group, estimator, quantity) not in rows:
             raise InputError(
@@ -137,10 +136,7 @@ def tick(row: dict[str, object], letters: int) -> str:
 
 
 def draw_single(ax: Axes, at: float, fits: pl.DataFrame, shown: pl.Series, inches: float) -> None:
-    """The single estimates of one group, beside each other where they would overlap.
-
-    `shown` are the estimates (n,) that the panel shows, `inches` the length of a unit of its horizontal axis.
-    """
+    """The single estimates of one group, side by side where they would overlap; `inches`: length of a unit in x."""
     heights = (fits["estimate"] / max(float(np.ptp(shown.to_numpy())), 1e-9) * PANEL_HEIGHT).to_numpy()
     x = at + style.squeezed(style.swarm_positions(heights, DIAMETER) / inches, REACH)
     fill = [style.WHITE if doubtful else style.GREY for doubtful in fits.select(style.IS_DOUBTFUL).to_series()]
@@ -179,7 +175,6 @@ def draw_group(ax: Axes, at: float, row: dict[str, Any]) -> None:
 
 
 def caption(table: pl.DataFrame) -> str:
-    """What points, bars and lines are, the numbers of every group, and which fits are doubtful."""
     rows = table.filter(pl.col("trial").is_null())
     groups = rows["group"].unique(maintain_order=True).to_list()
     fits = table.filter(pl.col("quantity") == QUANTITIES[0]).drop_nulls("trial")
@@ -201,7 +196,6 @@ def caption(table: pl.DataFrame) -> str:
 
 
 def said_of(row: dict[str, Any]) -> str:
-    """The numbers of one quantity of a group, in words."""
     name, unit = rf"$\hat{{{row['quantity']}}}$", UNIT_OF[row["quantity"]]
     commanded = "" if row["commanded"] is None else f", commanded {row['commanded']:g}"
     if row["mean"] is None:

@@ -21,7 +21,6 @@ THICK, THIN = 1.2, 0.6  # widths [pt] of intervals and of fitted windows
 
 
 def caption(table: pl.DataFrame) -> str:
-    """What the figure shows, in a paragraph of Markdown, with the estimates of every group."""
     said = [
         "Impedance of the ankle over stance: (a) stiffness, (b) damping, (c) inertia. A marker is the fit to the mean "
         "response of a group, at the phase that the fit reads. Upright bars are 95 % intervals, level ones the windows "
@@ -72,7 +71,6 @@ def draw(table: pl.DataFrame) -> Figure:
 
 
 def draw_series(ax: Axes, rows: pl.DataFrame, colour: str, marker: str, label: str) -> None:
-    """The groups of one series, in the order of phase, with windows, intervals and commanded values."""
     rows = rows.sort("phase")
     x, estimate, low, high = (rows[name].to_numpy() for name in ("phase", "estimate", "low", "high"))
     ends = np.array([rows["phase"] - rows["onset_phase"], rows["end_phase"] - rows["phase"]])

@@ -31,13 +31,6 @@ SMALLEST = 1e-6  # smallest share [percent] of the variance on the axis. Smaller
 
 
 def points(scores: pl.DataFrame) -> pl.DataFrame:
-    """One row per trial and model that was fitted to other data than those it predicts.
-
-    Raises
-    ------
-    InputError
-        There is none.
-    """
     table = of_place(scores).select(COLUMNS).filter(pl.col("VAF_held_out").is_finite())
     if table.is_empty():
         raise InputError(
@@ -48,7 +41,6 @@ def points(scores: pl.DataFrame) -> pl.DataFrame:
 
 
 def caption(table: pl.DataFrame) -> str:
-    """What the figure shows, in a paragraph of Markdown, with the numbers of the experiments that have no panel."""
     said = [
         "Rival models, held against data that they were not fitted to: a repeat by the others, or an amplitude by the "
         "others. The axis is the share of the variance of torque that a model leaves, on a logarithmic scale: lower is "
@@ -71,15 +63,11 @@ def caption(table: pl.DataFrame) -> str:
 
 
 def words(model: str) -> str:
-    """The name of a model in a sentence."""
     return model.replace("\n", " ")
 
 
 def drawn_experiments(table: pl.DataFrame) -> list[str]:
-    """The experiments with a panel: those with three models or more, or all if there is none of these.
-
-    Two models are two numbers, which the caption says.
-    """
+    """Those with three models or more, or all if there is none: the caption says the numbers of two models."""
     present = [experiment for experiment in MODELS if experiment in table["experiment"]]
     return [experiment for experiment in present if len(MODELS[experiment][1]) > FEW] or present
 
@@ -123,7 +111,6 @@ def draw(table: pl.DataFrame) -> Figure:
 
 
 def draw_trials(ax: Axes, rows: pl.DataFrame, models: list[str], shift: float, look: style.Look) -> None:
-    """The trials of one condition, shifted by `shift` from the ticks of the models."""
     x = np.arange(len(models)) + shift
     trials, left = shares_left(rows, models)
     ax.plot(x, left.T, "-", color=look.colour, alpha=0.35, linewidth=0.5)
@@ -145,7 +132,7 @@ def shares_left(rows: pl.DataFrame, models: list[str]) -> tuple[list[str], Array
 
 
 def geometric_means(rows: pl.DataFrame, models: list[str]) -> Array:
-    """The geometric mean over trials of the share that each model (m,) leaves; NaN for a model that no trial has."""
+    """Over trials, of the share that each model (m,) leaves; NaN for a model that no trial has."""
     left = np.log(shares_left(rows, models)[1])
     seen = np.isfinite(left).any(axis=0)
     means = np.full(len(models), np.nan)

@@ -33,7 +33,7 @@ PLACE = ("joint", "side")
 
 @cache
 def letters() -> frozenset[int]:
-    """The letters, by code, that the fonts of the figures have."""
+    """The letters, by code, that the fonts have."""
     files = (findfont(FontProperties(family=[family])) for family in PAPER["font.family"])
     return frozenset(code for file in files for code in get_font(file).get_charmap())
 
@@ -45,10 +45,7 @@ def with_glyphs(text: str) -> str:
 
 
 def drawn_name(name: str, longest: int = LONGEST) -> str:
-    """A name as matplotlib draws it letter by letter: no mathematics, no hidden entry of a legend, not too long.
-
-    Matplotlib reads text between dollar signs as mathematics, and lists no label that begins with an underscore.
-    """
+    """A name as matplotlib draws it: text between dollars is no mathematics, a leading underscore hides no label."""
     short = name if len(name) <= longest else f"{name[: longest - longest // 3 - 1]}…{name[-(longest // 3) :]}"
     escaped = with_glyphs(short).replace("$", r"\$")
     return f" {escaped}" if escaped.startswith("_") else escaped
@@ -91,19 +88,13 @@ def of_place(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def look_numbers(controllers: pl.Series) -> pl.Series:
-    """For each controller (n,) its number among those that are not the draft's, in alphabetical order; null for these
-    two, and where there is none.
-
-    A figure of some controllers of a campaign has the numbers of all, so that a colour means one in every figure.
-    """
+    """The number of each controller (n,) among those that are not the draft's; a campaign's colours mean one thing."""
     others = sorted({name for name in controllers.drop_nulls() if name not in DRAFT})
     return pl.Series("look", [others.index(name) if name in others else None for name in controllers], dtype=pl.Int64)
 
 
 def looks_in(table: pl.DataFrame) -> dict[str | None, Look]:
-    """Each controller of a table (`controller`, `look`) with colour, marker and label: the draft's first, then the
-    others by name, then none. Where two long names are shortened to the same label, a number tells them apart.
-    """
+    """Each controller with its look: the draft's, the others by name, none. A number tells equal labels apart."""
     numbers = dict(table.select("controller", "look").unique().iter_rows())
     others = sorted(name for name in numbers if name is not None and name not in DRAFT)
     names = [*(name for name in DRAFT if name in numbers), *others]
@@ -120,7 +111,6 @@ def looks_in(table: pl.DataFrame) -> dict[str | None, Look]:
 
 
 def other_look(controller: str, number: int | None) -> Look:
-    """Colour and marker of a controller that is not the draft's, by its number."""
     number = number or 0
     colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
     return Look(colour, marker, SIZE, drawn_name(controller), DASHES[number % len(DASHES)])
@@ -141,7 +131,7 @@ def as_text(name: str) -> str:
 
 
 def listed(names: Iterable[str], most: int = MOST_NAMED) -> str:
-    """Names from files one after the other, each once; of more than `most` the first ones and how many more."""
+    """Names from files, each once; of more than `most` the first ones and how many more."""
     found = [as_text(name) for name in dict.fromkeys(names)]
     return ", ".join(found[:most]) + (f" and {len(found) - most} more" if len(found) > most else "")
 
@@ -157,7 +147,6 @@ def decimals_of(spread: float, largest: float = 0.0) -> int:
 
 
 def number(value: float, decimals: int) -> str:
-    """A number with so many digits behind the point, with a minus sign; never minus zero."""
     return f"{value:.{decimals}f}".replace("-", "−") if round(value, decimals) else f"{0:.{decimals}f}"
 
 
@@ -179,7 +168,6 @@ def with_sd(mean: float, sd: float | None, unit: str) -> str:
 
 
 def counted(n: int, one: str, several: str = "") -> str:
-    """A number of things, as `1 trial` or `32 trials`."""
     return f"{n} {one if n == 1 else several or one + 's'}"
 
 
@@ -200,7 +188,6 @@ MOST_MISSING = 4  # missing trials that are named; the caption names more, the t
 
 
 def said_of_missing(trials: Sequence[str]) -> str:
-    """Which trials a figure lacks; empty if none."""
     more = f" and {len(trials) - MOST_MISSING} more" if len(trials) > MOST_MISSING else ""
     return f"Without {len(trials)} refused: {', '.join(trials[:MOST_MISSING])}{more}" if trials else ""
 

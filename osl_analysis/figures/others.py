@@ -101,12 +101,7 @@ Key = tuple[str, ...]
 
 @style.paper_style()
 def draw_study(table: pl.DataFrame) -> Figure:
-    """A row per experiment, estimator and interval, a marker per quantity with two Monte Carlo errors on either side.
-
-    All stiffnesses have one marker, and so have dampings and inertias. The torque constant and the magnitude of a
-    response have that of a stiffness, the phase that of a damping. The aim is shaded. An arrow at the edge of a panel
-    stands for a value beyond it.
-    """
+    """A row per experiment, estimator and interval, a marker per quantity with two Monte Carlo errors."""
     keys = headed(table.select("experiment", "estimator", "interval_method").unique(maintain_order=True))
     figure, axes = style.panels(style.DOUBLE_COLUMN, 0.9 + 0.155 * len(keys), columns=3)
     table = table.with_columns(pl.col("coverage") * 100, pl.col("coverage_mc") * 100)
@@ -128,8 +123,7 @@ def draw_study(table: pl.DataFrame) -> Figure:
 
 
 def headed(rows: pl.DataFrame) -> list[Key]:
-    """Experiment, estimator and interval of each row. Before the first row of an experiment there is a row with its
-    name."""
+    """The rows, and before the first of each experiment a row with its name."""
     keys: list[Key] = []
     for key in rows.rows():
         if not keys or keys[-1][0] != key[0]:
@@ -139,12 +133,10 @@ def headed(rows: pl.DataFrame) -> list[Key]:
 
 
 def label(key: Key) -> str:
-    """Text in the margin beside a row."""
     return key[0].replace(" us", " µs") if len(key) == 1 else f"{key[1]}, {SHORT.get(key[2], key[2])}"
 
 
 def draw_measure(ax: Axes, table: pl.DataFrame, keys: Sequence[Key], column: str) -> None:
-    """One measure, for all rows."""
     low, high = LIMITS[column]
     ax.axvspan(max(AIMS[column][0], low), AIMS[column][1], color="#E8E8E8", linewidth=0)
     places = {key: place for place, key in enumerate(keys)}

@@ -50,8 +50,7 @@ def points(single: pl.DataFrame, pooled: pl.DataFrame) -> pl.DataFrame:
 
 
 def words_of(row: Mapping[str, Any], longest: int = LONGEST) -> list[str]:
-    """Joint, controller and desired impedance of a condition, as far as they are known, its trials by the first one's
-    name, of at most `longest` letters, and its number of realisations."""
+    """Joint, controller, desired impedance, trials by the first one's name, and realisations of a condition."""
     words = [place_name(row["joint"], row["side"]), drawn_name(row["controller"] or "")]
     words.append(", ".join(f"${name}$ = {row[name]:g}" for name in ("K_d", "B_d") if row[name] is not None))
     trials = str(row["trials"]).split(", ")
@@ -63,7 +62,6 @@ def words_of(row: Mapping[str, Any], longest: int = LONGEST) -> list[str]:
 
 
 def caption(table: pl.DataFrame) -> str:
-    """What the figure shows, in a paragraph of Markdown, and how far the structures are from what is measured."""
     conditions = table.partition_by("trials", maintain_order=True)
     said = [
         f"Impedance Z, torque over angle, over frequency, of {counted(len(conditions), 'condition')}, $K_d$ in "
@@ -93,11 +91,7 @@ def deviation(rows: pl.DataFrame, short: str) -> NDArray[np.float64]:
 
 @style.paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """Per condition, one above the other, magnitude and phase with 95 % intervals, and the structures' deviation,
-    distortion and noise. Conditions stand side by side, as many as a page takes.
-
-    Distortion below the noise is not drawn. Where there is none to be drawn, the panel says why.
-    """
+    """Per condition magnitude, phase, and the structures' deviation beside distortion above the noise, and noise."""
     conditions = table.partition_by("trials", maintain_order=True)
     shown = conditions[:MOST]
     down, across = grid_of(len(shown))
@@ -128,18 +122,18 @@ def draw(table: pl.DataFrame) -> Figure:
 
 
 def grid_of(conditions: int) -> tuple[int, int]:
-    """Conditions one below the other and side by side on the page of so many."""
+    """Conditions one below the other and side by side."""
     across = min(conditions, MOST_ACROSS + (conditions > MOST_ACROSS**2))
     return -(-conditions // across), across
 
 
 def size_of(down: int, across: int) -> tuple[float, float]:
-    """Width and height [in] of the page of a grid of conditions."""
+    """Width and height [in] of a grid of conditions."""
     return style.SINGLE_COLUMN if across == 1 else style.DOUBLE_COLUMN, 0.5 + down * (3 * PANEL_HEIGHT + HEADING)
 
 
 def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Line2D]:
-    """The three panels of one condition; the entries of the legend."""
+    """Three panels of one condition; the entries of the legend, here and below."""
     magnitude, phase, beside = parts
     entries = draw_curves(magnitude, rows, "magnitude") | draw_curves(phase, rows, "phase_deg")
     entries |= draw_levels(beside, rows)
@@ -155,7 +149,6 @@ def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Line2
 
 
 def why_no_distortion(rows: pl.DataFrame) -> str:
-    """Why a condition has no level of distortion; empty where it has one that is drawn."""
     levels = [rows[name].cast(pl.Float64).to_numpy() for name in ("odd_level", "even_level")]
     if any(drawn_level(rows, level).any() for level in levels):
         return ""
@@ -165,13 +158,11 @@ def why_no_distortion(rows: pl.DataFrame) -> str:
 
 
 def drawn_level(rows: pl.DataFrame, level: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Where a level of distortion (m,) stands out from the noise."""
     noise = rows["noise_level"].cast(pl.Float64).to_numpy()
     return np.asarray(np.isfinite(level) & (level > 0) & (level > noise))
 
 
 def draw_curves(ax: Axes, rows: pl.DataFrame, quantity: str) -> dict[str, Line2D]:
-    """Measured points and the lines of the structures; the entries of the legend."""
     f = rows["frequency_hz"]
     half = intervals(rows, quantity)
     ax.vlines(f, rows[quantity] - half, rows[quantity] + half, color=style.BLACK, linewidth=0.6)
@@ -190,15 +181,13 @@ def draw_curves(ax: Axes, rows: pl.DataFrame, quantity: str) -> dict[str, Line2D
 
 
 def intervals(rows: pl.DataFrame, quantity: str) -> pl.Series:
-    """Half-widths of the 95 % intervals of magnitude or phase, of noise and distortion, or of noise where these are not
-    known."""
+    """Half-widths of the 95 % intervals, of noise and distortion, or of noise where these are not known."""
     sd = pl.coalesce(pl.col("total_sd").cast(pl.Float64), pl.col("noise_sd").cast(pl.Float64)).fill_null(0.0)
     half = 1.96 * sd / np.sqrt(2)  # of one direction in the complex plane
     return rows.select(half if quantity == "magnitude" else half / pl.col("magnitude") * (180 / np.pi)).to_series()
 
 
 def draw_levels(ax: Axes, rows: pl.DataFrame) -> dict[str, Line2D]:
-    """Deviation of the structures from Z, distortion and noise, on a logarithmic axis; the entries of the legend."""
     f, entries = rows["frequency_hz"].to_numpy(), {}
     measured = complex_number(rows, "")
     for short, (colour, dash, _) in MODELS.items():
@@ -221,6 +210,5 @@ def draw_levels(ax: Axes, rows: pl.DataFrame) -> dict[str, Line2D]:
 
 
 def complex_number(rows: pl.DataFrame, ending: str) -> NDArray[np.complex128]:
-    """The impedance of measurement or structure, (m,) [N·m/rad]."""
     size, phase = (rows[f"{name}{ending}"].cast(pl.Float64).to_numpy() for name in ("magnitude", "phase_deg"))
     return np.asarray(size * np.exp(1j * np.deg2rad(phase)))

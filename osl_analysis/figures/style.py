@@ -140,10 +140,7 @@ def panels(
 
 @paper_style()
 def lay_out(figure: Figure) -> None:
-    """Place everything in a figure once, at the resolution of a PNG: every format of it then has the same places.
-
-    Without this each format is laid out anew, which takes longer than to draw it.
-    """
+    """Place everything once, at the resolution of a PNG: every format then has the same places, and is drawn once."""
     figure.set_dpi(PAPER["savefig.dpi"])
     figure.draw_without_rendering()
     figure.set_layout_engine(None)  # with any engine, `savefig` draws once more in vain
@@ -157,7 +154,7 @@ def width_of(label: str) -> float:
 
 
 def legend_columns(labels: Sequence[str], width: float, most: int) -> int:
-    """Columns, `most` or fewer, of a legend with these labels that is no wider than the page of `width` [in]."""
+    """Columns, `most` or fewer, of a legend that is no wider than the page of `width` [in]."""
     widths = np.array([width_of(label) for label in labels])
     for columns in range(min(most, len(labels)), 1, -1):
         rows, longer = divmod(len(labels), columns)
@@ -169,7 +166,7 @@ def legend_columns(labels: Sequence[str], width: float, most: int) -> int:
 
 
 def link_to_trials(drawn: Collection | Sequence[Text], trials: Iterable[str]) -> None:
-    """In an SVG, each of the points, lines or names (n,) leads to its trial (n,) in the report of the run."""
+    """In an SVG, each of the points, lines or names (n,) leads to its trial (n,) in the report."""
     urls = [place_in_report(trial) for trial in trials]
     if isinstance(drawn, Collection):
         drawn.set_urls(urls)
@@ -179,7 +176,6 @@ def link_to_trials(drawn: Collection | Sequence[Text], trials: Iterable[str]) ->
 
 
 def place_in_report(trial: str) -> str:
-    """Address of a trial in the report of the run, as its figures' SVG files reach it."""
     return f"{REPORT}#trial={quote(trial, safe='')}"
 
 
@@ -203,7 +199,6 @@ def spread_entries(panels: Mapping[Axes, str], table: pl.DataFrame) -> tuple[lis
     """
 
     def bar(width: float, label: str) -> Line2D:
-        """An entry of the legend that looks like an upright bar."""
         return Line2D([], [], color=BLACK, marker="|", markersize=8, mew=width, linestyle="", label=label)
 
     handles = []
@@ -263,7 +258,7 @@ def log_ticks(low: float, high: float, most: int) -> list[float]:
 
 
 def label_log_axis(axis: Axis, limits: tuple[float, float], most: int, scale: float = 1.0) -> None:
-    """A logarithmic axis from and to `limits` with `log_ticks`, written as numbers times `scale`."""
+    """A logarithmic axis between `limits` with `log_ticks`, written as numbers times `scale`."""
     ticks = log_ticks(*limits, most)
     axis.set_ticks(ticks, [f"{tick * scale:.4g}" for tick in ticks])
     axis.set_ticks([], minor=True)
@@ -271,7 +266,7 @@ def label_log_axis(axis: Axis, limits: tuple[float, float], most: int, scale: fl
 
 
 def widened(low: float, high: float, share: float = 0.04) -> tuple[float, float]:
-    """Limits of a logarithmic axis with a share of it free on either side; a single value stands in its middle."""
+    """Limits of a logarithmic axis with a share of it free on either side."""
     span = np.log(high / low) if high > low else 1.0
     return low * float(np.exp(-share * span)), high * float(np.exp(share * span))
 
@@ -348,7 +343,7 @@ def swarm_positions(values: Array, width: float) -> Array:
 
 
 def squeezed(offsets: Array, reach: float) -> Array:
-    """Sideways offsets (n,), as much closer together as they need to be no farther than `reach` from the middle."""
+    """The offsets, closer together so that none is farther than `reach` from the middle."""
     return np.asarray(offsets * min(1.0, reach / max(float(np.max(np.abs(offsets), initial=0)), 1e-9)))
 
 
@@ -356,25 +351,19 @@ SHARPNESS = 150  # resolution on the screen [dots per inch]
 
 
 class NotebookFigure(Figure):
-    """A matplotlib `Figure` of a result.
-
-    matplotlib shows figures of its window manager, `pyplot`, only. This one is shown without it.
-    """
+    """A matplotlib `Figure` that a notebook shows without `pyplot`, and saves in the style of the paper."""
 
     def _repr_png_(self) -> bytes:
-        """The picture that a notebook shows."""
         page = BytesIO()
         self.savefig(page, format="png", dpi=SHARPNESS)
         return page.getvalue()
 
     def savefig(self, fname: Any, **kwargs: Any) -> None:
-        """Save the figure as matplotlib does, in the style of the paper, whatever the user's settings are."""
         with paper_style():
             super().savefig(fname, **kwargs)
 
 
 def on_screen(figure: Figure) -> NotebookFigure:
-    """The same figure, which shows itself."""
     figure.__class__ = NotebookFigure
     if not isinstance(figure, NotebookFigure):
         raise TypeError(type(figure).__name__)

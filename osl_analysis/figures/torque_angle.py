@@ -37,14 +37,12 @@ LONGEST = 18  # letters of such a name
 
 
 def points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
-    """The curves of all trials with the reason why a trial is doubtful, from `torque_angle.csv`."""
     facts = of_place(table).select("trial", *PLACE, "doubtful")
     joined = curves.select(TABLE_COLUMNS).join(facts, on="trial", how="left", maintain_order="left")
     return joined.select(COLUMNS)
 
 
 def caption(table: pl.DataFrame) -> str:
-    """What the figure shows, in a paragraph of Markdown, with the torque and stiffness of every trial."""
     said = [
         f"Torque against angle of {counted(table['trial'].n_unique(), 'trial')}, moved slowly. (a) Torque, thick while "
         "loading and thin while unloading. (b) Slope of torque over angle while loading; shaded: its 95 % interval."
@@ -61,17 +59,13 @@ def caption(table: pl.DataFrame) -> str:
 
 
 def ends_of(branch: pl.DataFrame, column: str) -> tuple[float, float]:
-    """Values of a column at the lowest and the highest angle of a branch."""
     ordered = branch.drop_nulls(column).sort("angle_deg")[column]
     return float(ordered[0]), float(ordered[-1])
 
 
 @style.paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """(a) Torque against angle: loading thick, unloading thin, desired curves dashed. (b) Stiffness while loading, with
-    its 95 % interval as a band. Doubtful trials are dotted. Every joint and side has panels of its own. The names of
-    trials stand at the ends of their curves, where they are not too many.
-    """
+    """(a) Torque against angle, desired curves dashed; (b) stiffness while loading with its 95 % interval."""
     parts, colours = placed_rows(table), colours_of(table)
     names = [name for name, _ in parts for _ in range(2)]
     figure, axes = style.panels(style.DOUBLE_COLUMN, 3.0 * len(parts) + 0.3, rows=len(parts), columns=2, names=names)
@@ -85,7 +79,6 @@ def draw(table: pl.DataFrame) -> Figure:
 
 
 def name_curves(ax: Axes, table: pl.DataFrame, column: str, colours: Mapping[str, str]) -> None:
-    """The trials of one panel by name, at the highest angle of their loading curves."""
     loading = table.filter(pl.col("branch") == "loading").drop_nulls(column).sort("angle_deg")
     last = loading.unique("trial", keep="last", maintain_order=True)
     if len(last) <= MOST_NAMED:
@@ -95,7 +88,6 @@ def name_curves(ax: Axes, table: pl.DataFrame, column: str, colours: Mapping[str
 
 
 def draw_place(left: Axes, right: Axes, table: pl.DataFrame, colours: Mapping[str, str]) -> None:
-    """The trials of one joint and side, with their desired curves."""
     for trial in table.partition_by("trial", maintain_order=True):
         draw_trial(left, right, trial, colours[trial["trial"][0]])
     wanted = table.filter(pl.col("desired").is_not_null())
@@ -125,7 +117,6 @@ def colours_of(table: pl.DataFrame) -> Mapping[str, str]:
 
 
 def draw_trial(left: Axes, right: Axes, trial: pl.DataFrame, colour: str) -> None:
-    """The two branches of one trial and its stiffness while loading."""
     dash = style.DOTTED if len(trial.filter(style.IS_DOUBTFUL)) else "-"
     for branch, width in (("loading", THICK), ("unloading", THIN)):
         rows = trial.filter(pl.col("branch") == branch)
@@ -139,7 +130,6 @@ def draw_trial(left: Axes, right: Axes, trial: pl.DataFrame, colour: str) -> Non
 
 
 def line_entries(table: pl.DataFrame) -> list[Line2D]:
-    """Legend of the kinds of lines that the table gives."""
     entries = [
         Line2D([], [], color=style.BLACK, linewidth=THICK, label="Loading"),
         Line2D([], [], color=style.BLACK, linewidth=THIN, label="Unloading"),

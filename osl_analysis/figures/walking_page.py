@@ -23,12 +23,7 @@ MOST_GROUPS = 4  # groups whose numbers stand in the caption
 
 @style.paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """Over stance (a) angle and (b) torque, over time (c) isolated angle and (d) isolated torque, for each group.
-
-    (a) and (b) show mean and SD of unperturbed and perturbed crossings, (c) and (d) every perturbation, their mean, and
-    the fit of Eq. 15 to the mean. The fitted window is shaded; the baseline, over which each response is zero on
-    average, is hatched. Perturbations with a doubtful fit are dotted.
-    """
+    """Over stance (a) angle and (b) torque, over time (c) isolated angle and (d) isolated torque, for each group."""
     groups = table.partition_by("group", maintain_order=True)
     figure = Figure(figsize=(style.DOUBLE_COLUMN, 4.4 * len(groups)), layout="constrained")
     parts = figure.subfigures(len(groups), 1, squeeze=False)[:, 0]
@@ -47,7 +42,6 @@ def draw(table: pl.DataFrame) -> Figure:
 
 
 def draw_group(axes: NDArray[np.object_], table: pl.DataFrame) -> None:
-    """The four panels (2, 2) of one group."""
     for ax, letter in zip(axes.ravel(), "abcd", strict=True):
         ax.set_title(f"({letter})", loc="left")
     for ax, panel in zip(axes[0], ("angle", "torque"), strict=True):
@@ -63,12 +57,10 @@ def draw_group(axes: NDArray[np.object_], table: pl.DataFrame) -> None:
 
 
 def curve(table: pl.DataFrame, panel: str, name: str) -> pl.DataFrame:
-    """The rows of one curve of one panel."""
     return table.filter((pl.col("panel") == panel) & (pl.col("curve") == name))
 
 
 def draw_intervals(ax: Axes, table: pl.DataFrame, panel: str) -> None:
-    """The baseline hatched and the fitted window shaded, as far as the panel's numbers have them."""
     looks: dict[str, dict[str, Any]] = {
         "baseline": {"facecolor": "none", "edgecolor": HATCHED, "hatch": "////", "label": "Baseline"},
         "window": {"color": style.PALE_ORANGE, "alpha": 0.5, "label": "Fitted window"},
@@ -80,7 +72,6 @@ def draw_intervals(ax: Axes, table: pl.DataFrame, panel: str) -> None:
 
 
 def draw_gait(ax: Axes, rows: pl.DataFrame) -> None:
-    """Mean and one SD on either side, over stance."""
     for name, (colour, dashes, label) in GAIT.items():
         one = rows.filter(pl.col("curve") == name)
         x, mean, sd = (one[column].to_numpy() for column in ("x", "mean", "sd"))
@@ -91,7 +82,7 @@ def draw_gait(ax: Axes, rows: pl.DataFrame) -> None:
 
 
 def draw_response(ax: Axes, table: pl.DataFrame, panel: str) -> None:
-    """Every perturbation thin, their mean, and where the table has one its fit. Each leads to its trial."""
+    """Every perturbation thin, their mean, and the fit."""
     every = curve(table, panel, "each")
     trials = every.partition_by("trial", maintain_order=True)
     doubtful = [one for one in trials if len(one.filter(style.IS_DOUBTFUL))]
@@ -119,7 +110,6 @@ def draw_response(ax: Axes, table: pl.DataFrame, panel: str) -> None:
 
 
 def caption(table: pl.DataFrame) -> str:
-    """What the panels show, where the responses are zero and why their mean is not zero at the onset, and doubts."""
     groups = table.partition_by("group", maintain_order=True)
     said = [
         "From crossings to the responses that Fig. 9 fits. (a) Ankle angle and (b) ankle torque over stance, mean ± SD "
@@ -144,13 +134,11 @@ def caption(table: pl.DataFrame) -> str:
 
 
 def crossings_said(rows: pl.DataFrame) -> str:
-    """Numbers of crossings of one group."""
     counts = {name: int(curve(rows, "angle", name)["n"][0]) for name in GAIT}
     return f"{counted(counts['unperturbed'], 'unperturbed crossing')} and {counts['perturbed']} perturbed"
 
 
 def onset_said(rows: pl.DataFrame) -> str:
-    """The mean responses of one group at the onset, and the scatter of the single ones there."""
     said = []
     for panel, unit in RESPONSES.items():
         mean, each = (at_onset(curve(rows, panel, name)) for name in ("mean", "each"))
@@ -161,6 +149,6 @@ def onset_said(rows: pl.DataFrame) -> str:
 
 
 def at_onset(rows: pl.DataFrame) -> pl.Series:
-    """The value of each curve nearest to the onset, in the order of the trials."""
+    """The value of each curve nearest to the onset."""
     nearest = rows.sort(pl.col("x").abs(), maintain_order=True).group_by("trial", maintain_order=True).first()
     return nearest["mean"]

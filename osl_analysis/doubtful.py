@@ -234,10 +234,8 @@ class DoubtfulFits(Settings):
 def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
     """The table `name` with the column `DOUBTFUL`, which lists each value beyond its limit, with the limit.
 
-    Raises
-    ------
-    InputError
-        A limit is set on a column that the table does not have or that is not numeric. The message names the column.
+    Raises InputError: a limit is set on a column that the table does not have or that is not numeric. The message names
+    the column.
     """
     fitted = pl.col(EXCLUDED).is_null() if EXCLUDED in table.columns else pl.lit(True)
     fits = table.filter(fitted)

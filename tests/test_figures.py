@@ -114,7 +114,7 @@ def response_table():
             "trial": f"{controller} trial", "controller": controller, "K_d": 200.0, "B_d": 7.5,
             "frequency_hz": frequency,
             "magnitude": [5e-3, 4.8e-3, 4.4e-3, 4.0e-3, 3.5e-3],
-            "phase_deg": [-13.0, -25.0, -35.0, -43.0, -50.0], "doubtful": "",
+            "phase_deg": [-13.0, -25.0, -35.0, -43.0, -50.0], "doubtful": ""
         })
         for controller in ("compensated", "uncompensated")
     )  # fmt: skip
@@ -209,7 +209,7 @@ def model_scores():
     return pl.DataFrame([
         {
             "experiment": experiment, "controller": controller, "trial": trial, "model": f"M{i + 1}", "terms": "",
-            "VAF_held_out": 100 - share * (10 if trial.endswith("2") else 1),
+            "VAF_held_out": 100 - share * (10 if trial.endswith("2") else 1)
         }
         for experiment, controller, trial in trials
         for i, share in enumerate(left[experiment])
@@ -1129,11 +1129,7 @@ def test_unknown_figures_and_formats_are_refused(tmp_path):
         draw_table("fig8", plotted("fig8"), [tmp_path / "f.jpg"])
 
 
-TABLES = {
-    "impedance": impedance,
-    "gains": gains,
-    "model_comparison": model_scores,
-}
+TABLES = {"impedance": impedance, "gains": gains, "model_comparison": model_scores}
 
 
 @pytest.mark.parametrize("name", [name for name, figure in FIGURES.items() if not figure.own_rule])

@@ -88,10 +88,7 @@ def rms(values: Array) -> float:
 def check_band(record: MovingRecord, fit: LinearFit, largest_inertia_error: float | None) -> None:
     """Refuse a motion whose band cannot tell K from I.
 
-    Raises
-    ------
-    IdentifiabilityError
-        It cannot; the message names the band that is missing.
+    Raises IdentifiabilityError: it cannot; the message names the band that is missing.
     """
     check_told(f"trial {record.name}", record.band_hz, tellable(record), (fit["K"], fit.se("K")), largest_inertia_error)
 
@@ -106,10 +103,7 @@ def check_told(
     """Refuse a band [Hz] that cannot tell K from I; `stiffness` is K with its standard error, `what` begins the
     message.
 
-    Raises
-    ------
-    IdentifiabilityError
-        As `check_band`.
+    Raises IdentifiabilityError: as `check_band`.
     """
     (low, high), (K, K_se) = band_hz, stiffness
     if largest_inertia_error is not None and change.inertia > largest_inertia_error:
@@ -197,10 +191,7 @@ def check_alias(record: MovingRecord, fit: LinearFit) -> float:
     the jump, so that its area is known to half a sample: a pseudo-random binary sequence that is clocked with the
     sampling is read late by half a sample in all of its jumps.
 
-    Raises
-    ------
-    InputError
-        It is beyond `LARGEST_ALIAS`, and beyond the interval of noise.
+    Raises InputError: it is beyond `LARGEST_ALIAS`, and beyond the interval of noise.
     """
     rows, sizes = jumps(record)
     if not rows.size:

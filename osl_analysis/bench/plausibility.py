@@ -29,10 +29,7 @@ def check_recording(trial: Trial, limits: BenchAnalysis, torque: str = "torque",
     """Refuse an angle that no leg's joint turns by, a torque beyond the load cell's range of the configuration or one
     that never changes while the joint turns, and samples so close that the unit of time must be wrong.
 
-    Raises
-    ------
-    InputError
-        The message names trial, channel, value, and the likely unit.
+    Raises InputError: the message names trial, channel, value, and the likely unit.
     """
     check_unit_of_time(trial)
     turned, measured = recorded_values(trial, angle), recorded_values(trial, torque)
@@ -111,10 +108,7 @@ def not_checked(reason: str) -> pl.Expr:
 def plausible_belt(table: pl.DataFrame, rails: Saturated, p: DrivetrainParameters | None) -> pl.DataFrame:
     """The belt's row with `saturated_samples` and `K_s_ratio`, K_s over that of the parameter file, null without one.
 
-    Raises
-    ------
-    InputError
-        K_s is negative.
+    Raises InputError: K_s is negative.
     """
     check_resists(rails.trial, "K_s", table["K_s"][-1])
     return rails.beside(table).with_columns(
@@ -126,10 +120,7 @@ def plausible_transmission(table: pl.DataFrame, rails: Saturated, p: DrivetrainP
     """The transmission's rows with `saturated_samples`, `B_j_ratio` and `J_j_ratio`, over the parameter file's; null
     without one.
 
-    Raises
-    ------
-    InputError
-        B_j is negative.
+    Raises InputError: B_j is negative.
     """
     check_resists(rails.trial, "B_j", table["B_j"][-1])
     ratios = (ratio("B_j", p.B_j if p else None, "B_j_ratio"), ratio("J_j", p.J_j if p else None, "J_j_ratio"))
@@ -145,10 +136,7 @@ def plausible_impedance(
     `K_ratio` is that of the largest amplitude in every row: friction changes K least there. `predicted` is the K
     [N*m/rad] of linear theory; None where the gains are not known. Without a parameter file K_s is not known.
 
-    Raises
-    ------
-    InputError
-        K is negative, its interval too, or larger than that of the belt through which the motor acts.
+    Raises InputError: K is negative, its interval too, or larger than that of the belt through which the motor acts.
     """
     K, high = table["K"][-1], table["K_high"][-1]
     check_resists(rails.trial, "K", K, high)
@@ -169,10 +157,7 @@ def plausible_actuator(table: pl.DataFrame, rails: Saturated, p: DrivetrainParam
     """The actuator's row with `saturated_samples` and the ratios of the estimates to the parameter file's; null without
     one.
 
-    Raises
-    ------
-    InputError
-        k_tau n_m is negative: the current, or the torque, has the wrong sign.
+    Raises InputError: k_tau n_m is negative: the current, or the torque, has the wrong sign.
     """
     k, high = table["k_tau_n_m"][-1], table["k_tau_n_m_high"][-1]
     if high < 0:

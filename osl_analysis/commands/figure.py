@@ -37,10 +37,7 @@ def plot_numbers(name: str, table: Path, option: Any, output: Path) -> None:
 
     `option` is the value of the setting that the list of figures names; None: not set.
 
-    Raises
-    ------
-    InputError
-        The result table is missing, lacks a column, or holds nothing that the figure draws.
+    Raises InputError: the result table is missing, lacks a column, or holds nothing that the figure draws.
     """
     module = figure_module(name)
     rows = read_table(table, required=module.TABLE_COLUMNS)
@@ -55,10 +52,7 @@ def draw_figure(
     `refused` are the causes of what the figure lacks. It names these trials; if there are no numbers, it says why. The
     `footer` says what the data are.
 
-    Raises
-    ------
-    InputError
-        Unknown figure or suffix; the table is missing or lacks a column.
+    Raises InputError: unknown figure or suffix; the table is missing or lacks a column.
     """
     if is_refused(table_csv):
         causes = [(cause.trial, cause.file, cause.reason) for cause in read_refusals(table_csv)]
@@ -117,10 +111,7 @@ def write_captions(
     `tables` are the plotted numbers by the name of the figure, `shown` the results of single trials that it shows; of
     these, the refused ones are named. `footer` says once, above all sections, what the data are.
 
-    Raises
-    ------
-    InputError
-        A table is missing or lacks a column.
+    Raises InputError: a table is missing or lacks a column.
     """
     names = import_module("osl_analysis.figures.names")
     sections = [

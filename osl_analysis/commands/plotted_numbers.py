@@ -62,11 +62,7 @@ def fig4(
 
 
 def fig7(
-    table: Path,
-    parameters: FileOrNone,
-    choice: FrequencyResponseFigure | None,
-    weight: Weight,
-    output: Path,
+    table: Path, parameters: FileOrNone, choice: FrequencyResponseFigure | None, weight: Weight, output: Path
 ) -> None:
     """The numbers of Fig. 7: measured responses of one K_d, B_d, the desired one (Eq. 11), the linear model (Eq. 9).
 
@@ -94,10 +90,7 @@ def fig9(table: Path, fits: Path, over_stance: Path, output: Path, commanded_K: 
     """The numbers of Fig. 9: groups from `walking_summary.csv`, single perturbations from `walking.csv`, and what was
     commanded, also from `impedance_over_stance.csv`. `commanded_K` [N*m/rad] as in `fig9.points`.
 
-    Raises
-    ------
-    InputError
-        As `fig9.points`.
+    Raises InputError: as `fig9.points`.
     """
     summary, single = read_table(table, SUMMARY_COLUMNS), read_table(fits, FIT_COLUMNS)
     trajectory = read_table(over_stance, ("group", "quantity", "commanded"))

@@ -13,12 +13,7 @@ from osl_analysis.trial import Trial
 
 
 def check_trial(
-    trial: Trial,
-    experiment: str,
-    accept: Collection[str],
-    rules: QualityRules,
-    commanded: Commanded,
-    output: Path,
+    trial: Trial, experiment: str, accept: Collection[str], rules: QualityRules, commanded: Commanded, output: Path
 ) -> None:
     """Every check of an ingested trial, a row each; a failure of those in `accept` counts as passed."""
     write_table(quality_table(trial.name, examine(trial, experiment, commanded), rules, accept), output)

@@ -52,10 +52,8 @@ def write_summary(
     Tables without headline numbers and without doubtful fits are ignored. `trials` are those of each experiment,
     `excluded` is the table of those that are not used, `refused` are the causes of tables that are missing.
 
-    Raises
-    ------
-    InputError
-        A table is missing, lacks a column, or has no finite mean where it lists one; neither file is written then.
+    Raises InputError: a table is missing, lacks a column, or has no finite mean where it lists one; neither file is
+    written then.
     """
     needed = {name: needed_columns(name) for name in table_paths}
     tables = {name: read_table(table_paths[name], required=columns) for name, columns in needed.items() if columns}
@@ -125,10 +123,7 @@ class Summary(Settings):
 def read_summary(summary_json: Path) -> dict[str, Any]:
     """The summary that `write_summary` wrote.
 
-    Raises
-    ------
-    InputError
-        The file is missing or is not a summary; the message names the number and what is wrong with it.
+    Raises InputError: the file is missing or is not a summary; the message names the number and what is wrong with it.
     """
     check_not_refused(summary_json)
     if not summary_json.is_file():

@@ -39,7 +39,7 @@ def caption(table: pl.DataFrame) -> str:
 
 @paper_style()
 def draw(table: pl.DataFrame) -> Figure:
-    """(a) Angle; (b) torque, the fit dashed magenta (blue in the draft's caption, magenta in its text); (c) residual."""
+    """(a) Angle; (b) torque, the fit dashed magenta, which the draft calls blue in its caption; (c) residual."""
     joint, side, trial = table.select("joint", "side", "trial").row(0)
     place = f"{place_name(joint, side)}, trial {drawn_name(trial, LONGEST)}"
     figure, (angle, torque, residual) = panels(DOUBLE_COLUMN, 3.9, rows=3, names=[place, "", ""])

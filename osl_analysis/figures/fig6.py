@@ -80,10 +80,7 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
     swarm. `x_centre` is its middle, `median_VAF` [percent] its median. Fits without a VAF (a constant torque) have no
     row.
 
-    Raises
-    ------
-    InputError
-        No fit of a single amplitude has a VAF.
+    Raises InputError: no fit of a single amplitude has a VAF.
     """
     single = impedance.filter(
         (pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)) & pl.col("VAF").is_finite()

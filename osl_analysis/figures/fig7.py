@@ -47,10 +47,7 @@ def points(response: pl.DataFrame, curves: pl.DataFrame) -> pl.DataFrame:
     `CURVE_TYPES`: the desired response and, where there is a prediction, that of the linear model of a controller.
     Magnitudes in rad/(N*m), phases in degrees.
 
-    Raises
-    ------
-    InputError
-        The responses are of several desired impedances, K_d [N*m/rad] and B_d [N*m*s/rad].
+    Raises InputError: the responses are of several desired impedances, K_d [N*m/rad] and B_d [N*m*s/rad].
     """
     impedances = response.select("K_d", "B_d").n_unique()
     if impedances > 1:

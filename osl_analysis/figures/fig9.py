@@ -49,10 +49,7 @@ def points(
     for K in a campaign of one group, or from the trajectory at the phase that the fit reads. A group without a result
     has only its perturbations.
 
-    Raises
-    ------
-    InputError
-        A quantity of a group is not in the summary, or nothing has a result.
+    Raises InputError: a quantity of a group is not in the summary, or nothing has a result.
     """
     summary = walking_summary.select(SUMMARY_COLUMNS).filter(pl.col("mean").is_not_null())
     fits = walking.select(FIT_COLUMNS).drop_nulls("group").filter(pl.all_horizontal(pl.col(QUANTITIES).is_finite()))

@@ -37,26 +37,12 @@ NOT_KNOWN = DesiredImpedance(None, None, None)  # nothing is known of what the l
 
 
 def path_of(value: File, what: str) -> Path:
-    """A path.
-
-    Raises
-    ------
-    InputError
-        It is neither a path nor text; `what` is the argument.
-    """
     if not isinstance(value, str | Path) or not str(value):
         raise InputError(f"{what}: a path is needed, not {value!r}")
     return Path(value)
 
 
 def desired_of(desired: DesiredImpedance | None) -> DesiredImpedance:
-    """A desired impedance as it is, or one of which nothing is known.
-
-    Raises
-    ------
-    InputError
-        It is another thing.
-    """
     if desired is None:
         return NOT_KNOWN
     if not isinstance(desired, DesiredImpedance):
@@ -65,13 +51,6 @@ def desired_of(desired: DesiredImpedance | None) -> DesiredImpedance:
 
 
 def trial_of(trial: Trial | File) -> Trial:
-    """A trial as it is, or read from its file.
-
-    Raises
-    ------
-    InputError
-        As `trial.read_trial`; it is neither a trial nor a path; or a column holds no numbers.
-    """
     if isinstance(trial, Path | str):
         return read_trial_file(Path(trial))
     if not isinstance(trial, Trial):
@@ -86,12 +65,11 @@ def trial_of(trial: Trial | File) -> Trial:
 
 
 def config_of(config: File | None) -> Path:
-    """A configuration file; without one that of the campaign in the working folder, else the shipped one."""
+    """The configuration file; without one that of the campaign in the working folder, else the shipped one."""
     return config_here() if config is None else path_of(config, "config")
 
 
 def device_of(parameters: File | None, config: Path) -> Path | None:
-    """A parameter file; None for a device without one. Raises as `campaign_parameters`."""
     if parameters == OF_CONFIG:
         return campaign_parameters(config)
     return None if parameters is None else path_of(parameters, "parameters")
@@ -125,7 +103,6 @@ class Fit:
 
     @property
     def row(self) -> Mapping[str, Any]:
-        """The row of the fit to all data."""
         return self._fitted.estimates.row(-1, named=True)
 
     @property
@@ -151,7 +128,6 @@ class Fit:
         return row[name]
 
     def __dir__(self) -> list[str]:
-        """Attributes for completion."""
         return sorted({*super().__dir__(), *self.row, *(f"{name}_interval" for name in estimated(self.row))})
 
     def __repr__(self) -> str:
@@ -179,7 +155,6 @@ class Fit:
 
 
 def number(value: float | None) -> str:
-    """A number with five digits; a dash where there is none."""
     return "–" if value is None else f"{value:.5g}"
 
 
@@ -264,13 +239,11 @@ def fit_torque_angle(trial: Trial | File, curve: str | None = None, config: File
 
 
 def fitted_alone(experiment: str, trial: Trial | File, config: File | None, parameters: File | None) -> Fit:
-    """The fit of an experiment that uses no more than trial, configuration and parameter file."""
     path = config_of(config)
     return fitted(experiment, trial, fit_request(experiment, path), device_of(parameters, path))
 
 
 def fitted(experiment: str, trial: Trial | File, request: FitRequest, parameters: Path | None) -> Fit:
-    """The fit of an experiment; `parameters` is the file of the device."""
     return Fit(experiment, fit_trial(experiment, trial_of(trial), parameters, request))
 
 
@@ -345,7 +318,7 @@ def frequency_response(
 def responses(
     rendered: RenderedTrial, rails: Saturated, device: Path | None, asked: AskedImpedance, limits: DoubtfulFits
 ) -> dict[str, pl.DataFrame]:
-    """The rows of `phasors`, `response` and `response_models` of one trial, with their doubts and those of its fit."""
+    """The rows of each table of one trial, with their doubts and those of its fit."""
     p, phasors = known_parameters(device), sines_of(rendered)
     fits = judged_impedance(rendered, rails, p, asked, phasors)
     of_motion = rendered_response(rendered, p)

@@ -66,13 +66,7 @@ def read_recording(path: File, source: File, part: str | None = None, name: str 
 
 
 def source_file(source: File) -> Path:
-    """A source file by its path, or by its name among those of the working folder or the shipped ones.
-
-    Raises
-    ------
-    InputError
-        There is none, or its ending is another one than `.yaml`.
-    """
+    """A source file by its path, or by its name among those of the working folder or the shipped ones."""
     path = path_of(source, "source")
     if path.suffix == ".yaml" and path.is_file():
         return path

@@ -42,13 +42,6 @@ def gains(K_d: Numbers, B_d: Numbers, parameters: File | None = OF_CONFIG, confi
 
 
 def numbers(name: str, values: Numbers) -> list[float]:
-    """One number or several, as a list.
-
-    Raises
-    ------
-    InputError
-        One is not a finite number, or there is none.
-    """
     try:
         found = [float(value) for value in np.ravel(values)]
     except (TypeError, ValueError):
@@ -141,18 +134,10 @@ def plot_torque_angle(*fits: Fit) -> NotebookFigure:
 
 
 def checked(fit: Fit) -> Fit:
-    """A fit as it is.
-
-    Raises
-    ------
-    InputError
-        It is none.
-    """
     if not isinstance(fit, Fit):
         raise InputError(f"a fit is needed, not {type(fit).__name__}; give what a function fit_... returned")
     return fit
 
 
 def drawn(name: str, table: pl.DataFrame) -> NotebookFigure:
-    """The figure of this name with the numbers of a table."""
     return on_screen(figure_module(name).draw(table))

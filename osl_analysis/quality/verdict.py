@@ -32,10 +32,8 @@ ACCEPTED = "accepted in the sheet"
 def validate_rules(rules: QualityRules) -> None:
     """Refuse rules that do not match the table of checks.
 
-    Raises
-    ------
-    InputError
-        A check has no rule, a rule no check, or a threshold is not a number from 0 in the unit of its check.
+    Raises InputError: a check has no rule, a rule no check, or a threshold is not a number from 0 in the unit of its
+    check.
     """
     for name in rules.by_check:
         if name not in CHECKS:

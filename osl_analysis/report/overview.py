@@ -12,18 +12,16 @@ QUANTITIES = ["VAF", "K", "B", "I"]  # numbers of the table of trials
 
 
 def trial_rows(trials: Sequence[ReportedTrial]) -> list[dict[str, Any]]:
-    """A row per trial for the table: texts, and numbers by which it is sorted."""
     differing = differing_conditions(trials)
     return [trial_row(trial, differing) for trial in trials]
 
 
 def differing_conditions(trials: Sequence[ReportedTrial]) -> set[str]:
-    """The columns of the sheet whose entries differ between trials; the others would say the same in every row."""
+    """Columns of the sheet whose entries differ between trials; the others would say the same in every row."""
     return {name for trial in trials for name in trial.row if trial.row[name] != trials[0].row.get(name)}
 
 
 def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any]:
-    """One row, with the conditions that differ between trials."""
     facts, estimates = EXPERIMENTS[trial.row["experiment"]], trial.estimates()
     return {
         "name": trial.name,
@@ -36,7 +34,7 @@ def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any
 
 
 def doubt_line(trial: ReportedTrial) -> str:
-    """Why a trial is doubtful or left out, as short as a cell of the table needs."""
+    """Why a trial is doubtful or left out, for a cell of the table."""
     if trial.left_out:
         return trial.left_out[0]
     if not trial.doubtful:
@@ -54,7 +52,6 @@ def headline_rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
 
 
 def headline_row(number: Mapping[str, Any]) -> dict[str, str]:
-    """One of them."""
     digits = decimals(number["value"], *rounded_by(number))
     interval = UNKNOWN
     if number["low"] is not None:
@@ -73,7 +70,6 @@ def headline_row(number: Mapping[str, Any]) -> dict[str, str]:
 
 
 def left_out(trials: Sequence[ReportedTrial]) -> list[dict[str, Any]]:
-    """Every trial that is not used, with each reason."""
     return [
         {"name": trial.name, "verdict": trial.verdict, "reason": reason}
         for trial in trials
@@ -82,12 +78,10 @@ def left_out(trials: Sequence[ReportedTrial]) -> list[dict[str, Any]]:
 
 
 def counts(trials: Sequence[ReportedTrial]) -> dict[str, int]:
-    """Number of trials by verdict."""
     found = Counter(trial.verdict for trial in trials)
     return {verdict: found[verdict] for verdict in ("used", "doubtful", "excluded", "refused")}
 
 
 def choices(trials: Sequence[ReportedTrial]) -> dict[str, list[str]]:
-    """What the table can be filtered by."""
     experiments = dict.fromkeys(shown(trial.row["experiment"]) for trial in trials)
     return {"experiment": list(experiments), "verdict": [name for name, number in counts(trials).items() if number]}

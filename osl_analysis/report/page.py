@@ -29,8 +29,6 @@ MEGABYTE = 1_000_000
 
 @dataclass(frozen=True)
 class PageTrial:
-    """One trial for the page: its text, and the tables that its panels draw."""
-
     name: str
     content: Mapping[str, Any]
     tables: Mapping[str, pl.DataFrame]
@@ -50,7 +48,6 @@ def written_page(content: Mapping[str, Any], trials: Sequence[PageTrial], larges
     )
 
     def page(packed: Mapping[str, str], every: int) -> str:
-        """The whole page with these packed trials."""
         return around.render(
             **content,
             every=every,
@@ -114,7 +111,6 @@ def every_kth(table: pl.DataFrame, k: int) -> pl.DataFrame:
 
 
 def own(name: str) -> str:
-    """One of this package's own files for the page."""
     return (TEMPLATES / name).read_text(encoding="utf-8")
 
 
@@ -162,19 +158,16 @@ def packed_table(table: pl.DataFrame) -> Packed:
 
 
 def plain(values: pl.Series) -> list[Any]:
-    """The values of a short column; null for what is not finite."""
     if not values.dtype.is_numeric():
         return values.to_list()
     return [rounded(value) for value in values.cast(pl.Float64).to_list()]
 
 
 def rounded(value: float | None) -> float | None:
-    """A number with as many digits as the page has; None for what is not finite."""
     return None if value is None or not np.isfinite(value) else float(f"{value:.{DIGITS}g}")
 
 
 def even_step(values: Array) -> float | None:
-    """Step of values (n,) that are even; None if they are not."""
     steps = np.diff(values)
     step = float((values[-1] - values[0]) / len(steps))
     return step if step > 0 and np.abs(steps - step).max() <= EVEN * len(steps) * step else None
@@ -196,7 +189,6 @@ def deflated(content: bytes) -> str:
 
 
 def deflated_json(content: Mapping[str, Any]) -> str:
-    """A mapping of text, numbers, lists and mappings, deflated."""
     return deflated(json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode())
 
 
@@ -237,7 +229,6 @@ def inline_svg(text: str, name: str, label: str) -> Markup:
 
 
 def inline_png(content: bytes, label: str) -> Markup:
-    """The PNG of a figure for the page; `label` says what it is."""
     picture = Markup('<img src="data:image/png;base64,{}" alt="{}" style="max-width: 100%">')
     return picture.format(b64encode(content).decode("ascii"), label)
 
@@ -273,7 +264,6 @@ def caption_html(text: str) -> Markup:
 
 
 def part_html(part: re.Match[str]) -> str:
-    """One part of a caption."""
     if part["mathematics"]:
         return mathematics_html(part["mathematics"])
     return escape(part["sign"] or part["text"])

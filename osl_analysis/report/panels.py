@@ -15,15 +15,7 @@ TIME, FREQUENCY, ANGLE, TORQUE = "Time (s)", "Frequency (Hz)", "Angle (deg)", "T
 
 @dataclass(frozen=True)
 class Drawn:
-    """A line, points, or the range between two columns of one table.
-
-    table, x, y: names of a table of the trial and of its columns.
-    name: its name in the legend.
-    look: which of the page's colours and dashes.
-    kind: how it is drawn.
-    high: column of the upper end of a range; `y` is the lower end. Of points: `low` and `high` are an interval.
-    where: column that must have a value for a sample to be drawn; empty: all are.
-    """
+    """A line, points with an interval from `low` to `high`, or a range from `y` to `high`, of columns of one table."""
 
     table: str
     x: str
@@ -50,7 +42,6 @@ class Panel:
     square: bool = False
 
     def content(self) -> dict[str, Any]:
-        """The panel for the page."""
         return asdict(self)
 
 
@@ -89,7 +80,6 @@ def bench_pictures(series: pl.DataFrame, motion: str, whole_loop: bool = False) 
 
 
 def thinned(series: pl.DataFrame) -> str:
-    """How finely a table with even `time` [s] is drawn."""
     seconds = float(series["time"][-1] - series["time"][0]) if len(series) > 1 else 0.0
     rate = (len(series) - 1) / seconds if seconds else 0.0
     return f"{rate:.0f} samples a second are drawn" if rate > 10 else f"{rate:.2g} samples a second are drawn"
@@ -200,7 +190,7 @@ def recorded_pictures(samples: pl.DataFrame, units: dict[str, str]) -> Pictures:
 
 
 def together(*pictures: Pictures) -> Pictures:
-    """The panels of several in one, with those columns of their tables that are drawn."""
+    """The panels of several in one, with the drawn columns of their tables."""
     remark = "; ".join(filter(None, [one.remark for one in pictures]))
     panels = [panel for one in pictures for panel in one.panels]
     used: dict[str, dict[str, None]] = {}

@@ -26,7 +26,6 @@ class LeftOut:
     reasons: list[str] = field(default_factory=list)
 
     def say(self, reason: str) -> None:
-        """Add a reason, once."""
         if reason not in self.reasons:
             self.reasons.append(reason)
 
@@ -53,7 +52,6 @@ def left_out_trials(
 
 
 def without_result(causes: list[str]) -> LeftOut:
-    """A trial whose result is missing for want of other trials, which were left out."""
     named = ", ".join(causes[:MOST_NAMED]) + (f" and {len(causes) - MOST_NAMED} more" if causes[MOST_NAMED:] else "")
     because = f"{named} was refused or excluded" if len(causes) == 1 else f"{named} were refused or excluded"
     return LeftOut(True, [f"it has no result, because {because}" if causes else "it has no result"])
@@ -81,7 +79,6 @@ def estimate(value: float | None, low: float | None = None, high: float | None =
 
 
 def estimated(table: pl.DataFrame) -> list[str]:
-    """The columns of a table that are estimates with an interval."""
     return [name for name in table.columns if {f"{name}_low", f"{name}_high"} <= set(table.columns)]
 
 
@@ -110,18 +107,16 @@ def every_column(table: pl.DataFrame, described: DescribedTable | None) -> list[
 
 
 def said_of(column: str, described: DescribedTable | None) -> dict[str, str]:
-    """Unit and meaning of a column; empty where nobody describes it."""
     known = described.columns.get(column) if described else None
     return {"unit": printed(known.unit) if known else "", "meaning": known.meaning if known else ""}
 
 
 def printed(unit: str) -> str:
-    """A unit as it is printed; empty for 1."""
     return "" if unit == "1" else unit.replace("*", "·").replace("^2", "²")
 
 
 def number_cell(row: Mapping[str, Any], column: str) -> dict[str, str]:
-    """An estimate of a row as a cell: `column`, the value by which it is sorted, its `text` and `interval`."""
+    """An estimate as a cell: `column`, the value by which it is sorted, its `text` and `interval`."""
     value = row.get(column)
     if not isinstance(value, int | float) or not math.isfinite(value):
         return {"column": column, "sort": "", "text": UNKNOWN, "interval": ""}
@@ -156,18 +151,15 @@ def doubts_of(tables: Mapping[str, pl.DataFrame], described: Mapping[str, Descri
 
 
 def split(cell: str) -> list[str]:
-    """The single doubts of a cell of the column `doubtful`."""
     return [part for part in BEGINNING.split(cell) if part]
 
 
 def where(row: Mapping[str, Any]) -> str:
-    """The part of a trial that a row is of."""
     at = [f"{row[column]:g} {unit}" for column, unit in PARTS.items() if row.get(column) is not None]
     return ", ".join(at) or ("all amplitudes" if "amplitude_deg" in row else "whole trial")
 
 
 def meaning(text: str, described: DescribedTable | None) -> str:
-    """What the value is that a doubt names; empty if nobody knows."""
     named = COLUMN.match(text)
     column = described.columns.get(named[1]) if named and described else None
     return column.meaning if column else ""
@@ -204,7 +196,6 @@ def signals(columns: Mapping[str, Mapping[str, Any]]) -> Lines:
 
 
 def channel(origin: Mapping[str, Any]) -> str:
-    """The name of a signal in its file."""
     if "plate" in origin:
         return f"force plate {origin['plate']}, type {origin.get('type')}, analogue channels {origin.get('analogs')}"
     named = (origin.get(key) for key in ("topic", "field", "label", "channel", "column"))
@@ -233,7 +224,6 @@ def facts(content: Mapping[str, Any], place: str = "") -> Lines:
 
 
 def listed(value: Any) -> str:
-    """A fact as text."""
     if isinstance(value, Mapping):
         return ", ".join(f"{name} {listed(part)}" for name, part in value.items())
     return "; ".join(map(listed, value)) if isinstance(value, list) else shown(value)
@@ -273,18 +263,15 @@ class ReportedTrial:
 
     @property
     def doubtful(self) -> bool:
-        """Whether any of its fits is doubtful."""
         return "doubtful" in self.main.columns and bool((self.main["doubtful"].fill_null("") != "").any())
 
     @property
     def verdict(self) -> Verdict:
-        """What becomes of it."""
         if self.left_out:
             return "refused" if self.refused else "excluded"
         return "doubtful" if self.doubtful else "used"
 
     def not_checked(self) -> list[str]:
-        """What its fit could not check."""
         found = self.main["not_checked"] if "not_checked" in self.main.columns else pl.Series(dtype=pl.String)
         return [str(reason) for reason in found.drop_nulls().unique(maintain_order=True)]
 
@@ -299,7 +286,7 @@ class ReportedTrial:
         )
 
     def estimates(self) -> Mapping[str, Any]:
-        """Its estimates that stand for K, B and I, from the fit to all of it; empty without a fit."""
+        """Its row of K, B and I from the fit to all of it; empty without a fit."""
         return self.main.row(-1, named=True) if len(self.main) else {}
 
 
@@ -343,7 +330,6 @@ def quality_rows(quality: pl.DataFrame | None, checks: Mapping[str, str]) -> lis
 
 
 def with_unit(value: float | None, unit: str | None) -> str:
-    """A value with its unit."""
     return shown(value) if value is None else f"{shown(value)} {printed(unit or '')}".strip()
 
 

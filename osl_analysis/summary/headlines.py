@@ -26,8 +26,6 @@ ONE_GROUP = "all"  # name of the group of crossings of a campaign that is not sp
 
 @dataclass(frozen=True)
 class Label:
-    """Label of a headline number."""
-
     name: str  # its key in the summary
     unit: str
     draft: float | None  # the value that the paper's draft prints; None if it prints none
@@ -44,7 +42,6 @@ class Example:
     chosen: str = ""  # why this one, where the configuration does not name it
 
     def meaning(self) -> str:
-        """Which trials they are, in words."""
         stated = [f"{name} = {value:g}" for name, value in (("K_d", self.K_d), ("B_d", self.B_d)) if value is not None]
         words = f"for {', '.join(stated)}" if stated else "of trials without K_d and B_d"
         return f"{words} (that of {self.chosen})" if self.chosen else words
@@ -95,7 +92,6 @@ DRIVETRAIN_GAIN = "held-out VAF of Eq. 9 with friction less Eq. 15's, mean of tr
 
 
 def controller_label(controller: str | None, name: str, unit: str, macro: str, meaning: str) -> Label:
-    """The label of a number that each controller has; None: trials without a controller."""
     known = controller or NO_CONTROLLER
     return Label(
         f"{name}_{known.replace(' ', '_')}", unit, None, letters(known)[:LONGEST] + macro, f"{meaning}, {known}"
@@ -103,7 +99,6 @@ def controller_label(controller: str | None, name: str, unit: str, macro: str, m
 
 
 def impedance_labels(controller: str | None, example: Example = DRAFT_EXAMPLE) -> dict[str, Label]:
-    """The numbers of the rendered impedance with one controller."""
     rows = (
         ("VAF_median", "%", "VAFMedian", "median VAF of trials and amplitudes"),
         ("VAF_mean", "%", "VAFMean", "mean VAF of trials and amplitudes"),
@@ -170,7 +165,6 @@ def latin(sign: str) -> str:
 
 
 def doubtful_label(table: str) -> Label:
-    """The number of doubtful fits of a table."""
     meaning = f"doubtful fits in {table}.csv, whose column says why"
     return Label(f"doubtful_{table}", "fits", None, f"Doubtful{letters(table)}", meaning)
 
@@ -205,8 +199,6 @@ ENDINGS = ("", "Low", "High", "AmplitudesLow", "AmplitudesHigh")  # endings of t
 
 @dataclass(frozen=True)
 class Interval:
-    """Bounds of a number, in its unit."""
-
     low: float | None
     high: float | None
     kind: str
@@ -214,8 +206,6 @@ class Interval:
 
 @dataclass(frozen=True)
 class Headline(Label):
-    """A headline number."""
-
     value: float  # in `unit`
     low: float | None
     high: float | None
@@ -273,7 +263,6 @@ def summary_means(table: pl.DataFrame, labels: Mapping[str, Label], interval: st
 
 
 def label_of(number: Headline) -> Label:
-    """The label of a number."""
     return Label(**{field.name: getattr(number, field.name) for field in fields(Label)})
 
 
@@ -293,12 +282,10 @@ def with_own_names(numbers: Sequence[Headline]) -> list[Headline]:
 
 
 def with_endings(macro: str) -> set[str]:
-    """A macro and those of its bounds."""
     return {macro + ending for ending in ENDINGS}
 
 
 def over_all_amplitudes(table: pl.DataFrame) -> pl.DataFrame:
-    """The rows that were fitted to all amplitudes of their trial together."""
     return table.filter(pl.col("amplitude_deg").is_null())
 
 
@@ -347,10 +334,7 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example = DRAF
 
     The bench's numbers are of one joint and side each. No two have one name or one macro.
 
-    Raises
-    ------
-    InputError
-        A summary table has no finite mean for a quantity that it lists.
+    Raises InputError: a summary table has no finite mean for a quantity that it lists.
     """
     numbers = [
         number for name, of_table in BENCH if name in tables for number in by_place(tables[name], of_table, example)
@@ -363,7 +347,6 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example = DRAF
 def by_place(
     table: pl.DataFrame, of_table: Callable[[pl.DataFrame, Example], list[Headline]], example: Example
 ) -> list[Headline]:
-    """The numbers of each joint and side of a table of the bench."""
     if not set(PLACE) <= set(table.columns):
         return of_table(table, example)
     numbers, parts = [], table.partition_by(PLACE, maintain_order=True)
@@ -376,13 +359,11 @@ def by_place(
 
 
 def transmission_headlines(table: pl.DataFrame) -> list[Headline]:
-    """VAF of the transmission model over trials."""
     trials = over_all_amplitudes(table)
     return said_of(over_fits(TRANSMISSION_VAF, trials["VAF"], np.mean), trials)
 
 
 def walking_summary_headlines(table: pl.DataFrame) -> list[Headline]:
-    """The ensemble's K, B and I of each group with a result, and the differences between directions."""
     found = table.filter(pl.col("mean").is_not_null())
     numbers = []
     for rows in found.partition_by("group", maintain_order=True):
@@ -393,7 +374,6 @@ def walking_summary_headlines(table: pl.DataFrame) -> list[Headline]:
 
 
 def impedance_headlines(impedance: pl.DataFrame, example: Example) -> list[Headline]:
-    """Per controller VAF over trials and amplitudes, errors of K and B over trials, and the example of Fig. 4."""
     found = set(impedance["controller"])
     others = sorted(name for name in found if name is not None and name not in CONTROLLERS)
     known = [*(name for name in CONTROLLERS if name in found), *others, *([None] if None in found else [])]
@@ -434,7 +414,6 @@ def example_headlines(symbol: str, label: Label, trials: pl.DataFrame, example: 
 
 
 def model_gain_headlines(table: pl.DataFrame) -> list[Headline]:
-    """Differences in held-out VAF between rival models and the draft's model, for the comparisons that have a mean."""
     numbers = []
     for row in table.drop_nulls("VAF_gain").iter_rows(named=True):
         label = model_gain_label(row["experiment"], row["controller"], row["model"])
@@ -445,7 +424,6 @@ def model_gain_headlines(table: pl.DataFrame) -> list[Headline]:
 
 
 def torque_angle_headlines(table: pl.DataFrame) -> list[Headline]:
-    """K and the energies of every trial: its means over cycles, which need not be those of one device."""
     numbers = []
     for row in table.iter_rows(named=True):
         for quantity, label in TORQUE_ANGLE_LABELS.items():
@@ -456,7 +434,6 @@ def torque_angle_headlines(table: pl.DataFrame) -> list[Headline]:
 
 
 def doubtful_fits(name: str, table: pl.DataFrame) -> Headline:
-    """Number of doubtful fits of a table; `n` is the number of all its fits."""
     doubtful, n = doubtful_count(table)
     return Headline(**asdict(doubtful_label(name)), value=doubtful, low=None, high=None, interval=COUNT, n=n)
 

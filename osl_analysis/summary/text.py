@@ -35,7 +35,6 @@ class TrialsUsed:
 
 
 def trials_used(trials: Mapping[str, Sequence[str]], excluded: pl.DataFrame) -> list[TrialsUsed]:
-    """The count of every experiment, from its `trials` and the table `excluded.csv`."""
     reasons: dict[str, str] = {}
     for row in excluded.filter(pl.col("check") != SHEET).iter_rows(named=True):
         reasons.setdefault(row["trial"], reason_of(row))
@@ -53,12 +52,11 @@ def reason_of(row: Mapping[str, Any]) -> str:
 
 
 def trials_content(used: Iterable[TrialsUsed]) -> dict[str, dict[str, Any]]:
-    """The counts for JSON, by experiment."""
     return {one.experiment: {"used": one.used, "of": one.of, "missing": dict(one.missing)} for one in used}
 
 
 def missing_results(refused: Iterable[Refusal]) -> dict[str, str]:
-    """Results over several trials that could not be computed, with the reason, by file."""
+    """Results over several trials that could not be computed, with the reason."""
     return {one.file: one.reason.removeprefix(f"{one.file}: ") for one in refused if not one.trial}
 
 
@@ -133,7 +131,6 @@ def to_tex(about: About, headlines: Sequence[Headline], remarks: Sequence[str] =
 
 
 def tex_text(text: str) -> str:
-    """Text as LaTeX sets it letter by letter."""
     return "".join(SPECIAL.get(sign, sign) for sign in text)
 
 
@@ -145,7 +142,6 @@ def to_markdown(numbers: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def to_columns(numbers: Mapping[str, Mapping[str, Any]]) -> str:
-    """The same table in columns of one width each, for a terminal."""
     table = [HEADER, *rows(numbers)]
     widths = [max(len(cells[place]) for cells in table) for place in range(len(HEADER))]
     padded = ["  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)) for cells in table]
@@ -179,7 +175,6 @@ def trials_text(number: Mapping[str, Any]) -> str:
 
 
 def tex_remark(h: Headline) -> str:
-    """The same for the comment of a macro; empty without doubtful trials."""
     return f", n = {trials_text(asdict(h))}" if h.n_doubtful or h.doubt else ""
 
 

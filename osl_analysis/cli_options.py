@@ -16,6 +16,7 @@ from click.core import ParameterSource
 
 from osl_analysis.errors import OslAnalysisError, printable, printable_lines
 from osl_analysis.files import check_output
+from osl_analysis.memory import limited_memory
 from osl_analysis.shipped import config_here, default_config, shipped
 
 if TYPE_CHECKING:
@@ -54,6 +55,8 @@ class NumberList(click.ParamType[list[float]]):
 FILE = click.Path(path_type=Path)
 WRITTEN = {"output", "plot", "draft_path"}
 """Parameters of commands that name a file to write."""
+READ = ("log", "mocap", "file", "trial")
+"""Parameters of commands that name a recording or a trial."""
 SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md", "design": ".csv"}
 """Suffix of what a command writes, where it writes one kind of file."""
 INTERRUPTED = 130
@@ -134,7 +137,8 @@ class KeepsItsInput(click.Command):
                 raise click.UsageError(f"{path} would be overwritten while it is used; name another file")
             check_suffix(command, path)
             check_output(path)
-        return super().invoke(ctx)
+        with limited_memory([ctx.params[name] for name in READ if isinstance(ctx.params.get(name), Path)]):
+            return super().invoke(ctx)
 
 
 def files_used(values: Mapping[str, Any]) -> Iterator[Path]:
@@ -199,8 +203,6 @@ class OneLineErrors(click.Group):
             raise click.UsageError(printable(error.message), error.ctx) from error
         except OslAnalysisError as error:
             click.echo(f"error: {error}", err=True)
-        except MemoryError:
-            click.echo("error: not enough memory for what is asked; ask for fewer samples, or a shorter log", err=True)
         except OSError as error:
             if error.errno == errno.EPIPE:
                 raise

@@ -65,6 +65,10 @@ class WriteError(InputError):
     """A file cannot be written, as on a full disk: the input is not at fault, so the next run tries again."""
 
 
+class MemoryLimitError(WriteError):
+    """A file needs more memory than the job may have: as with a full disk, the next run tries again."""
+
+
 class IdentifiabilityError(OslAnalysisError):
     """The data cannot tell the requested parameters apart."""
 

@@ -20,6 +20,7 @@ from osl_analysis.errors import OslAnalysisError, PartialResultError, WriteError
 from osl_analysis.exclusion import without_excluded, without_refused
 from osl_analysis.files import temporary_path
 from osl_analysis.job_log import JobLog, write_log
+from osl_analysis.memory import limited_memory
 from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.remedy import NO_ACCESS, OF_SEVERAL, REMEDIES, reason_and_remedy
 from osl_analysis.table import tables_of
@@ -107,7 +108,7 @@ def call(job: Job) -> None:
     elif usable.missing:
         raise MissingInputError(usable.missing)
     convert = validate_call(config=ConfigDict(arbitrary_types_allowed=True))
-    with tables_of(job.data), archives():
+    with tables_of(job.data), archives(), limited_memory(files_read(job)):
         convert(function)(**without_excluded(usable.inputs), **job.request["output"], **job.request["settings"], **told)
 
 
@@ -143,12 +144,15 @@ def trial_of(job: Job) -> str:
 
 def file_of(job: Job, reason: str) -> str:
     """The file that a reason names: a recording, an input or an output; the first of these if it names none."""
-    row = job.request["settings"].get("row") or {}
-    raw = [Path(job.request["settings"]["raw_folder"], row[role]) for role in ("log", "mocap") if row.get(role)]
-    inputs = job.request["input"]
-    own = [file for file in (inputs.get("trial"), inputs.get("crossing")) if file]
-    files = [str(file) for file in (*raw, *own, *job.files)]
+    files = [*files_read(job), *job.files]
     return next((file for file in files if file in reason), files[0] if files else "")
+
+
+def files_read(job: Job) -> list[str]:
+    """The recordings of a job, and the trials that it reads."""
+    row, inputs = job.request["settings"].get("row") or {}, job.request["input"]
+    raw = [Path(job.request["settings"]["raw_folder"], row[role]) for role in ("log", "mocap") if row.get(role)]
+    return [str(file) for file in (*raw, inputs.get("trial"), inputs.get("crossing")) if file]
 
 
 def died(log: Path, job: Job, pid: int | None, exit_code: int | None) -> None:

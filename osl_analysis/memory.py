@@ -1,7 +1,85 @@
-"""Memory that is free within the process, given back to the system."""
+"""The memory that one job may have: a file that needs more ends in one line, in place of the system's OOM killer."""
 
 import ctypes
-from contextlib import suppress
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from osl_analysis.errors import InputError, MemoryLimitError, listing
+
+VARIABLE = "OSL_MEMORY_MB"
+"""Environment variable with the memory that one job, or one call of the command line, may have [MB]."""
+SHARE = 0.8
+"""Of the memory of the machine, or of its batch job, that is the limit where none is stated: the rest is others'."""
+MB = 1_000_000
+
+
+@contextmanager
+def limited_memory(files: Sequence[Path | str], megabytes: float | None = None) -> Iterator[None]:
+    """Within the block this process gets no more memory than that; `files` are what it reads, for the message.
+
+    The default is what `OSL_MEMORY_MB` says, else `SHARE` of the machine. A lower limit of before stays. Systems other
+    than Linux have no such limit.
+
+    Raises
+    ------
+    MemoryLimitError
+        The block needed more.
+    """
+    if sys.platform != "linux":
+        yield
+        return
+    import resource
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    limits = [one for one in (soft, hard) if one != resource.RLIM_INFINITY]
+    limit = min(int(MB * (megabytes or stated_megabytes())) or int(SHARE * machine_memory()), *limits, sys.maxsize)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
+    try:
+        yield
+    except MemoryError as error:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))  # the message needs some, too
+        named = f"{listing([str(file) for file in files], 3)}: " if files else ""
+        raise MemoryLimitError(
+            f"{named}not enough memory, a job may have {limit / MB:.0f} MB here; cut the recording, or ask for fewer "
+            f"samples, or allow more by {VARIABLE} or on a larger machine"
+        ) from error
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+
+
+def stated_megabytes() -> float:
+    """What the environment allows [MB]; 0 where it says nothing.
+
+    Raises
+    ------
+    InputError
+        It says no number above 0.
+    """
+    text = os.environ.get(VARIABLE, "")
+    if not text:
+        return 0
+    with suppress(ValueError):
+        if 0 < float(text) < sys.maxsize / MB:
+            return float(text)
+    raise InputError(f"{VARIABLE}={text}: write a number of megabytes above 0, or unset it")
+
+
+def machine_memory() -> int:
+    """The memory of this machine [bytes]; less where a container or a batch system allows this process less."""
+    found = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]
+    with suppress(OSError, ValueError):
+        for line in Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines():
+            _, controllers, place = line.split(":", 2)
+            root, name = {"": ("", "memory.max"), "memory": ("memory", "memory.limit_in_bytes")}.get(
+                controllers, ("", "")
+            )
+            own = Path("/sys/fs/cgroup", root, place.lstrip("/"))
+            texts = [(one / name).read_text(encoding="ascii") for one in (own, *own.parents) if (one / name).is_file()]
+            found += [int(text) for text in texts if text.strip().isdigit()]
+    return min(found)
 
 
 def return_memory() -> None:

@@ -115,9 +115,12 @@ def misspelt(problem: Problem, model: type[BaseModel]) -> str:
 
 
 def new_name(model: type[BaseModel], place: Place, above: Place = ()) -> str | None:
-    """A sentence with the new name of the field at `place`; None if it was not renamed."""
+    """A sentence with the new name of the field at `place`, or why it is gone; None if it is neither."""
     *parents, old = place or ("",)
     inner = model_at(model, parents)
+    gone = getattr(inner, "REMOVED", {}).get(str(old))
+    if gone is not None:
+        return f"field '{dotted([*above, *place])}' is gone: {gone}"
     new = getattr(inner, "RENAMED", {}).get(str(old))
     if new is None:
         return None

@@ -52,10 +52,12 @@ class Settings(BaseModel):
     """Base of every validated file. The settings are immutable, and an unknown field is an error.
 
     RENAMED: old names of fields, with the new ones. An old name is refused, and the message names the new one.
+    REMOVED: fields that are gone, with what to write or do now: the message is "field 'NAME' is gone: SENTENCE".
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
     RENAMED: ClassVar[Mapping[str, str]] = {}
+    REMOVED: ClassVar[Mapping[str, str]] = {}
 
     @field_validator("*", mode="before")
     @classmethod

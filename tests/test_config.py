@@ -18,6 +18,7 @@ SHIPPED = yaml.safe_load(SHIPPED_FILE.read_text())
 
 class Inner(Settings):
     RENAMED: ClassVar = {"old": "new"}
+    REMOVED: ClassVar = {"gone": "no recording needed it; delete the line"}
     new: float
 
 
@@ -40,6 +41,8 @@ def test_an_old_section_is_refused_and_the_new_one_named(old, new):
 def test_an_old_field_within_a_section_is_named_with_its_place():
     with pytest.raises(InputError, match=r"field 'inner\.old' is now called 'inner\.new'; rename it"):
         validated({"inner": {"old": 1.0}}, Outer, ROOT)
+    with pytest.raises(InputError, match=r"field 'inner\.gone' is gone: no recording needed it; delete the line$"):
+        validated({"inner": {"new": 1.0, "gone": True}}, Outer, ROOT)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numba
+import numpy as np
 import polars as pl
 import pytest
 from click.testing import CliRunner
@@ -25,9 +26,10 @@ from osl_analysis.commands import gains as gains_command
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.compiled import compiled
 from osl_analysis.config import Config, overriding
-from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.errors import InputError, MemoryLimitError, OslAnalysisError
 from osl_analysis.files import atomic_path
 from osl_analysis.fork_server import fork_server
+from osl_analysis.memory import limited_memory
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
 from osl_analysis.workflow import noticed_interrupt
@@ -247,6 +249,24 @@ def test_a_lack_of_memory_is_one_line(monkeypatch):
 
     monkeypatch.setattr(gains_command, "requested_gains", without_memory)
     assert "not enough memory" in one_line(call(*GAINS))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the limit is Linux's")
+def test_what_needs_more_memory_than_a_job_may_have_is_refused_with_file_limit_and_remedy(monkeypatch):
+    """Eight times the limit is asked for at once, by the environment's limit or that of the call."""
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    said = (
+        "long.mcap: not enough memory, a job may have 1000 MB here; cut the recording, .* allow more by OSL_MEMORY_MB"
+    )
+    with pytest.raises(MemoryLimitError, match=said), limited_memory([Path("long.mcap")], 1000):
+        np.ones(10**9)
+    monkeypatch.setenv("OSL_MEMORY_MB", "1000")
+    with pytest.raises(MemoryLimitError, match=said), limited_memory(["long.mcap"]):
+        np.ones(10**9)
+    assert resource.getrlimit(resource.RLIMIT_DATA) == before
+    monkeypatch.setenv("OSL_MEMORY_MB", "4 GB")
+    with pytest.raises(InputError, match="OSL_MEMORY_MB=4 GB: write a number of megabytes"), limited_memory([]):
+        pass
 
 
 def bomb(levels):

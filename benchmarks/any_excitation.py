@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.moving_fit import fit_of
-from osl_analysis.bench.moving_record import moving_record
+from osl_analysis.bench.moving_record import fit_of, moving_record
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.config import read_section
 from osl_analysis.parameters import read_parameters

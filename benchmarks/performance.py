@@ -49,16 +49,10 @@ PARTS = (
     Part(
         "One impedance trial",
         "impedance_trial.py",
-        "The stages of one fit of 142 s at 1 kHz: four fits with intervals, 15 phasors of both signals, "
+        "One fit of 142 s at 1 kHz: four fits with intervals, 15 phasors of both signals, "
         "diagnostics. The alternative is "
         "a script of a laboratory with pandas and `curve_fit`: the same fits and phasors, without "
         "intervals and checks.",
-    ),
-    Part(
-        "Rival models over many trials",
-        "model_comparison_scaling.py",
-        "Each belt is predicted from all others, by sums of normal equations. The alternative is to "
-        "refit to all others for each trial.",
     ),
     Part(
         "Planning",

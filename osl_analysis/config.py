@@ -153,12 +153,8 @@ class Config(Settings):
     """The Monte Carlo study."""
 
     def tables(self, experiment: str) -> tuple[Table, ...]:
-        """The tables of an experiment that the settings ask for, in the order in which its fit writes them."""
-        return tuple(
-            table
-            for table in EXPERIMENTS[experiment].tables
-            if not table.asked_by or getattr(self.dynamometer, table.asked_by)
-        )
+        """The tables of an experiment, in the order in which its fit writes them."""
+        return EXPERIMENTS[experiment].tables
 
     def shared(self, experiment: str | None = None) -> SharedChoices:
         """What the simulator follows in the trials of one experiment, or in all (None)."""

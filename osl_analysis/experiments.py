@@ -21,7 +21,6 @@ class Table:
     doubts_of: the table of the same trials whose doubts its rows share; empty for none.
     perturbed_only: only the perturbed crossings have rows.
     published: False if only the files of the single trials are used and no common table is written.
-    asked_by: field of `dynamometer` in the configuration that asks for it; empty if it is always written.
     """
 
     name: str
@@ -30,7 +29,6 @@ class Table:
     doubts_of: str = ""
     perturbed_only: bool = False
     published: bool = True
-    asked_by: str = ""
 
 
 TIME_BASE = Table("timebase", judged=False)
@@ -173,7 +171,6 @@ EXPERIMENTS: dict[str, Experiment] = {
         tables=(
             Table("impedance", derived={"impedance_repeats": "bench.average_over_trials"}),
             Table("phasors", doubts_of="impedance", derived={"frequency_response": "bench.average_over_amplitudes"}),
-            Table("estimators", doubts_of="impedance", asked_by="compare_estimators"),
             Table("response", doubts_of="impedance"),
             Table("response_models", doubts_of="impedance"),
             Table("response_lines", judged=False, published=False),

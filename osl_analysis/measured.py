@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from osl_analysis.errors import InputError
-from osl_analysis.quantiles import median
 from osl_analysis.trial import Array
 
 LARGEST, SMALLEST = 1e30, 1e-30
@@ -72,5 +71,5 @@ def varies(y: Array) -> bool:
 
 
 def usual_size(values: Array) -> float:
-    """Median size of some finite values (n,), in whose place their sizes are left."""
-    return median(np.abs(values, out=values))
+    """Median size of some finite values (n,)."""
+    return float(np.median(np.abs(values)))

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from osl_analysis.quantiles import median
 from osl_analysis.signals import longest_run
 from osl_analysis.trial import Array
 
@@ -28,7 +27,7 @@ def run_at_extreme(values: Array) -> slice:
     if not values.size or not np.isfinite(values).all():
         return slice(0, 0)
     low, high = float(values.min()), float(values.max())
-    span, middle = high - low, median(values)
+    span, middle = high - low, float(np.median(values))
     extremes = [e for e in (low, high) if abs(e) > NEAR_ZERO * span and abs(e - middle) > AWAY * span]
     found = [longest_run(values == e) for e in extremes]
     steps = np.abs(np.diff(values))

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite
-from osl_analysis.pieces import pieces
 from osl_analysis.trial import Array
 
 DEGREE = 5
@@ -23,8 +22,6 @@ REACH = len(SLOPE) // 2
 """Samples of these on either side."""
 LOST = 1e-8
 """Share of a velocity at the cut-off of the filter that the seven samples may lose: 5e-9 at 15 Hz and 1 kHz."""
-FORGOTTEN = 100
-"""Samples behind which a spline has forgotten its end: 0.43^100 where steps are even."""
 ENDS = 40
 """Samples at either end through which the spline gives what seven samples cannot; its other end is forgotten there."""
 MEMORY = 10
@@ -74,7 +71,8 @@ class LowPass:
             raise InputError(
                 f"{len(signal)} samples are too few for a {self.cutoff_hz:g} Hz filter; it needs more than {edge}"
             )
-        return there_and_back(signal, butterworth(self.order, self.cutoff_hz, rate_hz), edge)
+        sections = butterworth(self.order, self.cutoff_hz, rate_hz)
+        return np.asarray(scipy.signal.sosfiltfilt(sections, signal, axis=0, padlen=edge))
 
     def independent_samples(self, rate_hz: float) -> int:
         """Half a period of the cut-off, in samples. At this distance, filtered white noise is nearly white."""
@@ -92,23 +90,6 @@ class LowPass:
         """Samples behind which a run of the filter has forgotten, to rounding, what came before: a second at 15 Hz."""
         poles = scipy.signal.sos2zpk(butterworth(self.order, self.cutoff_hz, rate_hz))[1]
         return int(np.ceil(np.log(np.finfo(float).eps) / np.log(np.max(np.abs(poles)))))
-
-
-def there_and_back(signal: Array, sections: Array, edge: int) -> Array:
-    """`scipy.signal.sosfiltfilt` of samples (n, ...) along the first axis, continued at its ends by `edge` samples.
-
-    It is filtered piece by piece in the place of one copy, where scipy makes three.
-    """
-    continued = np.concatenate(
-        [2 * signal[:1] - signal[edge:0:-1], signal, 2 * signal[-1:] - signal[-2 : -edge - 2 : -1]], dtype=np.float64
-    )
-    settled = scipy.signal.sosfilt_zi(sections)
-    settled = settled.reshape(*settled.shape, *[1] * (signal.ndim - 1))
-    for way in (continued, continued[::-1]):
-        state = settled * way[0]
-        for rows in pieces(len(way)):
-            way[rows], state = scipy.signal.sosfilt(sections, way[rows], axis=0, zi=state)
-    return continued[edge:-edge]
 
 
 @dataclass(frozen=True)
@@ -192,12 +173,8 @@ def differentiate(time: Array, theta: Array) -> Motion:
             f"{len(time)} samples cannot be differentiated: {DEGREE + 1} or more are needed, each later than the one "
             "before; take a longer window, or check the time's channel"
         )
-    omega, alpha = np.empty(np.shape(theta)), np.empty(np.shape(theta))
-    for rows in pieces(len(time)):
-        known = slice(max(rows.start - FORGOTTEN, 0), min(rows.stop + FORGOTTEN, len(time)))
-        spline = scipy.interpolate.make_interp_spline(time[known], theta[known], k=DEGREE)
-        omega[rows], alpha[rows] = spline(time[rows], 1), spline(time[rows], 2)
-    return Motion(np.asarray(theta), omega, alpha)
+    spline = scipy.interpolate.make_interp_spline(time, theta, k=DEGREE)
+    return Motion(np.asarray(theta), spline(time, 1), spline(time, 2))
 
 
 def filtered_motion(time: Array, theta: Array, torque: Array, low_pass: LowPass) -> tuple[Motion, Array]:
@@ -210,49 +187,19 @@ def filtered_motion(time: Array, theta: Array, torque: Array, low_pass: LowPass)
     smooth = low_pass(theta, rate)
     lost = (2 * np.pi * low_pass.cutoff_hz / rate) ** 6 / 140
     short = len(time) < 2 * ENDS
-    motion = differentiate(time, smooth) if short or lost > LOST else SevenPointMotion(time, smooth, rate)
+    motion = differentiate(time, smooth) if short or lost > LOST else seven_point_motion(time, smooth, rate)
     return motion, low_pass(torque, rate)
 
 
-class SevenPointMotion(Motion):
+def seven_point_motion(time: Array, theta: Array, rate_hz: float) -> Motion:
     """An angle (n,) [rad], evenly sampled at `rate_hz`, slow beside it, with its derivatives from seven samples each.
 
-    The three rows at either end are those of the spline. Derivatives are made when they are asked for, for the rows of
-    a piece alone, since those of a long record need twice its room.
+    The three rows at either end are those of the spline.
     """
-
-    def __init__(self, time: Array, theta: Array, rate_hz: float) -> None:
-        padded = np.pad(theta, REACH)
-        fields = {"theta": padded[REACH:-REACH], "padded": padded, "rate_hz": rate_hz}
-        ends = {"first": slice(ENDS), "last": slice(-ENDS, None)}
-        for name, value in (fields | {name: differentiate(time[r], theta[r]) for name, r in ends.items()}).items():
-            object.__setattr__(self, name, value)
-
-    padded: Array
-    rate_hz: float
-    first: Motion
-    last: Motion
-
-    @property
-    def omega(self) -> Array:
-        """Velocity (n,) [rad/s]."""
-        return self[:].omega
-
-    @property
-    def alpha(self) -> Array:
-        """Acceleration (n,) [rad/s^2]."""
-        return self[:].alpha
-
-    def __getitem__(self, rows: slice | NDArray[np.intp]) -> Motion:
-        if not isinstance(rows, slice) or rows.step not in (None, 1):
-            return Motion(self.theta, self.omega, self.alpha)[rows]
-        start, stop, _ = rows.indices(len(self.theta))
-        if stop <= start:
-            return Motion(*np.empty((3, 0)))
-        known = self.padded[start : stop + 2 * REACH]
-        omega = np.correlate(known, SLOPE, "valid") * self.rate_hz
-        alpha = np.correlate(known, CURVATURE, "valid") * self.rate_hz**2
-        for row in {*range(start, min(stop, REACH)), *range(max(start, len(self.theta) - REACH), stop)}:
-            end, at = (self.first, row) if row < REACH else (self.last, row - len(self.theta))
-            omega[row - start], alpha[row - start] = end.omega[at], end.alpha[at]
-        return Motion(self.theta[rows], omega, alpha)
+    omega, alpha = np.empty(len(theta)), np.empty(len(theta))
+    omega[REACH:-REACH] = np.correlate(theta, SLOPE, "valid") * rate_hz
+    alpha[REACH:-REACH] = np.correlate(theta, CURVATURE, "valid") * rate_hz**2
+    for rows, own in ((slice(ENDS), slice(REACH)), (slice(-ENDS, None), slice(-REACH, None))):
+        end = differentiate(time[rows], theta[rows])
+        omega[own], alpha[own] = end.omega[own], end.alpha[own]
+    return Motion(theta, omega, alpha)

@@ -26,8 +26,7 @@ class UniformSignals:
 
     trial: name of the trial.
     grid: the time base and what it did.
-    signals: column -> (m,), after the low-pass filters that other columns' sensors have and its own has not; columns
-        without a sensor are `computed` when they are asked for.
+    signals: column -> (m,), after the low-pass filters that other columns' sensors have and its own has not.
     low_passes: column -> its sensor's own low-pass, as stated in the source file; only the columns that have one.
     devices: column -> the column that stands for all columns with the same stamps.
     """
@@ -76,21 +75,11 @@ class UniformSignals:
         values = taken.stream.signals[column]
         return values if taken.present.all() else values[taken.present]
 
-    def computed(self, column: str) -> Array | None:
-        """A column without a sensor (m,), such as a command, as if its sensor had what the others' have; None: none."""
-        signal = self.grid.silent(column)
-        return None if signal is None else self.alike(column, signal)
-
     def alike(self, column: str, signal: Array) -> Array:
         """A column (m,) through the low-pass filters of the others that its own sensor lacks."""
         for low_pass in lacking(column, self.low_passes):
             signal = low_pass(signal, self.rate_hz)
         return signal
-
-    def released(self) -> "UniformSignals":
-        """What is known of the time base, without the samples: no other one can be made of it."""
-        taken = tuple(one.released() for one in self.grid.taken)
-        return replace(self, grid=replace(self.grid, signals={}, taken=taken), signals={})
 
     def other(self) -> "UniformSignals | None":
         """The same if the streams whose stamps nothing decided were taken the other way; None where all are decided."""
@@ -107,8 +96,8 @@ def uniform_signals(
 ) -> UniformSignals:
     """The columns of a trial on one uniform grid: stated delays taken out, sensors' low-pass filters made alike.
 
-    `computed` are columns without a sensor, such as a command. They come along where they have the stamps of one of
-    the others, and say nothing about the stamps.
+    `computed` are columns without a sensor, such as a command. They are named where they have the stamps of one of the
+    others, and say nothing about these.
 
     Raises
     ------

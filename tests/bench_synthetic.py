@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from osl_analysis.bench.protocol import find_blocks, unit_block
+from osl_analysis.bench.segments import find_blocks, unit_block
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.second_order import impedance_torque
@@ -21,7 +21,7 @@ def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL, seed=1):
     torque = torque_of(motion) + noise * np.random.default_rng(seed).standard_normal(len(time))
     filtered = filtered_motion(time, theta, torque, LOW_PASS)
     blocks = find_blocks(time, theta, protocol)
-    return SteppedSineTrial("made", time, RATE, theta, torque, *filtered, blocks, None, 2, LOW_PASS, 0.0)
+    return SteppedSineTrial("made", time, RATE, theta, torque, *filtered, blocks, 2, LOW_PASS, 0.0)
 
 
 def second_order(motion: Motion):

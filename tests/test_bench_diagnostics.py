@@ -12,8 +12,8 @@ from osl_analysis.bench.diagnostics import check_resists, over_amplitudes
 from osl_analysis.bench.excitation_lag import yielding_in
 from osl_analysis.bench.impedance import impedance_table, trial_phasors
 from osl_analysis.bench.plausibility import Saturated, plausible_impedance
-from osl_analysis.bench.protocol import find_blocks
 from osl_analysis.bench.rendered import rendered_table
+from osl_analysis.bench.segments import find_blocks
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.bench.stiffness_drift import stiffness_of_cycles
 from osl_analysis.bench.torque_lag import ImpedancePoints, TorqueLag, torque_lag
@@ -223,7 +223,7 @@ def test_harmonics_of_the_bench_s_own_motion_are_no_friction():
     torque = second_order(motion)
     filtered = filtered_motion(pure.time, theta, torque, LowPass(15))
     blocks = find_blocks(pure.time, theta, PROTOCOL)
-    record = SteppedSineTrial("made", pure.time, RATE, theta, torque, *filtered, blocks, None, 2, LowPass(15), 0.0)
+    record = SteppedSineTrial("made", pure.time, RATE, theta, torque, *filtered, blocks, 2, LowPass(15), 0.0)
     *_, whole = impedance_table(record, trial_phasors(record)).to_dicts()
     assert whole["odd_harmonics"] < 2e-3
     assert abs(whole["coulomb_torque"]) < 0.02

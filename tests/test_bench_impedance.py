@@ -9,9 +9,9 @@ from bench_synthetic import PROTOCOL, RATE, second_order, stepped_sine
 
 from osl_analysis.bench.impedance import amplitude_series, impedance_of, impedance_table, trial_phasors
 from osl_analysis.bench.model_comparison import thinned_amplitudes
-from osl_analysis.bench.protocol import unit_sines
-from osl_analysis.bench.recorded_sine import stepped_sine_trial
+from osl_analysis.bench.segments import unit_sines
 from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.commands import plotted_numbers
 from osl_analysis.commands.fit_text import estimates_text
 from osl_analysis.doubtful import Doubt

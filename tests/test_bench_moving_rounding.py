@@ -6,9 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from osl_analysis.bench.moving_fit import Columns, fit_of, thinned
-from osl_analysis.bench.moving_record import moving_record
-from osl_analysis.bench.moving_rounding import with_rounding
+from osl_analysis.bench.moving_record import eq15_columns, fit_of, moving_record, with_rounding
 from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis
 from osl_analysis.signals import filtered_motion
 from osl_analysis.trial import Trial
@@ -63,7 +61,7 @@ def test_the_component_of_rounding_is_what_rounding_with_every_zero_does_to_a_fi
     alone = fit_of(record)
     for estimates, widest in (([300.0, 30.0, 0.02, 0, 0], 1.05), ([300.0, 5.0, 0.2, 0, 0], 2.0)):
         fit = replace(alone, estimates=np.array(estimates))
-        X, changes = thinned(record, 1, Columns(record).at), []
+        X, changes = np.array(list(eq15_columns(record).values())).T[record.rows], []
         for zero in (np.arange(32) + 0.5) / 32:
             place = record.motion.theta / STEP + zero
             error = filtered_motion(record.time, STEP * (np.rint(place) - place), record.torque, record.low_pass)[0]

@@ -5,8 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from osl_analysis.bench.protocol import best_lag, find_blocks, unit_block
-from osl_analysis.bench.segments import Block, Segment, repeated_cycles, rows_of, settled
+from osl_analysis.bench.segments import (
+    Block,
+    Segment,
+    best_lag,
+    find_blocks,
+    repeated_cycles,
+    rows_of,
+    settled,
+    unit_block,
+)
 from osl_analysis.errors import InputError
 from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.protocol.runs import find_runs
@@ -175,16 +183,15 @@ def test_cycles_with_a_row_that_was_not_measured_are_left_out():
     np.testing.assert_allclose(cycles.stop - cycles.first, 250 / 3)
 
 
-@pytest.mark.parametrize(("every", "skip"), [(1, 0), (8, 3)])
-def test_cycles_tile_the_rows_of_the_segments_with_edges_between_rows_also_when_they_are_thinned_out(every, skip):
+def test_cycles_tile_the_rows_of_the_segments_with_edges_between_rows():
     segments = [Segment(0.1, 2.0, 267, 2017, 7), Segment(0.1, 3.0, 2267 + 500 / 3, 2267 + 4000 / 3, 7)]
-    cycles = repeated_cycles(segments, every, skip)
-    kept = [len(range(len(s.rows))[::every]) - skip for s in segments]
+    cycles = repeated_cycles(segments)
+    kept = [len(s.rows) for s in segments]
     assert list(np.bincount(cycles.stratum)) == [7, 7]
     assert (cycles.first[0], cycles.first[7]) == (0, kept[0])
     assert cycles.stop[-1] <= sum(kept)
-    np.testing.assert_allclose(np.diff(cycles.first[1:7]), 250 / every)
-    np.testing.assert_allclose(np.diff(cycles.first[8:]), 500 / 3 / every)
+    np.testing.assert_allclose(np.diff(cycles.first[1:7]), 250)
+    np.testing.assert_allclose(np.diff(cycles.first[8:]), 500 / 3)
     assert len(rows_of(segments)) == 1750 + 1167
     assert repeated_cycles([Segment(0.1, 2.0, 0, 1000, 4)]) is None
 

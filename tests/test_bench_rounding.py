@@ -5,20 +5,22 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import second_order, stepped_sine
+from bench_synthetic import LOW_PASS, second_order, stepped_sine
 
 from osl_analysis.bench import rounding
-from osl_analysis.bench.amplitude_fits import fits_by_amplitude
-from osl_analysis.bench.impedance import trial_phasors
-from osl_analysis.bench.recorded_sine import stepped_sine_trial
-from osl_analysis.bench.rounding import RepeatedRounding, Rounded, interpolated
+from osl_analysis.bench.impedance import impedance_of, trial_phasors
+from osl_analysis.bench.rounding import RepeatedRounding, Rounded, interpolated, with_sines
 from osl_analysis.bench.segments import Segment, repeated_cycles, rows_of
 from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.bench.stepped_sine import fits_by_amplitude, stepped_sine_trial
+from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.second_order import fit_impedance, impedance_columns
+from osl_analysis.signals import filtered_motion
 from osl_analysis.stats.covariance import between_cycles
 from osl_analysis.stats.cycle_sums import Cycles, sums_between
 from osl_analysis.stats.rounding import (
     SIZES,
+    even_values,
     noise_before_rounding,
     rounding_harmonics,
     scatter_between_cycles,
@@ -54,7 +56,7 @@ def record(seed, rate, step=0.0, noise=0.05, angle_noise=0.0):
 
 def fitted(trial):
     stepped = stepped_sine_trial(trial, SETTINGS)
-    *_, (_, motion, torque) = stepped.parts()
+    motion, torque = stepped.part(None)
     return fit_impedance(motion, torque, stepped.residual_correlation(None)).fit
 
 
@@ -212,7 +214,7 @@ def test_rounding_that_noise_dithers_is_not_counted_twice():
     dithered = record(1, 1000.0, step=step, angle_noise=0.6 * step)
     fit = fitted(dithered)
     unknown = replace(stepped_sine_trial(dithered, SETTINGS), steps=(None, None))
-    *_, (_, motion, torque) = unknown.parts()
+    motion, torque = unknown.part(None)
     assert fit.interval_method == "cycles"
     without = fit_impedance(motion, torque, unknown.residual_correlation(None)).fit
     assert [fit.se(name) for name in TRUTH] == pytest.approx([without.se(name) for name in TRUTH], rel=1e-3)
@@ -331,7 +333,7 @@ def test_the_smooth_signal_is_known_when_the_sensor_took_its_samples():
     """A cubic through samples 2 ms apart knows sin(t) to 1e-12 (h^4/384). The sensor began before the grid does."""
     time = 0.3 + np.arange(5000) / 500
     sampled = np.arange(6000) / 500 + 7e-4
-    found = Rounded(1e-3, np.sin(time), np.sin(time), time, sampled).smooth_when_sampled(slice(None))
+    found = Rounded(1e-3, np.sin(time), np.sin(time), time, sampled).at_samples
     inside = (sampled > time[0]) & (sampled < time[-1])
     np.testing.assert_allclose(found[inside], np.sin(sampled[inside]), rtol=0, atol=1e-9)
     assert (found[0], found[-1]) == (np.sin(time[0]), np.sin(time[-1]))
@@ -386,3 +388,70 @@ def test_a_segment_with_a_gap_has_the_rounding_of_the_cycles_that_are_left(monke
     expected = np.delete(np.array(list(each.cycle_sums(whole, X, X[:, :0]))), 4, axis=0)
     found = np.array(list(each.cycle_sums(parted, *np.split(X[parted.rows], [2], axis=1))))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_values_that_are_whole_steps_apart_are_found_without_a_list_of_them():
+    """Of signals on steps of a converter, in floats of four bytes too; one value beside the steps is seen."""
+    random = np.random.default_rng(5)
+    turns = 0.003 * np.rint(200 * np.sin(np.linspace(0, 60, 40_000)) + random.standard_normal(40_000)) + 0.0007
+    found, expected = even_values(turns, most=20_000), np.unique(np.rint((turns - 0.0007) / 0.003)) * 0.003 + 0.0007
+    assert found is not None
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    assert even_values(turns, most=300) is None
+    assert even_values(turns.astype(np.float32).astype(float), most=20_000) is None
+    assert visible_step(turns.astype(np.float32).astype(float)) == pytest.approx(0.003, rel=1e-3)
+    beside = turns.copy()
+    beside[17_777] += 0.001
+    assert even_values(beside, most=20_000) is None
+    doubled = np.where(np.arange(40_000) % 39 == 0, 2 * np.rint(turns / 0.006), np.rint(turns / 0.003)) * 0.003
+    assert visible_step(doubled) == pytest.approx(0.003, rel=1e-9)  # those that are tried show every other step
+
+
+TWELVE_BITS = 2 * np.pi / 2**12
+SLOW_SINES = SteppedSineProtocol((0.07,), (1.0, 2.0, 5.0), 9)
+
+
+def test_peaks_are_known_to_a_twentieth_of_a_step_where_the_filtered_angle_stays_on_the_step():
+    record = stepped_sine(second_order, protocol=SLOW_SINES)
+    rounded = TWELVE_BITS * np.rint(record.theta / TWELVE_BITS + 0.3)
+    filtered = filtered_motion(record.time, rounded, record.torque, LOW_PASS)[0].theta
+    found = with_sines(filtered, record.time, record.segments(None))
+    slowest = record.segments(None)[0]
+    error = np.array([slowest.part(x - record.theta) for x in (found, filtered)])
+    error = np.ptp(error - error.mean(axis=1)[:, None], axis=1)
+    assert error[0] < 0.1 * TWELVE_BITS
+    assert error[1] > 3 * error[0]
+    between = np.ones(len(found), dtype=bool)
+    for segment in record.segments(None):
+        between[segment.rows] = False
+    assert between.any()
+    np.testing.assert_array_equal(found[between], filtered[between])
+
+
+def test_a_motion_with_a_third_harmonic_is_kept():
+    record = stepped_sine(second_order, protocol=SLOW_SINES)
+    segment, time = record.segments(None)[1], record.time
+    bent = 0.07 * np.sin(4 * np.pi * time + 0.3) + 0.01 * np.cos(12 * np.pi * time) + 0.2
+    found = with_sines(bent, time, [segment])
+    np.testing.assert_allclose(segment.part(found), segment.part(bent), atol=1e-9)
+
+
+@pytest.mark.parametrize("amplitude", [0.07, 0.0704])
+def test_the_standard_error_of_k_at_12_bits_does_not_hang_on_where_the_zero_of_the_encoder_is(amplitude):
+    """Rounding makes nearly all of it; its size belongs to the motion, whatever the zero happens to be."""
+    found = []
+    for zero in np.arange(8) / 8:
+        record = twelve_bits(amplitude, zero)
+        fit = impedance_of(record, None)
+        found.append((fit["K"] - 200, fit.se("K")))
+    errors, standard = np.array(found).T
+    assert standard.std() < 0.25 * standard.mean()
+    assert np.abs(errors).max() < 2 * standard.mean()
+
+
+def twelve_bits(amplitude, zero):
+    """A trial whose angle is rounded to 12 bits from some zero, of a joint that moves without rounding."""
+    record = stepped_sine(second_order, 0.003, SteppedSineProtocol((amplitude,), (1.0, 2.0, 5.0), 9))
+    theta = TWELVE_BITS * np.rint(record.theta / TWELVE_BITS + zero)
+    motion, torque = filtered_motion(record.time, theta, record.torque, LOW_PASS)
+    return replace(record, theta=theta, motion=motion, filtered_torque=torque, steps=(TWELVE_BITS, None))

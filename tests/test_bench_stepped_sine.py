@@ -6,10 +6,9 @@ import pytest
 from bench_synthetic import second_order, stepped_sine
 
 from osl_analysis.bench.impedance import impedance_of, impedance_table, trial_phasors
-from osl_analysis.bench.load_cell_drift import drift_rate, without_angle
-from osl_analysis.bench.recorded_sine import stepped_sine_trial
 from osl_analysis.bench.segments import Segment
 from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.bench.stepped_sine import drift_rate, stepped_sine_trial, without_angle
 from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.second_order import impedance_columns
 from osl_analysis.stats.covariance import ResidualCorrelation

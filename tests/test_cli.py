@@ -11,15 +11,8 @@ import yaml
 from click.testing import CliRunner
 from conftest import ROOT
 
-from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.cli import main
-from osl_analysis.commands.bench import fit_impedance_trial
 from osl_analysis.commands.simulate import check_folder
-from osl_analysis.config import read_section
-from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.table import read_table
 
 TRIAL = "impedance_K300_B5.0_compensated"
 
@@ -138,22 +131,6 @@ def test_ingest_says_that_a_log_has_lost_its_end(folder, tmp_path):
     assert result.exit_code == 0
     assert re.search(r"(?m)^warning: .*cut\.mcap: no footer", result.stderr)
     assert output.exists()
-
-
-@pytest.mark.parametrize("cutoff_hz", [260, 499.9])
-def test_an_estimator_that_cannot_take_a_filter_near_the_sampling_rate_says_so_in_its_row(folder, tmp_path, cutoff_hz):
-    settings = read_section(folder / "config.yaml", "dynamometer", DynamometerAnalysis)
-    wide = settings.model_copy(update={"cutoff_hz": cutoff_hz})
-    tables = {table.name: tmp_path / f"{table.name}.csv" for table in EXPERIMENTS["impedance"].tables}
-    device = ROOT / "config/parameters/default.yaml"
-    condition = DesiredImpedance("compensated", 300.0, 5.0)
-    fit_impedance_trial(folder / f"{TRIAL}.parquet", device, condition, PAPER_WEIGHT, wide, tables)
-    rows = {row["estimator"]: row for row in read_table(tables["estimators"]).to_dicts()}
-    refused = rows.pop("Savitzky-Golay")
-    assert re.search(rf"{cutoff_hz} Hz has .* lower .* to 250 Hz", refused["excluded"])
-    assert refused["K"] is None
-    assert rows["filtered"]["K"] == pytest.approx(300, rel=0.1)
-    assert rows["filtered"]["excluded"] is None
 
 
 def test_gains_prints_the_paper_s_example_with_its_proof():

@@ -58,13 +58,11 @@ def test_cycles_of_a_stepped_sine_are_one_for_each_frequency_and_enough_to_settl
         campaign_config(SHIPPED | {"dynamometer": SHIPPED["dynamometer"] | changed}, [SHIPPED_FILE])
 
 
-def test_the_five_estimators_are_compared_only_where_the_configuration_asks_for_it():
-    def tables(**changed):
-        content = SHIPPED | {"dynamometer": SHIPPED["dynamometer"] | changed}
-        return {table.name for table in campaign_config(content, [SHIPPED_FILE]).tables("impedance")}
-
-    assert tables(compare_estimators=True) - tables() == {"estimators"}
-    assert {"impedance", "phasors", "timebase", "series"} <= tables()
+def test_the_key_that_compared_estimators_is_refused_with_what_became_of_it():
+    with pytest.raises(InputError, match=r"dynamometer: `compare_estimators` is gone with the estimators"):
+        campaign_config(
+            SHIPPED | {"dynamometer": SHIPPED["dynamometer"] | {"compare_estimators": True}}, [SHIPPED_FILE]
+        )
 
 
 def test_a_time_per_frequency_replaces_the_cycles():

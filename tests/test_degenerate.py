@@ -20,7 +20,7 @@ from walking_synthetic import settings
 
 from osl_analysis.bench.belt_fit import fit_belt_stiffness
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.protocol import unit_block
+from osl_analysis.bench.segments import unit_block
 from osl_analysis.commands.fit import FITS, fit_request
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.model.compensator import select_gains

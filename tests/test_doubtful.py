@@ -11,7 +11,6 @@ from scipy.integrate import quad
 from osl_analysis.bench.belt import BeltTrial, belt_table
 from osl_analysis.bench.belt_fit import fit_belt_stiffness
 from osl_analysis.bench.diagnostics import summary_of_trials
-from osl_analysis.bench.estimators import estimator_table
 from osl_analysis.bench.frequency_response import phasor_table
 from osl_analysis.bench.impedance import trial_phasors
 from osl_analysis.bench.plausibility import Saturated, plausible_belt, plausible_impedance, plausible_transmission
@@ -108,7 +107,6 @@ def test_the_shipped_limits_stand_on_columns_that_the_tables_have():
         "belt": plausible_belt(belt_table(belt), rails, device),
         "transmission": plausible_transmission(transmission_table(losses), rails, device),
         "impedance": plausible_impedance(rendered_table(record, None), rails, device),
-        "estimators": estimator_table(record),
         "phasors": phasor_table("made", trial_phasors(record)),
     }
     for name, table in tables.items():
@@ -131,21 +129,18 @@ def test_a_mean_over_trials_leaves_out_doubtful_ones_while_half_are_sound_and_sa
     assert len(counted(table.drop("doubtful"))) == 2
 
 
-def test_phasors_and_estimators_share_the_doubts_of_the_fit_of_their_trial_and_amplitude(tmp_path):
-    for folder in ("impedance", "phasors", "estimators"):
+def test_phasors_share_the_doubts_of_the_fit_of_their_trial_and_amplitude(tmp_path):
+    for folder in ("impedance", "phasors"):
         (tmp_path / folder).mkdir()
     amplitudes = {"amplitude_deg": [2.0, 4.0, None]}
     fit = pl.DataFrame({"trial": ["a"] * 3, **amplitudes, "VAF": [80.0, 95.0, 85.0]})
     phasors = pl.DataFrame({"trial": ["a"] * 3, "amplitude_deg": [2.0, 2.0, 4.0], "distortion": [0.0, 9.0, 0.0]})
-    estimators = pl.DataFrame({"trial": ["a"] * 2, "estimator": ["x", "y"], "excluded": [None, "why"]})
-    for name, table in (("impedance", fit), ("phasors", phasors), ("estimators", estimators)):
+    for name, table in (("impedance", fit), ("phasors", phasors)):
         write_table(table, tmp_path / name / "a.csv")
     of, strict = [tmp_path / "impedance/a.csv"], Doubt(below={"VAF": 90})
     gather([tmp_path / "phasors/a.csv"], tmp_path / "phasors.csv", Doubt(above={"distortion": 1}), of, strict)
-    gather([tmp_path / "estimators/a.csv"], tmp_path / "estimators.csv", Doubt(), of, strict)
     assert read_table(tmp_path / "phasors.csv")["doubtful"].to_list() == [
         "impedance.csv: VAF 80 is below 90",
         "distortion 9 is above 1; impedance.csv: VAF 80 is below 90",
         "",
     ]
-    assert read_table(tmp_path / "estimators.csv")["doubtful"].to_list() == ["impedance.csv: VAF 85 is below 90", None]

@@ -6,7 +6,7 @@ from conftest import ROOT
 from osl_analysis.fingerprint import imported_names
 
 PACKAGE = ROOT / "osl_analysis"
-COMMON = {"errors", "trial", "measured", "pieces", "quantiles", "compiled"}
+COMMON = {"errors", "trial", "measured", "compiled"}
 MAY_IMPORT = {
     "model": COMMON | {"model", "parameters"},
     "simulator": COMMON

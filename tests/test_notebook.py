@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from polars.testing import assert_frame_equal
 
 import osl_analysis as osl
-from osl_analysis.bench.protocol import unit_block
+from osl_analysis.bench.segments import unit_block
 from osl_analysis.commands.bench import (
     average_over_amplitudes,
     fit_actuator_trial,
@@ -101,7 +101,6 @@ def of_campaign(experiment, folder, config_path, desired=DESIRED):
     name = "impedance" if experiment in ("any motion", "friction") else experiment
     tables = {table.name: folder / f"fits/{table.name}/made.csv" for table in EXPERIMENTS[name].tables}
     if name == "impedance":
-        del tables["estimators"]
         fit_impedance_trial(trial, DEVICE, desired, config.gain_weight.weight, config.dynamometer, tables)
     elif name == "torque_angle":
         fit_torque_angle_trial(trial, config.torque_angle, {"desired": "line"}, tables)

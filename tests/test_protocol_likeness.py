@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from any_motion import RATE, chirp, multisine, noise
 
-from osl_analysis.bench.protocol import unit_block
+from osl_analysis.bench.segments import unit_block
 from osl_analysis.protocol import crossings
 from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.protocol.crossings import upward_crossings

@@ -476,3 +476,15 @@ def test_a_trial_without_a_result_names_those_for_want_of_which():
     assert lacks_result("walking", {}, {"trial": Path("a")})
     assert not lacks_result("plate", {}, {})
     assert lacks_result("belt", {}, {"trial": Path("a")})
+
+
+@pytest.mark.parametrize("most", [7, 10_000])
+def test_no_outlier_of_a_long_residual_is_lost(most):
+    random, n = np.random.default_rng(4), 40_000
+    torque, modelled, fitted = random.standard_normal(n), random.standard_normal(n), random.random(n) < 0.7
+    table = Series(np.arange(n) / 1000, torque, modelled, np.zeros(n), fitted).table(most)
+    step = -(-n // most)
+    own = [(torque - modelled)[k : k + step][fitted[k : k + step]] for k in range(0, n, step)]
+    low, high = ([f(part) if part.size else None for part in own] for f in (np.min, np.max))
+    for name, expected in (("residual_low", low), ("residual_high", high)):
+        assert table[name].to_list() == pl.Series(expected, dtype=pl.Float64).round_sig_figs(7).to_list()

@@ -3,18 +3,17 @@
 import numpy as np
 import pytest
 from conftest import multisine
-from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import (
     LowPass,
-    SevenPointMotion,
     differentiate,
     filtered_motion,
     longest_run,
     runs,
     sampling_rate,
+    seven_point_motion,
 )
 
 
@@ -40,7 +39,7 @@ def test_seven_samples_lose_of_a_sine_at_the_cut_off_what_theory_says():
     """w^6/140 of the velocity and w^6/560 of the acceleration of a sine that turns by w per sample (Fornberg 1988)."""
     rate, w = 1000.0, 2 * np.pi * 15 / 1000
     turn = w * np.arange(4000)
-    motion = SevenPointMotion(turn / w / rate, np.sin(turn), rate)
+    motion = seven_point_motion(turn / w / rate, np.sin(turn), rate)
     inner = slice(3, -3)
     lost = motion.omega / (w * rate) - np.cos(turn), motion.alpha / (w * rate) ** 2 + np.sin(turn)
     assert lost[0][inner] == pytest.approx(-(w**6) / 140 * np.cos(turn[inner]), abs=0.02 * w**6 / 140)
@@ -85,33 +84,8 @@ def test_refuses_a_cut_off_beyond_half_the_rate_and_a_record_shorter_than_its_ed
         LowPass(5.0)(np.zeros(50), 100.0)
 
 
-def test_derivatives_of_a_piece_are_those_of_the_whole_record():
-    time = np.arange(500) / 1000.0
-    whole = SevenPointMotion(time, np.sin(20 * time) + 0.1 * time**2, 1000.0)
-    rows = np.arange(500)
-    for piece in (slice(None), slice(2), slice(1, 2), slice(2, 300), slice(10, 10), slice(400, 499), slice(-2, None)):
-        for given in (piece, rows[piece], slice(*piece.indices(500)[:2], 1)):
-            np.testing.assert_array_equal(whole[given].omega, whole.omega[piece])
-            np.testing.assert_array_equal(whole[given].alpha, whole.alpha[piece])
-            np.testing.assert_array_equal(whole[given].theta, whole.theta[piece])
-    spline = differentiate(time, whole.theta)
-    assert np.abs(whole.omega - spline.omega).max() < 1e-6
-    assert np.abs(whole[:3].alpha - spline.alpha[:3]).max() < 1e-6
-    assert np.abs(whole[-3:].alpha - spline.alpha[-3:]).max() < 1e-6
-
-
 @pytest.mark.parametrize("shape", [(40_000,), (20_000, 3)])
 def test_the_filter_is_scipys_whatever_the_length(shape):
     signal, rate = np.random.default_rng(8).standard_normal(shape), 1000.0
     sections, edge = butter(4, 15.0, fs=rate, output="sos"), 200
     np.testing.assert_array_equal(LowPass(15.0)(signal, rate), sosfiltfilt(sections, signal, axis=0, padlen=edge))
-
-
-def test_derivatives_of_a_long_record_are_those_of_one_spline_through_it():
-    random = np.random.default_rng(9)
-    time = np.cumsum(random.uniform(0.7e-3, 1.3e-3, 40_000))
-    theta = np.sin(9 * time) + 1e-3 * random.standard_normal(40_000)
-    spline, motion = make_interp_spline(time, theta, k=5), differentiate(time, theta)
-    for found, order in ((motion.omega, 1), (motion.alpha, 2)):
-        expected = spline(time, order)
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())

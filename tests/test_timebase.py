@@ -3,31 +3,26 @@
 import json
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from itertools import product
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline, make_interp_spline
+from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.pieces import pieces
 from osl_analysis.signals import LowPass, Motion, filtered_motion
-from osl_analysis.timebase import evidence
-from osl_analysis.timebase.chunks import chunked_slope
 from osl_analysis.timebase.counting import count_from_stamps
-from osl_analysis.timebase.cubic import cubic_between
 from osl_analysis.timebase.device_clock import device_clock, lower_edge
 from osl_analysis.timebase.drift import (
     ClockDrift,
     SinePiece,
     check_drift,
+    chunked_slope,
     clock_drift,
     drift_columns,
     scatter_of_noise,
 )
-from osl_analysis.timebase.evidence import evidence_of
 from osl_analysis.timebase.gaps import GapLimits
 from osl_analysis.timebase.grid import UniformGrid, one_time_base
 from osl_analysis.timebase.samples import first_of_each, take
@@ -725,35 +720,6 @@ def test_the_report_is_plain_json_with_every_number_that_provenance_states():
     assert angle["residual_sd_s"] == pytest.approx(2e-5, rel=0.05)
     assert (torque["missing"], torque["marked"], torque["why"]) == (100, 1, "even: the stamps lie on their line")
     assert torque["interpolation"] == "cubic spline on the device's even clock"
-
-
-@pytest.mark.parametrize("samples", [20, 60, 400, 20_000])
-def test_the_spline_between_samples_is_scipys(samples):
-    rng = np.random.default_rng(samples)
-    times = np.cumsum(rng.uniform(0.5, 3, samples))
-    values, at = rng.standard_normal((samples, 2)), np.sort(rng.uniform(times[0], times[-1], 5 * samples))
-
-    def before(some):
-        return np.clip(np.searchsorted(times, some, side="right") - 1, 0, samples - 2)
-
-    found = cubic_between(times, [*values.T], at, before)
-    np.testing.assert_allclose(np.array(found).T, CubicSpline(times, values)(at), atol=1e-12)
-
-
-@pytest.mark.parametrize("missing", [False, True])
-def test_a_record_in_pieces_says_the_same_of_its_stamps_as_the_whole(missing, monkeypatch):
-    t, random = clock(1000.0, 20.0), np.random.default_rng(71)
-    kept = np.abs(t - 10.0) > 0.05 if missing else np.full(len(t), True)
-    stamps = (t + 2e-5 * random.standard_normal(len(t)))[kept]
-    angle = joint(stamps, stamps).signals["theta"] + 1e-6 * random.standard_normal(len(stamps))
-    angle[4321] = np.nan
-    clocks = device_clock(stamps, count_from_stamps(stamps))
-    whole = evidence_of(angle, clocks)
-    monkeypatch.setattr(evidence, "pieces", partial(pieces, size=999))
-    assert clocks.missing == (99 if missing else 0)
-    assert 0.005 < whole.se < 0.01
-    assert evidence_of(angle, clocks).g == pytest.approx(whole.g, rel=1e-10)
-    assert evidence_of(angle, clocks).se == pytest.approx(whole.se, rel=1e-9)
 
 
 def test_the_scatter_of_a_slope_is_that_of_chunks_with_equal_shares_of_its_squares():

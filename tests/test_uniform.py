@@ -7,12 +7,11 @@ import numpy as np
 import polars as pl
 import pytest
 
-from osl_analysis.bench.impedance import impedance_of, impedance_table, impedance_time_base, trial_phasors
-from osl_analysis.bench.recorded_sine import stepped_sine_trial
-from osl_analysis.bench.rendered import eq15
+from osl_analysis.bench.impedance import impedance_table, impedance_time_base, trial_phasors
 from osl_analysis.bench.segments import Block, Segment, settled
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.bench.stepped_sine import stepped_sine_trial
+from osl_analysis.errors import InputError
 from osl_analysis.timebase.gaps import GapLimits
 from osl_analysis.trial import Trial
 from osl_analysis.uniform import uniform_signals
@@ -220,28 +219,6 @@ def test_undecided_stamps_are_also_taken_the_other_way_and_the_change_is_stated(
     assert table["other_hypothesis"][0].startswith("K ")
     assert 0 < row["time_base_shift"] < 3
     assert fitted(trial_of(motion(times())[0], torque(times())))["time_base_shift"] is None
-
-
-def test_the_other_way_of_undecided_stamps_is_fitted_first_and_keeps_its_fits_alone():
-    trial, settings = undecided_trial(), DynamometerAnalysis(**SETTINGS)
-    whole, asked = stepped_sine_trial(trial, settings), stepped_sine_trial(trial, settings, ask=eq15)
-    assert len(whole.other.time) == pytest.approx(len(whole.time), abs=2)
-    assert len(asked.other.time) == len(asked.other.torque) == len(asked.other.motion.theta) == 0
-    assert asked.other.uniform is None
-    for amplitude in whole.amplitudes:
-        expected, found = impedance_of(whole.other, amplitude), impedance_of(asked.other, amplitude)
-        assert [found[name] for name in "KBI"] == [expected[name] for name in "KBI"]
-    np.testing.assert_array_equal(asked.filtered_torque, whole.filtered_torque)
-    assert impedance_table(asked, trial_phasors(asked)).equals(impedance_table(whole, trial_phasors(whole)))
-
-
-def test_a_refusal_of_the_other_way_is_left_to_the_fits():
-    def refuse(_):
-        raise IdentifiabilityError("not this one")
-
-    other = stepped_sine_trial(undecided_trial(), DynamometerAnalysis(**SETTINGS), ask=refuse).other
-    assert len(other.time) > 0
-    assert not other.fits
 
 
 @pytest.mark.parametrize("ppm", [0.0, 50.0])

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
+import numpy as np
 import polars as pl
 
 from osl_analysis.bench.settings import BenchStiffness
@@ -21,6 +22,11 @@ def joint_angle(theta: Array, torque: Array, compliance: float) -> Array:
     The bench turns the joint by its frame, of some `compliance` [rad/(N*m)]: theta_bench = theta + torque/k.
     """
     return theta - compliance * torque if compliance else theta
+
+
+def without_drift(time: Array, torque: Array, rate: float) -> Array:
+    """The torque (n,) [N*m] at times [s] minus a drift of `rate` [N*m/s]; the mean over all samples is kept."""
+    return np.asarray(torque - rate * (time - time.mean()))
 
 
 def widened(fit: LinearFit, softer: LinearFit | None) -> LinearFit:

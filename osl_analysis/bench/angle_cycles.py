@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.pieces import pieces
 from osl_analysis.trial import Array
 
 SMALLEST_SWING = 0.1
@@ -128,18 +127,17 @@ def turning_points(theta: Array, swing: float) -> list[int]:
     highest = lowest = 0
     direction = 0
     top = bottom = float(theta[0])
-    for rows in pieces(len(theta)):
-        for row, value in enumerate(theta[rows].tolist(), rows.start):
-            if value > top:
-                highest, top = row, value
-            if value < bottom:
-                lowest, bottom = row, value
-            if direction >= 0 and value < top - swing:
-                turns += [highest] if direction else []
-                direction, lowest, bottom = -1, row, value
-            elif direction <= 0 and value > bottom + swing:
-                turns += [lowest] if direction else []
-                direction, highest, top = 1, row, value
+    for row, value in enumerate(theta.tolist()):
+        if value > top:
+            highest, top = row, value
+        if value < bottom:
+            lowest, bottom = row, value
+        if direction >= 0 and value < top - swing:
+            turns += [highest] if direction else []
+            direction, lowest, bottom = -1, row, value
+        elif direction <= 0 and value > bottom + swing:
+            turns += [lowest] if direction else []
+            direction, highest, top = 1, row, value
     return turns
 
 

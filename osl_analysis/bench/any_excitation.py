@@ -1,7 +1,5 @@
 """Rendered impedance from any motion of the joint: Eq. 15 over the moving record, as a row of `impedance.csv`."""
 
-from collections.abc import Sequence
-
 import numpy as np
 import polars as pl
 
@@ -14,20 +12,15 @@ from osl_analysis.bench.excitation_peaks import torque_at_peaks
 from osl_analysis.bench.excitation_size import check_moves
 from osl_analysis.bench.frequency_response import Admittance
 from osl_analysis.bench.impedance import IMPEDANCE, MAY_BE_NULL
-from osl_analysis.bench.moving_fit import NAMES, fit_of, parts_of
-from osl_analysis.bench.moving_record import MovingRecord, moves_little
-from osl_analysis.bench.moving_rows import consecutive_parts
+from osl_analysis.bench.moving_record import MovingRecord, consecutive_parts, fit_of, moves_little
 from osl_analysis.bench.phasor_lag import LITTLE_INERTIA
 from osl_analysis.bench.series import Series
 from osl_analysis.errors import IdentifiabilityError
-from osl_analysis.pieces import pieces
 from osl_analysis.second_order import impedance_columns, impedance_torque
 from osl_analysis.spectral.realisations import distinct
 from osl_analysis.spectral.response import periodic_response
-from osl_analysis.stats.condensed import condensed
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
 from osl_analysis.stats.regression import LinearFit, regressors
-from osl_analysis.trial import Array
 
 SIGN_WIDTH = 0.05
 """Velocity, as a share of its RMS, over which the sign of the velocity is smoothed."""
@@ -128,17 +121,8 @@ def periodic_row(record: MovingRecord) -> Row:
 def friction_row(record: MovingRecord, fit: LinearFit) -> Row:
     """Coulomb friction [N*m] of a fit that has it beside K, B and I, and the share of B that it makes."""
     motion = record.motion
-    squares, total = 0.0, 0.0
-    for rows in record.fitted_pieces():
-        omega = motion[rows].omega
-        squares, total = squares + float(omega @ omega), total + float(omega.sum())
-    spread = squares / record.samples - (total / record.samples) ** 2
-    width = SIGN_WIDTH * float(np.sqrt(spread))
-    sign = np.empty(len(record.time))
-    for rows in pieces(len(sign)):
-        np.tanh(motion[rows].omega / width, out=sign[rows])
-    sign = record.low_pass(sign, record.rate_hz)
-    beside = fit_of(record, [("T_C", sign.__getitem__)])
+    width = SIGN_WIDTH * float(np.std(record.part(motion.omega)))
+    beside = fit_of(record, {"T_C": record.low_pass(np.tanh(motion.omega / width), record.rate_hz)})
     damping = fit["B"] - beside["B"]
     return {"coulomb_torque": beside["T_C"], "coulomb_damping": damping, "coulomb_share": damping / fit["B"]}
 
@@ -151,27 +135,22 @@ def lowest_vaf_of_parts(record: MovingRecord) -> float:
     IdentifiabilityError
         The joint rests in two of three parts.
     """
-    parts = [record.rows_at(part) for part in consecutive_parts(record.samples)]
-    return min(vaf_of_part(record, part, [p for p in parts if p is not part]) for part in parts)
-
-
-def vaf_of_part(record: MovingRecord, part: Sequence[slice], others: Sequence[Sequence[slice]]) -> float:
-    """VAF [percent] of some rows by the fit to the others; raises as `lowest_vaf_of_parts`."""
-
-    def of_eq_15(rows: slice) -> Array:
-        return np.array([*impedance_columns(record.motion[rows]).values()]).T
-
-    fitted = [one for other in others for one in other]
-    X, y = condensed(lambda: parts_of(record, of_eq_15, fitted))
-    try:
-        estimates = regressors(dict(zip(NAMES, X.T, strict=False)), y.shape).solved(y)
-    except IdentifiabilityError as error:
-        raise IdentifiabilityError(f"trial {record.name}: {moves_little(record, error)}") from error
-    left = np.concatenate([y - X @ estimates for X, y in parts_of(record, of_eq_15, part)])
-    torque, time = (np.concatenate([x[rows] for rows in part]) for x in (record.filtered_torque, record.time))
-    time -= time.mean()
-    left -= np.polyval(np.polyfit(time, left, 1), time)
-    return 100 * (1 - float(np.var(left)) / float(np.var(torque)))
+    columns = {name: record.part(column) for name, column in impedance_columns(record.motion).items()}
+    torque, time = record.part(record.filtered_torque), record.part(record.time)
+    vafs = []
+    for part in consecutive_parts(record.samples):
+        others = np.ones(record.samples, dtype=bool)
+        others[part] = False
+        y = torque[others]
+        try:
+            estimates = regressors({name: x[others] for name, x in columns.items()}, y.shape).solved(y)
+        except IdentifiabilityError as error:
+            raise IdentifiabilityError(f"trial {record.name}: {moves_little(record, error)}") from error
+        left = torque[part] - np.column_stack([x[part] for x in columns.values()]) @ estimates
+        late = time[part] - time[part].mean()
+        left = left - np.polyval(np.polyfit(late, left, 1), late)
+        vafs.append(100 * (1 - float(np.var(left)) / float(np.var(torque[part]))))
+    return min(vafs)
 
 
 def record_time_base(record: MovingRecord) -> pl.DataFrame:
@@ -185,11 +164,9 @@ def record_time_base(record: MovingRecord) -> pl.DataFrame:
 def record_series(record: MovingRecord) -> Series:
     """Measured torque and that of Eq. 15 over the whole trial."""
     fit, motion = record.estimate, record.motion
-    modelled, fitted = np.empty(len(record.time)), np.zeros(len(record.time), dtype=bool)
-    for rows in pieces(len(modelled)):
-        modelled[rows] = impedance_torque(fit["K"], fit["B"], fit["I"], motion[rows]) + fit["offset"]
-    for piece in record.pieces:
-        fitted[piece] = True
+    modelled = impedance_torque(fit["K"], fit["B"], fit["I"], motion) + fit["offset"]
+    fitted = np.zeros(len(record.time), dtype=bool)
+    fitted[record.rows] = True
     return Series(record.time, record.filtered_torque, modelled, motion.theta, fitted)
 
 

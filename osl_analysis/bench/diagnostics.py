@@ -5,8 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.amplitude_fits import held_out_vaf
-from osl_analysis.bench.stepped_sine import SteppedSineTrial
+from osl_analysis.bench.stepped_sine import SteppedSineTrial, held_out_vaf
 from osl_analysis.doubtful import counted, doubtful_row
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured

@@ -2,17 +2,14 @@
 
 import numpy as np
 
-from osl_analysis.bench.excitation_lag import noise_behind, slope_of
-from osl_analysis.bench.moving_fit import thinned
+from osl_analysis.bench.excitation_lag import noise_behind
 from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.torque_lag import ONLY_NOISE
 from osl_analysis.errors import InputError
 from osl_analysis.spectral.lines import lines_of
 from osl_analysis.spectral.realisations import PeriodicMotion
 from osl_analysis.stats.fit_row import Row
-from osl_analysis.timebase.chunks import chunked_slope
-from osl_analysis.timebase.drift import ClockDrift, check_drift
-from osl_analysis.trial import Array
+from osl_analysis.timebase.drift import ClockDrift, check_drift, chunked_slope
 
 
 def record_clock_row(record: MovingRecord) -> Row:
@@ -70,7 +67,9 @@ def drift_beside_impedance(record: MovingRecord) -> ClockDrift | None:
     None where this leaves more than the noise.
     """
     step = max(record.low_pass.independent_samples(record.rate_hz) // 4, 1)
-    theta, omega, alpha, slope, time, torque = thinned(record, step, lambda rows: beside_slope(record, rows)).T
+    motion, slope = record.motion, np.gradient(record.filtered_torque, record.time)
+    signals = motion.theta, motion.omega, motion.alpha, slope, record.time, record.filtered_torque
+    theta, omega, alpha, slope, time, torque = (record.part(signal)[::step] for signal in signals)
     late = time - time.mean()
     X = np.column_stack([theta, omega, alpha, slope, late, late * theta, np.ones_like(late)])
     Q, _ = np.linalg.qr(X / np.linalg.norm(X, axis=0))
@@ -79,13 +78,6 @@ def drift_beside_impedance(record: MovingRecord) -> ClockDrift | None:
     slope_of_drift, se = chunked_slope(rest[:, 0], rest[:, 1])
     left = float(np.std(rest[:, 1] - slope_of_drift * rest[:, 0]))
     return in_ppm(slope_of_drift, se) if left < ONLY_NOISE * noise_behind(record, record.low_pass) else None
-
-
-def beside_slope(record: MovingRecord, rows: slice) -> Array:
-    """Motion (angle, velocity, acceleration), slope of the torque, time and torque in some rows, (k, 6)."""
-    one, torque, time = record.motion[rows], record.filtered_torque, record.time
-    columns = one.theta, one.omega, one.alpha, slope_of(torque, time, rows), time[rows], torque[rows]
-    return np.column_stack(columns)
 
 
 def in_ppm(slope: float, se: float) -> ClockDrift:

@@ -12,14 +12,11 @@ from scipy.ndimage import uniform_filter1d
 from scipy.special import stdtrit
 
 from osl_analysis.bench.excitation_lag import MOST, noise_behind
-from osl_analysis.bench.moving_fit import Columns
-from osl_analysis.bench.moving_fit import thinned as kept_rows
-from osl_analysis.bench.moving_record import MovingRecord
+from osl_analysis.bench.moving_record import MovingRecord, eq15_columns
 from osl_analysis.bench.phasor_lag import LITTLE_INERTIA
 from osl_analysis.bench.stiffness_drift import CERTAIN, OF_DRIFT, UNTOLD
 from osl_analysis.bench.torque_lag import ONLY_NOISE
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.pieces import pieces
 from osl_analysis.stats.covariance import ResidualCorrelation
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import LinearFit, linear_fit
@@ -85,10 +82,10 @@ def every(record: MovingRecord) -> int:
 
 def thinned(record: MovingRecord) -> tuple[dict[str, Array], Array]:
     """The columns (m,) of Eq. 15 with offset and drift in the kept rows, and the filtered torque (m,) [N*m] there."""
-    fit, step = Columns(record), every(record)
-    columns = dict(zip(fit.names, kept_rows(record, step, fit.at).T.copy(), strict=True))
-    columns["drift"] -= columns["drift"].mean()
-    return columns, kept_rows(record, step, record.filtered_torque.__getitem__)
+    step = every(record)
+    columns = {name: record.part(column)[::step] for name, column in eq15_columns(record).items()}
+    columns["drift"] = columns["drift"] - columns["drift"].mean()
+    return columns, record.part(record.filtered_torque)[::step]
 
 
 def in_time(columns: KeptColumns) -> dict[str, Array]:
@@ -101,7 +98,7 @@ def beside_motion(record: MovingRecord, columns: KeptColumns) -> dict[str, Array
     """The columns of a K that depends on the size, and on the frequency, of the motion within seconds around a row."""
     step = every(record)
     rows, theta = record.rows[::step], record.motion.theta[::step]
-    omega = np.concatenate([record.motion[r].omega[-r.start % step :: step] for r in pieces(len(record.time))])
+    omega = record.motion.omega[::step]
     length = max(round(SHOWS_S * record.rate_hz / step), 1)
     angle, velocity = (
         np.sqrt(np.maximum(uniform_filter1d(x**2, length), 0.0))[np.minimum(rows // step, len(x) - 1)]

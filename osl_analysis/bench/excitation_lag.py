@@ -4,11 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from osl_analysis.bench.frequency_response import Admittance
-from osl_analysis.bench.moving_fit import Column, estimates_of, fit_of, left_by
-from osl_analysis.bench.moving_record import MovingRecord
+from osl_analysis.bench.moving_record import MovingRecord, estimates_of, fit_of, left_by
 from osl_analysis.bench.phasor_lag import OF_CERTAIN_LAG, lag_row
 from osl_analysis.bench.torque_lag import (
     CERTAIN_LAG,
@@ -19,12 +18,9 @@ from osl_analysis.bench.torque_lag import (
     TorqueLag,
 )
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.pieces import AT_ONCE, pieces
-from osl_analysis.signals import FORGOTTEN, LowPass, differentiate
-from osl_analysis.spectral.long_lines import from_lines, lines
+from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.stats.fit_row import Row, lag_damping_row
 from osl_analysis.stats.regression import LinearFit
-from osl_analysis.timebase.cubic import cubic_between
 from osl_analysis.trial import Array
 
 CERTAIN_IN_NOISE = 3.0
@@ -60,12 +56,11 @@ def lag_beside(record: MovingRecord, base: Array | None, jerk: Array) -> RecordL
     """
     largest = 1 / (2 * np.pi * record.band_hz[1])
     lag = first_lag(record, jerk, largest) if base is None else 0.0
+    slope = 0.0 if base is None else np.gradient(base, record.time)
     for _ in range(LAG_STEPS):
         rest = without_torque(advanced(record, lag) if lag else record, base)
-        late = late_torque(estimates_of(rest)["I"], jerk, base, record.time)
-        fit = fit_of(rest, [("lag", late)])
+        fit = fit_of(rest, {"lag": -(estimates_of(rest)["I"] * jerk + slope)})
         step, se, misfit = fit["lag"], fit.se("lag"), float(np.std(fit.residual))
-        del rest, fit
         lag += step
         if abs(lag) > largest:
             return None
@@ -74,27 +69,9 @@ def lag_beside(record: MovingRecord, base: Array | None, jerk: Array) -> RecordL
     return RecordLag(lag, se, misfit, left_by(without_torque(record, base)))
 
 
-def late_torque(inertia: float, jerk: Array, base: Array | None, time: Array) -> Column:
-    """What a second of lag adds [N*m/s] beside K, B and I: minus the rise of the rest of the torque, at times [s]."""
-    return lambda rows: -(inertia * jerk[rows] + slope_of(base, time, rows))
-
-
-def slope_of(base: Array | None, time: Array, rows: slice) -> Array | float:
-    """Slope [1/s] of a signal (n,) at times (n,) [s] in some rows, by central differences; 0 without a signal."""
-    if base is None:
-        return 0.0
-    known = slice(max(rows.start - 1, 0), rows.stop + 1)
-    return np.asarray(np.gradient(base[known], time[known])[rows.start - known.start :][: rows.stop - rows.start])
-
-
 def jerk_of(record: MovingRecord) -> Array:
     """Jerk (n,) [rad/s^3] of the filtered motion."""
-    jerk = np.empty(len(record.time))
-    for rows in pieces(len(jerk), AT_ONCE - 2 * FORGOTTEN):
-        known = slice(max(rows.start - FORGOTTEN, 0), min(rows.stop + FORGOTTEN, len(jerk)))
-        found = differentiate(record.time[known], record.motion[known].omega).alpha
-        jerk[rows] = found[rows.start - known.start :][: rows.stop - rows.start]
-    return jerk
+    return differentiate(record.time, record.motion.omega).alpha
 
 
 def first_lag(record: MovingRecord, jerk: Array, largest: float) -> float:
@@ -104,7 +81,7 @@ def first_lag(record: MovingRecord, jerk: Array, largest: float) -> float:
     K d^3/6 + B' d^2/2 + I' d + J' = 0. Two of its real roots explain the torque to third order. The smaller one counts,
     unless the torque made earlier by another leaves certainly less.
     """
-    fit = estimates_of(record, [("J", jerk.__getitem__)])
+    fit = estimates_of(record, {"J": jerk})
     roots = np.roots([fit["K"] / 6, fit["B"] / 2, fit["I"], fit["J"]])
     tried = sorted((float(r.real) for r in roots if abs(r.imag) < 1e-9 and abs(r.real) < largest), key=abs)
     if len(tried) < 2:
@@ -121,12 +98,9 @@ def certainly_more(record: MovingRecord) -> float:
 
 def advanced(record: MovingRecord, lag: float) -> MovingRecord:
     """The record with a torque that is earlier by `lag` [s]."""
-    time, last = record.time, len(record.time) - 2
-
-    def before(times: Array) -> NDArray[np.intp]:
-        return np.asarray(np.minimum(((times - time[0]) * record.rate_hz).astype(np.intp), last))
-
-    torque, filtered = cubic_between(time, [record.torque, record.filtered_torque], time + lag, before)
+    time = record.time
+    both = CubicSpline(time, np.array([record.torque, record.filtered_torque]), axis=1)
+    torque, filtered = both(np.clip(time + lag, time[0], time[-1]))
     return replace(record, torque=torque, filtered_torque=filtered)
 
 
@@ -142,16 +116,13 @@ def linear_torque(record: MovingRecord, expected: Admittance) -> Array:
 
     The record is continued by its mirror image, so that its ends fit together.
     """
-    n, rate = len(record.time), record.rate_hz
-    count = int(2 * n * min(BEYOND * record.low_pass.cutoff_hz / rate, 0.5)) + 1
-    k = np.arange(count)
-    once = lines(record.motion.theta, 2 * n, count)
-    mirrored = once + np.exp(1j * np.pi * k / n) * once.conj()
-    response = np.zeros(count, dtype=np.complex128)
-    s = 1j * np.pi * rate / n * k
+    n, theta = len(record.time), record.motion.theta
+    mirrored = np.fft.rfft(np.concatenate([theta, theta[::-1]]))
+    s = np.asarray(2j * np.pi * np.fft.rfftfreq(2 * n, 1 / record.rate_hz), dtype=np.complex128)
     kept = np.abs(s) < 2 * np.pi * BEYOND * record.low_pass.cutoff_hz
-    response[kept] = 1 / expected(np.asarray(s[kept], dtype=np.complex128))
-    return from_lines(response * mirrored, 2 * n, n)
+    response = np.zeros(len(s), dtype=np.complex128)
+    response[kept] = 1 / expected(s[kept])
+    return np.asarray(np.fft.irfft(response * mirrored, 2 * n)[:n])
 
 
 def record_lag(record: MovingRecord, expected: Admittance | None) -> RecordLag | None:
@@ -193,7 +164,7 @@ def record_lag_row(record: MovingRecord, fit: LinearFit, expected: Admittance | 
     beside_noise = found.misfit < ONLY_NOISE * noise_behind(record, record.low_pass)
     certain_from = CERTAIN_IN_NOISE if beside_noise else CERTAIN_LAG
     certain = abs(found.lag) > certain_from * found.se
-    frame = yielding_in(estimates_of(record, [("J", jerk_of(record).__getitem__)])) if certain else None
+    frame = yielding_in(estimates_of(record, {"J": jerk_of(record)})) if certain else None
     return lag_row(TorqueLag(found.lag, found.se, found.misfit, frame), certain_from, fit)
 
 

@@ -1,19 +1,15 @@
 """What an excitation cannot show: refused with the cause and the remedy, or measured for the table."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import sosfreqz
 
-from osl_analysis.bench.moving_fit import parts_of
-from osl_analysis.bench.moving_record import MovingRecord
-from osl_analysis.bench.unfiltered_noise import TERMS, noise_beyond
+from osl_analysis.bench.moving_record import TERMS, MovingRecord, noise_beyond
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import usual_size
-from osl_analysis.pieces import pieces
 from osl_analysis.signals import LowPass, butterworth
-from osl_analysis.stats.condensed import condensed
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.trial import Array
 
@@ -45,20 +41,15 @@ def tellable(record: MovingRecord) -> Tellable:
 
 
 def moments(record: MovingRecord) -> Array:
-    """Rows (4, 3) with the mean squares and products that angle, velocity and acceleration have about their means.
-
-    They stand for the fitted rows, which as columns would need three times the room of a signal.
-    """
-    total = sum(motion_in(record, rows).sum(axis=0) for rows in record.fitted_pieces())
-    means = np.asarray(total) / record.samples
-    found = condensed(lambda: parts_of(record, lambda rows: motion_in(record, rows) - means, record.fitted_pieces()))[0]
-    return np.asarray(found * np.sqrt(len(found) / record.samples))
+    """Angle, velocity and acceleration about their means in the fitted rows, (m, 3)."""
+    X = motion_in(record)
+    return np.asarray(X - X.mean(axis=0))
 
 
-def motion_in(record: MovingRecord, rows: slice) -> Array:
-    """Angle, velocity and acceleration in some rows of a record, (k, 3)."""
-    motion = record.motion[rows]
-    return np.column_stack([motion.theta, motion.omega, motion.alpha])
+def motion_in(record: MovingRecord) -> Array:
+    """Angle, velocity and acceleration in the fitted rows of a record, (m, 3)."""
+    motion = record.motion
+    return np.column_stack([record.part(x) for x in (motion.theta, motion.omega, motion.alpha)])
 
 
 def told_by(theta: Array, omega: Array, alpha: Array, torque_rms: float) -> Tellable:
@@ -129,7 +120,7 @@ def angle_noise_moments(record: MovingRecord) -> tuple[float, float, float]:
     The noise is taken as white; its power beyond the filter is what the filter takes off the angle.
     """
     theta, low_pass, rate = record.motion.theta, record.low_pass, record.rate_hz
-    off = record.part(noise_beyond(record.theta, theta, theta.__getitem__, low_pass, rate))
+    off = record.part(noise_beyond(record.theta, theta, theta, low_pass, rate))
     f, passed = filter_gain(low_pass, rate)
     density = float(np.var(off)) / float(np.trapezoid((1 - passed) ** (2 * TERMS + 2), f))
     w = 2 * np.pi * f
@@ -167,9 +158,7 @@ def filter_gain(low_pass: LowPass, rate_hz: float) -> tuple[Array, Array]:
 def jumps(record: MovingRecord) -> tuple[NDArray[np.intp], Array]:
     """Rows at which the acceleration jumps within a sample, and by how much [rad/s^2]."""
     theta = record.theta
-    third = np.empty(len(theta) - 3)
-    for rows in pieces(len(third)):
-        third[rows] = np.abs(np.diff(theta[rows.start : rows.stop + 3], 3))
+    third = np.abs(np.diff(theta, 3))
     noise = 1.4826 * usual_size(np.concatenate([third[piece] for piece in record.pieces]))
     step = record.steps[0] or 0.0
     high = np.flatnonzero(third > max(SPIKE * noise, ROUNDING_REACHES * step, np.finfo(float).tiny))
@@ -201,9 +190,8 @@ def check_alias(record: MovingRecord, fit: LinearFit) -> float:
     inertia = abs(float(steps @ sizes) / float(sizes @ sizes)) if sizes.any() else 0.0
     error = np.zeros(len(torque))
     np.add.at(error, rows, 0.5 * inertia * sizes)
-    late = replace(record, filtered_torque=record.low_pass(error, record.rate_hz))
-    found = condensed(lambda: parts_of(late, lambda rows: motion_in(late, rows), late.fitted_pieces()))
-    columns, change = ("K", "B", "I"), np.linalg.lstsq(*found, rcond=None)[0]
+    late = record.part(record.low_pass(error, record.rate_hz))
+    columns, change = ("K", "B", "I"), np.linalg.lstsq(motion_in(record), late, rcond=None)[0]
     beyond = {
         name: abs(change[k] / fit[name]) if abs(change[k]) > fit.se(name) else 0.0
         for k, name in enumerate(columns)

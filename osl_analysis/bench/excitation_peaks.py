@@ -18,8 +18,8 @@ LEAST_RANGE = 0.03
 
 def torque_at_peaks(record: MovingRecord, fit: LinearFit) -> float | None:
     """Smallest ratio of `ratio_at_peaks` over the fitted rows of a record."""
-    modelled = [impedance_torque(fit["K"], fit["B"], fit["I"], record.motion[rows]) for rows in record.fitted_pieces()]
-    return ratio_at_peaks(record.part(record.filtered_torque), np.concatenate(modelled))
+    modelled = impedance_torque(fit["K"], fit["B"], fit["I"], record.motion)
+    return ratio_at_peaks(record.part(record.filtered_torque), record.part(modelled))
 
 
 def ratio_at_peaks(measured: Array, modelled: Array) -> float | None:

@@ -8,9 +8,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.amplitude_fits import SegmentRows, rounding_beside
 from osl_analysis.bench.segments import Segment
-from osl_analysis.bench.stepped_sine import Columns, SteppedSineTrial
+from osl_analysis.bench.stepped_sine import Columns, SteppedSineTrial, rounding_beside
 from osl_analysis.errors import InputError
 from osl_analysis.stats.complex_estimate import (
     ComplexEstimate,
@@ -68,17 +67,16 @@ def phasors_beside(trial: SteppedSineTrial, model: Columns) -> list[SegmentPhaso
         As `segment_phasors`, naming the trial.
     """
     try:
-        return [phasors_of(SegmentRows(trial, segment, model)) for segment in trial.segments(None)]
+        return [phasors_of(trial, segment, model) for segment in trial.segments(None)]
     except InputError as error:
         raise InputError(f"trial {trial.name}, {error}") from error
 
 
-def phasors_of(part: SegmentRows) -> SegmentPhasors:
+def phasors_of(trial: SteppedSineTrial, segment: Segment, model: Columns) -> SegmentPhasors:
     """Phasors of one segment of a trial, with the errors that the spread of its cycles does not show."""
-    trial, segment = part.trial, part.segment
     sine = sinusoid(segment.part(trial.time), segment.frequency_hz, segment.repeated)
     signals = {"theta": trial.theta, "torque": trial.torque}
-    found = segment_phasors(segment, sine, signals, rounding_beside(part, sine.columns.X))
+    found = segment_phasors(segment, sine, signals, rounding_beside(trial, segment, model, sine.columns.X))
     return found if trial.bench is None else replace(found, compliance_error=trial.bench.compliance_error)
 
 

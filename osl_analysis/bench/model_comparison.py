@@ -20,8 +20,7 @@ from osl_analysis.bench.linear_rivals import (
     scores_against_others,
     transmission_fold,
 )
-from osl_analysis.bench.moving_record import MovingRecord
-from osl_analysis.bench.moving_rows import consecutive_parts
+from osl_analysis.bench.moving_record import MovingRecord, consecutive_parts
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.model.compensator import Gains
 from osl_analysis.parameters import DrivetrainParameters

@@ -9,24 +9,20 @@ from osl_analysis.bench.any_excitation import WEIGHTING, record_points, record_s
 from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors, no_phasors, phasor_table
 from osl_analysis.bench.impedance import (
     amplitude_series,
-    impedance_of,
     impedance_series,
     impedance_table,
     impedance_time_base,
     trial_phasors,
 )
 from osl_analysis.bench.moving_record import MovingRecord, moving_record
-from osl_analysis.bench.recorded import Recorded, recorded
-from osl_analysis.bench.recorded_sine import stepped_sine_trial
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import ImpedanceAnalysis
-from osl_analysis.bench.stepped_sine import SteppedSineTrial
+from osl_analysis.bench.stepped_sine import Recorded, SteppedSineTrial, recorded, stepped_sine_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.protocol.likeness import BIN_S, HARDLY, MOVES
 from osl_analysis.spectral.tables import NO_RESPONSE, RecordedMotion, ResponseTables, response_tables
 from osl_analysis.stats.fit_row import Row
-from osl_analysis.stats.regression import LinearFit
 from osl_analysis.trial import Trial
 
 SLOW_TURN_DEG = 1.0
@@ -60,20 +56,15 @@ def rendered_trial(trial: Trial, settings: ImpedanceAnalysis, windows: str | Non
     if settings.excitation == "any" or (windows and settings.excitation == "auto"):
         return moving_record(trial, settings, windows)
     if settings.excitation == "stepped_sine":
-        return stepped_sine_trial(trial, settings, None, eq15)
+        return stepped_sine_trial(trial, settings)
     known = recorded(trial, settings)
     if known.motion.kind == "other":
         return moving_record(trial, settings, windows, known.signals)
     if not known.motion.moves:
         return perhaps_at_rest(trial, settings, known)
     if known.motion.kind == "stepped sine":
-        return stepped_sine_trial(trial, settings, known, eq15)
+        return stepped_sine_trial(trial, settings, known)
     return perhaps_damaged(trial, settings, known)
-
-
-def eq15(trial: SteppedSineTrial) -> LinearFit:
-    """Eq. 15 fitted to all amplitudes of a trial, and to each of them."""
-    return impedance_of(trial, None)
 
 
 def perhaps_at_rest(trial: Trial, settings: ImpedanceAnalysis, known: Recorded) -> SteppedSineTrial:
@@ -85,7 +76,7 @@ def perhaps_at_rest(trial: Trial, settings: ImpedanceAnalysis, known: Recorded) 
         There is none: the joint does not move, or slowly.
     """
     try:
-        return stepped_sine_trial(trial, settings, known, eq15)
+        return stepped_sine_trial(trial, settings, known)
     except InputError as error:
         degrees = np.rad2deg(np.ptp(known.signals["theta"]))
         if degrees > SLOW_TURN_DEG:
@@ -114,7 +105,7 @@ def perhaps_damaged(trial: Trial, settings: ImpedanceAnalysis, known: Recorded) 
         "state `excitation: any` under `dynamometer` in the configuration, or its windows in the sheet"
     )
     try:
-        found = stepped_sine_trial(trial, settings, known, eq15)
+        found = stepped_sine_trial(trial, settings, known)
     except InputError as error:
         raise InputError(f"{error}; {meant}") from error
     if sines < HARDLY:
@@ -123,11 +114,6 @@ def perhaps_damaged(trial: Trial, settings: ImpedanceAnalysis, known: Recorded) 
             f"and a mount that turns; {meant}, or `excitation: stepped_sine` to fit what there is"
         )
     return found
-
-
-def released(trial: RenderedTrial) -> RenderedTrial:
-    """The trial without what only its estimators need."""
-    return trial.released()
 
 
 def sines_of(trial: RenderedTrial) -> list[SegmentPhasors]:

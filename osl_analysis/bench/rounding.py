@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from osl_analysis.bench.segments import Segment, cycles_among
 from osl_analysis.stats.covariance import nearest_covariance
@@ -17,9 +18,10 @@ from osl_analysis.stats.rounding import (
     scatter_between_cycles,
 )
 from osl_analysis.stats.sinusoid import waves
-from osl_analysis.timebase.cubic import cubic_between
 from osl_analysis.trial import Array
 
+SINES = 3
+"""Harmonics of the sine that a segment may have, the fundamental included."""
 BATCH = 12_000
 """Samples whose rounding is computed at a time: it stays in the processor's cache."""
 FEW, CLEAR = 8, 1.2
@@ -54,16 +56,12 @@ class Rounded:
         """Where the sensor took some of its samples (m,), in rows of the grid; not beyond its ends."""
         return np.asarray(np.clip((self.sampled[samples] - self.time[0]) * self.rate_hz, 0, len(self.time) - 1))
 
-    def smooth_when_sampled(self, samples: slice) -> Array:
-        """The smooth signal (m,) when the sensor took some of its samples; beyond the grid it is that of its end."""
+    @cached_property
+    def at_samples(self) -> Array:
+        """The smooth signal (k,) when the sensor took its samples; beyond the grid it is that of its end."""
         if self.sampled is self.time:
-            return self.smooth[samples]
-        begin, rate, last = self.time[0], self.rate_hz, len(self.time) - 2
-
-        def before(times: Array) -> NDArray[np.intp]:
-            return np.asarray(np.minimum(((times - begin) * rate).astype(np.intp), last))
-
-        return cubic_between(self.time, [self.smooth], self.sampled[samples], before)[0]
+            return self.smooth
+        return np.asarray(CubicSpline(self.time, self.smooth)(np.clip(self.sampled, self.time[0], self.time[-1])))
 
     def surviving(self, segment: Segment) -> Array:
         """Share of each harmonic of the rounding that the noise before it leaves in the mean, (HARMONICS,).
@@ -177,7 +175,7 @@ class RepeatedRounding:
             cuts = np.searchsorted(signal.sampled, edges)
             samples = slice(int(cuts[0]), int(cuts[-1]))
             count = samples.stop - samples.start
-            place, smooth = signal.place(samples) - piece.start, signal.smooth_when_sampled(samples)
+            place, smooth = signal.place(samples) - piece.start, signal.at_samples[samples]
             size = SIZES * signal.step * signal.rate_hz * (edges[-1] - edges[0]) / count  # per row
             for cycles in np.array_split(np.arange(len(used)), min(-(-count // BATCH), len(used))):
                 low, *_, high = edge = cuts[cycles[0] : cycles[-1] + 2] - cuts[0]
@@ -229,3 +227,24 @@ def interpolated(place: Array, *values: Array) -> Array:
         between += below
         first += len(each)
     return found
+
+
+def with_sines(theta: Array, time: Array, segments: Sequence[Segment]) -> Array:
+    """A copy of a filtered angle (n,) [rad] at times (n,) [s], in the rows of each segment its sine with harmonics.
+
+    A filter does not take off the rounding where the joint turns round: the angle stays on one step there for longer
+    than the filter remembers. Just there it is decided what rounding does to the estimates. A sine that is fitted to
+    whole cycles knows its peaks to a hundredth of a step. Taken from the filtered angle, the standard error of K at 12
+    bits was 0.4 to 2.5 times its true size, and the interval covered 80 to 87 %.
+    """
+    found = theta.copy()
+    for segment in segments:
+        found[segment.rows] = harmonics_of(segment.part(theta), segment.part(time), segment.frequency_hz)
+    return found
+
+
+def harmonics_of(angle: Array, time: Array, frequency_hz: float) -> Array:
+    """The mean and the first `SINES` harmonics of an angle (n,) at times (n,) [s], by least squares, shape (n,)."""
+    columns = np.ones((2 * SINES + 1, len(time)))
+    columns[1:] = waves(time, frequency_hz * np.arange(1, SINES + 1))
+    return np.asarray(np.linalg.solve(columns @ columns.T, columns @ angle) @ columns)

@@ -1,4 +1,4 @@
-"""Segments and blocks of a stepped sine, their cycles and rows, without transients and gaps."""
+"""The segments of a stepped sine that the fits use: what the joint really did, in whole cycles."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,11 +9,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.signals import longest_run, runs
+from osl_analysis.protocol.commanded import SteppedSineProtocol
+from osl_analysis.protocol.likeness import likeness
+from osl_analysis.protocol.runs import Run
+from osl_analysis.signals import longest_run, runs, sampling_rate
 from osl_analysis.stats.covariance import FEWEST_CYCLES
 from osl_analysis.stats.cycle_sums import Cycles
+from osl_analysis.stats.sinusoid import waves
 from osl_analysis.timebase.gaps import BRIDGE_MORE
 from osl_analysis.trial import Array
+
+SAME_FREQUENCY = 1e-3
+"""Relative difference of frequencies that are one."""
+SAME_PHASE = 2e-3
+"""Part of a cycle by which a run may slip against a frequency that is taken for its own."""
+TOUCHING = 0.3
+"""Largest part of a cycle between two runs that follow one another without a rest."""
+COARSE = 20
+"""Steps within half a period of the fastest sine in which the start of a group is sought at first."""
+WHOLE, UPWARD = 0.15, 0.5
+"""Deviation of a run from whole cycles, and of its phase [rad] at its start from 0, with which it is a plain sine."""
 
 
 @dataclass(frozen=True)
@@ -161,27 +176,162 @@ def rows_of(segments: Sequence[Segment]) -> NDArray[np.intp]:
     return np.concatenate([segment.rows for segment in segments])
 
 
-def repeated_cycles(segments: Sequence[Segment], every: int = 1, skip: int = 0) -> Cycles | None:
+def repeated_cycles(segments: Sequence[Segment]) -> Cycles | None:
     """The `cycles_among` the rows of the segments; None if a segment has fewer than five."""
-    enough = min(len(segment.used) for segment in segments) >= FEWEST_CYCLES
-    return cycles_among(segments, every, skip) if enough else None
+    return cycles_among(segments) if min(len(segment.used) for segment in segments) >= FEWEST_CYCLES else None
 
 
-def cycles_among(segments: Sequence[Segment], every: int = 1, skip: int = 0) -> Cycles:
-    """The cycles among the rows of the segments (`rows_of`).
-
-    Of each piece of a segment only every `every`-th row counts, and of these not the first `skip`. This serves signals
-    that were thinned and then lost samples at the start to a filter.
-    """
+def cycles_among(segments: Sequence[Segment]) -> Cycles:
+    """The cycles among the rows of the segments (`rows_of`)."""
     first, stop, offset = [], [], 0
     for segment in segments:
         edges = segment.edges
         for piece in segment.pieces:
-            kept = -(-(piece.stop - piece.start) // every) - skip
+            rows = piece.stop - piece.start
             inside = [k for k in segment.used if piece.start - 1 < edges[k] and edges[k + 1] < piece.stop + 1]
-            places = np.clip((edges[[*inside, inside[-1] + 1]] - piece.start) / every - skip, 0, kept)
+            places = np.clip(edges[[*inside, inside[-1] + 1]] - piece.start, 0, rows)
             first.append(offset + places[:-1])
             stop.append(offset + places[1:])
-            offset += kept
+            offset += rows
     stratum = np.repeat(np.arange(len(segments)), [len(segment.used) for segment in segments])
     return Cycles(np.concatenate(first), np.concatenate(stop), stratum)
+
+
+def find_blocks(
+    time: Array, theta: Array, protocol: SteppedSineProtocol, known: Sequence[Run] | None = None
+) -> tuple[Block, ...]:
+    """The blocks of a joint angle theta [rad] at uniform times [s], shape (n,) each: what the joint really did.
+
+    `known` are the runs of its `likeness`, where they are known already.
+
+    Frequencies, their order, rests, ramps and numbers of cycles are as recorded. The protocol says which amplitudes
+    are meant. A run of another amplitude is not used if all of the commanded ones were recorded.
+
+    Raises
+    ------
+    InputError
+        There is no sine, or a commanded amplitude was not recorded and another one was.
+    """
+    rate = sampling_rate(time)
+    found = likeness(time, theta, protocol).runs if known is None else known
+    check_amplitudes(theta, found, protocol, float(time[0]))
+    followed = [(run, a) for run in found if (a := protocol.amplitude_near(run.amplitude)) is not None]
+    frequencies = common_frequencies([run for run, _ in followed], protocol)
+    segments = [
+        Segment(amplitude, frequency, *placed(run, frequency, rate), run.whole_cycles)
+        for (run, amplitude), frequency in zip(followed, frequencies, strict=True)
+    ]
+    deviation = theta - np.mean(theta)
+    aligned: list[Segment] = []
+    for group in without_a_rest([run for run, _ in followed], segments):
+        plain = all(is_plain(run) for run, _ in group)
+        alike = [segment for _, segment in group]
+        aligned += shifted(alike, best_start(deviation, alike, rate)) if plain else alike
+    amplitudes = dict.fromkeys(segment.amplitude for segment in aligned)
+    return tuple(Block(a, tuple(s for s in aligned if s.amplitude == a)) for a in amplitudes)
+
+
+def check_amplitudes(theta: Array, found: Sequence[Run], protocol: SteppedSineProtocol, begin: float) -> None:
+    """Refuse an angle (n,) [rad] without a sine, and runs of another amplitude than a commanded one.
+
+    `begin` is the time [s] of the first row.
+    """
+    commanded = ", ".join(f"{np.rad2deg(a):g}" for a in protocol.amplitudes)
+    if not found:
+        raise InputError(
+            f"no sine was found: the joint angle moves by {np.rad2deg(np.ptp(theta)):.3g} deg in all, the protocol "
+            f"says sines of {commanded} deg; check the channel and the unit of theta in the source file, and that "
+            "the trial is a stepped sine"
+        )
+    others = [run for run in found if protocol.amplitude_near(run.amplitude) is None]
+    recorded = {protocol.amplitude_near(run.amplitude) for run in found}
+    if others and any(amplitude not in recorded for amplitude in protocol.amplitudes):
+        run = others[0]
+        raise InputError(
+            f"the sine of {run.frequency_hz:.4g} Hz at {run.start + begin:.1f} s has an amplitude of "
+            f"{run.amplitude_deg:.2f} deg, the protocol says {commanded} deg; correct `amplitudes_deg` in the "
+            "configuration, or the angle's unit in the source file"
+        )
+
+
+def common_frequencies(found: Sequence[Run], protocol: SteppedSineProtocol) -> list[float]:
+    """The frequency [Hz] of each run, the same for all runs that are alike.
+
+    It is the commanded one where none of them slips against it, else the mean of those found: where the clock of the
+    bench is off, the recorded frequency counts.
+    """
+    frequencies = []
+    for run in found:
+        alike = [other for other in found if abs(other.frequency_hz / run.frequency_hz - 1) < SAME_FREQUENCY]
+        mean = float(np.average([r.frequency_hz for r in alike], weights=[r.cycles**2 for r in alike]))
+        commanded = protocol.frequency_near(mean)
+        slip = np.inf if commanded is None else abs(mean / commanded - 1) * max(r.cycles for r in alike)
+        frequencies.append(float(commanded) if commanded is not None and slip < SAME_PHASE else float(f"{mean:.6g}"))
+    return frequencies
+
+
+def placed(run: Run, frequency_hz: float, rate: float) -> tuple[float, float]:
+    """First and last edge, in rows at `rate` [Hz], of the whole cycles of a run, in the middle of the run."""
+    length = run.whole_cycles / frequency_hz
+    start = max((run.start + run.stop - length) / 2, 0.0)
+    return start * rate, (start + length) * rate
+
+
+def is_plain(run: Run) -> bool:
+    """Whether a run is whole cycles of a sine that begins at its centre and rises."""
+    return abs(run.cycles - run.whole_cycles) < WHOLE and abs(run.phase_at(run.start)) < UPWARD
+
+
+def without_a_rest(found: Sequence[Run], segments: Sequence[Segment]) -> list[list[tuple[Run, Segment]]]:
+    """Runs of one amplitude, with their segments, that follow one another without a rest, group by group."""
+    pairs = list(zip(found, segments, strict=True))
+    groups = [pairs[:1]]
+    for (run, segment), (following, its) in pairwise(pairs):
+        gap = (following.start - run.stop) * max(run.frequency_hz, following.frequency_hz)
+        if gap < TOUCHING and segment.amplitude == its.amplitude:
+            groups[-1].append((following, its))
+        else:
+            groups.append([(following, its)])
+    return groups
+
+
+def best_start(theta: Array, group: Sequence[Segment], rate: float) -> float:
+    """Row at which a group of plain sines begins: there the angle (n,) [rad] agrees best with them."""
+    template = unit_sines([(s.frequency_hz, s.cycles) for s in group], rate)
+    reach = int(rate / max(s.frequency_hz for s in group) / 2)
+    low = max(round(group[0].start) - reach, 0)
+    near = theta[low : round(group[0].start) + reach + len(template)]
+    if len(near) < len(template):
+        return group[0].start
+    return low + best_lag(near, template, max(reach // COARSE, 1))
+
+
+def best_lag(signal: Array, template: Array, step: int) -> int:
+    """Row of a signal (n,) from which on it agrees best with a template (k,): by every `step`-th, then by those near.
+
+    The template changes little within a step, and so does the agreement.
+    """
+    last = len(signal) - len(template)
+    agreement = {row: float(signal[row : row + len(template)] @ template) for row in range(0, last + 1, step)}
+    best = max(agreement, key=agreement.__getitem__)
+    for row in range(max(best - step, 0), min(best + step, last) + 1):
+        agreement[row] = float(signal[row : row + len(template)] @ template)
+    return max(sorted(agreement), key=agreement.__getitem__)
+
+
+def shifted(group: Sequence[Segment], start: float) -> list[Segment]:
+    """The segments of a group, one after the other from row `start` on."""
+    lengths = [segment.stop - segment.start for segment in group]
+    edges = start + np.cumsum([0.0, *lengths])
+    return [replace(s, start=float(a), stop=float(b)) for s, a, b in zip(group, edges, edges[1:], strict=False)]
+
+
+def unit_sines(sines: Sequence[tuple[float, float]], rate: float) -> Array:
+    """Sines of unit amplitude, one after the other: frequency [Hz] and number of cycles of each, at `rate` [Hz]."""
+    pieces = [waves(np.arange(round(cycles / f * rate)) / rate, f)[1] for f, cycles in sines]
+    return np.concatenate(pieces)
+
+
+def unit_block(protocol: SteppedSineProtocol, rate: float) -> Array:
+    """All frequencies of a protocol at unit amplitude, without a rest, at `rate` [Hz]."""
+    return unit_sines(list(zip(protocol.frequencies_hz, protocol.cycles_at, strict=True)), rate)

@@ -6,7 +6,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.pieces import AT_ONCE, pieces
 from osl_analysis.trial import Array
 
 MOST_ROWS = 10_000
@@ -48,12 +47,7 @@ class Series:
 
     def range_of_residual(self, k: int) -> tuple[Array, Array]:
         """Smallest and largest residual [N*m] of each k samples that the fit uses; NaN where it uses none."""
-        each = [
-            extremes(np.where(self.fitted[rows], self.torque[rows] - self.torque_model[rows], np.nan), k)
-            for rows in pieces(len(self.time), k * max(AT_ONCE // k, 1))
-        ]
-        low, high = (np.concatenate(ends) for ends in zip(*each, strict=True))
-        return low, high
+        return extremes(np.where(self.fitted, self.torque - self.torque_model, np.nan), k)
 
 
 def extremes(values: Array, k: int) -> tuple[Array, Array]:

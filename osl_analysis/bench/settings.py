@@ -1,6 +1,6 @@
 """Choices of the analysis on the benches, each with its unit, as `config.yaml` has them."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
@@ -180,9 +180,12 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
 class DynamometerAnalysis(ImpedanceAnalysis, BeltAnalysis):
     """Choices for all trials of the dynamometer."""
 
-    compare_estimators: bool = False
-    """Whether each impedance trial is also fitted by all five estimators (`estimators.csv`), which takes longer than
-    all other fits of the trial together. The study compares them in any case."""
+    @model_validator(mode="before")
+    @classmethod
+    def _one_estimator(cls, values: Any) -> Any:
+        if isinstance(values, dict) and "compare_estimators" in values:
+            raise ValueError("`compare_estimators` is gone with the estimators that it compared; remove the line")
+        return values
 
 
 class ActuatorAnalysis(BenchAnalysis):

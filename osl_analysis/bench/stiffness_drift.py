@@ -19,8 +19,6 @@ from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.trial import Array
 
-AT_ONCE = 15
-"""Segments that are summed at a time: more of them would need room in a recording of hours."""
 CERTAIN = 0.999
 """Probability that the estimate of a constant stiffness is below the part of a change that counts as noise."""
 PASSES = 0.99
@@ -37,15 +35,6 @@ def stiffness_of_cycles(theta: Array, torque: Array, segments: Sequence[Segment]
     `theta` [rad] and `torque` [N*m], shape (n,), are the filtered signals, without the load cell's drift. In whole
     cycles of a sine the torque in phase with the angle is K - I w^2.
     """
-    in_turn = sorted(segments, key=lambda segment: segment.start)
-    found: dict[Segment, Array] = {}
-    for k in range(0, len(in_turn), AT_ONCE):
-        found |= stiffness_of_some(theta, torque, in_turn[k : k + AT_ONCE])
-    return found
-
-
-def stiffness_of_some(theta: Array, torque: Array, segments: Sequence[Segment]) -> dict[Segment, Array]:
-    """As `stiffness_of_cycles`, for segments that follow one another."""
     first, end = (np.concatenate([segment.edges[segment.used + k] for segment in segments]) for k in (0, 1))
     begin, stop = int(np.min(first)), int(np.max(end)) + 2
     x, y = theta[begin:stop], torque[begin:stop]

@@ -6,13 +6,11 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.alternatives import time_base_row, time_base_words, timebase_table
-from osl_analysis.bench.amplitude_fits import fits_by_amplitude, widened_fits
-from osl_analysis.bench.clocks import clock_drift_row
 from osl_analysis.bench.diagnostics import lowest_held_out_vaf, summary_of_trials
 from osl_analysis.bench.frequency_response import at_amplitude, phasors_beside
 from osl_analysis.bench.nonlinearity import nonlinearity_row
 from osl_analysis.bench.series import Series
-from osl_analysis.bench.stepped_sine import SteppedSineTrial
+from osl_analysis.bench.stepped_sine import SteppedSineTrial, clock_drift_row, fits_by_amplitude, widened_fits
 from osl_analysis.signals import Motion
 from osl_analysis.stats.covariance import NO_REPEATS, ResidualCorrelation
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row

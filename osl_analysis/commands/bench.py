@@ -14,7 +14,6 @@ from osl_analysis.bench.actuator import (
 )
 from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
 from osl_analysis.bench.belt import belt_curve, belt_series, belt_summary, belt_table, belt_time_base, belt_trial
-from osl_analysis.bench.estimators import estimator_table
 from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.model_comparison import (
@@ -33,9 +32,7 @@ from osl_analysis.bench.plausibility import (
     plausible_transmission,
     saturated,
 )
-from osl_analysis.bench.recorded_sine import stepped_sine_trial
 from osl_analysis.bench.rendered import (
-    released,
     rendered_phasors,
     rendered_response,
     rendered_series,
@@ -45,24 +42,23 @@ from osl_analysis.bench.rendered import (
 )
 from osl_analysis.bench.repeated_trials import repeated_trials_table
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, ImpedanceAnalysis, SteppedSineAnalysis
+from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.transmission import (
-    transmission_fits,
     transmission_series,
     transmission_summary,
     transmission_table,
     transmission_time_base,
 )
 from osl_analysis.errors import InputError
-from osl_analysis.memory import return_memory
 from osl_analysis.model.gain_selection import Weight
 from osl_analysis.parameters import FileOrNone, known_parameters, read_parameters
-from osl_analysis.stored_trial import open_trial
 from osl_analysis.table import read_table, write_table
+from osl_analysis.trial import read_trial
 
 
 def fit_belt_trial(trial: Path, parameters: FileOrNone, settings: BeltAnalysis, tables: Mapping[str, Path]) -> None:
     """Fit one belt trial: its rows of the tables `belt` and `belt_curves` (torque against deflection)."""
-    read, p = open_trial(trial), known_parameters(parameters)
+    read, p = read_trial(trial), known_parameters(parameters)
     check_recording(read, settings)
     rails = saturated(read, "torque", "theta")
     belt = belt_trial(read, p, settings)
@@ -76,10 +72,10 @@ def fit_transmission_trial(
     trial: Path, parameters: FileOrNone, settings: SteppedSineAnalysis, tables: Mapping[str, Path]
 ) -> None:
     """Fit one transmission trial: its rows of the table `transmission`."""
-    read = open_trial(trial)
+    read = read_trial(trial)
     check_recording(read, settings)
     rails = saturated(read, "torque", "theta")
-    stepped = stepped_sine_trial(read, settings, ask=transmission_fits).released()
+    stepped = stepped_sine_trial(read, settings)
     table = plausible_transmission(transmission_table(stepped), rails, known_parameters(parameters))
     write_table(table, tables["transmission"])
     write_table(transmission_time_base(stepped), tables["timebase"])
@@ -97,24 +93,18 @@ def fit_impedance_trial(
 ) -> None:
     """Fit one impedance trial: its rows of the tables `impedance`, `phasors`, `response` and its models.
 
-    Its rows of `estimators` are made only where `tables` has this table: they cost more than all others.
     `parameters` is the file of the device, None for one without, here as in all these jobs. `condition` is the desired
     impedance of the trial, as far as it is known. `weight` is W of Eq. 14 with which its gains were selected.
     `windows` [s] are those of the sheet, which are fitted where the motion is no stepped sine.
     """
-    p, read = known_parameters(parameters), open_trial(trial)
+    p, read = known_parameters(parameters), read_trial(trial)
     check_recording(read, settings)
     rails = saturated(read, "torque", "theta")
     rendered = rendered_trial(read, settings, windows)
-    if "estimators" not in tables:
-        rendered = released(rendered)
-        return_memory()
     asked = AskedImpedance(condition, weight, settings.frequencies_hz)
     phasors = sines_of(rendered)
     write_table(judged_impedance(rendered, rails, p, asked, phasors), tables["impedance"])
     write_table(rendered_phasors(rendered, phasors).with_columns(**condition.columns()), tables["phasors"])
-    if "estimators" in tables:
-        write_table(estimator_table(rendered).with_columns(**condition.columns()), tables["estimators"])
     for name, frame in rendered_response(rendered, p).frames().items():
         write_table(frame.with_columns(**condition.columns()), tables[name])
     write_table(rendered_time_base(rendered), tables["timebase"])
@@ -125,7 +115,7 @@ def fit_actuator_trial(
     trial: Path, parameters: FileOrNone, settings: ActuatorAnalysis, tables: Mapping[str, Path]
 ) -> None:
     """Fit one trial of the actuator's bench: its row of the table `actuator`."""
-    read = open_trial(trial)
+    read = read_trial(trial)
     check_recording(read, settings, "torque_m", angle=None)
     rails = saturated(read, "torque_m", "current")
     actuator = actuator_trial(read, settings)
@@ -180,14 +170,14 @@ def average_over_amplitudes(table: Path, output: Path) -> None:
 def compare_belt_models(trials: Sequence[Path], parameters: FileOrNone, settings: BeltAnalysis, output: Path) -> None:
     """Rival models of the belt on each trial, predicted by fits to all the others."""
     p = known_parameters(parameters)
-    write_table(belt_scores([belt_trial(open_trial(path), p, settings) for path in trials]), output)
+    write_table(belt_scores([belt_trial(read_trial(path), p, settings) for path in trials]), output)
 
 
 def compare_transmission_models(
     trials: Sequence[Path], settings: SteppedSineAnalysis, sign_width: float, output: Path
 ) -> None:
     """Rival models of the transmission on each trial, predicted by fits to all the others."""
-    stepped = [stepped_sine_trial(open_trial(path), settings) for path in trials]
+    stepped = [stepped_sine_trial(read_trial(path), settings) for path in trials]
     write_table(transmission_scores(stepped, sign_width), output)
 
 
@@ -207,7 +197,7 @@ def compare_impedance_models(
     as in `fit_impedance_trial`; the drivetrain smooths the sign of the velocity over
     `sign_width` [rad/s].
     """
-    p, rendered = read_parameters(parameters), rendered_trial(open_trial(trial), settings, windows)
+    p, rendered = read_parameters(parameters), rendered_trial(read_trial(trial), settings, windows)
     gains = condition.gains(p, weight)
     if gains is None:
         raise InputError(f"trial {trial.stem}: {condition.unknown_gains()}; Eq. 9 needs the gains of the controller")

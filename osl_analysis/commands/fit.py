@@ -18,7 +18,6 @@ from osl_analysis.bench.plausibility import (
     plausible_transmission,
     saturated,
 )
-from osl_analysis.bench.recorded_sine import stepped_sine_trial
 from osl_analysis.bench.rendered import rendered_series, rendered_trial
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import (
@@ -28,6 +27,7 @@ from osl_analysis.bench.settings import (
     ImpedanceAnalysis,
     SteppedSineAnalysis,
 )
+from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
 from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_table
@@ -109,8 +109,9 @@ NOT_CHECKED = (
 
 def said_not_checked(fitted: FittedTrial) -> str:
     """What the fit of a trial could not check, as a line for the user; empty if it checked all."""
-    table = fitted.estimates
-    reasons = table["not_checked"].drop_nulls().unique().to_list() if "not_checked" in table.columns else []
+    if "not_checked" not in fitted.estimates.columns:
+        return ""
+    reasons = fitted.estimates["not_checked"].drop_nulls().unique(maintain_order=True)
     return "\n".join(f"not checked: {reason}" for reason in reasons)
 
 

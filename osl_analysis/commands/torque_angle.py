@@ -13,8 +13,8 @@ from osl_analysis.bench.torque_angle_tables import (
     torque_angle_table,
     torque_angle_time_base,
 )
-from osl_analysis.stored_trial import open_trial
 from osl_analysis.table import read_table, write_table
+from osl_analysis.trial import read_trial
 
 
 def fit_torque_angle_trial(
@@ -29,7 +29,7 @@ def fit_torque_angle_trial(
     InputError
         As `torque_angle_trial`, or the configuration has no such curve.
     """
-    read, desired = open_trial(trial), condition["desired"]
+    read, desired = read_trial(trial), condition["desired"]
     check_recording(read, settings)
     rails = saturated(read, "torque", "theta")
     found = torque_angle_trial(read, settings)

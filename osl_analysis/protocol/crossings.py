@@ -3,7 +3,6 @@
 import numpy as np
 
 from osl_analysis.measured import usual_size
-from osl_analysis.quantiles import median, quantile
 from osl_analysis.signals import run_edges
 from osl_analysis.trial import Array
 
@@ -36,11 +35,9 @@ def upward_crossings(time: Array, theta: Array, noise: float | None = None) -> A
 
 def centre_of_motion(time: Array, theta: Array) -> float:
     """The median angle [rad] where the joint moves; it may rest elsewhere, and for longer."""
-    apart = max(round(MOVING_S / median(np.diff(time))), 1)
-    change = theta[apart:] - theta[:-apart]
+    apart = max(round(MOVING_S / float(np.median(np.diff(time)))), 1)
+    change = np.abs(theta[apart:] - theta[:-apart])
     if not change.size:  # a recording shorter than that
-        return median(theta)
-    np.abs(change, out=change)
-    moving = change > 0.1 * quantile(change, 0.95)
-    del change
-    return median(theta[apart:][moving] if moving.any() else theta)
+        return float(np.median(theta))
+    moving = change > 0.1 * np.quantile(change, 0.95)
+    return float(np.median(theta[apart:][moving] if moving.any() else theta))

@@ -17,7 +17,7 @@ import numpy as np
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.lines import Lines, lines_of, scatter
-from osl_analysis.spectral.long_lines import Spectrum
+from osl_analysis.spectral.period import Spectrum
 from osl_analysis.spectral.period_scatter import at_least_of_periods
 from osl_analysis.spectral.realisations import Realisation, distinct
 from osl_analysis.stats.covariance import ResidualCorrelation

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from osl_analysis.errors import InputError
-from osl_analysis.spectral.long_lines import Spectrum
+from osl_analysis.spectral.period import Spectrum
 from osl_analysis.spectral.realisations import Realisation
 from osl_analysis.trial import Array
 

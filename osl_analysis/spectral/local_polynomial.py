@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
-from osl_analysis.pieces import pieces
-from osl_analysis.spectral.long_lines import Spectrum, lines
+from osl_analysis.spectral.period import Spectrum
 from osl_analysis.spectral.response import LOCAL, FrequencyResponse
 from osl_analysis.trial import Array
 
@@ -35,8 +34,6 @@ UNKNOWN = 0.1
 """Standard deviation of an impedance, as a share of it, from which on it is not known."""
 LARGEST_CONDITION = 1e8
 """Largest condition number of a local fit, its columns scaled."""
-AT_ONCE = 1 << 12
-"""Lines whose local fits are made at a time: each needs 5 kB."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +80,7 @@ def record_spectrum(theta: Array, torque: Array, rate_hz: float, highest_hz: flo
             f"{n / rate_hz:.3g} s have {top - 1} lines up to {highest_hz:g} Hz, a frequency response needs "
             f"{2 * HALF_WIDTH + 1}; record for longer"
         )
-    angle, force = (lines(signal - np.mean(signal), n, top)[1:] * (2 / n) for signal in (theta, torque))
+    angle, force = (np.fft.rfft(signal - np.mean(signal))[1:top] * (2 / n) for signal in (theta, torque))
     frequency = np.arange(1, top) * rate_hz / n
     s = np.asarray(2j * np.pi * frequency, dtype=np.complex128)
     joint, ends = np.array([angle, s * angle, s**2 * angle]), end_columns(s)
@@ -104,8 +101,7 @@ def end_columns(s: Spectrum) -> Spectrum:
 
 def local_fit(spectrum: RecordSpectrum) -> LocalFit:
     """The local polynomial method at every line of a record; near the first and last line the windows are one-sided."""
-    at = [local_fit_at(spectrum, np.arange(some.start, some.stop)) for some in pieces(len(spectrum.theta), AT_ONCE)]
-    Z, variance, noise, condition = (np.concatenate(each) for each in zip(*at, strict=True))
+    Z, variance, noise, condition = local_fit_at(spectrum, np.arange(len(spectrum.theta)))
     size = nearby(spectrum.theta)
     known = (size > WEAK * size.max()) & (condition < LARGEST_CONDITION)
     known &= variance < UNKNOWN**2 * np.abs(Z) ** 2

@@ -15,7 +15,7 @@ from osl_analysis.signals import LowPass
 from osl_analysis.spectral.equation_error import LineScatter, distortion_level, gain, parts
 from osl_analysis.spectral.lines import NEIGHBOURS, smoothed
 from osl_analysis.spectral.local_polynomial import HALF_WIDTH, LOCAL_FREEDOM, RecordSpectrum, end_columns, local_fit
-from osl_analysis.spectral.long_lines import Spectrum
+from osl_analysis.spectral.period import Spectrum
 from osl_analysis.spectral.realisations import Realisation, distinct
 from osl_analysis.spectral.response import equation_error
 from osl_analysis.spectral.rounding import repeated_rounding

@@ -15,6 +15,7 @@ from osl_analysis.measured import check_measured, varies
 from osl_analysis.signals import runs
 from osl_analysis.trial import Array
 
+Spectrum = NDArray[np.complex128]
 COARSE_HZ = 100.0
 """Rate [Hz] at which periods are looked for; neighbouring samples are averaged down to it."""
 LEAST_CORRELATION = 0.3

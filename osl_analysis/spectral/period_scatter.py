@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import f
 
-from osl_analysis.spectral.long_lines import Spectrum
+from osl_analysis.spectral.period import Spectrum
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.trial import Array
 

@@ -8,10 +8,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from osl_analysis.measured import check_measured
-from osl_analysis.pieces import AT_ONCE, pieces
-from osl_analysis.signals import FORGOTTEN
-from osl_analysis.spectral.long_lines import Spectrum, lines
-from osl_analysis.spectral.period import COARSE_HZ, Repetition, find_repetition
+from osl_analysis.spectral.period import COARSE_HZ, Repetition, Spectrum, find_repetition
 from osl_analysis.trial import Array
 
 DEGREE = 5
@@ -141,28 +138,14 @@ def period_spectra(signal: Array, first: float, samples: float, periods: int, co
     """
     places = int(np.ceil(samples))
     share = np.arange(places) / places
-    found = np.empty((periods, count), dtype=np.complex128)
-    for some in pieces(periods, max(AT_ONCE // places, 1)):
-        at = first + samples * (np.arange(some.start, some.stop)[:, None] + share)
-        values = values_at(signal, at.ravel()).reshape(at.shape)
-        found[some] = [lines(one, places, count) for one in values]
+    spline = make_interp_spline(np.arange(len(signal)), signal, k=DEGREE)
+    found = np.fft.rfft(spline(first + samples * (np.arange(periods)[:, None] + share)), axis=1)[:, :count]
     number = np.arange(periods) - (periods - 1) / 2
     slope = float(number @ found[:, 0].real / places) / float(number @ number)
-    found -= slope * lines(share - share.mean(), places, count)
+    found -= slope * np.fft.rfft(share - share.mean())[:count]
     found[:, 0] -= slope * places * number
     found /= places
     found[:, 1:] *= 2
-    return found
-
-
-def values_at(signal: Array, places: Array) -> Array:
-    """Values (m,) of the spline through a signal (n,) at rising places [samples]; it is found piece by piece."""
-    found = np.empty(len(places))
-    for some in pieces(len(places)):
-        at = places[some]
-        known = slice(max(int(at[0]) - FORGOTTEN, 0), min(int(at[-1]) + 2 + FORGOTTEN, len(signal)))
-        spline = make_interp_spline(np.arange(known.start, known.stop), signal[known], k=DEGREE)
-        found[some] = spline(at)
     return found
 
 

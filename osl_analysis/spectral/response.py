@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.spectral.lines import Lines, lines_of, scatter, smoothed
-from osl_analysis.spectral.long_lines import Spectrum
+from osl_analysis.spectral.period import Spectrum
 from osl_analysis.spectral.realisations import Realisation, distinct
 from osl_analysis.trial import Array
 

@@ -7,7 +7,7 @@ period: it is in the scatter then, and must not count twice.
 import numpy as np
 
 from osl_analysis.spectral.lines import scatter
-from osl_analysis.spectral.long_lines import Spectrum
+from osl_analysis.spectral.period import Spectrum
 from osl_analysis.spectral.realisations import Realisation
 from osl_analysis.stats.rounding import noise_before_rounding
 from osl_analysis.trial import Array

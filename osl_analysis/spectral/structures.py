@@ -11,7 +11,7 @@ import numpy as np
 
 from osl_analysis.errors import InputError
 from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.spectral.long_lines import Spectrum
+from osl_analysis.spectral.period import Spectrum
 from osl_analysis.trial import Array
 
 EQ_15, EQ_9 = "Eq. 15", "Eq. 9"

@@ -1,6 +1,6 @@
 """Covariance of estimates from their scores. A score is the part of the estimates' error that one sample causes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import LARGEST_VARIANCE, check_finite, check_measured
-from osl_analysis.pieces import AT_ONCE, pieces
 from osl_analysis.stats.cycle_sums import Cycles
 from osl_analysis.trial import Array
 
@@ -79,7 +78,8 @@ class ResidualCorrelation:
     def spread(self, X: Array, inverse: Array, residual: Array) -> Covariance:
         """The same without the errors that every cycle repeats."""
         if self.cycles is None:
-            return score_sums(X, inverse, residual, self.window(residual), slow=self.every > 1)
+            scores = X @ inverse * residual[:, None]
+            return moving_sums(scores, self.window(residual), slow=self.every > 1)
         noise = residual if self.filtered_off is None else residual + self.filtered_off
         return between_cycles(self.cycles.sums(X, noise) @ inverse, self.cycles.stratum)
 
@@ -133,28 +133,12 @@ def moving_sums(scores: Array, window: int, slow: bool = False) -> Covariance:
     n samples. If its columns are `slow` compared with the window, it uses up p of the n/window sums (Kiefer and
     Vogelsang, Econometric Theory 21, 2005, to first order in window/n).
     """
-    return sums_over_window(lambda rows: scores[rows], scores.shape, window, slow)
-
-
-def score_sums(X: Array, inverse: Array, noise: Array, window: int, slow: bool) -> Covariance:
-    """`moving_sums` of the scores (X @ inverse) times noise (n,), which are made some rows at a time."""
-    return sums_over_window(lambda rows: X[rows] @ inverse * noise[rows, None], X.shape, window, slow)
-
-
-def sums_over_window(scores: Callable[[slice], Array], shape: tuple[int, ...], window: int, slow: bool) -> Covariance:
-    """`moving_sums` of scores of some shape (n, p), by rows."""
-    n, p = shape
+    n, p = scores.shape
     left = max(n - p * window, window) if slow else n - p
-    squares = np.zeros((p, p))
-    for ends in pieces(n + window - 1, max(AT_ONCE, 4 * window)):  # the rows at which the sums end
-        cumulative = np.zeros((ends.stop - ends.start + window, p))
-        known = slice(max(ends.start - window + 1, 0), min(ends.stop, n))
-        begin = known.start - ends.start + window
-        np.cumsum(scores(known), axis=0, out=cumulative[begin : begin + known.stop - known.start])
-        cumulative[begin + known.stop - known.start :] = cumulative[begin + known.stop - known.start - 1]
-        sums = cumulative[window:] - cumulative[:-window]
-        squares += sums.T @ sums
-    return squares / window * n / left, np.full(p, max(1.5 * n / window - p, 1.0))
+    cumulative = np.concatenate([np.zeros((window, p)), np.cumsum(scores, axis=0)])
+    cumulative = np.concatenate([cumulative, np.repeat(cumulative[-1:], window - 1, axis=0)])
+    sums = cumulative[window:] - cumulative[:-window]
+    return sums.T @ sums / window * n / left, np.full(p, max(1.5 * n / window - p, 1.0))
 
 
 def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> Covariance:

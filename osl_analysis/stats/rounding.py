@@ -7,15 +7,10 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import SMALLEST, check_finite, check_measured
-from osl_analysis.pieces import pieces
 from osl_analysis.stats.covariance import check_repeated
 from osl_analysis.stats.cycle_sums import Cycles
 from osl_analysis.trial import Array
 
-AT_ONCE = 1 << 20
-"""Samples whose distinct values are sought at a time."""
-SPREAD = np.uint64(0x9E3779B97F4A7C15)
-"""Odd factor by which the bits of numbers are spread (Knuth, The Art of Computer Programming, vol. 3, sec. 6.4)."""
 TRIED = 1 << 10
 """Samples that show the step to which a signal was rounded."""
 SAME = 1e-9
@@ -65,45 +60,18 @@ def even_values(values: Array, most: int) -> Array | None:
     steps = round(span / shortest)
     if steps > most or span < SMALLEST:
         return None
-    seen = np.zeros(steps + 1, dtype=bool)
-    for rows in pieces(len(values)):
-        place = (values[rows] - low) * (steps / span)
-        nearest = np.rint(place)
-        if np.max(np.abs(place - nearest)) > SAME * steps:
-            return None
-        seen[nearest.astype(np.intp)] = True
-    return np.asarray(low + span / steps * np.flatnonzero(seen))
+    place = (values - low) * (steps / span)
+    nearest = np.rint(place)
+    if np.max(np.abs(place - nearest)) > SAME * steps:
+        return None
+    return np.asarray(low + span / steps * np.flatnonzero(np.bincount(nearest.astype(np.intp))))
 
 
 def distinct_values(values: Array, most: int) -> Array | None:
-    """The distinct values of a signal (n,), rising; None if there are more than `most`.
-
-    They are found by hashes, some rows at a time: a sort of all values takes ten times as long, a hash of all of them
-    needs several times their room.
-    """
-    if len(values) > AT_ONCE and surely_more(values, most):
-        return None
-    distinct = pl.Series(values[:0])
-    for first in range(0, len(values), AT_ONCE):
-        distinct = pl.concat([distinct, pl.Series(values[first : first + AT_ONCE]).unique()]).unique()
-        if len(distinct) > most:
-            return None
-    return distinct.sort().to_numpy()
-
-
-def surely_more(values: Array, most: int) -> bool:
-    """Whether a signal (n,) has certainly more than `most` distinct values, by the places to which they are spread.
-
-    Equal values have one place, and others may share it. A signal of noise is known so in a tenth of the room.
-    """
-    bits = (4 * most).bit_length()
-    taken = np.zeros(1 << bits, dtype=bool)
-    for rows in pieces(len(values), AT_ONCE):
-        number = (values[rows] + 0.0).view(np.uint64)  # a zero without its sign
-        taken[(number * SPREAD) >> np.uint64(64 - bits)] = True
-        if np.count_nonzero(taken) > most:
-            return True
-    return False
+    """The distinct values of a signal (n,), rising; None if there are more than `most`. By hashes: a sort of all values
+    takes ten times as long."""
+    distinct = pl.Series(values).unique()
+    return None if len(distinct) > most else distinct.sort().to_numpy()
 
 
 def rounding_harmonics(signal: Array, step: float) -> Array:

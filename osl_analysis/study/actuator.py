@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from osl_analysis.bench.actuator import EDGE_PERIODS, PARAMETERS, actuator_alone
-from osl_analysis.bench.estimators import DEFAULT
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.parameters import DrivetrainParameters
@@ -16,7 +15,7 @@ from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.settings import SimulationSettings, stream
 from osl_analysis.study.performance import regression_bound
 from osl_analysis.study.recorded import at_any_phase, ideal_sensors, recorded_trial
-from osl_analysis.study.trials import Estimates, StudyInputs, estimates_of, torque_noise
+from osl_analysis.study.trials import DEFAULT, Estimates, StudyInputs, estimates_of, torque_noise
 from osl_analysis.trial import Array, Trial
 
 

@@ -6,16 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from osl_analysis.bench.belt import belt_trial
-from osl_analysis.bench.estimators import DEFAULT, ESTIMATORS, CovarianceChoice, FilteredSignals, fit_segments
 from osl_analysis.bench.impedance import impedance_of
-from osl_analysis.bench.recorded_sine import stepped_sine_alone
 from osl_analysis.bench.segments import rows_of
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.bench.settled_signals import RawSignals
+from osl_analysis.bench.stepped_sine import stepped_sine_alone
 from osl_analysis.bench.transmission import fit_transmission
 from osl_analysis.model.compensator import compensated_gains, predicted_impedance
 from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.second_order import impedance_columns, impedance_torque
+from osl_analysis.second_order import fit_impedance, impedance_columns, impedance_torque
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.simulator.bench import (
     BenchResponse,
@@ -28,18 +26,13 @@ from osl_analysis.simulator.bench import (
 )
 from osl_analysis.simulator.joint_motion import JointMotion, stepped_sine, there_and_back
 from osl_analysis.simulator.settings import SimulationSettings, stream
+from osl_analysis.stats.covariance import ResidualCorrelation
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.study.performance import regression_bound
 from osl_analysis.study.recorded import at_any_phase, ideal_sensors, recorded_trial
-from osl_analysis.study.trials import Estimates, StudyInputs, estimates_of, torque_noise
+from osl_analysis.study.trials import DEFAULT, Estimates, StudyInputs, estimates_of, torque_noise
 from osl_analysis.trial import Array, Trial
 
-COVARIANCES = {
-    "cycles": CovarianceChoice(),
-    "HAC": CovarianceChoice(cycles=False),
-    "HAC, 1 s": CovarianceChoice(cycles=False, lags=1000),
-}
-"""Covariances that the study compares for the default estimator."""
 QUANTITIES = ("K", "B", "I")
 Fitter = Callable[["StudyBench", Trial], Iterator[tuple[str, str, LinearFit]]]
 
@@ -92,10 +85,6 @@ class StudyBench:
         joint = {"theta": log.joint_angle, "theta_m": log.actuator_angle, "theta_command": log.commanded_angle}
         return recorded_trial(name, log.time, joint, log.torque_time, {"torque": -log.load_cell_torque})
 
-    def record(self, name: str, ideal: bool = False) -> RawSignals:
-        """The signals of one trial of a stepped sine, as the estimators get them."""
-        return stepped_sine_alone(self.trial(name, ideal), self.analysis).raw
-
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
         """The estimates of every estimator, from noisy or ideal sensors."""
         for name, method, fit in self.fit(self, self.trial(trial, ideal)):
@@ -105,7 +94,7 @@ class StudyBench:
         """Cramer-Rao bound of the load cell's noise and drift, for the true motion in the rows that are fitted."""
         motion, rate = self.motion, self.settings.dynamometer.rate_hz
         if self.names != ("K_s",):
-            rows = rows_of(self.record("ideal", ideal=True).segments)
+            rows = rows_of(stepped_sine_alone(self.trial("ideal", ideal=True), self.analysis).segments(None))
             columns = impedance_columns(Motion(motion.theta[rows], motion.omega[rows], motion.alpha[rows]))
         else:
             rows = np.arange(int(np.argmax(motion.theta > 0.05 * motion.theta.max())), int(np.argmax(motion.theta)) + 1)
@@ -116,14 +105,17 @@ class StudyBench:
 
 
 def impedance_fits(bench: StudyBench, trial: Trial) -> Iterator[tuple[str, str, LinearFit]]:
-    """K, B and I of every estimator with the covariance of cycles, and of the default one with HAC too."""
+    """K, B and I with the covariance of cycles, and with two of autocorrelated residuals for comparison."""
     stepped = stepped_sine_alone(trial, bench.analysis)
-    raw, default = stepped.raw, FilteredSignals(stepped.motion, stepped.filtered_torque)
-    for method, covariance in COVARIANCES.items():
-        yield DEFAULT, method, fit_segments(raw, stepped.low_pass, default, covariance)
-    for name, estimator in ESTIMATORS.items():
-        if name != DEFAULT:
-            yield name, "cycles", estimator(raw, stepped.low_pass, CovarianceChoice())
+    every, rows = stepped.independent_samples, rows_of(stepped.segments(None))
+    off = (stepped.torque - stepped.filtered_torque)[rows]
+    covariances = {
+        "cycles": stepped.residual_correlation(None),
+        "HAC": ResidualCorrelation(every=every, filtered_off=off),
+        "HAC, 1 s": ResidualCorrelation(every=every, lags=1000, filtered_off=off),
+    }
+    for method, residuals in covariances.items():
+        yield DEFAULT, method, fit_impedance(*stepped.part(None), residuals).fit
 
 
 def default_fits(bench: StudyBench, trial: Trial) -> Iterator[tuple[str, str, LinearFit]]:
@@ -132,7 +124,7 @@ def default_fits(bench: StudyBench, trial: Trial) -> Iterator[tuple[str, str, Li
 
 
 def default_only(bench: StudyBench) -> StudyBench:
-    """The bench without the estimators that are no default."""
+    """The bench without the intervals that are compared."""
     return replace(bench, fit=default_fits)
 
 

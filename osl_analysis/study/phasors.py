@@ -7,7 +7,7 @@ import numpy as np
 
 from osl_analysis.bench.frequency_response import SegmentPhasors
 from osl_analysis.bench.impedance import trial_phasors
-from osl_analysis.bench.recorded_sine import stepped_sine_alone
+from osl_analysis.bench.stepped_sine import stepped_sine_alone
 from osl_analysis.signals import LowPass
 from osl_analysis.stats.complex_estimate import polar_row
 from osl_analysis.study.bench import StudyBench, drivetrain

@@ -71,6 +71,8 @@ class Estimate:
     high: float
 
 
+DEFAULT = "filtered"
+"""Name of the bench's estimator in the tables: one filter for all signals, then derivatives, then least squares."""
 Estimates = Iterator[tuple[str, str, Mapping[str, Estimate]]]
 """The estimates of one trial: estimator, kind of interval, and an estimate for each quantity."""
 

@@ -11,7 +11,6 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.pieces import AT_ONCE, pieces
 from osl_analysis.timebase.stream import Stream
 from osl_analysis.trial import Array
 
@@ -179,12 +178,8 @@ def usual_step(stamps: Array) -> float:
 
 def promptest_levels(stamps: Array, step: float, block: int) -> Array:
     """The lowest of (stamp - count * step) [s] in each whole block of stamps (n,), shape (n // block,)."""
-    found = np.empty(len(stamps) // block)
-    for blocks in pieces(len(found), max(AT_ONCE // block, 1)):
-        place = np.arange(blocks.start * block, blocks.stop * block)
-        late = stamps[place[0] : place[-1] + 1] - step * place
-        found[blocks] = late.reshape(-1, block).min(axis=1)
-    return found
+    late = (stamps - step * np.arange(len(stamps)))[: len(stamps) // block * block]
+    return np.asarray(late.reshape(-1, block).min(axis=1))
 
 
 def first_step(stamps: Array) -> float:
@@ -207,11 +202,8 @@ def spread(stamps: Array, count: Counts) -> float:
 
 def moments(count: Counts, stamps: Array) -> tuple[float, float, float]:
     """Sums of squares and products of counts and stamps (n,) about their means: both counts, one of each, stamps."""
-    middle, level, found = count.mean(), stamps.mean(), np.zeros(3)
-    for rows in pieces(len(stamps)):
-        x, y = count[rows] - middle, stamps[rows] - level
-        found += x @ x, x @ y, y @ y
-    return float(found[0]), float(found[1]), float(found[2])
+    x, y = count - count.mean(), stamps - stamps.mean()
+    return float(x @ x), float(x @ y), float(y @ y)
 
 
 def check_counter(stream: Stream, counter: Counts) -> None:

@@ -1,14 +1,10 @@
 """The clock of a device that samples evenly: a straight line through the stamps of its counted samples."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from osl_analysis.pieces import AT_ONCE, pieces
-from osl_analysis.quantiles import quantile
 from osl_analysis.timebase.counting import Counts, line_slope
 from osl_analysis.trial import Array
 
@@ -18,7 +14,6 @@ FAR, NEAR = 5.0, 1e-6
 """Usual spreads, and usual steps besides, from which a sample lies far off the line and says nothing about it."""
 WANDER_SAMPLES = 50
 """Samples over which the residual is averaged to see whether it wanders slowly; jitter averages out."""
-ALL = slice(None)
 
 
 @dataclass(frozen=True)
@@ -29,7 +24,6 @@ class DeviceClock:
     counted: (n,) place of every sample in the device's count; None where none is missing.
     start, step: [s] the line's value at count 0 and its slope.
 
-    Count and residual are computed when they are asked for: a long record has no room for them.
     """
 
     stamps: Array
@@ -37,28 +31,15 @@ class DeviceClock:
     start: float
     step: float
 
-    @property
+    @cached_property
     def count(self) -> Counts:
         """Place (n,) of every sample in the device's count."""
-        return self.count_of(ALL)
+        return np.arange(len(self.stamps)) if self.counted is None else self.counted
 
-    def count_of(self, rows: slice | NDArray[np.intp]) -> Counts:
-        """The same of some rows."""
-        if self.counted is not None:
-            return self.counted[rows]
-        return np.arange(*rows.indices(len(self.stamps))) if isinstance(rows, slice) else rows
-
-    @property
+    @cached_property
     def residual(self) -> Array:
         """Stamp minus line (n,) [s]."""
-        return self.residual_of(ALL)
-
-    def residual_of(self, rows: slice | NDArray[np.intp]) -> Array:
-        """The same of some rows."""
-        left = self.step * self.count_of(rows)
-        np.subtract(self.stamps[rows], left, out=left)
-        left -= self.start
-        return np.asarray(left)
+        return np.asarray(self.stamps - self.step * self.count - self.start)
 
     @property
     def rate_hz(self) -> float:
@@ -78,7 +59,7 @@ class DeviceClock:
     @cached_property
     def shape(self) -> tuple[float, float]:
         """Standard deviation [s] and skewness of the residual."""
-        return spread_and_skewness(self.residual_of, len(self.stamps))
+        return spread_and_skewness(self.residual)
 
     @property
     def usual_spread(self) -> float:
@@ -91,8 +72,7 @@ class DeviceClock:
     @cached_property
     def middle_and_spread(self) -> tuple[float, float]:
         """Median [s] of the residual and `usual_spread`."""
-        residual = self.residual
-        low, middle, high = (quantile(residual, share) for share in (0.05, 0.5, 0.95))
+        low, middle, high = (float(at) for at in np.quantile(self.residual, (0.05, 0.5, 0.95)))
         return middle, (high - low) / 3.29
 
     @cached_property
@@ -101,9 +81,7 @@ class DeviceClock:
         blocks = len(self.stamps) // WANDER_SAMPLES
         if blocks < 2:
             return self.sd
-        whole = pieces(blocks * WANDER_SAMPLES, AT_ONCE // WANDER_SAMPLES * WANDER_SAMPLES)
-        means = [self.residual_of(rows).reshape(-1, WANDER_SAMPLES).mean(axis=1) for rows in whole]
-        return float(np.std(np.concatenate(means)))
+        return float(np.std(self.residual[: blocks * WANDER_SAMPLES].reshape(-1, WANDER_SAMPLES).mean(axis=1)))
 
     @property
     def missing(self) -> int:
@@ -130,27 +108,17 @@ class DeviceClock:
         if residual.max() > middle + far or residual.min() < middle - far:
             near = np.abs(residual - middle) <= far
             count, usual = count[near], residual[near]
-        sd, skewness = spread_and_skewness(usual.__getitem__, len(usual), float(np.mean(usual)))
+        sd, skewness = spread_and_skewness(usual)
         if sd > NEAR * self.step and skewness > ONE_SIDED:
             return lower_edge(self.count.astype(float), residual)
         step = line_slope(count, usual)
         return float(np.mean(usual) - step * np.mean(count)), step
 
 
-def spread_and_skewness(part: Callable[[slice], Array], samples: int, near: float = 0.0) -> tuple[float, float]:
-    """Standard deviation, and third moment about the mean in standard deviations (NaN where they do not scatter).
-
-    `part` gives some rows of the samples, whose mean is `near` this value.
-    """
-    first, second, third = 0.0, 0.0, 0.0
-    for rows in pieces(samples):
-        apart = part(rows) - near
-        square = apart * apart
-        first += float(apart.sum()) / samples
-        second += float(square.sum()) / samples
-        third += float(square @ apart) / samples
-    sd = float(np.sqrt(max(second - first**2, 0.0)))
-    return sd, (third - 3 * first * second + 2 * first**3) / sd**3 if sd else np.nan
+def spread_and_skewness(values: Array) -> tuple[float, float]:
+    """Standard deviation, and third moment about the mean in standard deviations (NaN where they do not scatter)."""
+    apart, sd = values - values.mean(), float(np.std(values))
+    return sd, float(apart @ (apart * apart)) / len(apart) / sd**3 if sd else np.nan
 
 
 def device_clock(stamps: Array, count: Counts) -> DeviceClock:

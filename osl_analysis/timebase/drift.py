@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.signal import fftconvolve
@@ -9,7 +10,6 @@ from scipy.special import ndtr, stdtrit
 
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass, Motion
-from osl_analysis.timebase.chunks import chunk_edges, chunk_scatter
 from osl_analysis.trial import Array
 
 PER_PERIOD = 5
@@ -20,6 +20,10 @@ FILTERED_HARMONICS = 1.5
 """Frequency, in cut-offs, up to which the filter leaves harmonics that count."""
 PARTS = 100
 """Chunks from whose scatter the standard error comes: the more there are, the better it is known."""
+CHUNKS, FEWEST_CHUNKS = 20, 5
+"""Chunks of `chunked_slope`, and the fewest of them that tell an error."""
+TIE = 1e-9
+"""Share of x^2 by which two chunks may differ."""
 LEAST_SEEN = 0.02
 """Share of the noise's scatter that must be left where its standard error is to be told from it."""
 
@@ -93,7 +97,7 @@ def clock_drift(pieces: Sequence[SinePiece], low_pass: LowPass) -> ClockDrift:
         The joint does not move, the torque does not follow it, or too few cycles leave no noise beside their harmonics.
     """
     highest = FILTERED_HARMONICS * low_pass.cutoff_hz
-    rests = (drift_columns(piece, highest) for piece in pieces)
+    rests = [drift_columns(piece, highest) for piece in pieces]
     x, y = map(np.concatenate, zip(*((one.drifting, one.torque) for one in rests), strict=True))
     edges = chunk_edges(x, PARTS)
     if edges is None:
@@ -101,8 +105,7 @@ def clock_drift(pieces: Sequence[SinePiece], low_pass: LowPass) -> ClockDrift:
     slope, left = chunk_scatter(x, y, edges)
     step = float(pieces[0].time[1] - pieces[0].time[0])
     memory = low_pass.memory(1 / step)[:: thinning(step, highest)]
-    again = (drift_columns(piece, highest) for piece in pieces)  # kept, they would need room in a recording of hours
-    larger, freedom = scatter_of_noise(again, edges, memory)
+    larger, freedom = scatter_of_noise(rests, edges, memory)
     return ClockDrift(1e6 * slope, 1e6 * float(np.sqrt(left @ left * larger) / (x @ x)), freedom)
 
 
@@ -176,3 +179,34 @@ def check_drift(drift: ClockDrift, largest_ppm: float) -> None:
             f"more than {largest_ppm:g}: B and I would be wrong; "
             "synchronise the clocks, or record both channels with one device"
         )
+
+
+def chunked_slope(x: Array, y: Array) -> tuple[float, float]:
+    """Slope of y on x, (n,) each, through the origin, and its standard error from the scatter of 20 chunks.
+
+    The chunks carry equal shares of x^2. Where fewer than five can be made, since a few samples carry everything, or x
+    is zero, the error is infinite.
+    """
+    edges = chunk_edges(x)
+    if edges is None:
+        return 0.0, np.inf
+    slope, left = chunk_scatter(x, y, edges)
+    return slope, float(np.sqrt(left @ left * len(left) / (len(left) - 1)) / (x @ x))
+
+
+def chunk_edges(x: Array, chunks: int = CHUNKS) -> list[int] | None:
+    """First rows of chunks of x (n,) with equal shares of x^2, and n; None where fewer than five can be made."""
+    total = float(x @ x)
+    if not total > 0:
+        return None
+    # motions that repeat themselves have ties: which row is the first is not left to rounding
+    shares = np.searchsorted(np.cumsum(x**2), total * (np.arange(chunks) / chunks - TIE))
+    edges = np.unique(np.minimum(shares, len(x) - 1))
+    return None if len(edges) < FEWEST_CHUNKS else [*edges.tolist(), len(x)]
+
+
+def chunk_scatter(x: Array, y: Array, edges: list[int]) -> tuple[float, Array]:
+    """Slope of y on x, (n,) each, and the sums (chunks,) of x times what it leaves of y."""
+    slope = float(x @ y) / float(x @ x)
+    chunks = (slice(*ends) for ends in pairwise(edges))
+    return slope, np.array([x[rows] @ (y[rows] - slope * x[rows]) for rows in chunks])

@@ -7,10 +7,9 @@ from math import comb
 import numpy as np
 import scipy
 
-from osl_analysis.pieces import pieces
-from osl_analysis.timebase.chunks import chunked_slope
 from osl_analysis.timebase.counting import Counts
 from osl_analysis.timebase.device_clock import DeviceClock
+from osl_analysis.timebase.drift import chunked_slope
 from osl_analysis.trial import Array
 
 TRUE_ABOVE, EVEN_BELOW, LARGEST_ERROR = 0.75, 0.25, 0.1
@@ -24,8 +23,6 @@ LARGEST_NOISE = 0.2
 """Share of the slope's mean square that may be noise."""
 SLOPE_S = 0.02
 """Half the stretch [s] over which the signal's slope is taken."""
-SIDE_BY_SIDE = 32
-"""Windows that are smoothed at once."""
 
 
 @dataclass(frozen=True)
@@ -56,37 +53,19 @@ def evidence_of(values: Array, clock: DeviceClock) -> Evidence:
     of the mean square of x' is noise: noise in the regressor would pull g towards 0.
     """
     there = ~np.isnan(values)
-    valued = None if there.all() else np.flatnonzero(there)
-    samples = len(values) if valued is None else len(valued)
+    x, late = values[there], clock.residual[there] / clock.step
     window = max(2 * round(SLOPE_S / clock.step) + 1, 7)
-    push, seen, used, sums = np.empty(samples), np.empty(samples), 0, np.zeros(3)
-    for rows in pieces(samples):
-        known, inside = with_margins(rows, window + ORDER, samples)
-        at = known if valued is None else valued[known]
-        x, late, smooth = values[at], clock.residual_of(at) / clock.step, Smoother(clock.count_of(at), window)
-        slope, jitter = smooth(x, 1)[inside], late[inside] - smooth(late, 0)[inside]
-        own = slice(rows.stop - rows.start)
-        sums += slope[own] @ slope[own], jitter[own].sum(), jitter[own] @ jitter[own]
-        whole = smooth.count[inside][ORDER:] - smooth.count[inside][:-ORDER] == ORDER
-        found = slice(used, used := used + int(np.count_nonzero(whole)))
-        if whole.size:
-            push[found] = np.correlate(slope * jitter, DIFFERENCE, "valid")[whole]
-            seen[found] = np.correlate(x[inside], DIFFERENCE, "valid")[whole]
-    push, seen = push[:used], seen[:used]
+    smooth = Smoother(clock.count[there], window)
+    slope, jitter = smooth(x, 1), late - smooth(late, 0)
+    whole = smooth.count[ORDER:] - smooth.count[:-ORDER] == ORDER
+    push, seen = (np.correlate(signal, DIFFERENCE, "valid")[whole] for signal in (slope * jitter, x))
     g, se = chunked_slope(push, seen)
-    seen -= np.multiply(push, g, out=push)
-    noise = float(seen @ seen) / comb(2 * ORDER, ORDER) / max(used, 1)
-    moves, middle, scatter = sums / samples
+    noise = float(np.sum((seen - g * push) ** 2)) / comb(2 * ORDER, ORDER) / max(len(seen), 1)
+    moves, scatter = float(slope @ slope) / len(x), float(np.var(jitter))
     slope_noise = float(np.sum(smoothing(window, 1)[window // 2] ** 2))  # per variance of white noise in the samples
-    if noise * slope_noise > LARGEST_NOISE * moves or scatter - middle**2 < NO_MATTER**2:
+    if noise * slope_noise > LARGEST_NOISE * moves or scatter < NO_MATTER**2:
         return Evidence(0.0, np.inf)
     return Evidence(g, se)
-
-
-def with_margins(rows: slice, margin: int, samples: int) -> tuple[slice, slice]:
-    """A piece of a record with a margin on either side, and where the piece and `ORDER` rows behind it stand in it."""
-    known = slice(max(rows.start - margin, 0), min(rows.stop + margin, samples))
-    return known, slice(rows.start - known.start, min(rows.stop + ORDER, samples) - known.start)
 
 
 @dataclass(frozen=True)
@@ -112,7 +91,7 @@ class Smoother:
         window = min(self.window, (len(values) - 1) // 2 * 2 + 1)
         weights, half = smoothing(window, order), window // 2
         found = np.empty_like(values)
-        found[half:-half] = correlated(values, banded(window, order))
+        found[half:-half] = np.correlate(values, weights[half], "valid")
         found[:half], found[-half:] = weights[:half] @ values[:window], weights[-half:] @ values[-window:]
         return found
 
@@ -121,26 +100,3 @@ class Smoother:
 def smoothing(window: int, order: int) -> Array:
     """Weights (window, window) of a window's samples in the value (order 0), or slope per step, at each of them."""
     return np.asarray(scipy.signal.savgol_filter(np.eye(window), window, 3, deriv=order, axis=0))
-
-
-@lru_cache
-def banded(window: int, order: int) -> Array:
-    """The weights of `smoothing` in the middle of a window, for `SIDE_BY_SIDE` windows: a column for each."""
-    weights, none = smoothing(window, order)[window // 2], np.zeros(SIDE_BY_SIDE - 1)
-    return np.asarray(scipy.linalg.toeplitz(np.append(weights, none), np.append(weights[0], none)))
-
-
-def correlated(values: Array, weights: Array) -> Array:
-    """What the weights of `banded` make of every window of samples (n,), as `np.correlate(..., "valid")`.
-
-    It is a product of matrices, which takes less than half the time.
-    """
-    reach = len(weights) - SIDE_BY_SIDE
-    if len(values) < len(weights):
-        return np.correlate(values, weights[: reach + 1, 0], "valid")
-    found = np.empty(len(values) - reach)
-    stretches = np.lib.stride_tricks.sliding_window_view(values, len(weights))[::SIDE_BY_SIDE]
-    whole = found[: len(stretches) * SIDE_BY_SIDE].reshape(-1, SIDE_BY_SIDE)
-    np.matmul(np.ascontiguousarray(stretches), weights, out=whole)
-    found[-SIDE_BY_SIDE:] = values[-len(weights) :] @ weights
-    return found

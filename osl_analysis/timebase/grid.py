@@ -4,11 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.pieces import pieces
-from osl_analysis.timebase.cubic import cubic_between
 from osl_analysis.timebase.gaps import BRIDGE_MORE, GapLimits, gaps_of, usable_rows
 from osl_analysis.timebase.report import TimebaseReport, report_of
 from osl_analysis.timebase.samples import Samples, Taken, take
@@ -37,11 +36,6 @@ class UniformGrid:
     report: TimebaseReport
     taken: tuple[Taken, ...]
     limits: GapLimits
-
-    def silent(self, name: str) -> Array | None:
-        """A signal (m,) that says nothing about the stamps, as a command: brought on the grid when it is asked for."""
-        part = next((t for t in self.taken if name in t.stream.silent and name in t.stream.signals), None)
-        return None if part is None else resampled(Nearest(part.samples(name), self.usable), self.time)[0]
 
     def other_hypothesis(self, *, firm_too: bool = False) -> "UniformGrid | None":
         """The grid with every undecided stream taken the other way: true stamps as even, even ones as true.
@@ -83,11 +77,9 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits) -> UniformGrid:
             f"{time[-1]:.4f} s lies within {limits.margin_s:.2f} s of a gap longer than "
             f"{limits.bridged_s * 1e3:g} ms; {BRIDGE_MORE}"
         )
-    nearest = [Nearest(part, usable) for part in parts]
-    signals = {
-        name: values for one in nearest for name, values in zip(one.samples.names, resampled(one, time), strict=True)
-    }
-    report = report_of(parts, gaps, time, usable, max(one.farthest for one in nearest), limits)
+    signals = {name: values for part in parts for name, values in zip(part.names, resampled(part, time), strict=True)}
+    farthest = max(float(distances(part.times, time[usable]).max()) for part in parts)
+    report = report_of(parts, gaps, time, usable, farthest, limits)
     return UniformGrid(time, rate, signals, usable, report, tuple(taken), limits)
 
 
@@ -111,33 +103,22 @@ def whole_steps(first: float, last: float, step: float) -> int:
     return int(np.floor((last - first) / step + ON_GRID))
 
 
-@dataclass
-class Nearest:
-    """The samples before and behind the rows of a grid, which are asked for in their order."""
-
-    samples: Samples
-    usable: NDArray[np.bool_]
-    """Usable rows (m,) of the grid."""
-    row: int = 0
-    """The first row that was not yet asked for."""
-    farthest: float = 0.0
-    """Largest distance [s] of a usable row so far to the nearest sample."""
-
-    def measure(self, distance: Array) -> None:
-        """Note the distances (k,) [s] of the next rows to their nearest samples."""
-        near = np.where(self.usable[self.row : self.row + len(distance)], distance, 0.0)
-        self.farthest, self.row = max(self.farthest, float(near.max())), self.row + len(distance)
+def distances(times: Array, at: Array) -> Array:
+    """Distance [s] of each of some times (m,) [s] to the nearest of rising times (k,) [s]."""
+    behind = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
+    return np.asarray(np.minimum(np.abs(at - times[behind - 1]), np.abs(times[behind] - at)))
 
 
-def resampled(nearest: Nearest, time: Array) -> Sequence[Array]:
-    """Values (m,) of each signal at the grid's times (m,) [s]: the samples where they lie on it, else a cubic."""
-    part = nearest.samples
+def resampled(part: Samples, time: Array) -> Sequence[Array]:
+    """Values (m,) of each signal at the grid's times (m,) [s]: the samples where they lie on it, else a cubic spline.
+
+    Nothing is extrapolated: a last row that rounding put behind the last sample has its value.
+    """
     rows = rows_on_grid(part, time)
-    if rows is None:
-        return cubic_between(part.times, part.values, time, part.before, nearest.measure)
-    for piece in pieces(len(time)):
-        nearest.measure(np.abs(part.times[rows][piece] - time[piece]))
-    return [values[rows] for values in part.values]
+    if rows is not None:
+        return [values[rows] for values in part.values]
+    spline = scipy.interpolate.CubicSpline(part.times, np.array(part.values), axis=1)
+    return list(spline(np.clip(time, part.times[0], part.times[-1])))
 
 
 def rows_on_grid(part: Samples, time: Array) -> slice | None:
@@ -145,6 +126,6 @@ def rows_on_grid(part: Samples, time: Array) -> slice | None:
     row = int(np.searchsorted(part.times, time[0] - ON_GRID * part.step))
     there = part.times[row : row + len(time)]
     apart = ON_GRID * part.step * max(len(time) / ROUNDED, 1.0)  # the rounding of a step adds up
-    if len(there) < len(time) or any(np.max(np.abs(there[r] - time[r])) >= apart for r in pieces(len(time))):
+    if len(there) < len(time) or np.max(np.abs(there - time)) >= apart:
         return None
     return slice(row, row + len(time))

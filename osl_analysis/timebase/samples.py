@@ -46,9 +46,8 @@ class Taken:
 
     @cached_property
     def present(self) -> NDArray[np.bool_]:
-        """Rows (n,) in which the signals have values; all, if the signals are gone."""
-        first = self.stream.signals.get(self.decision.signals[0])
-        return np.full(len(self.stream.stamps), True) if first is None else ~np.isnan(first)
+        """Rows (n,) in which the signals have values."""
+        return np.asarray(~np.isnan(self.stream.signals[self.decision.signals[0]]))
 
     @cached_property
     def stride(self) -> int:
@@ -57,22 +56,16 @@ class Taken:
             return 1
         return int(np.median(np.diff(self.clock.count[self.present])))
 
-    def released(self) -> "Taken":
-        """The same without its signals, unless they say in which rows values are missing."""
-        return replace(self, stream=replace(self.stream, signals={})) if self.present.all() else self
-
     @property
     def empty(self) -> int:
         """Values missing from rows that are there."""
         return max(round(np.count_nonzero(~self.present) - len(self.present) * (1 - 1 / self.stride)), 0)
 
-    def samples(self, *names: str) -> "Samples":
-        """The samples at their times, the delay taken out; true stamps that lie close are averaged.
-
-        `names` are those of some of the signals; without any, of all that are not silent.
-        """
+    def samples(self) -> "Samples":
+        """The samples of the signals that are not silent at their times, the delay taken out; true stamps that lie
+        close are averaged."""
         there = slice(None) if self.present.all() else self.present
-        names = names or tuple(n for n in self.decision.signals if n in self.stream.signals.keys() - self.stream.silent)
+        names = tuple(n for n in self.decision.signals if n in self.stream.signals.keys() - self.stream.silent)
         values = [self.stream.signals[name][there] for name in names]
         if self.decision.even:
             times, merged = self.clock.times()[there], 0
@@ -102,31 +95,6 @@ class Samples:
     def step(self) -> float:
         """Usual step [s]."""
         return self.taken.clock.step * self.taken.stride
-
-    def before(self, time: Array) -> NDArray[np.intp]:
-        """The last sample, but one at most, at or before each of some rising times (m,) [s]; the first where none is.
-
-        Where the samples come evenly, but for a part of a step, the places follow from the times.
-        """
-        times, last = self.times, len(self.times) - 2
-        first, rows = int(np.searchsorted(times, time[0], side="right")) - 1, len(time)
-        if 0 < first < last - rows and in_step(times[first - 1 : first + rows + 2], time):
-            found = np.arange(first, first + rows)
-            found -= times[first : first + rows] > time
-            found += times[first + 1 : first + rows + 1] <= time
-            return found
-        guess = ((time - times[0]) / self.step).astype(np.intp)
-        np.clip(guess, 0, last, out=guess)
-        guess -= (times.take(guess) > time) & (guess > 0)
-        guess += (times.take(guess + 1) <= time) & (guess < last)
-        beyond = (times.take(guess) > time) & (guess > 0) | (times.take(guess + 1) <= time) & (guess < last)
-        return np.clip(np.searchsorted(times, time, side="right") - 1, 0, last) if beyond.any() else guess
-
-
-def in_step(samples: Array, time: Array) -> bool:
-    """Whether time k of (m,) [s] lies between samples k and k + 3 of (m + 3,) [s], so that the last one before it is k,
-    k + 1 or k + 2."""
-    return bool((samples[: len(time)] <= time).all() and (time < samples[3:]).all())
 
 
 def take(streams: Sequence[Stream]) -> list[Taken]:

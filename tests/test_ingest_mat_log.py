@@ -93,7 +93,7 @@ def test_a_log_in_a_format_without_parts_refuses_one():
         ({"torque": np.where(TIME < 0.04, TORQUE, np.inf)}, "torque: inf in sample 21 of 40"),
         ({"t": np.full(40, 3.0)}, "t: time stands still at 3 in all 40 samples"),
         ({"t": -TIME}, "t: time goes from"),
-        ({"t": np.where(TIME > 0.06, np.nan, TIME)}, "t: time is not finite at row 31"),
+        ({"t": np.where(TIME > 0.06, np.nan, TIME)}, "t: no time in sample 32 of 40"),
     ],
 )
 def test_what_cannot_be_a_log_is_refused_by_its_variable(write, changes, message, tmp_path):
@@ -127,7 +127,7 @@ def test_samples_of_one_stamp_are_kept_or_dropped_as_the_source_file_says(tmp_pa
     path = write_mat(tmp_path / "a.mat", **{**TEST, "t": np.repeat(1e3 * TIME[::2], 2)})
     kept = read_mat_log(path, source())
     assert (len(kept.samples), kept.facts["repeated_stamps"]) == (40, 20)
-    assert "20 samples repeat the stamp of the sample before" in kept.warnings[0]
+    assert "20 of 40 samples repeat the stamp of the sample before" in kept.warnings[0]
     dropped = read_mat_log(path, source(time={"variable": "t", "unit": "ms", "repeated": "drop"}))
     assert len(dropped.samples) == 20
 
@@ -139,7 +139,9 @@ def test_a_counter_and_a_rate_take_the_place_of_time(tmp_path):
     np.testing.assert_allclose(read.samples["time"], np.arange(40) / 250)
     assert read.samples["theta_counter"].to_list() == list(range(40))
     channels["theta"]["counter"] = "wrong"
-    assert "wrong: 0.5 is no count" in refused(path, source(channels=channels))
+    assert "variable 'wrong': 0.5 in sample 1, at 0.000 s, is no count of samples" in refused(
+        path, source(channels=channels)
+    )
 
 
 @WRITERS

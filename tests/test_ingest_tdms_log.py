@@ -235,3 +235,12 @@ def test_real_files_are_read_as_the_library_reads_them(name: str, channel: str, 
         (expected,) = [one[:] for group in file.groups() for one in group.channels() if one.name == channel]
     np.testing.assert_array_equal(recording.samples["sync"], expected)
     assert recording.samples["time"][1] == pytest.approx(1 / rate)
+
+
+def test_a_cut_within_the_head_of_a_segment_is_told(tmp_path: Path) -> None:
+    path = bench(tmp_path / "a.tdms", 2)
+    content = path.read_bytes()
+    path.write_bytes(content[: content.rindex(b"TDSm") + 20])
+    recording = read(path)
+    assert len(recording.samples) == ROWS // 2
+    assert any("how much is missing is not known" in text for text in recording.warnings)

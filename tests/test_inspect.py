@@ -389,7 +389,7 @@ def test_the_draft_is_written_where_it_is_asked_for_and_never_over_a_file(tmp_pa
     ("content", "problem"),
     [
         (b"", "the file is empty"),
-        (b"PK\x03\x04\0\0\0", "a ZIP archive"),
+        (b"PK\x03\x04\0\0\0", r"compressed \(such as ZIP"),
         (b"\1\0\2", "neither MCAP, C3D nor text"),
         (b"\n\n", "holds no rows"),
     ],

@@ -72,7 +72,7 @@ def test_what_is_refused_is_told_with_the_reason_and_without_the_folder(folder: 
     assert found["lab.xlsx"] == [
         "",
         "",
-        "refused: an old Excel or Word file, which is not read; save its sheet as 'CSV UTF-8'",
+        "refused: an Excel workbook, which is not read; save its sheet as 'CSV UTF-8'",
     ]
     assert str(folder) not in samples_table(folder, RULES)
 

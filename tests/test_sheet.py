@@ -227,7 +227,7 @@ SHORT = "trial,experiment,log,log_source\n"
         (f"{SHORT}a,blet,a.csv,s\n", "experiment 'blet' is none of .*; did you mean 'belt'"),
         (f"{SHORT}a,belt,a.csv,s.yaml\n", "log_source 's.yaml' names a file; write its name without the ending"),
         (f"{SHORT}a,belt,a.csv,s\n".replace(",", ";"), "its cells are separated by ';'; save the sheet with commas"),
-        (f"{SHORT}a,belt,a.csv,s\n".encode("utf-16-le"), "text in UTF-16 without its mark, which is not read"),
+        (f"{SHORT}a,belt,a.csv,s\n".encode("utf-16-le"), "its header holds zero bytes, it is not UTF-8; save"),
         (b"PK\x03\x04xl/\0\0", "an Excel workbook, which is not read; save its sheet as 'CSV UTF-8'"),
     ],
 )

@@ -19,11 +19,6 @@ def earlier_distortion(path: Path, trial: str | None) -> Distortion:
     """The distortion that an earlier trial showed.
 
     `response.csv` has levels; `impedance.csv` the spread of a multisine's realisations, or a stepped sine's friction.
-
-    Raises
-    ------
-    InputError
-        The table is missing or another one, has no such trial or several of them, or does not state the distortion.
     """
     table = read_table(path)
     levels, there = set(OF_RESPONSE), set(table.columns)

@@ -28,12 +28,6 @@ def checked_trial(
     """The trial of one row of the sheet, from its files relative to `raw_folder`.
 
     `needed_columns` are those that a trial of its experiment must have.
-
-    Raises
-    ------
-    InputError
-        A file is missing, empty or not what its source file says, the recordings do not fit together, a needed
-        column or all markers are missing, or a value is beyond the stated range of its sensor, or beyond what can be.
     """
     trial = trial_from_files(row, raw_folder, sources_folder)
     check_columns(trial, row.get("experiment"), needed_columns)

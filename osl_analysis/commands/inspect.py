@@ -124,13 +124,7 @@ LISTED = (*NOT_READ, *SUFFIXES)
 
 
 def inspect_file(path: Path) -> Overview:
-    """What a file holds.
-
-    Raises
-    ------
-    InputError
-        The file is missing, empty, damaged beyond reading, or of no format that is read.
-    """
+    """What a file holds."""
     check_file(path)
     return FORMATS[recognise(path)].inspect(path)
 
@@ -167,13 +161,7 @@ def write_samples(folder: Path, rules: QualityRules, output: Path, made_by: str)
 
 
 def samples_table(folder: Path, rules: QualityRules) -> str:
-    """Markdown: a row per recording below a folder, with what it holds and what ingest and the quality checks say.
-
-    Raises
-    ------
-    InputError
-        The folder has no recordings.
-    """
+    """Markdown: a row per recording below a folder, with what it holds and what ingest and the quality checks say."""
     validate_rules(rules)
     paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in LISTED)
     if not paths:

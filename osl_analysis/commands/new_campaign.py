@@ -50,11 +50,6 @@ def new_campaign(
 
     recorders: names of shipped source files to begin from. recordings: a folder of recordings, for which sheet and
     source files are drafted; they stay where they are. example: a small simulated campaign instead.
-
-    Raises
-    ------
-    InputError
-        The folder exists and is not empty, there is no such recorder, or nothing can be read in `recordings`.
     """
     check_new(folder)
     draft = Draft() if recordings is None else draft_campaign(recordings)
@@ -123,13 +118,7 @@ def quoted(text: str) -> str:
 
 
 def draft_campaign(folder: Path) -> Draft:
-    """What the recordings below a folder are: source files for each kind of them, and a sheet.
-
-    Raises
-    ------
-    InputError
-        There is no such folder, or nothing in it can be read.
-    """
+    """What the recordings below a folder are: source files for each kind of them, and a sheet."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder of recordings; check the path")
     draft, layouts = Draft(), dict[tuple[object, ...], str]()

@@ -142,13 +142,7 @@ class Bench:
 
 
 def bench_of(config_path: Path, source: Path | None, output: Path) -> Bench:
-    """What recordings are examined with, from a configuration and, if it has one, its sample sheet.
-
-    Raises
-    ------
-    InputError
-        The configuration, its sample sheet or the source file is not valid.
-    """
+    """What recordings are examined with, from a configuration and, if it has one, its sample sheet."""
     config = read_config(config_path)
     if source is not None:
         read_source(source)
@@ -158,13 +152,7 @@ def bench_of(config_path: Path, source: Path | None, output: Path) -> Bench:
 
 
 def watch(folder: Path, bench: Bench) -> Iterator[str]:
-    """A line for each recording in a folder, and for each that comes, as soon as it is complete. It never ends.
-
-    Raises
-    ------
-    InputError
-        There is no such folder.
-    """
+    """A line for each recording in a folder, and for each that comes, as soon as it is complete. It never ends."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; name the one that the recorder writes to")
     notes = bench.output / "examined.json"
@@ -190,13 +178,7 @@ def line_of(path: Path, folder: Path, bench: Bench) -> str:
 
 
 def examined(path: Path, folder: Path, bench: Bench) -> str:
-    """The same, without the name.
-
-    Raises
-    ------
-    InputError
-        The recording cannot be read, or nothing can be fitted to it.
-    """
+    """The same, without the name."""
     with TemporaryDirectory() as place:
         row, sources, said = described(path, folder, bench, Path(place))
         trial = checked_trial(row, path.parent, sources)

@@ -45,11 +45,6 @@ def parse_parameters(data: bytes, position: int, end: int, processor: str) -> tu
 
     The section begins at `position` and ends before `end`, where the data begin. Some writers leave the mark at its end
     out: the section then ends where no record follows. Groups may follow their parameters.
-
-    Raises
-    ------
-    InputError
-        A record is damaged, or points to a place that is not the next record although one follows.
     """
     records = list(section_records(data, position, end, processor))
     groups = {-record.group: record.name for record in records if record.group < 0}
@@ -221,16 +216,7 @@ def is_c3d(begin: bytes) -> bool:
 
 
 def parse_file(path: Path, data: bytes, counts: Counts = "refuse") -> C3DHeader:
-    """Header and parameters of a file's content.
-
-    Raises
-    ------
-    CountsError
-        Header and parameters count points or channels differently, and `counts` does not say which holds.
-    InputError
-        The file is not C3D, its processor type is unknown, its parameters are damaged, `counts` contradicts its size,
-        or it holds fewer frames than it declares.
-    """
+    """Header and parameters of a file's content."""
     if len(data) < 2 * BLOCK or data[1] != KEY:
         raise InputError(
             f"{path}: not a C3D file (it begins with {data[:4]!r}); check the path and the source's format"

@@ -14,35 +14,28 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, nearest
-from osl_analysis.formats.csv_plain import PlainBody, head_of, plain_lines
 from osl_analysis.trial import Array
 
 DELIMITERS = {"tab": "\t", "space": " "}
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a]")  # bytes that no text has
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 SNIFFED = 50  # lines from which the delimiter is inferred
+HEAD_LINES = 200
+"""Lines at the beginning that tell delimiter, names and width; lines below that are all alike are left to polars."""
+LONGEST_LINE = 100_000
+"""A longer line is left to the reader that says what is wrong with it."""
 MOST_CELLS = 16384
 """Most cells of a line, the most columns of a spreadsheet. A file with more has lost its line breaks."""
 UNIT = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))", re.DOTALL)
 
 Lines = list[tuple[int, str]]  # number in the file, counted from 1, and text
 Rows = list[tuple[int, list[str]]]
+Omitting = tuple[int, list[str | None]]
 
 
 def read_lines(path: Path) -> Lines:
-    """The lines of a file in UTF-8, UTF-16 with its mark, or else Windows' western code page, without blank ones.
-
-    Raises
-    ------
-    InputError
-        The file holds zero bytes and is therefore not text.
-    """
-    return lines_of(path, path.read_bytes())
-
-
-def lines_of(path: Path, data: bytes) -> Lines:
-    """The lines of a file's bytes; as `read_lines`."""
-    text = decoded_text(data)
+    """The lines of a file without blank ones; refused where zero bytes show that it is not text."""
+    text = decoded_text(path.read_bytes())
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
         raise InputError(
@@ -83,14 +76,7 @@ def delimiter_of(lines: Lines, given: str) -> str:
 
 
 def split_rows(path: Path, lines: Lines, delimiter: str) -> Rows:
-    """Cells of every line, stripped; blank lines are omitted.
-
-    Raises
-    ------
-    InputError
-        A quote is not closed on its line, a line has more than `MOST_CELLS` cells, or a cell is longer than any
-        number or name.
-    """
+    """Cells of every line, stripped, without lines of empty cells; refused where a quote is not closed on its line."""
     reader = csv.reader((text for _, text in lines), delimiter=delimiter, skipinitialspace=True)
     rows: Rows = []
     try:
@@ -121,16 +107,18 @@ def without_brackets(unit: str) -> str:
     return unit[1:-1].strip() if unit[:1] + unit[-1:] in ("[]", "()") else unit
 
 
+class UnreadableCellError(Exception):
+    """A cell, by its place in the column, that is not a number."""
+
+    def __init__(self, place: int) -> None:
+        super().__init__(place)
+        self.place = place
+
+
 def numbers(
     cells: Sequence[str | None] | pl.Series, missing: Collection[str], decimal: str
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Values (n,), and which are missing, (n,): NaN where a cell is None or one of the words in `missing`.
-
-    Raises
-    ------
-    UnreadableCellError
-        Another cell is not a finite number.
-    """
+    """Values (n,), and which are missing, (n,): NaN where a cell is None or one of the words in `missing`."""
     text = pl.Series(cells, dtype=pl.String)
     absent = (text.is_null() | text.is_in(list(missing))).to_numpy()
     if decimal == ",":  # a full stop then separates thousands, or the decimal sign is stated wrongly
@@ -150,14 +138,6 @@ def number(text: str, place: int) -> float:
     if re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?", text, re.ASCII) and np.isfinite(float(text)):
         return float(text)
     raise UnreadableCellError(place)
-
-
-class UnreadableCellError(Exception):
-    """A cell, by its place in the column, that is not a number."""
-
-    def __init__(self, place: int) -> None:
-        super().__init__(place)
-        self.place = place
 
 
 def is_number_cell(cell: str) -> bool:
@@ -199,11 +179,153 @@ class CsvLayout:
 
 
 @dataclass(frozen=True)
-class RowColumns:
-    """From row `first` on, cell i of a row belongs to column `columns[i]`."""
+class CsvTable:
+    """The rows of a log in CSV, as text."""
 
-    first: int
-    columns: list[int]
+    path: Path
+    names: list[str]
+    """Names of the columns, as in the header."""
+    units: list[str]
+    """Units of the columns, from a row of units or from brackets behind the name; empty where none is given."""
+    lines: NDArray[np.int64]
+    """Number of each row's line in the file, (rows,)."""
+    body: pl.DataFrame
+    """The cells as text, a column each; null in rows in which the logger omitted the column."""
+    comments: list[str]
+    """The comment lines without their sign."""
+    notes: list[str]
+    """Repairs, a sentence each."""
+    delimiter: str
+    complete: bool
+    """Whether its last line is whole."""
+
+    def column(self, name: str) -> int:
+        """Place of a column by its name, with or without its unit, by a pattern with `*`, or by its number from 1.
+
+        A name goes before a pattern, a pattern before a number.
+        """
+        places = places_of(name, self.names)
+        if len(places) == 1:
+            return places[0]
+        where = f"{self.path}: column '{name[:80]}'"
+        if places:
+            which = listing([f"{place + 1} ('{self.names[place]}')" for place in places])
+            advice = "write a pattern or a name that only one has, or its number"
+            raise InputError(f"{where} occurs {len(places)} times, as columns {which}; {advice}")
+        if len(self.names) > 1:
+            advice = nearest(name, self.names) or "; correct the name in the source file"
+        else:
+            advice = "; state `delimiter` if these are several columns"
+        raise InputError(f"{where} is missing; the file has {listing(self.names)}{advice}")
+
+    def cells(self, column: int) -> pl.Series:
+        """A column's cells."""
+        return self.body.to_series(column)
+
+
+def places_of(name: str, names: Sequence[str]) -> list[int]:
+    """Places of the columns that a name, a pattern with `*` for any text, or a number from 1 means."""
+    plain = [name_and_unit(title)[0] for title in names]
+    exact = [i for i, title in enumerate(names) if title == name] or [
+        i for i, title in enumerate(plain) if title == name
+    ]
+    if exact:
+        return exact
+    if "*" in name:
+        pattern = re.compile(re.escape(name).replace(r"\*", ".*"), re.DOTALL)
+        return [i for i in range(len(names)) if pattern.fullmatch(names[i]) or pattern.fullmatch(plain[i])]
+    number_given = re.fullmatch(r"[1-9]\d{0,4}", name, re.ASCII) and int(name) <= len(names)
+    return [int(name) - 1] if number_given else []
+
+
+def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
+    """The rows of a log in CSV.
+
+    Raises
+    ------
+    InputError
+        The file has no rows or no header, or rows of another length than the header that the layout does not allow.
+    """
+    lines = read_lines(path)
+    return plain_table(path, lines, layout) or table_of(path, lines, layout)
+
+
+def plain_table(path: Path, lines: Lines, layout: CsvLayout) -> CsvTable | None:
+    """The table of lines that are all alike below the first ones, split by polars; None of others.
+
+    A list of rows takes a hundred bytes per cell, and an hour at 1 kHz would not fit into memory.
+    """
+    below = [text for _, text in lines[HEAD_LINES:]]
+    try:
+        table = table_of(path, lines[:HEAD_LINES], layout) if below else None
+    except InputError:  # the whole file tells what is wrong
+        return None
+    if table is None or table.notes or table.delimiter == " ":
+        return None
+    sign, between = table.delimiter, len(table.names) - 1
+    for text in below:
+        odd = '"' in text or (layout.comment and layout.comment in text) or len(text) > LONGEST_LINE
+        if odd or text.count(sign) != between or len(text) <= between:
+            return None
+    rest = pl.read_csv(
+        "\n".join(below).encode(), has_header=False, separator=sign, quote_char=None, infer_schema=False
+    ).with_columns(pl.all().fill_null("").str.strip_chars())
+    rest.columns = table.body.columns
+    if rest.select(pl.all_horizontal(pl.all() == "").any()).item():
+        return None
+    numbered = np.array([line for line, _ in lines[HEAD_LINES:]])
+    return replace(table, lines=np.concatenate([table.lines, numbered]), body=pl.concat([table.body, rest]))
+
+
+def table_of(path: Path, lines: Lines, layout: CsvLayout) -> CsvTable:
+    """The table of the lines of a log in CSV; raises as `read_csv_table`."""
+    sign = layout.comment
+    comments: Lines = [(n, t.strip()[len(sign) :].strip()) for n, t in lines if sign and t.lstrip().startswith(sign)]
+    content = [(n, text) for n, text in lines if not (sign and text.lstrip().startswith(sign))]
+    delimiter = delimiter_of(content, layout.delimiter)
+    rows = split_rows(path, content, delimiter)
+    names = header_of(path, rows, comments, delimiter, layout)
+    units = [name_and_unit(name)[1] for name in names]
+    if layout.header == "row":
+        check_header_place(path, rows[0], rows[1:])
+        rows = rows[1:]
+    rows = [(line, unpadded(cells, len(names))) for line, cells in rows]
+    rows, notes = without_extra_cells(path, rows, len(names), layout) if rows else (rows, [])
+    if layout.units_row and rows:
+        units, rows = ([*map(without_brackets, rows[0][1]), *units[len(rows[0][1]) :]], rows[1:])
+    if not rows:
+        raise InputError(f"{path}: no rows of data; record it again, or exclude the trial")
+    cut = len(rows) > 1 and len(rows[-1][1]) < min(len(names), len(rows[-2][1]))  # as by an interrupted recorder
+    if cut:
+        notes.append(f"{path.name}: the last line, {rows[-1][0]}, is cut off and was skipped")
+        rows = rows[:-1]
+    rows, repairs = fitting_rows(path, rows, len(names), layout)
+    if not rows:
+        raise InputError(
+            f"{path}: none of its rows fits the header's {len(names)} names; state `delimiter` or `header`"
+        )
+    cells = [pl.Series(str(k), [row[k] for _, row in rows], dtype=pl.String) for k in range(len(names))]
+    numbered, said = np.array([line for line, _ in rows]), [text for _, text in comments]
+    return CsvTable(path, names, units, numbered, pl.DataFrame(cells), said, [*notes, *repairs], delimiter, not cut)
+
+
+def header_of(path: Path, rows: Rows, comments: Lines, delimiter: str, layout: CsvLayout) -> list[str]:
+    """Names of the columns; their numbers, counted from 1, where the file has no header."""
+    if layout.header == "comment":
+        named = split_rows(path, comments[-1:], delimiter)
+        if not named:
+            raise InputError(f"{path}: no line begins with '{layout.comment}'; write `header: row` or `header: none`")
+        return named[0][1]
+    if not rows:
+        raise InputError(f"{path}: holds no rows; record it again, or exclude the trial")
+    line, first = rows[0]
+    if layout.header == "none":
+        return [str(i + 1) for i in range(len(first))]
+    if all(is_number_cell(cell.replace(",", ".")) for cell in first if cell):
+        raise InputError(
+            f"{path}: line {line} holds numbers, not the columns' names; write `header: none` and the columns' numbers"
+        )
+    return unpadded(first, 0)
 
 
 def check_header_place(path: Path, header: tuple[int, list[str]], rows: Rows) -> None:
@@ -211,11 +333,6 @@ def check_header_place(path: Path, header: tuple[int, list[str]], rows: Rows) ->
 
     It is so where most rows have more cells than the header, and the first such row below it holds no number. One cell
     more in the next row may be a row of units below a header that lacks a name.
-
-    Raises
-    ------
-    InputError
-        The names seem to stand further down.
     """
     names = unpadded(header[1], 0)
     (width, count), *_ = Counter(len(cells) for _, cells in rows).most_common(1) or [(0, 0)]
@@ -246,11 +363,6 @@ def without_extra_cells(path: Path, rows: Rows, width: int, layout: CsvLayout) -
     """Rows without the cells that every row has more than the header, and what was left out.
 
     A log whose rows fit the header is left as it is, so that one source file serves logs with and without such cells.
-
-    Raises
-    ------
-    InputError
-        Every row has the same number of cells more than the header has names, and the layout does not say which.
     """
     extra = {len(cells) - width for _, cells in rows}
     count = extra.pop()
@@ -276,19 +388,12 @@ def unpadded(cells: list[str], width: int) -> list[str]:
     return cells[:end]
 
 
-def without_cut_line(rows: Rows, width: int) -> Rows:
-    """The rows without the last one if it has too few cells, as where the recorder was interrupted."""
-    cut = len(rows) > 1 and len(rows[-1][1]) < min(width, len(rows[-2][1]))
-    return rows[:-1] if cut else rows
-
-
-def fitting_rows(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows, list[RowColumns], list[str]]:
-    """The rows that fit, the column of each of their cells, and what was repaired."""
-    notes: list[str] = []
+def fitting_rows(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple[list[Omitting], list[str]]:
+    """The rows that fit, with None for omitted columns, and what was repaired."""
     if layout.ragged == "dropped_variable":
         rows, unnamed = without_unnamed(path, rows, width, layout)
-        columns_from, dropped = dropped_variables(path, rows, width, layout)
-        return rows, columns_from, notes + unnamed + dropped
+        filled, dropped = dropped_variables(path, rows, width, layout)
+        return filled, unnamed + dropped
     odd = [(line, len(cells)) for line, cells in rows if len(cells) != width]
     if odd and (layout.ragged == "refuse" or len(odd) > layout.most_missing * len(rows)):
         share = share_above(len(odd), len(rows))
@@ -297,9 +402,8 @@ def fitting_rows(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple
             f"{path}: line {odd[0][0]} has {odd[0][1]} cells under {width} names, and {len(odd)} of {len(rows)} rows "
             f"do not fit; repair these lines, or write `ragged: skip`{more} in the source file to leave them out"
         )
-    if odd:
-        notes.append(f"{path.name}: {len(odd)} of {len(rows)} rows do not fit the header and were skipped")
-    return [row for row in rows if len(row[1]) == width], [RowColumns(0, list(range(width)))], notes
+    note = f"{path.name}: {len(odd)} of {len(rows)} rows do not fit the header and were skipped"
+    return [(line, list(cells)) for line, cells in rows if len(cells) == width], [note] * bool(odd)
 
 
 def without_unnamed(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows, list[str]]:
@@ -322,184 +426,25 @@ def without_unnamed(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tu
     return [*kept, *rows[first:]], [note]
 
 
-def dropped_variables(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple[list[RowColumns], list[str]]:
-    """The columns of each row of a logger that omits failed variables: those that were missing in the row before.
+def dropped_variables(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple[list[Omitting], list[str]]:
+    """The rows of a logger that omits failed variables, with None from there on: those missing in the row before.
 
-    Raises
-    ------
-    InputError
-        A row is longer than the row before it, or the number of omitted cells differs from the number of cells missing
-        before. The columns of its cells are then unknown.
+    Refused is a row that is longer than the row before it, or omits another number of cells than were missing before:
+    the columns of its cells are then unknown.
     """
-    columns_from, notes, columns = [RowColumns(0, list(range(width)))], [], list(range(width))
+    notes, columns, filled = list[str](), list(range(width)), list[Omitting]()
     for place, (line, cells) in enumerate(rows):
-        if len(cells) == len(columns):
-            continue
-        before = rows[place - 1][1] if place else []
-        failed = [column for column, cell in zip(columns, before, strict=False) if cell in layout.missing]
-        if len(cells) > len(columns) or len(columns) - len(cells) != len(failed):
-            raise InputError(
-                f"{path}: line {line} has {len(cells)} cells where {len(columns)} were, and {len(failed)} were missing "
-                "in the line before: it is unknown which column was omitted; cut the file off there"
-            )
-        columns = [column for column in columns if column not in failed]
-        columns_from.append(RowColumns(place, columns))
-        notes.append(f"{path.name}: from line {line} on, columns {', '.join(str(c + 1) for c in failed)} are missing")
-    return columns_from, notes
-
-
-@dataclass(frozen=True)
-class CsvTable:
-    """The rows of a log in CSV, as text."""
-
-    path: Path
-    names: list[str]
-    """Names of the columns, as in the header."""
-    units: list[str]
-    """Units of the columns, from a row of units or from brackets behind the name; empty where none is given."""
-    rows: Rows | PlainBody
-    """Number of the line in the file, and its cells."""
-    columns_from: list[RowColumns]
-    """Which column each cell of a row belongs to."""
-    comments: list[str]
-    """The comment lines without their sign."""
-    notes: list[str]
-    """Repairs, a sentence each."""
-    delimiter: str = ""
-    """Sign between its cells."""
-    complete: bool = True
-    """Whether its last line is whole."""
-
-    def column(self, name: str) -> int:
-        """Place of a column by its name, with or without its unit, by a pattern with `*`, or by its number from 1.
-
-        A name goes before a pattern, a pattern before a number.
-
-        Raises
-        ------
-        InputError
-            There is none, or more than one.
-        """
-        places = places_of(name, self.names)
-        if len(places) == 1:
-            return places[0]
-        where = f"{self.path}: column '{name[:80]}'"
-        if places:
-            which = listing([f"{place + 1} ('{self.names[place]}')" for place in places])
-            advice = "write a pattern or a name that only one has, or its number"
-            raise InputError(f"{where} occurs {len(places)} times, as columns {which}; {advice}")
-        if len(self.names) > 1:
-            advice = nearest(name, self.names) or "; correct the name in the source file"
-        else:
-            advice = "; state `delimiter` if these are several columns"
-        raise InputError(f"{where} is missing; the file has {listing(self.names)}{advice}")
-
-    def cells(self, column: int) -> list[str | None] | pl.Series:
-        """A column's cells; None in rows in which the logger omitted the column."""
-        if isinstance(self.rows, PlainBody):
-            return self.rows.cells(column)
-        cells: list[str | None] = []
-        ends = [part.first for part in self.columns_from[1:]] + [len(self.rows)]
-        for part, end in zip(self.columns_from, ends, strict=True):
-            if column in part.columns:
-                place = part.columns.index(column)
-                cells += [row[place] for _, row in self.rows[part.first : end]]
-            else:
-                cells += [None] * (end - part.first)
-        return cells
-
-
-def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
-    """The rows of a log in CSV.
-
-    Raises
-    ------
-    InputError
-        The file has no rows or no header, or rows of another length than the header that the layout does not allow.
-    """
-    return large_table(path, layout) or table_of(path, read_lines(path), layout)
-
-
-def large_table(path: Path, layout: CsvLayout) -> CsvTable | None:
-    """The same for a large file whose lines are all alike below the first ones; None for another one."""
-    head = head_of(path)
-    if head is None:
-        return None
-    try:
-        table = table_of(path, lines_of(path, head.data), layout)
-    except InputError:
-        return None  # the whole file tells what is wrong
-    width = len(table.names)
-    if isinstance(table.rows, PlainBody) or len(table.rows) < SNIFFED or table.notes:
-        return None
-    if table.columns_from != [RowColumns(0, list(range(width)))] or not table.delimiter:
-        return None
-    count = plain_lines(path, len(head.data), table.delimiter, width, layout.comment)
-    if count is None:
-        return None
-    return replace(table, rows=PlainBody(path, table.rows, len(head.data), head.lines + 1, count, table.delimiter))
-
-
-def table_of(path: Path, lines: Lines, layout: CsvLayout) -> CsvTable:
-    """The rows among the lines of a log in CSV; raises as `read_csv_table`."""
-    sign = layout.comment
-    comments: Lines = [(n, t.strip()[len(sign) :].strip()) for n, t in lines if sign and t.lstrip().startswith(sign)]
-    content = [(n, text) for n, text in lines if not (sign and text.lstrip().startswith(sign))]
-    delimiter = delimiter_of(content, layout.delimiter)
-    rows = split_rows(path, content, delimiter)
-    names = header_of(path, rows, comments, delimiter, layout)
-    units = [name_and_unit(name)[1] for name in names]
-    if layout.header == "row":
-        check_header_place(path, rows[0], rows[1:])
-        rows = rows[1:]
-    rows = [(line, unpadded(cells, len(names))) for line, cells in rows]
-    rows, left_out = without_extra_cells(path, rows, len(names), layout) if rows else (rows, [])
-    if layout.units_row and rows:
-        units, rows = ([*map(without_brackets, rows[0][1]), *units[len(rows[0][1]) :]], rows[1:])
-    if not rows:
-        raise InputError(f"{path}: no rows of data; record it again, or exclude the trial")
-    last = rows[-1][0]
-    rows = without_cut_line(rows, len(names))
-    cut = f"{path.name}: the last line, {last}, is cut off and was skipped" if rows[-1][0] != last else ""
-    rows, columns_from, notes = fitting_rows(path, rows, len(names), layout)
-    if not rows:
-        raise InputError(
-            f"{path}: none of its rows fits the header's {len(names)} names; state `delimiter` or `header`"
-        )
-    said = [text for _, text in comments]
-    repairs = [*left_out, *filter(None, [cut]), *notes]
-    return CsvTable(path, names, units, rows, columns_from, said, repairs, delimiter, complete=not cut)
-
-
-def header_of(path: Path, rows: Rows, comments: Lines, delimiter: str, layout: CsvLayout) -> list[str]:
-    """Names of the columns; their numbers, counted from 1, where the file has no header."""
-    if layout.header == "comment":
-        named = split_rows(path, comments[-1:], delimiter)
-        if not named:
-            raise InputError(f"{path}: no line begins with '{layout.comment}'; write `header: row` or `header: none`")
-        return named[0][1]
-    if not rows:
-        raise InputError(f"{path}: holds no rows; record it again, or exclude the trial")
-    line, first = rows[0]
-    if layout.header == "none":
-        return [str(i + 1) for i in range(len(first))]
-    if all(is_number_cell(cell.replace(",", ".")) for cell in first if cell):
-        raise InputError(
-            f"{path}: line {line} holds numbers, not the columns' names; write `header: none` and the columns' numbers"
-        )
-    return unpadded(first, 0)
-
-
-def places_of(name: str, names: Sequence[str]) -> list[int]:
-    """Places of the columns that a name, a pattern with `*` for any text, or a number from 1 means."""
-    plain = [name_and_unit(title)[0] for title in names]
-    exact = [i for i, title in enumerate(names) if title == name] or [
-        i for i, title in enumerate(plain) if title == name
-    ]
-    if exact:
-        return exact
-    if "*" in name:
-        pattern = re.compile(re.escape(name).replace(r"\*", ".*"), re.DOTALL)
-        return [i for i in range(len(names)) if pattern.fullmatch(names[i]) or pattern.fullmatch(plain[i])]
-    number_given = re.fullmatch(r"[1-9]\d{0,4}", name, re.ASCII) and int(name) <= len(names)
-    return [int(name) - 1] if number_given else []
+        if len(cells) != len(columns):
+            before = rows[place - 1][1] if place else []
+            failed = [column for column, cell in zip(columns, before, strict=False) if cell in layout.missing]
+            if len(cells) > len(columns) or len(columns) - len(cells) != len(failed):
+                raise InputError(
+                    f"{path}: line {line} has {len(cells)} cells where {len(columns)} were, and {len(failed)} were "
+                    "missing in the line before: it is unknown which column was omitted; cut the file off there"
+                )
+            columns = [column for column in columns if column not in failed]
+            which = ", ".join(str(column + 1) for column in failed)
+            notes.append(f"{path.name}: from line {line} on, columns {which} are missing")
+        by_column: dict[int, str] = dict(zip(columns, cells, strict=True))
+        filled.append((line, [by_column.get(column) for column in range(width)]))
+    return filled, notes

@@ -10,11 +10,6 @@ def optional_module(name: str, extra: str, what: str) -> Any:
     """The module `name` of a library that the extra `extra` of the package installs, such as `nptdms` of `tdms`.
 
     what: what cannot be read without it, for the message: "a TDMS file".
-
-    Raises
-    ------
-    InputError
-        The library is not installed; the message says how to install it.
     """
     library = name.partition(".")[0]
     try:

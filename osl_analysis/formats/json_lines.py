@@ -26,13 +26,7 @@ MOST_ELEMENTS = 64
 
 
 def addresses_in_line(text: bytes, most: int) -> tuple[list[str], dict[str, int]]:
-    """The addresses of the first `most` numbers in a line, and the length of each array that is not listed whole.
-
-    Raises
-    ------
-    ValueError
-        The text is not JSON, or too long to be parsed.
-    """
+    """The addresses of the first `most` numbers in a line, and the length of each array that is not listed whole."""
     check_text(len(text))
     cut: dict[str, int] = {}
     return list(islice(addresses_in(json.loads(text), "", {}, cut), most)), cut
@@ -126,13 +120,7 @@ def is_json_lines(begin: bytes) -> bool:
 
 
 def read_json_lines(path: Path) -> JsonLines:
-    """The lines of a file. A last line that breaks off, as a killed logger leaves it, is left out.
-
-    Raises
-    ------
-    InputError
-        There is no line.
-    """
+    """The lines of a file. A last line that breaks off, as a killed logger leaves it, is left out."""
     data = path.read_bytes()
     if data[:2] in UTF_16_MARKS:
         data = data.decode("utf-16", errors="replace").encode()
@@ -161,13 +149,7 @@ def is_whole(text: bytes) -> bool:
 
 
 def decode_lines(lines: JsonLines, paths: Sequence[str]) -> DecodedLines:
-    """The fields at `paths` (`variables.ankle_angle`, `position[0]`) of all lines.
-
-    Raises
-    ------
-    InputError
-        No line has one of the fields, or one is no number in any line, or a line is longer than any recorder's.
-    """
+    """The fields at `paths` (`variables.ankle_angle`, `position[0]`) of all lines."""
     reader = ByText(paths, effort=text_effort_for(len(lines.data)))
     try:
         parts = list(reader.read(lines.data, lines.starts, lines.lengths))
@@ -193,13 +175,7 @@ def decode_lines(lines: JsonLines, paths: Sequence[str]) -> DecodedLines:
 
 
 def check_misfit(lines: JsonLines, path: str, misfit: str) -> None:
-    """Blame the lines that cannot be used where only these have a number at the path.
-
-    Raises
-    ------
-    InputError
-        They do.
-    """
+    """Blame the lines that cannot be used where only these have a number at the path."""
     alone = ByText([path], effort=text_effort_for(len(lines.data)))
     if misfit and any(path in values for _, values in alone.read(lines.data, lines.starts, lines.lengths)):
         raise InputError(

@@ -46,13 +46,7 @@ class NexusSection:
     """Decimal sign."""
 
     def place(self, name: str, component: str) -> int:
-        """Column of a name, with or without its subject, and component.
-
-        Raises
-        ------
-        InputError
-            There is none, or more than one.
-        """
+        """Column of a name, with or without its subject, and component."""
         wanted = [i for i, c in enumerate(self.components) if c.casefold() == component.casefold()]
         found = [i for i in wanted if self.names[i] == name] or [
             i for i in wanted if without_subject(self.names[i]) == name
@@ -67,13 +61,7 @@ class NexusSection:
         return found[0]
 
     def column(self, name: str, component: str) -> tuple[Array, str]:
-        """Values (rows,) and unit of a name's component.
-
-        Raises
-        ------
-        InputError
-            There is none, or more than one, or a cell holds no number.
-        """
+        """Values (rows,) and unit of a name's component."""
         place = self.place(name, component)
         return self.values(place), self.units[place]
 
@@ -89,13 +77,7 @@ class NexusSection:
             ) from error
 
     def counts(self) -> tuple[int, int]:
-        """First frame, and samples per frame.
-
-        Raises
-        ------
-        InputError
-            Numbers of frames or sub frames are missing; the message names the line.
-        """
+        """First frame, and samples per frame."""
         frame, sub = (self.values(place) for place in (0, 1))
         per_frame = float(np.nanmax(sub, initial=0.0)) + 1
         goes_on = (frame - frame[0]) * per_frame + sub == np.arange(frame.size)

@@ -35,13 +35,7 @@ class OpenSimTable:
         return {"yes": "deg", "no": "rad"}.get(self.header.get("indegrees", "").casefold(), "")
 
     def column(self, name: str) -> Array:
-        """The numbers (rows,) of a column, NaN where the value is none.
-
-        Raises
-        ------
-        InputError
-            There is none of that name, or two, or a cell holds no number.
-        """
+        """The numbers (rows,) of a column, NaN where the value is none."""
         places = [place for place, one in enumerate(self.names) if one == name]
         if len(places) != 1:
             count = f"occurs {len(places)} times" if places else "is missing"

@@ -4,6 +4,7 @@ The file is given to the library as bytes, so that it does not look for an index
 """
 
 import logging
+import struct
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -26,6 +27,9 @@ NUMBERS = "biuf"
 """Kinds of numpy's types that are signals."""
 UNITS = ("unit_string", "NI_UnitDescription")
 """Properties in which LabVIEW states the unit of a channel."""
+LEAD_IN = 28
+"""Bytes at the beginning of a segment that tell its byte order and length."""
+BIG_ENDIAN = 1 << 6
 BITS = 8
 """Channels of single bits share a byte."""
 RECOVER = "copy it again, or open it in LabVIEW or DIAdem and save it under a new name"
@@ -84,13 +88,7 @@ class TdmsFile:
     """Losses, a sentence each."""
 
     def channel(self, address: str) -> TdmsChannel:
-        """A channel by group and name, or by its name alone where one group only has it.
-
-        Raises
-        ------
-        InputError
-            There is none, or more than one.
-        """
+        """A channel by group and name, or by its name alone where one group only has it."""
         found = [one for one in self.channels if one.address == address] or [
             one for one in self.channels if one.name == address
         ]
@@ -107,13 +105,7 @@ class TdmsFile:
         raise InputError(f"{self.path}: no channel '{address[:80]}'; the file has {listing(names)}{advice}")
 
     def values(self, wanted: Sequence[TdmsChannel]) -> dict[str, NDArray[Any]]:
-        """The numbers, scaled as the file says, of some channels, by address; time stamps as seconds since the first.
-
-        Raises
-        ------
-        InputError
-            A channel is empty, holds text, or cannot be read.
-        """
+        """The numbers of some channels, scaled as the file says, by address; time stamps as seconds since the first."""
         for one in wanted:
             if not one.count:
                 raise InputError(f"{self.path}: channel '{one.address}' is empty; take another one, or record again")
@@ -139,28 +131,21 @@ def is_tdms(begin: bytes) -> bool:
     return begin.startswith((MAGIC, INDEX)) and CONTROL.search(begin) is not None
 
 
-class Listener(logging.Handler):
-    """Collects what a library logs."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.said: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Keep one message."""
-        self.said.append(record.getMessage())
-
-
 @contextmanager
 def overheard() -> Iterator[list[str]]:
-    """What npTDMS logs meanwhile, in place of a line on the terminal."""
-    listener, logger = Listener(), logging.getLogger("nptdms")
-    optional_module("nptdms.log", "tdms", "a TDMS file").log_manager.console_handler.setLevel(logging.CRITICAL)
-    logger.addHandler(listener)
+    """What npTDMS says meanwhile, in place of lines on the terminal."""
+    said: list[str] = []
+
+    def keep(record: logging.LogRecord) -> bool:
+        said.append(record.getMessage())
+        return False
+
+    handler = optional_module("nptdms.log", "tdms", "a TDMS file").log_manager.console_handler
+    handler.addFilter(keep)
     try:
-        yield listener.said
+        yield said
     finally:
-        logger.removeHandler(listener)
+        handler.removeFilter(keep)
 
 
 def library() -> Any:
@@ -208,16 +193,25 @@ def read_tdms(path: Path) -> TdmsFile:
                 f"{path}: channel '{one.address}' declares {one.count} values, more than {len(data)} bytes can hold; "
                 f"{RECOVER}"
             )
-    return TdmsFile(path, data, channels, about, tuple(losses(status)))
+    return TdmsFile(path, data, channels, about, tuple(losses(data, status)))
 
 
-def losses(status: Any) -> list[str]:
-    """What the end of the file tells about values that were not written."""
-    if not status.incomplete_final_segment:
-        return []
+def losses(data: bytes, status: Any) -> list[str]:
+    """What the end of the file tells about values that were not written. npTDMS is silent about a cut lead-in."""
     lost = [one.expected_length - one.read_length for one in (status.channel_statuses or {}).values()]
+    if not status.incomplete_final_segment and ends_with_segment(data):
+        return []
     count = f"{max(lost)} values of each channel are missing" if any(lost) else "how much is missing is not known"
     return [f"the last segment is not complete: the recorder did not finish, or the end is lost; {count}"]
+
+
+def ends_with_segment(data: bytes) -> bool:
+    """Whether the segments, each of which begins with its length, end where the file ends."""
+    at = 0
+    while at + LEAD_IN <= len(data) and data[at : at + 4] == MAGIC:
+        order = ">" if data[at + 4] & BIG_ENDIAN else "<"
+        at += LEAD_IN + int(struct.unpack_from(f"{order}Q", data, at + 12)[0])
+    return at == len(data)
 
 
 def channel_of(one: Any) -> TdmsChannel:

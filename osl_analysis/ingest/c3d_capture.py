@@ -84,13 +84,7 @@ class C3dSource(CaptureSource):
         return unit
 
     def unit_of_length(self, recording: C3DRecording) -> str:
-        """The source file's unit of length, or else the recording's.
-
-        Raises
-        ------
-        InputError
-            It is empty, unknown or not a length.
-        """
+        """The source file's unit of length, or else the recording's."""
         unit = self.point_unit or recording.point_unit()
         try:
             si_factor(unit, "m")
@@ -100,14 +94,7 @@ class C3dSource(CaptureSource):
 
 
 def read_c3d_capture(path: Path, source: C3dSource) -> Recording:
-    """The columns that the source file asks for, in SI units; frame 0 and analog sample 0 are at 0 s.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, a marker, plate or channel is missing or named twice, a unit is unknown, or an
-        analog value is not finite.
-    """
+    """The columns that the source file asks for, in SI units; frame 0 and analog sample 0 are at 0 s."""
     recording = read_c3d(path, source.counts)
     try:
         return recording_of(c3d_capture(recording, source), source)
@@ -138,13 +125,7 @@ def c3d_capture(recording: C3DRecording, source: C3dSource) -> Capture:
 
 
 def c3d_markers(recording: C3DRecording, source: C3dSource) -> tuple[str, ...]:
-    """Labels of the markers to read; "all" excludes model outputs and what has no label.
-
-    Raises
-    ------
-    InputError
-        All are to be read, and no point has a label.
-    """
+    """Labels of the markers to read; "all" excludes model outputs and what has no label."""
     if source.markers != "all":
         return source.markers
     outputs, count = recording.model_outputs, recording.header.points
@@ -217,13 +198,7 @@ def plate_count(recording: C3DRecording) -> int:
 
 
 def plates_of(recording: C3DRecording, source: C3dSource) -> list[tuple[ForcePlate, Array]]:
-    """The plates that the source file asks for, each with its channels (samples, channels) for `ForcePlate.wrench`.
-
-    Raises
-    ------
-    InputError
-        The file has no such plate, the plate lacks channels or parameters, or a unit is unknown.
-    """
+    """The plates that the source file asks for, each with its channels (samples, channels) for `ForcePlate.wrench`."""
     count = plate_count(recording)
     wanted = range(1, count + 1) if source.plates == "all" else source.plates
     plates = []
@@ -382,13 +357,7 @@ def plate_parameter(recording: C3DRecording, name: str, number: int, shape: tupl
 
 
 def inspect_c3d(path: Path) -> Overview:
-    """Markers with the share of frames in which they were seen, model outputs, analog channels and plates.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read; the message says where it is damaged.
-    """
+    """Markers with the share of frames in which they were seen, model outputs, analog channels and plates."""
     recording, remark = any_counts(path)
     try:
         overview = c3d_overview(recording)

@@ -83,12 +83,6 @@ def recording_of(capture: Capture, source: CaptureSource) -> Recording:
 
     Markers and model outputs have a sample per frame, plates and analogs several: a row per analog sample, and null
     where a frame has none. A marker that was not seen is NaN.
-
-    Raises
-    ------
-    InputError
-        Nothing to read, two markers of one name, an unknown unit, or a value of a plate or an analog channel that is
-        not finite.
     """
     markers, marker_origins = marker_signals(capture, source)
     outputs, output_origins = output_signals(capture, source)

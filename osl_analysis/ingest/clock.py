@@ -242,12 +242,6 @@ def correlate_clocks(slave: Course, master: Course) -> ClockFit:
     """Offset from the highest peak of the correlation, drift from the lags of twelve sections of the recording.
 
     In the result `edges` counts the sections that were used, `excluded_edges` those that were quiet or did not fit.
-
-    Raises
-    ------
-    InputError
-        The signals are too short, constant or unlike, a second peak reaches 80 % of the first, fewer than six of the
-        twelve sections have movement, or the residual exceeds the sampling interval of the slower recorder.
     """
     if min(slave.time.size, master.time.size) < 4 * SECTIONS:
         raise InputError(f"fewer than {4 * SECTIONS} samples of the shared signal; record longer")
@@ -281,13 +275,7 @@ def lag_line(first: Array, second: Array, limit: float, step: float) -> ClockFit
 
 
 def whole_lag(ours: Array, theirs: Array) -> int:
-    """Samples by which `theirs` (m,) is behind `ours` (n,), from the whole recordings.
-
-    Raises
-    ------
-    InputError
-        The highest peak is too low, or a second one is nearly as high.
-    """
+    """Samples by which `theirs` (m,) is behind `ours` (n,), from the whole recordings."""
     lags, score = correlation_by_lag(ours, theirs)
     best = int(np.argmax(score))
     if not score[best] >= ALIKE:
@@ -370,11 +358,6 @@ def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) 
 
     In this case the clocks are aligned by correlation: of the angle that motion capture's source file names under
     `shared`, or else of the two sync voltages.
-
-    Raises
-    ------
-    InputError
-        Neither edges nor correlation align the clocks; the message has both reasons.
     """
     if log.facts.get("clock") == "common":
         return common_clock(log, mocap), []

@@ -161,12 +161,6 @@ def read_csv_log(path: Path, source: CsvSource) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first row.
 
     A cell with one of the words for a failed reading becomes NaN. Such cells are counted in the facts and warnings.
-
-    Raises
-    ------
-    InputError
-        A column is missing, a cell is not a number, too many cells are missing, a unit is unknown, or time goes
-        back.
     """
     table = read_csv_table(path, source.layout)
     time, start = time_of(table, source)
@@ -214,7 +208,7 @@ def matched(table: CsvTable, given: str, place: int) -> dict[str, str]:
 def time_of(table: CsvTable, source: CsvSource) -> tuple[Array, float]:
     """Time [s] of every row since the first one, and the reading of the clock in the first row."""
     if source.time.rate is not None:
-        return np.arange(len(table.rows)) / source.time.rate, 0.0
+        return np.arange(len(table.lines)) / source.time.rate, 0.0
     place = table.column(str(source.time.column))
     unit = source.time.unit if source.time.unit is not None else table.units[place]
     try:
@@ -224,7 +218,7 @@ def time_of(table: CsvTable, source: CsvSource) -> tuple[Array, float]:
         raise InputError(f"{where}: {error}, as {source.place('time', 'unit')}") from error
     raw, absent = whole_numbers(table.cells(place)) or column_of(table, place, source)
     if absent.any():
-        line = table.rows[int(np.argmax(absent))][0]
+        line = table.lines[int(np.argmax(absent))]
         raise InputError(f"{table.path}: line {line}: no time in column '{source.time.column}'; remove the line")
     what = f"{table.path}, column '{table.names[place]}'"
     advice = "rows; take another column, or state the rate of the rows: `time: {rate: 1000}`"
@@ -243,11 +237,6 @@ def column_of(
     """Numbers of one column, (rows,), NaN where they are missing; and which are missing, (rows,).
 
     In a `level` the words `True` and `False`, in any capitals, are 1 and 0, as Python's loggers write them.
-
-    Raises
-    ------
-    InputError
-        A cell is not a number.
     """
     cells = table.cells(place)
     if level:
@@ -257,7 +246,7 @@ def column_of(
     except UnreadableCellError as error:
         text = str(cells[error.place])
         raise InputError(
-            f"{table.path}: line {table.rows[error.place][0]}, column '{table.names[place]}': '{text[:40]}' is not "
+            f"{table.path}: line {table.lines[error.place]}, column '{table.names[place]}': '{text[:40]}' is not "
             f"a number; {remedy_for(text, table, place, source, first=error.place == 0)}"
         ) from error
     return values, absent
@@ -298,7 +287,7 @@ def counter_of(table: CsvTable, name: str, source: CsvSource) -> pl.Series:
     if wrong.any():
         row = int(np.argmax(wrong))
         raise InputError(
-            f"{table.path}: line {table.rows[row][0]}, column '{name}': {raw[row]} is no count of samples; remove "
+            f"{table.path}: line {table.lines[row]}, column '{name}': {raw[row]} is no count of samples; remove "
             "`counter` from the source file, or the line from the log"
         )
     return pl.Series(raw.astype(np.int64))
@@ -308,7 +297,7 @@ def missing_in(table: CsvTable, place: int, absent: NDArray[np.bool_], source: C
     """Number of missing cells of a column. A column with too many is refused."""
     count = int(absent.sum())
     if count > source.most_missing * absent.size:
-        first = table.rows[int(np.argmax(absent))][0]
+        first = table.lines[int(np.argmax(absent))]
         raise InputError(
             f"{table.path}: column '{table.names[place]}' is missing in {count} of {absent.size} rows, first in line "
             f"{first}; at most {source.most_missing:.1%} may be: repair the log, or write "
@@ -320,7 +309,7 @@ def missing_in(table: CsvTable, place: int, absent: NDArray[np.bool_], source: C
 def csv_warnings(table: CsvTable, source: CsvSource, missing: dict[str, int]) -> list[str]:
     """What was repaired, what is missing, and where the unit of the file differs from that of the source file."""
     name, found = table.path.name, list(table.notes)
-    found += [f"{name}: {column} is missing in {n} of {len(table.rows)} rows" for column, n in missing.items() if n]
+    found += [f"{name}: {column} is missing in {n} of {len(table.lines)} rows" for column, n in missing.items() if n]
     for column, channel in source.channels.items():
         theirs = table.units[table.column(channel.column)]
         if channel.unit and theirs and theirs != channel.unit:
@@ -337,13 +326,7 @@ SAMPLE = 5  # rows in which a decimal comma is sought
 
 
 def inspect_csv(path: Path) -> Overview:
-    """Columns with units, rate, gaps and cells that are no numbers.
-
-    Raises
-    ------
-    InputError
-        The file is not text, has no rows, or is no table of numbers.
-    """
+    """Columns with units, rate, gaps and cells that are no numbers."""
     lines = read_lines(path)
     comments = [text for _, text in lines if text.lstrip().startswith(COMMENT)]
     content = [(line, text) for line, text in lines if not text.lstrip().startswith(COMMENT)]

@@ -48,13 +48,7 @@ def stamps_among(names: Collection[str]) -> Mapping[str, Parts]:
 
 
 def stamp_column(lines: JsonLines, decoded: DecodedLines, parts: Parts) -> TableColumn:
-    """The stamps [ns] as one column; a line that lacks one of the parts has none.
-
-    Raises
-    ------
-    InputError
-        A part is not a whole number, or too large for one.
-    """
+    """The stamps [ns] as one column; a line that lacks one of the parts has none."""
     for name, most in zip(parts, (LAST_SECOND, SECOND), strict=True):
         values, there = decoded.values[name], decoded.present[name]
         numbers = np.where(there, values, 0).astype(np.float64)
@@ -125,12 +119,6 @@ def read_json_log(path: Path, source: JsonSource) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first line.
 
     A line that lacks a field has no sample of it. `null` is no value, `NaN` a reading that failed.
-
-    Raises
-    ------
-    InputError
-        A field is missing in all lines, too many lines cannot be used (no JSON, a field twice, text in place of a
-        number), or the source file is refused by `read_table_log`.
     """
     lines = read_json_lines(path)
     field = source.time.field
@@ -182,13 +170,7 @@ def damage_of(decoded: DecodedLines) -> dict[str, object]:
 
 
 def inspect_json(path: Path) -> Overview:
-    """Every number in the lines, with its range, and the likely clock.
-
-    Raises
-    ------
-    InputError
-        No line holds a number.
-    """
+    """Every number in the lines, with its range, and the likely clock."""
     lines = read_json_lines(path)
     names, long = addresses_of(lines)
     if not names:

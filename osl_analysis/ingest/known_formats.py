@@ -12,7 +12,7 @@ from osl_analysis.formats.bag_folder import folder_format
 from osl_analysis.formats.c3d import is_c3d
 from osl_analysis.formats.csv_table import is_text
 from osl_analysis.formats.json_lines import is_json_lines
-from osl_analysis.formats.mat.mat_file import is_mat
+from osl_analysis.formats.mat import is_mat
 from osl_analysis.formats.mcap.walk import MAGIC
 from osl_analysis.formats.nexus_csv import is_nexus
 from osl_analysis.formats.opensim_table import is_opensim
@@ -151,13 +151,7 @@ def recognise(path: Path) -> str:
 
 
 def check_format(path: Path, source: Source) -> None:
-    """Refuse a file whose content is of another format than its source file says.
-
-    Raises
-    ------
-    InputError
-        The file is of another format, or of one that is not read.
-    """
+    """Refuse a file whose content is of another format than its source file says."""
     if path.is_dir():
         found_in = folder_format(path)
         if source.format != found_in:
@@ -175,13 +169,7 @@ def check_format(path: Path, source: Source) -> None:
 
 
 def formats_of(path: Path, begin: bytes) -> list[str]:
-    """The formats that a file has by what it begins with; none for text that only its name can tell.
-
-    Raises
-    ------
-    InputError
-        The file is of a format that is not read.
-    """
+    """The formats that a file has by what it begins with; none for text that only its name can tell."""
     refuse_others(path, begin)  # first: a PNG image begins like C3D
     return [name for name, known in FORMATS.items() if name != ANY_TEXT and known.begins(begin)]
 

@@ -4,17 +4,13 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
-import polars as pl
 from pydantic import Field, field_validator, model_validator
 
-from osl_analysis.columns import counter_column, unit_of
 from osl_analysis.errors import InputError, listing, nearest, printable
-from osl_analysis.formats.mat.address import LISTED, Address, find, parsed, vector
-from osl_analysis.formats.mat.mat_file import MatFile, open_mat
-from osl_analysis.formats.mat.values import Value
+from osl_analysis.formats.mat import LISTED, Address, MatFile, Value, find, open_mat, parsed, vector
 from osl_analysis.ingest.overview import (
     NAME_OF_TIME,
     UNKNOWN,
@@ -27,10 +23,17 @@ from osl_analysis.ingest.overview import (
     rate_of,
     unit_of_clock,
 )
-from osl_analysis.ingest.recording import Recording, check_values
-from osl_analysis.ingest.source_fields import Conversion, LogSource
-from osl_analysis.ingest.table_log import RowStamps, RowTime, Share, since_first
-from osl_analysis.ingest.units import Unit, si_factor
+from osl_analysis.ingest.recording import Recording
+from osl_analysis.ingest.table_log import (
+    Share,
+    Table,
+    TableChannel,
+    TableColumn,
+    TableSource,
+    TableTime,
+    read_table_log,
+)
+from osl_analysis.ingest.units import Unit
 from osl_analysis.trial import Array
 
 
@@ -41,8 +44,10 @@ def checked_address(text: str | None) -> str | None:
     return text
 
 
-class MatChannel(Conversion):
+class MatChannel(TableChannel):
     """One variable. A MATLAB file states no units, so that each channel needs one."""
+
+    ADDRESS: ClassVar[str] = "variable"
 
     variable: str
     """Its address in MATLAB's notation: `torque`, `Test.run(2).torque`, `data(:,3)`, `runs{2}.torque`. It is within
@@ -57,9 +62,16 @@ class MatChannel(Conversion):
     def _is_address(cls, text: str | None) -> str | None:
         return checked_address(text)
 
+    @property
+    def title(self) -> str:
+        """Its address, which needs no quotes."""
+        return self.variable
 
-class MatTime(RowTime):
+
+class MatTime(TableTime):
     """Where the time of a sample comes from: a variable, or the rate."""
+
+    ADDRESS: ClassVar[str] = "variable"
 
     variable: str | None = None
     """Address of the variable that holds time, as in `channels`."""
@@ -68,6 +80,11 @@ class MatTime(RowTime):
     @classmethod
     def _is_address(cls, text: str | None) -> str | None:
         return checked_address(text)
+
+    @property
+    def title(self) -> str:
+        """Its address, which needs no quotes."""
+        return str(self.variable)
 
     @model_validator(mode="after")
     def _one(self) -> "MatTime":
@@ -80,7 +97,7 @@ class MatTime(RowTime):
         return self
 
 
-class MatSource(LogSource):
+class MatSource(TableSource):
     """A log in a MATLAB file of version 5 (`save -v6`, `-v7`) or 7.3."""
 
     format: Literal["mat"]
@@ -108,127 +125,49 @@ class MatSource(LogSource):
         return parsed(text, inside=part is not None and not text.startswith("/")).below(part)
 
 
-class Signals:
-    """The vectors of one file that a source file asks for."""
-
-    def __init__(self, file: MatFile, source: MatSource) -> None:
-        """Reads the variables of all addresses of the source file; an address of another file's kind is refused."""
-        self.file, self.source = file, source
-        texts = [channel.variable for channel in source.channels.values()]
-        texts += [channel.counter for channel in source.channels.values() if channel.counter]
-        texts += [source.time.variable] if source.time.variable else []
-        addresses = [self.within_part(text) for text in texts]
-        self.variables: Mapping[str, Value] = file.read({address.variable for address in addresses})
-
-    def within_part(self, text: str) -> Address:
-        """An address of the source file; every refusal names the file."""
-        try:
-            return self.source.address(text)
-        except InputError as error:
-            raise InputError(f"{self.file.path}: {error}") from error
-
-    def vector(self, text: str) -> Array:
-        """The numbers (n,) at an address of the source file.
-
-        Raises
-        ------
-        InputError
-            There is nothing, or no vector of real numbers.
-        """
-        address = self.within_part(text)
-        if address.variable not in self.file.names and not self.source.log_part:
-            raise InputError(
-                f"{self.file.path}: no variable '{address.variable}'; it has {listing(self.file.names, LISTED)}"
-                f"{nearest(address.variable, self.file.names)}; if one of these holds it, name this one as `log_part`, "
-                "in the sample sheet where it differs from trial to trial"
-            )
-        try:
-            return vector(address, find(self.variables, self.file.names, address))
-        except InputError as error:
-            raise InputError(
-                str(error) if str(self.file.path) in str(error) else f"{self.file.path}: {error}"
-            ) from error
-
-
 def read_mat_log(path: Path, source: MatSource) -> Recording:
-    """The variables that the source file maps, in SI units; time [s] counts from the first sample.
-
-    Raises
-    ------
-    InputError
-        The file is damaged, a variable is missing or holds no vector of real numbers, vectors differ in length, too
-        many numbers are NaN, or time goes back.
-    """
-    signals = Signals(open_mat(path), source)
-    raw = {column: signals.vector(channel.variable) for column, channel in source.channels.items()}
-    time, start = time_of(signals, next(iter(raw.values())).size)
-    check_lengths(signals, raw, time)
-    check_own_variables(path, source)
-    columns, origins = [pl.Series("time", time)], {}
-    for column, channel in source.channels.items():
-        check_values(f"{path}: {channel.variable}", raw[column], time, source.most_missing)
-        columns.append(pl.Series(column, channel.to_si(raw[column], unit_of(column))))
-        if channel.counter is not None:
-            columns.append(counter_of(signals, channel.counter, time).alias(counter_column(column)))
-        origins[column] = {**channel.origin(column), "variable": signals.within_part(channel.variable).text}
-    stamps = RowStamps(time, source.time)
-    missing = {column: int(np.isnan(values).sum()) for column, values in raw.items()}
-    facts = {
-        **stamps.facts(path.name, start),
-        "missing": missing,
-        "version": signals.file.version,
-        "header": signals.file.header,
-        "log_part": source.log_part,
-    }
-    warnings = [f"{path.name}: {column} is NaN in {n} of {time.size} samples" for column, n in missing.items() if n]
-    repeats = f"{path.name}: {stamps.repeats} samples repeat the stamp of the sample before"
-    warnings += stamps.repeats_text(repeats, source.place("time"))
-    return Recording(pl.DataFrame(columns).filter(pl.Series(stamps.kept)), origins, facts, warnings)
-
-
-def time_of(signals: Signals, samples: int) -> tuple[Array, float]:
-    """Time [s] of every sample since the first one, and the reading of the clock at the first one."""
-    path, source = signals.file.path, signals.source.time
-    if source.rate is not None:
-        return np.arange(samples) / source.rate, 0.0
-    raw = signals.vector(str(source.variable))
-    factor, what = si_factor(str(source.unit), "s"), f"{path}: {source.variable}"
-    advice = "samples; take another variable, or state the rate of the samples: `time: {rate: 1000}`"
-    return since_first(raw, factor, what, advice), float(raw[0])
-
-
-def check_lengths(signals: Signals, raw: Mapping[str, Array], time: Array) -> None:
-    """Refuse vectors (n,) of other lengths than time, or than the first of them where there is no time."""
-    source = signals.source
-    reference = source.time.variable or next(iter(source.channels.values())).variable
-    for column, values in raw.items():
-        if values.size != time.size:
+    """The variables that the source file maps, in SI units; time [s] counts from the first sample."""
+    file, channels = open_mat(path), source.channels
+    texts = [text for one in channels.values() for text in (one.variable, one.counter) if text]
+    addresses = {text: within_part(path, source, text) for text in [*texts, *filter(None, [source.time.variable])]}
+    variables = file.read({address.variable for address in addresses.values()})
+    vectors = {text: vector_at(file, variables, address, source) for text, address in addresses.items()}
+    reference = source.time.variable or texts[0]
+    rows = vectors[reference].size
+    for text, values in vectors.items():
+        if values.size != rows:
             raise InputError(
-                f"{signals.file.path}: {source.channels[column].variable} has {values.size} numbers and {reference} "
-                f"has {time.size}; name variables of one recording, or cut them to one length in MATLAB"
+                f"{path}: {text} has {values.size} numbers and {reference} has {rows}; name variables of one "
+                "recording, or cut them to one length in MATLAB"
             )
+    facts = {"version": file.version, "header": file.header, "log_part": source.log_part}
+    recording = read_table_log(
+        Table(path, rows, lambda text: TableColumn(vectors[text]), facts=facts, noun="sample"), source
+    )
+    found = {name: {"variable": addresses[one.variable].text} for name, one in channels.items()}
+    return replace(recording, columns={name: {**one, **found[name]} for name, one in recording.columns.items()})
 
 
-def check_own_variables(path: Path, source: MatSource) -> None:
-    """Refuse two signals of different units, such as angle and torque, from one variable."""
-    by_address: dict[str, str] = {}
-    for column, channel in source.channels.items():
-        other = by_address.setdefault(str(source.address(channel.variable).steps), column)
-        if unit_of(other) != unit_of(column):
-            raise InputError(
-                f"{path}: {channel.variable} is {other} and {column} in the source file; correct "
-                f"{source.place('channels', column, 'variable')}"
-            )
+def within_part(path: Path, source: MatSource, text: str) -> Address:
+    """An address of the source file; every refusal names the file."""
+    try:
+        return source.address(text)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
-def counter_of(signals: Signals, text: str, time: Array) -> pl.Series:
-    """The device's count of its samples, (n,); refused where it is missing or not whole."""
-    raw = signals.vector(text)
-    wrong = raw != np.rint(raw)
-    if wrong.any() or raw.size != time.size:
-        what = f"{raw[np.argmax(wrong)]} is no count" if wrong.any() else f"{raw.size} counts of {time.size} samples"
-        raise InputError(f"{signals.file.path}: {text}: {what}; remove `counter` from the source file")
-    return pl.Series(raw.astype(np.int64))
+def vector_at(file: MatFile, variables: Mapping[str, Value], address: Address, source: MatSource) -> Array:
+    """The numbers (n,) at an address of the source file."""
+    if address.variable not in file.names and not source.log_part:
+        raise InputError(
+            f"{file.path}: no variable '{address.variable}'; it has {listing(file.names, LISTED)}"
+            f"{nearest(address.variable, file.names)}; if one of these holds it, name this one as `log_part`, "
+            "in the sample sheet where it differs from trial to trial"
+        )
+    try:
+        return vector(address, find(variables, file.names, address))
+    except InputError as error:
+        raise InputError(str(error) if str(file.path) in str(error) else f"{file.path}: {error}") from error
 
 
 MOST_LISTED = 500
@@ -260,13 +199,7 @@ class Leaf:
 
 
 def inspect_mat(path: Path) -> Overview:
-    """Variables, fields and cells with size, range and likely unit; what cannot be read; parts that are alike.
-
-    Raises
-    ------
-    InputError
-        The file is damaged, or would unpack to too much.
-    """
+    """Variables, fields and cells with size, range and likely unit; what cannot be read; parts that are alike."""
     file = open_mat(path)
     leaves = [leaf for name, value in file.read(file.names).items() for leaf in leaves_of("", name, value)]
     facts = {"version": file.version, "header": file.header, "variables": str(len(file.names))}

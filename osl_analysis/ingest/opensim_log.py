@@ -114,14 +114,7 @@ class OpenSimSource(TableSource):
 
 
 def read_opensim_log(path: Path, source: OpenSimSource) -> Recording:
-    """The columns that the source file maps, in SI units; time [s] counts from the first row.
-
-    Raises
-    ------
-    InputError
-        The header contradicts the rows or the source file's unit of an angle, a column is missing or holds no numbers,
-        or the source file is refused by `read_table_log`.
-    """
+    """The columns that the source file maps, in SI units; time [s] counts from the first row."""
     table = read_opensim(path)
     check_angles(table, source)
     facts = {"header": table.header, "clock": source.clock}
@@ -197,11 +190,6 @@ def plate_load(table: OpenSimTable, number: int, plate: OpenSimPlate, time: Arra
     """Force and moment about the centre of the plate, on the foot, in the file's axes.
 
     time: (rows,) [s], for messages and the rate.
-
-    Raises
-    ------
-    InputError
-        A column is missing, or holds something else than finite numbers.
     """
     names = [f"{begin}{axis}" for begin in (plate.force, plate.point, plate.moment) for axis in AXES]
     columns = np.column_stack([table.column(name) for name in names])

@@ -205,13 +205,7 @@ LISTED = 6
 
 
 def refuse_draft(path: Path, content: dict[str, Any]) -> None:
-    """Refuse a source file in which places of a draft are not edited.
-
-    Raises
-    ------
-    InputError
-        Such places are left; the message lists them with their lines.
-    """
+    """Refuse a source file in which places of a draft are not edited."""
     places = list(open_places(content))
     if places:
         named = listing([f"`{dotted(place)}` in line {line_of(path, place)}" for place in places], LISTED)

@@ -21,13 +21,7 @@ CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}
 
 @dataclass(frozen=True)
 class ForcePlate:
-    """One plate.
-
-    Raises
-    ------
-    InputError
-        The type is unknown, the corners span no plane, or a plate of type 3 has no distances to its sensors.
-    """
+    """One plate."""
 
     number: int
     """Counted from 1."""

@@ -140,13 +140,7 @@ class Identity:
 
 
 def identity_of(path: Path, given: str, source: str) -> Identity:
-    """Hash a raw file, or every file of a folder, before it is read.
-
-    Raises
-    ------
-    InputError
-        A file that the folder's description lists is missing.
-    """
+    """Hash a raw file, or every file of a folder, before it is read."""
     if not path.is_dir():
         return identity(path, given, source)
     parts = tuple((file, identity(file, file.name, source)) for file in files_in(path))
@@ -175,11 +169,6 @@ def check_unchanged(path: Path, before: Identity) -> None:
     """Refuse a file that is not the one that was hashed, now that it has been read.
 
     The times of a file that was written shortly before do not tell two writes apart. Such a file is hashed again.
-
-    Raises
-    ------
-    InputError
-        The file was replaced or written to.
     """
     for part, one in before.parts:
         check_unchanged(part, one)
@@ -212,11 +201,6 @@ def assemble(
     `files` identifies the file of each recording (`identity`), `shared` an angle that aligns the clocks without sync
     edges. The log's rows before and after motion capture are counted and not used. The column `sync` is motion
     capture's.
-
-    Raises
-    ------
-    InputError
-        The clocks cannot be aligned, or a column comes from both.
     """
     provenance = provenance_of(recordings, files)
     if len(recordings) == 1:

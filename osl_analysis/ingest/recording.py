@@ -74,13 +74,7 @@ LARGEST = {
 
 
 def check_sizes(recording: Recording) -> None:
-    """Refuse values beyond `LARGEST`, and infinite ones. NaN, which is a value that was not seen, passes.
-
-    Raises
-    ------
-    InputError
-        The message names the column, the first such value, its time, how many there are, and the remedy.
-    """
+    """Refuse values beyond `LARGEST`, and infinite ones. NaN, which is a value that was not seen, passes."""
     time = recording.samples["time"].to_numpy()
     for column in recording.columns:
         bound, values = LARGEST[unit_of(column)], recording.samples[column].to_numpy()

@@ -69,12 +69,6 @@ class Sensor(Settings):
     def sensor_origin(self, si_unit: str) -> dict[str, Any]:
         """What is stated, in SI units, for the trial's provenance: `delay` [s], `low_pass`, `resolution` and
         both ends of `range` [si_unit].
-
-        Raises
-        ------
-        InputError
-            Resolution or range are not positive or of another dimension, or bits are stated for a signal that is not
-            an angle.
         """
         stated: dict[str, Any] = {}
         if self.delay is not None:
@@ -207,13 +201,7 @@ class LogSource(SourceFile):
     """The recorded channel of each canonical column."""
 
     def of_part(self, part: str) -> Self:
-        """The source file for one part of a log that holds several trials, as the sample sheet names it.
-
-        Raises
-        ------
-        InputError
-            Logs of this format have no parts.
-        """
+        """The source file for one part of a log that holds several trials, as the sample sheet names it."""
         if not part:
             return self
         if "log_part" not in type(self).model_fields:

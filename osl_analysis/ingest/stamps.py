@@ -59,13 +59,7 @@ def stamp_fields(field: str) -> list[tuple[str, str]]:
 
 
 def stamps_of(topic: str, decoded: Decoded, field: str) -> Indices:
-    """Stamps [ns] from the messages' own field, (n,).
-
-    Raises
-    ------
-    InputError
-        There is no such field, a message lacks it, or it holds no time.
-    """
+    """Stamps [ns] from the messages' own field, (n,)."""
     for seconds, nanoseconds in stamp_fields(field):
         if decoded.present[seconds].any() and decoded.present[nanoseconds].any():
             break
@@ -84,13 +78,7 @@ def stamps_of(topic: str, decoded: Decoded, field: str) -> Indices:
 
 
 def log_times_of(topic: str, decoded: Decoded) -> Indices:
-    """When the messages were logged [ns], (n,).
-
-    Raises
-    ------
-    InputError
-        A time is beyond the range of 64 bits with a sign, which ends in the year 2262.
-    """
+    """When the messages were logged [ns], (n,)."""
     if (decoded.log_time < 0).any():
         row = int(np.argmax(decoded.log_time < 0))
         raise InputError(
@@ -119,12 +107,6 @@ def in_order(
     """The topic's rows, given channel by channel in the order of recording, sorted by increasing `stamp` [ns].
 
     `channel` is the number of each row's channel, (n,); `advice` says what to do where the clock was set.
-
-    Raises
-    ------
-    InputError
-        A stamp goes back by more than `LATEST`, or a larger share of the messages than allowed contradict others or
-        repeat a stamp of their own channel.
     """
     numbers = distinct(channel)
     channels, late = len(numbers), 0
@@ -173,11 +155,6 @@ def check_not_set(topic: str, table: pl.DataFrame, advice: str) -> int:
 
     It was set back by more than `LATEST`, or many messages in a row fall among those before. Messages that are merely
     late fill the gap that they left; those that repeat others do not count.
-
-    Raises
-    ------
-    InputError
-        The clock was set back.
     """
     stamp = table["stamp"].to_numpy()
     if (np.diff(stamp) >= 0).all():

@@ -100,13 +100,7 @@ def median_rate(time: Array) -> float | None:
 
 
 def since_first(raw: NDArray[Any], factor: float, what: str, advice: str) -> Array:
-    """Time (n,) [s] since the first reading of a clock, from its readings (n,) and their unit [s].
-
-    Raises
-    ------
-    InputError
-        Time goes back, or stands still; `what` begins the message, and `advice` ends it where time stands still.
-    """
+    """Time (n,) [s] since the first reading of a clock, from its readings (n,) and their unit [s]."""
     time = np.asarray((raw - raw[0]) * factor, dtype=np.float64)
     check_time(what, time)
     if time.size > 1 and time[0] == time[-1]:
@@ -128,6 +122,11 @@ class TableChannel(Conversion):
         """The column's name in the file."""
         return str(getattr(self, self.ADDRESS))
 
+    @property
+    def title(self) -> str:
+        """What messages call it."""
+        return f"{self.ADDRESS} '{self.name}'"
+
 
 class TableTime(RowTime):
     """Where the time of a row comes from: a column, or the rate at which rows were written."""
@@ -142,6 +141,11 @@ class TableTime(RowTime):
         """Name of the column that holds time."""
         given: str | None = getattr(self, self.ADDRESS)
         return given
+
+    @property
+    def title(self) -> str:
+        """What messages call the column."""
+        return f"{self.ADDRESS} '{self.name}'"
 
     @model_validator(mode="after")
     def _one(self) -> "TableTime":
@@ -190,17 +194,14 @@ class Table:
     """What was repaired, a sentence each."""
     facts: Mapping[str, Any] = field(default_factory=dict)
     """Further facts for the trial's provenance."""
+    noun: str = "row"
+    """What messages call a row."""
 
 
 def read_table_log(table: Table, source: TableSource, own_time: Array | None = None) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first row.
 
     own_time: time (rows,) [s] of each row, where the format itself tells it and the source file names nothing else.
-
-    Raises
-    ------
-    InputError
-        A column is missing, holds no numbers, infinity or too many NaN, a unit is unknown, or time goes back.
     """
     path = table.path
     time, start = time_of(table, source, own_time)
@@ -211,7 +212,7 @@ def read_table_log(table: Table, source: TableSource, own_time: Array | None = N
         with np.errstate(invalid="ignore"):  # a signalling NaN is one, too
             raw = found.values.astype(np.float64)
         present = np.ones(raw.size, bool) if found.present is None else found.present
-        what = f"{path}: {channel.ADDRESS} '{channel.name}'"
+        what = f"{path}: {channel.title}"
         check_values(what, np.where(present, raw, 0.0), time, source.most_missing)
         missing[column] = int(np.isnan(raw[present]).sum())
         converted = pl.Series(column, in_si(channel, raw, column, found.unit, what, source))
@@ -222,8 +223,9 @@ def read_table_log(table: Table, source: TableSource, own_time: Array | None = N
         origins[column] = channel.origin(column, found.unit)
     stamps = RowStamps(time, source.time)
     facts = {**stamps.facts(path.name, start), "missing": missing, **table.facts}
-    said = [*absent, *(f"{column} is NaN in {n} of {time.size} rows" for column, n in missing.items() if n)]
-    repeats = f"{path.name}: {stamps.repeats} of {time.size} rows repeat the stamp of the row before"
+    said = [*absent, *(f"{column} is NaN in {n} of {time.size} {table.noun}s" for column, n in missing.items() if n)]
+    many = f"{path.name}: {stamps.repeats} of {time.size} {table.noun}s"
+    repeats = f"{many} repeat the stamp of the {table.noun} before"
     warnings = [*table.notes, *(f"{path.name}: {text}" for text in said)]
     warnings += stamps.repeats_text(repeats, source.place("time"))
     return Recording(pl.DataFrame(columns).filter(pl.Series(stamps.kept)), origins, facts, warnings)
@@ -234,7 +236,7 @@ def absent_text(channel: TableChannel, present: NDArray[np.bool_]) -> list[str]:
     if present.all():
         return []
     count, first = int((~present).sum()), int(np.argmin(present)) + 1
-    return [f"{channel.ADDRESS} '{channel.name}' has no value in {count} of {present.size} rows, first row {first}"]
+    return [f"{channel.title} has no value in {count} of {present.size} rows, first row {first}"]
 
 
 def in_si(channel: TableChannel, raw: Array, column: str, unit: str, what: str, source: TableSource) -> Array:
@@ -250,7 +252,7 @@ def column_of(table: Table, column: str, channel: TableChannel) -> TableColumn:
     found = named_column(table, channel.name)
     if found.values.dtype == bool and unit_of(column) != LEVEL:
         raise InputError(
-            f"{table.path}: {channel.ADDRESS} '{channel.name}' holds truth values and no numbers in "
+            f"{table.path}: {channel.title} holds truth values and no numbers in "
             f"{unit_of(column)}; name another one in the source file"
         )
     return found
@@ -271,19 +273,21 @@ def time_of(table: Table, source: TableSource, own_time: Array | None) -> tuple[
         own = np.arange(table.rows) / stated.rate if stated.rate is not None else own_time
         assert own is not None  # the model of the source file asks for a rate or a name where the file has no time
         return own - own[0], float(own[0])
-    what = f"{path}: {stated.ADDRESS} '{stated.name}'"
+    what = f"{path}: {stated.title}"
     found = named_column(table, stated.name)
     raw = found.values
     lacking = np.isnan(raw.astype(np.float64)) | (False if found.present is None else ~found.present)
     if raw.dtype == bool or lacking.any():
-        where = f"in row {int(np.argmax(lacking)) + 1} of {raw.size}" if raw.dtype != bool else "but truth values"
+        where = (
+            f"in {table.noun} {int(np.argmax(lacking)) + 1} of {raw.size}" if raw.dtype != bool else "but truth values"
+        )
         raise InputError(f"{what}: no time {where}; take another one, or state the rate: `time: {{rate: 1000}}`")
     unit = stated.unit if stated.unit is not None else found.unit
     try:
         factor = si_factor(unit, "s")
     except InputError as error:
         raise InputError(f"{what}: {error}, as {source.place('time', 'unit')}") from error
-    advice = "rows; take another one, or state the rate of the rows: `time: {rate: 1000}`"
+    advice = f"{table.noun}s; take another one, or state the rate of the {table.noun}s: `time: {{rate: 1000}}`"
     return since_first(raw, factor, what, advice), float(raw[0])
 
 
@@ -294,7 +298,7 @@ def check_own_columns(path: Path, source: TableSource) -> None:
         other = by_name.setdefault(channel.name, column)
         if unit_of(other) != unit_of(column):
             raise InputError(
-                f"{path}: {channel.ADDRESS} '{channel.name}' is {other} and {column} in the source file; correct "
+                f"{path}: {channel.title} is {other} and {column} in the source file; correct "
                 f"{source.place('channels', column, channel.ADDRESS)}"
             )
 
@@ -307,7 +311,8 @@ def counter_of(table: Table, channel: TableChannel, time: Array) -> pl.Series:
     if wrong.any():
         row = int(np.argmax(wrong))
         raise InputError(
-            f"{table.path}: {channel.ADDRESS} '{channel.counter}': {raw[row]} in row {row + 1}, at {time[row]:.3f} s, "
-            "is no count of samples; remove `counter` from the source file, or the row from the log"
+            f"{table.path}: {channel.ADDRESS} '{channel.counter}': {raw[row]} in {table.noun} {row + 1}, at "
+            f"{time[row]:.3f} s, is no count of samples; remove `counter` from the source file, or the {table.noun} "
+            "from the log"
         )
     return pl.Series(found.values.astype(np.int64))

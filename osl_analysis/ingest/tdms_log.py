@@ -74,12 +74,6 @@ def read_tdms_log(path: Path, source: TdmsSource) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first value.
 
     Channels of another timing have rows of their own, null in the columns of the others. Nothing is interpolated.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, a channel is missing, empty, holds no numbers or has no timing, channels differ in
-        length, or the source file is refused by `read_table_log`.
     """
     file = read_tdms(path)
     alike: dict[Timing, list[str]] = defaultdict(list)
@@ -94,13 +88,7 @@ def read_tdms_log(path: Path, source: TdmsSource) -> Recording:
 
 
 def timing_of(file: TdmsFile, channel: TdmsChannel, source: TdmsSource) -> Timing:
-    """When a channel was sampled, by its own properties; its length alone where the source file tells the time.
-
-    Raises
-    ------
-    InputError
-        It is to tell and does not.
-    """
+    """When a channel was sampled, by its own properties; its length alone where the source file tells the time."""
     if source.time.channel is not None or source.time.rate is not None:
         return Timing(0, 0.0, None, 0)
     if channel.step is None:
@@ -135,13 +123,7 @@ def part_of(file: TdmsFile, source: TdmsSource, timing: Timing) -> Recording:
 
 
 def joined(path: Path, parts: Sequence[tuple[float, Recording]]) -> Recording:
-    """Recordings of several timings as one, each with the time [s] by which it begins after the first.
-
-    Raises
-    ------
-    InputError
-        Two of them do not overlap: their start times are not of one clock.
-    """
+    """Recordings of several timings as one, each with the time [s] by which it begins after the first."""
     last = max(start for start, _ in parts)
     lasts = min(start + float(one.samples["time"][-1]) for start, one in parts)
     if last > lasts:

@@ -74,14 +74,7 @@ class NexusSource(CaptureSource):
 
 
 def read_nexus_capture(path: Path, source: NexusSource) -> Recording:
-    """The columns that the source file asks for, in SI units; the first frame is at 0 s.
-
-    Raises
-    ------
-    InputError
-        No export of Nexus, sections of different frames, a column that is missing or named twice, an unknown unit,
-        or a gap in a device's samples.
-    """
+    """The columns that the source file asks for, in SI units; the first frame is at 0 s."""
     sections = read_sections(path, source.delimiter, source.decimal)
     try:
         return recording_of(nexus_capture(sections, source), source)
@@ -220,13 +213,7 @@ class TrcSource(CaptureSource):
 
 
 def read_trc_capture(path: Path, source: TrcSource) -> Recording:
-    """The markers that the source file asks for [m]; the first frame is at 0 s.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, a marker is missing or named twice, or the unit of length is unknown.
-    """
+    """The markers that the source file asks for [m]; the first frame is at 0 s."""
     file = read_trc(path)
     unit = source.point_unit or file.unit
     try:

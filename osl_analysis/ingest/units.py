@@ -103,13 +103,7 @@ def si_factor(unit: str, expected: str) -> float:
 
 
 def quantity(text: str, expected: str) -> float:
-    """A number with its unit, as `2 ms`, in the SI unit `expected`, a key of `EXAMPLES`.
-
-    Raises
-    ------
-    InputError
-        There is no finite number before a blank, or the unit is refused by `si_factor`.
-    """
+    """A number with its unit, as `2 ms`, in the SI unit `expected`, a key of `EXAMPLES`."""
     number, _, unit = text.strip().partition(" ")
     try:
         value = float(number)

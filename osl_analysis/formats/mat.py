@@ -1,0 +1,526 @@
+"""MATLAB files of version 5 (by scipy) and 7.3 (HDF5, by h5py), and the addresses of numbers in them.
+
+An address is written as in MATLAB: `Test.Slow(2).data(:,3)`, `runs{2}.torque`. An element of an array of structs is
+chosen by its number, counted from 1, or by the value of a field: `runs(name=slow).torque`.
+
+MATLAB writes into HDF5 arrays transposed, text as 16-bit numbers, and the elements of cells and of struct arrays as
+references; the attribute `MATLAB_class` says what a dataset or group is.
+"""
+
+import io
+import re
+import struct
+import zlib
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.trial import Array
+
+MARK5, MARK73 = b"MATLAB 5.0 MAT", b"MATLAB 7."
+DAMAGED = "copy the file again, or save it again in MATLAB"
+LISTED = 12
+"""Largest number of names in a message."""
+DEEPEST = 32
+"""Structs and cells of version 7.3 inside one another: its references may lead in a circle."""
+LONGEST_TEXT = 1000
+"""Characters of a text that are read, for a name by which an element is chosen."""
+HIDDEN = ("#refs#", "#subsystem#")
+"""Groups of a file of version 7.3 that are no variables."""
+NUMBERS = ("double", "single", "logical", *(f"{u}int{bits}" for u in ("", "u") for bits in (8, 16, 32, 64)))
+"""Classes of MATLAB that hold numbers."""
+REMEDIES = {
+    "table": "save it as a struct: `s = table2struct(t, 'ToScalar', true)`",
+    "timetable": "save it as a struct: `s = table2struct(timetable2table(t), 'ToScalar', true)`, its times as seconds",
+    "string": "save it as numbers, or as text with `char(s)`",
+    "datetime": "save it as numbers: `seconds(t - t(1))`",
+    "duration": "save it as numbers: `seconds(t)`",
+    "categorical": "save it as numbers: `double(c)`",
+    "function_handle": "save the numbers that it gives",
+    "sparse": "save it as `full(x)`",
+    "char": "save it as numbers: `str2double(x)`",
+    "timeseries": "save its `Time` and `Data` as numbers",
+}
+"""What to do in MATLAB about a class that is not read, or is no number."""
+OBJECT = "save its numbers in a struct"
+"""The same for any other class."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """One value of a MATLAB file."""
+
+    kind: str
+    """Its class in MATLAB, such as `double`, `struct`, `cell`, `table`; `sparse` for a sparse matrix."""
+    shape: tuple[int, ...] = (1, 1)
+    """Its size in MATLAB."""
+    is_complex: bool = False
+    load: Callable[[], Array] | None = None
+    """Reads its numbers, of its shape; None for anything but real numbers."""
+    text: str = ""
+    """Its text, for one row of characters."""
+    fields: tuple[str, ...] = ()
+    """Names of the fields of a struct."""
+    elements: Sequence[Mapping[str, "Value"]] = field(default=())
+    """Fields of each element of a struct, in MATLAB's order."""
+    cells: Sequence["Value"] = field(default=())
+    """Elements of a cell, in MATLAB's order."""
+
+    @property
+    def size(self) -> int:
+        """Number of elements."""
+        return int(np.prod(self.shape, dtype=np.int64)) if self.shape else 1
+
+    def described(self) -> str:
+        """Size and class for messages, as `12000x1 double`."""
+        return f"{'x'.join(map(str, self.shape))} {'complex ' if self.is_complex else ''}{self.kind}"
+
+    def remedy(self) -> str:
+        """What to do in MATLAB where this stands in place of real numbers."""
+        return "save `real(x)`" if self.is_complex else REMEDIES.get(self.kind, OBJECT)
+
+
+def real_numbers(place: str, value: Value) -> Array:
+    """The real numbers of a value, of its shape; refused if it is empty or something else. `place` is for messages."""
+    if value.kind == "struct":
+        inside = f"name one of its fields ({listing(value.fields, 8)})"
+        raise InputError(f"{place} is a {value.described()}, not numbers; {inside}")
+    if value.kind == "cell":
+        raise InputError(f"{place} is a {value.described()}, not numbers; name one of its cells, as `{{1}}`")
+    if value.load is None:
+        raise InputError(f"{place} is a {value.described()}, not real numbers; {value.remedy()}")
+    if not value.size:
+        raise InputError(f"{place} is empty ({value.described()}); name another variable, or record the trial again")
+    return value.load()
+
+
+def is_mat(begin: bytes) -> bool:
+    """Whether a file that begins with these bytes is a MATLAB file of version 5 or 7.3."""
+    return begin.startswith((MARK5, MARK73)) and b"\0" in begin[:128]
+
+
+@dataclass(frozen=True)
+class MatFile:
+    """A MATLAB file whose variables are read when they are asked for; every refusal names the file."""
+
+    path: Path
+    data: bytes
+    """Its bytes, for version 5; the header alone for version 7.3."""
+
+    @property
+    def version(self) -> str:
+        """Version of the format."""
+        return "7.3" if self.data.startswith(MARK73) else "5"
+
+    @property
+    def header(self) -> str:
+        """What MATLAB wrote about itself."""
+        return self.data[:116].split(b"\0")[0].decode("latin-1").strip()
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the variables, in the order of the file; InputError if the file is damaged."""
+        return list(self.classes)
+
+    @cached_property
+    def classes(self) -> Mapping[str, str]:
+        """By name the class of a variable of version 5 that only MATLAB can read; else empty."""
+        try:
+            if self.version == "5":
+                return variable_classes(self.data)
+            with opened73(self.path) as file:
+                return dict.fromkeys((name for name in file if name not in HIDDEN), "")
+        except READING_ERRORS as error:
+            raise damaged(self.path, error) from error
+
+    def read(self, wanted: Collection[str]) -> Mapping[str, Value]:
+        """The wanted variables that it has; InputError if the file is damaged."""
+        known = [name for name in self.names if name in wanted]
+        try:
+            if self.version == "7.3":
+                with opened73(self.path) as file:
+                    return {name: value73(self.path, file[name], 0) for name in known}
+            objects = {name: Value(self.classes[name]) for name in known if self.classes[name]}
+            return objects | read_version5(self.data, [name for name in known if name not in objects])
+        except READING_ERRORS as error:
+            raise damaged(self.path, error) from error
+
+
+READING_ERRORS = (OSError, RuntimeError, KeyError, ValueError, TypeError, struct.error)
+"""What h5py, and a walk through the parts of a file, raise on damaged files. InputError is one of them."""
+
+
+def damaged(path: Path, error: Exception) -> InputError:
+    """The refusal of a file in one line."""
+    if isinstance(error, InputError):
+        return error if str(path) in str(error) else InputError(f"{path}: {error}")
+    reason = " ".join(str(error).split())
+    return InputError(f"{path}: cannot be read ({type(error).__name__}: {reason}); {DAMAGED}")
+
+
+def open_mat(path: Path) -> MatFile:
+    """The MATLAB file at a path.
+
+    Raises
+    ------
+    InputError
+        It is of another version, or no MATLAB file.
+    """
+    with path.open("rb") as file:
+        begin = file.read(128)
+        data = begin if begin.startswith(MARK73) else begin + file.read()
+    if not is_mat(begin):
+        raise InputError(f"{path}: no MATLAB file of version 5 or 7.3; save it again in MATLAB with `-v7`")
+    return MatFile(path, data)
+
+
+MATRIX, COMPRESSED, OPAQUE = 14, 15, 17
+"""Types of parts of a file of version 5, and the class of objects that only MATLAB can read."""
+HEAD = 4096
+"""Bytes of a compressed variable that are unpacked for its name."""
+
+
+def variable_classes(data: bytes) -> dict[str, str]:
+    """The variables of a file of version 5, in its order: name -> class of an object, as `table`; else empty.
+
+    scipy calls every object None, and is silent about a file that ends between two variables.
+    """
+    order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
+    if order is None:
+        raise InputError(f"the header of a MATLAB file is damaged at byte 126; {DAMAGED}")
+    found, at = dict[str, str](), 128
+    while at < len(data):
+        if at + 8 > len(data):
+            raise InputError(f"ends within a variable; {DAMAGED}")
+        kind, size = struct.unpack_from(f"{order}II", data, at)
+        start, at = at + 8, at + 8 + size + (-size % 8 if kind == MATRIX else 0)
+        if start + size > len(data):
+            raise InputError(f"declares {size} bytes where {len(data) - start} are left; {DAMAGED}")
+        content = data[start : start + size]
+        if kind == COMPRESSED:
+            try:
+                content = zlib.decompressobj().decompress(content, HEAD)[8:]
+            except zlib.error as error:
+                raise InputError(f"the compressed variable at byte {start} is damaged ({error}); {DAMAGED}") from error
+        elif kind != MATRIX:
+            raise InputError(f"holds a part of type {kind} at byte {start} where a variable is expected; {DAMAGED}")
+        name, object_class = name_and_class(content, order)
+        if name and name in found:
+            raise InputError(f"variable '{name}' stands twice in the file; {DAMAGED}")
+        found[name] = object_class
+    return {name: kind for name, kind in found.items() if name}
+
+
+def name_and_class(content: bytes, order: str) -> tuple[str, str]:
+    """Name of a variable of version 5, and its class if it is an object, from its first bytes."""
+
+    def part(at: int) -> tuple[bytes, int]:
+        kind, size = struct.unpack_from(f"{order}II", content, at)
+        if kind >> 16:  # up to four bytes stand in the tag itself
+            return content[at + 4 : at + 4 + (kind >> 16)], at + 8
+        return content[at + 8 : at + 8 + size], at + 8 + size + -size % 8
+
+    flags, at = part(0)
+    if struct.unpack_from(f"{order}I", flags)[0] & 0xFF != OPAQUE:
+        _, at = part(at)  # its dimensions
+        return part(at)[0].decode("latin-1"), ""
+    texts = []
+    for _ in range(3):
+        text, at = part(at)
+        texts.append(text.decode("latin-1"))
+    return texts[0], texts[2] or "object"
+
+
+def read_version5(data: bytes, wanted: Sequence[str]) -> dict[str, Value]:
+    """The wanted variables of a file of version 5."""
+    from scipy.io import loadmat  # half a second, which other commands need not wait for
+
+    try:
+        stream: Any = io.BytesIO(data)
+        raw = loadmat(stream, variable_names=list(wanted), spmatrix=False)
+        return {name: value5(raw[name]) for name in wanted if name in raw}
+    except Exception as error:  # on a damaged file scipy raises whatever its parser comes across
+        reason = " ".join(str(error).split())[:160]
+        raise InputError(
+            f"{listing(wanted, 4)} cannot be read ({type(error).__name__}: {reason}); {DAMAGED}"
+        ) from error
+
+
+def value5(raw: Any) -> Value:
+    """A value as scipy gives it."""
+    from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
+    from scipy.sparse import issparse
+
+    if raw is None:  # an element of a struct without fields
+        return Value("struct")
+    if isinstance(raw, MatlabOpaque):
+        return Value(bytes(raw.flat[0]["s2"]).decode("latin-1") or "object")
+    if isinstance(raw, MatlabFunction):
+        return Value("function_handle")
+    if issparse(raw):
+        return Value("sparse")
+    if isinstance(raw, MatlabObject):
+        return Value(str(raw.classname), raw.shape)
+    array: NDArray[Any] = np.asarray(raw)
+    if array.dtype.names is not None:
+        elements = [{name: value5(one[name]) for name in array.dtype.names} for one in in_order(array)]
+        return Value("struct", array.shape, fields=array.dtype.names, elements=elements)
+    if array.dtype == object:
+        return Value("cell", array.shape, cells=[value5(one) for one in in_order(array)])
+    if array.dtype.kind == "U":
+        rows = array.ravel().tolist()
+        width = max((len(row) for row in rows), default=0)
+        return Value("char", (len(rows), width), text=rows[0] if len(rows) == 1 else "")
+    names = {"float64": "double", "float32": "single", "bool": "logical", "complex128": "double", "complex64": "single"}
+    kind, is_complex = names.get(array.dtype.name, array.dtype.name), array.dtype.kind == "c"
+    return Value(kind, array.shape, is_complex, None if is_complex else lambda: np.asarray(array, dtype=np.float64))
+
+
+def in_order(array: NDArray[Any]) -> Iterator[Any]:
+    """The elements of an array in MATLAB's order, column by column."""
+    return iter(array.ravel(order="F"))
+
+
+def opened73(path: Path) -> Any:
+    """A file of version 7.3, open; h5py is an optional extra and takes a fifth of a second to import."""
+    try:
+        import h5py
+    except ModuleNotFoundError as error:
+        if error.name != "h5py":
+            raise
+        raise InputError(
+            "a MATLAB file of version 7.3 needs h5py, which is not installed; pip install 'osl-analysis[mat73]', or "
+            "save the file with `-v7`"
+        ) from error
+    return h5py.File(path, "r")
+
+
+def value73(path: Path, item: Any, depth: int) -> Value:
+    """A dataset or a group of a file of version 7.3. Its numbers are read when they are asked for."""
+    if depth > DEEPEST:
+        raise InputError(f"holds structs more than {DEEPEST} deep; save the variables that you need on their own")
+    kind = item.attrs.get("MATLAB_class", "")
+    kind = kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
+    if "MATLAB_object_decode" in item.attrs:  # of what only MATLAB can read, such as tables
+        return Value(kind or "object")
+    if not hasattr(item, "dtype"):
+        return Value("sparse") if "MATLAB_sparse" in item.attrs else struct73(path, item, depth)
+    shape = tuple(reversed(item.shape)) or (1, 1)
+    if "MATLAB_empty" in item.attrs:
+        empty = tuple(int(size) for size in np.ravel(item[()])) if item.size <= DEEPEST else (0, 0)
+        return Value(kind or "double", empty, load=lambda: np.zeros(empty) if 0 in empty else np.zeros((0, 0)))
+    if holds_references(item):
+        cells = [value73(path, item.file[one], depth + 1) for one in np.ravel(item[()])]
+        return Value("cell", shape, cells=cells)
+    if kind == "char":
+        short = item.size <= LONGEST_TEXT and item.dtype.kind == "u" and 1 in shape
+        return Value("char", shape, text="".join(map(chr, np.ravel(item[()]))) if short else "")
+    if item.dtype.names == ("real", "imag"):
+        return Value(kind or "double", shape, is_complex=True)
+    if item.dtype.kind not in "fiub":
+        return Value(kind or "object", shape)
+    name = item.name
+    return Value(kind if kind in NUMBERS else "double", shape, load=lambda: numbers73(path, name))
+
+
+def struct73(path: Path, group: Any, depth: int) -> Value:
+    """A group as a struct; members that are all datasets of references without a class make it an array."""
+    fields = tuple(group)
+    shapes = {
+        tuple(item.shape) if holds_references(item) and "MATLAB_class" not in item.attrs else None
+        for item in (group[name] for name in fields)
+    }
+    if len(shapes) != 1 or None in shapes:
+        elements = [{name: value73(path, group[name], depth + 1) for name in fields}]
+        return Value("struct", (1, 1), fields=fields, elements=elements)
+    (shape,) = shapes
+    columns = [[value73(path, group.file[one], depth + 1) for one in np.ravel(group[name][()])] for name in fields]
+    rows = [dict(zip(fields, row, strict=True)) for row in zip(*columns, strict=True)]
+    return Value("struct", tuple(reversed(shape or ())), fields=fields, elements=rows)
+
+
+def holds_references(item: Any) -> bool:
+    """Whether an item is a dataset of references to others; texts of any length have the same type for numpy."""
+    import h5py
+
+    return isinstance(item, h5py.Dataset) and h5py.check_ref_dtype(item.dtype) is h5py.Reference
+
+
+def numbers73(path: Path, name: str) -> Array:
+    """The numbers of the dataset at a place in a file of version 7.3, in MATLAB's shape."""
+    try:
+        with opened73(path) as file:
+            raw: NDArray[Any] = np.atleast_2d(file[name][()])
+    except (OSError, RuntimeError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: '{name}' cannot be read ({reason}); {DAMAGED}") from error
+    return np.asarray(raw.T, dtype=np.float64)
+
+
+STEP = re.compile(
+    r"\.?(?P<name>[A-Za-z]\w*)"
+    r"|\((?P<field>[A-Za-z]\w*)=(?P<value>[^()]*)\)"
+    r"|\((?P<number>[1-9]\d{0,8})\)|\{(?P<cell>[1-9]\d{0,8})\}"
+    r"|\(:,(?P<column>[1-9]\d{0,8})\)|\((?P<row>[1-9]\d{0,8}),:\)"
+)
+
+
+@dataclass(frozen=True)
+class Address:
+    """An address, in the steps of `STEP`."""
+
+    text: str
+    """As it was written."""
+    steps: tuple[Mapping[str, str], ...]
+    """The groups of `STEP` that each step has."""
+
+    @property
+    def variable(self) -> str:
+        """The variable of the file that it leads into."""
+        return self.steps[0]["name"]
+
+    def below(self, part: "Address | None") -> "Address":
+        """The same address within a part of the file; that itself if it begins with `/`, or without a part."""
+        if part is None or self.text.startswith("/"):
+            return self
+        joint = "" if "name" not in self.steps[0] else "."
+        return Address(f"{part.text}{joint}{self.text}", (*part.steps, *self.steps))
+
+
+def parsed(text: str, inside: bool = False) -> Address:
+    """An address; `inside`: it is one within a part, which may also begin with a choice of a column, as `(:,2)`."""
+    plain, at = re.sub(r"\s*([(){}.,:=])\s*", r"\1", text.strip()).removeprefix("/"), 0
+    steps: list[Mapping[str, str]] = []
+    while at < len(plain):
+        found = STEP.match(plain, at)
+        named = found is not None and found["name"] is not None
+        if found is None or (named and (found[0][0] == ".") != (at > 0)):
+            break
+        steps.append({key: value for key, value in found.groupdict().items() if value is not None})
+        at = found.end()
+    if at < len(plain) or not steps or not ("name" in steps[0] or inside):
+        raise InputError(
+            f"'{text}' is no address in a MATLAB file; write it as in MATLAB, such as `Test.run(2).torque`, "
+            "`Test.data(:,3)`, `runs{2}.torque`, or `runs(name=slow).torque`"
+        )
+    return Address(text.strip(), tuple(steps))
+
+
+def find(variables: Mapping[str, Value], names: Sequence[str], address: Address) -> Value:
+    """What stands at an address. `names` are those of all variables of the file, for messages."""
+    first, *steps = address.steps
+    value = variables.get(first["name"])
+    if value is None:
+        raise InputError(no_such(address, "the file", first["name"], "variable", names))
+    so_far = first["name"]
+    for step in steps:
+        value = one_step(value, step, so_far, address)
+        so_far += written(step)
+    return value
+
+
+def written(step: Mapping[str, str]) -> str:
+    """A step as it stands in an address."""
+    forms = {"name": ".{}", "number": "({})", "cell": "{{{}}}", "column": "(:,{})", "row": "({},:)"}
+    if "field" in step:
+        return f"({step['field']}={step['value']})"
+    ((key, value),) = step.items()
+    return forms[key].format(value)
+
+
+def no_such(address: Address, place: str, name: str, what: str, known: Sequence[str]) -> str:
+    """A message about an unknown name."""
+    return f"{address.text}: {place} has no {what} '{name}'; it has {listing(known, LISTED)}{nearest(name, known)}"
+
+
+def one_step(value: Value, step: Mapping[str, str], place: str, address: Address) -> Value:
+    """What one step leads to from the value at a place; raises as `find`."""
+    if "name" in step:
+        return field_of(value, step["name"], place, address)
+    if "column" in step or "row" in step:
+        return line_of(value, step, place, address)
+    if "cell" in step:
+        if value.kind != "cell":
+            raise InputError(f"{address.text}: {place} is a {value.described()}, no cell; leave out {written(step)}")
+        cell: Value = element(value.cells, int(step["cell"]), place, address)
+        return cell
+    if "field" in step:
+        return chosen(value, step, place, address)
+    if value.kind == "struct":
+        fields = element(value.elements, int(step["number"]), place, address)
+        return Value("struct", fields=value.fields, elements=[fields])
+    if value.kind == "cell":
+        raise InputError(f"{address.text}: {place} is a cell; write {{{step['number']}}} for ({step['number']})")
+    raise InputError(f"{address.text}: {place} is a {value.described()}; write (:,{step['number']}) for its column")
+
+
+def field_of(value: Value, name: str, place: str, address: Address) -> Value:
+    """A field of a struct."""
+    if value.kind != "struct":
+        remedy = f"; {value.remedy()}" if value.load is None and value.kind != "cell" else ""
+        raise InputError(f"{address.text}: {place} is a {value.described()}, no struct with fields{remedy}")
+    if name not in value.fields:
+        raise InputError(no_such(address, place, name, "field", value.fields))
+    if len(value.elements) != 1:
+        raise InputError(
+            f"{address.text}: {place} is an array of {len(value.elements)} structs; choose one, as {place}(1), or "
+            f"{place}(field=value)"
+        )
+    return value.elements[0][name]
+
+
+def element(elements: Sequence[Any], number: int, place: str, address: Address) -> Any:
+    """One element, counted from 1."""
+    if number > len(elements):
+        raise InputError(f"{address.text}: {place} has {len(elements)} elements; choose one of 1 to {len(elements)}")
+    return elements[number - 1]
+
+
+def chosen(value: Value, step: Mapping[str, str], place: str, address: Address) -> Value:
+    """The one element of an array of structs whose field has a value."""
+    if value.kind != "struct" or step["field"] not in value.fields:
+        raise InputError(no_such(address, place, step["field"], "field", value.fields))
+    labels = [label_of(fields[step["field"]]) for fields in value.elements]
+    fitting = [fields for fields, label in zip(value.elements, labels, strict=True) if label == step["value"].strip()]
+    if len(fitting) != 1:
+        raise InputError(
+            f"{address.text}: {len(fitting)} elements of {place} have {step['field']} = {step['value']}; they are "
+            f"{listing(labels, LISTED)}"
+        )
+    return Value("struct", fields=value.fields, elements=fitting)
+
+
+def label_of(value: Value) -> str:
+    """Text or single number, by which an element is chosen; empty for anything else."""
+    if value.kind == "char":
+        return value.text.strip()
+    return f"{value.load().item():g}" if value.load is not None and value.size == 1 else ""
+
+
+def line_of(value: Value, step: Mapping[str, str], place: str, address: Address) -> Value:
+    """One column or row of a matrix."""
+    numbers = real_numbers(f"{address.text}: {place}", value)
+    axis, number = (1, int(step["column"])) if "column" in step else (0, int(step["row"]))
+    if numbers.ndim != 2 or number > numbers.shape[axis]:
+        raise InputError(f"{address.text}: {place} is a {value.described()}; it has no {written(step)}")
+    line: Array = np.take(numbers, number - 1, axis=axis)
+    return Value(value.kind, (line.size, 1), load=lambda: line[:, np.newaxis])
+
+
+def vector(address: Address, value: Value) -> Array:
+    """The numbers (n,) of a signal."""
+    numbers = real_numbers(address.text, value)
+    if numbers.ndim > 2:
+        raise InputError(f"{address.text} is a {value.described()}; save each of its matrices as a variable of its own")
+    if max(numbers.shape) != numbers.size:
+        raise InputError(
+            f"{address.text} is a {value.described()}; choose one column, as {address.text}(:,1), or one row, as "
+            f"{address.text}(1,:)"
+        )
+    return numbers.ravel()

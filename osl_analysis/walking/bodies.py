@@ -223,6 +223,13 @@ def axial_vector(m: Array) -> Array:
     return np.stack([m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]], axis=1)
 
 
+def cross_matrix(v: Array) -> Array:
+    """Matrices (n, 3, 3) whose product with a vector is the cross product of v (n, 3) with it."""
+    x, y, z = v.T
+    zero = np.zeros(len(v))
+    return np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), 2, 0)
+
+
 Side = Literal["left", "right"]
 Vectors = dict[str, Array]
 SEGMENTS = ("foot", "shank", "platform")

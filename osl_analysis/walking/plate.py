@@ -105,9 +105,9 @@ def zeroed_wrench(trial: Trial, settings: CrossingSettings) -> tuple[RecordedWre
 def unloaded_zero(recorded: RecordedWrench, duration: float, largest: float) -> PlateWrench:
     """Mean wrench (one sample) of a plate before it is stepped on.
 
-    It is the mean over the interval of `duration` [s], before the largest vertical force, in which that force varies
-    least. The load during gait is never as constant. The time after the step is not used: the platform may be tilted,
-    and the plate's weight then appears in the wrench.
+    Over the interval of `duration` [s], before the largest vertical force, in which that force varies least: the load
+    during gait is never as constant. After the step the platform may be tilted, and the plate's weight appears in the
+    wrench.
     """
     length, vertical = round(duration * sampling_rate(recorded.time)), recorded.wrench.force[:, 2]
     before = vertical[: int(np.argmax(vertical)) + 1]

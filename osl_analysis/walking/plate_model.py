@@ -30,6 +30,7 @@ from osl_analysis.walking.bodies import (
     Poses,
     StaticCalibration,
     calibration_of,
+    cross_matrix,
     gap_duration,
     reference_positions,
     segment_poses,
@@ -52,12 +53,11 @@ COMPONENTS = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
 PLANAR = ("m", "mc_x", "mc_z", "I_yy")
 """Parameters that can be identified if the platform only turns about the mediolateral axis and shifts across it."""
 EXCITED = 0.02
-"""An axis counts as excited if its RMS angular acceleration is at least this fraction of the largest one. Motion along
-its few directions leaves less than 0.005 of it about an axis that does not turn."""
+"""An axis counts as excited if its RMS angular acceleration is this fraction of the largest. Motion along its few
+directions leaves less than 0.005 of it about an axis that does not turn."""
 LEVER = 0.1
-"""Weight [m] of forces relative to moments: about the height of the ankle, which is a force's lever about the ankle."""
+"""Weight [m] of forces relative to moments: about the height of the ankle, a force's lever about it."""
 WEIGHT = np.array([LEVER] * 3 + [1.0] * 3)
-"""Weights (6,) [m, 1] of forces and moments."""
 LARGEST_NOISE_SHARE = 0.5
 """Largest share of noise in the columns' squares that is corrected."""
 
@@ -78,7 +78,6 @@ class PlateInertia:
 
     @property
     def identified(self) -> tuple[str, ...]:
-        """Names of the parameters that the recordings excited."""
         return tuple(name for name, se in zip(PARAMETERS, self.standard_errors, strict=True) if se > 0)
 
     def wrench(self, motion: BodyMotion) -> PlateWrench:
@@ -90,10 +89,8 @@ class PlateInertia:
 
 def regressors(motion: BodyMotion) -> Array:
     """Columns (n, 6, 10) whose product with the parameters is force and moment [N, N*m] in the plate's axes."""
-    in_plate = motion.rotation.transpose(0, 2, 1)
-    a, w, z = (
-        np.einsum("nij,nj->ni", in_plate, v) for v in (motion.acceleration - GRAVITY, motion.omega, motion.alpha)
-    )
+    vectors = (motion.acceleration - GRAVITY, motion.omega, motion.alpha)
+    a, w, z = (np.einsum("nij,nj->ni", motion.rotation.transpose(0, 2, 1), v) for v in vectors)
     a = a + GRAVITY
     W = cross_matrix(w)
     columns = np.zeros((len(a), 6, 10))
@@ -102,13 +99,6 @@ def regressors(motion: BodyMotion) -> Array:
     columns[:, 3:, 1:4] = -cross_matrix(a)
     columns[:, 3:, 4:] = inertia_matrix(z) + W @ inertia_matrix(w)
     return columns
-
-
-def cross_matrix(v: Array) -> Array:
-    """Matrices (n, 3, 3) whose product with a vector is the cross product of v (n, 3) with it."""
-    zero = np.zeros(len(v))
-    rows = [[zero, -v[:, 2], v[:, 1]], [v[:, 2], zero, -v[:, 0]], [-v[:, 1], v[:, 0], zero]]
-    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def inertia_matrix(v: Array) -> Array:
@@ -155,7 +145,8 @@ def fit_parameters(
 ) -> tuple[Array, Array]:
     """Parameters and standard errors (10,) from wrenches (n, 6) and the named ones of the columns (n, 6, 10).
 
-    The others are `held` (10,), with errors of 0. If the named ones look alike, or are noise, use only the planar ones.
+    The others are `held` (10,), with errors of 0. If the named ones look alike, or are noise, only the planar ones
+    count.
     """
     chosen = [PARAMETERS.index(name) for name in names]
     parameters, errors = held.copy(), np.zeros(len(PARAMETERS))
@@ -300,6 +291,16 @@ class UnloadedRecording:
     unusable: str
     noise: Array
 
+    @classmethod
+    def shared(cls, recordings: "Sequence[UnloadedRecording]") -> "list[UnloadedRecording]":
+        """The recordings with their motions along the directions that they share."""
+        axes = shared_directions([r.track for r in recordings])
+        return [r.along(own) for r, own in zip(recordings, axes, strict=True)]
+
+    def smooth(self, values: Array) -> Array:
+        """Values in `rows`, shape (n, ...), through the low-pass of the identification."""
+        return self.plate_low_pass(values, sampling_rate(self.time))
+
     def along(self, axes: Array) -> "UnloadedRecording":
         """The same with the motion along the directions (r, 6), and with the noise in the columns of its regression."""
         motion, weights = self.track.own_motion(axes, self.centre)
@@ -308,13 +309,8 @@ class UnloadedRecording:
         noise = noise_squares(motion, resting) * passed
         return replace(self, motion=motion.weighted(weights), noise=noise)
 
-    def smooth(self, values: Array) -> Array:
-        """Values in `rows`, shape (n, ...), through the low-pass of the identification."""
-        return self.plate_low_pass(values, sampling_rate(self.time))
-
     @cached_property
     def at_frames(self) -> WrenchAtFrames:
-        """The wrench at the marker frames, with any lag."""
         return self.recorded.at_frames(self.time)
 
     def wrench_at(self, lag: float) -> PlateWrench:
@@ -329,7 +325,12 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
     names = settings.markers.platform
     time, poses = segment_poses(trial, names, calibration.platform, settings)
     recorded = recorded_wrench(trial, settings.plate)
-    check_unloaded(trial.name, recorded, settings.largest_zero_n)
+    load, largest = float(np.median(np.abs(recorded.wrench.force[:, 2]))), settings.largest_zero_n
+    if load > largest:
+        raise InputError(
+            f"trial {trial.name}: the plate carries {load:.0f} N, expected an unloaded plate and at most {largest:g} "
+            "N; zero the plate and record again, or correct the experiment of this trial in the sheet, which is 'plate'"
+        )
     rows = longest_run(poses.seen())
     if rows.stop - rows.start < FEWEST_FRAMES:
         raise InputError(
@@ -347,8 +348,7 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
     centre = plate_centre(trial, settings.plate)
     motion, weights = track.own_motion(np.eye(6), centre)
     motion = motion.weighted(weights)
-    turned = np.deg2rad(settings.perturbation_deg)
-    if cut and (not rests or np.ptp(rotation_from_rest(poses[rows])) < turned):
+    if cut and (not rests or np.ptp(rotation_from_rest(poses[rows])) < np.deg2rad(settings.perturbation_deg)):
         unusable = CUT
     else:
         unusable = HIDDEN if turned_while_hidden(trial.name, time, poses, settings) else ""
@@ -368,51 +368,30 @@ def whole_motions(track: PlatformTrack) -> slice:
     moves = track.moving.copy()
     ends = slice(0, count), slice(n - count, n)
     for end in ends:
-        moves[end] |= end_speed(track.time[end], track.measured[end]) > STILL * track.noise
+        since = track.time[end] - track.time[end].mean()
+        slopes = since @ track.measured[end] / (since @ since)
+        moves[end] |= float(np.abs(slopes).max() * np.sqrt(since @ since)) > STILL * track.noise
     still = runs(gate(track.time, moves, track.spread) == 0)
     rests = [run for run in still if run.stop - run.start >= FEWEST_FRAMES] or [slice(0, 0)]
     return slice(rests[0].start if moves[0] else 0, rests[-1].stop if moves[-1] else n)
 
 
-def end_speed(time: Array, coordinates: Array) -> float:
-    """Largest slope of coordinates (n, 6) at times (n,) [s], in units of its standard error for noise of 1."""
-    since = time - time.mean()
-    slopes = since @ coordinates / (since @ since)
-    return float(np.abs(slopes).max() * np.sqrt(since @ since))
-
-
-def check_unloaded(name: str, recorded: RecordedWrench, largest: float) -> None:
-    """Refuse a plate whose vertical force is more than `largest` [N] in most of the recording."""
-    load = float(np.median(np.abs(recorded.wrench.force[:, 2])))
-    if load > largest:
-        raise InputError(
-            f"trial {name}: the plate carries {load:.0f} N, expected an unloaded plate and at most {largest:g} N; zero "
-            "the plate and record again, or correct the experiment of this trial in the sheet, which is 'plate'"
-        )
-
-
 def turned_while_hidden(name: str, time: Array, poses: Poses, settings: PlateModelSettings) -> bool:
-    """Whether the platform turned while its markers were hidden; refused if they were always seen and it did not
-    turn."""
+    """Whether the platform turned while its markers were hidden; refused if they were always seen and it did not turn.
+
+    An interpolated turn is not measured. 11 interpolated frames at 300 Hz change the lag of that trial by 2 ms.
+    """
     turned = float(np.rad2deg(np.max(rotation_from_rest(poses[longest_run(poses.seen())]))))
     if turned >= settings.perturbation_deg:
-        return bool(hidden_turn(time, poses, settings.longest_fitted_gap_s) > HIDDEN_TURN)
+        rotation = rotation_from_rest(poses)
+        gaps = [gap for gap in runs(poses.bridged) if gap_duration(time, gap) > settings.longest_fitted_gap_s]
+        return any(abs(float(rotation[gap.stop] - rotation[gap.start - 1])) > HIDDEN_TURN for gap in gaps)
     if poses.seen().all():
         raise InputError(
             f"trial {name}: the platform turns by {turned:.2f} deg only, expected {settings.perturbation_deg:g} deg or "
             "more; record a perturbation of the unloaded plate"
         )
     return True
-
-
-def hidden_turn(time: Array, poses: Poses, longest: float) -> float:
-    """The largest rotation [rad] of the platform while its markers were hidden for more than `longest` [s].
-
-    An interpolated turn is not measured. 11 interpolated frames at 300 Hz change the lag of that trial by 2 ms.
-    """
-    rotation = rotation_from_rest(poses)
-    gaps = [gap for gap in runs(poses.bridged) if gap_duration(time, gap) > longest]
-    return max((abs(float(rotation[gap.stop] - rotation[gap.start - 1])) for gap in gaps), default=0.0)
 
 
 NOT_ASKED = "not estimated: correct_plate_lag is false"
@@ -465,35 +444,24 @@ def identify_plate_model(
     for trial in trials:
         check_type_on_platform(trial, settings.plate)
     seen = usable([unloaded_recording(t, calibration_of(calibrations, t.name), settings) for t in trials])
-    recordings = along_shared_directions(seen)
-    lags = [trial_lag(r) if settings.correct_plate_lag else float("nan") for r in recordings]
+    recordings, lags = UnloadedRecording.shared(seen), [float("nan")] * len(seen)
+    for i, r in enumerate(recordings if settings.correct_plate_lag else ()):
+        try:
+            lags[i] = plate_lag(r.motion, r.wrench_at, r.smooth)
+        except InputError as error:
+            raise InputError(f"trial {r.name}: {error}") from error
     reason = NOT_ASKED if not settings.correct_plate_lag else None if np.isfinite(lags).any() else TOO_LIGHT
-    model, every = replace(plate_model(recordings, lags), lag_reason=reason), range(len(recordings))
+    model, others = replace(plate_model(recordings, lags), lag_reason=reason), []
     if len(recordings) == 1:
         return model
-    others = [[i for i in every if i != one] for one in every]
-    leave_one_out = [
-        plate_model(along_shared_directions([seen[i] for i in kept]), [lags[i] for i in kept], model.inertia)
-        for kept in others
-    ]
-    return with_jackknife(replace(model, leave_one_out=tuple(leave_one_out)))
-
-
-def along_shared_directions(recordings: Sequence[UnloadedRecording]) -> list[UnloadedRecording]:
-    """The recordings with their motions along the directions that they share."""
-    axes = shared_directions([r.track for r in recordings])
-    return [r.along(own) for r, own in zip(recordings, axes, strict=True)]
-
-
-def with_jackknife(model: PlateModel) -> PlateModel:
-    """The model whose standard errors are no smaller than those of the jackknife over its trials.
-
-    The regression's are blind to what all samples of a trial share: the directions of the motion, and bridged gaps.
-    """
-    left = np.array([other.inertia.parameters for other in model.leave_one_out])
+    for one in range(len(seen)):
+        kept = UnloadedRecording.shared(seen[:one] + seen[one + 1 :])
+        others.append(plate_model(kept, lags[:one] + lags[one + 1 :], model.inertia))
+    # The regression's errors are blind to what all samples of a trial share: directions of the motion, bridged gaps.
+    left = np.array([other.inertia.parameters for other in others])
     jackknife = np.sqrt((len(left) - 1) / len(left) * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
-    errors = np.maximum(model.inertia.standard_errors, jackknife)
-    return replace(model, inertia=replace(model.inertia, standard_errors=errors))
+    inertia = replace(model.inertia, standard_errors=np.maximum(model.inertia.standard_errors, jackknife))
+    return replace(model, inertia=inertia, leave_one_out=tuple(others))
 
 
 def plate_model(
@@ -524,14 +492,6 @@ def usable(recordings: Sequence[UnloadedRecording]) -> list[UnloadedRecording]:
     for r in bad:
         warnings.warn(f"trial {r.name}: excluded from the plate's model: {r.unusable}", stacklevel=2)
     return [r for r in recordings if not r.unusable]
-
-
-def trial_lag(recording: UnloadedRecording) -> float:
-    """`plate_lag` of one trial."""
-    try:
-        return plate_lag(recording.motion, recording.wrench_at, recording.smooth)
-    except InputError as error:
-        raise InputError(f"trial {recording.name}: {error}") from error
 
 
 def plate_table(model: PlateModel) -> pl.DataFrame:

@@ -17,7 +17,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite
 from osl_analysis.signals import LowPass, runs, sampling_rate
 from osl_analysis.trial import Array
-from osl_analysis.walking.bodies import BodyMotion, Mask, Poses, body_motion, filtered_poses
+from osl_analysis.walking.bodies import BodyMotion, Mask, Poses, body_motion, cross_matrix, filtered_poses
 
 COORDINATES = 6
 SIGNIFICANT = 1.3
@@ -25,11 +25,10 @@ SIGNIFICANT = 1.3
 LEAST_NOISE_M = 2e-7
 """Smallest noise [m] of a coordinate: the resolution of single precision at a metre."""
 STILL = 7.0
-"""A platform moves where its speed is above this multiple of its noise: 1 in 10^7 frames of a resting one, in six
-coordinates."""
+"""A platform moves where its speed is above this multiple of its noise: 1 in 10^7 frames of a resting one."""
 
 PLAIN = 2.0
-"""Time before and after a motion that is seen, in units of the low-pass's spread, in which it may still move."""
+"""Time before and after a motion that is seen, over the low-pass's spread, in which it may still move."""
 
 
 @dataclass(frozen=True)
@@ -81,19 +80,14 @@ def left_jacobian(turn: Array) -> Array:
     a = np.where(near, 1.0, angle)
     first = np.where(near, 0.5 - angle**2 / 24, (1 - np.cos(a)) / a**2)
     second = np.where(near, 1 / 6 - angle**2 / 120, (a - np.sin(a)) / a**3)
-    x, y, z = turn.T
-    zero = np.zeros_like(x)
-    W = np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), 2, 0)
+    W = cross_matrix(turn)
     matrices: Array = np.eye(3) + first[:, None, None] * W + second[:, None, None] * (W @ W)
     return matrices
 
 
 def frame_noise(coordinates: Array) -> float:
-    """Standard deviation [m] of the noise in each frame of coordinates (n, k): from second differences.
-
-    White noise of variance s^2 gives them 6 s^2. The median is blind to the few frames in which the platform
-    accelerates.
-    """
+    """Standard deviation [m] of the noise in each frame of coordinates (n, k): from second differences, whose variance
+    is six times that of white noise. The median is blind to the few frames in which the platform accelerates."""
     second = np.diff(coordinates[np.isfinite(coordinates).all(axis=1)], n=2, axis=0)
     if not second.size:
         return LEAST_NOISE_M
@@ -144,9 +138,9 @@ def speed(time: Array, coordinates: Array) -> Array:
 def gate(time: Array, moves: Mask, spread: float) -> Array:
     """Weights (n,) of inertial forces: 1 where the platform moves, 0 where it rests, half a cosine between.
 
-    They are 1 up to `PLAIN` times `spread` [s] before and after each motion, and 0 one `spread` later. The low-pass
-    widens a motion by `spread`, and a slow ramp accelerates most while its speed is still below that of noise. Weights
-    that fall after one `spread` make the mass of a plate 0.1 % too large at 5 deg, and its moment 1 % too small at 2.5.
+    They are 1 up to `PLAIN` times `spread` [s] before and after each motion, and 0 one `spread` later: a slow ramp
+    accelerates most while its speed is still below that of noise. Weights that fall after one `spread` make the mass of
+    a plate 0.1 % too large at 5 deg, and its moment 1 % too small at 2.5.
     """
     if not moves.any():
         return np.zeros(len(time))
@@ -214,7 +208,6 @@ class PlatformTrack:
 
     @property
     def rate(self) -> float:
-        """Frames per second [Hz]."""
         return sampling_rate(self.time)
 
     @property
@@ -283,15 +276,12 @@ def straight_over_gaps(coordinates: Array, bridged: Mask, rate: float) -> Array:
 
 def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
     """Directions (r, 6) of the motion in each trial: those of all trials together, where these are no more than each
-    trial has alone. A platform that only turns in one trial and shifts in another has other directions in each.
-    """
+    trial has alone. A platform that only turns in one trial and shifts in another has others in each."""
     low_pass, rate = tracks[0].low_pass, tracks[0].rate
-    moved = [track.displaced() for track in tracks]
+    moved, none = [track.displaced() for track in tracks], np.zeros((0, 6))
     noise = float(np.sqrt(np.mean([track.noise**2 for track in tracks])))
-    alone = [
-        directions([one], track.noise, low_pass, rate) if len(one) else np.zeros((0, 6))
-        for one, track in zip(moved, tracks, strict=True)
-    ]
+    pairs = zip(moved, tracks, strict=True)
+    alone = [directions([one], track.noise, low_pass, rate) if len(one) else none for one, track in pairs]
     known = [one for one in moved if len(one)]
-    together = directions(known, noise, low_pass, rate) if known else np.zeros((0, 6))
+    together = directions(known, noise, low_pass, rate) if known else none
     return [together if len(own) == len(together) else own for own in alone]

@@ -58,12 +58,10 @@ class PerturbationResponse:
 
     @property
     def fitted_motion(self) -> Motion:
-        """Motion in the window."""
         return self.motion[self.window]
 
     @property
     def fitted_torque(self) -> Array:
-        """Torque [N*m] in the window."""
         return self.torque[self.window]
 
 
@@ -131,9 +129,8 @@ def behaviour_before(time: Array, thetas: Array, torques: Array) -> Array:
 
 def response_times(rate: float, timing: Timing) -> Array:
     """Times [s] from the onset at the marker `rate` [Hz]: baseline, guard and window, with margins."""
-    first = -round((timing.baseline + timing.guard) * rate) - MARGIN
-    last = round(timing.window * rate) + MARGIN
-    return np.arange(first, last + 1) / rate
+    first = round((timing.baseline + timing.guard) * rate) + MARGIN
+    return np.arange(-first, round(timing.window * rate) + MARGIN + 1) / rate
 
 
 FROM_GAIT, FROM_GAIT_AND_PLATE = "unperturbed crossings", "unperturbed crossings + plate trials"

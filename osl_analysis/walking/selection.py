@@ -1,6 +1,6 @@
-"""Which crossings are excluded: those that lie too far from the median crossing, each with a reason."""
+"""Which crossings are used, and with which result: features by which they are compared, groups, and reasons."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,7 @@ ANGLE, TORQUE = "angle before the onset", "torque before the onset"
 LOAD, LOAD_LATER, PRESSURE = "load before the onset", "load in single support", "pressure beside the ankle"
 """Names of the features that compare curves."""
 Mask = NDArray[np.bool_]
+Signal = Callable[[Crossing], Array]
 OF_LOAD = "of the usual load"
 CAMP, FEWEST_OF_CAMP = 1 / 3, 2
 """Share of the unperturbed crossings, and number of crossings, from which those beyond the limit are a camp."""
@@ -34,14 +35,8 @@ MIDDLE = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])]
 
 @dataclass(frozen=True)
 class Feature:
-    """One feature of n crossings.
-
-    name: name of the feature, for messages.
-    unit: unit of the feature, for messages.
-    values: one value per crossing (n,).
-    median: for each crossing (n,), the median of the crossings with which it is compared.
-    scatter: scatter about the medians.
-    """
+    """One feature of n crossings: its name and unit for messages, its values (n,), for each crossing the median (n,) of
+    those with which it is compared, and the scatter about the medians."""
 
     name: str
     unit: str
@@ -62,15 +57,13 @@ def crossing_features(crossings: Sequence[Crossing], timing: Timing, rule: Outli
     beyond it: four bad crossings of twelve widen the scatter so that none of them stands out. Crossings that are unlike
     the others before the onset do not count in the later features either.
     """
-    sound = np.ones(len(crossings), dtype=bool)
-    early, sound = without_beyond(lambda mask: early_features(crossings, timing, rule, mask), sound, rule.limit)
-
-    def compared(mask: Mask) -> list[Feature]:
-        return later_features(crossings, rule, mask)
-
-    later, within = without_beyond(compared, sound, rule.limit)
+    every = np.ones(len(crossings), dtype=bool)
+    early, sound = without_beyond(lambda mask: early_features(crossings, timing, rule, mask), every, rule.limit)
+    later, within = without_beyond(lambda mask: later_features(crossings, rule, mask), sound, rule.limit)
     camp = likelier_camp(crossings, sound, within)
-    return early + (later if camp is None else without_beyond(compared, camp, rule.limit)[0])
+    if camp is not None:
+        later, _ = without_beyond(lambda mask: later_features(crossings, rule, mask), camp, rule.limit)
+    return early + later
 
 
 def likelier_camp(crossings: Sequence[Crossing], sound: Mask, within: Mask) -> Mask | None:
@@ -88,7 +81,7 @@ def likelier_camp(crossings: Sequence[Crossing], sound: Mask, within: Mask) -> M
         return None
     apart = np.zeros(2)
     for signal, size in ((force_of, usual_load(crossings)), (left_of, USUAL_WIDTH)):
-        curves = np.array([signal_at(c, signal(c), stance_times(c, MIDDLE)) for c in crossings]) / size
+        curves = curves_of(crossings, signal, MIDDLE) / size
         usual = np.median(curves[turned], axis=0)
         apart += [np.mean((np.median(curves[camp], axis=0) - usual) ** 2) for camp in (kept, other)]
     return sound & ~kept if CLEARLY**2 * apart[1] < apart[0] else None
@@ -96,9 +89,7 @@ def likelier_camp(crossings: Sequence[Crossing], sound: Mask, within: Mask) -> M
 
 def without_beyond(features: Callable[[Mask], list[Feature]], sound: Mask, limit: float) -> tuple[list[Feature], Mask]:
     """Features among the `sound` crossings (n,), and which of these are within the limit in all, settled by repetition.
-
-    At least half of the crossings stay: fewer would be a selection.
-    """
+    At least half of the crossings stay: fewer would be a selection."""
     while True:
         found = features(sound)
         within = sound & (np.max([feature.distance for feature in found], axis=0) <= limit)
@@ -108,12 +99,15 @@ def without_beyond(features: Callable[[Mask], list[Feature]], sound: Mask, limit
 
 
 def early_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule, sound: Mask) -> list[Feature]:
-    """What no perturbation can change, among the `sound` (n,): the place of the foot, and curves before the onset."""
+    """What no perturbation can change, among the `sound` (n,): the place of the foot, and curves before the first
+    onset."""
     place = np.array([c.quality.placement for c in crossings])
-    phases = PHASES[PHASES <= earliest_baseline_end(crossings, timing)]
+    begun = [(c, c.onset) for c in crossings if c.onset is not None]
+    ends = [(onset - timing.guard - c.stance.heel_strike) / c.stance.duration for c, onset in begun]
+    phases = PHASES[min(ends, default=1.0) >= PHASES]
     alike = Compared(np.zeros(len(crossings), dtype=int), sound)
-    angle = np.rad2deg(deviation(crossings, theta_of, phases, alike))
-    torque = deviation(crossings, torque_of, phases, alike)
+    angle = np.rad2deg(deviation(crossings, lambda c: c.theta, phases, alike))
+    torque = deviation(crossings, lambda c: c.torque, phases, alike)
     features = [
         feature_of("foot forward", "m", place[:, 0], rule.placement_m, alike),
         feature_of("foot to the left", "m", place[:, 1], rule.placement_m, alike),
@@ -145,17 +139,12 @@ def later_features(crossings: Sequence[Crossing], rule: OutlierRule, sound: Mask
 
 def usual_load(crossings: Sequence[Crossing]) -> float:
     """Median over crossings of the mean vertical force [N] in single support."""
-    return float(np.median([signal_at(c, force_of(c), stance_times(c, MIDDLE)).mean() for c in crossings]))
+    return float(np.median(curves_of(crossings, force_of, MIDDLE).mean(axis=1)))
 
 
-def theta_of(crossing: Crossing) -> Array:
-    """Angle (n,) [rad]."""
-    return crossing.theta
-
-
-def torque_of(crossing: Crossing) -> Array:
-    """Torque (n,) [N*m]."""
-    return crossing.torque
+def curves_of(crossings: Sequence[Crossing], signal: Signal, phases: Array) -> Array:
+    """A signal of each crossing at phases (k,) of stance: (n, k)."""
+    return np.array([signal_at(c, signal(c), stance_times(c, phases)) for c in crossings])
 
 
 def force_of(crossing: Crossing) -> Array:
@@ -177,21 +166,16 @@ def feature_of(name: str, unit: str, values: Array, smallest_scatter: float, com
     return Feature(name, unit, values, median, max(scatter, smallest_scatter))
 
 
-def deviation(
-    crossings: Sequence[Crossing], signal: Callable[[Crossing], Array], phases: Array, compared: "Compared"
-) -> Array:
+def deviation(crossings: Sequence[Crossing], signal: Signal, phases: Array, compared: "Compared") -> Array:
     """RMS deviation (n,) of each crossing's signal at phases of stance from the median of those it is compared with."""
-    curves = np.array([signal_at(c, signal(c), stance_times(c, phases)) for c in crossings])
+    curves = curves_of(crossings, signal, phases)
     return np.asarray(np.sqrt(np.mean((curves - compared.medians(curves)) ** 2, axis=1)))
 
 
 @dataclass(frozen=True)
 class Compared:
-    """With which crossings each of n crossings is compared.
-
-    kind: a crossing is compared with those of the same kind (n,).
-    sound: those that count in the medians (n,). If none of a kind is sound, all of it count.
-    """
+    """With which of n crossings each is compared: with those of the same kind (n,), of which the `sound` (n,) count in
+    the medians, or all if none of a kind is sound."""
 
     kind: NDArray[np.int_]
     sound: Mask
@@ -204,14 +188,6 @@ class Compared:
             counted = own & self.sound if (own & self.sound).any() else own
             found[own] = np.median(values[counted], axis=0)
         return found
-
-
-def earliest_baseline_end(crossings: Sequence[Crossing], timing: Timing) -> float:
-    """Phase of stance at which the first of all baselines ends; 1 without perturbed crossings."""
-    ends = [
-        (c.onset - timing.guard - c.stance.heel_strike) / c.stance.duration for c in crossings if c.onset is not None
-    ]
-    return min(ends, default=1.0)
 
 
 CLEAR_GAP = 0.03
@@ -229,7 +205,7 @@ class Place:
     """Where a crossing belongs.
 
     gaits: names of the mean gaits that it belongs to; one for a perturbed crossing.
-    group: name of the group whose result it enters; None for an unperturbed crossing, and for one that is not used.
+    group: name of the group whose result it enters; None if unperturbed, or not used.
     direction: `up` or `down`, as the platform turned; None if unperturbed, or without a measured turn.
     onset_phase: onset as a share of the gait's mean stance; None if unperturbed.
     """
@@ -246,7 +222,10 @@ def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings)
     gaits = gaits_of(sheet, keys)
     found = {name: Place(tuple(gaits_served(cells, gaits, keys))) for name, cells in sheet.items()}
     perturbed = {gait: [c for c in crossings if c.onset is not None and gait in found[c.name].gaits] for gait in gaits}
-    phases = {gait: onset_phases(of, mean_stance(gait, crossings, found)) for gait, of in perturbed.items()}
+    flat = [(c.stance.duration, found[c.name].gaits) for c in crossings if c.onset is None]
+    stances = {gait: [stance for stance, gaits in flat if gait in gaits] for gait in gaits}
+    means = {gait: float(np.mean(some)) if some else None for gait, some in stances.items()}
+    phases = {gait: onset_phases(of, means[gait]) for gait, of in perturbed.items()}
     parts = {gait: timings(phases[gait], settings.timing_scatter) for gait in gaits}
     timed = "timing" in settings.group_by or (
         "timing" not in settings.pool and any(part.max(initial=0) > 0 for part in parts.values())
@@ -268,12 +247,6 @@ def direction(crossing: Crossing) -> str | None:
     return None if crossing.turn is None else UP if crossing.turn > 0 else DOWN
 
 
-def mean_stance(gait: str, crossings: Sequence[Crossing], found: Mapping[str, Place]) -> float | None:
-    """Mean stance [s] of the unperturbed crossings of a gait; None without any."""
-    own = [c.stance.duration for c in crossings if c.onset is None and gait in found[c.name].gaits]
-    return float(np.mean(own)) if own else None
-
-
 def onset_phases(crossings: Sequence[Crossing], stance: float | None) -> Array:
     """Onsets (n,) as shares of a mean `stance` [s]; of each crossing's own without one."""
     return np.array([((c.onset or 0.0) - c.stance.heel_strike) / (stance or c.stance.duration) for c in crossings])
@@ -283,12 +256,17 @@ def timings(phases: Array, scatter: float) -> NDArray[np.intp]:
     """The timing (n,) of each onset phase (n,), counted from 0 in the order of phase.
 
     Phases are cut at their largest gap, then each part again, while `clear_gap` finds one. A part whose SD is still
-    above `scatter` is cut into equal bins of at most twice `scatter`.
+    above `scatter` is cut into as few equal bins as `WIDEST_BIN` allows; bins without a phase are not counted.
     """
     check_finite("the phase of an onset", phases)
     numbers, count = np.empty(len(phases), dtype=np.intp), 0
     for rows in parted(phases, np.argsort(phases, kind="stable"), scatter):
-        bins = equal_bins(phases[rows], scatter) if wide(phases[rows], scatter) else np.zeros(len(rows), dtype=np.intp)
+        bins = np.zeros(len(rows), dtype=np.intp)
+        if wide(phases[rows], scatter):
+            low, span = phases[rows].min(), np.ptp(phases[rows])
+            most = int(np.ceil(span / (WIDEST_BIN * scatter)))
+            raw = np.minimum(((phases[rows] - low) / span * most).astype(int), most - 1)
+            bins = np.unique(raw, return_inverse=True)[1]
         numbers[rows] = count + bins
         count += int(bins.max(initial=-1)) + 1
     return numbers
@@ -320,14 +298,6 @@ def wide(phases: Array, scatter: float) -> bool:
     return len(phases) > 1 and float(np.std(phases, ddof=1)) > scatter
 
 
-def equal_bins(phases: Array, scatter: float) -> NDArray[np.intp]:
-    """Bin (n,) of each phase (n,): as few equal bins as `WIDEST_BIN` allows; bins without a phase are not counted."""
-    low, span = phases.min(), np.ptp(phases)
-    count = int(np.ceil(span / (WIDEST_BIN * scatter)))
-    raw = np.minimum(((phases - low) / span * count).astype(int), count - 1)
-    return np.unique(raw, return_inverse=True)[1]
-
-
 USED, OUTLIER, REFUSED = "used", "outlier", "refused"
 """Status of a crossing in `walking_crossings.csv`."""
 DEVIATIONS = (
@@ -354,7 +324,9 @@ def selection_rows(
     `sheet` has the conditions of all crossings; None: there are none. Crossings are compared with those that share all
     conditions by which the campaign is split.
     """
-    sheet = without_conditions(crossings, refused) if sheet is None else sheet
+    if sheet is None:
+        kinds = [(c.name, c.onset is not None) for c in crossings] + [(r.name, r.perturbed) for r in refused]
+        sheet = {name: {PERTURBED: perturbed} for name, perturbed in kinds}
     keys = split_keys(sheet, settings)
     alike: dict[tuple[object, ...], list[Crossing]] = {}
     for c in crossings:
@@ -365,21 +337,11 @@ def selection_rows(
         r.name: {"trial": r.name, "perturbed": r.perturbed, "status": REFUSED, "reason": r.reason} for r in refused
     }
     found = places(used, sheet, settings)
-    return {name: row | place_row(found[name]) for name, row in rows.items()}
-
-
-def without_conditions(crossings: Sequence[Crossing], refused: Sequence[RefusedCrossing]) -> Sheet:
-    """The sheet of crossings about which no conditions are stated."""
-    kinds = {c.name: c.onset is not None for c in crossings} | {r.name: r.perturbed for r in refused}
-    return {name: {PERTURBED: perturbed} for name, perturbed in kinds.items()}
-
-
-def place_row(place: Place) -> dict[str, object]:
-    """Columns of `walking_crossings.csv` that say where a crossing belongs."""
-    gait = SEPARATOR.join(place.gaits) or None
-    return {
-        "gait": gait, "group": place.group, "direction": place.direction, "onset_phase": place.onset_phase
-    }  # fmt: skip
+    for name, row in rows.items():
+        p = found[name]
+        row |= {"gait": SEPARATOR.join(p.gaits) or None, "group": p.group, "direction": p.direction}
+        row["onset_phase"] = p.onset_phase
+    return rows
 
 
 def compared_rows(crossings: Sequence[Crossing], settings: SelectionSettings) -> dict[str, dict[str, object]]:
@@ -387,16 +349,12 @@ def compared_rows(crossings: Sequence[Crossing], settings: SelectionSettings) ->
     rule = settings.outliers
     features = crossing_features(crossings, settings.timing, rule) if rule else []
     reasons = outlier_reasons(features, [c.name for c in crossings], rule.limit) if rule else {}
-    reasons = {c.name: reasons[c.name] + hidden_share(c) for c in crossings if c.name in reasons}
+    for c in crossings:
+        if c.name in reasons and c.bridged >= BRIDGED:
+            hidden = f" (markers were hidden for {c.bridged:.0%} of it: fill the gaps in Nexus, or lower longest_gap_s)"
+            reasons[c.name] += hidden
     reasons |= {c.name: reason for c in crossings if (reason := load_reason(c, settings))}
     return {c.name: crossing_row(c, k, features, reasons.get(c.name)) for k, c in enumerate(crossings)}
-
-
-def hidden_share(crossing: Crossing) -> str:
-    """What hidden markers may have to do with an outlier, for its reason; empty if they were not hidden for long."""
-    if crossing.bridged < BRIDGED:
-        return ""
-    return f" (markers were hidden for {crossing.bridged:.0%} of it: fill the gaps in Nexus, or lower longest_gap_s)"
 
 
 def load_reason(crossing: Crossing, settings: SelectionSettings) -> str:

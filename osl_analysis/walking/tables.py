@@ -1,4 +1,4 @@
-"""The walking tables, as rows and frames: single perturbations, their mean, the ensemble, and the walking page."""
+"""The walking tables, as rows and frames: single perturbations, groups, their headline, and what the figures show."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row, lag_damping_row
+from osl_analysis.stats.fit_row import covariance_row, diagnostics_row, estimates_row, lag_damping_row
 from osl_analysis.stats.repeats import CommonError, over_repeats
 from osl_analysis.trial import Array
 from osl_analysis.walking.checks import DOWN, UP
@@ -32,13 +32,10 @@ from osl_analysis.walking.settings import ResponseSettings, Timing
 class Group:
     """A group of perturbed crossings.
 
-    name: its name.
     gait: name of its mean unperturbed gait.
-    trials: its crossings that are used.
-    directions: turn of each, `up`, `down` or None.
-    phases: onset of each as a share of the gait's mean stance.
-    cells: conditions in the sheet that all its crossings share.
-    pooled: conditions in which they differ, as text.
+    trials: its crossings that are used, with the turn of each (`up`, `down` or None), and the onset of each as a share
+        of the gait's mean stance.
+    cells, pooled: conditions in the sheet that all its crossings share, and, as text, those in which they differ.
     """
 
     name: str
@@ -55,23 +52,19 @@ def groups_of(selection: pl.DataFrame, sheet: Sheet | None) -> list[Group]:
 
     A gait none of whose perturbed crossings is used is a group without trials.
     """
-    perturbed, sheet = selection.filter(pl.col("perturbed")), sheet or {}
-    rows = {trial: sheet.get(trial, {}) for trial in perturbed["trial"]}
-    used = perturbed.filter(pl.col("group").is_not_null())
-    found = [group_of(members, rows) for members in used.partition_by("group", maintain_order=True)]
-    missing = [gait for gait in perturbed["gait"].unique(maintain_order=True) if gait not in {g.gait for g in found}]
-    for gait in missing:
-        cells = shared_cells([rows[trial] for trial in perturbed.filter(pl.col("gait") == gait)["trial"]])
-        found.append(Group(gait or ALL, gait or ALL, (), (), (), cells, ""))
+    perturbed, found = selection.filter(pl.col("perturbed")), []
+    rows = {trial: (sheet or {}).get(trial, {}) for trial in perturbed["trial"]}
+    for members in perturbed.filter(pl.col("group").is_not_null()).partition_by("group", maintain_order=True):
+        trials, directions, phases = (tuple(members[column]) for column in ("trial", "direction", "onset_phase"))
+        cells = shared_cells([rows[trial] for trial in trials])
+        group, gait = members["group"][0], members["gait"][0]
+        found.append(Group(group, gait, trials, directions, phases, cells, pooled(trials, rows)))
+    known = {group.gait for group in found}
+    for gait in perturbed["gait"].unique(maintain_order=True):
+        if gait not in known:
+            cells = shared_cells([rows[trial] for trial in perturbed.filter(pl.col("gait") == gait)["trial"]])
+            found.append(Group(gait or ALL, gait or ALL, (), (), (), cells, ""))
     return sorted(found, key=sorting_key)
-
-
-def group_of(members: pl.DataFrame, rows: Sheet) -> Group:
-    """The group whose rows of `walking_crossings.csv` are `members`; `rows` are the sheet's."""
-    trials = tuple(members["trial"])
-    cells = shared_cells([rows[trial] for trial in trials])
-    directions, phases = tuple(members["direction"]), tuple(members["onset_phase"])
-    return Group(members["group"][0], members["gait"][0], trials, directions, phases, cells, pooled(trials, rows))
 
 
 def shared_cells(rows: Sequence[Cells]) -> dict[str, object]:
@@ -94,7 +87,8 @@ def group_row(group: Group, gait: UnperturbedGait | None, window: float) -> dict
     Phases are shares of the mean stance of the unperturbed gait; without one, they are null.
     """
     phases, down = np.array(group.phases, dtype=float), sum(d == DOWN for d in group.directions)
-    stance = None if gait is None else float(np.mean(gait.stance))
+    stances = np.zeros(0) if gait is None else gait.stance
+    stance = float(np.mean(stances)) if len(stances) else None
     onset = float(np.mean(phases)) if len(phases) and stance else None
     return {
         "group": group.name,
@@ -104,18 +98,13 @@ def group_row(group: Group, gait: UnperturbedGait | None, window: float) -> dict
         "n": len(phases),
         "n_up": len(phases) - down,
         "n_down": down,
-        "n_unperturbed": 0 if gait is None else len(gait.names),
+        "n_unperturbed": len(stances),
         "stance_s": stance,
-        "unperturbed_stance_sd": None if gait is None else stance_scatter(gait),
+        "unperturbed_stance_sd": float(np.std(stances, ddof=1) / np.mean(stances)) if len(stances) > 1 else None,
         "onset_phase": onset,
         "onset_phase_sd": float(np.std(phases, ddof=1)) if len(phases) > 1 else None,
         "end_phase": onset + window / stance if onset is not None and stance else None,
     }
-
-
-def stance_scatter(gait: UnperturbedGait) -> float | None:
-    """SD of the stances of the unperturbed crossings, as a share of their mean; None of a single one."""
-    return float(np.std(gait.stance, ddof=1) / np.mean(gait.stance)) if len(gait.stance) > 1 else None
 
 
 def fitted_time(ensemble: EnsembleResponse, timing: Timing) -> float:
@@ -140,11 +129,14 @@ PHASE_STEP = 4
 
 
 def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: ResponseSettings) -> dict[str, object]:
-    """One row of `walking.csv`: the fit of Eq. 15 to the isolated response of one crossing."""
+    """One row of `walking.csv`: the fit of Eq. 15 to the isolated response of one crossing.
+
+    `lag_out_of_reach` is 1 if the best lag is at or beyond the limit of the search, for example if the torque is two
+    frames late, else 0.
+    """
     response = isolate_response(crossing, gait, settings.timing, settings.perturbed_stance)
-    impedance = fit_response(response)
-    fit = impedance.fit
-    onset = crossing.onset or 0.0
+    impedance, delay = fit_response(response), response_lag(response)
+    fit, onset = impedance.fit, crossing.onset or 0.0
     return {
         "trial": crossing.name,
         "onset_s": onset,
@@ -156,27 +148,15 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
         **covariance_row(fit, "K", "B", "I"),
         **offset_comparison(response.fitted_motion, response.fitted_torque, fit["K"]),
         **single_facts(response, impedance),
-        **response_lag_row(response, fit["K"]),
+        **lag_damping_row(delay and delay.lag, delay and delay.se, fit["K"]),
+        "lag_out_of_reach": float(delay is None),
         **diagnostics_row(fit, 1 / (response.time[1] - response.time[0]), settings.low_pass),
     }
 
 
-def response_lag_row(response: PerturbationResponse, K: float) -> Row:
-    """The lag of the torque behind the angle and its effect on B.
-
-    `lag_out_of_reach` is 1 if the best lag is at or beyond the limit of the search, for example if the torque is two
-    frames late. Otherwise it is 0.
-    """
-    delay = response_lag(response)
-    columns = lag_damping_row(None, None, K) if delay is None else lag_damping_row(delay.lag, delay.se, K)
-    return {**columns, "lag_out_of_reach": float(delay is None)}
-
-
 def headline_rows(headline: Headline, fits: pl.DataFrame, doubtful: Mapping[str, int]) -> list[dict[str, object]]:
-    """Rows of `walking_summary.csv` of one group.
-
-    `fits` are its rows of `walking.csv`, `doubtful` the column with the number of doubtful ones.
-    """
+    """Rows of `walking_summary.csv` of one group; `fits` are its rows of `walking.csv`, `doubtful` the number of
+    doubtful ones."""
     rows = [{**row, **doubtful} for row in mean_rows(fits, headline.common, signs_of(headline.responses))]
     rows += ensemble_rows(headline.ensemble, headline.resampled)
     other = headline.mean_gait if headline.baseline == "predicted" else headline.predicted_gait
@@ -187,10 +167,8 @@ def headline_rows(headline: Headline, fits: pl.DataFrame, doubtful: Mapping[str,
 def mean_rows(
     fits: pl.DataFrame, common: Mapping[str, Sequence[CommonError]], signs: NDArray[np.int_] | None = None
 ) -> list[dict[str, object]]:
-    """Mean and scatter of the estimates per perturbation; `se` and interval include the errors that are `common`.
-
-    With `signs` (n,) of two directions it is the mean of both directions' means.
-    """
+    """Mean and scatter of the estimates per perturbation, with two directions' `signs` (n,) the mean of both means;
+    `se` and interval include the errors that are `common`."""
     return [
         {"quantity": name, "estimator": MEAN, "interval_method": WITH_COMMON_ERRORS if name in common else "Student"}
         | asdict(over_repeats(fits[name].to_numpy(), common.get(name, ()), signs))
@@ -242,10 +220,9 @@ def ensemble_rows(
 
 
 def excluded_crossings(selection: pl.DataFrame, unfitted: pl.DataFrame) -> pl.DataFrame:
-    """Crossings that are not used (trial, perturbed, reason), in the order of the selection.
+    """Crossings that are not used (trial, perturbed, reason), in the order of the selection, `walking_crossings.csv`.
 
-    `selection` is `walking_crossings.csv`. `unfitted` (trial, reason) gives the reason why a crossing has no fit. The
-    reason is null if it has one.
+    `unfitted` (trial, reason) gives the reason why a crossing has no fit, null if it has one.
     """
     both = selection.join(unfitted, on="trial", how="left", maintain_order="left", suffix="_unfitted")
     reason = pl.coalesce("reason", "reason_unfitted").alias("reason")
@@ -254,29 +231,18 @@ def excluded_crossings(selection: pl.DataFrame, unfitted: pl.DataFrame) -> pl.Da
 
 def response_table(group: str, responses: Sequence[PerturbationResponse], ensemble: EnsembleResponse) -> pl.DataFrame:
     """Isolated responses of a group around the onset: trial (or 'ensemble'), time [s], angle [deg], torque [N*m] and
-    its fit.
-
-    The fitted torque is null outside the window.
-    """
+    its fit, null outside the window."""
     window = responses[0].window
-    frames = [response_frame(r.name, r, fit_response(r).torque(r.motion), window) for r in responses]
-    frames.append(response_frame(ENSEMBLE, ensemble, ensemble.fit.torque(ensemble.motion), window))
-    return pl.concat(frames).with_columns(group=pl.lit(group))
-
-
-def response_frame(
-    name: str, response: PerturbationResponse | EnsembleResponse, fitted: Array, window: slice
-) -> pl.DataFrame:
-    """One response with its fitted torque (k,) [N*m], up to the end of the window."""
-    model = np.full(len(response.time), np.nan)
-    model[window] = fitted[window]
-    columns = {
-        "time": response.time,
-        "theta_deg": np.rad2deg(response.motion.theta),
-        "torque": response.torque,
-        "torque_model": pl.Series(model).fill_nan(None),
-    }
-    return pl.DataFrame(columns).select(pl.lit(name).alias("trial"), pl.all())[: window.stop]
+    fits = [(r.name, r, fit_response(r)) for r in responses]
+    frames = []
+    for name, response, fit in [*fits, (ENSEMBLE, ensemble, ensemble.fit)]:
+        model = np.full(len(response.time), np.nan)
+        model[window] = fit.torque(response.motion)[window]
+        columns = {"trial": pl.Series([name] * len(model)), "time": response.time}
+        columns |= {"theta_deg": np.rad2deg(response.motion.theta), "torque": response.torque, "torque_model": model}
+        frames.append(pl.DataFrame(columns)[: window.stop])
+    table = pl.concat(frames).with_columns(pl.col("torque_model").fill_nan(None))
+    return table.with_columns(group=pl.lit(group))
 
 
 def walking_page_points(
@@ -293,15 +259,12 @@ def walking_page_points(
 
 def gait_points(curve: str, gait: UnperturbedGait) -> list[pl.DataFrame]:
     """Mean and SD over crossings, of angle and torque, at every fourth phase."""
-    signals = {"angle": np.rad2deg(gait.theta), "torque": gait.torque}
-    x = 100 * PHASES[::PHASE_STEP]
-    labels = {"curve": pl.lit(curve), "n": pl.lit(len(gait.names))}
-    return [
-        pl.DataFrame(
-            {"x": x, "mean": curves[:, ::PHASE_STEP].mean(axis=0), "sd": curves[:, ::PHASE_STEP].std(axis=0, ddof=1)}
-        ).with_columns(panel=pl.lit(panel), **labels)
-        for panel, curves in signals.items()
-    ]
+    labels, x, frames = {"curve": pl.lit(curve), "n": pl.lit(len(gait.names))}, 100 * PHASES[::PHASE_STEP], []
+    for panel, every in (("angle", np.rad2deg(gait.theta)), ("torque", gait.torque)):
+        some = every[:, ::PHASE_STEP]
+        points = pl.DataFrame({"x": x, "mean": some.mean(axis=0), "sd": some.std(axis=0, ddof=1)})
+        frames.append(points.with_columns(panel=pl.lit(panel), **labels))
+    return frames
 
 
 def interval_points(crossings: Sequence[Crossing], timing: Timing) -> pl.DataFrame:

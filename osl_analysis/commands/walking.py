@@ -78,10 +78,8 @@ def group_result(
     gait: UnperturbedGait | None,
     settings: EnsembleSettings,
 ) -> GroupResult:
-    """The result of a group; without one, rows with the reason, and a warning.
-
-    `own` are the rows of its crossings in `walking.csv`, `files` are the crossings by trial.
-    """
+    """The result of a group; without one, rows with the reason, and a warning. `own` are the rows of its crossings in
+    `walking.csv`, `files` are the crossings by trial."""
     known = {"group": group.name}
     fact: dict[str, Any] = group_row(group, gait, settings.window_s) | {"fitted_phase": None, "reason": None}
     try:
@@ -134,10 +132,8 @@ def select_crossings(
     places: Places | None = None,
 ) -> None:
     """One row per crossing, in the order of the files: its quality, its group and, if it is excluded, the reason.
-
-    `sheet` has the conditions of every crossing of the campaign; None: there are none. `places` has joint and
-    side of each. A warning says by which conditions results are split although the configuration does not ask for it.
-    """
+    `sheet` has the conditions of every crossing of the campaign; None: there are none. `places` has joint and side of
+    each. A warning says by which conditions results are split although the configuration does not ask for it."""
     rows = selection_rows(*read_crossing_files(crossings), settings, sheet)
     table = pl.DataFrame([rows[path.stem] for path in crossings], infer_schema_length=None)
     for sentence in [*statements(sheet or {}, settings), *timing_statements(table, settings)]:
@@ -159,11 +155,9 @@ def timing_statements(table: pl.DataFrame, settings: SelectionSettings) -> list[
 def average_unperturbed(
     crossings: Sequence[Path], selection: Path, settings: UnperturbedSettings, output: Path
 ) -> None:
-    """The unperturbed ones of the crossings on a common grid of stance phase, by gait, to a Parquet file.
-
-    Crossings that the table `selection`, `walking_crossings.csv`, excludes are not used. A gait with too few of them is
-    left out with a warning.
-    """
+    """The unperturbed ones of the crossings on a common grid of stance phase, by gait, to a Parquet file. Crossings
+    that the table `selection`, `walking_crossings.csv`, excludes are not used. A gait with too few of them is left out
+    with a warning."""
     unperturbed = [crossing for crossing in selected_crossings(crossings, selection) if crossing.onset is None]
     names_of = {path.stem for path in crossings}
     table = read_table(selection, ["trial", "gait", "reason"]).filter(pl.col("trial").is_in(names_of))
@@ -188,10 +182,8 @@ def average_unperturbed(
 def fit_perturbation(
     crossing: Path, selection: Path, unperturbed: Path, settings: ResponseSettings, output: Path
 ) -> None:
-    """Fit Eq. 15 to the isolated response of one perturbed crossing: one row of `walking.csv`.
-
-    A crossing that is excluded, or whose response cannot be fitted, has a row with the reason and no numbers.
-    """
+    """Fit Eq. 15 to the isolated response of one perturbed crossing: one row of `walking.csv`. A crossing that is
+    excluded, or whose response cannot be fitted, has a row with the reason and no numbers."""
     gaits, place = read_unperturbed_gaits(unperturbed), place_of(crossing, selection)
     reason, gait = place["reason"], gaits.get(place["gait"] or ALL)
     row: dict[str, object] = {}
@@ -222,12 +214,10 @@ def summarise_perturbations(
     places: Places | None = None,
 ) -> None:
     """Per group the mean over perturbations and the ensemble fit to `output`, its conditions to `groups`, every
-    response in its window to `responses`, and the crossings that are not used, with the reason, to `excluded`.
-
-    `table` is `walking.csv`, `crossings` are the perturbed ones, `selection` is `walking_crossings.csv`. A group
-    without a result has rows with the reason. A group beyond one of the `limits` is doubtful, and so is its ensemble.
-    `places` has joint and side of each crossing.
-    """
+    response in its window to `responses`, and the crossings that are not used, with the reason, to `excluded`. `table`
+    is `walking.csv`, `crossings` are the perturbed ones, `selection` is `walking_crossings.csv`. A group without a
+    result has rows with the reason. A group beyond one of the `limits` is doubtful, and so is its ensemble. `places`
+    has joint and side of each crossing."""
     fits, chosen = read_table(table, ["trial"]), read_table(selection, ["trial", "reason", "gait", "group"])
     reasons = fits.select("trial", pl.col(EXCLUDED).alias("reason"))
     write_table(on_the_walkway(excluded_crossings(chosen, reasons), places), excluded)
@@ -284,10 +274,8 @@ def compare_ankle_moment(
     tables: Mapping[str, Path],
     condition: Mapping[str, float | None] | None = None,
 ) -> None:
-    """One row per stance and plate of a trial: our ankle moment and the laboratory's.
-
-    `condition` has the body mass [kg] of the trial's row of the sheet under `body_mass_kg`, if it states one.
-    """
+    """One row per stance and plate of a trial: our ankle moment and the laboratory's. `condition` has the body mass
+    [kg] of the trial's row of the sheet under `body_mass_kg`, if it states one."""
     mass = (condition or {}).get("body_mass_kg")
     write_table(pl.DataFrame(overground_rows(read_trial(trial), settings, mass)), tables["ankle_moment"])
 
@@ -295,11 +283,9 @@ def compare_ankle_moment(
 def tabulate_over_stance(
     summary: Path, groups: Path, output: Path, stance_share: float, trajectory: Sequence[Path] = (), data: str = ""
 ) -> None:
-    """K, B and I of every group at the phase of stance that its fit reads, with interval and commanded value.
-
-    `summary` is `walking_summary.csv`, `groups` `walking_groups.csv`. `trajectory` has the file of the commanded
-    impedance over the gait cycle, if there is one (`commanded`); stance is the first `stance_share` of the cycle.
-    """
+    """K, B and I of every group at the phase of stance that its fit reads, with interval and commanded value. `summary`
+    is `walking_summary.csv`, `groups` `walking_groups.csv`. `trajectory` has the file of the commanded impedance over
+    the gait cycle, if there is one (`commanded`); stance is the first `stance_share` of the cycle."""
     table = impedance_over_stance(read_table(summary, HEADLINES), read_table(groups, FACTS))
     for path in commanded(trajectory, data):
         table = with_trajectory(table, *over_stance(path, stance_share))
@@ -307,10 +293,8 @@ def tabulate_over_stance(
 
 
 def commanded(trajectory: Sequence[Path], data: str) -> list[Path]:
-    """The files of trajectories that the leg was commanded; `data` are `simulated` or `measured`.
-
-    A synthetic trajectory is made for the simulated leg: no measured one was commanded it.
-    """
+    """The files of trajectories that the leg was commanded; `data` are `simulated` or `measured`. A synthetic
+    trajectory is made for the simulated leg: no measured one was commanded it."""
     return [p for p in trajectory if data != MEASURED or read_impedance_trajectory(p).kind != SYNTHETIC]
 
 

@@ -24,11 +24,8 @@ def plot_walking_page(
     settings: TimingSettings,
     output: Path,
 ) -> None:
-    """Write the numbers that the walking page plots.
-
-    `crossings` are the perturbed ones, `selection` is `walking_crossings.csv`, `responses` `walking_responses.csv`,
-    `table` `walking.csv`.
-    """
+    """Write the numbers that the walking page plots. `crossings` are the perturbed ones, `selection` is
+    `walking_crossings.csv`, `responses` `walking_responses.csv`, `table` `walking.csv`."""
     isolated = read_table(responses, ["group", "trial", "time", "theta_deg", "torque", "torque_model"])
     doubtful = read_table(table, ["trial", DOUBTFUL]).select("trial", DOUBTFUL)
     isolated = isolated.join(doubtful, on="trial", how="left", maintain_order="left")

@@ -89,11 +89,9 @@ def segment_poses(
 
 
 def cluster_poses(reference: Array, observed: Array, largest_residual: float = np.inf) -> Poses:
-    """Least-squares pose of markers (n, m, 3) [m] against their reference positions (m, 3) [m].
-
-    A frame is NaN where fewer than three markers that span a plane were seen, or where the residual exceeds
-    `largest_residual` [m], as with swapped or displaced markers.
-    """
+    """Least-squares pose of markers (n, m, 3) [m] against their reference positions (m, 3) [m]. A frame is NaN where
+    fewer than three markers that span a plane were seen, or where the residual exceeds `largest_residual` [m], as with
+    swapped or displaced markers."""
     n = len(observed)
     rotation, position, residual = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan), np.full(n, np.nan)
     poses = Poses(rotation, position, reference.mean(axis=0), residual, np.zeros(n, dtype=bool))
@@ -130,12 +128,10 @@ def fit_rows(poses: Poses, rows: NDArray[np.intp], reference: Array, observed: A
 
 
 def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
-    """Interpolate gaps of up to `longest` [s] between frames that were seen, at stamps time (n,) [s], and flag them.
-
-    By the cubic of least squares through the frames of `BESIDE_S` on either side. A spline through all frames has the
+    """Interpolate gaps of up to `longest` [s] between frames that were seen, at stamps time (n,) [s], and flag them. By
+    the cubic of least squares through the frames of `BESIDE_S` on either side. A spline through all frames has the
     slope of two noisy ones, and leaves a motion of stance by 1 to 10 deg over gaps of 60 to 190 ms; this cubic by 0.1
-    to 3 deg. The ends of the recording and longer gaps stay NaN.
-    """
+    to 3 deg. The ends of the recording and longer gaps stay NaN."""
     if len(time) < 2:
         return poses
     steps = np.diff(time)
@@ -208,9 +204,7 @@ class BodyMotion:
 
 def body_motion(time: Array, poses: Poses, point: Array) -> BodyMotion:
     """Motion at times (n,) [s] of a body, low-passed and without NaN, and of its point that rests at `point` (3,) [m].
-
-    Angular velocity is the axial vector of (dR/dt) R^T.
-    """
+    Angular velocity is the axial vector of (dR/dt) R^T."""
     turning = differentiate(time, poses.rotation.reshape(-1, 9)).omega.reshape(-1, 3, 3)
     spin = np.einsum("nij,nkj->nik", turning, poses.rotation)
     omega = 0.5 * axial_vector(spin)
@@ -289,9 +283,7 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
 
 def calibrate_static(clusters: dict[str, Vectors], medial: Array, lateral: Array, side: Side) -> StaticCalibration:
     """Calibration from marker tracks (n, 3) [m] by name, for `foot`, `shank` and `platform`, and of the malleoli.
-
-    `medial` and `lateral` are those of the `side` that wears the prosthesis.
-    """
+    `medial` and `lateral` are those of the `side` that wears the prosthesis."""
     means = {of: {name: mean_position(name, track) for name, track in some.items()} for of, some in clusters.items()}
     for segment, markers in means.items():
         if not spans_a_plane(np.array(list(markers.values()))):
@@ -322,11 +314,9 @@ def mean_position(name: str, track: Array) -> Array:
 
 
 def ankle_angle(foot: Poses, shank: Poses, axis: Array) -> Array:
-    """Joint angle theta (n,) [rad]: dorsiflexion positive, zero in the static pose.
-
-    Minus the twist of the foot relative to the shank about the axis (3,), which points to the left: a positive rotation
-    about it turns the toes down.
-    """
+    """Joint angle theta (n,) [rad]: dorsiflexion positive, zero in the static pose. Minus the twist of the foot
+    relative to the shank about the axis (3,), which points to the left: a positive rotation about it turns the toes
+    down."""
     relative = np.einsum("nji,njk->nik", shank.rotation, foot.rotation)
     trace = np.trace(relative, axis1=1, axis2=2)
     # Quaternion of `relative`, up to a common factor: w ~ 1 + trace, vector part v ~ the axial vector.
@@ -342,11 +332,9 @@ def ankle_in_lab(foot: Poses, shank: Poses, calibration: StaticCalibration) -> t
 
 
 def foot_torque(foot: BodyMotion, ankle: Array, axis: Array, inertia: FootInertia) -> Array:
-    """Torque (n,) [N*m] of the foot's weight and inertia, to be added to `ankle_torque`.
-
-    `foot` is the foot's motion with its centre of mass c as the point. The balance of moments about the ankle a gives
-    axis . ((c - a) x m (acceleration - g)) + I alpha . axis.
-    """
+    """Torque (n,) [N*m] of the foot's weight and inertia, to be added to `ankle_torque`. `foot` is the foot's motion
+    with its centre of mass c as the point. The balance of moments about the ankle a gives axis . ((c - a) x m
+    (acceleration - g)) + I alpha . axis."""
     load = inertia.mass * (foot.acceleration - GRAVITY)
     lever = np.cross(foot.point - ankle, load)
     return np.asarray(np.sum(axis * (lever + inertia.inertia * foot.alpha), axis=1))
@@ -395,12 +383,10 @@ def hinge_of_trials(trials: Sequence[Trial], static: StaticCalibration, settings
 
 
 def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: StaticCalibration) -> Hinge:
-    """The hinge from poses of foot and shank in recordings of a joint that moved; poses may be NaN.
-
-    The axis is the principal direction of the relative rotation vectors, so that the smallest rotation remains across
-    it. The centre is the point that has the same path in both segments (Ehrig et al., J. Biomech. 40, 2007); in
-    directions in which the motion does not determine it, for example along the axis, the anatomical one.
-    """
+    """The hinge from poses of foot and shank in recordings of a joint that moved; poses may be NaN. The axis is the
+    principal direction of the relative rotation vectors, so that the smallest rotation remains across it. The centre is
+    the point that has the same path in both segments (Ehrig et al., J. Biomech. 40, 2007); in directions in which the
+    motion does not determine it, for example along the axis, the anatomical one."""
     feet, shanks = [], []
     for foot_poses, shank_poses in recordings:
         seen = foot_poses.seen() & shank_poses.seen()
@@ -422,20 +408,14 @@ def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: Sta
             "more for a functional axis; record a range-of-motion trial, or set hinge to anatomical"
         )
     axis = directions[0] * np.sign(directions[0] @ calibration.ankle_axis)
-    centre, gap = common_point(feet, shanks, calibration.ankle_centre)
+    pairs, start = list(zip(feet, shanks, strict=True)), calibration.ankle_centre
+    turned = np.concatenate([f.rotation - s.rotation for f, s in pairs])
+    apart = np.concatenate([f.point(start) - s.point(start) for f, s in pairs])
+    shift = np.linalg.lstsq(turned.reshape(-1, 3), -apart.reshape(-1), rcond=FLAT)[0]
+    centre, gap = start + shift, float(np.sqrt(np.mean(np.sum((apart + turned @ shift) ** 2, axis=1))))
     angle = float(np.arccos(np.clip(axis @ calibration.ankle_axis, -1, 1)))
     distance = float(np.linalg.norm(np.cross(calibration.ankle_centre - centre, axis)))
     return Hinge(axis, centre, float(size[0]), float(np.hypot(size[1], size[2])), gap, angle, distance, len(foot))
-
-
-def common_point(feet: Sequence[Poses], shanks: Sequence[Poses], start: Array) -> tuple[Array, float]:
-    """The point (3,) [m] that moves alike with foot and shank, nearest to `start`, and the RMS distance [m] that
-    remains."""
-    turned = np.concatenate([f.rotation - s.rotation for f, s in zip(feet, shanks, strict=True)])
-    apart = np.concatenate([f.point(start) - s.point(start) for f, s in zip(feet, shanks, strict=True)])
-    shift = np.linalg.lstsq(turned.reshape(-1, 3), -apart.reshape(-1), rcond=FLAT)[0]
-    remaining = apart + turned @ shift
-    return start + shift, float(np.sqrt(np.mean(np.sum(remaining**2, axis=1))))
 
 
 def hinge_row(hinge: Hinge, axis: str) -> dict[str, object]:

@@ -57,10 +57,8 @@ def check_vertical(force: Array) -> None:
 
 def check_heading(phase: Array, shank_from_ankle: Array, axis: Array) -> None:
     """Refuse a shank that leans backwards over stance, seen along the ankle's axis: the axis points to the right.
-
     `phase` (n,) is of stance, `shank_from_ankle` (n, 3) [m] a point of the shank minus the ankle, `axis` (n, 3) to the
-    left.
-    """
+    left."""
     forward = np.cross(axis, [0.0, 0.0, 1.0])
     first, last = (int(np.argmin(np.abs(phase - edge))) for edge in (FIRST, LAST))
     ahead = np.sum(shank_from_ankle * forward, axis=1)
@@ -94,10 +92,8 @@ def exchanged_labels(
     trial: Trial, calibration: StaticCalibration, settings: MarkerSettings, segments: Sequence[str] = SEGMENTS
 ) -> str:
     """Which labels are exchanged, for a message; empty if clusters are rigid as labelled, or no exchange makes them so.
-
     Two labels of any clusters are exchanged in turn, and those of whole foot and shank in the order of the settings.
-    The exchange must bring the median residual of every cluster below `largest_residual_mm`.
-    """
+    The exchange must bring the median residual of every cluster below `largest_residual_mm`."""
     names = {segment: getattr(settings.markers, segment) for segment in segments}
     try:
         tracks = {label: marker_tracks(trial, [label])[1][:, 0] for labels in names.values() for label in labels}
@@ -166,11 +162,9 @@ def compare_encoder(
     low_pass: LowPass,
     usable: NDArray[np.bool_] | None = None,
 ) -> EncoderCheck | None:
-    """Compare the angle (n,) [rad] at `time` [s] with the encoder's (k,), which passes the angle's low-pass here.
-
-    The encoder's stamps are uniform; only rows at which it is `usable` (k,) are compared. Least squares of
-    theta_encoder(t + delay) = theta(t) + offset by Gauss and Newton; None if they overlap in fewer than 30 samples.
-    """
+    """Compare the angle (n,) [rad] at `time` [s] with the encoder's (k,), which passes the angle's low-pass here. The
+    encoder's stamps are uniform; only rows at which it is `usable` (k,) are compared. Least squares of theta_encoder(t
+    + delay) = theta(t) + offset by Gauss and Newton; None if they overlap in fewer than 30 samples."""
     check_measured("the angle from markers", theta)
     check_measured("the encoder's angle", encoder)
     spare = LARGEST_DELAY_S + 1 / sampling_rate(time)
@@ -209,12 +203,10 @@ UP, DOWN = "up", "down"
 
 
 def platform_turn(time: Array, platform: Poses, axis: Array, window: tuple[float, float]) -> float:
-    """Largest turn [rad] of the platform about the ankle's axis within a `window` [s]; toes up is positive.
-
-    `platform` has n poses at `time` (n,) [s], `axis` (n, 3) is the ankle's, to the person's left: a positive rotation
-    about it turns the toes down. The turn is from the last pose before the window, in the laboratory, so that it does
-    not matter how the platform stood in the static trial or which way the person walks.
-    """
+    """Largest turn [rad] of the platform about the ankle's axis within a `window` [s]; toes up is positive. `platform`
+    has n poses at `time` (n,) [s], `axis` (n, 3) is the ankle's, to the person's left: a positive rotation about it
+    turns the toes down. The turn is from the last pose before the window, in the laboratory, so that it does not matter
+    how the platform stood in the static trial or which way the person walks."""
     start = max(int(np.searchsorted(time, window[0])) - 1, 0)
     rows = slice(start, int(np.searchsorted(time, window[1], side="right")))
     since = platform.rotation[rows] @ platform.rotation[start].T
@@ -239,11 +231,9 @@ BEFORE_S = 0.1
 
 def check_translation(time: Array, platform: Poses, stance: Stance, largest: float) -> None:
     """Refuse a platform that does not turn, but shifts by more than `largest` [m] in stance, from its mean place just
-    before heel strike, or, hidden there, from its place at the start of stance.
-
-    It is no unperturbed crossing. It is not analysed as a perturbed one either: onset, direction and shape of a
-    perturbation are those of the platform's turn, and the ankle turns by what the leg does, late and little.
-    """
+    before heel strike, or, hidden there, from its place at the start of stance. It is no unperturbed crossing. It is
+    not analysed as a perturbed one either: onset, direction and shape of a perturbation are those of the platform's
+    turn, and the ankle turns by what the leg does, late and little."""
     seen, centre = platform.seen(), platform.position
     inside = seen & (time >= stance.heel_strike) & (time <= stance.toe_off)
     if not inside.any():
@@ -267,10 +257,7 @@ POSSIBLE_KG = (10.0, 300.0)
 
 def body_mass(trial: Trial, sheet: float | None, configured: float | None = None) -> float | None:
     """Body mass [kg] of a trial: the sheet's, else the recording's, else the campaign's configured one; None without
-    any.
-
-    A recording that states 0 states none.
-    """
+    any. A recording that states 0 states none."""
     recorded = trial.provenance.get("mocap", {}).get("body_mass_kg") or None
     if sheet and recorded and abs(sheet / recorded - 1) > DISAGREE:
         raise InputError(

@@ -47,11 +47,9 @@ Sheet = Mapping[str, Cells]
 
 
 def split_keys(sheet: Sheet, settings: GroupSettings) -> list[str]:
-    """Columns of the sheet by which a campaign is split, in the order of `STATED`.
-
-    A column that `group_by` names splits; one that `pool` names does not. Any other one splits if crossings differ.
-    Refused if a column that splits is empty in a crossing, or everywhere.
-    """
+    """Columns of the sheet by which a campaign is split, in the order of `STATED`. A column that `group_by` names
+    splits; one that `pool` names does not. Any other one splits if crossings differ. Refused if a column that splits is
+    empty in a crossing, or everywhere."""
     keys = []
     for key in STATED:
         concerned = [name for name, cells in sheet.items() if key in OF_EVERY_CROSSING or cells[PERTURBED]]
@@ -133,11 +131,9 @@ STATIC = "static"
 
 def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
     """Name of the static trial of a trial whose row is `cells`; `statics` are the rows of the static trials by name.
-
     The row's column `static` decides. Without it, the static trials that contradict no stated subject, session or side
     are candidates, and of these the one that agrees in the most. The only candidate of a sheet is taken even if nothing
-    is stated. Refused if the named trial is no static trial that is used, or the candidates are none or several.
-    """
+    is stated. Refused if the named trial is no static trial that is used, or the candidates are none or several."""
     named = cells.get(STATIC)
     if named is not None:
         if named not in statics:
@@ -146,13 +142,17 @@ def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
                 f"{listing(list(statics))}"
             )
         return str(named)
-    agreement = {name: agreeing(cells, other) for name, other in statics.items()}
-    most = max((count for count in agreement.values() if count is not None), default=None)
-    best = [name for name, count in agreement.items() if count is not None and count == most]
+    stated = {key: cells[key] for key in SHARED if cells.get(key) is not None}
+    agreement = {}
+    for name, other in statics.items():
+        both = [(value, other[key]) for key, value in stated.items() if other.get(key) is not None]
+        if all(a == b for a, b in both):
+            agreement[name] = len(both)
+    best = [name for name, count in agreement.items() if count == max(agreement.values())]
     if len(best) == 1:
         return best[0]
-    stated = ", ".join(f"{key} {shown(cells[key])}" for key in SHARED if cells.get(key) is not None)
-    whose = f" ({stated})" if stated else ", which states no subject, session or side"
+    said = ", ".join(f"{key} {shown(value)}" for key, value in stated.items())
+    whose = f" ({said})" if said else ", which states no subject, session or side"
     if not best:
         raise InputError(
             f"trial '{trial}'{whose}: no static trial of the same conditions, the sheet has {listing(list(statics))}; "
@@ -164,19 +164,9 @@ def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
     )
 
 
-def agreeing(cells: Cells, other: Cells) -> int | None:
-    """Number of conditions that both rows state alike; None if they contradict each other."""
-    pairs = [(cells.get(key), other.get(key)) for key in SHARED]
-    both = [(a, b) for a, b in pairs if a is not None and b is not None]
-    return len(both) if all(a == b for a, b in both) else None
-
-
 def side_of(static: str, cells: Cells, served: Mapping[str, Cells], otherwise: str) -> str:
     """Side of the leg that a static trial calibrates: of its own row, else of the trials that it serves, else
-    `otherwise`.
-
-    Refused if it serves trials of both sides, or of another side than its own.
-    """
+    `otherwise`. Refused if it serves trials of both sides, or of another side than its own."""
     sides = {row["side"]: name for name, row in served.items() if row.get("side") is not None}
     own = cells.get("side")
     wrong = [(side, name) for side, name in sides.items() if own is not None and side != own]

@@ -237,10 +237,8 @@ class FilteredCrossing:
         return self.plate.late_by(delay).filtered(self.settings.low_pass, rate)[self.rows]
 
     def reaction(self, wrench: PlateWrench, inertia: PlateInertia, motion: BodyMotion) -> tuple[PlateWrench, Array]:
-        """Ground reaction on the foot, and the plate's centre (n, 3) [m], about which its moment acts.
-
-        `wrench` is as from `wrench`, `motion` the plate's, for its own `inertia`.
-        """
+        """Ground reaction on the foot, and the plate's centre (n, 3) [m], about which its moment acts. `wrench` is as
+        from `wrench`, `motion` the plate's, for its own `inertia`."""
         return in_laboratory(wrench - inertia.wrench(motion), self.poses["platform"], self.centre)
 
     def torque(self, wrench: PlateWrench, inertia: PlateInertia, motion: BodyMotion) -> Array:

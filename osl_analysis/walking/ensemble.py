@@ -92,13 +92,11 @@ class Stacked:
 
 
 def predicting_weights(behaviour: Array, weights: Array) -> Array:
-    """Weights (c,) of c unperturbed crossings in what a perturbed one would have done.
-
-    `behaviour` (q, c) is what the perturbed one did before the onset minus what each unperturbed one did, `weights`
-    (c,) are those of the unperturbed crossings in the regression, not negative. It is the weighted regression of the
-    crossings' curves on `behaviour`, with an intercept, at a difference of 0: the weights nearest to `weights` whose
-    sum is 1 and whose mean difference is 0. `weights` where too few are not 0.
-    """
+    """Weights (c,) of c unperturbed crossings in what a perturbed one would have done. `behaviour` (q, c) is what the
+    perturbed one did before the onset minus what each unperturbed one did, `weights` (c,) are those of the unperturbed
+    crossings in the regression, not negative. It is the weighted regression of the crossings' curves on `behaviour`,
+    with an intercept, at a difference of 0: the weights nearest to `weights` whose sum is 1 and whose mean difference
+    is 0. `weights` where too few are not 0."""
     used = weights > 0
     if not len(behaviour) or used.sum() < len(behaviour) + 2:
         return weights
@@ -110,10 +108,7 @@ def predicting_weights(behaviour: Array, weights: Array) -> Array:
 
 def cross_validated(responses: Sequence[PerturbationResponse], impedance: ImpedanceFit) -> Prediction:
     """The predictors that predict best what each unperturbed crossing adds to the residual, from the others; none is
-    the mean.
-
-    `impedance` is the fit to the mean response.
-    """
+    the mean. `impedance` is the fit to the mean response."""
     rows = responses[0].window
     left = np.mean([gait_torque(r, impedance)[:, rows] for r in responses], axis=0)
     behaviour = np.mean([r.behaviour for r in responses], axis=0)
@@ -191,10 +186,8 @@ def joining_weights(signs: NDArray[np.int_]) -> Array:
 
 
 def ensemble_response(responses: Sequence[PerturbationResponse], predictors: Predictors = ()) -> EnsembleResponse:
-    """Mean response, or half the difference of two directions, and its fit in the common window.
-
-    With predictors, what the crossings would have done is predicted from their behaviour before the onset.
-    """
+    """Mean response, or half the difference of two directions, and its fit in the common window. With predictors, what
+    the crossings would have done is predicted from their behaviour before the onset."""
     check_alike(responses)
     signs, first, crossings = signs_of(responses), responses[0], len(responses[0].thetas)
     alike = np.full(crossings, 1 / crossings)
@@ -238,13 +231,11 @@ def check_alike(responses: Sequence[PerturbationResponse]) -> None:
 
 
 def bootstrap(responses: Sequence[PerturbationResponse], samples: int, predictors: Predictors = ()) -> Bootstrap:
-    """Refit the ensemble with perturbations, unperturbed crossings and plate trials resampled with replacement.
-
-    The mean unperturbed gait is subtracted from every response, and the plate's model is part of every torque: their
-    errors are common to all responses and do not show in the scatter between perturbations. The plate's model is
-    resampled to first order, by the influence of each trial on the torque. Perturbations are drawn within their
-    direction. With predictors, the regression is computed anew in each sample.
-    """
+    """Refit the ensemble with perturbations, unperturbed crossings and plate trials resampled with replacement. The
+    mean unperturbed gait is subtracted from every response, and the plate's model is part of every torque: their errors
+    are common to all responses and do not show in the scatter between perturbations. The plate's model is resampled to
+    first order, by the influence of each trial on the torque. Perturbations are drawn within their direction. With
+    predictors, the regression is computed anew in each sample."""
     check_alike(responses)
     signs = signs_of(responses)
     draws = Draws.of(responses, samples)
@@ -300,10 +291,8 @@ def fits_of_samples(motion: Motion, torques: Array) -> tuple[Array, Array, Array
 
 def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[CommonError]]:
     """Errors of K, B and I that all perturbations share: those of the mean unperturbed gait and of the plate's model.
-
     The first is the error of a mean of n crossings; `gait_errors` gives the part of each crossing. The second is the
-    jackknife's over the plate trials. Variances are in the squared units of `ImpedanceFit`.
-    """
+    jackknife's over the plate trials. Variances are in the squared units of `ImpedanceFit`."""
     check_alike(responses)
     shares = np.abs(joining_weights(signs_of(responses)))
     fits = [fit_without_offset(r.fitted_motion, r.fitted_torque) for r in responses]
@@ -317,11 +306,9 @@ def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[C
 
 
 def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Array:
-    """Weights (samples, n) of n items in the mean of n - 1 items drawn with replacement.
-
-    The mean of n draws has a variance that is too small by the factor (n - 1)/n, that of n - 1 draws the correct one
-    (Hesterberg, The American Statistician 69, 2015). A single item always has the weight 1.
-    """
+    """Weights (samples, n) of n items in the mean of n - 1 items drawn with replacement. The mean of n draws has a
+    variance that is too small by the factor (n - 1)/n, that of n - 1 draws the correct one (Hesterberg, The American
+    Statistician 69, 2015). A single item always has the weight 1."""
     if n < 2:
         return np.ones((samples, n))
     return random.multinomial(n - 1, np.full(n, 1 / n), size=samples) / (n - 1)
@@ -398,11 +385,9 @@ def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, setting
 
 
 def compare_directions(responses: Sequence[PerturbationResponse], samples: int) -> Symmetry | None:
-    """Fits to the mean responses up and down, and their difference; None if the platform always turned one way.
-
-    Both are resampled together: the mean unperturbed gait errs the same way in both, and its error does not cancel in
-    the difference.
-    """
+    """Fits to the mean responses up and down, and their difference; None if the platform always turned one way. Both
+    are resampled together: the mean unperturbed gait errs the same way in both, and its error does not cancel in the
+    difference."""
     signs = signs_of(responses)
     if len(np.unique(signs)) < 2:
         return None

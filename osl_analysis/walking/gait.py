@@ -72,10 +72,8 @@ def unperturbed_gait(
 
 
 def most_frequent(reasons: Mapping[str, str]) -> str:
-    """The most frequent reason by trial, with one trial's words, and how often; for a message.
-
-    Reasons that differ in numbers and in the trial's name alone are one.
-    """
+    """The most frequent reason by trial, with one trial's words, and how often; for a message. Reasons that differ in
+    numbers and in the trial's name alone are one."""
     said = {trial: why.removeprefix(f"trial {trial}: ") for trial, why in reasons.items()}
     kinds = {trial: re.sub(r"[-+]?\d+(\.\d+)?", "#", why) for trial, why in said.items()}
     kind, count = Counter(kinds.values()).most_common(1)[0]
@@ -115,10 +113,8 @@ STEPS, LONGEST_STEP, LAST_STEP = 15, 0.05, 1e-6
 
 def steadiest_scales(phase: Array, curve: Array, curves: Array) -> tuple[float, Array]:
     """Scales of one curve (k,), and of the unperturbed `curves` (n, m), which are sampled at m uniform phases 0 to 1.
-
     `phase` (k,) are the first of these phases. The drift has the order at which the scales of the n curves scatter
-    least, among those at which every curve has a scale. All are NaN if there is no such order.
-    """
+    least, among those at which every curve has a scale. All are NaN if there is no such order."""
     both = np.vstack([curve, curves[:, : len(phase)]])[:, ::STRIDE]
     found = matched_scales(phase[::STRIDE], both, curves.mean(axis=0), ORDERS)
     scatters = np.where(np.isfinite(found).all(axis=1), np.std(found[:, 1:], axis=1), np.inf)
@@ -130,12 +126,10 @@ def steadiest_scales(phase: Array, curve: Array, curves: Array) -> tuple[float, 
 
 def matched_scales(phase: Array, curves: Array, mean: Array, orders: Sequence[int] = ORDERS) -> Array:
     """The scales r (orders, m) at which curves (m, k) at phases p (k,), as functions of r p, are most like the mean
-    curve (n,), which is at uniform phases from 0 to 1; NaN without one.
-
-    A curve is like the mean if it is a multiple of it plus a polynomial, of one of the `orders`. The scale solves this
-    nonlinear least-squares problem by the method of Gauss and Newton, from 1 on. There is none if the search ends at a
-    bound or does not end, or if the mean is itself a polynomial, apart from rounding.
-    """
+    curve (n,), which is at uniform phases from 0 to 1; NaN without one. A curve is like the mean if it is a multiple of
+    it plus a polynomial, of one of the `orders`. The scale solves this nonlinear least-squares problem by the method of
+    Gauss and Newton, from 1 on. There is none if the search ends at a bound or does not end, or if the mean is itself a
+    polynomial, apart from rounding."""
     spline = make_interp_spline(np.linspace(0.0, 1.0, len(mean)), mean, k=3)
     slope, drift = spline.derivative(), Drift.of(phase, orders)
     nothing = len(phase) * rounding_of(mean)

@@ -55,10 +55,8 @@ class MomentComparison:
 def overground_rows(
     trial: Trial, settings: OvergroundAnalysis, sheet_mass: float | None = None
 ) -> list[dict[str, object]]:
-    """Rows of `ankle_moment.csv`, one per stance and plate; moments in N*m/kg, plantarflexion positive.
-
-    `sheet_mass` is the body mass [kg] in the trial's row of the sheet.
-    """
+    """Rows of `ankle_moment.csv`, one per stance and plate; moments in N*m/kg, plantarflexion positive. `sheet_mass` is
+    the body mass [kg] in the trial's row of the sheet."""
     check_no_downward_force(trial, settings.largest_zero_n)
     mass = body_mass(trial, sheet_mass, settings.body_mass_kg)
     if mass is None:
@@ -85,10 +83,8 @@ def overground_rows(
 
 
 def compare_moments(trial: Trial, body_mass: float, load: float) -> list[MomentComparison]:
-    """Every stance of the trial in which exactly one foot is over a plate, in order of side and plate.
-
-    This package's moment is divided by `body_mass` [kg]. Frames count while the plate carries more than `load` [N].
-    """
+    """Every stance of the trial in which exactly one foot is over a plate, in order of side and plate. This package's
+    moment is divided by `body_mass` [kg]. Frames count while the plate carries more than `load` [N]."""
     plates = [int(plate["plate"]) for plate in trial.provenance.get("plates", [])]
     sides = [side for side in SIDES if reference_column(side) in trial.samples.columns]
     if not sides or not plates:
@@ -107,10 +103,7 @@ def compare_moments(trial: Trial, body_mass: float, load: float) -> list[MomentC
 
 def check_no_downward_force(trial: Trial, largest_zero: float) -> None:
     """Refuse a plate whose vertical force is below minus `largest_zero` [N] in most of the recording: a foot cannot
-    pull.
-
-    An offset of the other sign is not detected: it looks like a standing person.
-    """
+    pull. An offset of the other sign is not detected: it looks like a standing person."""
     for plate in trial.provenance.get("plates", []):
         number = int(plate["plate"])
         reading = float(np.median(recorded_wrench(trial, number).wrench.force[:, 2]))

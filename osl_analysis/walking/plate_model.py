@@ -143,11 +143,9 @@ def identify_plate_inertia(
 def fit_parameters(
     columns: Array, wrench: Array, names: tuple[str, ...], noise: Array | None, held: Array
 ) -> tuple[Array, Array]:
-    """Parameters and standard errors (10,) from wrenches (n, 6) and the named ones of the columns (n, 6, 10).
-
-    The others are `held` (10,), with errors of 0. If the named ones look alike, or are noise, only the planar ones
-    count.
-    """
+    """Parameters and standard errors (10,) from wrenches (n, 6) and the named ones of the columns (n, 6, 10). The
+    others are `held` (10,), with errors of 0. If the named ones look alike, or are noise, only the planar ones
+    count."""
     chosen = [PARAMETERS.index(name) for name in names]
     parameters, errors = held.copy(), np.zeros(len(PARAMETERS))
     parameters[chosen] = 0.0
@@ -165,11 +163,9 @@ def fit_parameters(
 
 
 def noise_squares(motion: BodyMotion, resting: Sequence[slice]) -> Array:
-    """Mean weighted square (10, 10), per frame, that marker noise causes in the columns before `smooth`.
-
-    `motion` is that of a platform as measured, which shows nothing but noise in the runs of frames in which it is
-    `resting`. After `smooth`, which is far slower, the columns of such frames would hold the motions beside them too.
-    """
+    """Mean weighted square (10, 10), per frame, that marker noise causes in the columns before `smooth`. `motion` is
+    that of a platform as measured, which shows nothing but noise in the runs of frames in which it is `resting`. After
+    `smooth`, which is far slower, the columns of such frames would hold the motions beside them too."""
     columns = regressors(motion)
     still = [stacked_columns(centred(columns[run]), PARAMETERS) for run in resting]
     count = sum(run.stop - run.start for run in resting)
@@ -177,10 +173,8 @@ def noise_squares(motion: BodyMotion, resting: Sequence[slice]) -> Array:
 
 
 def noise_correction(columns: Array, noise: Array, names: Sequence[str]) -> Array:
-    """The matrix (p, p) that turns least-squares estimates into those without the bias from noise in the columns.
-
-    With the columns' squares G, of which N are noise, it is (G - N)^-1 G (Fuller, Measurement Error Models, 1987, 1.4).
-    """
+    """The matrix (p, p) that turns least-squares estimates into those without the bias from noise in the columns. With
+    the columns' squares G, of which N are noise, it is (G - N)^-1 G (Fuller, Measurement Error Models, 1987, 1.4)."""
     chosen = [PARAMETERS.index(name) for name in names]
     stacked, own = stacked_columns(columns, names), noise[np.ix_(chosen, chosen)]
     squares = stacked.T @ stacked
@@ -225,11 +219,8 @@ LIGHT = 0.1
 
 def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], PlateWrench], smooth: Callable[[Array], Array]) -> float:
     """Lag [s] of the plate behind the markers in one unloaded recording, positive if the plate is late; NaN if it is
-    too light.
-
-    `wrench_at` returns the wrench read a lag [s] later, filtered with `smooth`. The motion has not passed this filter.
-    The estimated lag minimises the misfit of `identify_plate_inertia`.
-    """
+    too light. `wrench_at` returns the wrench read a lag [s] later, filtered with `smooth`. The motion has not passed
+    this filter. The estimated lag minimises the misfit of `identify_plate_inertia`."""
     lags = np.arange(-LARGEST_PLATE_LAG_S, LARGEST_PLATE_LAG_S + PLATE_LAG_STEP_S / 2, PLATE_LAG_STEP_S)
     readings = [wrench_at(float(lag)) for lag in lags]
     columns = centred(smooth(regressors(motion)))
@@ -359,11 +350,9 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
 
 
 def whole_motions(track: PlatformTrack) -> slice:
-    """The frames (n,) of a track without a motion that begins before or ends after it; empty if it never rests.
-
-    Half a motion has accelerations that the low-pass gets wrong at the end of the recording: the lag is then off by
-    milliseconds, and the plate's mass by a tenth.
-    """
+    """The frames (n,) of a track without a motion that begins before or ends after it; empty if it never rests. Half a
+    motion has accelerations that the low-pass gets wrong at the end of the recording: the lag is then off by
+    milliseconds, and the plate's mass by a tenth."""
     count, n = max(round(EDGE_S * track.rate), 5), len(track.time)
     moves = track.moving.copy()
     ends = slice(0, count), slice(n - count, n)
@@ -378,9 +367,7 @@ def whole_motions(track: PlatformTrack) -> slice:
 
 def turned_while_hidden(name: str, time: Array, poses: Poses, settings: PlateModelSettings) -> bool:
     """Whether the platform turned while its markers were hidden; refused if they were always seen and it did not turn.
-
-    An interpolated turn is not measured. 11 interpolated frames at 300 Hz change the lag of that trial by 2 ms.
-    """
+    An interpolated turn is not measured. 11 interpolated frames at 300 Hz change the lag of that trial by 2 ms."""
     turned = float(np.rad2deg(np.max(rotation_from_rest(poses[longest_run(poses.seen())]))))
     if turned >= settings.perturbation_deg:
         rotation = rotation_from_rest(poses)
@@ -436,9 +423,7 @@ def identify_plate_model(
     trials: Sequence[Trial], calibrations: Calibrations, settings: PlateModelSettings
 ) -> PlateModel:
     """Lag and inertia from unloaded trials: first the lag of each trial, then one inertia from all at the mean lag.
-
-    Refused without trials, with a foot on the plate, or if the platform did not move or was hidden while it moved.
-    """
+    Refused without trials, with a foot on the plate, or if the platform did not move or was hidden while it moved."""
     if not trials:
         raise InputError("no trials of the unloaded plate; add trials of experiment 'plate' to the sheet")
     for trial in trials:
@@ -468,10 +453,8 @@ def plate_model(
     recordings: Sequence[UnloadedRecording], lags: Sequence[float], whole: PlateInertia | None = None
 ) -> PlateModel:
     """The mean of the recordings' lags [s], NaN where one shows none, and one inertia from all recordings at that lag.
-
     `whole` is the inertia from more recordings: only what they identified is identified, and the rest stays as it is
-    there.
-    """
+    there."""
     known = np.array([lag for lag in lags if np.isfinite(lag)])
     lag = float(np.mean(known)) if len(known) else None
     pairs = [(r.motion, r.wrench_at(lag or 0.0)) for r in recordings]

@@ -108,11 +108,6 @@ class PlatformTemplate:
         values = self.spline(np.clip(time, self.time[0], self.time[-1]), derivative)
         return np.asarray(values if derivative == 0 else values * inside[:, None])
 
-    def grid_noise(self, rate: float) -> float:
-        """Standard deviation [m] of the noise in each sample of the shape, as if independent, for crossings of `rate`
-        [Hz]."""
-        return float(self.noise / np.sqrt(self.crossings * rate * GRID_S))
-
     def curve(self, time: Array, alignment: Alignment) -> Array:
         """Coordinates (n, r) [m] from rest, at times [s], of a crossing that follows the shape."""
         return alignment.amplitude * self.at((time - alignment.start) / alignment.duration)
@@ -178,13 +173,6 @@ def aligned(track: PlatformTrack, guess: Alignment, template: PlatformTemplate, 
     return replace(a, duration_se=float(np.sqrt(covariance[2, 2])), shared=float(covariance[1, 2]))
 
 
-def moved_start(a: Alignment, later: float) -> Alignment:
-    """The alignment whose start is a point of the shape `later` [s] than now: more uncertain where durations are."""
-    error = float(np.sqrt(a.start_se**2 + 2 * later * a.shared + (later * a.duration_se) ** 2))
-    shared = a.shared + later * a.duration_se**2
-    return replace(a, start=a.start + later * a.duration, start_se=error, shared=shared)
-
-
 def misfit_of(track: PlatformTrack, a: Alignment, template: PlatformTemplate) -> tuple[float, bool]:
     """Mean square of the filtered difference between a motion and its shape over that of noise, and whether it is
     noise's."""
@@ -231,11 +219,9 @@ class RiseStart:
 
 
 def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
-    """The start of a mean motion (n, r) [m] from rest, along its largest displacement.
-
-    A smooth step is fitted to `FITTED` of the rise: that of minimum jerk, unless another one is far more likely.
-    `noise` [m] is the standard deviation of each sample, as if it were independent of the others.
-    """
+    """The start of a mean motion (n, r) [m] from rest, along its largest displacement. A smooth step is fitted to
+    `FITTED` of the rise: that of minimum jerk, unless another one is far more likely. `noise` [m] is the standard
+    deviation of each sample, as if it were independent of the others."""
     size = np.linalg.norm(coordinates, axis=1)
     largest = int(np.argmax(size))
     turned = coordinates @ coordinates[largest] / size[largest]
@@ -257,9 +243,7 @@ def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
 
 def fitted_step(time: Array, share: Array, guess: Array, noise: float, p: int) -> OptimizeResult:
     """The step I(x; p, p) of some start [s] and duration [s], from some level, that fits a rise from 0 towards 1.
-
-    Residuals are in units of the `noise` of a sample, so that `cost` is half of chi-square.
-    """
+    Residuals are in units of the `noise` of a sample, so that `cost` is half of chi-square."""
 
     def difference(step: Array) -> Array:
         x = np.clip((time - step[0]) / step[1], 0, 1)
@@ -276,11 +260,9 @@ FEWEST = 2
 
 
 def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[PlatformTemplate, list[Alignment]]:
-    """The shape of the motions in two or more crossings, and how each follows it.
-
-    The shape ends 50 ms after a `window` [s] that begins in the middle of its rise. Its zero of time is its own start
-    (`start_of_rise`). A crossing that does not follow it has no part in it.
-    """
+    """The shape of the motions in two or more crossings, and how each follows it. The shape ends 50 ms after a `window`
+    [s] that begins in the middle of its rise. Its zero of time is its own start (`start_of_rise`). A crossing that does
+    not follow it has no part in it."""
     if len(tracks) < FEWEST:
         raise InputError(f"{len(tracks)} motions of the platform, expected {FEWEST} or more to find what they share")
     ends = -LEAD_S, window + 0.05
@@ -294,7 +276,12 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
             pairs = [(track, aligned(track, a, template, scaled)) for track, a in pairs]
         return template, [a for _, a in pairs]
 
-    template, alignments = alternated([(track, first_alignment(track, axes)) for track in tracks], False)
+    guesses = []
+    for track in tracks:  # by the middle of the rise, with the sign of the largest displacement
+        moved = (track.filtered - track.rest) @ axes.T
+        size, rest = float(moved[np.argmax(np.abs(moved[:, 0])), 0]), track.rest @ axes.T
+        guesses.append(Alignment(track.name, middle_of_rise(track), 0.0, size, 1.0, 0.0, 0.0, rest, 0.0, True))
+    template, alignments = alternated(list(zip(tracks, guesses, strict=True)), False)
     free = [aligned(track, a, template, True) for track, a in zip(tracks, alignments, strict=True)]
     scatter = np.array([(a.duration - 1) / a.duration_se for a in free])
     if np.sum((scatter - scatter.mean()) ** 2) > chdtri(len(tracks) - 1, CHANCE):
@@ -310,36 +297,33 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
             break
     if sum(a.follows for a in alignments) < FEWEST:
         raise InputError("the platform moves in another way in each crossing, so that each keeps its own motion")
-    rise = start_of_rise(template.time, template.shape, template.grid_noise(tracks[0].rate))
-    begun = [moved_start(a, rise.time) for a in alignments]
+    # The noise in each sample of the shape, as if it were independent of the others.
+    of_shape = float(template.noise / np.sqrt(template.crossings * tracks[0].rate * GRID_S))
+    rise, begun = start_of_rise(template.time, template.shape, of_shape), []
+    for a in alignments:  # a start that is a later point of the shape is more uncertain where durations are
+        error = float(np.sqrt(a.start_se**2 + 2 * rise.time * a.shared + (rise.time * a.duration_se) ** 2))
+        shared = a.shared + rise.time * a.duration_se**2
+        begun.append(replace(a, start=a.start + rise.time * a.duration, start_se=error, shared=shared))
     return replace(template, time=template.time - rise.time, start_se=rise.se, start_shape=rise.shape), begun
 
 
-def middle_of_rise(track: PlatformTrack) -> tuple[float, float]:
-    """Time [s] at which the largest displacement from rest is half reached, and that displacement [m]."""
+def middle_of_rise(track: PlatformTrack) -> float:
+    """Time [s] at which the largest displacement from rest is half reached."""
     moved = np.linalg.norm(track.filtered - track.rest, axis=1)
     top = float(moved.max())
     row = int(np.argmax(moved > top / 2))
     share = (top / 2 - moved[row - 1]) / (moved[row] - moved[row - 1]) if row else 1.0
-    return float(track.time[max(row - 1, 0)] + share * (track.time[1] - track.time[0])), top
+    return float(track.time[max(row - 1, 0)] + share * (track.time[1] - track.time[0]))
 
 
 def common_directions(tracks: Sequence[PlatformTrack], ends: tuple[float, float], noise: float) -> Array:
     """Directions (r, 6) of the motions about the middle of their rise. Where each rests is not a direction."""
     moved = []
     for track in tracks:
-        since = track.time - middle_of_rise(track)[0]
+        since = track.time - middle_of_rise(track)
         near = track.filtered[(since >= ends[0]) & (since <= ends[1])]
         moved.append(near - near.mean(axis=0))
     return directions(moved, noise, tracks[0].low_pass, tracks[0].rate)
-
-
-def first_alignment(track: PlatformTrack, axes: Array) -> Alignment:
-    """A motion by the middle of its rise, with the sign of its largest displacement along the first direction."""
-    middle, _ = middle_of_rise(track)
-    moved = (track.filtered - track.rest) @ axes.T
-    size = float(moved[np.argmax(np.abs(moved[:, 0])), 0])
-    return Alignment(track.name, middle, 0.0, size, 1.0, 0.0, 0.0, track.rest @ axes.T, 0.0, True)
 
 
 GROUPS = 10
@@ -360,11 +344,9 @@ def without_groups(
 
 
 def jackknife_rows(plate: Sequence[Array], platform: Sequence[Array]) -> Array:
-    """Rows (m, n) [N*m] whose jackknife has the sum of the variances of two independent sources.
-
-    `plate` are the changes without each plate trial, `platform` those without each group of crossings in the shape. The
-    jackknife's variance of k rows is (k - 1)/k times their sum of squares about the mean.
-    """
+    """Rows (m, n) [N*m] whose jackknife has the sum of the variances of two independent sources. `plate` are the
+    changes without each plate trial, `platform` those without each group of crossings in the shape. The jackknife's
+    variance of k rows is (k - 1)/k times their sum of squares about the mean."""
     if not len(platform):
         return np.array(plate)
     sources = [np.array(rows) for rows in (plate, platform) if len(rows) > 1]
@@ -428,10 +410,8 @@ def trigger_edge(trial: Trial) -> TriggerEdge | None:
 def trigger_latency(
     alignments: Sequence[Alignment], triggers: Mapping[str, float], step: float
 ) -> TriggerLatency | None:
-    """Latency [s] of the starts behind the triggers, sampled every `step` [s]; None with fewer than three crossings.
-
-    It is constant if its scatter is that of the starts' standard errors and of the sampling.
-    """
+    """Latency [s] of the starts behind the triggers, sampled every `step` [s]; None with fewer than three crossings. It
+    is constant if its scatter is that of the starts' standard errors and of the sampling."""
     both = [(a.start - triggers[a.name], a.start_se) for a in alignments if a.name in triggers]
     if len(both) < FEWEST_TRIGGERS:
         return None
@@ -478,11 +458,9 @@ class PlatformModel:
     leave_out: tuple[PlatformTemplate, ...] = ()
 
     def onset(self, trial: str, own: float) -> float:
-        """Onset [s] of a trial's perturbation. `own` [s] is the one that the trial shows alone.
-
-        From the trigger, where its latency is constant and the trigger is sampled more finely than the shape tells the
-        start, or where the trial does not follow the shape; else from the shape.
-        """
+        """Onset [s] of a trial's perturbation. `own` [s] is the one that the trial shows alone. From the trigger, where
+        its latency is constant and the trigger is sampled more finely than the shape tells the start, or where the
+        trial does not follow the shape; else from the shape."""
         a = self.alignments.get(trial)
         follows = a is not None and a.follows
         late = self.latency
@@ -504,10 +482,8 @@ ALONE = PlatformModel(None, "each crossing is analysed alone", {}, {}, None)
 def identify_platform(
     trials: Sequence[Trial], calibrations: Calibrations, settings: PlatformMotionSettings
 ) -> PlatformModel:
-    """The shape that the platform's motions share in perturbed crossings. Without one, each keeps its own motion.
-
-    A crossing whose platform is hidden, or does not turn by `perturbation_deg`, has no part; its analysis says so.
-    """
+    """The shape that the platform's motions share in perturbed crossings. Without one, each keeps its own motion. A
+    crossing whose platform is hidden, or does not turn by `perturbation_deg`, has no part; its analysis says so."""
     if moved := differing_clusters([calibration_of(calibrations, trial.name) for trial in trials], settings):
         warnings.warn(f"each crossing keeps its own motion of the platform: {moved}", stacklevel=2)
         return PlatformModel(None, moved, {}, {}, None)
@@ -537,10 +513,8 @@ def identify_platform(
 
 
 def differing_clusters(calibrations: Sequence[StaticCalibration], settings: PlatformMotionSettings) -> str:
-    """Why motions measured with these calibrations cannot be compared, for a message; empty if they can.
-
-    The coordinates of a motion are those of its cluster: of the place of each platform marker among the others.
-    """
+    """Why motions measured with these calibrations cannot be compared, for a message; empty if they can. The
+    coordinates of a motion are those of its cluster: of the place of each platform marker among the others."""
     labels, limit = settings.markers.platform, settings.largest_residual_mm
     clusters = [reference_positions(c.platform, labels, "static") for c in calibrations]
     local = [cluster - cluster.mean(axis=0) for cluster in clusters]
@@ -578,10 +552,8 @@ def inertial_motion(
     track: PlatformTrack, centre: Array, template: PlatformTemplate | None = None, follows: Alignment | None = None
 ) -> BodyMotion:
     """Motion (n,) of the plate's centre, at rest at `centre` (3,) [m], without accelerations where the platform rests.
-
     Until the shape ends, a crossing that `follows` it moves by the shape. Otherwise it moves as measured, along its own
-    directions.
-    """
+    directions."""
     if template is None or follows is None:
         own = shared_directions([track])[0]
         motion, weights = track.own_motion(own, centre)

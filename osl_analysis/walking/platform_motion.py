@@ -70,11 +70,9 @@ class Screws:
 
 
 def left_jacobian(turn: Array) -> Array:
-    """Matrices (n, 3, 3) that map the translation of a screw to the shift of the origin, for rotation vectors (n, 3).
-
-    I + (1 - cos a)/a^2 W + (a - sin a)/a^3 W^2, with the angle a and the cross-product matrix W (Sola et al., A micro
-    Lie theory for state estimation in robotics, 2018, Eq. 145).
-    """
+    """Matrices (n, 3, 3) that map the translation of a screw to the shift of the origin, for rotation vectors (n, 3). I
+    + (1 - cos a)/a^2 W + (a - sin a)/a^3 W^2, with the angle a and the cross-product matrix W (Sola et al., A micro Lie
+    theory for state estimation in robotics, 2018, Eq. 145)."""
     angle = np.linalg.norm(turn, axis=1)
     near = angle < 1e-4
     a = np.where(near, 1.0, angle)
@@ -95,22 +93,18 @@ def frame_noise(coordinates: Array) -> float:
 
 
 def noise_gain(low_pass: LowPass, rate: float, derivative: int = 0) -> float:
-    """Variance of the `derivative`-th derivative [1/s^derivative, squared] of white unit noise through a low-pass.
-
-    The integral over frequency of (2 pi f)^(2 derivative) |H|^2, with H = 1/(1 + (f/f_c)^(2 m)) for both runs.
-    """
+    """Variance of the `derivative`-th derivative [1/s^derivative, squared] of white unit noise through a low-pass. The
+    integral over frequency of (2 pi f)^(2 derivative) |H|^2, with H = 1/(1 + (f/f_c)^(2 m)) for both runs."""
     f = np.linspace(0.0, rate / 2, 2001)
     power = (2 * np.pi * f) ** (2 * derivative) / (1 + (f / low_pass.cutoff_hz) ** (2 * low_pass.order)) ** 2
     return float(np.trapezoid(power, f) * 2 / rate)
 
 
 def gated_noise(weights: Array, rate: float, low_pass: LowPass, further: LowPass) -> float:
-    """Sum of squares of noise in an acceleration, over its mean square before it is weighted and filtered again.
-
-    White noise of markers passes `low_pass`, is differentiated twice, is multiplied by the weights (n,) and passes the
+    """Sum of squares of noise in an acceleration, over its mean square before it is weighted and filtered again. White
+    noise of markers passes `low_pass`, is differentiated twice, is multiplied by the weights (n,) and passes the
     `further` filter. With the autocorrelations r of the acceleration (1 at lag 0), q of the further filter's response
-    and A of the weights, it is the sum of A r q over all lags. The edges of the filters are left out.
-    """
+    and A of the weights, it is the sum of A r q over all lags. The edges of the filters are left out."""
     n = 2 * len(weights)
     f = np.fft.rfftfreq(n, 1 / rate)
     passed = [1 / (1 + (f / one.cutoff_hz) ** (2 * one.order)) ** 2 for one in (low_pass, further)]
@@ -136,12 +130,10 @@ def speed(time: Array, coordinates: Array) -> Array:
 
 
 def gate(time: Array, moves: Mask, spread: float) -> Array:
-    """Weights (n,) of inertial forces: 1 where the platform moves, 0 where it rests, half a cosine between.
-
-    They are 1 up to `PLAIN` times `spread` [s] before and after each motion, and 0 one `spread` later: a slow ramp
-    accelerates most while its speed is still below that of noise. Weights that fall after one `spread` make the mass of
-    a plate 0.1 % too large at 5 deg, and its moment 1 % too small at 2.5.
-    """
+    """Weights (n,) of inertial forces: 1 where the platform moves, 0 where it rests, half a cosine between. They are 1
+    up to `PLAIN` times `spread` [s] before and after each motion, and 0 one `spread` later: a slow ramp accelerates
+    most while its speed is still below that of noise. Weights that fall after one `spread` make the mass of a plate 0.1
+    % too large at 5 deg, and its moment 1 % too small at 2.5."""
     if not moves.any():
         return np.zeros(len(time))
     motion = time[moves]
@@ -154,10 +146,8 @@ def gate(time: Array, moves: Mask, spread: float) -> Array:
 
 def directions(coordinates: Sequence[Array], noise: float, low_pass: LowPass, rate: float) -> Array:
     """Orthonormal directions (r, 6) of motions (n, 6) [m] from rest, each of one trial, filtered: as many as stand out.
-
     A direction counts if its mean square is above the largest that filtered noise alone would show in so many frames.
-    At least one counts. `noise` [m] is that of one frame before the low-pass.
-    """
+    At least one counts. `noise` [m] is that of one frame before the low-pass."""
     stacked = np.concatenate(list(coordinates))
     check_finite("the platform's motion", stacked)
     if not len(stacked):
@@ -248,19 +238,15 @@ class PlatformTrack:
         return motion, gate(self.time, self.moves(axes), self.spread)
 
     def motion_of(self, coordinates: Array, centre: Array) -> BodyMotion:
-        """Motion (n,) of the point that rests at `centre` (3,) [m] for other coordinates (n, 6) [m], not filtered.
-
-        The markers of that pose pass the low-pass, as the wrench does; its coordinates do not.
-        """
+        """Motion (n,) of the point that rests at `centre` (3,) [m] for other coordinates (n, 6) [m], not filtered. The
+        markers of that pose pass the low-pass, as the wrench does; its coordinates do not."""
         poses = Screws.of(self.reference).poses(coordinates)
         return body_motion(self.time, filtered_poses(poses, self.reference, self.low_pass, self.rate), centre)
 
 
 def straight_over_gaps(coordinates: Array, bridged: Mask, rate: float) -> Array:
-    """Coordinates (n, 6) [m] with straight lines, between the means of the frames beside them, over longer gaps.
-
-    A cubic over 50 ms carries the noise of the frames beside it to several times its size: a motion that never was.
-    """
+    """Coordinates (n, 6) [m] with straight lines, between the means of the frames beside them, over longer gaps. A
+    cubic over 50 ms carries the noise of the frames beside it to several times its size: a motion that never was."""
     found = coordinates.copy()
     for gap in runs(bridged):
         if (gap.stop - gap.start) / rate < LONG_GAP_S:

@@ -87,12 +87,14 @@ def isolate_response(
             f"trial {crossing.name}: no onset, expected a perturbed crossing; mark it as unperturbed in the sheet"
         )
     aligned = aligned_gait(crossing, gait, perturbed_stance)
-    time = response_times(sampling_rate(crossing.time), timing)
+    rate = sampling_rate(crossing.time)
+    first = round((timing.baseline + timing.guard) * rate) + MARGIN
+    time = np.arange(-first, round(timing.window * rate) + MARGIN + 1) / rate
     phase = (crossing.onset + time - crossing.stance.heel_strike) / aligned.stance
-    first, last = phase[MARGIN], phase[-MARGIN - 1]
-    if first < 0 or last > 1:
+    begins, ends = phase[MARGIN], phase[-MARGIN - 1]
+    if begins < 0 or ends > 1:
         raise InputError(
-            f"trial {crossing.name}: baseline and window span {first:.2f}-{last:.2f} of stance, expected 0-1; "
+            f"trial {crossing.name}: baseline and window span {begins:.2f}-{ends:.2f} of stance, expected 0-1; "
             "shorten window_s, baseline_s or guard_s, or exclude the trial"
         )
     own_time, phase = crossing.onset + time, np.clip(phase, 0.0, 1.0)
@@ -125,12 +127,6 @@ def behaviour_before(time: Array, thetas: Array, torques: Array) -> Array:
     x = time[rows] - time[rows].mean()
     curves = np.array([thetas, torques])[..., rows]
     return np.concatenate([curves.mean(axis=-1), curves @ x / max(float(x @ x), np.finfo(float).tiny)])
-
-
-def response_times(rate: float, timing: Timing) -> Array:
-    """Times [s] from the onset at the marker `rate` [Hz]: baseline, guard and window, with margins."""
-    first = round((timing.baseline + timing.guard) * rate) + MARGIN
-    return np.arange(-first, round(timing.window * rate) + MARGIN + 1) / rate
 
 
 FROM_GAIT, FROM_GAIT_AND_PLATE = "unperturbed crossings", "unperturbed crossings + plate trials"
@@ -175,10 +171,8 @@ def fit_without_offset(motion: Motion, torque: Array) -> ImpedanceFit:
 
 def gait_errors(response: PerturbationResponse, impedance: ImpedanceFit) -> Array:
     """Errors (crossings, 3) of K, B, I if each unperturbed crossing's deviation from their mean were in the response.
-
     The perturbed crossing deviates as the unperturbed ones do; the mean of n crossings has 1/n of their variance. To
-    first order, the error of an estimate is the regression of `gait_torque` on the response's motion.
-    """
+    first order, the error of an estimate is the regression of `gait_torque` on the response's motion."""
     return estimate_changes(gait_torque(response, impedance), response)
 
 
@@ -211,11 +205,8 @@ def jackknife_covariance(changes: Array) -> Array:
 
 def offset_comparison(motion: Motion, torque: Array, K: float) -> dict[str, float | None]:
     """A fit to a motion and torque (n,) with an offset [N*m]: a large difference shows that the response is not of
-    second order.
-
-    `offset_share` is the relative decrease of K [N*m/rad] in the fit with an offset, null where K is 0. All are null if
-    that fit is impossible.
-    """
+    second order. `offset_share` is the relative decrease of K [N*m/rad] in the fit with an offset, null where K is 0.
+    All are null if that fit is impossible."""
     try:
         free = fit_impedance(motion, torque)
     except IdentifiabilityError:
@@ -232,15 +223,16 @@ class ResponseLag:
 
 
 def response_lag(response: PerturbationResponse) -> ResponseLag | None:
-    """The lag at which the residual of Eq. 15 is smallest; None if it is smallest at 10 ms or beyond.
-
-    A lag changes the damping by -K times the lag. Otherwise it shows only in the residual, whose correlation in time is
-    in the standard error. A response that is not of second order also shifts this lag: use it to compare crossings and
-    sessions, and do not correct the torque with it.
-    """
+    """The lag at which the residual of Eq. 15 is smallest; None if it is smallest at 10 ms or beyond. A lag changes the
+    damping by -K times the lag. Otherwise it shows only in the residual, whose correlation in time is in the standard
+    error. A response that is not of second order also shifts this lag: use it to compare crossings and sessions, and do
+    not correct the torque with it."""
     lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + LAG_STEP_S / 2, LAG_STEP_S)
+    motion, misfit = response.fitted_motion, np.empty(len(lags))
     try:
-        misfit = np.array([misfit_at(response, float(lag)) for lag in lags])
+        for i, later in enumerate(lags):
+            torque = later_torque(response, float(later))
+            misfit[i] = np.sum((torque - fit_without_offset(motion, torque).torque(motion)) ** 2)
     except OslAnalysisError:
         return None
     best = int(np.argmin(misfit))
@@ -249,16 +241,9 @@ def response_lag(response: PerturbationResponse) -> ResponseLag | None:
     before, least, after = misfit[best - 1 : best + 2]
     curvature = (before - 2 * least + after) / LAG_STEP_S**2
     lag = float(lags[best] + 0.5 * LAG_STEP_S * (before - after) / (before - 2 * least + after))
-    fit = fit_without_offset(response.fitted_motion, later_torque(response, lag)).fit
+    fit = fit_without_offset(motion, later_torque(response, lag)).fit
     freedom = max(fit.samples / fit.correlation_samples - 4, 1.0)
     return ResponseLag(lag, float(np.sqrt(2 * least / freedom / curvature)))
-
-
-def misfit_at(response: PerturbationResponse, lag: float) -> float:
-    """Sum of squares [N^2*m^2] of the residual of Eq. 15 in the window, with the torque read a lag [s] later."""
-    torque = later_torque(response, lag)
-    fit = fit_without_offset(response.fitted_motion, torque)
-    return float(np.sum((torque - fit.torque(response.fitted_motion)) ** 2))
 
 
 def later_torque(response: PerturbationResponse, lag: float) -> Array:

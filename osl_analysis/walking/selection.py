@@ -51,12 +51,10 @@ class Feature:
 
 
 def crossing_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule) -> list[Feature]:
-    """Features by which crossings are compared, `early_features` and `later_features`.
-
-    A crossing beyond the limit does not count in medians and scatters, which are computed anew until no further one is
-    beyond it: four bad crossings of twelve widen the scatter so that none of them stands out. Crossings that are unlike
-    the others before the onset do not count in the later features either.
-    """
+    """Features by which crossings are compared, `early_features` and `later_features`. A crossing beyond the limit does
+    not count in medians and scatters, which are computed anew until no further one is beyond it: four bad crossings of
+    twelve widen the scatter so that none of them stands out. Crossings that are unlike the others before the onset do
+    not count in the later features either."""
     every = np.ones(len(crossings), dtype=bool)
     early, sound = without_beyond(lambda mask: early_features(crossings, timing, rule, mask), every, rule.limit)
     later, within = without_beyond(lambda mask: later_features(crossings, rule, mask), sound, rule.limit)
@@ -68,11 +66,9 @@ def crossing_features(crossings: Sequence[Crossing], timing: Timing, rule: Outli
 
 def likelier_camp(crossings: Sequence[Crossing], sound: Mask, within: Mask) -> Mask | None:
     """The sound crossings (n,) without those unperturbed ones that were `within` the limit, if the perturbed ones agree
-    with the others; None if the majority stands.
-
-    A majority decides nothing where two camps are nearly as large: with a second foot on the plate in four of seven
-    unperturbed crossings, the sound three would be excluded. The perturbed ones load the plate as these do.
-    """
+    with the others; None if the majority stands. A majority decides nothing where two camps are nearly as large: with a
+    second foot on the plate in four of seven unperturbed crossings, the sound three would be excluded. The perturbed
+    ones load the plate as these do."""
     flat = np.array([c.onset is None for c in crossings])
     kept, other, turned = flat & within, flat & sound & ~within, ~flat & within
     if other.sum() < max(CAMP * (flat & sound).sum(), FEWEST_OF_CAMP) or turned.sum() < FEWEST_OF_CAMP:
@@ -253,11 +249,9 @@ def onset_phases(crossings: Sequence[Crossing], stance: float | None) -> Array:
 
 
 def timings(phases: Array, scatter: float) -> NDArray[np.intp]:
-    """The timing (n,) of each onset phase (n,), counted from 0 in the order of phase.
-
-    Phases are cut at their largest gap, then each part again, while `clear_gap` finds one. A part whose SD is still
-    above `scatter` is cut into as few equal bins as `WIDEST_BIN` allows; bins without a phase are not counted.
-    """
+    """The timing (n,) of each onset phase (n,), counted from 0 in the order of phase. Phases are cut at their largest
+    gap, then each part again, while `clear_gap` finds one. A part whose SD is still above `scatter` is cut into as few
+    equal bins as `WIDEST_BIN` allows; bins without a phase are not counted."""
     check_finite("the phase of an onset", phases)
     numbers, count = np.empty(len(phases), dtype=np.intp), 0
     for rows in parted(phases, np.argsort(phases, kind="stable"), scatter):
@@ -281,11 +275,9 @@ def parted(phases: Array, order: NDArray[np.intp], scatter: float) -> list[NDArr
 
 
 def clear_gap(ordered: Array, scatter: float) -> int | None:
-    """Where the largest gap above `CLEAR_GAP` of ordered phases (n,) ends; None without one.
-
-    If their SD is that of one timing, a gap counts only with `FEWEST_BESIDE_GAP` phases or more on either side: one
-    crossing alone is no timing.
-    """
+    """Where the largest gap above `CLEAR_GAP` of ordered phases (n,) ends; None without one. If their SD is that of
+    one timing, a gap counts only with `FEWEST_BESIDE_GAP` phases or more on either side: one crossing alone is no
+    timing."""
     least = 1 if wide(ordered, scatter) else FEWEST_BESIDE_GAP
     gaps = np.diff(ordered)[least - 1 : max(len(ordered) - least, 0)]
     if not len(gaps) or gaps.max() <= CLEAR_GAP:
@@ -319,19 +311,27 @@ def selection_rows(
     settings: SelectionSettings,
     sheet: Sheet | None = None,
 ) -> dict[str, dict[str, object]]:
-    """Rows of `walking_crossings.csv` by crossing: its quality, its group and, if it is excluded, the reason.
-
-    `sheet` has the conditions of all crossings; None: there are none. Crossings are compared with those that share all
-    conditions by which the campaign is split.
-    """
+    """Rows of `walking_crossings.csv` by crossing: its quality, its group and, if it is excluded, the reason. `sheet`
+    has the conditions of all crossings; None: there are none. Crossings are compared with those that share all
+    conditions by which the campaign is split."""
     if sheet is None:
         kinds = [(c.name, c.onset is not None) for c in crossings] + [(r.name, r.perturbed) for r in refused]
         sheet = {name: {PERTURBED: perturbed} for name, perturbed in kinds}
     keys = split_keys(sheet, settings)
-    alike: dict[tuple[object, ...], list[Crossing]] = {}
+    alike, reasons = dict[tuple[object, ...], list[Crossing]](), dict[str, str]()
     for c in crossings:
         alike.setdefault(tuple(sheet[c.name].get(key) for key in keys), []).append(c)
-    rows = {name: row for some in alike.values() for name, row in compared_rows(some, settings).items()}
+    rows: dict[str, dict[str, object]] = {}
+    for some in alike.values():
+        features: list[Feature] = []
+        if rule := settings.outliers:
+            features = crossing_features(some, settings.timing, rule)
+            reasons |= outlier_reasons(features, [c.name for c in some], rule.limit)
+        for k, c in enumerate(some):
+            if c.name in reasons and c.bridged >= BRIDGED:
+                remedy = "fill the gaps in Nexus, or lower longest_gap_s"
+                reasons[c.name] += f" (markers were hidden for {c.bridged:.0%} of it: {remedy})"
+            rows[c.name] = crossing_row(c, k, features, load_reason(c, settings) or reasons.get(c.name))
     used = [c for c in crossings if rows[c.name]["reason"] is None]
     rows |= {
         r.name: {"trial": r.name, "perturbed": r.perturbed, "status": REFUSED, "reason": r.reason} for r in refused
@@ -342,19 +342,6 @@ def selection_rows(
         row |= {"gait": SEPARATOR.join(p.gaits) or None, "group": p.group, "direction": p.direction}
         row["onset_phase"] = p.onset_phase
     return rows
-
-
-def compared_rows(crossings: Sequence[Crossing], settings: SelectionSettings) -> dict[str, dict[str, object]]:
-    """Rows of crossings that are compared with each other, by crossing."""
-    rule = settings.outliers
-    features = crossing_features(crossings, settings.timing, rule) if rule else []
-    reasons = outlier_reasons(features, [c.name for c in crossings], rule.limit) if rule else {}
-    for c in crossings:
-        if c.name in reasons and c.bridged >= BRIDGED:
-            hidden = f" (markers were hidden for {c.bridged:.0%} of it: fill the gaps in Nexus, or lower longest_gap_s)"
-            reasons[c.name] += hidden
-    reasons |= {c.name: reason for c in crossings if (reason := load_reason(c, settings))}
-    return {c.name: crossing_row(c, k, features, reasons.get(c.name)) for k, c in enumerate(crossings)}
 
 
 def load_reason(crossing: Crossing, settings: SelectionSettings) -> str:

@@ -48,10 +48,8 @@ class Group:
 
 
 def groups_of(selection: pl.DataFrame, sheet: Sheet | None) -> list[Group]:
-    """Groups of `walking_crossings.csv` in the order of their conditions, then of their timing.
-
-    A gait none of whose perturbed crossings is used is a group without trials.
-    """
+    """Groups of `walking_crossings.csv` in the order of their conditions, then of their timing. A gait none of whose
+    perturbed crossings is used is a group without trials."""
     perturbed, found = selection.filter(pl.col("perturbed")), []
     rows = {trial: (sheet or {}).get(trial, {}) for trial in perturbed["trial"]}
     for members in perturbed.filter(pl.col("group").is_not_null()).partition_by("group", maintain_order=True):
@@ -83,9 +81,7 @@ def sorting_key(group: Group) -> tuple[object, ...]:
 
 def group_row(group: Group, gait: UnperturbedGait | None, window: float) -> dict[str, object]:
     """Row of `walking_groups.csv`: conditions, numbers of crossings, phases of onset and end of the `window` [s].
-
-    Phases are shares of the mean stance of the unperturbed gait; without one, they are null.
-    """
+    Phases are shares of the mean stance of the unperturbed gait; without one, they are null."""
     phases, down = np.array(group.phases, dtype=float), sum(d == DOWN for d in group.directions)
     stances = np.zeros(0) if gait is None else gait.stance
     stance = float(np.mean(stances)) if len(stances) else None
@@ -108,11 +104,9 @@ def group_row(group: Group, gait: UnperturbedGait | None, window: float) -> dict
 
 
 def fitted_time(ensemble: EnsembleResponse, timing: Timing) -> float:
-    """Time [s] after the onset at which the fit reads a stiffness that changes linearly within the window.
-
-    The fit's K is a sum of the torques with weights w, and w . theta = 1. With K(t) = K_0 + K_1 t it is K(t) at
-    t = sum of w theta t. As the angle grows in the window, this is later than its middle.
-    """
+    """Time [s] after the onset at which the fit reads a stiffness that changes linearly within the window. The fit's K
+    is a sum of the torques with weights w, and w . theta = 1. With K(t) = K_0 + K_1 t it is K(t) at t = sum of w theta
+    t. As the angle grows in the window, this is later than its middle."""
     rows, motion = window_samples(ensemble.time, timing), ensemble.motion
     columns = np.column_stack([motion.theta, motion.omega, motion.alpha])[rows]
     return float(np.linalg.pinv(columns)[0] @ (motion.theta[rows] * ensemble.time[rows]))
@@ -129,11 +123,8 @@ PHASE_STEP = 4
 
 
 def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: ResponseSettings) -> dict[str, object]:
-    """One row of `walking.csv`: the fit of Eq. 15 to the isolated response of one crossing.
-
-    `lag_out_of_reach` is 1 if the best lag is at or beyond the limit of the search, for example if the torque is two
-    frames late, else 0.
-    """
+    """One row of `walking.csv`: the fit of Eq. 15 to the isolated response of one crossing. `lag_out_of_reach` is 1 if
+    the best lag is at or beyond the limit of the search, for example if the torque is two frames late, else 0."""
     response = isolate_response(crossing, gait, settings.timing, settings.perturbed_stance)
     impedance, delay = fit_response(response), response_lag(response)
     fit, onset = impedance.fit, crossing.onset or 0.0
@@ -221,9 +212,7 @@ def ensemble_rows(
 
 def excluded_crossings(selection: pl.DataFrame, unfitted: pl.DataFrame) -> pl.DataFrame:
     """Crossings that are not used (trial, perturbed, reason), in the order of the selection, `walking_crossings.csv`.
-
-    `unfitted` (trial, reason) gives the reason why a crossing has no fit, null if it has one.
-    """
+    `unfitted` (trial, reason) gives the reason why a crossing has no fit, null if it has one."""
     both = selection.join(unfitted, on="trial", how="left", maintain_order="left", suffix="_unfitted")
     reason = pl.coalesce("reason", "reason_unfitted").alias("reason")
     return both.select("trial", "perturbed", reason).filter(pl.col("reason").is_not_null())
@@ -249,10 +238,8 @@ def walking_page_points(
     perturbed: Sequence[Crossing], gaits: Mapping[str, UnperturbedGait], responses: pl.DataFrame, timing: Timing
 ) -> pl.DataFrame:
     """Points of the walking page: both gaits over stance [%], angle in deg, torque in N*m; responses over time [ms].
-
     `perturbed` are the crossings whose fitted window and baseline, of this `timing`, are shown, `gaits` the mean gaits
-    by curve, `responses` is `walking_responses.csv` with the column `doubtful` of `walking.csv`.
-    """
+    by curve, `responses` is `walking_responses.csv` with the column `doubtful` of `walking.csv`."""
     frames = [frame for curve, gait in gaits.items() for frame in gait_points(curve, gait)]
     return pl.concat([*frames, interval_points(perturbed, timing), response_points(responses)], how="diagonal")
 
@@ -304,10 +291,8 @@ PLACE = ("joint", "side")
 
 def impedance_over_stance(summary: pl.DataFrame, groups: pl.DataFrame) -> pl.DataFrame:
     """Rows of `impedance_over_stance.csv`: K, B and I of every group with a result, by quantity and phase of stance.
-
     `summary` is `walking_summary.csv`, `groups` is `walking_groups.csv`. `phase` is the one that the fit reads
-    (`fitted_time`). A series has the groups that differ in their timing only. `commanded` is what the sheet states.
-    """
+    (`fitted_time`). A series has the groups that differ in their timing only. `commanded` is what the sheet states."""
     ensemble = summary.filter(
         (pl.col("estimator") == ENSEMBLE) & pl.col("quantity").is_in(PLOTTED) & pl.col("mean").is_not_null()
     )

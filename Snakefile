@@ -19,14 +19,14 @@ gc.set_threshold(50_000)  # what planning makes stays: looking through it at eve
 start_early(config)  # its imports take the other core while this one does those below
 
 from osl_analysis import workflow as jobs
-from osl_analysis.about_campaign import about
+from osl_analysis.about import about
 from osl_analysis.campaign import open_campaign
-from osl_analysis.campaign_checks import check_campaign
+from osl_analysis.campaign import check_campaign
 from osl_analysis.cluster import submit_in_batches
 from osl_analysis.config import campaign_config, overriding
 from osl_analysis.doubtful import doubt_report, unchecked_report
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.examples import matching, response_example, time_series_example
+from osl_analysis.campaign import matching, response_example, time_series_example
 from osl_analysis.exclusion import exclusion_report, left_behind_report, truncation_report
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.figures import FIGURES, drawn_figures
@@ -34,7 +34,7 @@ from osl_analysis.files import check_working_folder, digest, file_state
 from osl_analysis.refusal import is_refused
 from osl_analysis.refusal_report import refusal_report, refusals_in
 from osl_analysis.report import TEMPLATES
-from osl_analysis.shipped import default_config
+from osl_analysis.files import default_config
 from osl_analysis.study import BENCH as STUDY_ON_BENCH, REPEATED as STUDY_OF_REPEATS, WALKING as STUDY_OF_WALKING
 from osl_analysis.study.plan import Batch, batches as study_batches, planned, time_limit
 from osl_analysis.submission import LOST

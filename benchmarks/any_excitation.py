@@ -16,8 +16,8 @@ import polars as pl
 from osl_analysis.bench.moving_record import fit_of, moving_record
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.config import read_section
+from osl_analysis.files import default_config
 from osl_analysis.parameters import read_parameters
-from osl_analysis.shipped import default_config
 from osl_analysis.simulator.bench import commanded, moved, simulate_dynamometer_trial
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.stats.repeats import over_repeats

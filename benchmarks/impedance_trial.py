@@ -32,9 +32,9 @@ from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.simulate import row_of_trial, simulate_trial
 from osl_analysis.config import read_section
+from osl_analysis.files import default_config
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
-from osl_analysis.shipped import default_config
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, read_trial

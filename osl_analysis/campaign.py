@@ -9,16 +9,19 @@ from typing import Any
 
 import pandas as pd
 
-from osl_analysis.config import Config
+from osl_analysis.config import Config, FrequencyResponseFigure
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import Table
+from osl_analysis.files import default_config
 from osl_analysis.formats.bag_folder import recorded_files
 from osl_analysis.job_log import plain
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.parameters import joint_of
+from osl_analysis.quality.verdict import CHECKS, unknown_check, validate_rules
 from osl_analysis.sheet import JOINT, read_sheet
 from osl_analysis.table import MEASURED, SIMULATED
-from osl_analysis.walking.conditions import PERTURBED, SHARED, STATED, STATIC, side_of, static_of
+from osl_analysis.walking.conditions import PERTURBED, SHARED, STATED, STATIC, side_of, split_keys, static_of
+from osl_analysis.yaml_settings import read_mapping
 
 TRUTH = "truth"  # folder that the simulator writes beside its recordings
 RECORDING_COLUMNS = ("trial", "experiment", "log", "log_source", "log_part", "mocap", "mocap_source")
@@ -243,3 +246,156 @@ def open_campaign(config: Config, planned: pd.DataFrame | None) -> Campaign:
 def cells(row: Iterable[tuple[Hashable, Any]]) -> dict[str, Any]:
     """A row of the sheet, column and entry each, by column; empty cells as None."""
     return {str(name): None if pd.isna(value) else plain(value) for name, value in row}
+
+
+def check_campaign(campaign: Campaign) -> None:
+    """Refuse a configuration that names a missing file, and walking trials whose analysis lacks other trials."""
+    check_files(campaign)
+    check_quality(campaign)
+    check_walking(campaign)
+
+
+def check_files(campaign: Campaign) -> None:
+    """Refuse a configuration that names a missing file, or a file for the results' folder. Raw files are checked
+    when they are ingested.
+    """
+    config = campaign.config
+    for folder in (config.results, *config.results.parents):
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{folder}: is a file; name a folder under `results` in the configuration")
+    if config.results == Path():
+        raise InputError("configuration: results is empty, or this very folder; name a folder, as `results: results`")
+    named = {
+        "parameters": config.parameters,
+        "impedance_trajectory": config.impedance_trajectory,
+        "study.simulation": config.study.simulation,
+    }
+    for field, path in named.items():
+        if path is not None and not path.is_file():
+            none = ", or write null for none" if field != "study.simulation" else ""
+            raise InputError(f"{path}: no such file; correct {field} in the configuration{none}")
+
+
+def check_quality(campaign: Campaign) -> None:
+    """Refuse quality rules that do not match the checks, and names under `accept` that are not checks."""
+    validate_rules(campaign.config.quality)
+    for trial in campaign.sheet.index:
+        unknown = [name for name in campaign.accepted(trial) if name not in CHECKS]
+        if unknown:
+            raise InputError(f"{campaign.config.sheet}: trial '{trial}', accept: {unknown_check(unknown[0])}")
+
+
+def check_walking(campaign: Campaign) -> None:
+    """Refuse walking trials without the static, plate and other trials that their analysis needs."""
+    if not campaign.trials("walking"):
+        return
+    fewest = campaign.config.walking.fewest_unperturbed
+    needs = {
+        "trial of experiment 'static'": (len(campaign.trials("static")), 1),
+        "unperturbed crossings": (len(campaign.crossings(perturbed=False)), fewest),
+        "perturbed crossings": (len(campaign.crossings(perturbed=True)), 2),
+    }
+    for what, (count, least) in needs.items():
+        if count < least:
+            raise InputError(
+                f"{campaign.config.sheet}: {count} {what}, walking needs {least} or more; add them, or exclude the "
+                "walking trials"
+            )
+    if campaign.config.walking.plate_inertia == "identified" and not campaign.trials("plate"):
+        raise InputError(
+            f"{campaign.config.sheet}: 0 trial of experiment 'plate' (unloaded platform, moved), walking needs 1 or "
+            "more to remove the plate's own inertia; add them, or state `plate_inertia: none` under `walking` if "
+            "the plate is light or compensates its inertia itself"
+        )
+    for static in campaign.statics:
+        campaign.calibration_settings(static)
+    check_conditions(campaign)
+
+
+def check_conditions(campaign: Campaign) -> None:
+    """Refuse conditions of crossings that the analysis cannot keep apart."""
+    try:
+        split_keys(campaign.conditions(), campaign.config.walking)
+    except InputError as error:
+        raise InputError(f"{campaign.config.sheet}: {error}") from error
+
+
+FIRST = "the first impedance trial of the sheet"
+NEITHER = "the example of the configuration is not in this campaign"
+
+
+@dataclass(frozen=True)
+class ImpedanceExample:
+    """The trial of Fig. 4.
+
+    trial: its name.
+    joint, side: its joint and side.
+    amplitude_deg: amplitude that is drawn [deg]; None: the largest.
+    duration_s: length of the part that is drawn [s].
+    chosen: why this trial, where the configuration does not name it; empty where it does.
+    """
+
+    trial: str
+    joint: str
+    side: str | None
+    amplitude_deg: float | None
+    duration_s: float
+    chosen: str
+
+
+def time_series_example(campaign: Campaign) -> ImpedanceExample | None:
+    """The trial that Fig. 4 shows; None for a campaign without impedance trials.
+
+    Raises
+    ------
+    InputError
+        The configuration asks for a trial that the sheet does not have, and the default configuration does not.
+    """
+    stated, trials = campaign.config.figures.time_series, campaign.trials("impedance")
+    if not trials:
+        return None
+    places = campaign.places
+    first, duration = places[trials[0]], stated.duration_s if stated else 10.0
+    if stated is None:
+        return ImpedanceExample(trials[0], **first, amplitude_deg=None, duration_s=duration, chosen=FIRST)
+    asked = {"controller": stated.controller, "K_d": stated.K_d, "B_d": stated.B_d}
+    found = matching(campaign, asked)
+    if found:
+        place = places[found[0]]
+        return ImpedanceExample(found[0], **place, amplitude_deg=stated.amplitude_deg, duration_s=duration, chosen="")
+    check_default(campaign, "time_series", asked)
+    return ImpedanceExample(trials[0], **first, amplitude_deg=None, duration_s=duration, chosen=f"{FIRST}; {NEITHER}")
+
+
+def response_example(campaign: Campaign) -> FrequencyResponseFigure | None:
+    """The desired impedance that Fig. 7 shows; None: the one with the most trials. Raises as `time_series_example`."""
+    stated = campaign.config.figures.frequency_response
+    if stated is None or not campaign.trials("impedance"):
+        return None
+    asked = {"K_d": stated.K_d, "B_d": stated.B_d}
+    if matching(campaign, asked):
+        return stated
+    check_default(campaign, "frequency_response", asked)
+    return None
+
+
+def matching(campaign: Campaign, asked: dict[str, Any]) -> list[str]:
+    """The impedance trials whose cells are these; None matches an empty cell."""
+    trials = campaign.trials("impedance")
+    return [name for name in trials if all(campaign.row(name)[cell] == value for cell, value in asked.items())]
+
+
+def check_default(campaign: Campaign, figure: str, asked: dict[str, Any]) -> None:
+    """Refuse an example that is not in the campaign, unless the default configuration asks for it.
+
+    Every configuration overrides the default one, whose examples are those of the default campaign.
+    """
+    default = read_mapping(default_config())["figures"].get(figure) or {}
+    if all(default.get(name) == value for name, value in asked.items()):
+        return
+    said = ", ".join(f"{name} = {value:g}" for name, value in asked.items() if isinstance(value, float))
+    what = f"{asked.get('controller') or 'impedance'} trial with {said or 'these empty cells'}"
+    raise InputError(
+        f"{campaign.config.sheet}: no {what}; choose another one under figures.{figure} in the configuration, or null "
+        "to have one chosen from the sheet"
+    )

@@ -1,24 +1,29 @@
 """The command line `osl-analysis`: one trial, or one pair of gains, at a time; `snakemake` runs whole campaigns."""
 
+import shlex
+import sys
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import click
+from click.core import ParameterSource
 
-from osl_analysis.cli_campaign import completion, doctor, init, run, watch
-from osl_analysis.cli_design import design, gains
 from osl_analysis.cli_options import (
     AS_JSON,
     CONFIG,
     DEVICE,
     FILE,
     NO_FILE,
+    NUMBERS,
+    PARAMETERS,
     OneLineErrors,
     desired_impedance,
     desired_options,
     say,
 )
 from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.shipped import shipped
+from osl_analysis.files import shipped
 
 
 @click.group(cls=OneLineErrors, context_settings={"help_option_names": ["-h", "--help"]})
@@ -29,15 +34,6 @@ def main() -> None:
     `init` makes a campaign and `run` analyses it; in a clone of the project, `snakemake reproduce-all` does the same.
     The other commands do one thing at a time.
     """
-
-
-main.add_command(init)
-main.add_command(run)
-main.add_command(doctor)
-main.add_command(watch)
-main.add_command(completion)
-main.add_command(gains)
-main.add_command(design)
 
 
 @main.command(epilog="Example: osl-analysis simulate --trial impedance_K300_B5.0_compensated /tmp/campaign")
@@ -212,7 +208,7 @@ def samples(folder: Path, output: Path | None, config_path: Path) -> None:
 @click.option("--output", type=FILE, help="Write the page to this file instead of printing it.")
 def describe_tables(output: Path | None) -> None:
     """Print meaning and unit of every column of every result table and every entry of the summary, as Markdown."""
-    from osl_analysis.commands.describe_tables import page, write_page
+    from osl_analysis.commands.reference import page, write_page
 
     if output is None:
         say(page("osl-analysis describe-tables"))
@@ -233,3 +229,272 @@ def results(folder: Path, summary: Path | None, markdown: bool) -> None:
     say(format_results_table(read_summary(path), markdown))
     if failed := later_failures(path):
         say(failed, err=True)
+
+
+FOLDER = click.Path(path_type=Path, file_okay=False)
+
+
+@main.command(cls=click.Command, epilog="Example: osl-analysis init my_campaign --from /data/2026-03-14")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option(
+    "--recorder",
+    "recorders",
+    multiple=True,
+    metavar="NAME",
+    help="Begin with this shipped source file; may be repeated.",
+)
+@click.option(
+    "--from",
+    "recordings",
+    type=FILE,
+    help="Draft sample sheet and source files for the recordings in this folder, which stay there, and try the first.",
+)
+@click.option("--example", is_flag=True, help="A small simulated campaign, which runs in about a minute.")
+def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, example: bool) -> None:
+    """Make the folder of a new campaign: configuration, sample sheet, source files and their JSON schemas."""
+    from osl_analysis.commands.new_campaign import drafted_text, left_to_decide, new_campaign
+
+    if example and (recorders or recordings):
+        raise click.UsageError("--example has recordings of its own; leave --recorder and --from")
+    draft = new_campaign(folder, recorders, recordings, example)
+    say(f"made {folder} with config.yaml, {'simulation.yaml' if example else 'trials.csv'}, sources/ and schemas/")
+    if recordings is not None:
+        say(drafted_text(draft))
+        decisions = left_to_decide(folder, draft)
+        say("\n".join(["left to decide:", *(f"  {line}" for line in decisions)]) if decisions else "")
+        print_first_look(folder)
+    elif not example:
+        say("next: recordings into recordings/, a row for each into trials.csv, their channels into sources/")
+        say("      `osl-analysis inspect FILE --draft sources/NAME.yaml` drafts a source file")
+    say(f"then: cd {shlex.quote(str(folder))} && osl-analysis run")
+
+
+@main.command(
+    cls=click.Command,
+    context_settings={"ignore_unknown_options": True, "allow_extra_args": True},
+    epilog="Example: osl-analysis run results/figures/fig5.pdf -n",
+)
+@click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
+def run(arguments: tuple[str, ...]) -> None:
+    """Analyse the campaign in this folder: everything, or the files that are named. Takes all options of Snakemake.
+
+    The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options.
+    """
+    from osl_analysis.commands.run import run_workflow
+
+    run_workflow(arguments)
+
+
+@main.command(cls=click.Command, epilog="Example: osl-analysis doctor --look")
+@click.option("--look", is_flag=True, help="Also ingest and fit the first bench trial of each source file.")
+def doctor(look: bool) -> None:
+    """Say whether this machine, and the campaign in this folder, can run, and what is missing."""
+    from osl_analysis.commands.doctor import as_text, findings
+
+    found = list(findings(Path()))
+    say(as_text(found))
+    if look:
+        print_first_look(Path())
+    if any(one.remedy for one in found):
+        sys.exit(1)
+
+
+@main.command(cls=click.Command, epilog="Example: osl-analysis watch /data/today --source sources/my_bench.yaml")
+@click.argument("folder", type=FOLDER)
+@click.option(
+    "--source", type=FILE, help="Source file that describes the recordings. Default: what the campaign has, or a guess."
+)
+@click.option("--output", type=FOLDER, default=Path("watched"), show_default=True, help="Folder of the pictures.")
+@CONFIG
+def watch(folder: Path, source: Path | None, output: Path, config_path: Path) -> None:
+    """Examine every recording in FOLDER as soon as it is complete: a line with quality, K, B, I, doubts, and a picture.
+
+    Ctrl-C ends it. A recording that was examined is not examined again until it changes.
+    """
+    from osl_analysis.commands.watch import bench_of, watch
+
+    bench = bench_of(config_path, source, output)
+    say(f"watching {folder}; Ctrl-C ends")
+    with suppress(KeyboardInterrupt):
+        for line in watch(folder, bench):
+            say(line)
+
+
+@main.command(cls=click.Command, epilog="Example: osl-analysis completion bash >> ~/.bashrc")
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print the lines with which a shell completes commands, options and files of osl-analysis."""
+    from click.shell_completion import get_completion_class
+
+    made = get_completion_class(shell)
+    if made is not None:
+        click.echo(made(main, {}, "osl-analysis", "_OSL_ANALYSIS_COMPLETE").source())
+
+
+def print_first_look(folder: Path) -> None:
+    """Print what the first bench trials of a campaign give, or why nothing can be said."""
+    from osl_analysis.commands.inspect import first_look
+    from osl_analysis.errors import OslAnalysisError
+
+    try:
+        for look in first_look(folder):
+            say(f"first trial of experiment {look.experiment}, {look.trial}: {'ok' if look.is_sound else 'LOOK AT IT'}")
+            say("\n".join(f"  {line}" for line in look.said.splitlines()))
+    except OslAnalysisError as error:
+        say(f"no first look: {error}")
+
+
+OF_STEPPED_SINE = {"frequencies", "amplitudes", "cycles"}
+OF_BAND = {"band", "rms", "peak"}
+OF_MULTISINE = OF_BAND | {"period", "periods", "realisations", "seed"}
+OF_CONTINUOUS = OF_BAND | {"duration"}
+OPTIONS = {
+    "stepped-sine": OF_STEPPED_SINE,
+    "multisine": OF_MULTISINE,
+    "chirp": OF_CONTINUOUS,
+    "noise": OF_CONTINUOUS,
+}
+"""Options that one kind of excitation has, by its name."""
+
+
+class Percent(click.ParamType[float]):
+    """A share, as 1% or as 1: percent."""
+
+    name = "percent"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The share."""
+        if isinstance(value, float):
+            return value
+        try:
+            share = float(str(value).strip().removesuffix("%")) / 100
+        except ValueError:
+            share = -1.0
+        if not 0 < share < 1:
+            self.fail(f"'{value}' is no percentage between 0 and 100; write 1%", param, ctx)
+        return share
+
+
+PERCENT, POSITIVE, NOT_NEGATIVE = Percent(), click.FloatRange(0, min_open=True), click.FloatRange(0)
+
+
+@main.command(
+    epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (or 100:400:50 and 0,5 for a grid)",
+)
+@click.option("--stiffness", type=NUMBERS, help="Desired joint stiffness K_d [N·m/rad]: 300, 100,200 or 100:400:50.")
+@click.option("--damping", type=NUMBERS, help="Desired joint damping B_d [N·m·s/rad]: 5, 0,2.5,5 or 0:7.5:2.5.")
+@click.option(
+    "--trajectory", type=FILE, help="CSV file with phase (0 to 1), K_d [N·m/rad] and B_d [N·m·s/rad] instead."
+)
+@click.option("--weight-hz", type=float, default=1.0, show_default=True, help="Cut-off of W in Eq. 14 [Hz].")
+@click.option("--weight-order", type=int, default=3, show_default=True, help="Order of W in Eq. 14.")
+@PARAMETERS
+@AS_JSON
+@click.option("--output", type=FILE, help="Write the table to this file (.csv or .json).")
+@click.option("--plot", type=FILE, help="Draw response, gains or trajectory to this file (.pdf, .svg or .png).")
+def gains(
+    stiffness: list[float] | None,
+    damping: list[float] | None,
+    trajectory: Path | None,
+    weight_hz: float,
+    weight_order: int,
+    parameters: Path,
+    as_json: bool,
+    output: Path | None,
+    plot: Path | None,
+) -> None:
+    """Select the control gains K_1 and B_1 that render a desired impedance best (Eqs. 13 and 14).
+
+    For one pair, a grid or a trajectory. The table also has the impedance that a fit will estimate, stability,
+    passivity and the frequency up to which the desired impedance is rendered.
+    """
+    from osl_analysis.commands import gains as command
+
+    if trajectory is not None and (stiffness is not None or damping is not None):
+        raise click.UsageError("--trajectory has K_d and B_d of its own: leave out --stiffness and --damping, or it")
+    if trajectory is None and (stiffness is None or damping is None):
+        raise click.UsageError("give --stiffness and --damping, or --trajectory")
+    request = command.Request(stiffness or [], damping or [], trajectory, weight_hz, weight_order)
+    table = command.requested_gains(request, parameters)
+    if output is not None:
+        command.write_gains(table, output)
+    if plot is not None:
+        command.plot_gains(request, table, parameters, plot)
+    say(command.gains_json(table) if as_json else command.gains_text(request, table))
+
+
+@main.command(
+    epilog="Example: osl-analysis design --excitation multisine --friction 0.3 --stiffness-within 1% "
+    "--damping-within 3% --write multisine.csv",
+)
+@click.option("--excitation", type=click.Choice(list(OPTIONS)), default="stepped-sine", show_default=True)
+@click.option("--frequencies", type=NUMBERS, help="Of a stepped sine [Hz]; default: the configuration's.")
+@click.option("--amplitudes", type=NUMBERS, help="Of a stepped sine [deg]; default: the configuration's.")
+@click.option("--cycles", type=click.IntRange(1, 10_000), help="At each frequency; default: the configuration's.")
+@click.option("--band", type=NUMBERS, help="Lowest and highest frequency [Hz]; default: 0.5,6.")
+@click.option("--rms", type=POSITIVE, help="Root mean square of the angle [deg]; default: 2.")
+@click.option("--peak", type=POSITIVE, help="Largest angle [deg], instead of --rms.")
+@click.option("--period", type=click.FloatRange(0.1, 600), default=8.0, show_default=True, help="Of a multisine [s].")
+@click.option("--periods", type=click.IntRange(2, 1000), default=4, show_default=True, help="Fitted, per realisation.")
+@click.option("--realisations", type=click.IntRange(1, 200), default=4, show_default=True, help="Of a multisine.")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the multisine's phases.")
+@click.option(
+    "--duration", type=click.FloatRange(1, 100_000), default=60.0, show_default=True, help="Of a chirp or noise [s]."
+)
+@click.option("--stiffness", type=float, help="Expected K [N·m/rad]; default: study.K_d of the configuration.")
+@click.option("--damping", type=float, help="Expected B [N·m·s/rad]; default: study.B_d.")
+@click.option("--inertia", type=float, help="Expected I [kg·m²]; default: study.I.")
+@click.option("--rate", type=POSITIVE, default=1000.0, show_default=True, help="Sampling rate [Hz].")
+@click.option("--torque-noise", type=NOT_NEGATIVE, default=0.05, show_default=True, help="SD [N·m].")
+@click.option("--noise-band", type=POSITIVE, help="Bandwidth of this noise [Hz]; default: half the rate.")
+@click.option("--torque-step", type=NOT_NEGATIVE, default=0.0, show_default=True, help="Of the load cell [N·m].")
+@click.option("--encoder-bits", type=click.IntRange(4, 32), default=18, show_default=True, help="Bits per turn.")
+@click.option("--encoder-step", type=NOT_NEGATIVE, help="Step [deg] instead of bits; 0: not rounded.")
+@click.option("--angle-noise", type=NOT_NEGATIVE, default=0.0, show_default=True, help="SD before rounding [deg].")
+@click.option("--drift", type=NOT_NEGATIVE, help="Of the load cell [N·m/min]; default: dynamometer.load_cell_drift.")
+@click.option("--friction", type=NOT_NEGATIVE, help="Coulomb friction of the joint [N·m].")
+@click.option("--distortion", type=PERCENT, help="Odd distortion at the excited lines, of the torque there [percent].")
+@click.option("--earlier", type=FILE, help="response.csv or impedance.csv of an earlier trial: its distortion.")
+@click.option("--trial", help="The trial in that table.")
+@click.option("--lag", type=float, default=0.1, show_default=True, help="Lag of the torque whose effect is said [ms].")
+@click.option("--stiffness-within", type=PERCENT, help="Half width of the interval that is asked for, of K [percent].")
+@click.option("--damping-within", type=PERCENT, help="The same of B.")
+@click.option("--inertia-within", type=PERCENT, help="The same of I.")
+@click.option("--write", "output", type=FILE, help="Write the multisine (the recommended one) to this CSV file.")
+@CONFIG
+@AS_JSON
+def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any) -> None:
+    """Say what 95 % intervals of K, B and I to expect from a protocol, and how long to record.
+
+    For a stepped sine, an odd random-phase multisine, a chirp or band-limited noise, with the noise of the load cell,
+    the rounding of the encoder, and the distortion of a joint that is not linear.
+    """
+    from osl_analysis.commands.design import designed, write_command
+    from osl_analysis.commands.design_request import design_request
+    from osl_analysis.commands.design_text import design_json, design_text
+    from osl_analysis.config import read_config
+
+    check_used(chosen)
+    config = read_config(config_path)
+    request = design_request(chosen, config)
+    made = designed(request, config)
+    if output is not None:
+        write_command(made.recommended or request.plan, request.sensors.rate_hz, output)
+        say(f"wrote {output}", err=True)
+    say(design_json(made) if as_json else design_text(made))
+
+
+def check_used(chosen: dict[str, Any]) -> None:
+    """Refuse options that the excitation does not have, and those that exclude one another."""
+    ctx, kind = click.get_current_context(), chosen["excitation"]
+    given = {name for name in chosen if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE}
+    unused = sorted(given & set().union(*OPTIONS.values()) - OPTIONS[kind])
+    if unused:
+        raise click.UsageError(f"a {kind} has no --{unused[0].replace('_', '-')}")
+    for one, other in (("rms", "peak"), ("encoder_bits", "encoder_step")):
+        if {one, other} <= given:
+            raise click.UsageError(f"give --{one.replace('_', '-')} or --{other.replace('_', '-')}, not both")
+    if "trial" in given and "earlier" not in given:
+        raise click.UsageError("--trial is that of an earlier table: give --earlier too")
+    if chosen["band"] is not None and len(chosen["band"]) != 2:
+        raise click.UsageError("--band has the lowest and the highest frequency, as 0.5,6")

@@ -15,9 +15,8 @@ import click
 from click.core import ParameterSource
 
 from osl_analysis.errors import OslAnalysisError, printable, printable_lines
-from osl_analysis.files import check_output
+from osl_analysis.files import check_output, config_here, default_config, shipped
 from osl_analysis.memory import limited_memory
-from osl_analysis.shipped import config_here, default_config, shipped
 
 if TYPE_CHECKING:
     from osl_analysis.bench.impedance import DesiredImpedance

@@ -12,9 +12,9 @@ from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
 from osl_analysis.doubtful import DoubtfulFits
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS, Table
+from osl_analysis.files import default_config
 from osl_analysis.quality.checks import QualityRules
 from osl_analysis.shared_choices import FOLLOWED, FollowedProtocol, SharedChoices, WeightSettings
-from osl_analysis.shipped import default_config
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
 from osl_analysis.yaml_settings import Degrees, Model, Positive, Settings, ShippedPath, read_mapping, validated
 

@@ -10,8 +10,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator
 from pydantic_core import PydanticCustomError
 
 from osl_analysis.errors import InputError, nearest
-from osl_analysis.yaml_places import located
-from osl_analysis.yaml_settings import Settings, read_yaml
+from osl_analysis.yaml_settings import Settings, located, read_yaml
 
 UNITS = {
     "k_tau": "N*m/A", "n_m": "1", "B_m": "N*m*s/rad", "J_m": "kg*m^2", "f_C": "N*m", "f_G": "N*m/A",

@@ -1,11 +1,17 @@
 """What a simulated campaign and its analysis both use: the simulator follows the campaign's configuration in it."""
 
+import re
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import Field
 
+from osl_analysis.errors import InputError
 from osl_analysis.model.gain_selection import FASTEST_HZ, HIGHEST_ORDER, SLOWEST_HZ, Weight
+from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import Positive, Settings
 
 FOLLOWED = {
@@ -70,3 +76,83 @@ class SharedChoices(Settings):
     """The stepped sine."""
     impedance_trajectory: Path | None = None
     """The impedance that the leg is asked to render over the gait cycle."""
+
+
+REQUIRED = ("phase", "K_d", "B_d")
+EQUILIBRIUM = "theta_eq_rad"
+SYNTHETIC = "synthetic"
+"""Kind of a trajectory that was made for a simulated leg."""
+
+
+@dataclass(frozen=True)
+class ImpedanceTrajectory:
+    """Desired impedance at the joint over the gait cycle."""
+
+    phase: Array
+    """Phase of the gait cycle, from 0 to 1, shape (n,)."""
+    K_d: Array
+    """Desired stiffness [N*m/rad], shape (n,)."""
+    B_d: Array
+    """Desired damping [N*m*s/rad], shape (n,)."""
+    theta_eq: Array | None
+    """Equilibrium angle [rad], shape (n,); None: it is computed from the nominal ankle moment."""
+    kind: str | None = None
+    """What the file says of itself in a comment `# kind: synthetic`; None: it says nothing."""
+
+    def at(self, values: Array, c: Array) -> Array:
+        """One of the columns at cycle phases c of any cycle, by linear interpolation."""
+        return np.interp(np.mod(c, 1.0), self.phase, values)
+
+
+@lru_cache(maxsize=8)
+def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
+    """Read a CSV table with columns phase, K_d [N*m/rad], B_d [N*m*s/rad] and, optionally, theta_eq_rad [rad].
+
+    Lines that begin with `#` are comments. One of them, `# kind: synthetic`, may say what the trajectory is.
+
+    Raises
+    ------
+    InputError
+        The file is missing or not such a table, a column is missing or stands twice, a value is not a number, or the
+        phase does not rise from 0 to 1.
+    """
+    if not path.is_file():
+        raise InputError(
+            f"{path}: no such impedance trajectory; correct its path in the configuration or the walking settings"
+        )
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not UTF-8 text ({error.reason}); save it as CSV in UTF-8") from error
+    rows = [line for line in text.splitlines() if line.strip() and line[0] != "#"]
+    names = [name.strip() for name in rows[0].split(",")] if rows else []
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"{path}: column '{twice}' stands twice; rename or remove one")
+    absent = [name for name in REQUIRED if name not in names]
+    if absent or len(rows) < 3:
+        problem = f"no column '{absent[0]}'" if absent else "fewer than two rows"
+        raise InputError(f"{path}: {problem}; it needs a header with {', '.join(REQUIRED)} and a row per phase")
+    uneven = next((row for row in rows[1:] if row.count(",") + 1 != len(names)), None)
+    if uneven is not None:
+        found = uneven.count(",") + 1
+        raise InputError(f"{path}: row '{uneven[:60]}' has {found} entries for {len(names)} columns; write one in each")
+    try:
+        columns = dict(zip(names, np.loadtxt(rows[1:], delimiter=",", ndmin=2).T, strict=True))
+    except ValueError as error:
+        raise InputError(f"{path}: not a table of numbers ({error}); write one number per column") from error
+    for name, column in columns.items():
+        if not np.isfinite(column).all():
+            raise InputError(
+                f"{path}: column {name} holds {column[~np.isfinite(column)][0]}; write a number in every row"
+            )
+    phase = columns["phase"]
+    if phase[0] != 0 or phase[-1] != 1 or not (np.diff(phase) > 0).all():
+        raise InputError(f"{path}: column phase runs from {phase[0]:g} to {phase[-1]:g}; it must rise from 0 to 1")
+    return ImpedanceTrajectory(phase, columns["K_d"], columns["B_d"], columns.get(EQUILIBRIUM), kind_of(text))
+
+
+def kind_of(text: str) -> str | None:
+    """The word behind `# kind:` in the comments of a trajectory file; None without one."""
+    said = re.search(r"^#\s*kind:\s*(\S.*?)\s*$", text, re.MULTILINE)
+    return said[1] if said else None

@@ -68,7 +68,7 @@ def check_campaigns(commands: Path, folder: Path) -> None:
     snakefile = call(
         commands / "python",
         "-c",
-        "from osl_analysis.shipped import shipped; print(shipped('Snakefile'))",
+        "from osl_analysis.files import shipped; print(shipped('Snakefile'))",
         folder=folder,
     )
     (made / "Snakefile").write_text(MODULE.format(snakefile=snakefile.strip()), encoding="utf-8")

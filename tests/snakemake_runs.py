@@ -19,8 +19,8 @@ import gc, json, os, sys, time
 from multiprocessing import forkserver
 from pathlib import Path
 import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag
-import osl_analysis.about_campaign, osl_analysis.campaign, osl_analysis.doubtful, osl_analysis.refusal_report
-import osl_analysis.commands.simulate, osl_analysis.examples, osl_analysis.figures, osl_analysis.study
+import osl_analysis.about, osl_analysis.campaign, osl_analysis.doubtful, osl_analysis.refusal_report
+import osl_analysis.commands.simulate, osl_analysis.campaign, osl_analysis.figures, osl_analysis.study
 from osl_analysis import fingerprint, workflow
 
 snakemake.cli.get_argument_parser()  # imports the plug-ins

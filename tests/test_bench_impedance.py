@@ -12,10 +12,10 @@ from osl_analysis.bench.model_comparison import thinned_amplitudes
 from osl_analysis.bench.segments import unit_sines
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
+from osl_analysis.campaign import ImpedanceExample
 from osl_analysis.commands import plotted_numbers
 from osl_analysis.commands.fit_text import estimates_text
 from osl_analysis.doubtful import Doubt
-from osl_analysis.examples import ImpedanceExample
 from osl_analysis.figures.fig4 import draw as draw_fig4
 from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.signals import LowPass, filtered_motion

@@ -6,8 +6,7 @@ import pytest
 import yaml
 from conftest import ROOT
 
-from osl_analysis.campaign import open_campaign
-from osl_analysis.campaign_checks import check_files
+from osl_analysis.campaign import check_files, open_campaign
 from osl_analysis.config import campaign_config
 from osl_analysis.errors import InputError
 from osl_analysis.yaml_settings import Settings, read_mapping, validated

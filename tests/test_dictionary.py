@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 from conftest import ROOT
 
-from osl_analysis.commands.describe_tables import page
+from osl_analysis.commands.reference import page
 from osl_analysis.dictionary import columns_of, described_tables
 from osl_analysis.figures import FIGURES
 from osl_analysis.study.performance import performance_table

@@ -11,10 +11,9 @@ MAY_IMPORT = {
     "model": COMMON | {"model", "parameters"},
     "simulator": COMMON
     | {"simulator", "shared_choices", "model", "parameters", "columns", "sheet", "yaml_settings", "files"}
-    | {"trajectory", "experiments", "multisine"},
+    | {"experiments", "multisine"},
     "formats": COMMON | {"formats"},
-    "ingest": COMMON
-    | {"ingest", "formats", "columns", "memory", "plateaus", "signals", "yaml_places", "yaml_settings"},
+    "ingest": COMMON | {"ingest", "formats", "columns", "memory", "plateaus", "signals", "yaml_settings"},
     "stats": COMMON | {"stats", "signals"},
     "protocol": COMMON | {"protocol", "signals"},
     "spectral": COMMON | {"spectral", "stats", "signals", "model", "parameters"},
@@ -60,7 +59,7 @@ def test_a_station_imports_only_what_lies_before_it(folder):
 
 def test_only_the_simulate_command_the_study_and_the_schemas_know_the_simulator():
     users = {m for m, s in stations(".") if s == "simulator" and not m.startswith(("simulator/", "study/"))}
-    assert users <= {"commands/simulate.py", "commands/study.py", "commands/schemas.py"}
+    assert users <= {"commands/simulate.py", "commands/study.py", "commands/reference.py"}
 
 
 def test_nothing_but_its_command_imports_the_study():
@@ -70,7 +69,7 @@ def test_nothing_but_its_command_imports_the_study():
 
 def test_commands_are_called_by_the_command_line_and_the_functions_for_notebooks_alone():
     users = {m for m, s in stations(".") if s == "commands" and not m.startswith(("commands/", "notebook/"))}
-    assert users == {"cli.py", "cli_campaign.py", "cli_design.py"}
+    assert users == {"cli.py"}
 
 
 def test_nothing_but_the_front_door_imports_the_functions_for_notebooks():

@@ -11,23 +11,22 @@ import polars as pl
 import pytest
 from test_figures import gains, impedance, response_table, texts
 
-from osl_analysis.about_campaign import about
+from osl_analysis.about import about
 from osl_analysis.bench.belt import belt_figure_points, belt_summary, check_locked
-from osl_analysis.campaign import open_campaign
+from osl_analysis.campaign import open_campaign, response_example, time_series_example
 from osl_analysis.commands import plotted_numbers, response
 from osl_analysis.commands.bench import by_place
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.config import read_config
 from osl_analysis.doubtful import unchecked_report
 from osl_analysis.errors import InputError
-from osl_analysis.examples import response_example, time_series_example
 from osl_analysis.figures import fig5, fig6, fig8
 from osl_analysis.figures.names import look_numbers, looks_in, place_name
 from osl_analysis.figures.style import LOOKS
 from osl_analysis.model.compensator import PAPER_WEIGHT
+from osl_analysis.shared_choices import read_impedance_trajectory
 from osl_analysis.summary.headlines import ENDINGS, Example, Headline, headline_numbers, letters, with_own_names
 from osl_analysis.table import read_table, tables_of, with_places, write_table
-from osl_analysis.trajectory import read_impedance_trajectory
 
 COMMON = ("magnitude", "magnitude_low", "magnitude_high", "phase_deg")
 HOSTILE = ("$x_1$ 50 %", "_hidden", "a" * 90 + "1", "a" * 90 + "2", "Ünï 脚 \\alpha {", "compensated", None)

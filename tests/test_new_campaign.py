@@ -14,14 +14,14 @@ from jsonschema import Draft202012Validator
 from osl_analysis.cli import main
 from osl_analysis.commands.doctor import findings
 from osl_analysis.commands.new_campaign import draft_campaign
+from osl_analysis.commands.reference import described, schemas
 from osl_analysis.commands.run import asking_no_cluster, snakemake_arguments
-from osl_analysis.commands.schemas import described, schemas
 from osl_analysis.config import read_config
 from osl_analysis.errors import InputError
+from osl_analysis.files import shipped
 from osl_analysis.ingest.draft import Recorded, draft_trials
 from osl_analysis.ingest.known_formats import FORMATS, read_source
 from osl_analysis.ingest.overview import open_places
-from osl_analysis.shipped import shipped
 
 STIFFNESS, DAMPING, INERTIA = 120.0, 2.0, 0.02
 KINDS = {

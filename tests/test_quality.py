@@ -15,8 +15,7 @@ from conftest import ROOT
 from osl_analysis.bench.actuator import actuator_trial
 from osl_analysis.bench.belt import belt_trial
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
-from osl_analysis.campaign import open_campaign
-from osl_analysis.campaign_checks import check_quality
+from osl_analysis.campaign import check_quality, open_campaign
 from osl_analysis.config import campaign_config, read_section
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS

@@ -10,9 +10,9 @@ from conftest import ROOT
 from walking_setup import PERTURBED, UNPERTURBED, Setup, leg_log, load_setup
 
 from osl_analysis.errors import InputError
+from osl_analysis.shared_choices import read_impedance_trajectory
 from osl_analysis.simulator.walking import simulate_walking_trial
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.trajectory import read_impedance_trajectory
 from osl_analysis.yaml_settings import read_yaml
 
 

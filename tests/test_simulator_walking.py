@@ -5,13 +5,13 @@ import pytest
 from walking_setup import Setup, load_setup
 
 from osl_analysis.model.compensator import compensated_gains
+from osl_analysis.shared_choices import read_impedance_trajectory
 from osl_analysis.simulator import step as gait
 from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.crossing import SimulatedCrossing, rendered_impedance, simulate_crossing
 from osl_analysis.simulator.rigid_body import Pose, RigidBody, interpolated_at, rotation_about, time_derivative
 from osl_analysis.simulator.step import draw_step
 from osl_analysis.simulator.walking import motion_grid
-from osl_analysis.trajectory import read_impedance_trajectory
 from osl_analysis.trial import Array
 
 G = 9.81

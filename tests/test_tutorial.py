@@ -11,7 +11,7 @@ from tutorial_page import DOCS, FIGURE, LEFT_OUT, said_by_page
 
 from osl_analysis.cli import main
 from osl_analysis.commands.run import snakemake_arguments
-from osl_analysis.shipped import config_here
+from osl_analysis.files import config_here
 
 
 def in_this_process(words, folder):

@@ -12,8 +12,7 @@ from test_walking_platform import standing
 from walking_platform import Ramp, Rig, ankle_answer, plate_trials, walked
 from walking_synthetic import PLATE_RATE, settings
 
-from osl_analysis.campaign import Campaign, open_campaign
-from osl_analysis.campaign_checks import check_walking
+from osl_analysis.campaign import Campaign, check_walking, open_campaign
 from osl_analysis.commands.crossing import calibrate, identify_plate
 from osl_analysis.commands.walking_files import read_calibration, read_plate, write_calibration
 from osl_analysis.config import campaign_config

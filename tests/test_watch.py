@@ -16,7 +16,7 @@ from osl_analysis.commands import inspect as inspect_command
 from osl_analysis.commands import watch as module
 from osl_analysis.commands.inspect import fit_of_row
 from osl_analysis.commands.watch import QUIET_S, Arrivals, bench_of, device_of, line_of, quality_text, read_notes, watch
-from osl_analysis.shipped import default_config
+from osl_analysis.files import default_config
 
 
 @pytest.fixture(autouse=True)

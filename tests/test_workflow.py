@@ -20,7 +20,7 @@ import yaml
 from conftest import ROOT
 from snakemake_runs import run_snakemake
 
-from osl_analysis.commands.describe_tables import SUMMARY_FIELDS
+from osl_analysis.commands.reference import SUMMARY_FIELDS
 from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
 from osl_analysis.fingerprint import code_of, imported_names, job_sources, sources

@@ -12,7 +12,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.shipped import CAMPAIGN, root, shipped
+from osl_analysis.files import CAMPAIGN, root, shipped
 
 LEAST_SPACE_GB = 2.0
 """Free space below which a campaign may not fit: the default one takes 0.4 GB, recordings not counted."""
@@ -74,8 +74,7 @@ def packages() -> Iterator[Finding]:
 
 def campaign(folder: Path) -> Finding:
     """The campaign in a folder, as far as its configuration and sheet tell."""
-    from osl_analysis.campaign import open_campaign
-    from osl_analysis.campaign_checks import check_campaign
+    from osl_analysis.campaign import check_campaign, open_campaign
     from osl_analysis.config import read_config
 
     path = folder / CAMPAIGN

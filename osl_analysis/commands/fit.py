@@ -34,9 +34,9 @@ from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_tab
 from osl_analysis.bench.transmission import transmission_series, transmission_table
 from osl_analysis.config import read_campaign_section
 from osl_analysis.doubtful import DoubtfulFits, marked
+from osl_analysis.files import default_config, shipped
 from osl_analysis.parameters import known_parameters
 from osl_analysis.shared_choices import WeightSettings
-from osl_analysis.shipped import default_config, shipped
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.yaml_settings import Settings, read_mapping
 

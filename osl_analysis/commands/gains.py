@@ -28,8 +28,8 @@ from osl_analysis.model.compensator import (
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
 from osl_analysis.model.gain_selection import Weight, optimal_damping
 from osl_analysis.parameters import DrivetrainParameters, FileOrNone, known_parameters, read_parameters
+from osl_analysis.shared_choices import read_impedance_trajectory
 from osl_analysis.table import finite_or_null, write_table
-from osl_analysis.trajectory import read_impedance_trajectory
 
 GAIN_TYPES = dict.fromkeys(("K_d", "B_d", *FIG8_GAINS), pl.Float64)
 TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)

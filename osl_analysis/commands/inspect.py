@@ -22,14 +22,13 @@ from osl_analysis.commands.ingest import checked_trial
 from osl_analysis.config import read_config
 from osl_analysis.errors import InputError, OslAnalysisError, printable, unexpected
 from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.files import atomic_path
+from osl_analysis.files import CAMPAIGN, atomic_path
 from osl_analysis.ingest.known_formats import FORMATS, NOT_READ, SUFFIXES, recognise
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import check_file
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.quality.checks import Commanded, QualityRules
 from osl_analysis.quality.verdict import CHECKS, examine, fails, validate_rules
-from osl_analysis.shipped import CAMPAIGN
 from osl_analysis.trial import Trial
 
 FAR = (0.6, 1.67)

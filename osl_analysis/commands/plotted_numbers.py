@@ -11,9 +11,9 @@ from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.rendered import rendered_trial, shown_series
 from osl_analysis.bench.settings import ImpedanceAnalysis
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
+from osl_analysis.campaign import ImpedanceExample
 from osl_analysis.config import FrequencyResponseFigure
 from osl_analysis.doubtful import Doubt, marked
-from osl_analysis.examples import ImpedanceExample
 from osl_analysis.figures.fig7 import CURVE_TYPES, DESIRED, LINEAR_MODEL, RESPONSE, points, response_curve
 from osl_analysis.figures.fig9 import FIT_COLUMNS, SUMMARY_COLUMNS
 from osl_analysis.figures.fig9 import points as fig9_points

@@ -7,8 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from osl_analysis.errors import InputError
-from osl_analysis.files import check_working_folder
-from osl_analysis.shipped import CAMPAIGN, shipped
+from osl_analysis.files import CAMPAIGN, check_working_folder, shipped
 from osl_analysis.yaml_settings import read_mapping
 
 STATES_ITS_OWN = ("--configfile", "--configfiles")

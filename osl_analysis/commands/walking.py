@@ -19,8 +19,8 @@ from osl_analysis.commands.walking_files import (
 )
 from osl_analysis.doubtful import DOUBTFUL, EXCLUDED, Doubt, doubtful_row, marked
 from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.shared_choices import SYNTHETIC, read_impedance_trajectory
 from osl_analysis.table import MEASURED, Places, read_table, write_table
-from osl_analysis.trajectory import SYNTHETIC, read_impedance_trajectory
 from osl_analysis.trial import Array, read_trial
 from osl_analysis.walking.conditions import ALL, statements
 from osl_analysis.walking.crossing import Crossing

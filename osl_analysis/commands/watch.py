@@ -33,8 +33,7 @@ from osl_analysis.quality.checks import Commanded
 from osl_analysis.quality.verdict import examine, quality_table
 from osl_analysis.sheet import JOINT
 from osl_analysis.trial import Trial
-from osl_analysis.yaml_places import dotted
-from osl_analysis.yaml_settings import read_mapping
+from osl_analysis.yaml_settings import dotted, read_mapping
 
 QUIET_S = 4.0
 """A recording is complete if nothing was written to it for this long [s]."""

@@ -13,7 +13,7 @@ from osl_analysis.columns import COLUMNS
 from osl_analysis.errors import InputError, listing, printable
 from osl_analysis.formats.csv_table import name_and_unit, places_of
 from osl_analysis.trial import Array
-from osl_analysis.yaml_places import dotted, line_of
+from osl_analysis.yaml_settings import dotted, line_of
 
 CLOCKS = (
     "time", "t", "timestamp", "stamp", "state_time", "loop_time", "pi_time", "sys_time", "ros_time", "elapsed",

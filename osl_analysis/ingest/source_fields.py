@@ -12,8 +12,7 @@ from osl_analysis.columns import AXES, COLUMNS, unit_of
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.ingest.units import Unit, quantity, si_factor
 from osl_analysis.trial import Array
-from osl_analysis.yaml_places import line_of
-from osl_analysis.yaml_settings import Settings
+from osl_analysis.yaml_settings import Settings, line_of
 
 Stamps = Literal["auto", "exact", "even"]
 """How stamps are taken (docs/time_base.md). `exact`: each sample was taken at its stamp. `even`: the device samples

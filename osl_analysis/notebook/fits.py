@@ -26,8 +26,8 @@ from osl_analysis.commands.fit import (
 from osl_analysis.commands.fit_text import UNITS, estimated, estimates_text
 from osl_analysis.doubtful import IS_DOUBTFUL, DoubtfulFits, marked, with_doubts_of
 from osl_analysis.errors import InputError, nearest, printable, printable_lines
+from osl_analysis.files import config_here
 from osl_analysis.parameters import joint_of, known_parameters
-from osl_analysis.shipped import config_here
 from osl_analysis.trial import Trial
 from osl_analysis.trial import read_trial as read_trial_file
 

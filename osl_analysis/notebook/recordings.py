@@ -9,11 +9,11 @@ from osl_analysis.commands.ingest import checked_trial
 from osl_analysis.config import read_campaign_section
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL
+from osl_analysis.files import shipped
 from osl_analysis.ingest.known_formats import FORMATS, read_source
 from osl_analysis.notebook.fits import File, config_of, path_of, trial_of
 from osl_analysis.quality.checks import Commanded, QualityRules
 from osl_analysis.quality.verdict import examine, quality_table, validate_rules
-from osl_analysis.shipped import shipped
 from osl_analysis.trial import Trial
 
 SOURCES = Path("config/sources")

@@ -11,9 +11,9 @@ import pandas as pd
 
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
+from osl_analysis.shared_choices import ImpedanceTrajectory, read_impedance_trajectory
 from osl_analysis.sheet import COLUMNS, JOINT
 from osl_analysis.simulator.settings import Conditions, Direction, SimulationSettings, Subject, stream
-from osl_analysis.trajectory import ImpedanceTrajectory, read_impedance_trajectory
 
 FACTS = ("direction", "K_d", "B_d", "stance_phase", "session")
 

@@ -1,10 +1,10 @@
-"""JSON schemas of the YAML files that a user writes, for editors that complete and check them."""
+"""The page docs/tables.md: what every column of every result table, and every entry of the summary, means."""
 
 import ast
 import inspect
 import json
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,94 @@ from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
 from osl_analysis.config import Config
+from osl_analysis.dictionary import DescribedTable, described_tables
 from osl_analysis.files import atomic_path
 from osl_analysis.ingest.known_formats import FORMATS
 from osl_analysis.parameters import ParameterFile
+from osl_analysis.quality.verdict import CHECKS
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.summary.headlines import all_labels
+
+INTRODUCTION = """\
+# Tables
+
+Meaning and unit of every column of every table below `results/`, of the checks of quality control, and of every entry
+of `results/summary.json`. Made by `{command}` from
+`osl_analysis/dictionary/` and `osl_analysis/figures/figures.yaml`; do not edit this page.
+
+Units are SI unless a column's name ends in its unit (`_deg`, `_mm`, `_ms`, `_hz`). `1` is a number without a unit.
+The last column of every table, `data`, says whether the data are simulated or measured. Campaign, version,
+configuration and date of all tables stand in `csv-metadata.json` beside them (CSV on the Web, W3C), because a comment
+in a table would stop other readers. An empty cell is null: there is no value, and the column's meaning says why. Angles
+are positive in dorsiflexion. Torques resist the motion: positive K, B and I oppose positive motion, as in Eq. 15.
+Intervals cover 95 %.
+"""
+
+
+def write_page(output: Path, command: str) -> None:
+    """Write the page; `command` is what the reader calls to make it again."""
+    with atomic_path(output) as temporary:
+        temporary.write_text(page(command), encoding="utf-8")
+
+
+def page(command: str) -> str:
+    """The page as Markdown."""
+    parts = [INTRODUCTION.format(command=command), *map(table_section, described_tables())]
+    return "\n".join([*parts, checks_section(), summary_section()])
+
+
+def table_section(table: DescribedTable) -> str:
+    """One table."""
+    named = (path.replace("*/*", "EXPERIMENT/*").replace("*", "TRIAL") for path in (table.place, table.also))
+    place, also = (f"{path}.csv" for path in named)
+    gathered = f" `{also}` holds the rows of one trial." if table.also else ""
+    rows = ((f"`{column.name}`", column.unit, column.meaning) for column in table.columns.values())
+    return f"## `{place}`\n\nRows: {table.rows}.{gathered}\n\n{markdown(('column', 'unit', 'meaning'), rows)}"
+
+
+def checks_section() -> str:
+    """The checks of quality control."""
+    rows = ((f"`{c.name}`", c.unit, f"{c.meaning}. Fails {c.fails} its threshold") for c in CHECKS.values())
+    return f"## Checks of quality control\n\n{markdown(('check', 'unit', 'meaning of its value'), rows)}"
+
+
+def summary_section() -> str:
+    """The entries of the summary."""
+    fields = markdown(("field", "meaning"), SUMMARY_FIELDS.items())
+    rows = ((f"`{label.name}`", label.unit, label.meaning) for label in all_labels())
+    entries = markdown(("entry", "unit", "meaning"), rows)
+    text = (
+        "`campaign` is the name of the campaign, `data` says whether its data are simulated or measured, `version` is "
+        "that of osl-analysis, `configuration` the first digits of the SHA-256 of the configuration and of the files "
+        "that it names, `recorded` the date of the data. `trials` has for every experiment how many trials are `used`, "
+        "of how many (`of`), and the reason of each that is `missing`. `missing_results` has the reason of each result "
+        "over several trials that could not be computed. `numbers` has an entry per headline number, with these fields:"
+    )
+    return f"## `summary.json`\n\n{text}\n\n{fields}\nThe entries:\n\n{entries}"
+
+
+SUMMARY_FIELDS = {
+    "`value`": "the number, in `unit`",
+    "`unit`": "its unit",
+    "`low`, `high`": "ends of its interval; null if there is none",
+    "`interval`": "what kind of interval it is; null if there is none",
+    "`n`": "number of trials or fits behind it",
+    "`draft`": "value that the paper's draft prints; null if it prints none",
+    "`meaning`": "what the number is",
+    "`n_doubtful`, `n_left_out`": "how many of the trials or fits that could be in the number are doubtful, and "
+    "how many of these are not in it",
+    "`doubt`": "why the number itself is doubtful; null if it is not, or not judged",
+    "`amplitudes_low`, `amplitudes_high`": "lowest and highest of the fits to single amplitudes, if there are any",
+}
+
+
+def markdown(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """A Markdown table."""
+    lines = [list(head), *map(list, rows)]
+    lines.insert(1, ["---"] * len(lines[0]))
+    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
+
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 FILES: Mapping[str, type[BaseModel]] = {

@@ -43,7 +43,7 @@ Words = Callable[[float, Mapping[str, object]], str]
 
 
 def too_far(symbol: str, reference: str) -> Words:
-    """The words for an estimate of `symbol` that is far from its `reference`, by their ratio."""
+    """Words for an estimate of `symbol` that is far from its `reference`, by their ratio."""
     return lambda ratio, _: f"{symbol} is {ratio:.3g} times {reference}, {wrong_scale(ratio)}"
 
 
@@ -92,7 +92,6 @@ def late_or_yielding(_: float, row: Mapping[str, object]) -> str:
 
 
 def late_signal(row: Mapping[str, object]) -> str:
-    """Which signal of a row is late, by the sign of its lag where the row knows it."""
     lag, se = row.get("lag_s"), row.get("lag_se_s")
     if isinstance(lag, float) and isinstance(se, float) and se > abs(lag):
         return "the torque or the angle"
@@ -100,10 +99,7 @@ def late_signal(row: Mapping[str, object]) -> str:
 
 
 def late_for_inertia(share: float, row: Mapping[str, object]) -> str:
-    """The words for a lag that makes a share of I: its cause, its share of B, and what to do about it.
-
-    The torque is said to be late by so much only where no spring in series explains it as well.
-    """
+    """The words for a lag that makes a share of I; certain only where no spring in series explains it as well."""
     lag, of_damping = row.get("lag_s"), row.get("lag_share")
     if not isinstance(lag, float) or not isinstance(of_damping, float):
         return LATE
@@ -115,7 +111,7 @@ def late_for_inertia(share: float, row: Mapping[str, object]) -> str:
 
 
 def changing(symbol: str, rising: str, falling: str) -> Words:
-    """The words for an estimate that changes with the amplitude, by its relative change."""
+    """Words for an estimate that changes with the amplitude, by its relative change."""
 
     def words(change: float, _: Mapping[str, object]) -> str:
         way, cause = ("rises", rising) if change > 0 else ("falls", falling)
@@ -130,14 +126,8 @@ def changing(symbol: str, rising: str, falling: str) -> Words:
 REMEDIES: dict[str, str | Words] = {
     "K_ratio": far_from_gains,
     "K_over_K_s": too_far("K", "the belt's K_s"),
-    "K_s_ratio": too_far("K_s", FROM_FILE),
-    "B_j_ratio": too_far("B_j", FROM_FILE),
-    "J_j_ratio": too_far("J_j", FROM_FILE),
     "k_tau_n_m_ratio": too_far("k_tau n_m", FROM_FILE),
-    "J_m_ratio": too_far("J_m", FROM_FILE),
-    "f_C_ratio": too_far("f_C", FROM_FILE),
-    "f_G_ratio": too_far("f_G", FROM_FILE),
-    "B_m_ratio": too_far("B_m", FROM_FILE),
+    **{f"{name}_ratio": too_far(name, FROM_FILE) for name in ("K_s", "B_j", "J_j", "J_m", "f_C", "f_G", "B_m")},
     "saturated_samples": "a torque, angle or current is clipped, it stands at an end of its sensor's range, see the "
     "quality check `saturation`: use a sensor of larger range",
     "torque_at_peaks": "the torque stands still where Eq. 15 has its peaks, it is clipped, by the range of its sensor "
@@ -186,10 +176,7 @@ number and its row. No text contains a semicolon, which separates the reasons.""
 
 
 def remedy(column: str, value: float, row: Mapping[str, object]) -> str:
-    """What a number beyond its limit means, in brackets after a blank; empty where the column says it all.
-
-    `row` is the row of the table in which it stands.
-    """
+    """What a number of a row beyond its limit means, in brackets after a blank; empty where the column says it all."""
     words = REMEDIES.get(column, "")
     text = words if isinstance(words, str) else words(value, row)
     return f" ({text})" if text else ""
@@ -227,15 +214,13 @@ class DoubtfulFits(Settings):
         return self
 
     def of(self, table: str) -> Doubt:
-        """The limits of a table; no limits if the configuration has none."""
         return self.__pydantic_extra__.get(table, Doubt())
 
 
 def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
     """The table `name` with the column `DOUBTFUL`, which lists each value beyond its limit, with the limit.
 
-    Raises InputError: a limit is set on a column that the table does not have or that is not numeric. The message names
-    the column.
+    Raises InputError: a limit is set on a column that the table does not have or that is not numeric.
     """
     fitted = pl.col(EXCLUDED).is_null() if EXCLUDED in table.columns else pl.lit(True)
     fits = table.filter(fitted)
@@ -249,7 +234,6 @@ def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
 
 
 def check_limited(table: pl.DataFrame, column: str, place: str) -> None:
-    """Refuse a limit on a missing or non-numeric column. `place` is the place of the limit in the configuration."""
     if column not in table.columns or not (table[column].dtype.is_numeric() or table[column].dtype == pl.Null):
         known = ", ".join(name for name in table.columns if table[name].dtype.is_numeric())
         raise InputError(
@@ -285,7 +269,7 @@ def with_doubts_of(table: pl.DataFrame, fits: pl.DataFrame, limits: Doubt, name:
     What makes a fit doubtful, as a clipped or late torque, concerns everything that comes from the same samples. A
     table without amplitudes has the reasons of the row of `fits` over all amplitudes.
     """
-    judged = marked(fits, Doubt(above=limits.above, below=limits.below), name)
+    judged = marked(fits, limits, name)
     reasons = {(row["trial"], row["amplitude_deg"]): row[DOUBTFUL] for row in judged.iter_rows(named=True)}
     shared = []
     for row in table.iter_rows(named=True):
@@ -312,7 +296,7 @@ def doubtful_row(table: pl.DataFrame) -> dict[str, int]:
 
 
 def doubtful_count(table: pl.DataFrame) -> tuple[int, int]:
-    """Number of doubtful fits of a table with the column `DOUBTFUL`, and number of its fits."""
+    """Numbers of doubtful fits and of all fits of a table with the column `DOUBTFUL`."""
     return len(table.filter(IS_DOUBTFUL)), table[DOUBTFUL].count()
 
 

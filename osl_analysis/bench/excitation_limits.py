@@ -35,7 +35,6 @@ class Tellable:
 
 
 def tellable(record: MovingRecord) -> Tellable:
-    """As `told_by`, of a record."""
     theta, omega, alpha = moments(record).T
     return told_by(theta, omega, alpha, float(np.std(record.part(record.filtered_torque))))
 
@@ -72,15 +71,11 @@ def own_part(column: Array, *others: Array) -> float:
 
 
 def rms(values: Array) -> float:
-    """Root mean square of values (n,)."""
     return float(np.sqrt(np.mean(values**2)))
 
 
 def check_band(record: MovingRecord, fit: LinearFit, largest_inertia_error: float | None) -> None:
-    """Refuse a motion whose band cannot tell K from I.
-
-    Raises IdentifiabilityError: it cannot; the message names the band that is missing.
-    """
+    """Refuse a motion whose band cannot tell K from I; the message names the band that is missing."""
     check_told(f"trial {record.name}", record.band_hz, tellable(record), (fit["K"], fit.se("K")), largest_inertia_error)
 
 
@@ -91,11 +86,7 @@ def check_told(
     stiffness: tuple[float, float],
     largest_inertia_error: float | None,
 ) -> None:
-    """Refuse a band [Hz] that cannot tell K from I; `stiffness` is K with its standard error, `what` begins the
-    message.
-
-    Raises IdentifiabilityError: as `check_band`.
-    """
+    """The same of a band [Hz], with K and its standard error; `what` begins the message."""
     (low, high), (K, K_se) = band_hz, stiffness
     if largest_inertia_error is not None and change.inertia > largest_inertia_error:
         needed = max(high * np.sqrt(change.inertia / (0.5 * largest_inertia_error)), 1.5 * high)
@@ -149,7 +140,7 @@ def angle_noise_bias(record: MovingRecord, fit: LinearFit) -> float:
 
 
 def filter_gain(low_pass: LowPass, rate_hz: float) -> tuple[Array, Array]:
-    """Frequencies [Hz] up to half the rate, and the zero-phase filter's gain there, shape (n,) each."""
+    """Frequencies [Hz] up to half the rate, and the zero-phase filter's gain there."""
     sections = butterworth(low_pass.order, low_pass.cutoff_hz, rate_hz)
     f, response = sosfreqz(sections, worN=4096, fs=rate_hz)
     return np.asarray(f), np.asarray(np.abs(response) ** 2)

@@ -4,6 +4,7 @@ What is impossible is refused. What is unlikely becomes a column of the result t
 the configuration.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,7 +87,6 @@ class Saturated:
     samples: int  # longest run of the torque, or of another column, at an end
 
     def beside(self, table: pl.DataFrame) -> pl.DataFrame:
-        """The table of the trial with `saturated_samples`."""
         return table.with_columns(saturated_samples=pl.lit(self.samples, pl.Int64))
 
 
@@ -95,37 +95,35 @@ def saturated(trial: Trial, torque: str = "torque", *others: str) -> Saturated:
     return Saturated(trial.name, max(samples_at_rail(trial, column, torque) for column in (torque, *others)))
 
 
-def ratio(column: str, reference: float | None, name: str) -> pl.Expr:
-    """An estimate over its reference; null where there is none, or where it is 0."""
-    return (pl.col(column) / reference if reference else pl.lit(None, pl.Float64)).alias(name)
-
-
 def not_checked(reason: str) -> pl.Expr:
     """The column `not_checked`: what could not be checked and why; null where all was."""
     return pl.lit(reason or None, pl.String).alias("not_checked")
 
 
-def plausible_belt(table: pl.DataFrame, rails: Saturated, p: DrivetrainParameters | None) -> pl.DataFrame:
-    """The belt's row with `saturated_samples` and `K_s_ratio`, K_s over that of the parameter file, null without one.
+def against_file(
+    table: pl.DataFrame, rails: Saturated, known: Mapping[str, float] | None, names: Sequence[str]
+) -> pl.DataFrame:
+    """The table with `saturated_samples` and the ratio of each named estimate to the parameter file's, null without one
+    or where that is 0, and `not_checked`, which says so."""
+    ratios = [
+        (pl.col(name) / reference if (reference := (known or {}).get(name)) else pl.lit(None, pl.Float64)).alias(
+            f"{name}_ratio"
+        )
+        for name in names
+    ]
+    return rails.beside(table).with_columns(*ratios, not_checked(NO_PARAMETERS if known is None else ""))
 
-    Raises InputError: K_s is negative.
-    """
+
+def plausible_belt(table: pl.DataFrame, rails: Saturated, p: DrivetrainParameters | None) -> pl.DataFrame:
+    """The belt's row beside the parameter file's K_s. Raises InputError: K_s is negative."""
     check_resists(rails.trial, "K_s", table["K_s"][-1])
-    return rails.beside(table).with_columns(
-        ratio("K_s", p.K_s if p else None, "K_s_ratio"), not_checked("" if p else NO_PARAMETERS)
-    )
+    return against_file(table, rails, {"K_s": p.K_s} if p else None, ["K_s"])
 
 
 def plausible_transmission(table: pl.DataFrame, rails: Saturated, p: DrivetrainParameters | None) -> pl.DataFrame:
-    """The transmission's rows with `saturated_samples`, `B_j_ratio` and `J_j_ratio`, over the parameter file's; null
-    without one.
-
-    Raises InputError: B_j is negative.
-    """
+    """The transmission's rows beside the parameter file's B_j and J_j. Raises InputError: B_j is negative."""
     check_resists(rails.trial, "B_j", table["B_j"][-1])
-    ratios = (ratio("B_j", p.B_j if p else None, "B_j_ratio"), ratio("J_j", p.J_j if p else None, "J_j_ratio"))
-    judged = rails.beside(table).with_columns(*ratios)
-    return judged.with_columns(not_checked("" if p else NO_PARAMETERS))
+    return against_file(table, rails, {"B_j": p.B_j, "J_j": p.J_j} if p else None, ["B_j", "J_j"])
 
 
 def plausible_impedance(
@@ -149,23 +147,17 @@ def plausible_impedance(
         )
     largest = pl.lit(table.sort("amplitude_deg", nulls_last=False)["K"][-1])
     of_gains = (largest / predicted if predicted else pl.lit(None, pl.Float64)).alias("K_ratio")
-    ratios = (ratio("K", p.K_s if p else None, "K_over_K_s"), of_gains)
-    return rails.beside(table).with_columns(*ratios)
+    of_belt = (pl.col("K") / p.K_s if p and p.K_s else pl.lit(None, pl.Float64)).alias("K_over_K_s")
+    return rails.beside(table).with_columns(of_belt, of_gains)
 
 
 def plausible_actuator(table: pl.DataFrame, rails: Saturated, p: DrivetrainParameters | None) -> pl.DataFrame:
-    """The actuator's row with `saturated_samples` and the ratios of the estimates to the parameter file's; null without
-    one.
-
-    Raises InputError: k_tau n_m is negative: the current, or the torque, has the wrong sign.
-    """
+    """The actuator's row beside the parameter file. Raises InputError: current or torque has the wrong sign."""
     k, high = table["k_tau_n_m"][-1], table["k_tau_n_m_high"][-1]
     if high < 0:
         raise InputError(
             f"trial {rails.trial}: k_tau_n_m = {k:.4g} N*m/A is negative, a positive current gives a negative torque; "
             "turn the `sign` of the current, or of torque_m and theta_m, in the source file"
         )
-    known = {"k_tau_n_m": p.k_tau * p.n_m, "f_C": p.f_C, "f_G": p.f_G, "B_m": p.B_m, "J_m": p.J_m} if p else {}
-    ratios = (ratio(name, known.get(name), f"{name}_ratio") for name in ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m"))
-    judged = rails.beside(table).with_columns(*ratios)
-    return judged.with_columns(not_checked("" if p else NO_PARAMETERS))
+    known = {"k_tau_n_m": p.k_tau * p.n_m, "f_C": p.f_C, "f_G": p.f_G, "B_m": p.B_m, "J_m": p.J_m} if p else None
+    return against_file(table, rails, known, ["k_tau_n_m", "f_C", "f_G", "B_m", "J_m"])

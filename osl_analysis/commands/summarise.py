@@ -22,13 +22,12 @@ from osl_analysis.summary.text import (
     to_markdown,
     to_tex,
     trials_content,
-    trials_used,
 )
 from osl_analysis.table import read_table
 from osl_analysis.yaml_settings import Settings, validated
 
 NEEDED = ("trial", "check", "value", "unit", "threshold", "remark")  # columns of `excluded.csv`
-SHOW = {"figure", "plotted_numbers", "walking_page", "captions", "report"}
+SHOW = {"figure", "plotted_numbers", "walking_page", "report"}
 """Modules of jobs that show numbers and make none: they run beside the summary's own, and after it."""
 CAPTIONS = "figures/captions.md"  # what the tables of plotted numbers show, in words; beside the metadata of the tables
 REMEDY = "delete it and run `snakemake reproduce-all`"
@@ -58,8 +57,8 @@ def write_summary(
     needed = {name: needed_columns(name) for name in table_paths}
     tables = {name: read_table(table_paths[name], required=columns) for name, columns in needed.items() if columns}
     headlines = headline_numbers(tables, example or DRAFT_EXAMPLE)
-    used = trials_used(trials or {}, read_table(excluded, NEEDED)) if excluded else []
-    missing = {"trials": trials_content(used), "missing_results": missing_results(refused)}
+    used = trials_content(trials or {}, read_table(excluded, NEEDED)) if excluded else {}
+    missing = {"trials": used, "missing_results": missing_results(refused)}
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
         json_path.write_text(to_json(about, headlines, missing), encoding="utf-8")
         tex_path.write_text(to_tex(about, headlines, missing_lines(missing, reasons=False)), encoding="utf-8")

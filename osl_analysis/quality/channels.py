@@ -249,32 +249,17 @@ def hidden(time: Array, seen: NDArray[np.bool_]) -> float:
 
 
 CHANNEL_CHECKS = (
-    Check(
-        "saturation",
-        "samples",
-        "above",
+    Check("saturation", "samples", "above",
         "longest run of a torque, current, angle or raw channel of a plate at an end of its sensor's range",
-        measure_saturation,
-    ),
-    Check(
-        "stuck",
-        "s",
-        "above",
+        measure_saturation),
+    Check("stuck", "s", "above",
         "longest time that a noisy channel repeats one value, or that an angle stands while it should change",
-        measure_stuck,
-    ),
-    Check(
-        "unzeroed_load_cell",
-        "N*m",
-        "above",
-        "size of the torque before the joint first moves",
-        measure_unzeroed_load_cell,
-        applies_to=lambda experiment: experiment.motion == "theta",
-        otherwise=NO_DYNAMOMETER,
-    ),
+        measure_stuck),
+    Check("unzeroed_load_cell", "N*m", "above", "size of the torque before the joint first moves",
+        measure_unzeroed_load_cell, applies_to=lambda experiment: experiment.motion == "theta",
+        otherwise=NO_DYNAMOMETER),
     Check("unzeroed_plate", "N", "above", "size of the vertical force of a bare plate", measure_unzeroed_plate),
     Check("encoder_wrap", "jumps", "above", "steps of an angle by about 2 pi, or by 360", measure_encoder_wrap),
-    Check(
-        "marker_gap", "s", "above", "longest time that a marker was hidden between two sightings", measure_marker_gap
-    ),
-)
+    Check("marker_gap", "s", "above", "longest time that a marker was hidden between two sightings",
+        measure_marker_gap),
+)  # fmt: skip

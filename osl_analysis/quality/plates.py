@@ -106,22 +106,11 @@ def travel(points: Array) -> float:
 
 
 PLATE_CHECKS = (
-    Check(
-        "pressure_centre",
-        "m",
-        "above",
-        "distance by which the centre of pressure of a loaded plate lies outside the plate",
-        measure_pressure_centre,
-        applies_to=lambda experiment: experiment.walker,
-        otherwise=NO_WALKER,
-    ),
-    Check(
-        "pressure_travel",
-        "m",
-        "below",
-        "way of the centre of pressure over a loaded plate; a foot rolls over 0.1 m and more",
-        measure_pressure_travel,
+    Check("pressure_centre", "m", "above",
+        "distance by which the centre of pressure of a loaded plate lies outside the plate", measure_pressure_centre,
+        applies_to=lambda experiment: experiment.walker, otherwise=NO_WALKER),
+    Check("pressure_travel", "m", "below",
+        "way of the centre of pressure over a loaded plate; a foot rolls over 0.1 m and more", measure_pressure_travel,
         applies_to=lambda experiment: experiment.walker and bool(experiment.tables),
-        otherwise="nobody walks over a plate",
-    ),
-)
+        otherwise="nobody walks over a plate"),
+)  # fmt: skip

@@ -103,22 +103,17 @@ def damage_report(trial: Trial) -> dict[str, Any]:
 
 SAMPLING_CHECKS = (
     Check("rate", "Hz", "below", "lowest median sampling rate of the channels", measure_rate),
-    Check(
-        "jitter",
-        "%",
-        "above",
+    Check("jitter", "%", "above",
         "slow wander of the stamps, in sampling steps, where neither signals nor source file decide what it is",
-        measure_jitter,
-    ),
+        measure_jitter),
     Check("gap", "s", "above", "longest time without a sample, beyond one step", measure_gap),
-)
+)  # fmt: skip
 LOG_CHECKS = (
-    Check(
-        "clock_residual", "s", "above", "RMS residual of the fit of the log's clock to motion capture's", measure_clock
-    ),
+    Check("clock_residual", "s", "above", "RMS residual of the fit of the log's clock to motion capture's",
+        measure_clock),
     Check("damage", "%", "above", "largest share of a topic of the log that was lost", measure_damage),
     Check("truncated", "logs", "above", "logs without their end; how much is missing is not known", measure_truncation),
-)
+)  # fmt: skip
 
 
 SAME_COUNT = 0.05
@@ -213,13 +208,7 @@ def clock_remark(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[s
 
 
 PROTOCOL_CHECKS = (
-    Check(
-        "protocol",
-        "segments",
-        "above",
+    Check("protocol", "segments", "above",
         "segments in which recording and command differ: missing, with fewer or more cycles, or not commanded",
-        measure_protocol,
-        applies_to=lambda experiment: experiment.stepped_sine,
-        otherwise=NO_STEPPED_SINE,
-    ),
-)
+        measure_protocol, applies_to=lambda experiment: experiment.stepped_sine, otherwise=NO_STEPPED_SINE),
+)  # fmt: skip

@@ -173,17 +173,14 @@ def provenance_of(provenance: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "files": [
             [
-                role,
-                str(file.get("path", "")),
-                shown(file.get("bytes")),
-                str(file.get("sha256", "")),
+                role, str(file.get("path", "")), shown(file.get("bytes")), str(file.get("sha256", "")),
                 str(file.get("source")),
             ]
             for role, file in provenance.get("files", {}).items()
         ],
         "signals": signals(provenance.get("columns", {})),
         "facts": facts({name: provenance[name] for name in provenance if name not in ("files", "columns")}),
-    }
+    }  # fmt: skip
 
 
 def signals(columns: Mapping[str, Mapping[str, Any]]) -> Lines:
@@ -236,24 +233,15 @@ NOT_CONDITIONS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_so
 
 @dataclass(frozen=True)
 class ReportedTrial:
-    """One trial, as far as the campaign's results know it.
-
-    row: its row of the sample sheet.
-    tables: the rows of each of its result tables, by table; those of its fit first.
-    quality: verdicts of quality control on it; None if it was never examined.
-    provenance: what ingest wrote about it.
-    left_out: why it has no result, or is excluded; a line each.
-    refused: whether it is missing because a job refused or failed.
-    pictures: what is drawn.
-    """
+    """One trial, as far as the campaign's results know it."""
 
     name: str
-    row: Mapping[str, Any]
-    tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)
-    quality: pl.DataFrame | None = None
+    row: Mapping[str, Any]  # of the sample sheet
+    tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)  # its rows of each, those of its fit first
+    quality: pl.DataFrame | None = None  # the verdicts on it; None if it was never examined
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    left_out: Sequence[str] = ()
-    refused: bool = False
+    left_out: Sequence[str] = ()  # why it has no result, or is excluded
+    refused: bool = False  # whether it is missing because a job refused or failed
     pictures: Pictures = field(default_factory=Pictures)
 
     @property

@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import polars as pl
@@ -13,35 +13,22 @@ from osl_analysis.refusal import Refusal
 from osl_analysis.summary.headlines import COUNT, RANGE, Headline
 
 SHEET = "sample sheet"
-"""Entry of the column `check` of `excluded.csv` for a trial that the sheet excludes. It is not missing."""
+"""Entry of the column `check` of `excluded.csv` for a trial that the sheet excludes."""
 
 
-@dataclass(frozen=True)
-class TrialsUsed:
-    """The trials of one experiment.
+def trials_content(trials: Mapping[str, Sequence[str]], excluded: pl.DataFrame) -> dict[str, dict[str, Any]]:
+    """By experiment how many `of` its trials are `used`, and why the `missing` ones are refused or excluded.
 
-    of: number of trials in the sheet that it does not exclude.
-    missing: reasons of those that are not in the results, refused or excluded by quality control, by trial.
+    The sheet's own exclusions in `excluded.csv` are no missing trials.
     """
-
-    experiment: str
-    of: int
-    missing: Mapping[str, str]
-
-    @property
-    def used(self) -> int:
-        """Number of trials that are in the results."""
-        return self.of - len(self.missing)
-
-
-def trials_used(trials: Mapping[str, Sequence[str]], excluded: pl.DataFrame) -> list[TrialsUsed]:
     reasons: dict[str, str] = {}
     for row in excluded.filter(pl.col("check") != SHEET).iter_rows(named=True):
         reasons.setdefault(row["trial"], reason_of(row))
-    return [
-        TrialsUsed(experiment, len(names), {name: reasons[name] for name in names if name in reasons})
+    missing = {of: {name: reasons[name] for name in names if name in reasons} for of, names in trials.items()}
+    return {
+        experiment: {"used": len(names) - len(missing[experiment]), "of": len(names), "missing": missing[experiment]}
         for experiment, names in trials.items()
-    ]
+    }
 
 
 def reason_of(row: Mapping[str, Any]) -> str:
@@ -49,10 +36,6 @@ def reason_of(row: Mapping[str, Any]) -> str:
     if row["value"] is None:
         return f"{row['check']}: {row['remark']}"
     return f"{row['check']} {row['value']:.4g} {row['unit']}, threshold {row['threshold']}"
-
-
-def trials_content(used: Iterable[TrialsUsed]) -> dict[str, dict[str, Any]]:
-    return {one.experiment: {"used": one.used, "of": one.of, "missing": dict(one.missing)} for one in used}
 
 
 def missing_results(refused: Iterable[Refusal]) -> dict[str, str]:

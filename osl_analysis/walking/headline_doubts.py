@@ -88,12 +88,10 @@ def offsets(motion: Motion, left: Array) -> Array:
 
 
 def unexplained(columns: Array, torques: Array) -> Array:
-    """Residuals (m, k) of torques (m, k) fitted with columns (k, p)."""
     return np.asarray(torques - (columns @ np.linalg.lstsq(columns, torques.T, rcond=None)[0]).T)
 
 
 def rms(values: Array) -> float:
-    """Root mean square of all values."""
     return float(np.sqrt(np.mean(values**2)))
 
 

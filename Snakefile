@@ -36,7 +36,7 @@ from osl_analysis.refusal_report import refusal_report, refusals_in
 from osl_analysis.report import TEMPLATES
 from osl_analysis.files import default_config
 from osl_analysis.study import BENCH as STUDY_ON_BENCH, REPEATED as STUDY_OF_REPEATS, WALKING as STUDY_OF_WALKING
-from osl_analysis.study.plan import Batch, batches as study_batches, planned, time_limit
+from osl_analysis.study import Batch, batches as study_batches, planned, time_limit
 from osl_analysis.submission import LOST
 from osl_analysis.yaml_settings import read_mapping
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from osl_analysis.commands.study import batch_rows
 from osl_analysis.config import Config, read_config
 from osl_analysis.design.distortion import Density, Distortion, Spread
 from osl_analysis.design.information import NAMES, Joint
@@ -29,7 +30,6 @@ from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.spectral.equation_error import fit_periodic
 from osl_analysis.spectral.realisations import Realisation, period_spectra
 from osl_analysis.spectral.response import periodic_response
-from osl_analysis.study.batch import batch_rows
 from osl_analysis.study.trials import StudyInputs
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import read_yaml

@@ -12,7 +12,7 @@ import numpy as np
 from gait_of_phase import TRUTH, crossing
 from impedance_over_stance import at_timing, laboratory
 
-from osl_analysis.study.laboratory import StudyLaboratory
+from osl_analysis.study.walking import StudyLaboratory
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import group_headline
 from osl_analysis.walking.gait import unperturbed_gait

@@ -19,7 +19,7 @@ from osl_analysis.config import read_section
 from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.study.laboratory import StudyLaboratory
+from osl_analysis.study.walking import StudyLaboratory
 from osl_analysis.walking.ensemble import group_headline
 from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.settings import WalkingAnalysis

@@ -25,7 +25,7 @@ from osl_analysis.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking import simulate_walking_trial
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.study.laboratory import ingested
+from osl_analysis.study.walking import ingested
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import StaticCalibration, static_calibration
 from osl_analysis.walking.plate_model import PARAMETERS, PlateModel, identify_plate_model

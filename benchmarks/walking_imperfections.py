@@ -27,7 +27,7 @@ from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking import simulate_walking_trial
 from osl_analysis.simulator.walking_settings import WalkingEffects, WalkingSettings
-from osl_analysis.study.laboratory import weighed_foot
+from osl_analysis.study.walking import weighed_foot
 from osl_analysis.trial import Array, Trial, read_trial
 from osl_analysis.walking.bodies import static_calibration
 from osl_analysis.walking.crossing import Crossing, analyse_crossing

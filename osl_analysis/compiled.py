@@ -5,19 +5,16 @@ Numba is installed with the extra `simulator`. Without it the same functions run
 
 from collections.abc import Callable
 from contextlib import suppress
+from importlib import import_module
+from importlib.util import find_spec
 from typing import Any, ParamSpec, TypeVar, cast
 
 from osl_analysis.errors import InputError
 
-try:
-    import numba
-    from numba.core import caching
-except ImportError:
-    numba = caching = None
-
+numba: Any = import_module("numba") if find_spec("numba") else None
 P = ParamSpec("P")
 R = TypeVar("R")
-FunctionCache: Any = caching.FunctionCache if caching else object
+FunctionCache: Any = import_module("numba.core.caching").FunctionCache if numba else object
 
 
 class HealingCache(FunctionCache):  # type: ignore[misc]

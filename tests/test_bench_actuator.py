@@ -26,7 +26,7 @@ from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.bench import current_schedule, simulate_actuator_trial, turning
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
-from osl_analysis.study.recorded import recorded_trial
+from osl_analysis.study.trials import recorded_trial
 from osl_analysis.summary.headlines import ACTUATOR_LABELS, headline_numbers
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, read_trial, write_trial

@@ -16,7 +16,7 @@ from osl_analysis.design.sensors import Sensors
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.multisine import odd_multisine
 from osl_analysis.signals import LowPass
-from osl_analysis.study.performance import regression_bound
+from osl_analysis.study.trials import regression_bound
 
 OPEN = LowPass(1e4)
 """A filter that weighs nothing."""

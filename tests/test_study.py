@@ -19,13 +19,13 @@ from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.study import WALKING
+from osl_analysis.stats.covariance import ResidualCorrelation
+from osl_analysis.stats.regression import linear_fit
+from osl_analysis.study import BENCH, MOST_JOBS, REPEATED, SECONDS, WALKING, Batch, batches, planned, time_limit
 from osl_analysis.study import walking as study_of_walking
-from osl_analysis.study.actuator import actuator
-from osl_analysis.study.batch import studied
+from osl_analysis.study.bench import actuator, studied
 from osl_analysis.study.page import page
-from osl_analysis.study.recorded import at_any_phase
-from osl_analysis.study.trials import StudyInputs, trial_rows
+from osl_analysis.study.trials import StudyInputs, at_any_phase, performance, regression_bound, trial_rows
 from osl_analysis.table import read_table
 from osl_analysis.walking.settings import WalkingAnalysis
 from osl_analysis.yaml_settings import read_yaml
@@ -97,18 +97,16 @@ def test_every_trial_is_sampled_at_a_phase_of_its_own():
     assert [r.torque_node.phase.value - r.node.phase.value for r in moved] == pytest.approx([3e-4, 3e-4])
 
 
-def test_the_default_estimator_is_near_the_bound_and_hac_is_far_too_wide_where_friction_repeats():
+def test_the_default_estimator_is_near_the_bound_where_friction_repeats():
     """40 seeded trials: a ratio of 1 +- 3 Monte Carlo errors of 1/sqrt(80)."""
-    table = rows("drivetrain", 40).filter(pl.col("estimator") == "filtered", pl.col("quantity") == "B")
-    cycles = table.filter(pl.col("interval_method") == "cycles")
-    rms = float(np.sqrt((cycles["error"] ** 2).mean()))
-    assert rms / cycles["bound"][0] == pytest.approx(1, abs=0.34)
-    assert cycles["se"].mean() == pytest.approx(rms, rel=0.34)
-    assert table.filter(pl.col("interval_method") == "HAC")["se"].mean() > 20 * rms
+    table = rows("drivetrain", 40).filter(pl.col("quantity") == "B")
+    rms = float(np.sqrt((table["error"] ** 2).mean()))
+    assert rms / table["bound"][0] == pytest.approx(1, abs=0.34)
+    assert table["se"].mean() == pytest.approx(rms, rel=0.34)
 
 
 def test_the_truth_of_a_known_joint_is_what_made_the_torque():
-    table = rows("second order", 2).filter(pl.col("estimator") == "filtered")
+    table = rows("second order", 2)
     assert dict(table.select("quantity", "truth").unique().rows()) == {"K": 300, "B": 5, "I": 0.02}
     errors = table.with_columns(pl.col("error") / pl.col("bound"))["error"]
     assert errors.abs().max() < 5
@@ -288,3 +286,96 @@ def test_the_models_own_truth_stands_beside_the_physical_one():
     assert model["B_j"] != 0.452
     drivetrain = rows("linear drivetrain", 1)
     assert drivetrain["truth"].to_list() == drivetrain["model_truth"].to_list()
+
+
+def test_bound_of_a_sinusoid_is_the_published_one():
+    """Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 1974: var(A) >= 2 s^2/N and var(phase) >= 2 s^2/(A^2 N)."""
+    N, noise, phase = 1000, 0.3, 2 * np.pi * np.arange(1000) / 50
+    bound = regression_bound({"cos": np.cos(phase), "sin": np.sin(phase), "offset": np.ones(N)}, noise)
+    assert bound["cos"] == pytest.approx(noise * np.sqrt(2 / N))
+    assert bound["sin"] == pytest.approx(noise * np.sqrt(2 / N))
+    assert bound["offset"] == pytest.approx(noise / np.sqrt(N))
+
+
+@pytest.mark.parametrize("drift", [2e-4, 0.3])
+def test_bound_with_a_drift_is_that_of_the_dense_inverse(drift):
+    noise, n = 0.3, 120
+    columns = {"ramp": np.linspace(0, 2, n) ** 1.5, "wave": np.sin(np.arange(n) / 9), "offset": np.ones(n)}
+    X, moved = np.column_stack(list(columns.values())), drift * np.arange(n)
+    dense = np.linalg.inv(X.T @ np.linalg.inv(noise**2 * np.eye(n) + np.outer(moved, moved)) @ X)
+    bound = regression_bound(columns, noise, moved)
+    assert [bound[name] for name in columns] == pytest.approx(np.sqrt(np.diag(dense)), rel=1e-8)
+    assert regression_bound(columns, noise, 0 * moved) == pytest.approx(regression_bound(columns, noise))
+
+
+def test_a_drift_that_has_a_column_of_its_own_costs_the_other_columns_nothing():
+    time = np.arange(120.0)
+    columns = {"wave": np.sin(time / 9), "offset": np.ones(120), "drift": time}
+    alone, with_drift = regression_bound(columns, 0.3), regression_bound(columns, 0.3, 0.01 * time)
+    assert (with_drift["wave"], with_drift["offset"]) == pytest.approx((alone["wave"], alone["offset"]))
+    assert with_drift["drift"] == pytest.approx(np.hypot(alone["drift"], 0.01))
+
+
+def test_least_squares_reaches_the_bound_in_white_noise_and_the_study_says_so():
+    rng, noise, n = np.random.default_rng(10), 0.5, 1500
+    columns = {"a": np.sin(np.arange(200) / 7), "offset": np.ones(200)}
+    bound = regression_bound(columns, noise)["a"]
+    fits = [
+        linear_fit(2 * columns["a"] + noise * rng.standard_normal(200), columns, ResidualCorrelation(lags=1))
+        for _ in range(n)
+    ]
+    error, se = np.array([f["a"] - 2 for f in fits]), np.array([f.se("a") for f in fits])
+    found = performance(error, se, np.abs(error) < 1.96 * se, np.full(n, bound))
+    assert abs(found.bias) < 3 * found.bias_mc
+    assert abs(found.rmse_over_bound - 1) < 3 * found.rmse_over_bound_mc
+    assert found.rmse_over_bound_mc == pytest.approx(1 / np.sqrt(2 * n), rel=0.1)
+    assert abs(found.coverage - 0.95) < 3 * found.coverage_mc
+    assert found.se_over_sd == pytest.approx(1, rel=0.06)
+
+
+def test_the_study_measures_bias_in_standard_deviations_and_coverage_as_a_share():
+    found = performance(np.array([1.0, 2.0, 3.0]), np.ones(3), np.array([True, False, False]), np.full(3, 2.0))
+    assert (found.bias, found.coverage, found.n) == pytest.approx((2.0, 1 / 3, 3))
+    assert (found.rmse, found.rmse_over_bound) == pytest.approx((np.sqrt(14 / 3), np.sqrt(14 / 12)))
+
+
+def study(trials: int, campaigns: int, recorded: int) -> dict[str, tuple[int, int]]:
+    """Numbers of trials or campaigns, and how many one job takes at least, as rules/study.smk has them."""
+    numbers = dict.fromkeys(BENCH, (trials, 50)) | {name: (campaigns, least) for name, least in REPEATED.items()}
+    return numbers | {"walking": (campaigns, WALKING["walking"][1]), "walking recorded": (recorded, 5)}
+
+
+@pytest.mark.parametrize(
+    "numbers", [(500, 200, 80), (10_000, 200, 80), (10_000, 2000, 1000), (1000, 1000, 1000), (1, 1, 1), (0, 0, 0)]
+)
+def test_every_trial_is_in_one_job_and_there_are_fewer_than_a_hundred_with_table_page_and_figure(numbers):
+    asked = study(*numbers)
+    found = batches(asked)
+    assert len(found) <= MOST_JOBS
+    assert MOST_JOBS + 4 < 100
+    for name, (number, _) in asked.items():
+        taken = [n for one in found if one.experiment == name for n in range(one.first, one.first + one.number)]
+        assert taken == list(range(number))
+
+
+def test_jobs_of_a_large_study_take_about_as_long_and_those_of_a_small_one_are_not_smaller_than_stated():
+    whole = [one.seconds for one in batches(study(10_000, 2000, 1000))]
+    assert max(whole) < 1.5 * sum(whole) / MOST_JOBS
+    small = batches(study(500, 200, 80))
+    assert min(one.number for one in small if one.experiment == "drivetrain") >= 50
+
+
+def test_every_experiment_has_an_expected_time_and_no_other_has():
+    named = {name for name in (*BENCH, *WALKING) if not name.startswith("second order")}
+    assert set(SECONDS) == named
+
+
+def test_a_dry_run_says_how_long_each_job_is_expected_to_take():
+    assert Batch("drivetrain", 100, 1000).seconds == pytest.approx(260)
+    assert planned({"drivetrain_0_1000": 550.0, "belt_0_500": 20.0}).splitlines() == [
+        "expected time of one core for 2 jobs of the study, 0.2 h in all:",
+        "  drivetrain_0_1000: 9 min",
+        "  belt_0_500: 20 s",
+    ]
+    assert planned({}) == ""
+    assert time_limit(550.0) == 29

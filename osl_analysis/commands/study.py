@@ -17,10 +17,11 @@ from osl_analysis.parameters import read_parameters
 from osl_analysis.refusal import Refusal
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.study.batch import batch_rows
+from osl_analysis.study import WALKING
+from osl_analysis.study.bench import studied
 from osl_analysis.study.page import page
-from osl_analysis.study.performance import performance_table
-from osl_analysis.study.trials import StudyInputs
+from osl_analysis.study.trials import StudyInputs, StudyRow, performance_table, trial_rows
+from osl_analysis.study.walking import walking_rows
 from osl_analysis.table import SIMULATED, read_table, tables_of, write_table
 from osl_analysis.walking.settings import WalkingAnalysis
 from osl_analysis.yaml_settings import read_yaml
@@ -46,6 +47,17 @@ def run_batch(
     rows = batch_rows(experiment, range(first, first + number), inputs)
     with tables_of(SIMULATED):
         write_table(pl.DataFrame(rows, infer_schema_length=None), output)
+
+
+def batch_rows(experiment: str, numbers: range, inputs: StudyInputs) -> list[StudyRow]:
+    """Estimates of the trials (or campaigns of walking) of these numbers."""
+    if experiment in WALKING:
+        rows = list(walking_rows(inputs, numbers, recorded=WALKING[experiment][0] == "recorded"))
+    else:
+        analysis = inputs.actuator if experiment == "actuator" else inputs.dynamometer
+        names = [f"{experiment}_{number:05d}" for number in numbers]
+        rows = trial_rows(studied(experiment, inputs), names, analysis.low_pass)
+    return [{"experiment": experiment, **row} for row in rows]
 
 
 def write_page(table: Path, output: Path) -> None:

@@ -1,8 +1,10 @@
 """The Monte Carlo study: bias and efficiency of the estimators, and coverage of their intervals.
 
-Here stands which experiments it has. Rules read it, so that nothing is imported that simulates.
+Here stands which experiments it has, and how many trials each of its jobs takes, so that a large study is few jobs that
+take about as long. Rules read it, so that nothing is imported that simulates.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,12 +14,9 @@ from typing import Any
 class Recording:
     """How a trial is recorded, where this differs from the simulated campaign."""
 
-    recorder: Mapping[str, Any] = field(default_factory=dict)
-    """Nodes of the recorder, as in the settings of a simulation."""
+    recorder: Mapping[str, Any] = field(default_factory=dict)  # its nodes, as in the settings of a simulation
     rate_hz: float = 1000.0
-    """Rate of the log [Hz]."""
-    bits: int | None = None
-    """Bits of the joint's encoder; None: those of the simulated campaign."""
+    bits: int | None = None  # of the joint's encoder; None: those of the simulated campaign
 
 
 def on(size: float, unit: str) -> Mapping[str, Any]:
@@ -25,8 +24,7 @@ def on(size: float, unit: str) -> Mapping[str, Any]:
     return {"enabled": True, "size": size, "unit": unit}
 
 
-LATER = on(3e-4, "s")
-"""How much later the node of the torque samples."""
+LATER = on(3e-4, "s")  # how much later the node of the torque samples
 RECORDINGS = {
     "jitter of 1 us": Recording({"node": {"jitter": on(1e-6, "s")}}),
     "jitter of 50 us": Recording({"node": {"jitter": on(50e-6, "s")}}),
@@ -41,20 +39,92 @@ RECORDINGS = {
 }
 """Recordings of the joint that is exactly Eq. 15, each an experiment of its own."""
 BENCH = {
-    "second order": "bench.second_order",
-    **{f"second order, {name}": "recorded.second_order" for name in RECORDINGS},
-    "linear drivetrain": "bench.linear_drivetrain",
-    "drivetrain": "bench.drivetrain",
-    "frequency response": "phasors.response_bench",
-    "transmission": "bench.transmission",
-    "repeated transmission": "repeats.repeated_transmission",
-    "belt": "bench.belt",
-    "repeated belt": "repeats.repeated_belt",
-    "actuator": "actuator.actuator",
+    "second order": "second_order",
+    **{f"second order, {name}": "second_order" for name in RECORDINGS},
+    "linear drivetrain": "linear_drivetrain",
+    "drivetrain": "drivetrain",
+    "frequency response": "response_bench",
+    "transmission": "transmission",
+    "repeated transmission": "repeated_transmission",
+    "belt": "belt",
+    "repeated belt": "repeated_belt",
+    "actuator": "actuator",
 }
-"""Experiments on a bench, each with the function of `study/` that turns the study's inputs into it."""
+"""Experiments on a bench, each with the function of `study/bench.py` that turns the study's inputs into it."""
 REPEATED = {"repeated transmission": 20, "repeated belt": 20}
 """Experiments on a bench whose estimate is a mean over the trials of a campaign, and how many means one job takes."""
 WALKING = {"walking": ("campaigns", 10), "walking recorded": ("recorded", 5)}
 """Walking, from angle and torque on, and through markers, plate, C3D files and ingest: the field of `study` in the
 configuration with the number of campaigns, and how many of them one job takes."""
+MOST_JOBS = 90
+"""Largest number of jobs that simulate. The table, the page and the figure come to them."""
+SECONDS = {
+    "linear drivetrain": 0.26,
+    "drivetrain": 0.26,
+    "frequency response": 0.26,
+    "transmission": 0.28,
+    "repeated transmission": 1.2,
+    "belt": 0.04,
+    "repeated belt": 0.32,
+    "actuator": 0.28,
+    "walking": 0.7,
+    "walking recorded": 6.0,
+}
+"""Time of one core per trial, or per campaign of repeated and walking trials, with the settings of
+config/config.yaml [s], as a job's log states for its number of them."""
+USUAL_SECONDS = 0.3
+"""Of an experiment that `SECONDS` does not have: a joint of second order in one of its recordings [s]."""
+LIMIT_OVER_EXPECTED, STARTING_S = 3.0, 60.0
+"""Time limit of a job over the expected time, and what it has beside it [s]."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What one job takes: trials (or campaigns) number `first` to `first + number - 1` of an experiment."""
+
+    experiment: str
+    first: int
+    number: int
+
+    @property
+    def seconds(self) -> float:
+        """The time of one core that is expected [s]."""
+        return self.number * SECONDS.get(self.experiment, USUAL_SECONDS)
+
+
+def batches(numbers: Mapping[str, tuple[int, int]]) -> list[Batch]:
+    """The jobs of a study with so many trials of each experiment, and so many of them at least in one job.
+
+    There are at most `MOST_JOBS` of them (or one for each experiment, if these are more): a job takes as many trials as
+    are needed for that, all jobs about as long.
+    """
+    expected = sum(Batch(name, 0, number).seconds for name, (number, _) in numbers.items())
+    longest = expected / max(MOST_JOBS - len(numbers), 1)
+    found: list[Batch] = []
+    for name, (number, least) in numbers.items():
+        size = max(least, math.ceil(longest / Batch(name, 0, 1).seconds))
+        found += [Batch(name, first, min(size, number - first)) for first in range(0, number, size)]
+    return found
+
+
+def time_limit(seconds: float) -> int:
+    """The time limit of a job with this expected time [min]."""
+    return math.ceil((STARTING_S + LIMIT_OVER_EXPECTED * seconds) / 60)
+
+
+def planned(expected: Mapping[str, float]) -> str:
+    """What a dry run says of the jobs that it would run, from the expected time of each by its name [s].
+
+    Empty without any.
+    """
+    if not expected:
+        return ""
+    hours = sum(expected.values()) / 3600
+    lines = [f"  {name}: {clock(seconds)}" for name, seconds in expected.items()]
+    head = f"expected time of one core for {len(expected)} jobs of the study, {hours:.1f} h in all:"
+    return "\n".join([head, *lines])
+
+
+def clock(seconds: float) -> str:
+    """A time in minutes, or in seconds if it is short."""
+    return f"{seconds / 60:.0f} min" if seconds >= 90 else f"{seconds:.0f} s"

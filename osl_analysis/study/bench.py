@@ -1,80 +1,89 @@
-"""The dynamometer in the study: one true motion and response that every trial repeats, read by noisy sensors."""
+"""The benches in the study: one true motion and response that every trial repeats, read by noisy sensors."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from osl_analysis.bench.actuator import EDGE_PERIODS, PARAMETERS, actuator_alone
 from osl_analysis.bench.belt import belt_trial
-from osl_analysis.bench.impedance import impedance_of
+from osl_analysis.bench.frequency_response import SegmentPhasors
+from osl_analysis.bench.impedance import impedance_of, trial_phasors
 from osl_analysis.bench.segments import rows_of
-from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.bench.stepped_sine import stepped_sine_alone
+from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.bench.stepped_sine import SteppedSineTrial, stepped_sine_alone
 from osl_analysis.bench.transmission import fit_transmission
+from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import compensated_gains, predicted_impedance
 from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.second_order import fit_impedance, impedance_columns, impedance_torque
+from osl_analysis.second_order import impedance_columns, impedance_torque
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.simulator.bench import (
     BenchResponse,
+    current_schedule,
     drivetrain_effects,
     moved,
+    recorded_actuator,
     recorded_dynamometer,
+    scatter,
     simulate_belt,
     simulate_impedance,
     simulate_transmission,
+    turning,
 )
 from osl_analysis.simulator.joint_motion import JointMotion, stepped_sine, there_and_back
 from osl_analysis.simulator.settings import SimulationSettings, stream
-from osl_analysis.stats.covariance import ResidualCorrelation
+from osl_analysis.stats.complex_estimate import polar_row
 from osl_analysis.stats.regression import LinearFit
-from osl_analysis.study.performance import regression_bound
-from osl_analysis.study.recorded import at_any_phase, ideal_sensors, recorded_trial
-from osl_analysis.study.trials import DEFAULT, Estimates, StudyInputs, estimates_of, torque_noise
+from osl_analysis.stats.repeats import over_repeats
+from osl_analysis.study import BENCH, RECORDINGS
+from osl_analysis.study.trials import (
+    DEFAULT,
+    Estimate,
+    Estimates,
+    StudiedExperiment,
+    StudyInputs,
+    at_any_phase,
+    estimates_of,
+    ideal_sensors,
+    recorded_as,
+    recorded_trial,
+    regression_bound,
+    torque_noise,
+)
 from osl_analysis.trial import Array, Trial
 
 QUANTITIES = ("K", "B", "I")
-Fitter = Callable[["StudyBench", Trial], Iterator[tuple[str, str, LinearFit]]]
+Fitter = Callable[["StudyBench", Trial], tuple[str, LinearFit]]
+"""The kind of interval and the fit of a trial, as the pipeline's tables have them."""
+
+
+def studied(experiment: str, inputs: StudyInputs) -> StudiedExperiment:
+    """An experiment on a bench, ready to be repeated."""
+    _, _, recording = experiment.partition(", ")
+    if recording in RECORDINGS:
+        inputs = recorded_as(inputs, RECORDINGS[recording])
+    ready: StudiedExperiment = globals()[BENCH[experiment]](inputs)
+    return ready
 
 
 @dataclass(frozen=True)
 class StudyBench:
     """One experiment: the true motion and response, which every trial repeats, and the sensors that read them.
 
-    Attributes
-    ----------
-    command
-        Commanded angle [rad], shape (n,).
-    motion
-        True motion of the joint.
-    response
-        True response of the joint to this motion.
-    settings
-        The simulated campaign, with the study's short protocol.
-    p
-        Parameters of the device, as the analysis knows them.
-    analysis
-        Settings of the analysis, with the study's short protocol.
-    names
-        Quantities that are estimated.
-    fit
-        Yields estimator, kind of interval and fit of a trial.
-    exact
-        Parameters that made the torque, by quantity, where the joint has such parameters. Else empty.
-    theory
-        Prediction of linear theory, by quantity.
+    Settings and analysis have the study's short protocol.
     """
 
-    command: Array
+    command: Array  # commanded angle [rad], shape (n,)
     motion: JointMotion
     response: BenchResponse
     settings: SimulationSettings
-    p: DrivetrainParameters
+    p: DrivetrainParameters  # as the analysis knows them
     analysis: DynamometerAnalysis
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # quantities that are estimated
     fit: Fitter
-    exact: dict[str, float]
-    theory: dict[str, float]
+    exact: dict[str, float]  # parameters that made the torque, where the joint has such parameters
+    theory: dict[str, float]  # prediction of linear theory
 
     def trial(self, name: str, ideal: bool = False) -> Trial:
         """One trial as ingest would give it. The encoder's zero lies anywhere between two of its steps."""
@@ -85,16 +94,20 @@ class StudyBench:
         joint = {"theta": log.joint_angle, "theta_m": log.actuator_angle, "theta_command": log.commanded_angle}
         return recorded_trial(name, log.time, joint, log.torque_time, {"torque": -log.load_cell_torque})
 
+    def record(self, name: str, ideal: bool = False) -> SteppedSineTrial:
+        """One trial of a stepped sine."""
+        return stepped_sine_alone(self.trial(name, ideal), self.analysis)
+
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
-        """The estimates of every estimator, from noisy or ideal sensors."""
-        for name, method, fit in self.fit(self, self.trial(trial, ideal)):
-            yield name, method, estimates_of(fit, self.names)
+        """The estimates of the pipeline's fit, from noisy or ideal sensors."""
+        method, fit = self.fit(self, self.trial(trial, ideal))
+        yield DEFAULT, method, estimates_of(fit, self.names)
 
     def bounds(self) -> dict[str, float]:
         """Cramer-Rao bound of the load cell's noise and drift, for the true motion in the rows that are fitted."""
         motion, rate = self.motion, self.settings.dynamometer.rate_hz
         if self.names != ("K_s",):
-            rows = rows_of(stepped_sine_alone(self.trial("ideal", ideal=True), self.analysis).segments(None))
+            rows = rows_of(self.record("ideal", ideal=True).segments(None))
             columns = impedance_columns(Motion(motion.theta[rows], motion.omega[rows], motion.alpha[rows]))
         else:
             rows = np.arange(int(np.argmax(motion.theta > 0.05 * motion.theta.max())), int(np.argmax(motion.theta)) + 1)
@@ -104,40 +117,21 @@ class StudyBench:
         return regression_bound(columns, *torque_noise(self.settings, rows / rate))
 
 
-def impedance_fits(bench: StudyBench, trial: Trial) -> Iterator[tuple[str, str, LinearFit]]:
-    """K, B and I with the covariance of cycles, and with two of autocorrelated residuals for comparison."""
-    stepped = stepped_sine_alone(trial, bench.analysis)
-    every, rows = stepped.independent_samples, rows_of(stepped.segments(None))
-    off = (stepped.torque - stepped.filtered_torque)[rows]
-    covariances = {
-        "cycles": stepped.residual_correlation(None),
-        "HAC": ResidualCorrelation(every=every, filtered_off=off),
-        "HAC, 1 s": ResidualCorrelation(every=every, lags=1000, filtered_off=off),
-    }
-    for method, residuals in covariances.items():
-        yield DEFAULT, method, fit_impedance(*stepped.part(None), residuals).fit
+def impedance_fit(bench: StudyBench, trial: Trial) -> tuple[str, LinearFit]:
+    """K, B and I of a stepped sine."""
+    return "cycles", impedance_of(stepped_sine_alone(trial, bench.analysis), None)
 
 
-def default_fits(bench: StudyBench, trial: Trial) -> Iterator[tuple[str, str, LinearFit]]:
-    """K, B and I as the pipeline's tables have them."""
-    yield DEFAULT, "cycles", impedance_of(stepped_sine_alone(trial, bench.analysis), None)
-
-
-def default_only(bench: StudyBench) -> StudyBench:
-    """The bench without the intervals that are compared."""
-    return replace(bench, fit=default_fits)
-
-
-def transmission_fits(bench: StudyBench, trial: Trial) -> Iterator[tuple[str, str, LinearFit]]:
+def transmission_fit(bench: StudyBench, trial: Trial) -> tuple[str, LinearFit]:
     """B_j and J_j of a transmission trial."""
     stepped = stepped_sine_alone(trial, bench.analysis)
-    yield DEFAULT, "cycles", fit_transmission(*stepped.part(None), stepped.residual_correlation(None))
+    return "cycles", fit_transmission(*stepped.part(None), stepped.residual_correlation(None))
 
 
-def belt_fits(bench: StudyBench, trial: Trial) -> Iterator[tuple[str, str, LinearFit]]:
+def belt_fit(bench: StudyBench, trial: Trial) -> tuple[str, LinearFit]:
     """K_s, the slope while loading. Nothing repeats within a trial."""
     fit = belt_trial(trial, bench.p, bench.analysis).fit.loading
-    yield DEFAULT, fit.interval_method, fit
+    return fit.interval_method, fit
 
 
 def sine_bench(inputs: StudyInputs) -> StudyBench:
@@ -160,7 +154,7 @@ def sine_bench(inputs: StudyInputs) -> StudyBench:
         p=inputs.p,
         analysis=analysis.model_copy(update=short),
         names=QUANTITIES,
-        fit=impedance_fits,
+        fit=impedance_fit,
         exact={},
         theory={},
     )
@@ -189,14 +183,14 @@ def linear_drivetrain(inputs: StudyInputs) -> StudyBench:
     """The joint of a compensated controller, without friction and hysteresis."""
     effects = inputs.simulation.effects.without("friction", "belt_hysteresis")
     changed = inputs.simulation.model_copy(update={"effects": effects})
-    return default_only(drivetrain(replace(inputs, simulation=changed)))
+    return drivetrain(replace(inputs, simulation=changed))
 
 
 def transmission(inputs: StudyInputs) -> StudyBench:
     """The joint with the motor detached."""
     bench, exact = sine_bench(inputs), {"B_j": inputs.p.B_j, "J_j": inputs.p.J_j}
     response = simulate_transmission(bench.motion, inputs.p)
-    return replace(bench, response=response, names=tuple(exact), fit=transmission_fits, exact=exact, theory=exact)
+    return replace(bench, response=response, names=tuple(exact), fit=transmission_fit, exact=exact, theory=exact)
 
 
 def belt(inputs: StudyInputs) -> StudyBench:
@@ -211,7 +205,176 @@ def belt(inputs: StudyInputs) -> StudyBench:
         p=inputs.p,
         analysis=inputs.dynamometer,
         names=("K_s",),
-        fit=belt_fits,
+        fit=belt_fit,
         exact={"K_s": inputs.p.K_s},
         theory={"K_s": inputs.p.K_s},
     )
+
+
+@dataclass(frozen=True)
+class ResponseBench:
+    """The integral admittance Y = theta/torque of a bench, at one amplitude and each frequency of its protocol.
+
+    The quantities have the frequency in their names: `magnitude, 2 Hz` [rad/(N*m)] and `phase, 2 Hz` [deg]. A
+    drivetrain with friction has no exact value, and linear theory does not describe it.
+    """
+
+    bench: StudyBench
+    exact: Mapping[str, float] = field(default_factory=dict)
+    theory: Mapping[str, float] = field(default_factory=dict)
+
+    def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
+        """The estimates from raw signals. Each frequency has its own row, like an estimator."""
+        for segment in self.phasors(trial, ideal):
+            f, row = segment.frequency_hz, polar_row(segment.admittance)
+            parts = {"magnitude": "", "phase": "_deg"}
+            yield f"sinusoid, {f:g} Hz", "cycles", {
+                f"{part}, {f:g} Hz": Estimate(*(row[f"{part}{end}{unit}"] for end in ("", "_se", "_low", "_high")))
+                for part, unit in parts.items()
+            }  # fmt: skip
+
+    def phasors(self, trial: str, ideal: bool) -> list[SegmentPhasors]:
+        """Phasors of each settled segment of a trial."""
+        return trial_phasors(self.bench.record(trial, ideal))
+
+    def bounds(self) -> dict[str, float]:
+        """Bounds from that of a phasor in white noise, 2 sigma^2/N per quadrature.
+
+        Relative to the torque's amplitude it is the bound of the magnitude, and in radian that of the phase (Rife and
+        Boorstyn, IEEE Trans. Inf. Theory 20, 1974).
+        """
+        white, _ = torque_noise(self.bench.settings, np.zeros(1))
+        segments, bounds = self.bench.record("ideal", ideal=True).segments(None), {}
+        for segment, phasors in zip(segments, self.phasors("ideal", ideal=True), strict=True):
+            f, torque = segment.frequency_hz, abs(phasors.torque.value)
+            relative = white * float(np.sqrt(2 / (segment.stop - segment.start))) / torque
+            bounds[f"magnitude, {f:g} Hz"] = abs(phasors.theta.value) / torque * relative
+            bounds[f"phase, {f:g} Hz"] = float(np.rad2deg(relative))
+        return bounds
+
+
+def response_bench(inputs: StudyInputs) -> ResponseBench:
+    """The compensated drivetrain at the first of the study's amplitudes."""
+    single = inputs.study.model_copy(update={"amplitudes_deg": inputs.study.amplitudes_deg[:1]})
+    return ResponseBench(drivetrain(replace(inputs, study=single)))
+
+
+@dataclass(frozen=True)
+class RepeatedBench:
+    """A bench of which the mean over several trials is estimated."""
+
+    nominal: StudyBench  # without scatter from trial to trial
+    count: int  # trials in a mean
+    bench_of: Callable[[str], StudyBench]  # the bench of the trial with this name
+    scatter: Mapping[str, float]  # standard deviation from trial to trial, in the unit of the quantity
+
+    @property
+    def exact(self) -> Mapping[str, float]:
+        return self.nominal.exact
+
+    @property
+    def theory(self) -> Mapping[str, float]:
+        return self.nominal.theory
+
+    def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
+        """The mean over the trials. Through ideal sensors it is the estimate of the nominal bench."""
+        if ideal:
+            for name, _, estimates in self.nominal.estimates(trial, low_pass, ideal=True):
+                yield name, "Student", estimates
+            return
+        singles = [f"{trial}_{i}" for i in range(self.count)]
+        each = [next(iter(self.bench_of(single).estimates(single, low_pass))) for single in singles]
+        means = {name: over_repeats([estimates[name].value for _, _, estimates in each]) for name in self.nominal.names}
+        yield each[0][0], "Student", {name: Estimate(m.mean, m.se, m.low, m.high) for name, m in means.items()}
+
+    def bounds(self) -> dict[str, float]:
+        """The bound of one trial and the scatter, over the root of the number of trials."""
+        single = self.nominal.bounds()
+        return {
+            n: float(np.hypot(single[n], self.scatter.get(n, 0.0)) / np.sqrt(self.count)) for n in self.nominal.names
+        }
+
+
+def repeated_belt(inputs: StudyInputs) -> RepeatedBench:
+    """The campaign's belt trials. K_s scatters from trial to trial."""
+    nominal, settings, p = belt(inputs), inputs.simulation, inputs.p
+
+    def scattered(trial: str) -> StudyBench:
+        """The bench with the belt of one trial."""
+        own = replace(p, K_s=p.K_s * scatter(trial, settings))
+        return replace(nominal, response=simulate_belt(nominal.motion, drivetrain_effects(settings), own))
+
+    deviation = {"K_s": p.K_s * settings.effects.belt_scatter.value}
+    return RepeatedBench(nominal, settings.experiments.belt, scattered, deviation)
+
+
+def repeated_transmission(inputs: StudyInputs) -> RepeatedBench:
+    """The campaign's transmission trials. They differ in their noise alone."""
+    nominal = transmission(inputs)
+    return RepeatedBench(nominal, inputs.simulation.experiments.transmission, lambda _: nominal, {})
+
+
+@dataclass(frozen=True)
+class ActuatorExperiment:
+    """The actuator's bench: the motion and the actuator that every trial repeats, and the analysis."""
+
+    motion: JointMotion  # true motion of the actuator's output
+    current: Array  # true q-axis current [A], shape (n,)
+    actuator: DrivetrainParameters  # that made the torque, with the friction of the settings
+    settings: SimulationSettings
+    analysis: ActuatorAnalysis
+    exact: Mapping[str, float]
+    names: tuple[str, ...] = PARAMETERS
+
+    @property
+    def theory(self) -> Mapping[str, float]:
+        return self.exact  # the fitted model is exact
+
+    def trial(self, name: str, ideal: bool = False) -> Trial:
+        """One trial as ingest would give it. The encoder's zero lies anywhere between two of its steps."""
+        settings = ideal_sensors(self.settings) if ideal else at_any_phase(name, self.settings)
+        zero = settings.effects.actuator_encoder.value * stream(settings.seed, name, "encoder_zero").random()
+        motion = replace(self.motion, theta=self.motion.theta + zero)
+        log, _ = recorded_actuator(name, motion, self.current, self.actuator, settings)
+        actuator = {"theta_m": log.actuator_angle, "current": log.motor_current}
+        return recorded_trial(name, log.time, actuator, log.torque_time, {"torque_m": log.output_torque})
+
+    def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
+        """The estimates of the pipeline's fit."""
+        fit = actuator_alone(self.trial(trial, ideal), self.analysis).fit
+        yield DEFAULT, fit.interval_method, estimates_of(fit, self.names)
+
+    def bounds(self) -> dict[str, float]:
+        """Cramer-Rao bound of the torque's noise in the fitted rows. Noise in the columns would increase it
+        slightly."""
+        rate, omega = self.settings.dynamometer.rate_hz, self.motion.omega
+        edge = int(np.ceil(EDGE_PERIODS * rate / self.analysis.cutoff_hz))
+        rows = np.flatnonzero(np.abs(omega) > self.analysis.slowest)
+        rows = rows[(rows >= edge) & (rows < len(omega) - edge)]
+        direction, time = np.sign(omega), np.arange(len(omega)) / rate
+        columns = {
+            "k_tau_n_m": self.current,
+            "f_C": -direction,
+            "f_G": -direction * np.abs(self.current),
+            "B_m": -omega,
+            "J_m": -self.motion.alpha,
+            "offset": np.ones_like(omega),
+            "drift": time - np.mean(time),
+        }
+        fitted = {name: column[rows] for name, column in columns.items()}
+        return regression_bound(fitted, *torque_noise(self.settings, time[rows]))
+
+
+def actuator(inputs: StudyInputs) -> ActuatorExperiment:
+    """The campaign's schedule, with every effect of the simulation settings."""
+    settings, p = inputs.simulation, inputs.p
+    if settings.actuator is None:
+        raise InputError(
+            f"{inputs.study.simulation}: has no 'actuator' schedule, which the study needs; add one as in "
+            "config/simulation/default.yaml"
+        )
+    rate, friction = settings.dynamometer.rate_hz, settings.effects.friction.value
+    _, motion = moved(turning(settings.actuator, rate), settings)
+    current, true = current_schedule(settings.actuator, rate), replace(p, f_C=friction * p.f_C, f_G=friction * p.f_G)
+    exact = {"k_tau_n_m": p.k_tau * p.n_m, "f_C": true.f_C, "f_G": true.f_G, "B_m": p.B_m, "J_m": p.J_m}
+    return ActuatorExperiment(motion, current, true, settings, inputs.actuator, exact)

@@ -40,10 +40,7 @@ def cells(rows: pl.DataFrame) -> list[str]:
 def findings(table: pl.DataFrame) -> list[str]:
     """How many coverages are there, the mean of them, and which lie outside the aim beyond chance."""
     low, high = AIM
-    default = table.filter(
-        pl.col("estimator").str.contains("filtered|sinusoid"), pl.col("interval_method") != "HAC, 1 s"
-    )
-    default = default.filter(~((pl.col("interval_method") == "HAC") & (pl.col("experiment") != "actuator")))
+    default = table.filter(pl.col("estimator").str.contains("filtered|sinusoid"))
     off = default.filter(
         (pl.col("coverage") + CERTAIN * pl.col("coverage_mc") < low)
         | (pl.col("coverage") - CERTAIN * pl.col("coverage_mc") > high)

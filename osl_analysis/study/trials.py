@@ -1,69 +1,53 @@
-"""Bench trials of the study: inputs, estimates of one trial, and a table row for each estimate."""
+"""Bench trials of the study: inputs, recordings, a table row for each estimate, and how well the estimates do."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+import polars as pl
+from numpy.typing import NDArray
 
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.config import StudySettings
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
-from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.settings import Effect, Encoder, RecorderSettings, SimulationSettings, stream
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.stats.regression import LinearFit
-from osl_analysis.trial import Array
+from osl_analysis.study import Recording
+from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.settings import WalkingAnalysis
 
 StudyRow = dict[str, Any]
 """One row of the study's table of estimates."""
+KEYS = ("experiment", "estimator", "interval_method", "quantity")
+"""Columns that the rows of one performance have in common."""
+SENSORS = (
+    "load_cell_noise", "load_cell_offset", "load_cell_drift", "load_cell_quantisation", "load_cell_hum",
+    "load_cell_flicker", "joint_encoder", "actuator_encoder", "current_noise", "current_quantisation", "encoder_zero",
+)  # fmt: skip
+"""Effects of sensors, which ideal ones do not have."""
 
 
 @dataclass(frozen=True)
 class StudyInputs:
-    """Settings with which the study simulates and analyses its trials.
-
-    Attributes
-    ----------
-    study
-        The study's own choices: protocol, impedance, numbers of trials.
-    simulation
-        The simulated campaign.
-    gait
-        The simulated gait laboratory. None where the simulation has none.
-    p
-        The parameters that make the trials.
-    dynamometer, actuator, walking
-        Settings of the analyses.
-    sources
-        Folder of the source files.
-    """
+    """Settings with which the study simulates and analyses its trials."""
 
     study: StudySettings
     simulation: SimulationSettings
-    gait: WalkingSettings | None
-    p: DrivetrainParameters
+    gait: WalkingSettings | None  # the simulated gait laboratory; None where the simulation has none
+    p: DrivetrainParameters  # that make the trials
     dynamometer: DynamometerAnalysis
     actuator: ActuatorAnalysis
     walking: WalkingAnalysis
-    sources: Path
+    sources: Path  # folder of the source files
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """An estimate with its standard error and 95 % interval, all in the unit of the quantity.
-
-    Attributes
-    ----------
-    value
-        The estimate.
-    se
-        Its standard error.
-    low, high
-        Ends of its 95 % interval.
-    """
+    """An estimate with its standard error and 95 % interval, all in the unit of the quantity."""
 
     value: float
     se: float
@@ -104,6 +88,53 @@ def estimates_of(fit: LinearFit, names: tuple[str, ...]) -> dict[str, Estimate]:
     return {name: Estimate(fit[name], fit.se(name), *fit.interval(name)) for name in names}
 
 
+def ideal_sensors(settings: SimulationSettings) -> SimulationSettings:
+    """The settings without errors of sensors and recorders."""
+    # the controller sees the actuator's encoder too, but its motion has been simulated before the sensors read it
+    return settings.model_copy(update={"effects": settings.effects.without(*SENSORS), "recorder": RecorderSettings()})
+
+
+def recorded_trial(
+    name: str, time: Array, joint: Mapping[str, Array], torque_time: Array, torque: Mapping[str, Array]
+) -> Trial:
+    """The trial of two recordings with stamps [s] of their own: what moves and the torque, in canonical columns."""
+    samples = pl.DataFrame({"time": time - time[0], **joint})
+    if np.array_equal(time, torque_time):
+        return Trial(name, samples.with_columns(**{column: pl.Series(values) for column, values in torque.items()}))
+    other = pl.DataFrame({"time": torque_time - time[0], **torque})
+    return Trial(name, samples.join(other, on="time", how="full", coalesce=True).sort("time"))
+
+
+def at_any_phase(trial: str, settings: SimulationSettings) -> SimulationSettings:
+    """The settings with recorders that start anywhere between two instants of the simulated motion.
+
+    Every trial repeats the motion. With samples at the same phases of it the rounding of an encoder would repeat too.
+    """
+    later = float(stream(settings.seed, trial, "sampling_phase").random()) / settings.dynamometer.rate_hz
+    recorder = settings.recorder
+    nodes = {"node": recorder.node, "torque_node": recorder.torque_node}
+    moved = {
+        name: node.model_copy(update={"phase": Effect(enabled=True, size=node.phase.value + later, unit="s")})
+        for name, node in nodes.items()
+        if node is not None
+    }
+    return settings.model_copy(update={"recorder": recorder.model_copy(update=moved)})
+
+
+def recorded_as(inputs: StudyInputs, recording: Recording) -> StudyInputs:
+    """The inputs with another recorder, rate or encoder of the bench."""
+    simulation = inputs.simulation
+    bench = simulation.dynamometer.model_copy(update={"rate_hz": recording.rate_hz})
+    changes: dict[str, object] = {
+        "dynamometer": bench,
+        "recorder": RecorderSettings.model_validate(recording.recorder),
+    }
+    if recording.bits is not None:
+        encoder = Encoder(enabled=True, size=recording.bits, unit="bit")
+        changes["effects"] = simulation.effects.model_copy(update={"joint_encoder": encoder})
+    return replace(inputs, simulation=simulation.model_copy(update=changes))
+
+
 def torque_noise(settings: SimulationSettings, time: Array) -> tuple[float, Array]:
     """Standard deviations [N*m] of the load cell's white noise, with its rounding, and of its drift at `time` [s]."""
     effects = settings.effects
@@ -130,3 +161,73 @@ def trial_rows(experiment: StudiedExperiment, trials: Sequence[str], low_pass: L
                 row |= {**asdict(estimate), "truth": truth, "model_truth": model_truth}
                 rows.append(row | {"bound": bounds[quantity], "model_error": error})
     return rows
+
+
+@dataclass(frozen=True)
+class Performance:
+    """Performance of an estimator over n simulated trials. Names in `_mc` are Monte Carlo standard errors."""
+
+    n: int
+    bias: float  # mean error divided by the standard deviation of the estimates
+    bias_mc: float
+    rmse: float  # root mean square error, in the unit of the estimate
+    rmse_over_bound: float  # divided by the Cramer-Rao bound
+    rmse_over_bound_mc: float
+    se_over_sd: float  # stated standard error (root mean square) over the standard deviation of the estimates
+    coverage: float  # share of the 95 % intervals that contain the truth
+    coverage_mc: float
+
+
+def performance(error: Array, se: Array, covered: NDArray[np.bool_], bound: Array) -> Performance:
+    """Performance from errors about the truth, stated standard errors, coverage and bounds, shape (n,) each.
+
+    `covered` says whether the interval contains the truth. `bound` is the smallest possible standard error.
+    """
+    n, sd = len(error), float(np.std(error, ddof=1))
+    ratio = float(np.sqrt(np.mean((error / bound) ** 2)))
+    kurtosis = float(np.mean(error**4) / np.mean(error**2) ** 2)
+    share = (float(np.sum(covered)) + 2) / (n + 4)  # Agresti and Coull: no error of zero where all are covered
+    return Performance(
+        n=n,
+        bias=float(np.mean(error)) / sd,
+        bias_mc=1 / float(np.sqrt(n)),
+        rmse=float(np.sqrt(np.mean(error**2))),
+        rmse_over_bound=ratio,
+        rmse_over_bound_mc=ratio * float(np.sqrt(max(kurtosis - 1, 0.0) / (4 * n))),
+        se_over_sd=float(np.sqrt(np.mean(se**2))) / sd,
+        coverage=float(np.mean(covered)),
+        coverage_mc=float(np.sqrt(share * (1 - share) / (n + 4))),
+    )
+
+
+def regression_bound(columns: Mapping[str, Array], noise: float, drift: Array | None = None) -> dict[str, float]:
+    """Smallest standard error of any unbiased estimate of y = X b + e, for exactly known columns, shape (n,) each.
+
+    The error e is Gaussian. It is white with standard deviation `noise`, plus a random multiple of `drift`, shape (n,),
+    which is the standard deviation of a drift in time. Cramer and Rao: cov(b) >= (X' V^-1 X)^-1 with
+    V = noise^2 1 + drift drift'. Its inverse is Sherman and Morrison's. A filter that passes the columns does not
+    change the bound: per frequency the information is |H X|^2/(|H|^2 noise^2), and H cancels.
+    """
+    X = np.column_stack(list(columns.values()))
+    drift = np.zeros(len(X)) if drift is None else drift
+    seen = X.T @ drift
+    information = (X.T @ X - np.outer(seen, seen) / (noise**2 + drift @ drift)) / noise**2
+    covariance = np.linalg.inv(information)
+    return dict(zip(columns, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+
+
+def performance_table(estimates: pl.DataFrame) -> pl.DataFrame:
+    """Performance for each experiment, estimator, kind of interval and quantity, from a row per estimate."""
+    rows = []
+    for key, group in estimates.group_by(KEYS, maintain_order=True):
+        value, truth, model_truth, low, high, se, bound = (
+            group[name].cast(pl.Float64).fill_null(np.nan).to_numpy()
+            for name in ("value", "truth", "model_truth", "low", "high", "se", "bound")
+        )
+        judged = performance(value - truth, se, (low <= truth) & (truth <= high), bound)
+        model = {
+            "model_coverage": float(np.mean((low <= model_truth) & (model_truth <= high))),
+            "model_error": group["model_error"].cast(pl.Float64).mean(),
+        }
+        rows.append({**dict(zip(KEYS, key, strict=True)), **asdict(judged), **model})
+    return pl.DataFrame(rows, infer_schema_length=None).fill_nan(None)

@@ -1,7 +1,8 @@
-"""Walking in the study: whole campaigns of crossings with their estimates, intervals and truth."""
+"""Walking in the study: whole campaigns of crossings whose truth is known, from sensors or from recorded files."""
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TypeVar
@@ -9,39 +10,186 @@ from typing import TypeVar
 import numpy as np
 
 from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.ingest.raw_files import trial_from_files
+from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import ImpedanceFit
-from osl_analysis.stats.regression import LinearFit
-from osl_analysis.stats.repeats import Repeats, over_repeats
-from osl_analysis.study.laboratory import StudyLaboratory, calibrated
+from osl_analysis.simulator.bench import drivetrain_effects
+from osl_analysis.simulator.crossing import SimulatedCrossing, rendered_impedance, simulate_crossing
+from osl_analysis.simulator.settings import SimulationSettings, stream
+from osl_analysis.simulator.step import draw_step
+from osl_analysis.simulator.vicon import vicon_recording, write_c3d
+from osl_analysis.simulator.walking import motion_grid, scene_of, simulate_walking_trial
+from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.stats.repeats import over_repeats
+from osl_analysis.study.bench import QUANTITIES
 from osl_analysis.study.trials import StudyInputs, StudyRow
-from osl_analysis.trial import Array
-from osl_analysis.walking.ensemble import Bootstrap, bootstrap, common_errors, ensemble_response
+from osl_analysis.trial import Array, Trial
+from osl_analysis.walking.bodies import StaticCalibration, static_calibration
+from osl_analysis.walking.crossing import Crossing, CrossingQuality, analyse_crossing
+from osl_analysis.walking.ensemble import bootstrap, common_errors, ensemble_response
+from osl_analysis.walking.events import Stance
 from osl_analysis.walking.gait import unperturbed_gait
-from osl_analysis.walking.response import fit_response, isolate_response
+from osl_analysis.walking.plate_model import PlateModel, identify_plate_model
+from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform
+from osl_analysis.walking.response import fit_response, fit_without_offset, isolate_response
+from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
 
+LEVER_M = 0.1
+"""Lever [m] of the noise: distance from the middle of a cluster to its markers, and from the plate to the ankle. It
+converts marker noise to noise of the angle, and noise of forces to noise of the moment."""
+UNCHECKED = CrossingQuality(residuals={}, zero=None, placement=(0.0, 0.0), encoder=None)
+"""Quality of a crossing that is simulated without markers and plate."""
+PLATE_TRIALS = 6
+"""Trials of the unloaded plate in a recorded campaign."""
 RESAMPLES = 300
 """Resamples of the bootstrap in one campaign."""
-QUANTITIES = ("K", "B", "I")
 Made = TypeVar("Made")
 
 
-def walking_rows(inputs: StudyInputs, numbers: Iterable[int], recorded: bool) -> Iterator[StudyRow]:
-    """Estimates of campaigns, by their numbers. The signals of `recorded` campaigns go through files and ingest.
+@dataclass(frozen=True)
+class PerturbedCrossing:
+    """A perturbed crossing as it is analysed, through the sensors, and the truth about its impedance."""
 
-    Raises
-    ------
-    InputError
-        The simulation has no gait laboratory.
+    crossing: Crossing
+    exact: ImpedanceFit  # the same estimator's fit to the perturbation alone, through ideal sensors
+    rendered: Mapping[str, float]  # the impedance that the leg rendered, by name
+
+
+@dataclass(frozen=True)
+class StudyLaboratory:
+    """The settings that make a crossing, and those that analyse it."""
+
+    settings: SimulationSettings
+    gait: WalkingSettings
+    p: DrivetrainParameters
+    analysis: WalkingAnalysis
+
+    def unperturbed(self, name: str) -> Crossing:
+        """An unperturbed crossing through the sensors."""
+        return self.seen(name, self.walk(name, False), noisy=True)
+
+    def perturbed(self, name: str) -> PerturbedCrossing:
+        """A perturbed crossing through the sensors, and its truth.
+
+        The same crossing is also simulated without the perturbation. The difference is the effect of the perturbation.
+        """
+        unperturbed, walked = self.walk(name, False), self.walk(name, True)
+        alone = unperturbed_gait([self.seen(name, unperturbed, noisy=False)], 1)
+        walked_ideally, analysis = self.seen(name, walked, noisy=False), self.analysis
+        # the same crossing's stance without the perturbation, whatever the perturbation does to it
+        ideal = isolate_response(walked_ideally, alone, analysis.timing, "unperturbed")
+        exact = fit_without_offset(ideal.fitted_motion, ideal.fitted_torque)
+        return PerturbedCrossing(self.seen(name, walked, noisy=True), exact, rendered_impedance(walked, unperturbed))
+
+    def sharing(self, names: Sequence[str]) -> "StudyLaboratory":
+        """The laboratory that knows what the platform's motions share in the perturbed crossings of these names. Ideal
+        sensors tell each onset, so that it is this one."""
+        return self
+
+    def walk(self, name: str, perturbed: bool) -> SimulatedCrossing:
+        """One crossing. Its name determines its random quantities, which are the same with and without the
+        perturbation."""
+        time = motion_grid(self.gait)
+        step, effects = draw_step(name, self.settings.seed, time, self.gait), drivetrain_effects(self.settings)
+        return simulate_crossing(time, step, perturbed, True, self.gait, effects, self.p)
+
+    def seen(self, name: str, walked: SimulatedCrossing, noisy: bool) -> Crossing:
+        """Filtered angle and torque of a crossing at the markers' rate."""
+        every, rate = self.gait.rates.motion_hz // self.gait.rates.points_hz, float(self.gait.rates.points_hz)
+        signals = {"angle_noise": walked.motion.theta[::every], "torque_noise": walked.torque[::every]}
+        theta, torque = (
+            self.analysis.low_pass(signal + noisy * self.noise(name, effect, len(signal)), rate)
+            for effect, signal in signals.items()
+        )
+        step, platform = walked.step, walked.motion.platform
+        stance = Stance(step.heel_strike, step.toe_off)
+        seen = walked.time[::every], theta, torque, platform.angle[::every]
+        return Crossing(name, *seen, stance, platform.onset, 0.0, UNCHECKED, np.zeros((0, len(theta))))
+
+    def noise(self, name: str, effect: str, samples: int) -> Array:
+        """Noise of the angle [rad] from markers, or of the torque [N*m] from the plate, shape (samples,)."""
+        effects = self.gait.effects
+        sizes = {
+            "angle_noise": 1e-3 * effects.marker_noise.value / LEVER_M,
+            "torque_noise": float(np.hypot(effects.moment_noise.value, LEVER_M * effects.force_noise.value)),
+        }
+        return np.asarray(sizes[effect] * stream(self.settings.seed, name, effect).standard_normal(samples))
+
+
+@dataclass(frozen=True)
+class RecordedLaboratory(StudyLaboratory):
+    """A laboratory whose noisy crossings are recorded by markers and plate, written as C3D, ingested and analysed."""
+
+    folder: Path
+    sources: Path
+    calibration: StaticCalibration
+    plate: PlateModel
+    platform: PlatformModel = ALONE
+
+    def sharing(self, names: Sequence[str]) -> "RecordedLaboratory":
+        """As `StudyLaboratory.sharing`, from the recordings of these crossings. One that cannot be read has no part."""
+        trials = []
+        for name in names:
+            with suppress(OslAnalysisError):
+                trials.append(self.recorded(name, self.walk(name, True)))
+        return replace(self, platform=identify_platform(trials, self.calibration, self.analysis))
+
+    def recorded(self, name: str, walked: SimulatedCrossing) -> Trial:
+        """The ingested trial of a crossing, which is written as C3D first unless it already is."""
+        path = self.folder / "vicon" / f"{name}.c3d"
+        if not path.exists():
+            write_c3d(path, vicon_recording(name, self.settings.seed, scene_of(walked, self.gait), self.gait))
+        return ingested(name, self.folder, self.sources)
+
+    def seen(self, name: str, walked: SimulatedCrossing, noisy: bool) -> Crossing:
+        """As `StudyLaboratory.seen`. A noisy crossing comes from files."""
+        if not noisy:
+            return super().seen(name, walked, noisy)
+        trial, perturbed = self.recorded(name, walked), walked.motion.platform.onset is not None
+        return analyse_crossing(trial, self.calibration, self.plate, perturbed, self.analysis, self.platform)
+
+
+def calibrated(laboratory: StudyLaboratory, folder: Path, sources: Path) -> RecordedLaboratory:
+    """A laboratory that records in `folder`, after its static trial and its trials of the unloaded plate.
+
+    The foot's inertial parameters are known. Otherwise its inertia would be part of the ankle's.
     """
+    settings, gait, p = laboratory.settings, laboratory.gait, laboratory.p
+    analysis = laboratory.analysis.model_copy(update={"foot": weighed_foot(gait)})
+    rows = [{"trial": "static_1", "experiment": "static"}]
+    rows += [{"trial": f"plate_{i}", "experiment": "plate"} for i in range(PLATE_TRIALS)]
+    for row in rows:
+        simulate_walking_trial(row, settings, gait, p, folder)
+    standing, *unloaded = (ingested(row["trial"], folder, sources) for row in rows)
+    calibration = static_calibration(standing, analysis)
+    plate = identify_plate_model(unloaded, calibration, analysis)
+    return RecordedLaboratory(settings, gait, p, analysis, folder, sources, calibration, plate)
+
+
+def ingested(name: str, folder: Path, sources: Path) -> Trial:
+    """The trial of the capture `vicon/<name>.c3d` in a folder."""
+    row = {"trial": name, "mocap": f"vicon/{name}.c3d", "mocap_source": "vicon"}
+    return trial_from_files(row, folder, sources)
+
+
+def weighed_foot(gait: WalkingSettings) -> FootSettings | None:
+    """Inertial parameters of the simulated foot, as a laboratory would measure them. None if it has no mass."""
+    mass = gait.effects.foot_inertia.value
+    if mass == 0:
+        return None
+    inertia = mass * gait.foot.gyration_m[1] ** 2
+    return FootSettings(mass_kg=mass, centre_of_mass_m=gait.foot.centre_of_mass_m, inertia_kg_m2=inertia)
+
+
+def walking_rows(inputs: StudyInputs, numbers: Iterable[int], recorded: bool) -> Iterator[StudyRow]:
+    """Estimates of campaigns, by their numbers. The signals of `recorded` campaigns go through files and ingest."""
     if inputs.gait is None:
         raise InputError(
             f"{inputs.study.simulation}: names no 'walking' file, which the study of walking needs; add it as in "
             "config/simulation/default.yaml"
         )
-    laboratory, crossings = (
-        StudyLaboratory(inputs.simulation, inputs.gait, inputs.p, inputs.walking),
-        inputs.study.crossings,
-    )
+    laboratory = StudyLaboratory(inputs.simulation, inputs.gait, inputs.p, inputs.walking)
+    crossings = inputs.study.crossings
     for number in numbers:
         if not recorded:
             yield from campaign_rows(number, crossings, laboratory)
@@ -66,54 +214,35 @@ def campaign_rows(number: int, crossings: int, laboratory: StudyLaboratory) -> l
     responses = [isolate_response(one.crossing, gait, analysis.timing, analysis.perturbed_stance) for one in perturbed]
     fits = [fit_response(response) for response in responses]
     resampled, ensemble = bootstrap(responses, RESAMPLES), ensemble_response(responses).fit
-    common, rows = common_errors(responses), []
+    common = common_errors(responses)
+    rows: list[StudyRow] = []
     for quantity in QUANTITIES:
         truths = np.array([getattr(one.exact, quantity) for one in perturbed])
         rendered = np.array([one.rendered[f"{quantity}_rendered"] for one in perturbed])
         estimates = [getattr(fit, quantity) for fit in fits]
-        alone = truth_of(truths[:1], rendered[:1]) | fit_row("single perturbation", fits[0].fit, quantity)
-        mean = over_repeats(estimates, common[quantity])
-        every = truth_of(truths, rendered)
-        rows += [
-            {"trial": f"study_{number:05d}", "quantity": quantity, "bound": None, **row}
-            for row in (alone, every | mean_row(mean), every | bootstrap_row(ensemble, resampled, quantity))
-        ]
+        single, mean = fits[0].fit, over_repeats(estimates, common[quantity])
+        first, every = slice(1), slice(None)
+        made: list[tuple[str, str, slice, float, float, tuple[float, float]]] = [
+            ("single perturbation", single.interval_method, first, single[quantity], single.se(quantity),
+             single.interval(quantity)),
+            ("mean of perturbations", "Student", every, mean.mean, mean.se, (mean.low, mean.high)),
+            ("ensemble", "bootstrap", every, getattr(ensemble, quantity), resampled.se(quantity),
+             resampled.interval(quantity)),
+        ]  # fmt: skip
+        for estimator, method, which, value, se, (low, high) in made:
+            truth = float(np.mean(truths[which]))
+            error = float(np.mean(truths[which] - rendered[which]))
+            row: StudyRow = {"trial": f"study_{number:05d}", "quantity": quantity, "bound": None}
+            row |= {"truth": truth, "model_truth": truth, "model_error": error}
+            row |= {"estimator": estimator, "interval_method": method, "value": value, "se": se}
+            rows.append(row | {"low": low, "high": high})
     return rows
-
-
-def truth_of(truths: Array, rendered: Array) -> StudyRow:
-    """Mean truth of perturbations, shape (n,), and its mean difference from what the leg rendered."""
-    mean = float(np.mean(truths))
-    return {"truth": mean, "model_truth": mean, "model_error": float(np.mean(truths - rendered))}
-
-
-def fit_row(estimator: str, fit: LinearFit, quantity: str) -> StudyRow:
-    """Estimate and interval of one fit."""
-    low, high = fit.interval(quantity)
-    row = {"estimator": estimator, "interval_method": fit.interval_method, "value": fit[quantity]}
-    return row | {"se": fit.se(quantity), "low": low, "high": high}
-
-
-def mean_row(mean: Repeats) -> StudyRow:
-    """The mean over perturbations, with Student's interval."""
-    row = {"estimator": "mean of perturbations", "interval_method": "Student"}
-    return row | {"value": mean.mean, "se": mean.se, "low": mean.low, "high": mean.high}
-
-
-def bootstrap_row(ensemble: ImpedanceFit, resampled: Bootstrap, quantity: str) -> StudyRow:
-    """The fit to the mean response, with the bootstrap's interval."""
-    low, high = resampled.interval(quantity)
-    row = {"estimator": "ensemble", "interval_method": "bootstrap", "value": getattr(ensemble, quantity)}
-    return row | {"se": resampled.se(quantity), "low": low, "high": high}
 
 
 def usable(make: Callable[[str], Made], names: Iterable[str]) -> list[Made]:
     """Result of `make` for each name. Crossings that the analysis refuses are excluded, as in a recorded campaign.
 
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        All are refused. The error is that of the last one.
+    If all are refused, the error is that of the last one.
     """
     made, refused = [], None
     for name in names:

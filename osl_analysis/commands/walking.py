@@ -51,8 +51,7 @@ from osl_analysis.walking.tables import (
     with_trajectory,
 )
 
-FEWEST_PERTURBED = 2
-"""Fewest perturbations of a result."""
+FEWEST_PERTURBED = 2  # Fewest perturbations of a result
 NO_GAIT = (
     "no mean unperturbed gait under the same conditions: fewer unperturbed crossings than fewest_unperturbed are used; "
     "record more, or leave the condition empty in the sheet where unperturbed crossings serve every value"
@@ -63,12 +62,9 @@ NO_GAIT = (
 class GroupResult:
     """What a group gives to each table."""
 
-    rows: Sequence[Mapping[str, Any]]
-    """Its rows of `walking_summary.csv`."""
-    fact: Mapping[str, Any]
-    """Its row of `walking_groups.csv`."""
-    curve: pl.DataFrame | None
-    """Its responses in their window; None without a result."""
+    rows: Sequence[Mapping[str, Any]]  # Its rows of `walking_summary.csv`
+    fact: Mapping[str, Any]  # Its row of `walking_groups.csv`
+    curve: pl.DataFrame | None  # Its responses in their window; None without a result
 
 
 def group_result(
@@ -118,8 +114,7 @@ def phase_after(fact: Mapping[str, Any], time: float) -> float:
 
 HEADLINES = ("group", "quantity", "estimator", "n", "mean", "se", "low", "high", "commanded")
 FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
-STANCE = np.linspace(0, 1, 101)
-"""Phases of stance at which the commanded trajectory is drawn."""
+STANCE = np.linspace(0, 1, 101)  # Phases of stance at which the commanded trajectory is drawn
 SUMMARISED = ("K", "B", "I", "VAF")
 """Columns that a row without a fit has too: a campaign in which no perturbation can be used keeps its other results."""
 

@@ -31,8 +31,7 @@ from osl_analysis.walking.platform import Alignment, PlatformModel, PlatformTemp
 SIGNALS = ("time", "phase", "theta", "torque", "platform")
 LOAD, LOAD_LEFT = "load", "pressure_left"
 """Columns with the vertical force [N] on the foot, and the centre of pressure to the left of the ankle [m]."""
-PLATE_ERROR = "plate_error_"
-"""Prefix of the columns with the plate's errors."""
+PLATE_ERROR = "plate_error_"  # Prefix of the columns with the plate's errors
 REFUSED = "refused"
 
 
@@ -219,8 +218,7 @@ def shared_side(trials: Sequence[str], places: Places | None) -> str | None:
 
 
 FIELDS = ("template", "reason", "alignments", "triggers", "latency", "leave_out")
-NUMBERS = ("noise", "crossings", "scaled", "start_se", "start_shape")
-"""Of a shape, beside its arrays."""
+NUMBERS = ("noise", "crossings", "scaled", "start_se", "start_shape")  # Of a shape, beside its arrays
 
 
 def write_platform(model: PlatformModel, path: Path) -> None:

@@ -16,30 +16,21 @@ from osl_analysis.walking.settings import CalibrationSettings, MarkerSettings
 
 Mask = NDArray[np.bool_]
 
-COLLINEAR = 0.1
-"""Markers lie on a line if their spread across it is below this fraction of their spread along it."""
+COLLINEAR = 0.1  # Markers lie on a line if their spread across it is below this fraction of their spread along it
 BESIDE_S, FEWEST_BESIDE = 0.015, 4
 """Time [s] before and after a gap whose frames bridge it, and their smallest number on each side."""
-GRAVITY = np.array([0.0, 0.0, -9.80665])
-"""Acceleration of free fall [m/s^2] in laboratory axes, z up."""
+GRAVITY = np.array([0.0, 0.0, -9.80665])  # Acceleration of free fall [m/s^2] in laboratory axes, z up
 
 
 @dataclass(frozen=True)
 class Poses:
-    """Pose of a cluster in n frames: a point that was at x_ref [m] is now at R (x_ref - origin) + position.
+    """Pose of a cluster in n frames: a point that was at x_ref [m] is now at R (x_ref - origin) + position."""
 
-    rotation: R (n, 3, 3); as the position, NaN where the cluster was not seen.
-    position: (n, 3) [m] of the cluster's centroid.
-    origin: centroid (3,) [m] in the reference pose. An error of R does not move it, but moves distant points.
-    residual: RMS distance (n,) [m] between the markers and the rigid body.
-    bridged: frames (n,) that were interpolated.
-    """
-
-    rotation: Array
-    position: Array
-    origin: Array
-    residual: Array
-    bridged: Mask
+    rotation: Array  # R (n, 3, 3); as the position, NaN where the cluster was not seen
+    position: Array  # (n, 3) [m] of the cluster's centroid
+    origin: Array  # centroid (3,) [m] in the reference pose. An error of R does not move it, but moves distant points.
+    residual: Array  # RMS distance (n,) [m] between the markers and the rigid body
+    bridged: Mask  # frames (n,) that were interpolated
 
     def __getitem__(self, rows: slice | Mask) -> "Poses":
         return Poses(self.rotation[rows], self.position[rows], self.origin, self.residual[rows], self.bridged[rows])
@@ -180,17 +171,13 @@ def filtered_poses(poses: Poses, reference: Array, low_pass: LowPass, rate: floa
 
 @dataclass(frozen=True)
 class BodyMotion:
-    """Motion of a body and of one of its points in laboratory axes, n frames.
+    """Motion of a body and of one of its points in laboratory axes, n frames."""
 
-    rotation (n, 3, 3); angular velocity omega (n, 3) [rad/s] and acceleration alpha (n, 3) [rad/s^2]; position (n, 3)
-    [m] and acceleration (n, 3) [m/s^2] of the point.
-    """
-
-    rotation: Array
-    omega: Array
-    alpha: Array
-    point: Array
-    acceleration: Array
+    rotation: Array  # (n, 3, 3)
+    omega: Array  # angular velocity (n, 3) [rad/s]
+    alpha: Array  # angular acceleration (n, 3) [rad/s^2]
+    point: Array  # position (n, 3) [m] of the point
+    acceleration: Array  # of the point (n, 3) [m/s^2]
 
     def __getitem__(self, rows: slice) -> "BodyMotion":
         parts = (self.rotation, self.omega, self.alpha, self.point, self.acceleration)
@@ -234,17 +221,13 @@ lower by 0.1 m and more."""
 
 @dataclass(frozen=True)
 class StaticCalibration:
-    """Result of the static trial, in laboratory axes. In the static pose every segment's axes are the laboratory's.
+    """Result of the static trial, in laboratory axes. In the static pose every segment's axes are the laboratory's."""
 
-    foot, shank, platform: marker positions (3,) [m] by name. ankle_centre (3,) [m] belongs to foot and shank;
-        ankle_axis (3,) is a unit vector to the subject's left, the same for both.
-    """
-
-    foot: Vectors
+    foot: Vectors  # marker positions (3,) [m] by name, as of the other segments
     shank: Vectors
     platform: Vectors
-    ankle_centre: Array
-    ankle_axis: Array
+    ankle_centre: Array  # point (3,) [m] that belongs to the foot and to the shank
+    ankle_axis: Array  # unit vector (3,) to the subject's left, the same for foot and shank
 
 
 Calibrations = StaticCalibration | Mapping[str, StaticCalibration]
@@ -349,22 +332,16 @@ the anatomical centre is kept."""
 
 @dataclass(frozen=True)
 class Hinge:
-    """A functional hinge in the static pose: a unit vector to the left, and a point (3,) [m] of the axis.
+    """A functional hinge in the static pose."""
 
-    excursion, off_axis: RMS rotation [rad] about the axis, and about the two axes across it.
-    gap: RMS distance [m] between the centre that moves with the foot and the one that moves with the shank.
-    angle [rad], distance [m]: to the anatomical axis, and of the anatomical centre from the axis.
-    frames: number of frames in which both segments were seen.
-    """
-
-    axis: Array
-    centre: Array
-    excursion: float
-    off_axis: float
-    gap: float
-    angle: float
-    distance: float
-    frames: int
+    axis: Array  # unit vector (3,) to the left
+    centre: Array  # a point (3,) [m] of the axis
+    excursion: float  # RMS rotation [rad] about the axis
+    off_axis: float  # RMS rotation [rad] about the two axes across it
+    gap: float  # RMS distance [m] between the centre that moves with the foot and the one that moves with the shank
+    angle: float  # angle [rad] to the anatomical axis
+    distance: float  # distance [m] of the anatomical centre from the axis
+    frames: int  # number of frames in which both segments were seen
 
 
 def hinge_of_trials(trials: Sequence[Trial], static: StaticCalibration, settings: CalibrationSettings) -> Hinge:

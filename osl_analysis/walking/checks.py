@@ -27,10 +27,8 @@ from osl_analysis.walking.bodies import (
 from osl_analysis.walking.events import Stance
 from osl_analysis.walking.settings import MarkerSettings
 
-LOADED = 0.5
-"""Share of the largest force above which a sample counts as loaded."""
-FIRST, LAST = 0.1, 0.9
-"""Phases of stance between which the shank leans forward."""
+LOADED = 0.5  # Share of the largest force above which a sample counts as loaded
+FIRST, LAST = 0.1, 0.9  # Phases of stance between which the shank leans forward
 LATE = (0.5, 0.9)
 """Phases of stance in which the foot pushes: the internal moment is a plantarflexion moment in every gait."""
 SIDE_REMEDY = (
@@ -79,13 +77,10 @@ def check_push(phase: Array, torque: Array) -> None:
         )
 
 
-MOST_FRAMES = 40
-"""Frames in which exchanges are tried, spread over those that are not rigid as labelled."""
-FEWEST_FRAMES = 5
-"""Fewest frames that are not rigid: single ones are a matter of noise, not of labels."""
+MOST_FRAMES = 40  # Frames in which exchanges are tried, spread over those that are not rigid as labelled
+FEWEST_FRAMES = 5  # Fewest frames that are not rigid: single ones are a matter of noise, not of labels
 
-Positions = dict[str, Array]
-"""Positions by label: (n, 3) [m] in n frames, or (3,) [m] in the static trial."""
+Positions = dict[str, Array]  # Positions by label: (n, 3) [m] in n frames, or (3,) [m] in the static trial
 
 
 def exchanged_labels(
@@ -138,8 +133,7 @@ def residuals(cluster: Positions, tracks: Positions) -> Array:
     return np.nan_to_num(cluster_poses(np.array(list(cluster.values())), observed).residual)
 
 
-LARGEST_DELAY_S = 0.05
-"""Largest delay [s] between the clocks; beyond it they are not aligned."""
+LARGEST_DELAY_S = 0.05  # Largest delay [s] between the clocks; beyond it they are not aligned
 NEWTON_STEPS = 8
 FEWEST_SAMPLES = 30
 
@@ -198,8 +192,7 @@ def encoder_check(trial: Trial, time: Array, theta: Array, low_pass: LowPass) ->
     return compare_encoder(time, theta, own.time, own["theta"], low_pass, own.usable)
 
 
-UP, DOWN = "up", "down"
-"""Names of the directions in sheet and tables: toes up (dorsiflexion), and toes down."""
+UP, DOWN = "up", "down"  # Names of the directions in sheet and tables: toes up (dorsiflexion), and toes down
 
 
 def platform_turn(time: Array, platform: Poses, axis: Array, window: tuple[float, float]) -> float:
@@ -225,8 +218,7 @@ def check_direction(trial: str, stated: str | None, turn: float | None) -> None:
     )
 
 
-BEFORE_S = 0.1
-"""Length [s] of the interval before heel strike in which the platform rests."""
+BEFORE_S = 0.1  # Length [s] of the interval before heel strike in which the platform rests
 
 
 def check_translation(time: Array, platform: Poses, stance: Stance, largest: float) -> None:
@@ -251,8 +243,7 @@ def check_translation(time: Array, platform: Poses, stance: Stance, largest: flo
 
 DISAGREE = 0.1
 """Share by which the masses of sheet and recording may differ: clothes, shoes and the leg weigh something."""
-POSSIBLE_KG = (10.0, 300.0)
-"""Body masses [kg] of people."""
+POSSIBLE_KG = (10.0, 300.0)  # Body masses [kg] of people
 
 
 def body_mass(trial: Trial, sheet: float | None, configured: float | None = None) -> float | None:

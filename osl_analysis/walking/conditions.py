@@ -18,10 +18,8 @@ class GroupSettings(Settings):
     group_by: tuple[GroupKey, ...] = ()
     """Conditions by which results are always split. A campaign that differs in another condition is split by it too,
     unless `pool` names it. Opposite directions are joined by half their difference, unless they are named here."""
-    pool: tuple[PoolKey, ...] = ()
-    """Conditions in which crossings of one result may differ."""
-    timing_scatter: Positive = 0.05
-    """Largest SD of the onset's phase, as a share of stance, of one timing."""
+    pool: tuple[PoolKey, ...] = ()  # Conditions in which crossings of one result may differ
+    timing_scatter: Positive = 0.05  # Largest SD of the onset's phase, as a share of stance, of one timing
 
     @model_validator(mode="after")
     def _split_or_pooled(self) -> Self:
@@ -35,15 +33,12 @@ STATED = ("group", "subject", "session", "side", "speed", "K_d", "B_d")
 """Columns of the sheet that can split results. Each value has a mean unperturbed gait of its own."""
 OF_EVERY_CROSSING = ("subject", "session", "side", "speed")
 """Conditions that an unperturbed crossing has too. In the others, its empty cell means: it serves every value."""
-ALL = "all"
-"""Name of the group and of the gait of a campaign that is not split."""
+ALL = "all"  # Name of the group and of the gait of a campaign that is not split
 
 PERTURBED = "perturbed"
 
-Cells = Mapping[str, object]
-"""Cells of one row of the sheet, by column: `STATED` and `PERTURBED`; None where empty."""
-Sheet = Mapping[str, Cells]
-"""Cells of crossings, by trial."""
+Cells = Mapping[str, object]  # Cells of one row of the sheet, by column: `STATED` and `PERTURBED`; None where empty
+Sheet = Mapping[str, Cells]  # Cells of crossings, by trial
 
 
 def split_keys(sheet: Sheet, settings: GroupSettings) -> list[str]:
@@ -125,8 +120,7 @@ def pooled(names: Iterable[str], sheet: Sheet) -> str:
 
 SHARED = ("subject", "session", "side")
 """Conditions that a trial shares with its static trial. An empty cell matches every value."""
-STATIC = "static"
-"""Column of the sheet that names the static trial of a trial."""
+STATIC = "static"  # Column of the sheet that names the static trial of a trial
 
 
 def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:

@@ -63,8 +63,7 @@ from osl_analysis.walking.platform import (
 from osl_analysis.walking.platform_motion import PlatformTrack
 from osl_analysis.walking.settings import CrossingSettings
 
-EDGE_S = 0.1
-"""Length [s] of the recording before and after a stance that the low-pass needs, where it is available."""
+EDGE_S = 0.1  # Length [s] of the recording before and after a stance that the low-pass needs, where it is available
 
 
 def rows_of_stance(time: Array, poses: Mapping[str, Poses], stance: Stance) -> slice:
@@ -101,57 +100,37 @@ def check_gaps(name: str, time: Array, poses: Poses, window: tuple[float, float]
         )
 
 
-FEWEST_SAMPLES = 6
-"""Samples that a spline of fifth degree needs."""
+FEWEST_SAMPLES = 6  # Samples that a spline of fifth degree needs
 
 
 @dataclass(frozen=True)
 class CrossingQuality:
-    """Numbers that show the quality of a crossing.
+    """Numbers that show the quality of a crossing."""
 
-    residuals: RMS distance [m], in stance, of each cluster's markers from their rigid body.
-    zero: vertical force [N] of the plate before the step, which was removed; None if no zero was removed.
-    placement: position (2,) [m] of the ankle, forward and to the left of the plate's centre, while the foot is flat.
-    encoder: comparison with the leg's own encoder; None without a column theta.
-    outside: largest distance [m] by which a foot marker lies outside the plate while the foot is flat.
-    """
-
-    residuals: Mapping[str, float]
-    zero: float | None
-    placement: tuple[float, float]
-    encoder: EncoderCheck | None
-    outside: float = 0.0
+    residuals: Mapping[str, float]  # RMS distance [m], in stance, of each cluster's markers from their rigid body
+    zero: float | None  # vertical force [N] of the plate before the step, which was removed; None if none was
+    placement: tuple[float, float]  # of the ankle [m], forward and left of the plate's centre, while the foot is flat
+    encoder: EncoderCheck | None  # comparison with the leg's own encoder; None without a column theta
+    outside: float = 0.0  # largest distance [m] by which a foot marker lies outside the plate while the foot is flat
 
 
 @dataclass(frozen=True)
 class Crossing:
-    """Ankle angle and torque of one crossing, n samples at the marker rate.
-
-    theta, torque: joint angle (n,) [rad], and internal plantarflexion moment (n,) [N*m].
-    platform: rotation (n,) [rad] of the platform, not filtered.
-    onset: of the perturbation [s]; None without one.
-    bridged: fraction of the frames in stance in which a hidden cluster was interpolated.
-    plate_errors: changes (m, n) [N*m] of the torque if the plate's model is identified without the i-th of m plate
-        trials. With a single plate trial m = 0.
-    load: ground reaction on the foot; None if it is not known.
-    turn: largest turn [rad] of the platform about the ankle's axis in the window, toes up positive; None if unperturbed
-        or unknown.
-    body_mass: [kg]; None if nobody states it.
-    """
+    """Ankle angle and torque of one crossing, n samples at the marker rate."""
 
     name: str
     time: Array
-    theta: Array
-    torque: Array
-    platform: Array
+    theta: Array  # joint angle (n,) [rad]
+    torque: Array  # internal plantarflexion moment (n,) [N*m]
+    platform: Array  # rotation (n,) [rad] of the platform, not filtered
     stance: Stance
-    onset: float | None
-    bridged: float
+    onset: float | None  # of the perturbation [s]; None without one
+    bridged: float  # fraction of the frames in stance in which a hidden cluster was interpolated
     quality: CrossingQuality
-    plate_errors: Array
-    load: Load | None = None
-    turn: float | None = None
-    body_mass: float | None = None
+    plate_errors: Array  # changes (m, n) [N*m] of the torque without the i-th of m plate trials; m = 0 with one
+    load: Load | None = None  # ground reaction on the foot; None if it is not known
+    turn: float | None = None  # largest [rad] of the platform about the ankle in the window, toes up; None: unknown
+    body_mass: float | None = None  # [kg]; None if nobody states it
 
     def __post_init__(self) -> None:
         for signal in ("time", "theta", "torque", "plate_errors"):
@@ -181,22 +160,15 @@ class RefusedCrossing:
 
 @dataclass(frozen=True)
 class FilteredCrossing:
-    """A crossing through the low-pass, in n rows of its marker frames: the rows of stance.
-
-    What the plate's model and the platform's motion do not change is computed once: a crossing asks for its torque with
-    each of some fifteen models, whose scatter is the torque's error.
-
-    poses: filtered poses by segment, in these rows.
-    plate: the plate's wrench at all frames, not filtered.
-    track: the platform's own coordinates in the run of seen frames about the first row.
-    centre: the plate's centre (3,) [m] at rest.
-    """
+    """A crossing through the low-pass, in n rows of its marker frames: the rows of stance. What the plate's model and
+    the platform's motion do not change is computed once: a crossing asks for its torque with each of some fifteen
+    models, whose scatter is the torque's error."""
 
     rows: slice
-    poses: Mapping[str, Poses]
-    plate: WrenchAtFrames
-    track: PlatformTrack
-    centre: Array
+    poses: Mapping[str, Poses]  # filtered poses by segment, in these rows
+    plate: WrenchAtFrames  # the plate's wrench at all frames, not filtered
+    track: PlatformTrack  # the platform's own coordinates in the run of seen frames about the first row
+    centre: Array  # the plate's centre (3,) [m] at rest
     calibration: StaticCalibration
     settings: CrossingSettings
 
@@ -283,19 +255,15 @@ def analyse_crossing(
 
 @dataclass(frozen=True)
 class RecordedCrossing:
-    """A crossing before it is filtered, at the marker frames (k,) [s].
-
-    poses: by segment, in all frames.
-    plate, zero: the plate's wrench without its zero, and the zero's vertical force [N]; None if none was removed.
-    """
+    """A crossing before it is filtered, at the marker frames (k,) [s]."""
 
     trial: Trial
     calibration: StaticCalibration
     settings: CrossingSettings
     time: Array
-    poses: Mapping[str, Poses]
-    plate: WrenchAtFrames
-    zero: float | None
+    poses: Mapping[str, Poses]  # by segment, in all frames
+    plate: WrenchAtFrames  # the plate's wrench without its zero
+    zero: float | None  # the zero's vertical force [N]; None if none was removed
     stance: Stance
 
     @classmethod

@@ -46,11 +46,9 @@ CROSSINGS_PER_PREDICTOR, CROSSINGS_BESIDE = 3, 4
 
 @dataclass(frozen=True)
 class Prediction:
-    """The predictors that were chosen, names in `BEHAVIOUR`; none: the mean is at least as good.
-
-    share: share of the unperturbed crossings' deviations in the window, as a mean square of the torque that they add to
-        the residual of Eq. 15, that is predicted for crossings without which the regression was computed.
-    """
+    """The predictors that were chosen, names in `BEHAVIOUR`; none: the mean is at least as good. The share is that of
+    the unperturbed crossings' deviations in the window, as a mean square of the torque that they add to the residual of
+    Eq. 15, that is predicted for crossings without which the regression was computed."""
 
     predictors: Predictors = ()
     share: float = 0.0
@@ -131,8 +129,7 @@ def left_out_error(behaviour: Array, curves: Array) -> float:
     return float(np.mean(((curves - hat @ curves) / alone[:, None]) ** 2))
 
 
-SEED = 20
-"""Seed of the bootstrap: the same data give the same interval."""
+SEED = 20  # Seed of the bootstrap: the same data give the same interval
 
 
 @dataclass(frozen=True)
@@ -332,21 +329,14 @@ Result = tuple[EnsembleResponse, Bootstrap]
 
 @dataclass(frozen=True)
 class Headline:
-    """Result of one group.
-
-    common: errors that all single fits share, by quantity.
-    symmetry: comparison of the directions; None if there is one only.
-    baseline: `mean` or `predicted`: which of both the settings name.
-    prediction: how the behaviour before the onset predicts the unperturbed course.
-    mean_gait, predicted_gait: the ensemble and its bootstrap with either baseline.
-    """
+    """Result of one group."""
 
     responses: Sequence[PerturbationResponse]
-    common: Mapping[str, Sequence[CommonError]]
-    symmetry: Symmetry | None
-    baseline: str
-    prediction: Prediction
-    mean_gait: Result
+    common: Mapping[str, Sequence[CommonError]]  # errors that all single fits share, by quantity
+    symmetry: Symmetry | None  # comparison of the directions; None if there is one only
+    baseline: str  # `mean` or `predicted`: which of both the settings name
+    prediction: Prediction  # how the behaviour before the onset predicts the unperturbed course
+    mean_gait: Result  # the ensemble and its bootstrap with this baseline
     predicted_gait: Result
 
     @property

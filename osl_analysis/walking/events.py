@@ -8,19 +8,14 @@ from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 from osl_analysis.walking.settings import Timing
 
-REST_S = 0.1
-"""Length [s] of the interval before the first motion in which the platform rests."""
-FITTED_NOISE = 25.0
-"""The start of a rotation is fitted up to this multiple of the noise at rest (standard deviation)."""
+REST_S = 0.1  # Length [s] of the interval before the first motion in which the platform rests
+FITTED_NOISE = 25.0  # The start of a rotation is fitted up to this multiple of the noise at rest (standard deviation)
 SMALLEST_PART, LARGEST_PART = 0.03, 0.25
 """Limits of the fitted part, as fractions of the whole rotation. A smaller part follows a power of time more closely. A
 larger part is less affected by noise."""
-FEWEST_FRAMES = 4
-"""Smallest number of frames of the fitted start that determines its power."""
-POWERS = np.arange(1.0, 4.01, 0.25)
-"""Powers of time that are tried. 1 is a straight ramp."""
-START_STEP_S = 0.0002
-"""Resolution [s] of the onset."""
+FEWEST_FRAMES = 4  # Smallest number of frames of the fitted start that determines its power
+POWERS = np.arange(1.0, 4.01, 0.25)  # Powers of time that are tried. 1 is a straight ramp.
+START_STEP_S = 0.0002  # Resolution [s] of the onset
 
 
 @dataclass(frozen=True)

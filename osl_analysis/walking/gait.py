@@ -25,26 +25,20 @@ from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.settings import StanceSource
 
-MOST_NAMED = 8
-"""Most crossings that a message names."""
+MOST_NAMED = 8  # Most crossings that a message names
 PHASES = np.linspace(0.0, 1.0, 401)
 """Phases of stance at which unperturbed crossings are sampled, finer than the markers' frames."""
 
 
 @dataclass(frozen=True)
 class UnperturbedGait:
-    """Unperturbed crossings at `PHASES`: 0 at heel strike, 1 at toe-off.
-
-    theta, torque: angle [rad] and torque [N*m] of the ankle (crossings, phases).
-    stance: duration of stance (crossings,) [s].
-    plate_errors: (m, crossings, phases) [N*m], as in `Crossing`.
-    """
+    """Unperturbed crossings at `PHASES`: 0 at heel strike, 1 at toe-off."""
 
     names: tuple[str, ...]
-    theta: Array
-    torque: Array
-    stance: Array
-    plate_errors: Array
+    theta: Array  # angle of the ankle (crossings, phases) [rad]
+    torque: Array  # (crossings, phases) [N*m]
+    stance: Array  # duration of stance (crossings,) [s]
+    plate_errors: Array  # (m, crossings, phases) [N*m], as in `Crossing`
 
 
 def unperturbed_gait(
@@ -101,12 +95,9 @@ def at_phases(curves: Array, phase: Array) -> Array:
     return np.asarray(make_interp_spline(PHASES, curves, k=3, axis=-1)(phase))
 
 
-ORDERS = tuple(range(1, 9))
-"""Orders of the polynomials among which that of the drift is chosen."""
-STRIDE = 4
-"""Every fourth phase is compared: a low-pass of 20 Hz leaves no more in an angle."""
-SMALLEST, LARGEST = 0.75, 1.33
-"""Bounds of a scale."""
+ORDERS = tuple(range(1, 9))  # Orders of the polynomials among which that of the drift is chosen
+STRIDE = 4  # Every fourth phase is compared: a low-pass of 20 Hz leaves no more in an angle
+SMALLEST, LARGEST = 0.75, 1.33  # Bounds of a scale
 STEPS, LONGEST_STEP, LAST_STEP = 15, 0.05, 1e-6
 """Largest number of steps to a scale, the longest step, and the step that ends the search."""
 
@@ -177,24 +168,17 @@ def second_coefficient(first: Array, second: Array, values: Array, smallest: flo
     return np.where(some, numerator, np.nan) / np.where(some, alone, 1.0)
 
 
-BEFORE_ONSET_S = 0.03
-"""Time [s] before the onset at which the matching ends: the filter spreads the response into it."""
-FEWEST_PHASES = 20
-"""Fewest of the `PHASES` before the onset from which a pace is read: 5 % of stance."""
+BEFORE_ONSET_S = 0.03  # Time [s] before the onset at which the matching ends: the filter spreads the response into it
+FEWEST_PHASES = 20  # Fewest of the `PHASES` before the onset from which a pace is read: 5 % of stance
 
 
 @dataclass(frozen=True)
 class AlignedGait:
-    """How a perturbed crossing and the unperturbed ones lie on the mean gait.
+    """How a perturbed crossing and the unperturbed ones lie on the mean gait."""
 
-    stance: duration of stance [s] of the perturbed crossing that converts time to phase.
-    scales: phase of the mean gait over own phase (crossings,), of each unperturbed crossing.
-    expected: stance [s] that the gait before the onset leads to expect; NaN if it is like the mean gait at no pace.
-    """
-
-    stance: float
-    scales: Array
-    expected: float
+    stance: float  # duration of stance [s] of the perturbed crossing that converts time to phase
+    scales: Array  # phase of the mean gait over own phase (crossings,), of each unperturbed crossing
+    expected: float  # stance [s] that the gait before the onset leads to expect; NaN: it is like the mean at no pace
 
     def curves(self, unperturbed: Array, phase: Array) -> Array:
         """The unperturbed curves (crossings, `PHASES`) at phases (k,) of the mean gait: (crossings, k)."""

@@ -20,8 +20,7 @@ from osl_analysis.walking.settings import OvergroundAnalysis
 
 SIDES: dict[Side, str] = {"left": "L", "right": "R"}
 SHORTEST_STANCE_S = 0.3
-ON_PLATE = 0.5
-"""A stance belongs to the foot whose ankle is over the plate in more than this part of its frames."""
+ON_PLATE = 0.5  # A stance belongs to the foot whose ankle is over the plate in more than this part of its frames
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,8 @@ from osl_analysis.walking.bodies import GRAVITY, Poses
 from osl_analysis.walking.events import Stance
 from osl_analysis.walking.settings import CrossingSettings
 
-ANTI_ALIAS = 1 / 3
-"""Cut-off of the low-pass before resampling, as a fraction of the marker rate."""
-LEVEL = 0.8
-"""Smallest vertical part of a plate's normal: ramps and stairs are less steep."""
+ANTI_ALIAS = 1 / 3  # Cut-off of the low-pass before resampling, as a fraction of the marker rate
+LEVEL = 0.8  # Smallest vertical part of a plate's normal: ramps and stairs are less steep
 CLIPPED_S = 0.02
 """A force that keeps its largest value for this time [s] has reached the plate's limit. Noise and gait never do so."""
 
@@ -197,10 +195,8 @@ def ankle_torque(reaction: PlateWrench, plate_centre: Array, ankle: Array, axis:
     return np.asarray(-np.sum(about_ankle * axis, axis=1))
 
 
-STANDS_S = 0.1
-"""A raw channel that repeats one value for this time [s] while the force changes is dead."""
-LARGEST_FORCE = 8000.0
-"""Vertical force [N] that no walking person causes: ten times the weight of 80 kg."""
+STANDS_S = 0.1  # A raw channel that repeats one value for this time [s] while the force changes is dead
+LARGEST_FORCE = 8000.0  # Vertical force [N] that no walking person causes: ten times the weight of 80 kg
 
 
 def check_plate(trial: Trial, plate: int, stance: Stance, vertical: Array) -> None:
@@ -255,10 +251,8 @@ def recorded_plate(trial: Trial, plate: int) -> Mapping[str, Any]:
     return found[0] if found else {}
 
 
-PRESSED = 100.0
-"""Vertical force [N] from which there is a centre of pressure."""
-SINGLE_SUPPORT = (0.2, 0.8)
-"""Phases of stance in which one foot carries the body."""
+PRESSED = 100.0  # Vertical force [N] from which there is a centre of pressure
+SINGLE_SUPPORT = (0.2, 0.8)  # Phases of stance in which one foot carries the body
 
 
 @dataclass(frozen=True)

@@ -55,26 +55,19 @@ PLANAR = ("m", "mc_x", "mc_z", "I_yy")
 EXCITED = 0.02
 """An axis counts as excited if its RMS angular acceleration is this fraction of the largest. Motion along its few
 directions leaves less than 0.005 of it about an axis that does not turn."""
-LEVER = 0.1
-"""Weight [m] of forces relative to moments: about the height of the ankle, a force's lever about it."""
+LEVER = 0.1  # Weight [m] of forces relative to moments: about the height of the ankle, a force's lever about it
 WEIGHT = np.array([LEVER] * 3 + [1.0] * 3)
-LARGEST_NOISE_SHARE = 0.5
-"""Largest share of noise in the columns' squares that is corrected."""
+LARGEST_NOISE_SHARE = 0.5  # Largest share of noise in the columns' squares that is corrected
 
 
 @dataclass(frozen=True)
 class PlateInertia:
-    """Inertial parameters of the plate, (10,) in the order of `PARAMETERS` [kg, kg*m, kg*m^2], with standard errors;
-    both 0 where they were not excited.
+    """Inertial parameters of the plate."""
 
-    rms_before, rms_after: RMS wrench (6,) [N, N*m] of the unloaded plate, minus its mean, as read, and without the
-    plate's own.
-    """
-
-    parameters: Array
-    standard_errors: Array
-    rms_before: Array
-    rms_after: Array
+    parameters: Array  # (10,) in the order of `PARAMETERS` [kg, kg*m, kg*m^2]; 0 where they were not excited
+    standard_errors: Array  # (10,); 0 where they were not excited
+    rms_before: Array  # RMS wrench (6,) [N, N*m] of the unloaded plate as read, minus its mean
+    rms_after: Array  # the same without the plate's own wrench
 
     @property
     def identified(self) -> tuple[str, ...]:
@@ -249,38 +242,25 @@ HIDDEN_TURN = np.deg2rad(0.2)
 
 HIDDEN = "the platform turned while its markers were hidden; fill the gap in Nexus, or record it again"
 CUT = "the recording begins or ends while the platform moves; record from rest to rest"
-EDGE_S = 0.05
-"""Time [s] at each end of a recording in which a platform that moves is seen."""
-STILL = 7.0
-"""A platform moves at an end if its speed there is above this multiple of its standard error."""
+EDGE_S = 0.05  # Time [s] at each end of a recording in which a platform that moves is seen
+STILL = 7.0  # A platform moves at an end if its speed there is above this multiple of its standard error
 
 
 @dataclass(frozen=True)
 class UnloadedRecording:
-    """A trial of an unloaded, moving plate.
-
-    time: the marker frames (n,) [s].
-    rows: the longest run of frames in which the platform was seen, without a motion that the recording cuts.
-    track: the platform's coordinates in these rows.
-    motion: motion of the plate's centre in these rows, through the low-pass of the crossings.
-    centre: the plate's centre (3,) [m] at rest.
-    recorded: the plate's wrench as sampled.
-    low_pass, plate_low_pass: the filter of the crossings, and the further one of the identification.
-    unusable: why the trial shows nothing of the plate, for a message; empty if it does.
-    noise: weighted squares (10, 10) of the marker noise in the columns of the regression.
-    """
+    """A trial of an unloaded, moving plate."""
 
     name: str
-    time: Array
-    rows: slice
-    track: PlatformTrack
-    motion: BodyMotion
-    centre: Array
-    recorded: RecordedWrench
-    low_pass: LowPass
-    plate_low_pass: LowPass
-    unusable: str
-    noise: Array
+    time: Array  # the marker frames (n,) [s]
+    rows: slice  # the longest run of frames in which the platform was seen, without a motion that the recording cuts
+    track: PlatformTrack  # the platform's coordinates in these rows
+    motion: BodyMotion  # motion of the plate's centre in these rows, through the low-pass of the crossings
+    centre: Array  # the plate's centre (3,) [m] at rest
+    recorded: RecordedWrench  # the plate's wrench as sampled
+    low_pass: LowPass  # of the crossings
+    plate_low_pass: LowPass  # the further one of the identification
+    unusable: str  # why the trial shows nothing of the plate, for a message; empty if it does
+    noise: Array  # weighted squares (10, 10) of the marker noise in the columns of the regression
 
     @classmethod
     def shared(cls, recordings: "Sequence[UnloadedRecording]") -> "list[UnloadedRecording]":
@@ -388,20 +368,14 @@ NOT_REMOVED = "walking.plate_inertia is none"
 
 @dataclass(frozen=True)
 class PlateModel:
-    """The plate's inertia, and its lag [s] behind the markers: the mean of the `lags` (k,) of the trials that show one,
-    None where it is unknown, and then not corrected.
-
-    lag_se: standard error [s] of the lag; None with fewer than two lags.
-    leave_one_out: the model without each trial in turn, for the jackknife; empty with a single trial.
-    lag_reason: why the lag is unknown.
-    """
+    """The plate's inertia and its lag behind the markers."""
 
     inertia: PlateInertia
-    lag: float | None
-    lag_se: float | None
-    lags: Array
-    leave_one_out: "tuple[PlateModel, ...]" = ()
-    lag_reason: str | None = None
+    lag: float | None  # the mean of the lags [s]; None where it is unknown, and then not corrected
+    lag_se: float | None  # standard error [s] of the lag; None with fewer than two lags
+    lags: Array  # (k,) [s] of the trials that show one
+    leave_one_out: "tuple[PlateModel, ...]" = ()  # the model without each trial, for the jackknife; empty with one
+    lag_reason: str | None = None  # why the lag is unknown
 
     @property
     def delay(self) -> float:

@@ -31,72 +31,46 @@ from osl_analysis.walking.plate import rotation_from_rest
 from osl_analysis.walking.platform_motion import PlatformTrack, directions, gate, noise_gain, shared_directions
 from osl_analysis.walking.settings import PlatformMotionSettings, PlatformSettings
 
-LEAD_S = 0.15
-"""Time [s] before the middle of the rise at which the shape begins."""
-KNOT_S = 0.01
-"""Distance [s] between the knots of the shape: 50 Hz, beyond the low-pass of the analysis."""
-GRID_S = 0.002
-"""Step [s] of the shape as it is stored."""
-ROUNDS = 6
-"""Alternations of shape and alignment. A start that is 5 ms off is right to 1e-5 s after four."""
-LARGEST_STEP_S = 0.02
-"""Largest change [s] of a start in one step of Gauss and Newton."""
+LEAD_S = 0.15  # Time [s] before the middle of the rise at which the shape begins
+KNOT_S = 0.01  # Distance [s] between the knots of the shape: 50 Hz, beyond the low-pass of the analysis
+GRID_S = 0.002  # Step [s] of the shape as it is stored
+ROUNDS = 6  # Alternations of shape and alignment. A start that is 5 ms off is right to 1e-5 s after four.
+LARGEST_STEP_S = 0.02  # Largest change [s] of a start in one step of Gauss and Newton
 UNLIKE = 4.0
 """A crossing does not follow the shape if its misfit lies this many standard deviations above that of noise."""
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """How one crossing follows the shape.
-
-    start, start_se: when the motion starts [s], and the standard error from the marker noise of this crossing. What all
-        share is in `PlatformTemplate`.
-    amplitude: size of the motion, 1 on average, negative in the other direction.
-    duration, duration_se: time scale of the motion, 1 on average, and for all where it does not scatter.
-    shared: covariance [s] of the errors of start and time scale.
-    offset: coordinates (r,) [m] at rest.
-    misfit, follows: mean square of the filtered difference between motion and shape over that of noise; whether it is
-        noise's.
-    """
+    """How one crossing follows the shape."""
 
     name: str
-    start: float
-    start_se: float
-    amplitude: float
-    duration: float
+    start: float  # when the motion starts [s]
+    start_se: float  # by this crossing's marker noise [s]; what all share is in `PlatformTemplate`
+    amplitude: float  # size of the motion, 1 on average, negative in the other direction
+    duration: float  # time scale of the motion, 1 on average, and for all where it does not scatter
     duration_se: float
-    shared: float
-    offset: Array
-    misfit: float
-    follows: bool
+    shared: float  # covariance [s] of the errors of start and time scale
+    offset: Array  # coordinates (r,) [m] at rest
+    misfit: float  # mean square of the filtered difference between motion and shape, over that of noise
+    follows: bool  # whether the misfit is noise's
 
 
-Pairs = Sequence[tuple[PlatformTrack, Alignment]]
-"""Motions with their alignments."""
+Pairs = Sequence[tuple[PlatformTrack, Alignment]]  # Motions with their alignments
 
 
 @dataclass(frozen=True)
 class PlatformTemplate:
-    """The shape that motions of the platform share.
+    """The shape that motions of the platform share."""
 
-    axes: directions (r, 6) of the motion, as in `PlatformTrack`.
-    time: grid (g,) [s] from the start of the motion.
-    shape: coordinates (g, r) [m] from rest, of a motion of amplitude 1.
-    noise: standard deviation [m] of the noise in one frame of a crossing.
-    crossings: number of crossings whose mean the shape is.
-    scaled: whether the duration of the motion differs between crossings.
-    start_se: standard error [s] of the start of the shape, which shifts the start of every crossing alike.
-    start_shape: [s], as `shape` of `RiseStart`.
-    """
-
-    axes: Array
-    time: Array
-    shape: Array
-    noise: float
-    crossings: int
-    scaled: bool
-    start_se: float = 0.0
-    start_shape: float = 0.0
+    axes: Array  # directions (r, 6) of the motion, as in `PlatformTrack`
+    time: Array  # grid (g,) [s] from the start of the motion
+    shape: Array  # coordinates (g, r) [m] from rest, of a motion of amplitude 1
+    noise: float  # standard deviation [m] of the noise in one frame of a crossing
+    crossings: int  # number of crossings whose mean the shape is
+    scaled: bool  # whether the duration of the motion differs between crossings
+    start_se: float = 0.0  # standard error [s] of the shape's start, which shifts that of every crossing alike
+    start_shape: float = 0.0  # [s], as `shape` of `RiseStart`
 
     @cached_property
     def spline(self) -> BSpline:
@@ -200,22 +174,17 @@ EXCLUDED = 9.0
 """A step is excluded if its chi-square is larger than the least by more than this: 1 in 400 by noise alone."""
 FITTED = 0.7
 """Share of the rise that is fitted. The half of it tells the start a third less well. The end may overshoot."""
-PLATEAU = 0.95
-"""Share of the largest displacement from which a rise has ended."""
+PLATEAU = 0.95  # Share of the largest displacement from which a rise has ended
 
 
 @dataclass(frozen=True)
 class RiseStart:
-    """The start [s] of a mean rise, and its standard error [s] from noise.
+    """The start of a mean rise."""
 
-    shape: largest change [s] of the start by another smooth step that fits as well, 0 if none does. Not in `se`.
-    kind: the smooth step that was fitted, of `KINDS`.
-    """
-
-    time: float
-    se: float
-    shape: float
-    kind: int
+    time: float  # [s]
+    se: float  # its standard error [s] from noise
+    shape: float  # largest change [s] of it by another smooth step that fits as well, else 0; not in `se`
+    kind: int  # the smooth step that was fitted, of `KINDS`
 
 
 def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
@@ -255,8 +224,7 @@ def fitted_step(time: Array, share: Array, guess: Array, noise: float, p: int) -
 CHANCE = 1e-3
 """The duration of the motion is free where noise alone would scatter it as much with this probability only;
 a trigger's latency is constant unless the starts' noise would scatter it as much with less."""
-FEWEST = 2
-"""Fewest crossings whose mean is a shape."""
+FEWEST = 2  # Fewest crossings whose mean is a shape
 
 
 def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[PlatformTemplate, list[Alignment]]:
@@ -326,8 +294,7 @@ def common_directions(tracks: Sequence[PlatformTrack], ends: tuple[float, float]
     return directions(moved, noise, tracks[0].low_pass, tracks[0].rate)
 
 
-GROUPS = 10
-"""Largest number of groups of crossings that are left out in turn, for the jackknife of the shape."""
+GROUPS = 10  # Largest number of groups of crossings that are left out in turn, for the jackknife of the shape
 
 
 def without_groups(
@@ -358,10 +325,8 @@ def jackknife_rows(plate: Sequence[Array], platform: Sequence[Array]) -> Array:
 
 
 COLUMN = "trigger"
-SMALLEST_LEVEL_V = 0.5
-"""Smallest difference [V] between the trigger's levels that is an edge."""
-FEWEST_TRIGGERS = 3
-"""Fewest crossings with a trigger from which a latency is judged."""
+SMALLEST_LEVEL_V = 0.5  # Smallest difference [V] between the trigger's levels that is an edge
+FEWEST_TRIGGERS = 3  # Fewest crossings with a trigger from which a latency is judged
 
 
 @dataclass(frozen=True)
@@ -375,19 +340,14 @@ class TriggerEdge:
 
 @dataclass(frozen=True)
 class TriggerLatency:
-    """Mean and scatter [s] over crossings of the platform's motion behind its trigger.
-
-    template_se: standard error [s] with which the shared shape shows the start of one crossing.
-    resolution: standard deviation [s] of an edge that is known to one sample.
-    used: whether the latency is constant, so that the trigger tells the onset.
-    """
+    """Mean and scatter [s] over crossings of the platform's motion behind its trigger."""
 
     mean: float
     sd: float
-    template_se: float
-    resolution: float
+    template_se: float  # standard error [s] with which the shared shape shows the start of one crossing
+    resolution: float  # standard deviation [s] of an edge that is known to one sample
     crossings: int
-    used: bool
+    used: bool  # whether the latency is constant, so that the trigger tells the onset
 
 
 def trigger_edge(trial: Trial) -> TriggerEdge | None:
@@ -423,8 +383,7 @@ def trigger_latency(
     return TriggerLatency(mean, sd, template_se, float(resolution), len(late), bool(constant))
 
 
-FADE_S = 0.025
-"""Time [s] over which the shape gives way to a crossing's own motion, at the shape's end."""
+FADE_S = 0.025  # Time [s] over which the shape gives way to a crossing's own motion, at the shape's end
 
 NUMBERS = (
     "onset_s", "template_onset_s", "template_onset_se_s", "shared_onset_se_s", "onset_shape_s", "amplitude", "duration",
@@ -441,21 +400,14 @@ PLATFORM_COLUMNS = (
 
 @dataclass(frozen=True)
 class PlatformModel:
-    """What the platform's motions have in common.
+    """What the platform's motions have in common."""
 
-    template, reason: the shape, or why there is none.
-    alignments: how each perturbed crossing follows it, by trial.
-    triggers: time [s] of the trigger's edge, by trial, where it is recorded.
-    latency: of the motion behind the trigger; None where no trigger is recorded, or no shape shared.
-    leave_out: the shape without each of up to ten groups of crossings.
-    """
-
-    template: PlatformTemplate | None
-    reason: str | None
-    alignments: dict[str, Alignment]
-    triggers: dict[str, float]
-    latency: TriggerLatency | None
-    leave_out: tuple[PlatformTemplate, ...] = ()
+    template: PlatformTemplate | None  # the shape
+    reason: str | None  # why there is none
+    alignments: dict[str, Alignment]  # how each perturbed crossing follows it, by trial
+    triggers: dict[str, float]  # time [s] of the trigger's edge, by trial, where it is recorded
+    latency: TriggerLatency | None  # None where no trigger is recorded, or no shape shared
+    leave_out: tuple[PlatformTemplate, ...] = ()  # the shape without each of up to ten groups of crossings
 
     def onset(self, trial: str, own: float) -> float:
         """Onset [s] of a trial's perturbation. `own` [s] is the one that the trial shows alone. From the trigger, where
@@ -475,8 +427,7 @@ class PlatformModel:
         return a if self.template is not None and a is not None and a.follows else None
 
 
-ALONE = PlatformModel(None, "each crossing is analysed alone", {}, {}, None)
-"""No shared motion of the platform."""
+ALONE = PlatformModel(None, "each crossing is analysed alone", {}, {}, None)  # No shared motion of the platform
 
 
 def identify_platform(

@@ -20,15 +20,11 @@ from osl_analysis.trial import Array
 from osl_analysis.walking.bodies import BodyMotion, Mask, Poses, body_motion, cross_matrix, filtered_poses
 
 COORDINATES = 6
-SIGNIFICANT = 1.3
-"""Margin on the largest variance that noise alone would show in any direction (Marchenko and Pastur)."""
-LEAST_NOISE_M = 2e-7
-"""Smallest noise [m] of a coordinate: the resolution of single precision at a metre."""
-STILL = 7.0
-"""A platform moves where its speed is above this multiple of its noise: 1 in 10^7 frames of a resting one."""
+SIGNIFICANT = 1.3  # Margin on the largest variance that noise alone would show in any direction (Marchenko and Pastur)
+LEAST_NOISE_M = 2e-7  # Smallest noise [m] of a coordinate: the resolution of single precision at a metre
+STILL = 7.0  # A platform moves where its speed is above this multiple of its noise: 1 in 10^7 frames of a resting one
 
-PLAIN = 2.0
-"""Time before and after a motion that is seen, over the low-pass's spread, in which it may still move."""
+PLAIN = 2.0  # Time before and after a motion that is seen, over the low-pass's spread, in which it may still move
 
 
 @dataclass(frozen=True)
@@ -160,34 +156,26 @@ def directions(coordinates: Sequence[Array], noise: float, low_pass: LowPass, ra
     return np.asarray(axes[: max(count, 1)])
 
 
-SPREAD_S = 0.025
-"""Time [s] by which the low-pass widens a motion, for a cut-off of `SPREAD_CUTOFF_HZ`: half a period."""
+SPREAD_S = 0.025  # Time [s] by which the low-pass widens a motion, for a cut-off of `SPREAD_CUTOFF_HZ`: half a period
 SPREAD_CUTOFF_HZ = 20.0
 
 LONG_GAP_S = 0.015
 """Shortest gap [s] of the platform's markers that is bridged by a straight line. A turn is never hidden for as long."""
-BESIDE = 4
-"""Frames beside a gap whose mean is the end of that line."""
-FEWEST_FRAMES = 10
-"""Fewest frames from which a position at rest is read."""
+BESIDE = 4  # Frames beside a gap whose mean is the end of that line
+FEWEST_FRAMES = 10  # Fewest frames from which a position at rest is read
 
 
 @dataclass(frozen=True)
 class PlatformTrack:
-    """The platform's scaled coordinates in n consecutive frames of one trial, at uniform time (n,) [s].
-
-    reference: positions (m, 3) [m] of the cluster's markers in the static trial.
-    measured, filtered: coordinates (n, 6) [m], each frame with its noise, and through the low-pass of the crossings.
-    noise: standard deviation [m] of the noise in one frame of `measured`.
-    """
+    """The platform's scaled coordinates in n consecutive frames of one trial, at uniform time (n,) [s]."""
 
     name: str
     time: Array
-    reference: Array
-    measured: Array
-    filtered: Array
+    reference: Array  # positions (m, 3) [m] of the cluster's markers in the static trial
+    measured: Array  # coordinates (n, 6) [m], each frame with its noise
+    filtered: Array  # the same through the low-pass of the crossings
     low_pass: LowPass
-    noise: float
+    noise: float  # standard deviation [m] of the noise in one frame of `measured`
 
     @classmethod
     def of(cls, name: str, time: Array, poses: Poses, reference: Array, low_pass: LowPass) -> "PlatformTrack":

@@ -15,41 +15,30 @@ from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.gait import BEFORE_ONSET_S, UnperturbedGait, aligned_gait, at_phases, signal_at
 from osl_analysis.walking.settings import StanceSource, Timing
 
-MARGIN = 8
-"""Additional samples at both ends of a response. A spline's derivatives are less accurate at its ends."""
+MARGIN = 8  # Additional samples at both ends of a response. A spline's derivatives are less accurate at its ends.
 BEHAVIOUR = ("angle", "torque", "angle_slope", "torque_slope")
 """What a crossing does before the onset, up to where the filter spreads the response: mean and slope of its curves."""
 
 
 @dataclass(frozen=True)
 class PerturbationResponse:
-    """Isolated response to one perturbation, k samples; angle and torque are zero on average over the baseline.
-
-    time: time (k,) [s] from the onset.
-    motion, torque: angle [rad] of the ankle with its derivatives, and torque [N*m], (k,) each.
-    thetas, torques: (crossings, k); row i is the response with the i-th unperturbed crossing subtracted instead of the
-        mean. Their scatter shows how gait varies.
-    plate_errors: changes (m, k) [N*m] of the torque if the plate's model is identified without each of m plate trials.
-    behaviour: (4, crossings), `BEHAVIOUR` before the onset, minus that of the i-th unperturbed crossing.
-    sign: -1 if the platform turned the toes down, else 1.
-    stance: duration of stance [s] that converts time to phase.
-    stance_change, stance_error: own duration, and `stance`, over the one that the gait before the onset leads to
-        expect, minus 1; the error is 0 if `stance` is this one.
-    """
+    """Isolated response to one perturbation, k samples; angle and torque are zero on average over the baseline. Row i
+    of `thetas` and `torques` is the response with the i-th unperturbed crossing subtracted instead of the mean: their
+    scatter shows how gait varies."""
 
     name: str
-    time: Array
-    motion: Motion
-    torque: Array
-    thetas: Array
-    torques: Array
-    plate_errors: Array
-    behaviour: Array
+    time: Array  # time (k,) [s] from the onset
+    motion: Motion  # angle [rad] of the ankle with its derivatives, (k,) each
+    torque: Array  # (k,) [N*m]
+    thetas: Array  # (crossings, k) [rad]
+    torques: Array  # (crossings, k) [N*m]
+    plate_errors: Array  # changes (m, k) [N*m] of the torque without each of m plate trials in the plate's model
+    behaviour: Array  # (4, crossings), `BEHAVIOUR` before the onset, minus that of the i-th unperturbed crossing
     timing: Timing
-    sign: int = 1
-    stance: float = float("nan")
-    stance_change: float = 0.0
-    stance_error: float = 0.0
+    sign: int = 1  # -1 if the platform turned the toes down, else 1
+    stance: float = float("nan")  # duration of stance [s] that converts time to phase
+    stance_change: float = 0.0  # own stance over the one that the gait before the onset leads to expect, minus 1
+    stance_error: float = 0.0  # the same of `stance`; 0 if it is the expected one
 
     @property
     def window(self) -> slice:

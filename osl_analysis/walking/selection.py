@@ -15,8 +15,7 @@ from osl_analysis.walking.gait import PHASES, signal_at, stance_times
 from osl_analysis.walking.plate import SINGLE_SUPPORT, load_of_weight
 from osl_analysis.walking.settings import OutlierRule, SelectionSettings, Timing
 
-NORMAL_MAD = 1.4826
-"""Standard deviation of a normal distribution divided by its median absolute deviation."""
+NORMAL_MAD = 1.4826  # Standard deviation of a normal distribution divided by its median absolute deviation
 ANGLE, TORQUE = "angle before the onset", "torque before the onset"
 LOAD, LOAD_LATER, PRESSURE = "load before the onset", "load in single support", "pressure beside the ankle"
 """Names of the features that compare curves."""
@@ -25,12 +24,9 @@ Signal = Callable[[Crossing], Array]
 OF_LOAD = "of the usual load"
 CAMP, FEWEST_OF_CAMP = 1 / 3, 2
 """Share of the unperturbed crossings, and number of crossings, from which those beyond the limit are a camp."""
-CLEARLY = 1.5
-"""By how much nearer to the perturbed crossings a smaller camp must be than the larger one."""
-USUAL_WIDTH = 0.15
-"""Length [m] by which centres of pressure are divided, to compare them with shares of the load."""
-MIDDLE = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])]
-"""Phases of single support."""
+CLEARLY = 1.5  # By how much nearer to the perturbed crossings a smaller camp must be than the larger one
+USUAL_WIDTH = 0.15  # Length [m] by which centres of pressure are divided, to compare them with shares of the load
+MIDDLE = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])]  # Phases of single support
 
 
 @dataclass(frozen=True)
@@ -191,25 +187,18 @@ CLEAR_GAP = 0.03
 `FEWEST_BESIDE_GAP` crossings on either side, in about one campaign in a hundred."""
 FEWEST_BESIDE_GAP = 3
 """Fewest crossings on either side of a gap that parts timings whose overall SD is that of one timing."""
-WIDEST_BIN = 2.0
-"""Widest part, in `timing_scatter`, of timings that spread without a gap."""
+WIDEST_BIN = 2.0  # Widest part, in `timing_scatter`, of timings that spread without a gap
 Names = tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where a crossing belongs.
+    """Where a crossing belongs."""
 
-    gaits: names of the mean gaits that it belongs to; one for a perturbed crossing.
-    group: name of the group whose result it enters; None if unperturbed, or not used.
-    direction: `up` or `down`, as the platform turned; None if unperturbed, or without a measured turn.
-    onset_phase: onset as a share of the gait's mean stance; None if unperturbed.
-    """
-
-    gaits: Names
-    group: str | None = None
-    direction: str | None = None
-    onset_phase: float | None = None
+    gaits: Names  # names of the mean gaits that it belongs to; one for a perturbed crossing
+    group: str | None = None  # name of the group whose result it enters; None if unperturbed, or not used
+    direction: str | None = None  # `up` or `down`, as the platform turned; None if unperturbed or not measured
+    onset_phase: float | None = None  # onset as a share of the gait's mean stance; None if unperturbed
 
 
 def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings) -> dict[str, Place]:
@@ -290,8 +279,7 @@ def wide(phases: Array, scatter: float) -> bool:
     return len(phases) > 1 and float(np.std(phases, ddof=1)) > scatter
 
 
-USED, OUTLIER, REFUSED = "used", "outlier", "refused"
-"""Status of a crossing in `walking_crossings.csv`."""
+USED, OUTLIER, REFUSED = "used", "outlier", "refused"  # Status of a crossing in `walking_crossings.csv`
 DEVIATIONS = (
     ("gait_deviation_deg", ANGLE),
     ("torque_deviation", TORQUE),
@@ -299,10 +287,8 @@ DEVIATIONS = (
     ("pressure_deviation_m", PRESSURE),
 )
 """Columns of `walking_crossings.csv` with the features that compare curves."""
-BRIDGED = 0.05
-"""Share of hidden frames from which they are named beside an outlier."""
-SEPARATOR = "; "
-"""Between the names of gaits in one cell; no name has a semicolon."""
+BRIDGED = 0.05  # Share of hidden frames from which they are named beside an outlier
+SEPARATOR = "; "  # Between the names of gaits in one cell; no name has a semicolon
 
 
 def selection_rows(

@@ -16,16 +16,11 @@ StanceSource = Literal["own", "unperturbed", "matched"]
 
 @dataclass(frozen=True)
 class Timing:
-    """Which samples around the onset of a perturbation are used.
+    """Which samples around the onset of a perturbation are used."""
 
-    window: time [s] after the onset that is fitted.
-    baseline: length [s] of the interval before the onset whose mean is the response's zero.
-    guard: time [s] between the end of the baseline and the onset, because the zero-phase filter spreads the onset.
-    """
-
-    window: float
-    baseline: float
-    guard: float
+    window: float  # time [s] after the onset that is fitted
+    baseline: float  # length [s] of the interval before the onset whose mean is the response's zero
+    guard: float  # time [s] from the end of the baseline to the onset, which the zero-phase filter spreads
 
     @property
     def lead(self) -> float:
@@ -46,12 +41,10 @@ class Markers(Settings):
 class FootSettings(Settings):
     """Inertial parameters of all that moves below the ankle."""
 
-    mass_kg: Positive
-    """Mass [kg]."""
+    mass_kg: Positive  # Mass [kg]
     centre_of_mass_m: tuple[float, float, float]
     """Centre of mass [m] from the ankle centre in the static pose: x forward, y to the left, z up."""
-    inertia_kg_m2: NotNegative
-    """Moment of inertia [kg*m^2] about the mediolateral axis through the centre of mass."""
+    inertia_kg_m2: NotNegative  # Moment of inertia [kg*m^2] about the mediolateral axis through the centre of mass
 
 
 class OutlierRule(Settings):
@@ -61,19 +54,15 @@ class OutlierRule(Settings):
     distribution. For each feature it is at least the smallest scatter given below.
     """
 
-    limit: Positive
-    """Largest distance from the median, in scatters."""
-    stance_s: Positive
-    """Smallest scatter [s] of the duration of stance."""
-    placement_m: Positive
-    """Smallest scatter [m] of the foot's place on the plate."""
+    limit: Positive  # Largest distance from the median, in scatters
+    stance_s: Positive  # Smallest scatter [s] of the duration of stance
+    placement_m: Positive  # Smallest scatter [m] of the foot's place on the plate
     angle_deg: Positive
     """Smallest scatter [deg] of the ankle angle's RMS deviation from the median gait, from heel strike to the end of
     the earliest baseline."""
     torque_nm: Positive
     """Smallest scatter [N*m] of the ankle torque's RMS deviation from the median gait, over the same time."""
-    load_share: Positive
-    """Smallest scatter of the vertical force's RMS deviation, as a share of the usual load."""
+    load_share: Positive  # Smallest scatter of the vertical force's RMS deviation, as a share of the usual load
     pressure_m: Positive
     """Smallest scatter [m] of the RMS deviation of the centre of pressure, to the left of the ankle."""
 
@@ -81,10 +70,8 @@ class OutlierRule(Settings):
 class MarkerSettings(Settings):
     """Which markers form the rigid clusters, and when a cluster counts as hidden."""
 
-    markers: Markers
-    """Names of the markers."""
-    longest_gap_s: NotNegative
-    """Longest gap [s] of hidden markers that is interpolated."""
+    markers: Markers  # Names of the markers
+    longest_gap_s: NotNegative  # Longest gap [s] of hidden markers that is interpolated
     largest_residual_mm: Positive
     """Largest RMS distance [mm] of a cluster's markers from their rigid body; beyond it, a frame counts as hidden."""
 
@@ -92,10 +79,8 @@ class MarkerSettings(Settings):
 class WalkingFilter(Settings):
     """The one zero-phase Butterworth low-pass of markers and wrench."""
 
-    cutoff_hz: Positive
-    """Cut-off [Hz] of one run of the filter."""
-    order: Annotated[int, Field(ge=1, le=10)]
-    """Order of one run of the filter."""
+    cutoff_hz: Positive  # Cut-off [Hz] of one run of the filter
+    order: Annotated[int, Field(ge=1, le=10)]  # Order of one run of the filter
 
     @property
     def low_pass(self) -> LowPass:
@@ -106,10 +91,8 @@ class WalkingFilter(Settings):
 class TimingSettings(Settings):
     """Which samples around the onset of a perturbation are used."""
 
-    window_s: Positive
-    """Time [s] after the onset that is fitted."""
-    baseline_s: Positive
-    """Length [s] of the interval before the onset whose mean is the response's zero."""
+    window_s: Positive  # Time [s] after the onset that is fitted
+    baseline_s: Positive  # Length [s] of the interval before the onset whose mean is the response's zero
     guard_s: NotNegative
     """Time [s] between the end of the baseline and the onset: the zero-phase filter spreads the onset into it."""
 
@@ -122,12 +105,9 @@ class TimingSettings(Settings):
 class PlatformSettings(MarkerSettings, WalkingFilter):
     """The moving platform and its force plate."""
 
-    plate: Annotated[int, Field(ge=1)]
-    """Number of the force plate on the platform, counted from 1."""
-    largest_zero_n: Positive
-    """Largest vertical force [N] of an unloaded plate. A plate that reads more is refused."""
-    perturbation_deg: Positive
-    """Smallest rotation [deg] of the platform that counts as a perturbation."""
+    plate: Annotated[int, Field(ge=1)]  # Number of the force plate on the platform, counted from 1
+    largest_zero_n: Positive  # Largest vertical force [N] of an unloaded plate. A plate that reads more is refused.
+    perturbation_deg: Positive  # Smallest rotation [deg] of the platform that counts as a perturbation
     longest_fitted_gap_s: NotNegative
     """Longest gap [s] that is interpolated where the motion itself is fitted: after the onset of a perturbation, and
     while the unloaded platform turns."""
@@ -136,8 +116,7 @@ class PlatformSettings(MarkerSettings, WalkingFilter):
 class CalibrationSettings(MarkerSettings):
     """How the ankle's centre and axis are calibrated."""
 
-    side: Literal["left", "right"]
-    """Side of the subject that wears the prosthesis."""
+    side: Literal["left", "right"]  # Side of the subject that wears the prosthesis
     hinge: Literal["anatomical", "functional"]
     """Source of the ankle's axis: `anatomical`, the malleoli in the static trial; or `functional`, the relative motion
     of foot and shank."""
@@ -152,8 +131,7 @@ class PlateModelSettings(PlatformSettings):
     plate_cutoff_hz: Positive
     """Cut-off [Hz] of the low-pass with which the inertia of the unloaded plate is identified. Marker noise in the
     acceleration biases the inertia: a mass of 12 kg is estimated as 10.8 kg at 20 Hz and 12.0 kg at 8 Hz."""
-    correct_plate_lag: bool
-    """Whether the plate's lag is estimated and corrected."""
+    correct_plate_lag: bool  # Whether the plate's lag is estimated and corrected
 
     @property
     def plate_low_pass(self) -> LowPass:
@@ -168,12 +146,9 @@ class PlatformMotionSettings(PlatformSettings, TimingSettings):
 class CrossingSettings(PlatformMotionSettings):
     """How angle and torque of a crossing are computed."""
 
-    load_on_n: Positive
-    """Vertical force [N] above which a stance begins."""
-    load_off_n: Positive
-    """Vertical force [N] below which a stance ends."""
-    shortest_stance_s: Positive
-    """Shortest stance [s]; shorter contacts are ignored."""
+    load_on_n: Positive  # Vertical force [N] above which a stance begins
+    load_off_n: Positive  # Vertical force [N] below which a stance ends
+    shortest_stance_s: Positive  # Shortest stance [s]; shorter contacts are ignored
     largest_shift_mm: Positive = 10.0
     """Largest shift [mm] of a platform that does not turn. A platform that shifts further is refused: a translation is
     not analysed, and is no unperturbed crossing. A platform yields by a few mm under a person."""
@@ -186,8 +161,7 @@ class CrossingSettings(PlatformMotionSettings):
 class SelectionSettings(TimingSettings, GroupSettings):
     """Which crossings are excluded, and to which group each belongs."""
 
-    outliers: OutlierRule | None
-    """Rule by which crossings are compared and excluded; null: they are not compared."""
+    outliers: OutlierRule | None  # Rule by which crossings are compared and excluded; null: they are not compared
     load_of_weight: tuple[Positive, Positive]
     """Smallest and largest mean vertical force in single support, as a share of the weight, where the mass is known."""
     largest_outside_m: NotNegative
@@ -197,8 +171,7 @@ class SelectionSettings(TimingSettings, GroupSettings):
 class UnperturbedSettings(Settings):
     """How the mean unperturbed gait is computed."""
 
-    fewest_unperturbed: Annotated[int, Field(ge=3)]
-    """Fewest unperturbed crossings from which a mean gait is computed."""
+    fewest_unperturbed: Annotated[int, Field(ge=3)]  # Fewest unperturbed crossings from which a mean gait is computed
 
 
 class ResponseSettings(WalkingFilter, TimingSettings):
@@ -218,8 +191,7 @@ class EnsembleSettings(ResponseSettings):
     baseline: Literal["mean", "predicted"] = "mean"
     """What a perturbed crossing would have done, for the headline: the `mean` unperturbed gait, or what is `predicted`
     from its own behaviour before the onset (docs/stance_phase.md). The other one stands beside it in the table."""
-    bootstrap_samples: Annotated[int, Field(ge=100, le=100_000)]
-    """Number of bootstrap samples of the ensemble."""
+    bootstrap_samples: Annotated[int, Field(ge=100, le=100_000)]  # Number of bootstrap samples of the ensemble
 
 
 class WalkingAnalysis(
@@ -236,8 +208,7 @@ class WalkingAnalysis(
 class OvergroundAnalysis(Settings):
     """How the ankle moment of overground gait is compared with the one that a laboratory computed."""
 
-    load_on_n: Positive
-    """Vertical force [N] above which a frame counts."""
+    load_on_n: Positive  # Vertical force [N] above which a frame counts
     body_mass_kg: Positive | None = None
     """Body mass [kg] by which the moment of trials is divided for which neither sheet nor recording states one."""
     largest_zero_n: Positive = 100

@@ -30,21 +30,15 @@ from osl_analysis.walking.settings import ResponseSettings, Timing
 
 @dataclass(frozen=True)
 class Group:
-    """A group of perturbed crossings.
-
-    gait: name of its mean unperturbed gait.
-    trials: its crossings that are used, with the turn of each (`up`, `down` or None), and the onset of each as a share
-        of the gait's mean stance.
-    cells, pooled: conditions in the sheet that all its crossings share, and, as text, those in which they differ.
-    """
+    """A group of perturbed crossings."""
 
     name: str
-    gait: str
-    trials: tuple[str, ...]
-    directions: tuple[str | None, ...]
-    phases: tuple[float, ...]
-    cells: Cells
-    pooled: str
+    gait: str  # name of its mean unperturbed gait
+    trials: tuple[str, ...]  # its crossings that are used
+    directions: tuple[str | None, ...]  # turn of each, `up`, `down` or None
+    phases: tuple[float, ...]  # onset of each as a share of the gait's mean stance
+    cells: Cells  # conditions in the sheet that all its crossings share
+    pooled: str  # conditions in which they differ, as text
 
 
 def groups_of(selection: pl.DataFrame, sheet: Sheet | None) -> list[Group]:
@@ -118,8 +112,7 @@ OTHER_BASELINE = {"predicted": "ensemble, mean gait", "mean": "ensemble, predict
 """The ensemble with the baseline that the configuration does not name, by the one that it names."""
 WITH_COMMON_ERRORS = "Student + shared errors"
 """Interval of a mean over perturbations: from their scatter, and from the errors that all of them share."""
-PHASE_STEP = 4
-"""Step between the plotted `PHASES`: a hundred points of stance are enough for a curve."""
+PHASE_STEP = 4  # Step between the plotted `PHASES`: a hundred points of stance are enough for a curve
 
 
 def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: ResponseSettings) -> dict[str, object]:
@@ -283,8 +276,7 @@ def response_points(responses: pl.DataFrame) -> pl.DataFrame:
 
 
 PLOTTED = ("K", "B", "I")
-COMMANDED = "commanded"
-"""Series of the curve that the controller commands."""
+COMMANDED = "commanded"  # Series of the curve that the controller commands
 FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
 PLACE = ("joint", "side")
 
